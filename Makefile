@@ -1,0 +1,96 @@
+# The two commands of the README, `make demo` and `make test`, and their parts.
+# Everything is installed into .venv; nothing outside this folder is touched.
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+# rustup puts cargo here, and a shell opened before it does not know.
+export PATH := $(PATH):$(HOME)/.cargo/bin
+# Any of these will do; some distributions keep an older one as python3.
+PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
+	"$$p" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo "$$p" && break; done)
+VENV := .venv
+PY := $(VENV)/bin/python
+# pyo3 is compiled anew when its interpreter changes: one for maturin and clippy.
+export PYO3_PYTHON := $(CURDIR)/$(PY)
+# A virtual environment holds absolute paths: a copied or moved folder would go
+# on running the package it was copied from. The stamp is of this place.
+STAMP := $(VENV)/installed-$(shell pwd | cksum | cut -d' ' -f1)
+DEMO := out/sheared_cube
+
+.PHONY: help
+help: ## this list
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' Makefile | expand -t 18
+
+.PHONY: demo
+demo: $(STAMP) ## install, solve the scene sheared_cube, write table, picture and results into out/
+	@mkdir -p out
+	$(PY) -m bipot_rs run sheared_cube --plot --out $(DEMO)
+	@echo
+	@echo "picture:     $(CURDIR)/$(DEMO)/tractions.png"
+	@echo "results:     $(CURDIR)/$(DEMO)/result.h5"
+	@echo "ParaView:    $(CURDIR)/$(DEMO)/result.pvd"
+
+.PHONY: test
+test: checks rust-lint rust-test python-lint types python-test ## install, then every check: Rust, Python, types, documents
+
+.PHONY: rust-lint
+rust-lint: checks $(STAMP)
+	cargo fmt --check
+	cargo clippy --locked --all-targets -- -D warnings
+	cargo clippy --locked --all-targets --features python -- -D warnings
+
+.PHONY: rust-test
+rust-test: checks
+	cargo test --locked
+
+.PHONY: python-lint
+python-lint: $(STAMP)
+	$(PY) -m ruff format --check .
+	$(PY) -m ruff check .
+
+.PHONY: types
+types: $(STAMP)
+	$(PY) -m mypy
+	$(PY) -m mypy.stubtest bipot_rs._core
+
+.PHONY: python-test
+python-test: $(STAMP)
+	$(PY) -m pytest
+
+.PHONY: verify
+verify: $(STAMP) ## the checks that take over 30 s each: before a change of numerics is called done
+	$(PY) -m pytest -m verify --timeout 3600
+
+.PHONY: bench
+bench: $(STAMP) ## the tables of benches/README.md
+	cargo bench --locked
+	$(PY) benches/whole_job.py
+
+.PHONY: picture
+picture: $(STAMP) ## the picture of the README
+	$(PY) examples/readme_picture.py
+
+.PHONY: versions
+versions: | prerequisites
+	@uname -sm; cargo --version; rustc --version; $(PYTHON) --version; cc --version | head -n 1
+
+.PHONY: clean
+clean: ## remove what was built, installed and written here
+	rm -rf target $(VENV) out python/bipot_rs/_core*.so
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+.PHONY: prerequisites
+prerequisites:
+	@PYTHON='$(PYTHON)' .ci/prerequisites
+
+.PHONY: checks
+checks:
+	@PYTHON='$(PYTHON)' .ci/prerequisites test
+
+# Without build isolation maturin runs from this environment, at the same path
+# each time: cargo then compiles only what changed.
+$(STAMP): pyproject.toml Cargo.toml Cargo.lock $(shell find src -name '*.rs') | prerequisites
+	$(PYTHON) -m venv $(VENV)
+	$(PY) -m pip install --quiet --disable-pip-version-check 'maturin>=1.16,<2'
+	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable '.[dev]'
+	@touch $@

@@ -1,0 +1,544 @@
+"""Closed forms that numerical contact solutions are judged by.
+
+Every formula is homogeneous: any consistent set of units will do, and the units
+in the docstrings (N, m, Pa) only fix the dimensions. Forces of the plane cases
+are per unit thickness. Signs are those of the package: a pressure and a normal
+reaction are positive when they press, `mu` is Coulomb's coefficient.
+
+Sources: K. L. Johnson, *Contact Mechanics*, Cambridge University Press, 1985,
+doi:10.1017/CBO9781139171731, quoted as [J85]; the discrete cases are derived
+where they stand.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def _positive(**values: float) -> None:
+    for name, value in values.items():
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive and finite, found {value!r}")
+
+
+def _friction(mu: float) -> None:
+    if not (math.isfinite(mu) and mu >= 0):
+        raise ValueError(f"mu must be finite and not negative, found {mu!r}")
+
+
+def _poisson(nu: float) -> None:
+    if not -1 < nu <= 0.5:
+        raise ValueError(f"nu must lie in (-1, 0.5], found {nu!r}")
+
+
+def _stick_ratio(force: float, tangential: float, mu: float) -> float:
+    """1 - |Q|/(mu P), which every partial-slip formula is a power of."""
+    _positive(force=force, mu=mu)
+    if not abs(tangential) <= mu * force:
+        raise ValueError(
+            f"tangential must not exceed mu * force = {mu * force!r} in size, found {tangential!r}:"
+            " beyond it the whole contact slides"
+        )
+    return 1 - abs(tangential) / (mu * force)
+
+
+def _ellipse(distance: ArrayLike, half_width: float) -> Array:
+    """sqrt(1 - x²/a²) inside the contact, 0 outside and for a = 0."""
+    x = np.asarray(distance, dtype=float)
+    if half_width == 0:
+        return np.zeros_like(x)
+    return np.asarray(np.sqrt(np.maximum(1 - (x / half_width) ** 2, 0.0)))
+
+
+def contact_modulus(
+    e1: float, nu1: float, e2: float = math.inf, nu2: float = 0.0
+) -> float:
+    """Contact modulus E* of two bodies in plane strain or in three dimensions, [J85, ch. 4].
+
+    Parameters
+    ----------
+    e1, nu1
+        Young's modulus, E₁ > 0 [Pa], and Poisson's ratio, -1 < ν₁ ≤ 1/2, of one body.
+    e2, nu2
+        The same of the other; an infinite modulus, the default, makes it rigid.
+
+    Returns
+    -------
+    float
+        E* = [(1 - ν₁²)/E₁ + (1 - ν₂²)/E₂]⁻¹ [Pa].
+
+    Raises
+    ------
+    ValueError
+        When a modulus is not positive or a ratio out of range.
+    """
+    _positive(e1=e1)
+    _poisson(nu1)
+    _poisson(nu2)
+    if not e2 > 0:
+        raise ValueError(f"e2 must be positive, found {e2!r}")
+    return 1 / ((1 - nu1**2) / e1 + (1 - nu2**2) / e2)
+
+
+def hertz_line(force: float, radius: float, e_star: float) -> tuple[float, float]:
+    """Frictionless contact of a cylinder along a line, [J85, ch. 4].
+
+    The approach of the bodies is not a property of the contact in two dimensions
+    (it grows with the logarithm of their size) and is not given.
+
+    Parameters
+    ----------
+    force, radius
+        Normal force per length, P > 0 [N/m]; relative radius of curvature, R [m].
+    e_star
+        Contact modulus, E* [Pa].
+
+    Returns
+    -------
+    a, p0
+        Half-width [m], peak pressure [Pa].
+    """
+    _positive(force=force, radius=radius, e_star=e_star)
+    a = math.sqrt(4 * force * radius / (math.pi * e_star))
+    return a, 2 * force / (math.pi * a)
+
+
+def hertz_sphere(
+    force: float, radius: float, e_star: float
+) -> tuple[float, float, float]:
+    """Frictionless contact of a sphere on an elastic half-space, [J85, (4.22)-(4.24)].
+
+    Parameters
+    ----------
+    force, radius
+        Normal force, P > 0 [N]; relative radius of curvature, R [m].
+    e_star
+        Contact modulus, E* = [(1 - ν₁²)/E₁ + (1 - ν₂²)/E₂]⁻¹ [Pa].
+
+    Returns
+    -------
+    a, delta, p0
+        Contact radius [m], approach [m], peak pressure [Pa].
+    """
+    _positive(force=force, radius=radius, e_star=e_star)
+    a = (3 * force * radius / (4 * e_star)) ** (1 / 3)
+    return a, a**2 / radius, 3 * force / (2 * math.pi * a**2)
+
+
+def hertz_pressure(distance: ArrayLike, a: float, p0: float) -> Array:
+    """Pressure `p0 sqrt(1 - x²/a²)` of `hertz_line` and `hertz_sphere`, 0 outside.
+
+    Parameters
+    ----------
+    distance
+        Distance from the axis of the contact, any shape [m].
+    a, p0
+        Half-width or radius, > 0 [m]; peak pressure [Pa].
+
+    Returns
+    -------
+    numpy.ndarray
+        Pressure, of the shape of `distance` [Pa].
+    """
+    _positive(a=a)
+    return p0 * _ellipse(distance, a)
+
+
+def partial_slip_traction(
+    distance: ArrayLike, a: float, c: float, p0: float, mu: float
+) -> Array:
+    """Tangential traction under a Hertz pressure, stuck for `distance <= c`, [J85, ch. 7].
+
+    `μ p0 [sqrt(1 - x²/a²) - (c/a) sqrt(1 - x²/c²)]`, each term 0 outside its range.
+    It is the size of the traction on the body that is pushed; the reaction of the
+    obstacle points against the force.
+
+    Parameters
+    ----------
+    distance
+        Distance from the axis of the contact, any shape [m].
+    a, c
+        Size of the contact and of its stuck part, 0 ≤ c ≤ a [m].
+    p0, mu
+        Peak pressure [Pa]; friction coefficient.
+
+    Returns
+    -------
+    numpy.ndarray
+        Traction, of the shape of `distance` [Pa].
+    """
+    _positive(a=a)
+    _friction(mu)
+    if not 0 <= c <= a:
+        raise ValueError(f"c must lie between 0 and a = {a!r}, found {c!r}")
+    return mu * p0 * (_ellipse(distance, a) - c / a * _ellipse(distance, c))
+
+
+def cattaneo_mindlin_line(
+    force: float, tangential: float, radius: float, e_star: float, mu: float
+) -> tuple[float, float, float]:
+    """Line contact pressed, then pushed sideways, [J85, ch. 7].
+
+    Holds for bodies whose normal and tangential responses are uncoupled: equal
+    materials, or both incompressible.
+
+    Parameters
+    ----------
+    force, tangential
+        Normal force P > 0 and tangential force Q, |Q| ≤ μP, per length [N/m].
+    radius, e_star, mu
+        Relative radius [m], contact modulus [Pa], friction coefficient > 0.
+
+    Returns
+    -------
+    a, c, p0
+        Half-width of the contact and of its stuck middle [m], peak pressure [Pa]:
+        `c = a sqrt(1 - |Q|/(μP))`.
+
+    Raises
+    ------
+    ValueError
+        When |Q| > μP: there is no equilibrium.
+    """
+    ratio = _stick_ratio(force, tangential, mu)
+    a, p0 = hertz_line(force, radius, e_star)
+    return a, a * math.sqrt(ratio), p0
+
+
+class MindlinSphere(NamedTuple):
+    """What `mindlin_sphere` returns."""
+
+    a: float
+    """Contact radius [m]."""
+    c: float
+    """Radius of the stuck disc [m]."""
+    p0: float
+    """Peak pressure [Pa]."""
+    shift: float
+    """Relative tangential displacement of distant points, along the force [m]."""
+
+
+def mindlin_sphere(
+    force: float,
+    tangential: float,
+    radius: float,
+    e_star: float,
+    mu: float,
+    shear_compliance: float,
+) -> MindlinSphere:
+    """Sphere pressed, then pushed sideways once, [J85, ch. 7].
+
+    For ν > 0 the theory neglects the slip across the direction of the force: the
+    resultants are good to a few percent, at ν = 0 it is exact.
+
+    Parameters
+    ----------
+    force, tangential
+        Normal force P > 0 and tangential force Q, |Q| ≤ μP [N].
+    radius, e_star, mu
+        Relative radius [m], contact modulus [Pa], friction coefficient > 0.
+    shear_compliance
+        Λ = (2 - ν₁)/G₁ + (2 - ν₂)/G₂ [1/Pa], G the shear modulus.
+
+    Returns
+    -------
+    MindlinSphere
+        `c = a (1 - |Q|/(μP))^(1/3)` and
+        `shift = 3 μ P Λ/(16 a) [1 - (1 - |Q|/(μP))^(2/3)]`, with the sign of Q.
+
+    Raises
+    ------
+    ValueError
+        When |Q| > μP: there is no equilibrium.
+    """
+    _positive(shear_compliance=shear_compliance)
+    ratio = _stick_ratio(force, tangential, mu)
+    a, _, p0 = hertz_sphere(force, radius, e_star)
+    shift = 3 * mu * force * shear_compliance / (16 * a) * (1 - ratio ** (2 / 3))
+    return MindlinSphere(a, a * ratio ** (1 / 3), p0, math.copysign(shift, tangential))
+
+
+def sheared_patch(
+    height: ArrayLike, pressure: float, shear: float, young: float
+) -> tuple[Array, Array]:
+    """Block with ν = 0 under uniform pressure and shear, stuck to a rigid plane.
+
+    With `σ_yy = -p`, `σ_xy = τ` on all loaded faces the state is uniform, so any
+    finite elements that hold linear displacements give it exactly. The nodal
+    reactions are `p` and `-τ` times the tributary length. It sticks if and only
+    if |τ| ≤ μp; beyond that there is no equilibrium.
+
+    Parameters
+    ----------
+    height
+        Height over the plane, any shape [m].
+    pressure, shear
+        p [Pa]; τ [Pa], positive when the top is pushed in +x.
+    young
+        Young's modulus, E > 0 [Pa]; the shear modulus is E/2.
+
+    Returns
+    -------
+    u_x, u_y
+        `2 τ y/E`, `-p y/E`, each of the shape of `height` [m].
+    """
+    _positive(young=young)
+    y = np.asarray(height, dtype=float)
+    return np.asarray(2 * shear * y / young), np.asarray(-pressure * y / young)
+
+
+def oedometer(height: ArrayLike, pressure: float, young: float, nu: float) -> Array:
+    """Vertical displacement of a pressed block between smooth rigid side walls.
+
+    Uniaxial strain: `u = -p y/M`, `M = E (1 - ν)/((1 + ν)(1 - 2ν))`. Reactions are
+    `p` times the tributary area, and no tangential force arises for any friction.
+
+    Parameters
+    ----------
+    height
+        Height over the plane, any shape [m].
+    pressure, young, nu
+        p [Pa]; E > 0 [Pa]; Poisson's ratio, up to 1/2, where the answer is 0.
+
+    Returns
+    -------
+    numpy.ndarray
+        Displacement, of the shape of `height`, negative downwards [m].
+    """
+    _positive(young=young)
+    _poisson(nu)
+    y = np.asarray(height, dtype=float)
+    return np.asarray(-pressure * y * (1 + nu) * (1 - 2 * nu) / (young * (1 - nu)))
+
+
+def bar_end_displacement(loads: ArrayLike, stiffness: float, limit: float) -> Array:
+    """End displacement of a bar on a frictional foundation over a load history.
+
+    A bar of stiffness EA lies on a foundation that resists slip with at most q per
+    length; its end is pulled with P, and the bar is long enough not to slip as a
+    whole (|P| < qL). First loading slips over the length |P|/q and gives
+    `u = P|P|/(2 EA q)`. A reversal at P₀ starts from rest with twice the limit to
+    overcome, `u = u₀ ∓ (P₀ - P)²/(4 EA q)`; when the load comes back to the reversal
+    before the last one, the two are forgotten and the branch before goes on.
+
+    Parameters
+    ----------
+    loads
+        End loads in their order from the unloaded state, (steps,) [N]. Between two
+        entries the load is monotone.
+    stiffness, limit
+        EA > 0 [N]; q > 0 [N/m], friction coefficient times normal load per length.
+
+    Returns
+    -------
+    numpy.ndarray
+        End displacement after each entry, (steps,) [m].
+    """
+    _positive(stiffness=stiffness, limit=limit)
+    path = np.asarray(loads, dtype=float)
+    if path.ndim != 1 or not np.all(np.isfinite(path)):
+        raise ValueError("loads must be a finite array of one dimension")
+    scale = 1 / (2 * stiffness * limit)
+    turns: list[tuple[float, float]] = []  # (load, displacement) of the open reversals
+    load = shift = 0.0
+    out = np.empty_like(path)
+    for k, target in enumerate(path):
+        origin = turns[-1][0] if turns else 0.0
+        # Signs, not the product of the differences, which may underflow.
+        if np.sign(target - load) * np.sign(load - origin) < 0:
+            turns.append((load, shift))
+        # A branch that reaches the reversal before its own closes a loop ...
+        while len(turns) > 1 and abs(target - turns[-1][0]) >= abs(
+            turns[-2][0] - turns[-1][0]
+        ):
+            del turns[-2:]
+        # ... and the first reversal is forgotten at its mirror image, on first loading.
+        if len(turns) == 1 and abs(target - turns[0][0]) >= 2 * abs(turns[0][0]):
+            turns.clear()
+        if turns:
+            since = target - turns[-1][0]
+            shift = turns[-1][1] + scale * since * abs(since) / 2
+        else:
+            shift = scale * target * abs(target)
+        load = target
+        out[k] = shift
+    return out
+
+
+def bar_cycle_dissipation(
+    peak: float, stiffness: float, limit: float, element: float = 0.0
+) -> float:
+    """Energy lost to friction in a full cycle ±P₀ of `bar_end_displacement`.
+
+    Parameters
+    ----------
+    peak
+        P₀ > 0 [N].
+    stiffness, limit
+        EA > 0 [N]; q > 0 [N/m].
+    element
+        0 for the continuous bar; the element length h [m] for a chain of equal linear
+        elements with nodal limits qh, qh/2 at the end, when P₀/(qh) is an integer.
+
+    Returns
+    -------
+    float
+        `2 P₀³/(3 EA q) + P₀ q h²/(3 EA)` [J]: exact for both, the same every cycle.
+    """
+    _positive(peak=peak, stiffness=stiffness, limit=limit)
+    if not element >= 0:
+        raise ValueError(f"element must not be negative, found {element!r}")
+    return 2 * peak**3 / (3 * stiffness * limit) + peak * limit * element**2 / (
+        3 * stiffness
+    )
+
+
+class Branch(NamedTuple):
+    """One answer of `one_contact_branches`; vectors hold (normal, tangential)."""
+
+    status: str
+    """`"open"`, `"slip"` or `"stick"`."""
+    displacement: tuple[float, float]
+    """(u_n, u_t) [m]."""
+    reaction: tuple[float, float]
+    """(r_n, r_t) [N]."""
+
+
+def one_contact_branches(
+    stiffness: ArrayLike, load: ArrayLike, mu: float
+) -> list[Branch]:
+    """Every answer of one plane contact with zero gap and no history.
+
+    `K u = f + r` with `u_n ≥ 0`. Below `μ = k_t/|k_c|` there is exactly one answer for
+    every load; above it there may be three; there is always at least one. Follows
+    from trying the three statuses, (6) and (8) of `docs/theory.md`.
+
+    Parameters
+    ----------
+    stiffness
+        Symmetric positive definite `[[k_n, k_c], [k_c, k_t]]`, (2, 2) [N/m].
+    load
+        (f_n, f_t), (2,) [N].
+    mu
+        Friction coefficient.
+
+    Returns
+    -------
+    list of Branch
+        Open, stick, then slip towards +t and -t, those that exist. At a limit between
+        two statuses both are listed.
+
+    Raises
+    ------
+    ValueError
+        When the stiffness is not symmetric positive definite.
+    """
+    _friction(mu)
+    k = np.asarray(stiffness, dtype=float)
+    f_n, f_t = (float(x) for x in np.asarray(load, dtype=float))
+    k_n, k_c, k_t = float(k[0, 0]), float(k[0, 1]), float(k[1, 1])
+    det = k_n * k_t - k_c * k_c
+    if k[1, 0] != k_c or not (k_n > 0 and det > 0):
+        raise ValueError(
+            "stiffness must be a symmetric positive definite 2 by 2 matrix"
+        )
+    found = []
+    if k_t * f_n - k_c * f_t >= 0:
+        u = ((k_t * f_n - k_c * f_t) / det, (k_n * f_t - k_c * f_n) / det)
+        found.append(Branch("open", u, (0.0, 0.0)))
+    if f_n <= 0 and abs(f_t) <= -mu * f_n:
+        found.append(Branch("stick", (0.0, 0.0), (-f_n, -f_t)))
+    for s in (1.0, -1.0):
+        tangent = k_t + s * mu * k_c
+        if tangent == 0:
+            continue
+        u_t = (f_t + s * mu * f_n) / tangent
+        r_n = k_c * u_t - f_n
+        # u_t = 0 is the limit of sticking, and listed there.
+        if s * u_t > 0 and r_n >= 0:
+            found.append(Branch("slip", (0.0, u_t), (r_n, -s * mu * r_n)))
+    return found
+
+
+def rotating_load(
+    stiffness: float, force: float, limit: float, steps: int | None = None
+) -> tuple[float, float]:
+    """Steady slip of one contact under a tangential force that turns.
+
+    A contact pressed with N, tangential stiffness k the same in both directions, is
+    pulled by a force of constant size F > μN. In `steps` equal implicit steps a turn
+    of angle D the displacement settles on a circle,
+    `k |u| = sqrt(F² - μ²N² cos²(D/2)) - μN sin(D/2)`, whose error is of first order in D.
+
+    Parameters
+    ----------
+    stiffness, force
+        k > 0 [N/m]; F [N].
+    limit
+        μN, 0 < μN < F [N].
+    steps
+        Steps a turn, at least 3; `None` gives the limit of infinitely many.
+
+    Returns
+    -------
+    radius, dissipation
+        |u| [m]; energy lost to friction in a turn, `2 M |u| sin(D/2) μN` [J].
+    """
+    _positive(stiffness=stiffness, force=force, limit=limit)
+    if limit >= force:
+        raise ValueError(f"limit must be below force = {force!r}, found {limit!r}")
+    if steps is None:
+        radius = math.sqrt(force**2 - limit**2) / stiffness
+        return radius, 2 * math.pi * radius * limit
+    if steps < 3:
+        raise ValueError(f"steps must be at least 3, found {steps!r}")
+    half = math.pi / steps
+    root = math.sqrt(force**2 - (limit * math.cos(half)) ** 2)
+    radius = (root - limit * math.sin(half)) / stiffness
+    return radius, 2 * steps * radius * math.sin(half) * limit
+
+
+def flat_punch_pressure(
+    x: ArrayLike, force: float, half_width: float, mu: float = 0.0, beta: float = 0.0
+) -> Array:
+    """Pressure under a flat rigid punch that does not tilt, [J85, ch. 2].
+
+    At rest without friction `p = P/(π sqrt(a² - x²))`. Sliding towards -x with the
+    traction μp everywhere and full coupling,
+    `p = P cos(πg)/(π sqrt(a² - x²)) ((a + x)/(a - x))^g`, `tan(πg) = μβ`: the pressure is
+    higher at the trailing edge, x = +a, and its resultant acts at `x = 2ga`.
+
+    Parameters
+    ----------
+    x
+        Position, |x| < a, any shape [m].
+    force, half_width
+        P > 0 per length [N/m]; a > 0 [m].
+    mu, beta
+        Friction coefficient; Dundurs' β, `(1 - 2ν)/(2(1 - ν))` for an elastic
+        half-plane under a rigid punch.
+
+    Returns
+    -------
+    numpy.ndarray
+        Pressure, of the shape of `x` [Pa].
+
+    Raises
+    ------
+    ValueError
+        When a position lies at an edge, where the pressure is infinite, or beyond.
+    """
+    _positive(force=force, half_width=half_width)
+    _friction(mu)
+    s = np.asarray(x, dtype=float) / half_width
+    if not np.all(np.abs(s) < 1):
+        raise ValueError(f"x must lie inside the punch, |x| < {half_width!r}")
+    g = math.atan(mu * beta) / math.pi
+    mean = force * math.cos(math.pi * g) / (math.pi * half_width)
+    return np.asarray(mean / np.sqrt(1 - s**2) * ((1 + s) / (1 - s)) ** g)

@@ -1,0 +1,421 @@
+"""Elastic bodies that may meet: K, B, gap and loads of (1), (2) from meshes.
+
+Body ``b`` owns a contiguous range of degrees of freedom, ``offset[b] + dim *
+node + component``, so that K is block diagonal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from .elasticity import (
+    FACES,
+    Body,
+    Box,
+    Field,
+    Floats,
+    Ints,
+    Material,
+    box,
+    moment,
+    nodal_forces,
+    stiffness,
+    vtk_cells,
+)
+from .problem import ContactProblem
+
+__all__ = [
+    "FACES",
+    "Body",
+    "Contact",
+    "Material",
+    "Model",
+    "Support",
+    "box",
+    "build",
+    "frames",
+    "stiffness",
+]
+
+
+@dataclass(frozen=True)
+class Support:
+    """Prescribed displacement components of a named surface."""
+
+    body: str
+    surface: str
+    components: Sequence[int]
+    within: Box | None = None
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Nodes of a named surface that may meet an obstacle.
+
+    The obstacle is a rigid plane, ``plane = (point, normal)`` with the normal
+    towards the body, or the surface ``against = (body, surface)`` of another
+    body whose nodes lie opposite, one to one. ``clearance`` adds to the gap:
+    a number, or a function of the places ``(nodes, d)`` [m].
+    """
+
+    body: str
+    surface: str
+    mu: float
+    plane: tuple[ArrayLike, ArrayLike] | None = None
+    against: tuple[str, str] | None = None
+    clearance: float | Callable[[Floats], ArrayLike] = 0.0
+    within: Box | None = None
+
+
+@dataclass(frozen=True)
+class Model:
+    """What (1) and (2) need, and how it maps back to the bodies.
+
+    Attributes
+    ----------
+    K : scipy.sparse.csr_array (n, n)
+        Stiffness [N/m], symmetric to the bit.
+    B : scipy.sparse.csr_array (d n_c, n)
+        ``B u`` is the displacement relative to the obstacle, ``(n, t1[, t2])``.
+    gap, mu, area : (n_c,)
+        Normal gap [m], friction coefficient, tributary area [m²].
+    points : (n_c, d)
+        Contact nodes (those of ``Contact.body``).
+    frame : (n_c, d, d)
+        Rows n, t1[, t2], n from the obstacle towards the body.
+    fixed : (m,)
+        Prescribed degrees of freedom, ascending.
+    offset : tuple of int
+        First degree of freedom of each body.
+    contact_dofs : (n_c, 2)
+        First degree of freedom of the node and of its partner, -1 for a plane.
+    support_dofs : tuple of (len(components), nodes) arrays
+        Degrees of freedom of each support.
+    nodes : (n / d, d)
+        Places of all nodes, body after body.
+    """
+
+    bodies: tuple[Body, ...]
+    supports: tuple[Support, ...]
+    offset: tuple[int, ...]
+    K: Any
+    B: Any
+    gap: Floats
+    mu: Floats
+    area: Floats
+    points: Floats
+    frame: Floats
+    fixed: Ints
+    contact_dofs: Ints
+    support_dofs: tuple[Ints, ...]
+    dim: int
+    nodes: Floats = field(repr=False)
+
+    @property
+    def n(self) -> int:
+        """Degrees of freedom."""
+        return int(self.K.shape[0])
+
+    @property
+    def cells(self) -> list[tuple[str, Ints]]:
+        """Cells of all bodies, numbered as `nodes`, with corners in the order of VTK."""
+        return [
+            (kind, corners + first // self.dim)
+            for (kind, corners), first in zip(
+                map(vtk_cells, self.bodies), self.offset, strict=True
+            )
+        ]
+
+    def problem(self, *, num_threads: int | None = None) -> ContactProblem:
+        """Condense: the contact problem of these arrays."""
+        return ContactProblem(
+            self.K,
+            self.B,
+            gap=self.gap,
+            mu=self.mu,
+            fixed=self.fixed,
+            area=self.area,
+            dim=self.dim,
+            points=self.points,
+            num_threads=num_threads,
+        )
+
+    def traction(self, body: str, surface: str, value: Field) -> Floats:
+        """Consistent nodal forces ``(n,)`` of a surface traction.
+
+        Parameters
+        ----------
+        body, surface
+            Names.
+        value
+            Force per area ``(d,)`` [Pa], or a function of the places
+            ``(d, ...)`` that returns ``(d, ...)``.
+        """
+        index = _index(self.bodies, body)
+        return self._forces(index, self.bodies[index].surface_basis(surface), value)
+
+    def pressure(self, body: str, surface: str, value: float) -> Floats:
+        """Consistent nodal forces ``(n,)`` of a pressure, positive inwards [Pa]."""
+        index = _index(self.bodies, body)
+        basis = self.bodies[index].surface_basis(surface)
+        return self._forces(index, basis, -value * np.asarray(basis.normals))
+
+    def body_force(self, body: str, value: Field) -> Floats:
+        """Consistent nodal forces ``(n,)`` of a force per volume [N/m³], as `traction`."""
+        index = _index(self.bodies, body)
+        return self._forces(index, self.bodies[index].basis(), value)
+
+    def _forces(self, index: int, basis: Any, value: Field) -> Floats:
+        f, first = np.zeros(self.n), self.offset[index]
+        own = nodal_forces(self.bodies[index], basis, value)
+        f[first : first + own.size] = own
+        return f
+
+    def prescribed(self, values: Sequence[Sequence[float]]) -> Floats:
+        """Values of `fixed`, from one number a component of each support [m].
+
+        Raises
+        ------
+        ValueError
+            Two supports give different values to one degree of freedom.
+        """
+        at = np.full(self.n, np.nan)
+        for support, dofs, numbers in zip(
+            self.supports, self.support_dofs, values, strict=True
+        ):
+            for row, k, number in zip(dofs, support.components, numbers, strict=True):
+                other = row[~np.isnan(at[row]) & (at[row] != number)]
+                if other.size:
+                    place = self.nodes[other[0] // self.dim]
+                    raise ValueError(
+                        f"supports prescribe both {at[other[0]]:g} and {number:g} for "
+                        f"component {k} of the node at {_place(place)}, the second one "
+                        f"on surface {support.surface!r} of body {support.body!r}"
+                    )
+                at[row] = number
+        return at[self.fixed]
+
+
+def build(
+    bodies: Sequence[Body],
+    contacts: Sequence[Contact],
+    supports: Sequence[Support] = (),
+) -> Model:
+    """Assemble K, B and the contact data of elastic bodies.
+
+    A contact node whose tangential displacement is prescribed, on both sides of
+    a pair, gets ``mu = 0``: nothing is left for friction to decide there.
+
+    Raises
+    ------
+    ValueError
+        Names that do not exist or repeat, nodes of a pair that do not match,
+        a normal of length zero: the message has the name and the place.
+    """
+    if not bodies:
+        raise ValueError("bodies is empty, expected at least one")
+    dims = {body.dim for body in bodies}
+    if len(dims) > 1:
+        raise ValueError("bodies mix two and three dimensions")
+    names = [body.name for body in bodies]
+    if len(set(names)) < len(names):
+        raise ValueError(f"names of bodies repeat: {names}")
+    dim = dims.pop()
+    ends = np.cumsum([0] + [dim * body.mesh.nvertices for body in bodies])
+    offset, n = tuple(int(e) for e in ends[:-1]), int(ends[-1])
+
+    support_dofs = []
+    for support in supports:
+        b = _index(bodies, support.body)
+        if not set(support.components) <= set(range(dim)):
+            raise ValueError(
+                f"components of the support on {support.surface!r} are "
+                f"{list(support.components)}, expected some of {list(range(dim))}"
+            )
+        nodes = bodies[b].nodes(support.surface, support.within)
+        components = np.array(support.components, dtype=np.int64)
+        support_dofs.append(offset[b] + dim * nodes + components[:, None])
+    flat = [dofs.ravel() for dofs in support_dofs]
+    fixed = np.unique(np.concatenate([np.zeros(0, np.int64), *flat]))
+
+    found = [_contact(bodies, offset, contact) for contact in contacts]
+    none = (np.zeros((0, dim)), np.zeros((0, dim, dim)), np.zeros(0), np.zeros(0))
+    points, frame, gap, area = (
+        np.concatenate([empty, *(c[k] for c in found)]) for k, empty in enumerate(none)
+    )
+    dofs = np.concatenate([np.zeros((0, 2), np.int64), *(c[4] for c in found)])
+    mu = np.repeat([float(c.mu) for c in contacts], [len(c[0]) for c in found])
+    B = _relative_displacement(frame, dofs, n)
+    free = np.ones(n)
+    free[fixed] = 0.0
+    mobile = (abs(B) @ free).reshape(-1, dim)
+    mu = np.where(mobile[:, 1:].any(axis=1), mu, 0.0)
+
+    blocks = [stiffness(body) for body in bodies]
+    K = blocks[0] if len(blocks) == 1 else sparse.block_diag(blocks, format="csr")
+    return Model(
+        bodies=tuple(bodies),
+        supports=tuple(supports),
+        offset=offset,
+        K=sparse.csr_array(K),
+        B=B,
+        gap=gap,
+        mu=mu,
+        area=area,
+        points=points,
+        frame=frame,
+        fixed=fixed,
+        contact_dofs=dofs,
+        support_dofs=tuple(support_dofs),
+        dim=dim,
+        nodes=np.concatenate([body.points for body in bodies]),
+    )
+
+
+def frames(normals: ArrayLike) -> Floats:
+    """Orthonormal bases with rows n, t1[, t2], from normals ``(n_c, d)``.
+
+    The tangents are the coordinate axes, in their order, made orthogonal to the
+    normal, leaving out the axis nearest to it: with n = z they are x and y.
+    """
+    n = np.asarray(normals, dtype=float)
+    dim = n.shape[1]
+    length = np.linalg.norm(n, axis=1)
+    if not np.all((length > 0) & np.isfinite(length)):
+        raise ValueError("a normal has length zero or is not finite")
+    n = n / length[:, None]
+    nearest = np.argmax(np.abs(n), axis=1)
+    frame = np.empty((len(n), dim, dim))
+    frame[:, 0] = n
+    for k in range(1, dim):
+        # The k-th axis other than the nearest one.
+        axis = np.where(k - 1 < nearest, k - 1, k)
+        t = np.eye(dim)[axis]
+        # Twice: one pass leaves an error of ε over the sine of the angle.
+        for _ in range(2):
+            for j in range(k):
+                t = t - np.sum(t * frame[:, j], axis=1, keepdims=True) * frame[:, j]
+        frame[:, k] = t / np.linalg.norm(t, axis=1, keepdims=True)
+    return frame
+
+
+def _contact(
+    bodies: Sequence[Body], offset: Sequence[int], contact: Contact
+) -> tuple[Floats, Floats, Floats, Floats, Ints]:
+    """Points, frames, gaps, areas and first degrees of freedom of one contact."""
+    if not (np.isfinite(contact.mu) and contact.mu >= 0):
+        raise ValueError(
+            f"mu of the contact on {contact.surface!r} is {contact.mu}, "
+            "expected a finite number, zero or positive"
+        )
+    b = _index(bodies, contact.body)
+    body = bodies[b]
+    nodes = body.nodes(contact.surface, contact.within)
+    if not nodes.size:
+        raise ValueError(
+            f"contact on {contact.surface!r} of body {body.name!r} has no nodes: "
+            "within leaves none"
+        )
+    basis = body.surface_basis(contact.surface)
+    area = body.depth * moment(basis, np.ones(basis.dx.shape))[nodes]
+    points = body.points[nodes]
+    first = offset[b] + body.dim * nodes
+    if contact.plane is not None and contact.against is None:
+        point, normal = (np.asarray(a, dtype=float) for a in contact.plane)
+        if point.shape != (body.dim,) or normal.shape != (body.dim,):
+            raise ValueError(
+                f"plane of the contact on {contact.surface!r} has shapes {point.shape} "
+                f"and {normal.shape}, expected ({body.dim},)"
+            )
+        frame = frames(np.broadcast_to(normal, points.shape))
+        partner = np.full(len(nodes), -1, dtype=np.int64)
+        distance = points - point
+    elif contact.against is not None and contact.plane is None:
+        frame = frames(-_normals(basis)[nodes])
+        o = _index(bodies, contact.against[0])
+        if o == b:
+            raise ValueError(f"body {body.name!r} is in contact with itself")
+        obstacle, surface = bodies[o], contact.against[1]
+        theirs = obstacle.nodes(surface)
+        match = _match(points, obstacle.points[theirs], frame, contact)
+        partner = offset[o] + obstacle.dim * theirs[match]
+        distance = points - obstacle.points[theirs[match]]
+    else:
+        raise ValueError(
+            f"contact on {contact.surface!r} needs one obstacle, plane or against"
+        )
+    extra = contact.clearance
+    clearance = np.asarray(extra(points) if callable(extra) else extra, dtype=float)
+    gap = np.einsum("cd,cd->c", frame[:, 0], distance) + clearance
+    return points, frame, gap, area, np.stack([first, partner], axis=1)
+
+
+def _normals(basis: Any) -> Floats:
+    """Outward normals at the nodes of a surface ``(nodes, d)``, by area, not of length 1."""
+    normal = np.asarray(basis.normals)
+    nodal = np.stack([moment(basis, component) for component in normal], axis=1)
+    # A component of rounding size on a coordinate plane would couple B to
+    # displacements that the contact does not feel.
+    small = 1e-14 * np.abs(nodal).max(axis=1, keepdims=True)
+    return np.where(np.abs(nodal) <= small, 0.0, nodal)
+
+
+def _match(ours: Floats, theirs: Floats, frame: Floats, contact: Contact) -> Ints:
+    """Index of the node opposite to each of ours, along the normal."""
+    _, match = cKDTree(theirs).query(ours)
+    between = ours - theirs[match]
+    along = np.einsum("cd,cd->c", frame[:, 0], between)
+    aside = np.linalg.norm(between - along[:, None] * frame[:, 0], axis=1)
+    # Nodes of one place written by two meshers differ in their last digits.
+    bad = np.flatnonzero(aside > 1e-7 * np.ptp(ours, axis=0).max())
+    if bad.size:
+        raise ValueError(
+            f"surfaces {contact.surface!r} of {contact.body!r} and {contact.against} do "
+            f"not match: no node lies opposite to the one at {_place(ours[bad[0]])}, "
+            f"the nearest is {aside[bad[0]]:g} aside"
+        )
+    values, counts = np.unique(match, return_counts=True)
+    if np.any(counts > 1):
+        raise ValueError(
+            f"surfaces {contact.surface!r} of {contact.body!r} and {contact.against} do "
+            f"not match: the node at {_place(theirs[values[counts > 1][0]])} lies "
+            "opposite to several"
+        )
+    return np.asarray(match, dtype=np.int64)
+
+
+def _relative_displacement(frame: Floats, dofs: Ints, n: int) -> Any:
+    """B of (2): node minus partner, in the frame of the contact."""
+    count, dim = frame.shape[:2]
+    rows = np.arange(dim * count).reshape(count, dim, 1)
+    data, row, column = [], [], []
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        has = dofs[:, side] >= 0
+        columns = dofs[has, side, None, None] + np.arange(dim)
+        data.append((sign * frame[has]).ravel())
+        row.append(np.broadcast_to(rows[has], (has.sum(), dim, dim)).ravel())
+        column.append(np.broadcast_to(columns, (has.sum(), dim, dim)).ravel())
+    triplets = (np.concatenate(data), (np.concatenate(row), np.concatenate(column)))
+    B = sparse.coo_array(triplets, shape=(dim * count, n)).tocsr()
+    B.eliminate_zeros()
+    return B
+
+
+def _index(bodies: Sequence[Body], name: str) -> int:
+    for index, body in enumerate(bodies):
+        if body.name == name:
+            return index
+    raise ValueError(
+        f"there is no body {name!r}, expected one of {[body.name for body in bodies]}"
+    )
+
+
+def _place(x: Floats) -> str:
+    return "(" + ", ".join(f"{c:g}" for c in x) + ")"

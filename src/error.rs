@@ -1,0 +1,121 @@
+//! Why there is no answer: one enum for the whole crate.
+//!
+//! Three kinds, never mixed: the caller's mistake (found at the border, before
+//! any work), a problem that has no answer, and an interruption. A solver that
+//! has not converged is none of these: it returns its [`Outcome`].
+//!
+//! [`Outcome`]: crate::solver::Outcome
+
+/// What went wrong, with the place.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// An array has the wrong length.
+    #[error("{what} has length {found}, expected {expected}")]
+    Shape {
+        what: &'static str,
+        expected: usize,
+        found: usize,
+    },
+    /// A NaN or an infinity in an argument.
+    #[error("{what} is not finite at index {index}: {value}")]
+    NotFinite {
+        what: &'static str,
+        index: usize,
+        value: f64,
+    },
+    /// A NaN or an infinity in a matrix.
+    #[error("{what} is not finite at row {row}, column {column}: {value}")]
+    EntryNotFinite {
+        what: &'static str,
+        row: usize,
+        column: usize,
+        value: f64,
+    },
+    /// An index that is out of range.
+    #[error("{what} holds index {found} at position {position}, expected less than {limit}")]
+    IndexRange {
+        what: &'static str,
+        position: usize,
+        found: usize,
+        limit: usize,
+    },
+    /// The same index twice in a list of distinct ones.
+    #[error("{what} holds index {index} twice, at positions {first} and {second}")]
+    Repeated {
+        what: &'static str,
+        index: usize,
+        first: usize,
+        second: usize,
+    },
+    /// Row pointers or column indices that do not describe a sparse matrix.
+    #[error("{what} is not a valid sparse matrix: its structure breaks at row {row}")]
+    SparseStructure { what: &'static str, row: usize },
+    /// A friction coefficient that is negative or not finite.
+    #[error("mu of contact {node} is {mu}, expected a finite number, zero or positive")]
+    Friction { node: usize, mu: f64 },
+    /// A setting out of its range.
+    #[error("{what} is {found}, expected {expected}")]
+    Setting {
+        what: &'static str,
+        found: f64,
+        expected: &'static str,
+    },
+    /// A stiffness matrix that is not symmetric to rounding.
+    #[error(
+        "stiffness K is not symmetric: K[{row}, {column}] = {upper:e} but K[{column}, {row}] = {lower:e}"
+    )]
+    Asymmetric {
+        row: usize,
+        column: usize,
+        upper: f64,
+        lower: f64,
+    },
+    /// A stiffness matrix with a direction of negative energy.
+    #[error(
+        "stiffness K is indefinite: elimination meets a negative pivot at degree of freedom {dof}; \
+         K must be symmetric positive semidefinite"
+    )]
+    Indefinite { dof: usize },
+    /// A free motion that the contact set does not feel.
+    #[error(
+        "the stiffness leaves a motion free that no contact feels, at degree of freedom {dof}: \
+         is a body, or a part of one, free to move? Add supports, or contacts that pin it"
+    )]
+    FloatingBody { dof: usize },
+    /// A body with more free motions than a rigid body has.
+    #[error(
+        "the stiffness of the body at degree of freedom {dof} leaves {found} motions free, \
+         a rigid body has {limit}: it holds a mechanism that contact cannot be trusted to hold"
+    )]
+    Mechanism {
+        dof: usize,
+        found: usize,
+        limit: usize,
+    },
+    /// A contact whose gap cannot be closed or opened by any motion.
+    #[error(
+        "contact {node} penetrates by {penetration:e} and no free degree of freedom can move it: \
+         its normal displacement is prescribed"
+    )]
+    ContradictoryContact { node: usize, penetration: f64 },
+    /// A rigid motion that no contact feels.
+    #[error(
+        "rigid motion {mode} of R moves no contact that the motions before it leave still: \
+         contact cannot hold it"
+    )]
+    DependentMotion { mode: usize },
+    /// More memory than the machine has.
+    #[error("{what} needs {bytes} bytes, more than the {available} this machine has free")]
+    Memory {
+        what: &'static str,
+        bytes: u128,
+        available: u128,
+    },
+    /// The threads could not be started.
+    #[error("the thread pool of {threads} threads could not be started")]
+    Threads { threads: usize },
+    /// The caller asked for a stop.
+    #[error("interrupted")]
+    Interrupted,
+}

@@ -1,0 +1,85 @@
+//! De Saxcé's correction, the bipotential and its gap, (9) and (10).
+
+use crate::law::cone::{Status, project};
+use crate::linalg::small::{dot, minus_scaled, tangential_norm};
+
+/// `ṽ = v + μ‖v_t‖ n` (9): the correction that makes Coulomb's rule a normality
+/// law, `K*_μ ∋ ṽ ⊥ r ∈ K_μ`.
+#[must_use]
+pub fn corrected<const D: usize>(v: &[f64; D], mu: f64) -> [f64; D] {
+    let mut corrected = *v;
+    corrected[0] += mu * tangential_norm(v);
+    corrected
+}
+
+/// One step of (11), `proj(r − ρ ṽ, K_μ)`, and the status it finds: the whole
+/// law of a contact, [dSF91, 79].
+#[must_use]
+pub fn law_step<const D: usize>(
+    r: &[f64; D],
+    v: &[f64; D],
+    rho: f64,
+    mu: f64,
+) -> ([f64; D], Status) {
+    project(&minus_scaled(r, rho, &corrected(v, mu)), mu)
+}
+
+/// The gap of the bipotential, `γ = r·ṽ = r·v + μ r_n ‖v_t‖` in joules (10).
+///
+/// Never negative for `v_n ≥ 0` and `r ∈ K_μ`, and zero exactly on the law.
+#[must_use]
+pub fn gap<const D: usize>(r: &[f64; D], v: &[f64; D], mu: f64) -> f64 {
+    dot(r, &corrected(v, mu))
+}
+
+/// The state of one contact at the start of a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StartState<const D: usize> {
+    /// Reaction `t⁰`.
+    pub reaction: [f64; D],
+    /// Normal relative displacement with the initial gap, `u_n⁰ + h₀`.
+    pub opening: f64,
+}
+
+impl<const D: usize> StartState<D> {
+    /// The bipotential `b(−Δu, Δt)` of [dSF91, 54]: finite on its effective
+    /// domain, `+∞` outside it.
+    ///
+    /// `b = t_n⁰ Δu_n + t_t⁰·Δu_t + Δt_n (u_n⁰ + h₀) + μ (t_n⁰ + Δt_n) ‖Δu_t‖`,
+    /// and the indicators of `Δt ∈ ΔK_μ` and `Δu_n + u_n⁰ + h₀ ≥ 0`. The print
+    /// leaves out the constant `t_n⁰ (u_n⁰ + h₀)`, which is zero for a start state
+    /// on the law; it is added here, so that `b + Δt·Δu` is a sum of two terms
+    /// that cannot be negative, whatever the start state.
+    #[must_use]
+    pub fn bipotential(&self, du: &[f64; D], dt: &[f64; D], mu: f64) -> f64 {
+        let gap = self.gap(du, dt, mu);
+        if gap.is_finite() { gap - dot(du, dt) } else { gap }
+    }
+
+    /// `b(−Δu, Δt) + Δu·Δt`, the gap of the incremental law: zero exactly on
+    /// the law, positive off it, `+∞` outside the domain of `b`.
+    ///
+    /// Formed from the totals, `(t_n⁰ + Δt_n)(Δu_n + u_n⁰ + h₀)` and
+    /// `(t_t⁰ + Δt_t)·Δu_t + μ (t_n⁰ + Δt_n) ‖Δu_t‖`, where nothing cancels but
+    /// the friction work itself.
+    #[must_use]
+    pub fn gap(&self, du: &[f64; D], dt: &[f64; D], mu: f64) -> f64 {
+        let total: [f64; D] = std::array::from_fn(|k| self.reaction[k] + dt[k]);
+        let mut v = *du;
+        v[0] = du[0] + self.opening;
+        // The sums above are exact to an ulp of their terms: a point of the
+        // boundary may fall outside by so much, and is on it.
+        let ulp = 2.0 * f64::EPSILON;
+        let slack_v = ulp * (du[0].abs() + self.opening.abs());
+        let slack_r = ulp
+            * (1.0 + mu)
+            * (0..D).map(|k| self.reaction[k].abs() + dt[k].abs()).sum::<f64>();
+        if v[0] < -slack_v
+            || total[0] < -slack_r
+            || tangential_norm(&total) > mu * total[0] + slack_r
+        {
+            return f64::INFINITY;
+        }
+        gap(&total, &v, mu)
+    }
+}

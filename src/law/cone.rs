@@ -1,0 +1,133 @@
+//! The cone `K_μ`, its dual, the set of increments `ΔK_μ`: projection, status
+//! and generalised Jacobian, (7), (12) and (14) of `docs/theory.md`.
+
+use crate::linalg::small::{Block, Vector, tangential_norm};
+
+/// The three states of a contact, and the only three words for them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(i8)]
+pub enum Status {
+    #[default]
+    Open = 0,
+    Slip = 1,
+    Stick = 2,
+}
+
+/// Euclidean projection onto the cone (7), in closed form (12).
+///
+/// Components are normal first. Positively homogeneous, `project(s * tau) =
+/// s * project(tau)`, so no absolute tolerance hides in it; `mu = 0` gives the
+/// frictionless half-line, where a pressed node is [`Status::Slip`]: it is free
+/// to slide. `mu` must be finite and non-negative: the border checks it once
+/// for all nodes.
+#[must_use]
+pub fn project<const D: usize>(tau: &[f64; D], mu: f64) -> ([f64; D], Status) {
+    let size = tau.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
+    if size > HUGE || (size < 1.0 / HUGE && size > 0.0) {
+        // Homogeneity brings the ends of the range, where squares overflow and
+        // quotients lose digits, back to its middle; powers of two are exact.
+        let exponent = if size > 1.0 { -SHIFT } else { SHIFT };
+        let (up, down) = (2.0_f64.powi(exponent), 2.0_f64.powi(-exponent));
+        let (r, status) = project(&tau.map(|c| c * up), mu);
+        return (r.map(|c| c * down), status);
+    }
+    let n = tau[0];
+    let t = tangential_norm(tau);
+    // Open before stick: with mu = 0, tau = [-1, 0, 0] satisfies both tests, and
+    // as "stick" it would return a tensile reaction.
+    if mu * t <= -n {
+        return ([0.0; D], Status::Open);
+    }
+    if mu == 0.0 {
+        let mut r = [0.0; D];
+        r[0] = n;
+        return (r, Status::Slip);
+    }
+    if t <= mu * n {
+        return (*tau, Status::Stick);
+    }
+    let (r_n, r_t) = onto_ray(n, t, mu);
+    let scale = r_t / t; // t > 0 here: t = 0 is open or stick
+    let mut r = tau.map(|component| scale * component);
+    r[0] = r_n;
+    (r, Status::Slip)
+}
+
+/// Beyond `HUGE` and below its inverse, [`project`] shifts the exponent by `SHIFT`.
+const HUGE: f64 = 1e150;
+const SHIFT: i32 = 512;
+
+/// Projection of `(n, t)`, `t > 0`, onto the ray `(1, mu)` of the cone's boundary.
+///
+/// The unit vector of the ray is formed first: `1 + mu²` overflows for a large
+/// `mu`, and the ray's components do not.
+fn onto_ray(n: f64, t: f64, mu: f64) -> (f64, f64) {
+    let length = mu.hypot(1.0);
+    let (ray_n, ray_t) = (1.0 / length, mu / length);
+    let along = ray_n * n + ray_t * t;
+    (along * ray_n, along * ray_t)
+}
+
+/// Projection of an increment onto `ΔK_μ = K_μ − t⁰` [dSF91, 53]: translate,
+/// project, translate back.
+///
+/// A sticking increment is returned as it came, bit for bit, and an open one
+/// is `−t⁰` exactly.
+#[must_use]
+pub fn project_increment<const D: usize>(
+    tau: &[f64; D],
+    base: &[f64; D],
+    mu: f64,
+) -> ([f64; D], Status) {
+    let total: [f64; D] = std::array::from_fn(|k| base[k] + tau[k]);
+    let (r, status) = project(&total, mu);
+    let increment = if r == total {
+        *tau
+    } else {
+        std::array::from_fn(|k| r[k] - base[k])
+    };
+    (increment, status)
+}
+
+/// Projection onto the dual cone `K*_μ = {v : v_n ≥ μ‖v_t‖}`, by Moreau:
+/// `proj(x, K*) = x + proj(−x, K)`.
+#[must_use]
+pub fn project_dual<const D: usize>(x: &[f64; D], mu: f64) -> [f64; D] {
+    let (r, status) = project(&x.map(|component| -component), mu);
+    if status == Status::Open {
+        return *x;
+    }
+    std::array::from_fn(|k| x[k] + r[k])
+}
+
+/// Generalised Jacobian of [`project`] at `tau`, (14): one element of Clarke's
+/// set, the limit from inside the status that [`project`] returns.
+///
+/// Slip, with `t = τ_t/‖τ_t‖` and the unit ray `m = (1, μ t)/√(1+μ²)`:
+/// `m mᵀ + (‖r_t‖/‖τ_t‖) (I − t tᵀ)` on the tangential block.
+#[must_use]
+pub fn derivative<const D: usize>(tau: &[f64; D], mu: f64) -> Block<D> {
+    let (r, status) = project(tau, mu);
+    match status {
+        Status::Open => Block::zeros(),
+        Status::Stick => Block::identity(),
+        Status::Slip => {
+            let t = tangential_norm(tau);
+            let mut unit = Vector::<D>::from(*tau);
+            unit[0] = 0.0;
+            if t > 0.0 {
+                unit /= t;
+            }
+            let length = mu.hypot(1.0);
+            let mut ray = unit * (mu / length);
+            ray[0] = 1.0 / length;
+            let mut jacobian = ray * ray.transpose();
+            if t > 0.0 {
+                let mut across = Block::identity() - unit * unit.transpose();
+                across[(0, 0)] = 0.0;
+                jacobian += across * (tangential_norm(&r) / t);
+            }
+            jacobian
+        }
+    }
+}

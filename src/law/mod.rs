@@ -1,0 +1,6 @@
+//! The law of one contact: no assembled matrix, no second node.
+
+pub mod bipotential;
+pub mod cone;
+pub mod frame;
+pub mod one_node;

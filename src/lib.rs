@@ -1,0 +1,30 @@
+//! Contact with Coulomb friction of elastic bodies, quasi-static, in small
+//! displacements, by the bipotential of de Saxcé and Feng [dSF91].
+//!
+//! For a stiffness `K` and contacts `v = B u + g` of any finite-element code:
+//!
+//! ```text
+//! K u = f + Bᵀ r      v = B u + g      K*_μ ∋ v + μ‖v_t‖ n  ⊥  r ∈ K_μ
+//! ```
+//!
+//! `K` is condensed once onto the contact set, and a contact problem in the
+//! reactions `r` alone is solved at each load step. Numbers in parentheses are
+//! equations of `docs/theory.md`, which also fixes signs and units.
+//!
+//! The layers, each using only those before it: [`error`], [`threads`],
+//! [`linalg`] (knows no mechanics), [`law`] (one contact), [`problem`] (all
+//! contacts, no algorithm), [`solver`] (algorithms on the reduced problem),
+//! [`stepping`] (the load path), and `python` behind the feature of that name.
+
+pub mod error;
+pub mod law;
+pub mod linalg;
+pub mod problem;
+pub mod solver;
+//pub mod stepping;
+pub mod threads;
+
+#[cfg(feature = "python")]
+mod python;
+
+pub use error::Error;

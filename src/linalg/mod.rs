@@ -1,0 +1,2 @@
+pub mod least_squares;
+pub mod small;

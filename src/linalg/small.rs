@@ -1,0 +1,67 @@
+//! Vectors and blocks of 2 and 3, one-sided types from nalgebra.
+
+use nalgebra::{SMatrix, SVector};
+
+/// A vector of one contact, components normal first `(n, t1[, t2])`.
+pub type Vector<const D: usize> = SVector<f64, D>;
+
+/// A block that couples two contacts, or one with itself.
+pub type Block<const D: usize> = SMatrix<f64, D, D>;
+
+/// Euclidean length of the tangential part, without overflow or underflow on
+/// the way: a slip of 1e-200 is a slip.
+#[must_use]
+pub fn tangential_norm<const D: usize>(a: &[f64; D]) -> f64 {
+    match D {
+        2 => a[1].abs(),
+        _ => a[1].hypot(a[2]),
+    }
+}
+
+/// `a · b`.
+#[must_use]
+pub fn dot<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+/// `a − s b`.
+#[must_use]
+pub fn minus_scaled<const D: usize>(a: &[f64; D], s: f64, b: &[f64; D]) -> [f64; D] {
+    std::array::from_fn(|k| a[k] - s * b[k])
+}
+
+/// `a + b`.
+#[must_use]
+pub fn plus<const D: usize>(a: &[f64; D], b: &[f64; D]) -> [f64; D] {
+    std::array::from_fn(|k| a[k] + b[k])
+}
+
+/// `a − b`.
+#[must_use]
+pub fn minus<const D: usize>(a: &[f64; D], b: &[f64; D]) -> [f64; D] {
+    std::array::from_fn(|k| a[k] - b[k])
+}
+
+/// Euclidean norm of a long vector. Plain squares: the callers' variables are
+/// scaled to order one, where they neither overflow nor underflow.
+#[must_use]
+pub fn norm(a: &[f64]) -> f64 {
+    a.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// `a · b` for long vectors, in eight running sums: the order is fixed, so the
+/// bits are, and the compiler can use wide registers.
+#[must_use]
+pub fn dot_long(a: &[f64], b: &[f64]) -> f64 {
+    let (a8, a_rest) = a.as_chunks::<8>();
+    let (b8, b_rest) = b.as_chunks::<8>();
+    let mut sums = [0.0; 8];
+    for (x, y) in a8.iter().zip(b8) {
+        for k in 0..8 {
+            sums[k] += x[k] * y[k];
+        }
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
+    let pairs = [sums[0] + sums[4], sums[1] + sums[5], sums[2] + sums[6], sums[3] + sums[7]];
+    (pairs[0] + pairs[2]) + (pairs[1] + pairs[3]) + rest
+}

@@ -1,0 +1,245 @@
+//! The compliance `W` of (3): dense blocks of contacts that feel each other.
+//!
+//! Contacts are stored island by island, so that every island is a range of
+//! positions and its part of `W` one dense matrix; `order` leads back to the
+//! caller's numbering. Rows are contiguous. `W` is used as it is given: an
+//! asymmetric one keeps its transpose beside it for the column updates of a sweep.
+
+use std::borrow::Cow;
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::linalg::small::{Block, dot_long};
+
+/// Below this many rows a product is not worth a second thread.
+const PARALLEL_ROWS: usize = 768;
+
+/// Contacts that feel each other, and their dense part of `W`.
+#[derive(Clone, Debug)]
+pub struct Island<'a> {
+    /// Their positions.
+    pub nodes: Range<usize>,
+    /// Row-major, of order `D · nodes.len()`.
+    matrix: Cow<'a, [f64]>,
+    /// The transpose, where the matrix is not symmetric to the bit.
+    transpose: Option<Vec<f64>>,
+}
+
+/// `W` over all contacts, block by block.
+#[derive(Clone, Debug)]
+pub struct Compliance<'a, const D: usize> {
+    islands: Vec<Island<'a>>,
+    /// Caller's number of the contact at each position.
+    order: Vec<usize>,
+    /// Island of each position.
+    island_of: Vec<usize>,
+}
+
+impl<'a, const D: usize> Compliance<'a, D> {
+    /// From islands: the caller's numbers of the contacts of each, and its
+    /// dense matrix, row-major, blocks in the order of those numbers.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for a matrix of the wrong size, [`Error::EntryNotFinite`]
+    /// for a NaN or an infinity. The islands must partition `0..n_c`.
+    pub fn new(parts: Vec<(Vec<usize>, Cow<'a, [f64]>)>) -> Result<Self, Error> {
+        let mut islands = Vec::with_capacity(parts.len());
+        let mut order = Vec::new();
+        let mut island_of = Vec::new();
+        for (nodes, matrix) in parts {
+            let m = D * nodes.len();
+            if matrix.len() != m * m {
+                return Err(Error::Shape {
+                    what: "W",
+                    expected: m * m,
+                    found: matrix.len(),
+                });
+            }
+            if let Some(at) = matrix.iter().position(|c| !c.is_finite()) {
+                let caller = |k: usize| D * nodes[k / D] + k % D;
+                return Err(Error::EntryNotFinite {
+                    what: "W",
+                    row: caller(at / m),
+                    column: caller(at % m),
+                    value: matrix[at],
+                });
+            }
+            let transpose = asymmetric_transpose(&matrix, m);
+            island_of.resize(order.len() + nodes.len(), islands.len());
+            islands.push(Island {
+                nodes: order.len()..order.len() + nodes.len(),
+                matrix,
+                transpose,
+            });
+            order.extend(nodes);
+        }
+        Ok(Self {
+            islands,
+            order,
+            island_of,
+        })
+    }
+
+    /// From a dense row-major matrix of order `D n_c`, whole.
+    ///
+    /// # Errors
+    /// As [`Compliance::new`].
+    pub fn from_dense(contacts: usize, matrix: Cow<'a, [f64]>) -> Result<Self, Error> {
+        Self::new(vec![((0..contacts).collect(), matrix)])
+    }
+
+    #[must_use]
+    pub fn contacts(&self) -> usize {
+        self.order.len()
+    }
+
+    #[must_use]
+    pub fn islands(&self) -> &[Island<'a>] {
+        &self.islands
+    }
+
+    /// Caller's number of the contact at each position.
+    #[must_use]
+    pub fn order(&self) -> &[usize] {
+        &self.order
+    }
+
+    /// Caller's node values in the order of positions.
+    #[must_use]
+    pub fn gather<T: Copy>(&self, values: &[T]) -> Vec<T> {
+        self.order.iter().map(|&i| values[i]).collect()
+    }
+
+    /// The inverse of [`Compliance::gather`].
+    #[must_use]
+    pub fn scatter<T: Copy>(&self, values: &[T]) -> Vec<T> {
+        let mut out = values.to_vec();
+        for (&i, &value) in self.order.iter().zip(values) {
+            out[i] = value;
+        }
+        out
+    }
+
+    /// Bytes held by matrices and transposes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.islands
+            .iter()
+            .map(|i| 8 * (i.matrix.len() + i.transpose.as_ref().map_or(0, Vec::len)))
+            .sum()
+    }
+
+    /// Largest `|W_ij − W_ji|` over the largest entry: zero for an elastic `W`.
+    #[must_use]
+    pub fn asymmetry(&self) -> f64 {
+        let difference = |i: &Island| {
+            i.transpose.as_ref().map_or(0.0, |t| {
+                i.matrix.iter().zip(t).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()))
+            })
+        };
+        let size = |i: &Island| i.matrix.iter().fold(0.0_f64, |m, a| m.max(a.abs()));
+        let largest = self.islands.iter().map(size).fold(0.0, f64::max);
+        if largest == 0.0 {
+            return 0.0;
+        }
+        self.islands.iter().map(difference).fold(0.0, f64::max) / largest
+    }
+
+    /// The diagonal block of the contact at `position`.
+    #[must_use]
+    pub fn block(&self, position: usize) -> Block<D> {
+        let island = &self.islands[self.island_of[position]];
+        let m = D * island.nodes.len();
+        let local = D * (position - island.nodes.start);
+        Block::from_fn(|i, j| island.matrix[(local + i) * m + local + j])
+    }
+
+    /// `y = W r`.
+    pub fn product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
+        self.each_row(y, |row, island| dot_long(row, r[island].as_flattened()));
+    }
+
+    /// `y = |W| |r|`: what rounding in [`Compliance::product`] is measured against.
+    pub fn absolute_product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
+        self.each_row(y, |row, island| {
+            let r = r[island].as_flattened();
+            row.iter().zip(r).map(|(w, x)| (w * x).abs()).sum()
+        });
+    }
+
+    /// Every row by one thread from left to right: the bits do not depend on
+    /// the number of threads.
+    fn each_row(&self, y: &mut [[f64; D]], of_row: impl Fn(&[f64], Range<usize>) -> f64 + Sync) {
+        for island in &self.islands {
+            let m = D * island.nodes.len();
+            let out = y[island.nodes.clone()].as_flattened_mut();
+            if m < PARALLEL_ROWS {
+                for (value, row) in out.iter_mut().zip(island.matrix.chunks_exact(m)) {
+                    *value = of_row(row, island.nodes.clone());
+                }
+            } else {
+                out.par_iter_mut()
+                    .with_min_len(64)
+                    .zip(island.matrix.par_chunks_exact(m))
+                    .for_each(|(value, row)| *value = of_row(row, island.nodes.clone()));
+            }
+        }
+    }
+
+    /// `y += W_{·i} dr` for the contact at `position`: the effect of one
+    /// reaction on every contact of its island.
+    pub fn add_column(&self, position: usize, dr: &[f64; D], y: &mut [[f64; D]]) {
+        let island = &self.islands[self.island_of[position]];
+        let m = D * island.nodes.len();
+        let columns = island.transpose.as_deref().unwrap_or(&island.matrix);
+        let first = D * (position - island.nodes.start) * m;
+        let out = y[island.nodes.clone()].as_flattened_mut();
+        let column = |k: usize| &columns[first + k * m..first + (k + 1) * m];
+        if D == 2 {
+            for ((value, a), b) in out.iter_mut().zip(column(0)).zip(column(1)) {
+                *value += a * dr[0] + b * dr[1];
+            }
+        } else {
+            let three = column(0).iter().zip(column(1)).zip(column(2));
+            for (value, ((a, b), c)) in out.iter_mut().zip(three) {
+                *value += a * dr[0] + b * dr[1] + c * dr[2];
+            }
+        }
+    }
+
+    /// The whole matrix in the caller's numbering, row-major.
+    #[must_use]
+    pub fn to_dense(&self) -> Vec<f64> {
+        let n = D * self.order.len();
+        let mut dense = vec![0.0; n * n];
+        for island in &self.islands {
+            let nodes = &self.order[island.nodes.clone()];
+            let m = D * nodes.len();
+            for (local, row) in island.matrix.chunks_exact(m.max(1)).enumerate() {
+                let start = (D * nodes[local / D] + local % D) * n;
+                for (values, &node) in row.as_chunks::<D>().0.iter().zip(nodes) {
+                    dense[start + D * node..start + D * (node + 1)].copy_from_slice(values);
+                }
+            }
+        }
+        dense
+    }
+}
+
+/// The transpose of a row-major matrix, or nothing where it equals the matrix.
+fn asymmetric_transpose(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
+    #[expect(clippy::float_cmp, reason = "symmetric to the bit is what is asked")]
+    let symmetric = (0..m).all(|i| (0..i).all(|j| matrix[i * m + j] == matrix[j * m + i]));
+    if symmetric {
+        return None;
+    }
+    let mut transpose = vec![0.0; m * m];
+    for (i, row) in matrix.chunks_exact(m).enumerate() {
+        for (j, &value) in row.iter().enumerate() {
+            transpose[j * m + i] = value;
+        }
+    }
+    Some(transpose)
+}

@@ -1,0 +1,314 @@
+//! The reduced problem (5), `v = W r + R a + q`, checked once and scaled once.
+
+use crate::error::Error;
+use crate::linalg::small::{dot, norm};
+use crate::problem::compliance::Compliance;
+
+/// Bodies held by contact alone: `v = W r + R a + q` with `Rᵀ r + e = 0`.
+#[derive(Clone, Debug, Default)]
+pub struct Rigid<const D: usize> {
+    /// Columns of `R`, one a rigid motion, each over all contacts.
+    pub modes: Vec<Vec<[f64; D]>>,
+    /// `e`, what the loads do on each rigid motion.
+    pub load: Vec<f64>,
+}
+
+/// `v = W r + R a + q`, `Rᵀ r + e = 0`, and the law at every contact.
+///
+/// All node arrays are in the order of positions of `compliance`.
+#[derive(Clone, Debug)]
+pub struct Reduced<'a, const D: usize> {
+    pub compliance: &'a Compliance<'a, D>,
+    pub q: Vec<[f64; D]>,
+    pub mu: Vec<f64>,
+    pub rigid: Rigid<D>,
+    pub scaling: Scaling<D>,
+}
+
+impl<'a, const D: usize> Reduced<'a, D> {
+    /// Takes node arrays in the caller's numbering.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`] and [`Error::Friction`] for wrong
+    /// arguments, [`Error::ContradictoryContact`] for a contact that penetrates
+    /// and that nothing can move.
+    pub fn new(
+        compliance: &'a Compliance<'a, D>,
+        q: &[[f64; D]],
+        mu: &[f64],
+        rigid: &Rigid<D>,
+    ) -> Result<Self, Error> {
+        let contacts = compliance.contacts();
+        check_length("q", q.len(), contacts)?;
+        check_length("mu", mu.len(), contacts)?;
+        check_finite("q", q.as_flattened())?;
+        check_length("rigid load e", rigid.load.len(), rigid.modes.len())?;
+        check_finite("rigid load e", &rigid.load)?;
+        for mode in &rigid.modes {
+            check_length("rigid motion R", mode.len(), contacts)?;
+            check_finite("rigid motion R", mode.as_flattened())?;
+        }
+        if let Some(node) = mu.iter().position(|m| !(m.is_finite() && *m >= 0.0)) {
+            return Err(Error::Friction { node, mu: mu[node] });
+        }
+        let q = compliance.gather(q);
+        let modes = rigid.modes.iter().map(|mode| compliance.gather(mode)).collect();
+        let rigid = Rigid {
+            modes,
+            load: rigid.load.clone(),
+        };
+        for (position, free) in q.iter().enumerate() {
+            let held = compliance.block(position)[(0, 0)] <= 0.0
+                && rigid.modes.iter().all(|mode| mode[position][0] == 0.0);
+            if held && free[0] < 0.0 {
+                return Err(Error::ContradictoryContact {
+                    node: compliance.order()[position],
+                    penetration: -free[0],
+                });
+            }
+        }
+        let scaling = Scaling::new(compliance, &q, &rigid)?;
+        Ok(Self {
+            compliance,
+            q,
+            mu: compliance.gather(mu),
+            rigid,
+            scaling,
+        })
+    }
+
+    #[must_use]
+    pub fn contacts(&self) -> usize {
+        self.q.len()
+    }
+
+    /// `v = W r + R a + q`, afresh.
+    #[must_use]
+    pub fn relative_displacement(&self, r: &[[f64; D]], a: &[f64]) -> Vec<[f64; D]> {
+        let mut v = vec![[0.0; D]; r.len()];
+        self.compliance.product(r, &mut v);
+        self.add_rest(a, &mut v);
+        v
+    }
+
+    /// `v += R a + q`.
+    pub fn add_rest(&self, a: &[f64], v: &mut [[f64; D]]) {
+        for (value, free) in v.iter_mut().zip(&self.q) {
+            for k in 0..D {
+                value[k] += free[k];
+            }
+        }
+        for (mode, &amount) in self.rigid.modes.iter().zip(a) {
+            for (value, motion) in v.iter_mut().zip(mode) {
+                for k in 0..D {
+                    value[k] += amount * motion[k];
+                }
+            }
+        }
+    }
+
+    /// `Rᵀ r + e`: what is out of balance on each rigid motion.
+    #[must_use]
+    pub fn imbalance(&self, r: &[[f64; D]]) -> Vec<f64> {
+        let work = |mode: &Vec<[f64; D]>| mode.iter().zip(r).map(|(m, x)| dot(m, x)).sum::<f64>();
+        self.rigid.modes.iter().zip(&self.rigid.load).map(|(m, e)| work(m) + e).collect()
+    }
+}
+
+/// Node scaling: `r = D r̂`, `v = v̂ / D`, one scalar a node, so that `Ŵ = D W D`
+/// has blocks of mean diagonal one. Cones and `μ‖v_t‖` survive, and ρ = 1 suits
+/// every node.
+///
+/// Two powers of two, one for displacements and one for forces, are taken out
+/// first: a change of units by powers of two changes no bit of a scaled
+/// quantity, and any other only its rounding.
+#[derive(Clone, Debug)]
+pub struct Scaling<const D: usize> {
+    /// `v̂ = to_v v`.
+    pub to_v: Vec<f64>,
+    /// `r̂ = to_r r`.
+    pub to_r: Vec<f64>,
+    /// Orthonormal columns of the scaled border, `R̂ T = D R`.
+    pub modes: Vec<Vec<[f64; D]>>,
+    /// `ê = T⁻ᵀ e`, scaled as a force.
+    pub load: Vec<f64>,
+    /// `T`, upper triangular, column by column.
+    triangle: Vec<Vec<f64>>,
+    /// `a = T⁻¹ â · rigid_unit`.
+    rigid_unit: f64,
+}
+
+impl<const D: usize> Scaling<D> {
+    fn new(
+        compliance: &Compliance<D>,
+        q: &[[f64; D]],
+        rigid: &Rigid<D>,
+    ) -> Result<Self, Error> {
+        #[expect(clippy::cast_precision_loss, reason = "D is 2 or 3")]
+        let dimension = D as f64;
+        let traces: Vec<f64> = (0..compliance.contacts())
+            .map(|i| compliance.block(i).trace() / dimension)
+            .collect();
+        let softest = traces.iter().fold(0.0_f64, |m, &t| m.max(t));
+        let compliance_exponent = exponent(softest);
+        let node: Vec<f64> = traces
+            .iter()
+            .map(|&t| {
+                if t > 0.0 {
+                    1.0 / times_two_to(t, -compliance_exponent).sqrt()
+                } else {
+                    1.0 // every component prescribed: W_ii = 0, r stays zero
+                }
+            })
+            .collect();
+        let free = q
+            .iter()
+            .zip(&node)
+            .flat_map(|(v, d)| v.map(|c| (c * d).abs()))
+            .fold(0.0_f64, f64::max);
+        let force = rigid.load.iter().fold(0.0_f64, |m, e| m.max(e.abs()));
+        let displacement_exponent = if free > 0.0 {
+            exponent(free)
+        } else if force > 0.0 {
+            exponent(force) + compliance_exponent
+        } else {
+            0
+        };
+        let force_exponent = displacement_exponent - compliance_exponent;
+        let to_v: Vec<f64> =
+            node.iter().map(|&d| times_two_to(d, -displacement_exponent)).collect();
+        let to_r = node.iter().map(|&d| times_two_to(1.0 / d, -force_exponent)).collect();
+
+        let scaled = rigid.modes.iter().map(|mode| {
+            mode.iter().zip(&node).map(|(m, &d)| m.map(|c| c * d)).collect::<Vec<_>>()
+        });
+        let (modes, triangle) = orthonormalise(scaled.collect())?;
+        let mut load = Vec::with_capacity(modes.len());
+        for (column, e) in triangle.iter().zip(&rigid.load) {
+            // Tᵀ ê = e, forward.
+            let known: f64 = column.iter().zip(&load).map(|(t, x): (&f64, &f64)| t * x).sum();
+            load.push((times_two_to(*e, -force_exponent) - known) / column[load.len()]);
+        }
+        Ok(Self {
+            to_v,
+            to_r,
+            modes,
+            load,
+            triangle,
+            rigid_unit: times_two_to(1.0, displacement_exponent),
+        })
+    }
+
+    /// `a` in the caller's units from the scaled `â = T a`.
+    #[must_use]
+    pub fn rigid_from_scaled(&self, scaled: &[f64]) -> Vec<f64> {
+        let mut a: Vec<f64> = scaled.iter().map(|x| x * self.rigid_unit).collect();
+        for j in (0..a.len()).rev() {
+            a[j] /= self.triangle[j][j];
+            let solved = a[j];
+            for (value, t) in a.iter_mut().zip(&self.triangle[j][..j]) {
+                *value -= t * solved;
+            }
+        }
+        a
+    }
+
+    /// `â = T a`.
+    #[must_use]
+    pub fn rigid_to_scaled(&self, a: &[f64]) -> Vec<f64> {
+        let mut scaled = vec![0.0; a.len()];
+        for (column, x) in self.triangle.iter().zip(a) {
+            for (value, t) in scaled.iter_mut().zip(column) {
+                *value += t * x / self.rigid_unit;
+            }
+        }
+        scaled
+    }
+
+    /// `‖r̂‖` of a reaction.
+    #[must_use]
+    pub fn reaction_norm(&self, r: &[[f64; D]]) -> f64 {
+        let squares = |(x, s): (&[f64; D], &f64)| x.iter().map(|c| (c * s).powi(2)).sum::<f64>();
+        r.iter().zip(&self.to_r).map(squares).sum::<f64>().sqrt()
+    }
+}
+
+/// `e` with `2^e ≤ x < 2^(e+1)`, 0 for zero.
+fn exponent(x: f64) -> i32 {
+    if x == 0.0 {
+        return 0;
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "within ±1075")]
+    let guess = x.log2().floor() as i32;
+    // log2 may round across a power of two.
+    if times_two_to(1.0, guess) > x {
+        guess - 1
+    } else if times_two_to(1.0, guess + 1) <= x {
+        guess + 1
+    } else {
+        guess
+    }
+}
+
+/// `x · 2^e`, exact inside the range of doubles, in two factors because `2^e`
+/// alone may leave it.
+fn times_two_to(x: f64, e: i32) -> f64 {
+    let half = e / 2;
+    x * 2.0_f64.powi(half) * 2.0_f64.powi(e - half)
+}
+
+/// Orthonormal columns `Q` and the columns of the upper triangle `T`, `A = Q T`.
+type Factored<const D: usize> = (Vec<Vec<[f64; D]>>, Vec<Vec<f64>>);
+
+/// Gram–Schmidt, twice.
+fn orthonormalise<const D: usize>(mut columns: Vec<Vec<[f64; D]>>) -> Result<Factored<D>, Error> {
+    let mut triangle: Vec<Vec<f64>> = Vec::with_capacity(columns.len());
+    for j in 0..columns.len() {
+        let (done, rest) = columns.split_at_mut(j);
+        let column = rest[0].as_flattened_mut();
+        let mut t = vec![0.0; j + 1];
+        let before = norm(column);
+        for _ in 0..2 {
+            for (i, q) in done.iter().enumerate() {
+                let along: f64 = q.as_flattened().iter().zip(&*column).map(|(a, b)| a * b).sum();
+                t[i] += along;
+                for (value, a) in column.iter_mut().zip(q.as_flattened()) {
+                    *value -= along * a;
+                }
+            }
+        }
+        t[j] = norm(column);
+        // What is left of a dependent column is rounding.
+        if t[j] <= 1e-12 * before {
+            return Err(Error::DependentMotion { mode: j });
+        }
+        for value in column.iter_mut() {
+            *value /= t[j];
+        }
+        triangle.push(t);
+    }
+    Ok((columns, triangle))
+}
+
+fn check_length(what: &'static str, found: usize, expected: usize) -> Result<(), Error> {
+    if found == expected {
+        Ok(())
+    } else {
+        Err(Error::Shape {
+            what,
+            expected,
+            found,
+        })
+    }
+}
+
+fn check_finite(what: &'static str, values: &[f64]) -> Result<(), Error> {
+    match values.iter().position(|x| !x.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(Error::NotFinite {
+            what,
+            index,
+            value: values[index],
+        }),
+    }
+}

@@ -1,0 +1,68 @@
+//! NumPy arrays to slices and back. Python has checked types and shapes; what is
+//! checked here is what memory safety asks.
+
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyArrayMethods};
+use numpy::ndarray::Array2;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::law::cone::Status;
+
+/// A C-contiguous vector of `f64`.
+pub(super) type Vector<'py> = PyReadonlyArray1<'py, f64>;
+/// A C-contiguous matrix of `f64`.
+pub(super) type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+/// Indices or row pointers.
+pub(super) type Indices<'py> = PyReadonlyArray1<'py, i64>;
+
+/// The rows of an `(n_c, D)` array.
+pub(super) fn rows<'a, const D: usize>(array: &'a Matrix<'_>) -> PyResult<&'a [[f64; D]]> {
+    let flat = array.as_slice()?;
+    let (rows, rest) = flat.as_chunks::<D>();
+    if array.as_array().ncols() == D && rest.is_empty() {
+        Ok(rows)
+    } else {
+        Err(PyValueError::new_err("an array of contacts has the wrong number of columns"))
+    }
+}
+
+/// Indices as the core counts them.
+pub(super) fn indices(array: &Indices<'_>, what: &'static str) -> PyResult<Vec<usize>> {
+    let convert = |&i: &i64| usize::try_from(i);
+    array
+        .as_slice()?
+        .iter()
+        .map(convert)
+        .collect::<Result<_, _>>()
+        .map_err(|_| PyValueError::new_err(format!("{what} holds a negative index")))
+}
+
+/// An `(n_c, D)` array.
+pub(super) fn from_rows<'py, const D: usize>(
+    py: Python<'py>,
+    rows: &[[f64; D]],
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    square(py, rows.as_flattened().to_vec(), rows.len(), D)
+}
+
+/// A C-ordered matrix from its rows.
+pub(super) fn square(
+    py: Python<'_>,
+    flat: Vec<f64>,
+    rows: usize,
+    columns: usize,
+) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let array = Array2::from_shape_vec((rows, columns), flat)
+        .map_err(|e| PyValueError::new_err(e.to_string()))?;
+    Ok(PyArray2::from_owned_array(py, array))
+}
+
+/// A vector.
+pub(super) fn from_vec(py: Python<'_>, values: Vec<f64>) -> Bound<'_, PyArray1<f64>> {
+    PyArray1::from_vec(py, values)
+}
+
+/// Statuses as `int8`.
+pub(super) fn from_status<'py>(py: Python<'py>, status: &[Status]) -> Bound<'py, PyArray1<i8>> {
+    PyArray1::from_vec(py, status.iter().map(|&s| s as i8).collect())
+}

@@ -1,0 +1,48 @@
+//! The one place where [`Error`] becomes an exception.
+
+use pyo3::exceptions::{
+    PyArithmeticError, PyKeyboardInterrupt, PyMemoryError, PyOSError, PyValueError,
+};
+use pyo3::prelude::*;
+use pyo3::types::PyString;
+
+use crate::error::Error;
+
+impl From<Error> for PyErr {
+    fn from(error: Error) -> Self {
+        let text = error.to_string();
+        match error {
+            Error::Shape { .. }
+            | Error::NotFinite { .. }
+            | Error::EntryNotFinite { .. }
+            | Error::IndexRange { .. }
+            | Error::Repeated { .. }
+            | Error::SparseStructure { .. }
+            | Error::Friction { .. }
+            | Error::Setting { .. }
+            | Error::Asymmetric { .. }
+            | Error::Indefinite { .. } => PyValueError::new_err(text),
+            Error::FloatingBody { .. }
+            | Error::Mechanism { .. }
+            | Error::DependentMotion { .. } => ours("FloatingBodyError", text),
+            Error::ContradictoryContact { .. } => ours("NoEquilibriumError", text),
+            Error::Memory { .. } => PyMemoryError::new_err(text),
+            Error::Threads { .. } => PyOSError::new_err(text),
+            Error::Interrupted => PyKeyboardInterrupt::new_err(text),
+        }
+    }
+}
+
+/// An exception of `bipot_rs.errors`, which is Python because it carries a result.
+fn ours(name: &str, text: String) -> PyErr {
+    Python::attach(|py| {
+        let made = PyModule::import(py, "bipot_rs.errors")
+            .and_then(|module| module.getattr(PyString::new(py, name)))
+            .and_then(|class| class.call1((text.clone(),)));
+        match made {
+            Ok(exception) => PyErr::from_value(exception),
+            // The package is broken; say at least what was to be said.
+            Err(_) => PyArithmeticError::new_err(text),
+        }
+    })
+}

@@ -1,0 +1,56 @@
+//! Long work off the interpreter's lock, stopped by Ctrl-C within a tenth of a second.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::time::Duration;
+
+use pyo3::prelude::*;
+
+use crate::error::Error;
+use crate::threads;
+
+/// How often the calling thread looks for a signal.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Runs `work` in the pool of `num_threads`, the interpreter released; the
+/// calling thread looks for signals meanwhile and raises the flag it is given.
+///
+/// # Errors
+/// What `work` returns, or the exception of the signal.
+pub(super) fn run<T: Send>(
+    py: Python<'_>,
+    num_threads: Option<usize>,
+    work: impl FnOnce(&AtomicBool) -> Result<T, Error> + Send,
+) -> PyResult<T> {
+    let pool = threads::pool(threads::count(num_threads))?;
+    let stop = AtomicBool::new(false);
+    let mut signal = None;
+    let result = py.detach(|| {
+        std::thread::scope(|scope| {
+            let (done, finished) = mpsc::channel();
+            let (pool, stop) = (&pool, &stop);
+            let worker = scope.spawn(move || {
+                let result = pool.install(|| work(stop));
+                // The receiver outlives this thread.
+                let _ = done.send(());
+                result
+            });
+            while finished.recv_timeout(LOOK) == Err(mpsc::RecvTimeoutError::Timeout) {
+                if signal.is_none()
+                    && let Err(raised) = Python::attach(|py| py.check_signals())
+                {
+                    signal = Some(raised);
+                    stop.store(true, Ordering::Relaxed);
+                }
+            }
+            worker.join()
+        })
+    });
+    if let Some(raised) = signal {
+        return Err(raised);
+    }
+    match result {
+        Ok(result) => Ok(result?),
+        Err(panic) => std::panic::resume_unwind(panic),
+    }
+}

@@ -1,0 +1,20 @@
+//! The extension module `bipot_rs._core`: registration only.
+
+mod arrays;
+mod errors;
+mod interrupt;
+//mod problem;
+mod solver;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+mod _core {
+    #[pymodule_export]
+    use super::solver::{Reduced, project};
+
+    /// How this module was compiled: `"release"`, or `"debug"`, which is far slower.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
+    const build_profile: &str = if cfg!(debug_assertions) { "debug" } else { "release" };
+}

@@ -1,0 +1,272 @@
+//! `project` and the reduced problem.
+
+use std::borrow::Cow;
+
+use numpy::{PyArray1, PyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::law::cone;
+use crate::problem::compliance::Compliance;
+use crate::problem::reduced::{Reduced as Problem, Rigid};
+use crate::problem::residual::Certificate;
+use crate::python::arrays::{self, Matrix, Vector};
+use crate::python::interrupt;
+use crate::solver::{self, Method, Settings, Solution, Start};
+
+/// Nodes a task: few enough to balance, enough to hide the cost of a task.
+const NODES_A_TASK: usize = 4096;
+
+type Projected<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i8>>);
+
+/// Projects every row of `tau` onto its cone, or increment set when `base` is given.
+#[pyfunction]
+#[pyo3(signature = (tau, mu, base=None))]
+pub(super) fn project<'py>(
+    py: Python<'py>,
+    tau: Matrix<'py>,
+    mu: Vector<'py>,
+    base: Option<Matrix<'py>>,
+) -> PyResult<Projected<'py>> {
+    match tau.as_array().ncols() {
+        2 => project_rows::<2>(py, &tau, &mu, base.as_ref()),
+        _ => project_rows::<3>(py, &tau, &mu, base.as_ref()),
+    }
+}
+
+fn project_rows<'py, const D: usize>(
+    py: Python<'py>,
+    tau: &Matrix<'py>,
+    mu: &Vector<'py>,
+    base: Option<&Matrix<'py>>,
+) -> PyResult<Projected<'py>> {
+    let tau = arrays::rows::<D>(tau)?;
+    let mu = mu.as_slice()?;
+    let base = base.map(arrays::rows::<D>).transpose()?;
+    if mu.len() != tau.len() || base.is_some_and(|b| b.len() != tau.len()) {
+        return Err(PyValueError::new_err("tau, mu and base differ in length"));
+    }
+    let pool = crate::threads::pool(crate::threads::count(None))?;
+    let mut out = vec![[0.0; D]; tau.len()];
+    let mut status = vec![0_i8; tau.len()];
+    py.detach(|| {
+        let of_chunk = |chunk: usize, out: &mut [[f64; D]], status: &mut [i8]| {
+            let first = chunk * NODES_A_TASK;
+            for (k, (t, s)) in out.iter_mut().zip(status).enumerate() {
+                let i = first + k;
+                let (projected, found) = match base {
+                    Some(base) => cone::project_increment(&tau[i], &base[i], mu[i]),
+                    None => cone::project(&tau[i], mu[i]),
+                };
+                *t = projected;
+                *s = found as i8;
+            }
+        };
+        if tau.len() <= NODES_A_TASK {
+            of_chunk(0, &mut out, &mut status);
+        } else {
+            pool.install(|| {
+                out.par_chunks_mut(NODES_A_TASK)
+                    .zip(status.par_chunks_mut(NODES_A_TASK))
+                    .enumerate()
+                    .for_each(|(chunk, (out, status))| of_chunk(chunk, out, status));
+            });
+        }
+    });
+    Ok((arrays::from_rows(py, &out)?, PyArray1::from_vec(py, status)))
+}
+
+/// The settings as Python hands them over, checked by the core.
+pub(super) fn settings(
+    method: &str,
+    tol: f64,
+    max_iterations: Option<usize>,
+    max_seconds: Option<f64>,
+) -> PyResult<Settings> {
+    let known = Method::NAMES.iter().find(|(name, _)| *name == method);
+    let Some(&(_, method)) = known else {
+        let names: Vec<String> = Method::NAMES.iter().map(|(n, _)| format!("'{n}'")).collect();
+        return Err(PyValueError::new_err(format!(
+            "method is '{method}', expected one of {}",
+            names.join(", ")
+        )));
+    };
+    let default = Settings::default();
+    let settings = Settings {
+        method,
+        tol,
+        max_iterations: max_iterations.unwrap_or(default.max_iterations),
+        max_seconds: max_seconds.unwrap_or(default.max_seconds),
+    };
+    settings.validate()?;
+    Ok(settings)
+}
+
+/// What a solver returns, as a dictionary for `bipot_rs.result.Solution`.
+pub(super) fn solution_dict<'py, const D: usize>(
+    py: Python<'py>,
+    solution: &Solution<D>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("reaction", arrays::from_rows(py, &solution.reaction)?)?;
+    let v = arrays::from_rows(py, &solution.relative_displacement)?;
+    dict.set_item("relative_displacement", v)?;
+    dict.set_item("status", arrays::from_status(py, &solution.status))?;
+    dict.set_item("bipotential_gap", arrays::from_vec(py, solution.bipotential_gap.clone()))?;
+    dict.set_item("rigid_motion", arrays::from_vec(py, solution.rigid_motion.clone()))?;
+    dict.set_item("outcome", solution.outcome.name())?;
+    dict.set_item("residual", solution.residual)?;
+    dict.set_item("tolerance", solution.tolerance)?;
+    dict.set_item("floor", solution.floor)?;
+    dict.set_item("iterations", solution.iterations)?;
+    dict.set_item("work", solution.work)?;
+    let flat = solution.history.iter().flat_map(|&(work, eta)| [work, eta]).collect();
+    dict.set_item("history", arrays::square(py, flat, solution.history.len(), 2)?)?;
+    dict.set_item("seconds", solution.seconds)?;
+    Ok(dict)
+}
+
+/// A reduced problem `v = W r + R a + q`, in the caller's numbering.
+#[pyclass(frozen, module = "bipot_rs._core")]
+pub(super) struct Reduced {
+    kind: Kind,
+}
+
+enum Kind {
+    Two(Owned<2>),
+    Three(Owned<3>),
+}
+
+struct Owned<const D: usize> {
+    compliance: Compliance<'static, D>,
+    q: Vec<[f64; D]>,
+    mu: Vec<f64>,
+    rigid: Rigid<D>,
+}
+
+impl<const D: usize> Owned<D> {
+    fn new(
+        parts: Vec<(Vec<usize>, Vec<f64>)>,
+        q: &Matrix<'_>,
+        mu: &Vector<'_>,
+        modes: &Matrix<'_>,
+        load: &Vector<'_>,
+    ) -> PyResult<Self> {
+        let owned = parts.into_iter().map(|(nodes, matrix)| (nodes, Cow::Owned(matrix)));
+        let compliance = Compliance::new(owned.collect())?;
+        let columns = modes.as_slice()?.chunks_exact(D * compliance.contacts().max(1));
+        let rigid = Rigid {
+            modes: columns.map(|column| column.as_chunks::<D>().0.to_vec()).collect(),
+            load: load.as_slice()?.to_vec(),
+        };
+        let made = Self {
+            compliance,
+            q: arrays::rows::<D>(q)?.to_vec(),
+            mu: mu.as_slice()?.to_vec(),
+            rigid,
+        };
+        made.problem()?; // the border: everything is checked here
+        Ok(made)
+    }
+
+    fn problem(&self) -> Result<Problem<'_, D>, Error> {
+        Problem::new(&self.compliance, &self.q, &self.mu, &self.rigid)
+    }
+
+    fn start(&self, reaction: Option<&Matrix<'_>>, rigid: Vec<f64>) -> PyResult<Start<D>> {
+        let reaction = match reaction {
+            Some(array) => self.compliance.gather(arrays::rows::<D>(array)?),
+            None => Vec::new(),
+        };
+        Ok(Start {
+            reaction,
+            rigid,
+            closed: Vec::new(),
+        })
+    }
+
+    fn certificate(&self, r: &Matrix<'_>, a: Option<&[f64]>) -> PyResult<f64> {
+        let problem = self.problem()?;
+        let r = self.compliance.gather(arrays::rows::<D>(r)?);
+        let a = a.map_or_else(|| crate::problem::residual::best_motion(&problem, &r), <[f64]>::to_vec);
+        Ok(Certificate::new(&problem, &r, &a).residual)
+    }
+}
+
+#[pymethods]
+impl Reduced {
+    /// `parts` holds (contacts, dense row-major matrix) of every island.
+    #[new]
+    fn new(
+        parts: Vec<(Vec<usize>, Vector<'_>)>,
+        q: Matrix<'_>,
+        mu: Vector<'_>,
+        modes: Matrix<'_>,
+        load: Vector<'_>,
+    ) -> PyResult<Self> {
+        let copied = parts
+            .into_iter()
+            .map(|(nodes, matrix)| Ok((nodes, matrix.as_slice()?.to_vec())))
+            .collect::<PyResult<Vec<_>>>()?;
+        let kind = match q.as_array().ncols() {
+            2 => Kind::Two(Owned::new(copied, &q, &mu, &modes, &load)?),
+            _ => Kind::Three(Owned::new(copied, &q, &mu, &modes, &load)?),
+        };
+        Ok(Self { kind })
+    }
+
+    /// Largest `|W_ij − W_ji|` over the largest entry.
+    #[getter]
+    fn asymmetry(&self) -> f64 {
+        match &self.kind {
+            Kind::Two(owned) => owned.compliance.asymmetry(),
+            Kind::Three(owned) => owned.compliance.asymmetry(),
+        }
+    }
+
+    /// η at `(r, a)`; without `a`, at the rigid motion of least squares.
+    #[pyo3(signature = (reaction, rigid=None))]
+    fn residual(&self, reaction: Matrix<'_>, rigid: Option<Vector<'_>>) -> PyResult<f64> {
+        let rigid = rigid.as_ref().map(|a| a.as_slice()).transpose()?;
+        match &self.kind {
+            Kind::Two(owned) => owned.certificate(&reaction, rigid),
+            Kind::Three(owned) => owned.certificate(&reaction, rigid),
+        }
+    }
+
+    #[pyo3(signature = (method, tol, max_iterations, max_seconds, reaction, rigid, num_threads))]
+    #[expect(clippy::too_many_arguments, reason = "the settings of one call from Python")]
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        method: &str,
+        tol: f64,
+        max_iterations: Option<usize>,
+        max_seconds: Option<f64>,
+        reaction: Option<Matrix<'py>>,
+        rigid: Option<Vector<'py>>,
+        num_threads: Option<usize>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let settings = settings(method, tol, max_iterations, max_seconds)?;
+        let rigid = rigid.map_or(Ok(Vec::new()), |a| a.as_slice().map(<[f64]>::to_vec))?;
+        match &self.kind {
+            Kind::Two(owned) => {
+                let start = owned.start(reaction.as_ref(), rigid)?;
+                let solved = interrupt::run(py, num_threads, |stop| {
+                    solver::solve(&owned.problem()?, &settings, &start, stop)
+                })?;
+                solution_dict(py, &solved)
+            }
+            Kind::Three(owned) => {
+                let start = owned.start(reaction.as_ref(), rigid)?;
+                let solved = interrupt::run(py, num_threads, |stop| {
+                    solver::solve(&owned.problem()?, &settings, &start, stop)
+                })?;
+                solution_dict(py, &solved)
+            }
+        }
+    }
+}

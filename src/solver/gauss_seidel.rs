@@ -1,0 +1,245 @@
+//! Sweeps of exact one-node solves (17), accelerated by Anderson's method.
+//!
+//! One sweep visits every contact in order, solves it exactly against the rest
+//! (18) and adds what its change does to `v` of all others: one product with
+//! `W` a sweep, and η of its end for nothing. Contacts that stay open cost nothing.
+//!
+//! Bodies held by contact alone are swept on the proximal form `W + R̂ R̂ᵀ/δ`,
+//! `q + R̂ (â + ê/δ)`, with `â ← â + (R̂ᵀ r̂ + ê)/δ` every few sweeps.
+
+use crate::error::Error;
+use crate::law::one_node::{self, Habit};
+use crate::linalg::small::{Block, Vector};
+use crate::problem::reduced::Reduced;
+use crate::problem::residual::scaled_imbalance;
+use crate::solver::anderson::Anderson;
+use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::{Outcome, Start};
+
+/// The proximal parameter, in scaled variables.
+const DELTA: f64 = 1e-2;
+
+/// Sweeps between two updates of the rigid motions.
+const SWEEPS_A_PHASE: usize = 5;
+
+/// An extrapolated point is taken if its residual is below this many times the
+/// one of the sweep it starts from: Anderson's points need not be better at
+/// once, but a wild one throws away what the sweeps have found.
+const TRUST: f64 = 2.0;
+
+/// Sweeps between two fresh evaluations of `v`, whose running sum drifts.
+const REFRESH: usize = 50;
+
+/// A point and everything affine in it.
+struct Point<const D: usize> {
+    r: Vec<[f64; D]>,
+    /// `W r + q`.
+    v: Vec<[f64; D]>,
+    /// `R̂ᵀ r̂ + ê`.
+    s: Vec<f64>,
+    /// `â`.
+    a: Vec<f64>,
+}
+
+struct Sweeper<'p, const D: usize> {
+    problem: &'p Reduced<'p, D>,
+    /// Diagonal blocks, with the proximal term.
+    blocks: Vec<Block<D>>,
+    closed: Vec<bool>,
+}
+
+/// Runs until the monitor stops it.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn run<const D: usize>(
+    problem: &Reduced<D>,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+) -> Result<Outcome, Error> {
+    let sweeper = Sweeper::new(problem, start);
+    let mut point = sweeper.start(start);
+    monitor.count(if start.reaction.is_empty() { 0.0 } else { 1.0 });
+    if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, false)? {
+        return Ok(outcome);
+    }
+    let rigid = !point.a.is_empty();
+    let mut anderson = Anderson::default();
+    for sweep in 1.. {
+        let before: Vec<[f64; D]> = point.r.clone();
+        sweeper.sweep(&mut point);
+        monitor.count(1.0);
+        match sweeper.look(&point, monitor, true)? {
+            Verdict::Stop(outcome) => return Ok(outcome),
+            Verdict::Refresh(v) => {
+                point.v = sweeper.without_rigid(v, &point);
+                anderson.restart();
+                continue;
+            }
+            Verdict::Continue => {}
+        }
+        if sweep % REFRESH == 0 {
+            let a = sweeper.rigid_motion(&point);
+            point.v = sweeper.without_rigid(monitor.refresh(&point.r, &a), &point);
+            point.s = scaled_imbalance(problem, &point.r);
+        }
+        if rigid && sweep % SWEEPS_A_PHASE == 0 {
+            for (a, s) in point.a.iter_mut().zip(&point.s) {
+                *a += s / DELTA;
+            }
+            anderson.restart();
+            continue;
+        }
+        let f = sweeper.scaled_change(&point, &before);
+        if let Some(next) = anderson.extrapolate(&f, &point.pack()) {
+            let next = point.unpack(&next);
+            let (here, there) = (sweeper.residual(&point), sweeper.residual(&next));
+            if there <= TRUST * here {
+                point = next;
+            } else {
+                anderson.restart();
+            }
+        }
+    }
+    Ok(Outcome::IterationLimit)
+}
+
+impl<const D: usize> Point<D> {
+    fn pack(&self) -> Vec<f64> {
+        [self.r.as_flattened(), self.v.as_flattened(), &self.s].concat()
+    }
+
+    fn unpack(&self, packed: &[f64]) -> Self {
+        let m = D * self.r.len();
+        let nodes = |part: &[f64]| part.as_chunks::<D>().0.to_vec();
+        Self {
+            r: nodes(&packed[..m]),
+            v: nodes(&packed[m..2 * m]),
+            s: packed[2 * m..].to_vec(),
+            a: self.a.clone(),
+        }
+    }
+}
+
+impl<'p, const D: usize> Sweeper<'p, D> {
+    fn new(problem: &'p Reduced<'p, D>, start: &Start<D>) -> Self {
+        let scaling = &problem.scaling;
+        let blocks = (0..problem.contacts()).map(|i| {
+            let mut block = problem.compliance.block(i);
+            for mode in &scaling.modes {
+                let motion = Vector::<D>::from(mode[i]);
+                block += motion * motion.transpose() * (scaling.to_r[i] / scaling.to_v[i] / DELTA);
+            }
+            block
+        });
+        let closed = if start.closed.is_empty() {
+            vec![false; problem.contacts()]
+        } else {
+            start.closed.clone()
+        };
+        Self {
+            problem,
+            blocks: blocks.collect(),
+            closed,
+        }
+    }
+
+    fn start(&self, start: &Start<D>) -> Point<D> {
+        let problem = self.problem;
+        let mut v = problem.q.clone();
+        let mut r = vec![[0.0; D]; problem.contacts()];
+        if !start.reaction.is_empty() {
+            r.copy_from_slice(&start.reaction);
+            v = problem.relative_displacement(&r, &[]);
+        }
+        let a = if start.rigid.is_empty() {
+            vec![0.0; problem.rigid.modes.len()]
+        } else {
+            problem.scaling.rigid_to_scaled(&start.rigid)
+        };
+        let s = scaled_imbalance(problem, &r);
+        Point { r, v, s, a }
+    }
+
+    /// `â + (R̂ᵀ r̂ + ê)/δ`: the motion that belongs to a point of the proximal form.
+    fn motion(&self, point: &Point<D>) -> Vec<f64> {
+        point.a.iter().zip(&point.s).map(|(a, s)| a + s / DELTA).collect()
+    }
+
+    fn rigid_motion(&self, point: &Point<D>) -> Vec<f64> {
+        self.problem.scaling.rigid_from_scaled(&self.motion(point))
+    }
+
+    /// `W r + q` of one contact with the rigid motion added.
+    fn with_rigid(&self, i: usize, v: &[f64; D], motion: &[f64]) -> [f64; D] {
+        let mut v = *v;
+        for (mode, amount) in self.problem.scaling.modes.iter().zip(motion) {
+            for (value, m) in v.iter_mut().zip(&mode[i]) {
+                *value += m * amount / self.problem.scaling.to_v[i];
+            }
+        }
+        v
+    }
+
+    fn total(&self, point: &Point<D>) -> Vec<[f64; D]> {
+        let motion = self.motion(point);
+        point.v.iter().enumerate().map(|(i, v)| self.with_rigid(i, v, &motion)).collect()
+    }
+
+    /// `W r + q` from a fresh `v`.
+    fn without_rigid(&self, mut v: Vec<[f64; D]>, point: &Point<D>) -> Vec<[f64; D]> {
+        let motion: Vec<f64> = self.motion(point).iter().map(|a| -a).collect();
+        for (i, value) in v.iter_mut().enumerate() {
+            *value = self.with_rigid(i, value, &motion);
+        }
+        v
+    }
+
+    fn look(
+        &self,
+        point: &Point<D>,
+        monitor: &mut Monitor<D>,
+        iterated: bool,
+    ) -> Result<Verdict<D>, Error> {
+        monitor.look(&point.r, &self.total(point), &self.rigid_motion(point), iterated)
+    }
+
+    fn residual(&self, point: &Point<D>) -> f64 {
+        let a = self.rigid_motion(point);
+        crate::problem::residual::residual(self.problem, &point.r, &self.total(point), &a)
+    }
+
+    fn scaled_change(&self, point: &Point<D>, before: &[[f64; D]]) -> Vec<f64> {
+        let change = point.r.iter().zip(before).zip(&self.problem.scaling.to_r);
+        change.flat_map(|((x, y), s)| std::array::from_fn::<f64, D, _>(|k| (x[k] - y[k]) * s)).collect()
+    }
+
+    /// One sweep over all contacts.
+    fn sweep(&self, point: &mut Point<D>) {
+        let scaling = &self.problem.scaling;
+        let mut motion = self.motion(point);
+        for i in 0..point.r.len() {
+            let r = point.r[i];
+            let block = &self.blocks[i];
+            let v = self.with_rigid(i, &point.v[i], &motion);
+            let own = block * Vector::<D>::from(r);
+            let free: [f64; D] = std::array::from_fn(|k| v[k] - own[k]);
+            let habit = if self.closed[i] { Habit::Closed } else { Habit::None };
+            // A contact that cannot move was checked not to penetrate.
+            let Some((next, _)) = one_node::solve(block, &free, self.problem.mu[i], habit) else {
+                continue;
+            };
+            let dr: [f64; D] = std::array::from_fn(|k| next[k] - r[k]);
+            if dr.iter().all(|&c| c == 0.0) {
+                continue;
+            }
+            self.problem.compliance.add_column(i, &dr, &mut point.v);
+            for ((mode, s), a) in scaling.modes.iter().zip(&mut point.s).zip(&mut motion) {
+                let ds = (0..D).map(|k| mode[i][k] * dr[k]).sum::<f64>() * scaling.to_r[i];
+                *s += ds;
+                *a += ds / DELTA;
+            }
+            point.r[i] = next;
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! Watches a solver: history, best point, limits, and the verdict.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use crate::error::Error;
+use crate::problem::reduced::Reduced;
+use crate::problem::residual::{self, Certificate};
+use crate::solver::{Outcome, Settings};
+
+/// Iterations without a better point after which a solver has stalled.
+const PATIENCE: usize = 2000;
+
+/// What the solver does next.
+#[derive(Debug)]
+pub enum Verdict<const D: usize> {
+    Continue,
+    /// The running `v` says converged and a fresh one does not: go on from this.
+    Refresh(Vec<[f64; D]>),
+    Stop(Outcome),
+}
+
+/// Watches one solve.
+#[derive(Debug)]
+pub struct Monitor<'p, const D: usize> {
+    problem: &'p Reduced<'p, D>,
+    settings: &'p Settings,
+    stop: &'p AtomicBool,
+    started: Instant,
+    log: Log<D>,
+    best: f64,
+    last_better: usize,
+    /// η that rounding allows, as last measured.
+    floor: f64,
+}
+
+/// What is left of a solve.
+#[derive(Clone, Debug, Default)]
+pub struct Log<const D: usize> {
+    pub best_reaction: Vec<[f64; D]>,
+    pub best_rigid: Vec<f64>,
+    pub iterations: usize,
+    pub work: f64,
+    pub history: Vec<(f64, f64)>,
+    pub seconds: f64,
+}
+
+impl<'p, const D: usize> Monitor<'p, D> {
+    #[must_use]
+    pub fn new(
+        problem: &'p Reduced<'p, D>,
+        settings: &'p Settings,
+        stop: &'p AtomicBool,
+    ) -> Self {
+        Self {
+            problem,
+            settings,
+            stop,
+            started: Instant::now(),
+            log: Log {
+                best_reaction: vec![[0.0; D]; problem.contacts()],
+                best_rigid: vec![0.0; problem.rigid.modes.len()],
+                ..Log::default()
+            },
+            best: f64::INFINITY,
+            last_better: 0,
+            floor: 0.0,
+        }
+    }
+
+    /// Counts products with `W`.
+    pub fn count(&mut self, products: f64) {
+        self.log.work += products;
+    }
+
+    /// Looks at the point `(r, a)` whose running `v` is given, after an
+    /// iteration (`iterated`) or at the start.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn look(
+        &mut self,
+        r: &[[f64; D]],
+        v: &[[f64; D]],
+        a: &[f64],
+        iterated: bool,
+    ) -> Result<Verdict<D>, Error> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        self.log.iterations += usize::from(iterated);
+        let eta = residual::residual(self.problem, r, v, a);
+        self.log.history.push((self.log.work, eta));
+        if eta < self.best {
+            // A better point by less than a tenth of a percent is none for patience.
+            if eta < 0.999 * self.best {
+                self.last_better = self.log.iterations;
+            }
+            self.best = eta;
+            self.log.best_reaction.copy_from_slice(r);
+            self.log.best_rigid.copy_from_slice(a);
+        }
+        if eta <= self.settings.tol.max(self.floor) {
+            let fresh = Certificate::new(self.problem, r, a);
+            self.log.work += 2.0;
+            self.floor = fresh.floor.min(residual::WORST_FLOOR);
+            if fresh.converged(self.settings.tol) {
+                return Ok(Verdict::Stop(Outcome::Converged));
+            }
+            // The running v flattered: what is best is judged by the fresh one.
+            self.best = fresh.residual;
+            return Ok(self.limits().map_or(Verdict::Refresh(fresh.v), Verdict::Stop));
+        }
+        Ok(self.limits().map_or(Verdict::Continue, Verdict::Stop))
+    }
+
+    /// Measures what rounding allows at `(r, a)`, for a residual that has
+    /// stopped falling; gives back the fresh `v`.
+    #[must_use]
+    pub fn refresh(&mut self, r: &[[f64; D]], a: &[f64]) -> Vec<[f64; D]> {
+        let fresh = Certificate::new(self.problem, r, a);
+        self.log.work += 2.0;
+        self.floor = fresh.floor.min(residual::WORST_FLOOR);
+        fresh.v
+    }
+
+    fn limits(&self) -> Option<Outcome> {
+        if self.log.iterations >= self.settings.max_iterations {
+            Some(Outcome::IterationLimit)
+        } else if self.started.elapsed().as_secs_f64() > self.settings.max_seconds {
+            Some(Outcome::TimeLimit)
+        } else if self.log.iterations > self.last_better + PATIENCE {
+            Some(Outcome::Stalled)
+        } else {
+            None
+        }
+    }
+
+    #[must_use]
+    pub fn into_log(mut self) -> Log<D> {
+        self.log.seconds = self.started.elapsed().as_secs_f64();
+        self.log
+    }
+}

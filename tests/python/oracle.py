@@ -1,0 +1,131 @@
+"""Dense reference solver of `v = W r + R a + q`, `Rᵀ r + e = 0` under Coulomb's law.
+
+It shares no algorithm with the package: no projection, no sweep over nodes, no fixed
+point. `answers` tries every assignment of statuses to a few contacts, each by Newton's
+method on the equations of known statuses, and keeps what passes `violation`, the law
+(6), (8) as in textbooks. For more contacts: `smoothing.follow`.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conditions import violation
+
+Array = NDArray[np.float64]
+# Residual (n, d) of all contacts and its derivatives by r and by v, (n, d, d).
+Law = Callable[[Array, Array], tuple[Array, Array, Array]]
+Rigid = tuple[Array, Array]
+OPEN, SLIP, STICK = 0, 1, 2
+
+
+class Answer(NamedTuple):
+    r: Array
+    v: Array
+    a: Array
+    status: tuple[int, ...]
+
+
+class Problem:
+    """A small dense problem, made dimensionless; `rigid` holds R and e."""
+
+    def __init__(
+        self, W: Array, q: Array, mu: Array | float, rigid: Rigid | None = None
+    ) -> None:
+        self.n, self.d = q.shape
+        self.mu = np.broadcast_to(np.asarray(mu, float), self.n)
+        R, e = rigid or (np.zeros((q.size, 0)), np.zeros(0))
+        compliance = float(np.trace(W)) / max(q.size, 1) or 1.0
+        sizes = np.abs(q).max(initial=0.0) / compliance, np.abs(e).max(initial=0.0)
+        self.force = float(max(sizes)) or 1.0
+        self.length = self.force * compliance
+        self.W, self.q = W / compliance, q / self.length
+        self.R, self.e = R, e / self.force
+
+    def displacement(self, r: Array, a: Array) -> Array:
+        # Extended precision: the residuals of Newton's last steps are rounding.
+        exact = np.hstack([self.W, self.R]).astype(np.longdouble) @ [*r.ravel(), *a]
+        return np.asarray(exact.reshape(r.shape) + self.q, float)
+
+    def in_units(self, r: Array, a: Array, status: Sequence[int]) -> Answer:
+        v = self.displacement(r, a)
+        return Answer(r * self.force, v * self.length, a * self.length, tuple(status))
+
+
+def fails(p: Problem, r: Array, a: Array) -> float:
+    """Largest violation of the law and of balance by a dimensionless answer."""
+    balance = float(np.abs(p.R.T @ r.ravel() + p.e).max(initial=0.0))
+    return max(violation(r, p.displacement(r, a), p.mu, np.ones(1)), balance)
+
+
+def newton(p: Problem, law: Law, r: Array, a: Array, steps: int) -> tuple[Array, Array]:
+    """Damped Newton on `law(r, v(r)) = 0`, `Rᵀ r + e = 0`."""
+    m, k = r.size, p.e.size
+
+    def value(r: Array, a: Array) -> Array:
+        law_value = law(r, p.displacement(r, a))[0]
+        return np.append(law_value.ravel(), p.R.T @ r.ravel() + p.e)
+
+    now = value(r, a)
+    for _ in range(steps):
+        _, by_r, by_v = law(r, p.displacement(r, a))
+        full = np.hstack([p.W, p.R]).reshape(p.n, p.d, m + k)
+        rows = np.einsum("nij,njm->nim", by_v, full).reshape(m, m + k)
+        for i in range(p.n):
+            rows[p.d * i : p.d * (i + 1), p.d * i : p.d * (i + 1)] += by_r[i]
+        matrix = np.vstack([rows, np.hstack([p.R.T, np.zeros((k, k))])])
+        # Least squares: redundant supports leave r free, but not v.
+        step = np.linalg.lstsq(matrix, -now, rcond=1e-13)[0]
+        for part in 0.5 ** np.arange(12):
+            r_new, a_new = r + part * step[:m].reshape(r.shape), a + part * step[m:]
+            new = value(r_new, a_new)
+            if np.linalg.norm(new) <= (1 - 0.1 * part) * np.linalg.norm(now):
+                break
+        if not np.linalg.norm(new) < np.linalg.norm(now):
+            break
+        r, a, now = r_new, a_new, new
+    return r, a
+
+
+def known(p: Problem, status: Sequence[int], side: Array | None = None) -> Law:
+    """Equations of given statuses; slip along `side` (n, d-1), or along v_t itself."""
+    kind, eye = np.array(status)[:, None], np.eye(p.d)
+
+    def law(r: Array, v: Array) -> tuple[Array, Array, Array]:
+        speed = np.maximum(np.linalg.norm(v[:, 1:], axis=1, keepdims=True), 1e-300)
+        t = v[:, 1:] / speed if side is None else side
+        limit = (p.mu * r[:, 0])[:, None]
+        slip = np.hstack([v[:, :1], r[:, 1:] + limit * t])
+        by_r, by_v = np.zeros((2, p.n, p.d, p.d))
+        by_r[:, 1:, 1:], by_r[:, 1:, 0] = eye[1:, 1:], p.mu[:, None] * t
+        by_v[:, 0, 0] = 1
+        if side is None:
+            across = eye[1:, 1:] - t[:, :, None] * t[:, None, :]
+            by_v[:, 1:, 1:] = (limit / speed)[:, :, None] * across
+        value = np.where(kind == SLIP, slip, np.where(kind == STICK, v, r))
+        sliding, fixed = kind[:, None] == SLIP, kind[:, None] == STICK
+        by_r = np.where(sliding, by_r, eye * ~fixed)
+        return value, by_r, np.where(sliding, by_v, eye * fixed)
+
+    return law
+
+
+def answers(p: Problem, tolerance: float = 1e-10, starts: int = 8) -> Iterator[Answer]:
+    """Every answer of a few contacts: statuses exhausted, slip from `starts` directions."""
+    turn = np.arange(starts) * 2 * np.pi / starts
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    sides = circle if p.d == 3 else np.array([[1.0], [-1.0]])
+    found: list[Array] = []
+    for status in product((OPEN, SLIP, STICK), repeat=p.n):
+        for chosen in product(*(sides if s == SLIP else sides[:1] for s in status)):
+            r, a = np.zeros((p.n, p.d)), np.zeros(p.e.size)
+            r, a = newton(p, known(p, status, np.array(chosen)), r, a, 3)
+            if p.d == 3 and SLIP in status:
+                r, a = newton(p, known(p, status), r, a, 40)
+            new = all(np.abs(r - other).max() > 1e-6 for other in found)
+            if new and fails(p, r, a) <= tolerance:
+                found.append(r)
+                yield p.in_units(r, a, status)

@@ -1,0 +1,158 @@
+"""Rust source as the layer tests need it: code without comments, paths resolved."""
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+_SILENT = re.compile(
+    r"""//[^\n]*
+    |/\*.*?\*/
+    |\bb?r(?P<hash>\#*)".*?"(?P=hash)
+    |\bb?"(?:\\.|[^"\\])*"|"(?:\\.|[^"\\])*"
+    |'(?:\\[^']+|[^\\'])'""",
+    re.DOTALL | re.VERBOSE,
+)
+_TOKEN = re.compile(r"\s*(::|[A-Za-z_]\w*|[{},*])")
+_ROOT = re.compile(r"(?<![\w:$])(crate|super|self)(?=\s*::)")
+_INLINE = re.compile(r"\bmod\s+(\w+)\s*\{")
+
+
+class Use(NamedTuple):
+    """One path that a file names: where, and the absolute path in the crate."""
+
+    line: int
+    path: tuple[str, ...]
+
+
+def code(text: str) -> str:
+    """Comments, strings and character literals blanked, line numbers kept."""
+    return _SILENT.sub(lambda m: re.sub(r"[^\n]", " ", m[0]), text)
+
+
+def module(file: str) -> tuple[str, ...]:
+    """`law/cone.rs` is `("law", "cone")`, `law/mod.rs` is `("law",)`, `lib.rs` is `()`."""
+    parts = tuple(file.removesuffix(".rs").split("/"))
+    return parts[:-1] if parts[-1] in {"mod", "lib"} else parts
+
+
+def uses(file: str, text: str) -> Iterator[Use]:
+    """Every `crate::`, `super::` and `self::` path of a file, groups expanded."""
+    text = code(text)
+    inline = [(m[1], m.end(), _closing(text, m.end())) for m in _INLINE.finditer(text)]
+    for found in _ROOT.finditer(text):
+        here = module(file) + tuple(
+            name for name, start, end in inline if start <= found.start() < end
+        )
+        line = text.count("\n", 0, found.start()) + 1
+        for path in _tree(text, found.start())[0]:
+            yield Use(line, _absolute(here, path))
+
+
+def _closing(text: str, position: int) -> int:
+    depth = 1
+    while depth and position < len(text):
+        depth += {"{": 1, "}": -1}.get(text[position], 0)
+        position += 1
+    return position
+
+
+def _tree(text: str, position: int) -> tuple[list[tuple[str, ...]], int]:
+    """Paths of the use tree that starts here, and where it ends."""
+    path: tuple[str, ...] = ()
+    while (token := _TOKEN.match(text, position)) is not None:
+        if token[1] == "{":
+            return _group(text, token.end(), path)
+        if token[1] in {"::", "}", ","}:
+            break
+        path, position = (*path, token[1]), token.end()
+        separator = _TOKEN.match(text, position)
+        if separator is None or separator[1] != "::":
+            break
+        position = separator.end()
+    return [path], position
+
+
+def _group(
+    text: str, position: int, prefix: tuple[str, ...]
+) -> tuple[list[tuple[str, ...]], int]:
+    found: list[tuple[str, ...]] = []
+    while (token := _TOKEN.match(text, position)) is not None and token[1] != "}":
+        if token[1] == ",":
+            position = token.end()
+            continue
+        branches, end = _tree(text, position)
+        found += [prefix + branch for branch in branches]
+        position = max(end, token.end())
+        alias = re.compile(r"\s*as\s+\w+").match(text, position)
+        position = alias.end() if alias else position
+    return found, token.end() if token else len(text)
+
+
+def _absolute(here: tuple[str, ...], path: tuple[str, ...]) -> tuple[str, ...]:
+    if path[0] == "crate":
+        return path[1:]
+    rest = list(path)
+    place = list(here)
+    while rest and rest[0] in {"self", "super"}:
+        if rest.pop(0) == "super" and place:
+            place.pop()
+    return (*place, *rest)
+
+
+def tree_violations(
+    tree: Mapping[str, str],
+    layers: tuple[str, ...],
+    siblings: Mapping[str, tuple[str, ...]],
+) -> list[str]:
+    """Uses against the order of the layers, and of the files within one.
+
+    `tree` maps file names below `src` to their text, `layers` are from the one
+    that knows nobody to the one that may know all, and so are the `siblings` of
+    each layer that is a folder; those named in one string do not know each
+    other. A folder's `mod.rs` and its files may use each other: what the files
+    share is declared there, and it chooses among them.
+    """
+    modules = {module(file) for file in tree}
+    found = []
+    for file, text in sorted(tree.items()):
+        here = module(file)
+        if not here:
+            continue
+        if here[0] not in layers:
+            found.append(f"{file}: layer {here[0]} is not declared")
+            continue
+        declared = {
+            name: rank
+            for rank, names in enumerate(siblings.get(here[0], ()))
+            for name in names.split()
+        }
+        if len(here) > 1 and here[1] not in declared:
+            found.append(f"{file}: not declared among the files of {here[0]}")
+            continue
+        for line, path in uses(file, text):
+            where = f"{file}:{line}: {'::'.join(path)}"
+            if not path or path[0] not in layers:
+                found.append(f"{where}: name the module it lives in")
+            elif layers.index(path[0]) > layers.index(here[0]):
+                found.append(f"{where}: {here[0]} may not use {path[0]}")
+            elif path[0] == here[0] and path[:2] in modules and len(here) > 1:
+                other = path[1]
+                # An undeclared file is reported in its own turn.
+                if other != here[1] and declared.get(other, -1) >= declared[here[1]]:
+                    found.append(f"{where}: {here[1]} may not use {other}")
+    return found
+
+
+def naming_violations(
+    tree: Mapping[str, str], word: str, allowed: tuple[str, ...]
+) -> list[str]:
+    """Files outside `allowed` (names, or folders ending in `/`) whose code has `word`."""
+    pattern = re.compile(rf"(?<!\w){re.escape(word)}(?!\w)")
+    return [
+        f"{file}: {word}"
+        for file, text in sorted(tree.items())
+        if not any(
+            file == a or (a.endswith("/") and file.startswith(a)) for a in allowed
+        )
+        and pattern.search(code(text))
+    ]

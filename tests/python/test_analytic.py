@@ -1,0 +1,324 @@
+"""The closed forms are judged by what they must satisfy, and by tables."""
+
+import csv
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bipot_rs import analytic
+
+DATA = Path(__file__).parent / "data_reference"
+# The tables print 12 significant digits.
+PRINTED = 1e-11
+
+
+def table(name: str) -> NDArray[np.float64]:
+    return np.loadtxt(DATA / name, delimiter=",", skiprows=1)
+
+
+def over_contact(
+    traction: Callable[[NDArray[np.float64]], NDArray[np.float64]], a: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Midpoints in θ, x = a sin θ, with weights dx: spectral for square-root edges."""
+    theta = (np.arange(2000) + 0.5) * math.pi / 2000 - math.pi / 2
+    x = a * np.sin(theta)
+    return x, traction(x) * a * np.cos(theta) * math.pi / 2000
+
+
+def test_hertz_line_carries_its_load() -> None:
+    force, radius, e_star = 35e3, 50.0, analytic.contact_modulus(210e3, 0.3, 70e3, 0.3)
+    a, p0 = analytic.hertz_line(force, radius, e_star)
+    _, p = over_contact(lambda x: analytic.hertz_pressure(x, a, p0), a)
+    # The rule integrates 1 - sin² exactly: rounding only.
+    assert p.sum() == pytest.approx(force, rel=1e-12)
+    # NAFEMS advanced contact benchmark 1 prints 6.21 mm and 3585.37 MPa.
+    assert a == pytest.approx(6.21, abs=0.005)
+    assert p0 == pytest.approx(3585.37, rel=1e-5)
+
+
+def test_hertz_line_pressure_bends_the_half_plane_to_the_parabola() -> None:
+    # Displacement gradient under p: u'(x) = -2/(π E*) PV∫ p(s)/(x - s) ds must be -x/R.
+    force, radius, e_star = 2.0, 3.0, 5.0
+    a, p0 = analytic.hertz_line(force, radius, e_star)
+    x = 0.37 * a
+    n = 4000
+    # PV ∫ p(s)/(x-s) ds = ∫ (p(s) - p(x))/(x-s) ds + p(x) ln((a+x)/(a-x))
+    s, weight = over_contact(lambda s: np.ones_like(s), a)
+    p = analytic.hertz_pressure(s, a, p0)
+    at_x = float(analytic.hertz_pressure(x, a, p0))
+    integral = float(np.sum((p - at_x) / (x - s) * weight))
+    integral += at_x * math.log((a + x) / (a - x))
+    # Midpoint error of the logarithmic edge: 1/n² of the value.
+    assert -2 / (math.pi * e_star) * integral == pytest.approx(
+        -x / radius, rel=50 / n**2
+    )
+
+
+def test_hertz_sphere_carries_its_load() -> None:
+    e_star = analytic.contact_modulus(1000.0, 0.3)
+    force = 60 * math.pi
+    a, delta, p0 = analytic.hertz_sphere(force, 8.0, e_star)
+    _, p = over_contact(
+        lambda r: analytic.hertz_pressure(r, a, p0) * np.abs(r) * math.pi, a
+    )
+    # |r| has a kink at the axis: the midpoint rule is of second order there, 1e-6.
+    assert p.sum() == pytest.approx(force, rel=1e-5)
+    # ANSYS VM63 data: a = 1.009635, p0 = 88.2904, delta = 0.127420, to the digits printed.
+    assert (a, p0, delta) == pytest.approx((1.009635, 88.2904, 0.127420), rel=5e-6)
+    # Boussinesq: the displacement at the centre of a Hertz pressure is π p0 a/(2 E*).
+    assert delta == pytest.approx(math.pi * p0 * a / (2 * e_star), rel=1e-14)
+    assert force == pytest.approx(
+        4 / 3 * e_star * math.sqrt(8.0) * delta**1.5, rel=1e-14
+    )
+
+
+def test_line_approach_is_the_sphere_limit_of_scaling() -> None:
+    # a ~ P^(1/2) along a line, P^(1/3) under a sphere.
+    assert analytic.hertz_line(4.0, 1.0, 1.0)[0] == pytest.approx(
+        2 * analytic.hertz_line(1.0, 1.0, 1.0)[0], rel=1e-15
+    )
+    assert analytic.hertz_sphere(8.0, 1.0, 1.0)[0] == pytest.approx(
+        2 * analytic.hertz_sphere(1.0, 1.0, 1.0)[0], rel=1e-15
+    )
+
+
+@pytest.mark.parametrize(("column", "ratio"), [(2, 0.3), (3, 0.6), (4, 0.9)])
+def test_cattaneo_mindlin_table(column: int, ratio: float) -> None:
+    rows = table("cattaneo_2d.csv")
+    mu, force = 0.3, 7.0
+    a, c, p0 = analytic.cattaneo_mindlin_line(force, ratio * mu * force, 2.0, 11.0, mu)
+    x = rows[:, 0] * a
+    np.testing.assert_allclose(
+        analytic.hertz_pressure(x, a, p0) / p0, rows[:, 1], atol=PRINTED
+    )
+    q = analytic.partial_slip_traction(x, a, c, p0, mu) / (mu * p0)
+    # The square root at the edge of the stuck zone magnifies the 1e-16 of x/c.
+    np.testing.assert_allclose(q, rows[:, column], atol=1e-8)
+
+
+def test_cattaneo_mindlin_carries_both_loads_within_the_cone() -> None:
+    force, tangential, mu = 7.0, 1.3, 0.3
+    a, c, p0 = analytic.cattaneo_mindlin_line(force, tangential, 2.0, 11.0, mu)
+    x, q = over_contact(lambda x: analytic.partial_slip_traction(x, a, c, p0, mu), a)
+    # The inner square root is not aligned with the points: an error of order n^(-3/2) of
+    # μP, which is 1.6 Q.
+    assert q.sum() == pytest.approx(tangential, rel=4 * 2000**-1.5)
+    p = analytic.hertz_pressure(x, a, p0)
+    shear = analytic.partial_slip_traction(x, a, c, p0, mu)
+    assert np.all(shear[np.abs(x) < c] < mu * p[np.abs(x) < c])
+    np.testing.assert_allclose(shear[np.abs(x) > c], mu * p[np.abs(x) > c], rtol=1e-15)
+
+
+def test_mindlin_table() -> None:
+    mu, force, compliance = 0.4, 5.0, 0.7
+    for ratio, c_sphere, shift, c_line in table("mindlin_monotone.csv"):
+        tangential = ratio * mu * force
+        got = analytic.mindlin_sphere(force, tangential, 2.0, 11.0, mu, compliance)
+        unit = 3 * mu * force * compliance / (16 * got.a)
+        assert got.c / got.a == pytest.approx(c_sphere, abs=PRINTED)
+        assert got.shift / unit == pytest.approx(shift, abs=PRINTED)
+        a, c, _ = analytic.cattaneo_mindlin_line(force, tangential, 2.0, 11.0, mu)
+        assert c / a == pytest.approx(c_line, abs=PRINTED)
+
+
+def test_mindlin_sphere_carries_its_tangential_load_and_starts_stiff() -> None:
+    mu, force, compliance = 0.4, 5.0, 0.7
+    got = analytic.mindlin_sphere(force, 1.1, 2.0, 11.0, mu, compliance)
+
+    def ring(r: NDArray[np.float64]) -> NDArray[np.float64]:
+        q = analytic.partial_slip_traction(r, got.a, got.c, got.p0, mu)
+        return q * np.abs(r) * math.pi
+
+    _, q = over_contact(ring, got.a)
+    # As for the line: the inner square root costs n^(-3/2) of μP, which is 1.8 Q.
+    assert q.sum() == pytest.approx(1.1, rel=4 * 2000**-1.5)
+    # dQ/dδ = 8a/Λ at Q = 0; the next term of the series is Q/(6 μP) of it.
+    small = analytic.mindlin_sphere(force, 1e-6, 2.0, 11.0, mu, compliance)
+    assert 1e-6 / small.shift == pytest.approx(8 * got.a / compliance, rel=1e-6)
+    assert (
+        analytic.mindlin_sphere(force, -1.1, 2.0, 11.0, mu, compliance).shift
+        == -got.shift
+    )
+
+
+def test_patch_and_oedometer_satisfy_hooke() -> None:
+    # A1 of the reference set: w = 3, H = 1, E = 10, p = 2, τ = 0.6.
+    u_x, u_y = analytic.sheared_patch(1.0, 2.0, 0.6, 10.0)
+    assert (float(u_x), float(u_y)) == pytest.approx((0.12, -0.2), rel=1e-15)
+    # A2: tops at E = p = H = 1, digits as printed; 1 - 2ν costs ε/(1 - 2ν).
+    for nu, top, digits in [
+        (0.3, -0.742857142857, 1e-12),
+        (0.4999, -5.99840032e-4, 1e-8),
+        (0.4999999, -5.9999984e-7, 1e-7),
+    ]:
+        assert float(analytic.oedometer(1.0, 1.0, 1.0, nu)) == pytest.approx(
+            top, rel=digits
+        )
+    assert float(analytic.oedometer(1.0, 1.0, 1.0, 0.5)) == 0.0
+    # Uniaxial strain: σ_yy = (λ + 2G) ε_yy.
+    lame, shear = 0.3 / (1.3 * 0.4), 1 / 2.6
+    strain = float(analytic.oedometer(1.0, 1.0, 1.0, 0.3))
+    assert (lame + 2 * shear) * strain == pytest.approx(-1.0, rel=1e-15)
+
+
+def test_bar_table() -> None:
+    rows = table("bar_cyclic.csv")
+    got = analytic.bar_end_displacement(rows[:, 0], 1000.0, 50.0)
+    np.testing.assert_allclose(got, rows[:, 2], atol=1e-16)
+
+
+def test_bar_forgets_closed_loops() -> None:
+    # 10, 5, 8, 5: the inner loop closes at 5, 12 goes on with first loading, -12 lands on
+    # its mirror image and -13 beyond it.
+    loads = np.array([10.0, 5.0, 8.0, 5.0, 12.0, -12.0, -13.0])
+    u = analytic.bar_end_displacement(loads, 1000.0, 50.0)
+    assert u[3] == pytest.approx(u[1], rel=1e-14)
+    for k in (0, 4, 5, 6):
+        assert u[k] == pytest.approx(loads[k] * abs(loads[k]) / 1e5, rel=1e-14)
+    # Small steps along the same path change nothing: the law is free of rate and step.
+    fine = np.concatenate(
+        [
+            np.linspace(a, b, 41)[1:]
+            for a, b in zip([0, *loads[:-1]], loads, strict=True)
+        ]
+    )
+    np.testing.assert_allclose(
+        analytic.bar_end_displacement(fine, 1000.0, 50.0)[39::40], u, rtol=1e-12
+    )
+
+
+def test_bar_dissipation_is_the_loop_area() -> None:
+    peak, stiffness, limit, n = 30.0, 1000.0, 50.0, 20000
+    loads = np.concatenate(
+        [np.linspace(peak, -peak, n + 1), np.linspace(-peak, peak, n + 1)[1:]]
+    )
+    u = analytic.bar_end_displacement(loads, stiffness, limit)
+    area = float(np.sum((loads[1:] + loads[:-1]) / 2 * np.diff(u)))
+    # Trapezoids on a parabola: relative error of order 1/n².
+    assert area == pytest.approx(
+        analytic.bar_cycle_dissipation(peak, stiffness, limit), rel=10 / n**2
+    )
+    # Twenty elements of 0.05: 0.36125, as a solver independent of this package found.
+    discrete = analytic.bar_cycle_dissipation(peak, stiffness, limit, 0.05)
+    assert discrete == pytest.approx(0.36125, rel=1e-14)
+
+
+def test_one_contact_branches_table() -> None:
+    listed: dict[tuple[float, float], list[tuple[str, list[float]]]] = {}
+    with (DATA / "one_contact_branches.csv").open() as file:
+        for row in csv.DictReader(file):
+            values = [float(row[name]) for name in ("u_n", "u_t", "r_n", "r_t")]
+            key = float(row["mu"]), float(row["f_t"])
+            listed.setdefault(key, []).append((row["status"].rstrip("+-"), values))
+    assert len(listed) > 40
+    for (mu, f_t), rows in listed.items():
+        found = analytic.one_contact_branches([[2.0, 0.5], [0.5, 1.0]], [-1.0, f_t], mu)
+        key_of = sorted((b.status, [*b.displacement, *b.reaction]) for b in found)
+        assert [s for s, _ in key_of] == [s for s, _ in sorted(rows)], (mu, f_t)
+        for (_, got), (_, want) in zip(key_of, sorted(rows), strict=True):
+            assert got == pytest.approx(want, rel=PRINTED, abs=PRINTED)
+
+
+def test_one_contact_branches_satisfy_the_law() -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(500):
+        root = rng.normal(size=(2, 2))
+        k = root @ root.T + 0.1 * np.eye(2)
+        k[1, 0] = k[0, 1]
+        load, mu = rng.normal(size=2) * 3, float(rng.exponential())
+        found = analytic.one_contact_branches(k, load, mu)
+        assert len(found) in (1, 3)  # odd away from limits, which have measure zero
+        for branch in found:
+            u, r = np.array(branch.displacement), np.array(branch.reaction)
+            # Two by two by Cramer's rule: the condition of k times ε.
+            size = (
+                np.linalg.cond(k) * 1e-14 * (np.linalg.norm(load) + np.linalg.norm(r))
+            )
+            assert np.linalg.norm(k @ u - load - r) <= size
+            assert min(u[0], r[0]) == 0
+            assert abs(r[1]) <= mu * r[0] * (1 + 1e-15)
+            assert r[1] * u[1] == pytest.approx(-mu * r[0] * abs(u[1]), rel=1e-14)
+
+
+def test_rotating_load_table() -> None:
+    with (DATA / "rotating_load.csv").open() as file:
+        rows = list(csv.reader(file))[1:]
+    for name, radius, lost in rows:
+        steps = None if name == "inf" else int(name)
+        got = analytic.rotating_load(2.0, 0.8, 0.5, steps)
+        assert got == pytest.approx((float(radius), float(lost)), rel=PRINTED)
+
+
+def test_rotating_load_is_a_steady_state_of_the_implicit_step() -> None:
+    k, force, limit, steps = 2.0, 0.8, 0.5, 12
+    radius, _ = analytic.rotating_load(k, force, limit, steps)
+    turn = np.exp(2j * math.pi / steps)
+    # |F - k u| = μN and u (1 - 1/turn) along F - k u, for u behind F by some angle.
+    # |F|² = |k u + μN t|²: the angle between slip and u is π/2 - D/2.
+    u = radius + 0j
+    slip = u - u / turn
+    pull = k * u + limit * slip / abs(slip)
+    assert abs(pull) == pytest.approx(force, rel=1e-14)
+
+
+def test_flat_punch_carries_its_load() -> None:
+    a, force, mu, beta = 1.7, 3.0, 0.6, 0.28
+    g = math.atan(mu * beta) / math.pi
+    x, p = over_contact(lambda x: analytic.flat_punch_pressure(x, force, a), a)
+    # At rest the integrand in θ is constant.
+    assert p.sum() == pytest.approx(force, rel=1e-12)
+    x, p = over_contact(
+        lambda x: analytic.flat_punch_pressure(x, force, a, mu, beta), a
+    )
+    # cot(θ/2)^(2g) at the edge: midpoints lose n^(2g - 1).
+    edge = 2000 ** (2 * g - 1)
+    assert p.sum() == pytest.approx(force, rel=edge)
+    assert float(np.sum(x * p)) / force == pytest.approx(2 * g * a, rel=2 * edge / g)
+    trailing, leading = analytic.flat_punch_pressure(
+        [0.5 * a, -0.5 * a], force, a, mu, beta
+    )
+    assert trailing > leading
+
+
+def test_all_forms_keep_their_units() -> None:
+    # Length by 2^10, force by 2^-7: powers of two, yet roots round, hence 1e-15 and not bits.
+    s, c = 2.0**10, 2.0**-7
+    a, delta, p0 = analytic.hertz_sphere(3.0, 2.0, 5.0)
+    assert analytic.hertz_sphere(3 * c, 2 * s, 5 * c / s**2) == pytest.approx(
+        (a * s, delta * s, p0 * c / s**2), rel=1e-15
+    )
+    a, p0 = analytic.hertz_line(3.0, 2.0, 5.0)
+    assert analytic.hertz_line(3 * c / s, 2 * s, 5 * c / s**2) == pytest.approx(
+        (a * s, p0 * c / s**2), rel=1e-15
+    )
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda: analytic.hertz_sphere(-1.0, 1.0, 1.0), "force"),
+        (lambda: analytic.hertz_line(1.0, math.nan, 1.0), "radius"),
+        (lambda: analytic.contact_modulus(1.0, 0.6), "nu"),
+        (lambda: analytic.cattaneo_mindlin_line(1.0, 0.4, 1.0, 1.0, 0.3), "tangential"),
+        (lambda: analytic.mindlin_sphere(1.0, -0.4, 1.0, 1.0, 0.3, 1.0), "tangential"),
+        (lambda: analytic.partial_slip_traction(0.0, 1.0, 2.0, 1.0, 0.3), "c must"),
+        (lambda: analytic.oedometer(1.0, 1.0, 1.0, 0.51), "nu"),
+        (lambda: analytic.bar_end_displacement([1.0, math.inf], 1.0, 1.0), "loads"),
+        (
+            lambda: analytic.one_contact_branches(
+                [[1.0, 2.0], [2.0, 1.0]], [0.0, 0.0], 0.1
+            ),
+            "stiff",
+        ),
+        (lambda: analytic.rotating_load(1.0, 1.0, 2.0), "limit"),
+        (lambda: analytic.rotating_load(1.0, 2.0, 1.0, 2), "steps"),
+        (lambda: analytic.flat_punch_pressure([0.0, 1.0], 1.0, 1.0), "x must"),
+    ],
+)
+def test_bad_arguments_are_named(call: Callable[[], object], name: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        call()

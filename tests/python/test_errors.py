@@ -1,0 +1,574 @@
+"""Wrong input is refused at the border, with the argument and the place named."""
+
+import copy
+import pickle
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+
+# Two contacts in the plane on four degrees of freedom, normal first. Held.
+K = np.array(
+    [
+        [2.0, 0.5, -0.3, 0.0],
+        [0.5, 1.0, 0.0, -0.1],
+        [-0.3, 0.0, 2.0, 0.5],
+        [0.0, -0.1, 0.5, 1.0],
+    ]
+)
+B = sparse.csr_array(np.eye(4))
+GAP = np.zeros(2)
+LOAD = np.array([-1.0, 0.2, -1.0, 0.2])
+W = np.linalg.inv(K)
+Q = (W @ LOAD).reshape(2, 2)
+
+Build = Callable[..., Any]
+
+
+def problem(**changed: Any) -> bp.ContactProblem:
+    given = {"K": K, "B": B, "gap": GAP, "mu": 0.3} | changed
+    return bp.ContactProblem(given.pop("K"), given.pop("B"), **given)
+
+
+def solve(**changed: Any) -> bp.Result:
+    given = {"load": LOAD} | changed
+    return problem().solve(given.pop("load"), **given)
+
+
+def reduced(**changed: Any) -> bp.ReducedProblem:
+    given = {"W": W, "q": Q, "mu": 0.3} | changed
+    return bp.ReducedProblem(given.pop("W"), given.pop("q"), given.pop("mu"), **given)
+
+
+def reduced_solve(**changed: Any) -> bp.Solution:
+    return reduced().solve(**changed)
+
+
+def project(**changed: Any) -> Any:
+    given = {"tau": np.ones((2, 3)), "mu": 0.3} | changed
+    return bp.project(given.pop("tau"), given.pop("mu"), **given)
+
+
+def put(array: Any, index: Any, value: float) -> Any:
+    """A copy with one entry changed."""
+    array = np.array(array, dtype=float)
+    array[index] = value
+    return array
+
+
+def sparse_put(index: tuple[int, int], value: float) -> Any:
+    return sparse.csr_array(put(B.toarray(), index, value))
+
+
+def refused(call: Build, argument: str, value: Any, *said: str) -> None:
+    """The call raises, naming the argument and all of `said`."""
+    with pytest.raises((ValueError, TypeError)) as caught:
+        call(**{argument: value})
+    message = str(caught.value)
+    for part in (rf"\b{argument}\b", *said):
+        assert re.search(part, message), f"{part!r} not in {message!r}"
+    assert not isinstance(caught.value, UnicodeError)
+    assert "\n" not in message.strip()
+
+
+def test_the_base_case_is_good() -> None:
+    """Otherwise every refusal below could be for another reason."""
+    assert solve().success
+    assert reduced_solve().converged
+    assert project()[0].shape == (2, 3)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+class TestNotFinite:
+    def test_stiffness(self, bad: float) -> None:
+        refused(problem, "K", put(K, (2, 2), bad), "finite", r"\b2\b")
+
+    def test_sparse_stiffness(self, bad: float) -> None:
+        refused(problem, "K", sparse.csr_array(put(K, (3, 3), bad)), "finite", r"\b3\b")
+
+    def test_contact_matrix(self, bad: float) -> None:
+        refused(problem, "B", sparse_put((1, 1), bad), "finite", r"\b1\b")
+
+    def test_gap(self, bad: float) -> None:
+        refused(problem, "gap", [0.0, bad], "finite", r"\b1\b")
+
+    def test_friction(self, bad: float) -> None:
+        refused(problem, "mu", [0.3, bad], r"\b1\b")
+
+    def test_area(self, bad: float) -> None:
+        refused(problem, "area", [1.0, bad], r"\b1\b")
+
+    def test_points(self, bad: float) -> None:
+        refused(problem, "points", [[0.0, 0.0], [bad, 0.0]], "finite", r"\b1\b")
+
+    def test_load(self, bad: float) -> None:
+        refused(solve, "load", put(LOAD, 2, bad), "finite", r"\b2\b")
+
+    def test_a_later_load(self, bad: float) -> None:
+        refused(solve, "load", put([LOAD, LOAD], (1, 3), bad), "finite")
+
+    def test_prescribed(self, bad: float) -> None:
+        held = problem(fixed=[3])
+        with pytest.raises(ValueError, match=r"prescribed.*finite"):
+            held.solve(LOAD, [bad])
+
+    def test_tolerance(self, bad: float) -> None:
+        refused(solve, "tol", bad)
+
+    def test_compliance(self, bad: float) -> None:
+        refused(reduced, "W", put(W, (1, 2), bad), "finite")
+
+    def test_free_gap(self, bad: float) -> None:
+        refused(reduced, "q", put(Q, (1, 0), bad), "finite", r"\b1\b")
+
+    def test_reduced_friction(self, bad: float) -> None:
+        refused(reduced, "mu", [0.3, bad], r"\b1\b")
+
+    def test_reduced_start(self, bad: float) -> None:
+        refused(reduced_solve, "start", put(Q, (1, 1), bad), "finite")
+
+    def test_rigid(self, bad: float) -> None:
+        refused(reduced, "rigid", (np.full((4, 1), bad), np.ones(1)), "finite")
+        refused(reduced, "rigid", (np.ones((4, 1)), np.array([bad])), "finite")
+
+    def test_residual(self, bad: float) -> None:
+        with pytest.raises(ValueError, match=r"\br\b.*finite"):
+            reduced().residual(put(Q, (0, 0), bad))
+
+    def test_projection(self, bad: float) -> None:
+        refused(project, "tau", put(np.ones((2, 3)), (1, 0), bad), "finite", r"\b1\b")
+        refused(project, "mu", [0.3, bad], r"\b1\b")
+        refused(project, "base", put(np.ones((2, 3)), (1, 2), bad), "finite")
+
+
+class TestShapes:
+    """What was found and what was expected are both in the message."""
+
+    def test_stiffness(self) -> None:
+        refused(problem, "K", K[:3], "square|shape", "3", "4")
+        refused(problem, "K", K[0], "dimension|shape|square")
+        refused(problem, "K", np.zeros((2, 2, 2)), "dimension|shape|square")
+
+    def test_contact_matrix(self) -> None:
+        refused(problem, "B", sparse.csr_array(np.eye(5)), "5", "4")
+        refused(problem, "B", sparse.csr_array(np.ones((3, 4))), "3", r"\b[24]\b")
+
+    def test_gap(self) -> None:
+        refused(problem, "gap", np.zeros(3), "3", "2|4")
+        refused(problem, "gap", np.zeros((2, 3)), "3", "2")
+        refused(problem, "gap", np.zeros((2, 2, 1)), "2")
+
+    def test_friction(self) -> None:
+        refused(problem, "mu", [0.3, 0.3, 0.3], "3", "2")
+        refused(reduced, "mu", [0.3], "1", "2")
+        refused(project, "mu", [0.3] * 3, "3", "2")
+
+    def test_area(self) -> None:
+        refused(problem, "area", np.ones(3), "3", "2")
+
+    def test_points(self) -> None:
+        refused(problem, "points", np.ones((2, 3)), "3", "2")
+
+    def test_dimension(self) -> None:
+        refused(problem, "dim", 4, "4", "2", "3")
+        refused(problem, "dim", 3, "3", "2|4")
+
+    def test_load(self) -> None:
+        refused(solve, "load", np.ones(3), "3", "4")
+        refused(solve, "load", np.ones((2, 5)), "5", "4")
+        refused(solve, "load", np.ones((1, 1, 4)), "shape|dimension")
+
+    def test_prescribed(self) -> None:
+        held = problem(fixed=[3])
+        with pytest.raises(ValueError, match=r"prescribed.*2.*1"):
+            held.solve(LOAD, [0.0, 0.0])
+
+    def test_as_many_steps(self) -> None:
+        held = problem(fixed=[3])
+        with pytest.raises(ValueError, match=r"load.*prescribed|prescribed.*load"):
+            held.solve(np.array([LOAD] * 2), np.zeros((3, 1)))
+
+    def test_compliance(self) -> None:
+        refused(reduced, "W", W[:3, :3], "3", "4")
+        refused(reduced, "W", W[:3], "3", "4")
+
+    def test_free_gap(self) -> None:
+        refused(reduced, "q", Q.ravel(), "shape|dimension|2")
+        refused(reduced, "q", np.ones((1, 4)), "4", "2", "3")
+
+    def test_rigid(self) -> None:
+        refused(reduced, "rigid", (np.ones((3, 1)), np.ones(1)), "3", "4")
+        refused(reduced, "rigid", (np.ones((4, 2)), np.ones(1)), "1", "2")
+        refused(reduced, "rigid", np.ones((4, 1)))
+
+    def test_projection(self) -> None:
+        refused(project, "tau", np.ones(3), "shape|dimension")
+        refused(project, "tau", np.ones((2, 4)), "4", "2", "3")
+        refused(project, "base", np.ones((3, 3)), "3", "2")
+
+    def test_residual(self) -> None:
+        with pytest.raises(ValueError, match=r"\br\b.*3"):
+            reduced().residual(np.zeros((3, 2)))
+
+    def test_start(self) -> None:
+        refused(reduced_solve, "start", np.zeros((3, 2)), "3", "2")
+
+
+class TestRanges:
+    def test_friction(self) -> None:
+        refused(problem, "mu", [0.3, -0.1], r"\b1\b", r"-0\.1")
+        refused(problem, "mu", -0.1, r"-0\.1")
+        refused(reduced, "mu", [-0.1, 0.3], r"\b0\b", r"-0\.1")
+        refused(project, "mu", -0.1, r"-0\.1")
+
+    def test_area(self) -> None:
+        refused(problem, "area", [1.0, 0.0], r"\b1\b", "positive")
+        refused(problem, "area", [-2.0, 1.0], r"\b0\b", "-2", "positive")
+
+    @pytest.mark.parametrize("tol", [0.0, -1e-10])
+    def test_tolerance(self, tol: float) -> None:
+        refused(solve, "tol", tol, "positive|greater|> 0")
+        refused(reduced_solve, "tol", tol, "positive|greater|> 0")
+
+    def test_limits(self) -> None:
+        for call in (solve, reduced_solve):
+            refused(call, "max_iterations", -1, "-1")
+            refused(call, "max_iterations", 1.5)
+            refused(call, "max_seconds", -1.0, "-1")
+            refused(call, "max_seconds", np.nan)
+
+    def test_threads(self) -> None:
+        refused(problem, "num_threads", 0, "0")
+        refused(problem, "num_threads", -1, "-1")
+
+    def test_method(self) -> None:
+        for call in (solve, reduced_solve):
+            refused(call, "method", "magic", "magic", "gauss_seidel", "uzawa")
+            refused(call, "method", 3)
+
+    def test_fixed(self) -> None:
+        refused(problem, "fixed", [1, 4], r"\b4\b")
+        refused(problem, "fixed", [-1], "-1")
+        refused(problem, "fixed", [1, 2, 1], r"\b1\b", "twice|repeat|duplicate")
+        refused(problem, "fixed", [0.5], "integer")
+        refused(problem, "fixed", [[0, 1]], "dimension|shape")
+
+
+class TestTypes:
+    def test_boolean_mask(self) -> None:
+        with pytest.raises(TypeError, match=r"fixed.*(bool|mask)"):
+            problem(fixed=np.array([True, False, False, False]))
+
+    def test_unknown_keyword(self) -> None:
+        for call in (problem, solve, reduced, reduced_solve, project):
+            with pytest.raises(TypeError, match="friction"):
+                call(friction=0.3)
+
+    def test_text(self) -> None:
+        refused(problem, "gap", ["zero", "one"])
+        refused(problem, "K", "stiffness")
+        refused(problem, "mu", "slippery")
+        refused(solve, "load", "heavy")
+        refused(solve, "tol", "tight")
+
+    def test_none(self) -> None:
+        for argument in ("K", "B", "gap", "mu"):
+            refused(problem, argument, None)
+        for argument in ("W", "q", "mu"):
+            refused(reduced, argument, None)
+
+    def test_complex_numbers(self) -> None:
+        refused(problem, "K", K.astype(complex), "complex|real")
+        refused(problem, "gap", GAP.astype(complex), "complex|real")
+        refused(reduced, "q", Q.astype(complex), "complex|real")
+        refused(project, "tau", np.ones((2, 3), dtype=complex), "complex|real")
+
+    def test_what_start_may_be(self) -> None:
+        refused(solve, "start", 3.0)
+        refused(solve, "on_step", 3.0, "call")
+
+
+class TestStiffness:
+    def test_asymmetric(self) -> None:
+        """The largest pair is named, with both values."""
+        wrong = put(put(K, (0, 1), 0.50001), (2, 3), 0.75)
+        refused(
+            problem,
+            "K",
+            wrong,
+            "symmetric",
+            r"\b2\b",
+            r"\b3\b",
+            r"7\.5e-1|0\.75",
+            r"5e-1|0?\.5",
+        )
+
+    def test_rounding_is_not_asymmetry(self) -> None:
+        assert problem(K=put(K, (0, 1), 0.5 * (1 + 4e-16))).solve(LOAD).success
+
+    def test_indefinite(self) -> None:
+        refused(problem, "K", K - 3 * np.eye(4), "definite|negative")
+
+    def test_indefinite_inside(self) -> None:
+        """The degree of freedom that contact does not see is the caller's number."""
+        inside = np.zeros((5, 5))
+        inside[1:, 1:] = K
+        inside[0, 0] = -1.0
+        wide = sparse.csr_array(np.hstack([np.zeros((4, 1)), np.eye(4)]))
+        refused(
+            lambda K: problem(K=K, B=wide), "K", inside, "definite|negative", r"\b0\b"
+        )
+
+    def test_nothing_holds_the_interior(self) -> None:
+        """A free node that no contact touches: the place is named."""
+        free = np.zeros((5, 5))
+        free[:4, :4] = K
+        wide = sparse.csr_array(np.hstack([np.eye(4), np.zeros((4, 1))]))
+        with pytest.raises(bp.FloatingBodyError, match=r"\b4\b") as caught:
+            problem(K=free, B=wide)
+        assert caught.value.result is None
+
+
+def test_a_memory_of_terabytes_is_refused_before_it_is_asked_for() -> None:
+    # 4e5 rows of W are 1.3 TB. The stiffness itself is small.
+    n = 400_000
+    many = bp.ContactProblem(
+        sparse.identity(n, format="csr"),
+        sparse.identity(n, format="csr"),
+        gap=np.zeros(n // 2),
+        mu=0.3,
+    )
+    with pytest.raises(MemoryError, match=r"\d"):
+        _ = many.compliance
+
+
+class TestErrorsCarryTheirResult:
+    """A path whose second step has no answer: the first is kept."""
+
+    @staticmethod
+    def drift() -> bp.BipotError:
+        # One contact under a body free in both directions: pressed, then pulled off.
+        free = bp.ContactProblem(
+            np.zeros((2, 2)), np.eye(2), gap=np.zeros(1), mu=0.5, dim=2
+        )
+        with pytest.raises(bp.NoEquilibriumError) as caught:
+            free.solve(np.array([[-1.0, 0.3], [1.0, 0.0]]))
+        return caught.value
+
+    def test_no_equilibrium(self) -> None:
+        error = self.drift()
+        assert isinstance(error, bp.BipotError)
+        result = error.result
+        assert result.reaction.shape == (1, 1, 2)
+        # Statics: the reaction is minus the load, to the tolerance of the solver.
+        np.testing.assert_allclose(result.reaction[0], [[1.0, -0.3]], rtol=1e-9)
+        assert result.status[0, 0] == bp.Status.STICK
+        assert not result.success
+        assert np.isfinite(result.relative_displacement).all()
+
+    def test_no_equilibrium_at_once(self) -> None:
+        free = bp.ContactProblem(np.zeros((2, 2)), np.eye(2), gap=np.zeros(1), mu=0.5)
+        with pytest.raises(bp.NoEquilibriumError) as caught:
+            free.solve(np.array([-1.0, 0.6]))  # beyond the cone: slides away
+        assert caught.value.result.reaction.shape == (0, 1, 2)
+
+    def test_not_converged(self) -> None:
+        with pytest.raises(bp.NotConvergedError) as caught:
+            problem().solve(
+                np.array([0 * LOAD, LOAD + np.array([0, 0.5, 0, 0])]),
+                method="uzawa",
+                max_iterations=1,
+            )
+        result = caught.value.result
+        assert result.reaction.shape == (1, 2, 2)  # nothing was asked of the first
+        assert not result.success
+        assert re.search(r"\b1\b", str(caught.value))  # the step, counted from 0
+
+    def test_reduced_reports_instead(self) -> None:
+        solution = reduced().solve(method="uzawa", max_iterations=1)
+        assert not solution.converged
+        assert str(solution.outcome) == "iteration_limit"
+        assert solution.residual > solution.tolerance
+        assert np.isfinite(solution.reaction).all()
+
+    def test_time_limit(self) -> None:
+        solution = reduced().solve(method="uzawa", max_seconds=1e-9)
+        assert not solution.converged
+        assert str(solution.outcome) == "time_limit"
+
+    @pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
+    def test_pickle(self, protocol: int) -> None:
+        error = self.drift()
+        again = pickle.loads(pickle.dumps(error, protocol))
+        assert type(again) is type(error)
+        assert str(again) == str(error)
+        np.testing.assert_array_equal(again.result.reaction, error.result.reaction)
+        assert str(copy.copy(error)) == str(error)
+
+    @pytest.mark.parametrize(
+        "kind",
+        ["BipotError", "NoEquilibriumError", "FloatingBodyError", "NotConvergedError"],
+    )
+    def test_pickle_every_kind(self, kind: str) -> None:
+        error = getattr(bp, kind)("what went wrong")
+        again = pickle.loads(pickle.dumps(error))
+        assert type(again) is getattr(bp, kind)
+        assert str(again) == "what went wrong"
+        assert again.result is None
+
+
+class TestSettled:
+    """API rules that two programs must agree on."""
+
+    def test_convergence_is_what_it_says(self) -> None:
+        for method in ("auto", "gauss_seidel", "uzawa"):
+            solution = reduced().solve(method=method, tol=1e-9)
+            assert solution.converged
+            assert solution.residual <= solution.tolerance
+            assert solution.tolerance >= 1e-9
+            # One certificate, recomputed from the reaction alone. It may differ by
+            # the rounding of a product with W of 4 columns.
+            assert reduced().residual(solution.reaction) == pytest.approx(
+                solution.residual, abs=1e-15
+            )
+
+    def test_a_tolerance_below_rounding_is_lifted(self) -> None:
+        solution = reduced().solve(tol=1e-300)
+        assert solution.converged
+        # The floor: 4 eps times a modest ratio, and never a claim above 1e-6.
+        assert 1e-17 < solution.tolerance < 1e-13
+
+    def test_nothing_loaded_is_open(self) -> None:
+        solution = bp.ReducedProblem(W, np.ones((2, 2)), 0.3).solve()
+        assert (solution.reaction == 0).all()
+        assert (solution.status == bp.Status.OPEN).all()
+        assert solution.residual == 0.0
+
+    def test_frictionless_pressed_is_slip(self) -> None:
+        _, status = bp.project(np.array([[1.0, 0.0, 0.0]]), 0.0)
+        assert status.tolist() == [bp.Status.SLIP]
+        assert status.dtype == np.int8
+        solution = bp.ReducedProblem(W, Q, 0.0).solve()
+        assert (solution.status == bp.Status.SLIP).all()
+        assert (solution.reaction[:, 1] == 0).all()
+
+    def test_a_tie_is_stick(self) -> None:
+        _, status = bp.project(np.array([[2.0, 1.0]]), 0.5)
+        assert status.tolist() == [bp.Status.STICK]
+
+    def test_the_vertex_is_open(self) -> None:
+        for mu in (0.0, 0.5):
+            point, status = bp.project(np.array([[0.0, 0.0], [-1.0, 0.0]]), mu)
+            assert status.tolist() == [bp.Status.OPEN] * 2
+            assert (point == 0).all()
+
+    def test_slip_is_an_increment(self) -> None:
+        result = problem().solve(
+            np.array([[-1.0, 1.5, -1.0, 1.5], [-1.0, 1.8, -1.0, 1.8]])
+        )
+        total = result.relative_displacement[..., 1:]
+        np.testing.assert_array_equal(result.slip[0], total[0])
+        # Two roundings of a difference of numbers of order one.
+        np.testing.assert_allclose(result.slip[1], total[1] - total[0], atol=1e-15)
+        assert np.abs(result.slip[1]).max() > 1e-3
+
+    def test_writing_needs_places(self, tmp_path: Any) -> None:
+        result = problem().solve(LOAD)
+        with pytest.raises(ValueError, match="points"):
+            result.write(tmp_path / "x.pvd")
+
+    def test_arrays_are_float64_and_c_ordered(self) -> None:
+        result = solve()
+        for array in (result.reaction, result.relative_displacement, result.slip):
+            assert array.dtype == np.float64
+            assert array.flags.c_contiguous
+        assert result.status.dtype == np.int8
+        assert result.traction is None
+
+    def test_one_row_is_repeated(self) -> None:
+        held = problem(fixed=[3])
+        result = held.solve(LOAD, np.array([[0.0], [0.1]]))
+        assert result.reaction.shape == (2, 2, 2)
+        result = held.solve(np.array([LOAD, 2 * LOAD]), [0.1])
+        assert result.reaction.shape == (2, 2, 2)
+
+    def test_missing_prescribed_is_zero(self) -> None:
+        held = problem(fixed=[3])
+        np.testing.assert_array_equal(
+            held.solve(LOAD).reaction, held.solve(LOAD, [0.0]).reaction
+        )
+
+    def test_arguments_are_not_written_to(self) -> None:
+        given = [K.copy(), B.copy(), GAP.copy(), LOAD.copy()]
+        bp.solve(given[0], given[1], given[3], gap=given[2], mu=0.3)
+        np.testing.assert_array_equal(given[0], K)
+        np.testing.assert_array_equal(given[1].toarray(), B.toarray())
+        np.testing.assert_array_equal(given[2], GAP)
+        np.testing.assert_array_equal(given[3], LOAD)
+
+    @pytest.mark.parametrize("form", ["csr", "csc", "coo", "lil", "dok", "bsr", "dia"])
+    @pytest.mark.parametrize("container", [sparse.csr_array, sparse.csr_matrix])
+    def test_anything_sparse(self, form: str, container: Any) -> None:
+        wanted = solve().reaction
+        K_given = container(K).asformat(form)
+        B_given = container(B).asformat(form)
+        found = problem(K=K_given, B=B_given).solve(LOAD).reaction
+        np.testing.assert_array_equal(found, wanted)
+
+    def test_unsorted_and_repeated_entries(self) -> None:
+        """Two triplets at one place are added, as SciPy does."""
+        rows, columns = np.nonzero(np.ones_like(K))
+        half = K[rows, columns] / 2
+        order = np.random.default_rng(1).permutation(32) % 16
+        twice = sparse.coo_array((half[order], (rows[order], columns[order])), (4, 4))
+        # Halving and adding back is exact in binary.
+        np.testing.assert_array_equal(
+            problem(K=twice).solve(LOAD).reaction, solve().reaction
+        )
+
+    def test_integers_and_strides(self) -> None:
+        found = bp.ContactProblem(
+            np.array([[4, 1], [1, 2]]), np.eye(2, dtype=int), gap=[0], mu=1, dim=2
+        ).solve([-1, 1])
+        assert found.success
+        loads = np.zeros((4, 6))
+        loads[:, 2] = LOAD
+        np.testing.assert_array_equal(
+            problem().solve(loads[:, 2]).reaction, solve().reaction
+        )
+
+    def test_the_law_holds_in_all_statuses(self) -> None:
+        """Signorini and Coulomb, written out, on random problems of 20 contacts."""
+        random = np.random.default_rng(7)
+        for dim in (2, 3):
+            factor = random.normal(size=(20 * dim, 20 * dim))
+            compliance = factor @ factor.T + np.eye(20 * dim)
+            q = random.normal(size=(20, dim)) * 5
+            one = bp.ReducedProblem(compliance, q, 0.2).solve(tol=1e-12)
+            assert one.converged
+            r, v = one.reaction, one.relative_displacement
+            scale_r, scale_v = np.abs(r).max(), np.abs(v).max()
+            # What remains is of the order of the residual, 1e-12, times the
+            # condition of the blocks, below 1e3 here.
+            small = 1e-9
+            assert r[:, 0].min() >= 0
+            assert v[:, 0].min() >= -small * scale_v
+            friction = np.linalg.norm(r[:, 1:], axis=1)
+            assert (friction <= 0.2 * r[:, 0] + small * scale_r).all()
+            assert np.abs(r[:, 0] * v[:, 0]).max() <= small * scale_r * scale_v
+            slip = one.status == bp.Status.SLIP
+            assert {int(s) for s in one.status} >= {bp.Status.OPEN, bp.Status.SLIP}
+            along = np.linalg.norm(v[:, 1:], axis=1)
+            power = (r[:, 1:] * v[:, 1:]).sum(axis=1)
+            np.testing.assert_allclose(
+                power[slip],
+                -0.2 * (r[:, 0] * along)[slip],
+                atol=small * scale_r * scale_v,
+            )
+            stick = one.status == bp.Status.STICK
+            assert along[stick].max(initial=0) <= small * scale_v

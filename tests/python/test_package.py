@@ -1,0 +1,143 @@
+"""The package as installed: its names, its version, its core."""
+
+import importlib.metadata
+import inspect
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import bipot_rs as bp
+from bipot_rs import _core
+
+PROMISED = {
+    "Status": (),
+    "project": ("tau", "mu", "base"),
+    "ContactProblem": ("K", "B"),
+    "solve": ("K", "B", "load"),
+    "ReducedProblem": ("W", "q", "mu"),
+    "load": ("path",),
+    "BipotError": (),
+    "NoEquilibriumError": (),
+    "FloatingBodyError": (),
+    "NotConvergedError": (),
+}
+
+
+@pytest.mark.parametrize("name", PROMISED)
+def test_promised_names_and_leading_arguments(name: str) -> None:
+    thing = getattr(bp, name)
+    assert name in bp.__all__
+    if PROMISED[name]:
+        parameters = tuple(inspect.signature(thing).parameters)
+        assert parameters[: len(PROMISED[name])] == PROMISED[name]
+
+
+@pytest.mark.parametrize(
+    ("name", "keywords"),
+    [
+        (
+            "ContactProblem",
+            ["gap", "mu", "fixed", "area", "dim", "num_threads", "points"],
+        ),
+        (
+            "ContactProblem.solve",
+            [
+                "method",
+                "tol",
+                "max_iterations",
+                "max_seconds",
+                "start",
+                "on_step",
+            ],
+        ),
+        ("ReducedProblem", ["rigid"]),
+        ("ReducedProblem.solve", ["tol", "max_iterations", "max_seconds", "start"]),
+        ("ReducedProblem.residual", ["a"]),
+        ("ContactProblem.reduced", ["prescribed", "start"]),
+    ],
+)
+def test_promised_keywords(name: str, keywords: list[str]) -> None:
+    thing = bp
+    for part in name.split("."):
+        thing = getattr(thing, part)
+    parameters = inspect.signature(thing).parameters
+    assert [k for k in keywords if k not in parameters] == []
+
+
+def test_all_is_sorted_out() -> None:
+    assert len(set(bp.__all__)) == len(bp.__all__)
+    assert [name for name in bp.__all__ if not hasattr(bp, name)] == []
+
+
+def test_status_values() -> None:
+    assert [(s.name, int(s)) for s in bp.Status] == [
+        ("OPEN", 0),
+        ("SLIP", 1),
+        ("STICK", 2),
+    ]
+
+
+def test_errors_have_one_base() -> None:
+    for kind in (bp.NoEquilibriumError, bp.FloatingBodyError, bp.NotConvergedError):
+        assert issubclass(kind, bp.BipotError)
+    assert issubclass(bp.BipotError, Exception)
+    assert not issubclass(bp.BipotError, ValueError)
+
+
+def test_core_is_a_release_build() -> None:
+    """An editable install must not give the slow core of a debug build."""
+    assert _core.build_profile == "release"
+
+
+def test_one_version(repository: Path) -> None:
+    cargo = tomllib.loads((repository / "Cargo.toml").read_text(encoding="utf-8"))
+    version = cargo["package"]["version"]
+    assert importlib.metadata.version("bipot-rs") == version
+    assert bp.__version__ == version
+
+
+def test_unknown_attribute_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = bp.no_such_name
+
+
+def test_import_is_quick() -> None:
+    """0.2 s for all of it; what NumPy takes is not ours."""
+    script = """
+import time
+import numpy
+t = time.perf_counter()
+import bipot_rs
+print(time.perf_counter() - t)
+"""
+    # The least of five: a machine shared with other jobs only ever adds to it.
+    seconds = min(
+        float(
+            subprocess.run(
+                [sys.executable, "-c", script],
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout
+        )
+        for _ in range(5)
+    )
+    assert seconds < 0.1
+
+
+def test_import_starts_no_thread() -> None:
+    """A pool made at import would hang in every forked child."""
+    script = """
+import os
+import numpy
+before = len(os.listdir("/proc/self/task"))
+import bipot_rs
+print(len(os.listdir("/proc/self/task")) - before)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert int(done.stdout) == 0
