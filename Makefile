@@ -23,12 +23,12 @@ help: ## this list
 
 .PHONY: demo
 demo: $(STAMP) ## install, solve the scene sheared_cube, write table, picture and results into out/
-	@mkdir -p out
 	$(PY) -m bipot_rs run sheared_cube --plot --out $(DEMO)
 	@echo
-	@echo "picture:     $(CURDIR)/$(DEMO)/tractions.png"
-	@echo "results:     $(CURDIR)/$(DEMO)/result.h5"
-	@echo "ParaView:    $(CURDIR)/$(DEMO)/result.pvd"
+	@echo "table of load steps:  $(CURDIR)/$(DEMO)/steps.csv"
+	@echo "picture:              $(CURDIR)/$(DEMO)/tractions.png"
+	@echo "results:              $(CURDIR)/$(DEMO)/result.h5"
+	@echo "for ParaView:         $(CURDIR)/$(DEMO)/result.pvd"
 
 .PHONY: test
 test: checks rust-lint rust-test python-lint types python-test ## install, then every check: Rust, Python, types, documents

@@ -21,7 +21,7 @@ pub mod law;
 pub mod linalg;
 pub mod problem;
 pub mod solver;
-//pub mod stepping;
+pub mod stepping;
 pub mod threads;
 
 #[cfg(feature = "python")]

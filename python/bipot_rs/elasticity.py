@@ -231,7 +231,8 @@ def stiffness(body: Body) -> Any:
     transposed = np.ascontiguousarray(slots.swapaxes(1, 2))
 
     def gather(where: Ints, values: Floats) -> Floats:
-        return np.bincount(where.ravel(), values.ravel(), minlength=len(keys))
+        total = np.bincount(where.ravel(), values.ravel(), minlength=len(keys))
+        return np.asarray(total, dtype=np.float64)
 
     diagonal = [grad[k] @ grad[k].swapaxes(1, 2) for k in range(dim)]
     trace = sum(diagonal[1:], start=diagonal[0])

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from .elasticity import (
+from bipot_rs.elasticity import (
     FACES,
     Body,
     Box,
@@ -29,7 +29,7 @@ from .elasticity import (
     stiffness,
     vtk_cells,
 )
-from .problem import ContactProblem
+from bipot_rs.problem import ContactProblem
 
 __all__ = [
     "FACES",
@@ -133,6 +133,40 @@ class Model:
             )
         ]
 
+    def fields(
+        self, displacement: Floats, traction: Floats, status: NDArray[np.integer[Any]]
+    ) -> dict[str, NDArray[Any]]:
+        """Fields on `nodes`, to look at.
+
+        Parameters
+        ----------
+        displacement
+            ``(n,)`` [m].
+        traction, status
+            ``(n_c, d)`` in the frames of the contacts [Pa], and ``(n_c,)``.
+
+        Returns
+        -------
+        dict
+            ``displacement``, ``contact_pressure``, ``contact_shear`` (on the body
+            that has the node, in global components), and ``contact_status``, -1
+            away from contact.
+        """
+        shear = np.einsum("ck,ckd->cd", traction[:, 1:], self.frame[:, 1:])
+        fields: dict[str, NDArray[Any]] = {
+            "displacement": displacement.reshape(-1, self.dim),
+            "contact_pressure": np.zeros(len(self.nodes)),
+            "contact_shear": np.zeros_like(self.nodes),
+            "contact_status": np.full(len(self.nodes), -1, dtype=np.int8),
+        }
+        for side, sign in ((0, 1.0), (1, -1.0)):
+            has = self.contact_dofs[:, side] >= 0
+            node = self.contact_dofs[has, side] // self.dim
+            fields["contact_pressure"][node] = traction[has, 0]
+            fields["contact_shear"][node] = sign * shear[has]
+            fields["contact_status"][node] = status[has]
+        return fields
+
     def problem(self, *, num_threads: int | None = None) -> ContactProblem:
         """Condense: the contact problem of these arrays."""
         return ContactProblem(
@@ -144,6 +178,7 @@ class Model:
             area=self.area,
             dim=self.dim,
             points=self.points,
+            frame=self.frame,
             num_threads=num_threads,
         )
 

@@ -53,7 +53,11 @@ impl<const D: usize> StartState<D> {
     #[must_use]
     pub fn bipotential(&self, du: &[f64; D], dt: &[f64; D], mu: f64) -> f64 {
         let gap = self.gap(du, dt, mu);
-        if gap.is_finite() { gap - dot(du, dt) } else { gap }
+        if gap.is_finite() {
+            gap - dot(du, dt)
+        } else {
+            gap
+        }
     }
 
     /// `b(−Δu, Δt) + Δu·Δt`, the gap of the incremental law: zero exactly on
@@ -73,7 +77,9 @@ impl<const D: usize> StartState<D> {
         let slack_v = ulp * (du[0].abs() + self.opening.abs());
         let slack_r = ulp
             * (1.0 + mu)
-            * (0..D).map(|k| self.reaction[k].abs() + dt[k].abs()).sum::<f64>();
+            * (0..D)
+                .map(|k| self.reaction[k].abs() + dt[k].abs())
+                .sum::<f64>();
         if v[0] < -slack_v
             || total[0] < -slack_r
             || tangential_norm(&total) > mu * total[0] + slack_r

@@ -13,7 +13,12 @@ use crate::error::Error;
 /// a normal of another length would scale reactions silently.
 pub fn from_normal<const D: usize>(normal: &[f64; D]) -> Result<[[f64; D]; D], Error> {
     let scale = normal.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
-    let length = scale * normal.iter().map(|c| (c / scale).powi(2)).sum::<f64>().sqrt();
+    let length = scale
+        * normal
+            .iter()
+            .map(|c| (c / scale).powi(2))
+            .sum::<f64>()
+            .sqrt();
     // Written so that a NaN fails it.
     if !((length - 1.0).abs() <= 1e-6) {
         return Err(Error::Setting {
@@ -25,7 +30,11 @@ pub fn from_normal<const D: usize>(normal: &[f64; D]) -> Result<[[f64; D]; D], E
     let mut frame = [[0.0; D]; D];
     frame[0] = normal.map(|c| c / length);
     let nearest = (0..D).fold(0, |best, k| {
-        if normal[k].abs() > normal[best].abs() { k } else { best }
+        if normal[k].abs() > normal[best].abs() {
+            k
+        } else {
+            best
+        }
     });
     let mut row = 1;
     for axis in (0..D).filter(|&k| k != nearest) {

@@ -173,13 +173,23 @@ impl<const D: usize> Reduced<D> {
             let t = tangential_norm(&r);
             best = (r, r[0]);
             let value = mu * r[0] / t - 1.0;
-            if value < 0.0 { low = lambda } else { high = lambda }
-            let change = self.shifted_solve(lambda, &r.map(|c| -c)).unwrap_or([0.0; D]);
+            if value < 0.0 {
+                low = lambda
+            } else {
+                high = lambda
+            }
+            let change = self
+                .shifted_solve(lambda, &r.map(|c| -c))
+                .unwrap_or([0.0; D]);
             let t_change = (1..D).map(|k| r[k] * change[k]).sum::<f64>() / t;
             let n_change = -(1..D).map(|k| self.w_nt[k] * change[k]).sum::<f64>() / self.w_nn;
             let slope = mu * (n_change - r[0] * t_change / t) / t;
             let newton = lambda - value / slope;
-            let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            let next = if newton > low && newton < high {
+                newton
+            } else {
+                0.5 * (low + high)
+            };
             // Below this change of λ neither r_t nor r_n moves by more than rounding.
             let still = (next - lambda).abs() <= f64::EPSILON * (lambda + spread);
             if still || value.abs() <= 2.0 * f64::EPSILON {

@@ -1,2 +1,16 @@
+//! Sparse and dense linear algebra; knows no mechanics.
+//!
+//! The one idea is the partial factorisation: eliminate the interior of a
+//! symmetric matrix, stop at the kept unknowns, and what is left there is `S`.
+
+pub mod csc;
+pub mod dense;
 pub mod least_squares;
+pub mod multifrontal;
+mod ordering;
+mod packed;
+mod quotient;
 pub mod small;
+mod solves;
+pub mod symbolic;
+mod tree;

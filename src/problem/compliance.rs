@@ -136,7 +136,10 @@ impl<'a, const D: usize> Compliance<'a, D> {
     pub fn asymmetry(&self) -> f64 {
         let difference = |i: &Island| {
             i.transpose.as_ref().map_or(0.0, |t| {
-                i.matrix.iter().zip(t).fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()))
+                i.matrix
+                    .iter()
+                    .zip(t)
+                    .fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()))
             })
         };
         let size = |i: &Island| i.matrix.iter().fold(0.0_f64, |m, a| m.max(a.abs()));

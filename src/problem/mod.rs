@@ -1,6 +1,9 @@
 //! All contacts together, and no algorithm.
 
+pub mod body;
 pub mod compliance;
-//pub mod condense;
+pub mod condense;
+pub mod memory;
 pub mod reduced;
 pub mod residual;
+pub mod sparse;

@@ -52,7 +52,11 @@ impl<'a, const D: usize> Reduced<'a, D> {
             return Err(Error::Friction { node, mu: mu[node] });
         }
         let q = compliance.gather(q);
-        let modes = rigid.modes.iter().map(|mode| compliance.gather(mode)).collect();
+        let modes = rigid
+            .modes
+            .iter()
+            .map(|mode| compliance.gather(mode))
+            .collect();
         let rigid = Rigid {
             modes,
             load: rigid.load.clone(),
@@ -111,7 +115,12 @@ impl<'a, const D: usize> Reduced<'a, D> {
     #[must_use]
     pub fn imbalance(&self, r: &[[f64; D]]) -> Vec<f64> {
         let work = |mode: &Vec<[f64; D]>| mode.iter().zip(r).map(|(m, x)| dot(m, x)).sum::<f64>();
-        self.rigid.modes.iter().zip(&self.rigid.load).map(|(m, e)| work(m) + e).collect()
+        self.rigid
+            .modes
+            .iter()
+            .zip(&self.rigid.load)
+            .map(|(m, e)| work(m) + e)
+            .collect()
     }
 }
 
@@ -139,11 +148,7 @@ pub struct Scaling<const D: usize> {
 }
 
 impl<const D: usize> Scaling<D> {
-    fn new(
-        compliance: &Compliance<D>,
-        q: &[[f64; D]],
-        rigid: &Rigid<D>,
-    ) -> Result<Self, Error> {
+    fn new(compliance: &Compliance<D>, q: &[[f64; D]], rigid: &Rigid<D>) -> Result<Self, Error> {
         #[expect(clippy::cast_precision_loss, reason = "D is 2 or 3")]
         let dimension = D as f64;
         let traces: Vec<f64> = (0..compliance.contacts())
@@ -175,18 +180,30 @@ impl<const D: usize> Scaling<D> {
             0
         };
         let force_exponent = displacement_exponent - compliance_exponent;
-        let to_v: Vec<f64> =
-            node.iter().map(|&d| times_two_to(d, -displacement_exponent)).collect();
-        let to_r = node.iter().map(|&d| times_two_to(1.0 / d, -force_exponent)).collect();
+        let to_v: Vec<f64> = node
+            .iter()
+            .map(|&d| times_two_to(d, -displacement_exponent))
+            .collect();
+        let to_r = node
+            .iter()
+            .map(|&d| times_two_to(1.0 / d, -force_exponent))
+            .collect();
 
         let scaled = rigid.modes.iter().map(|mode| {
-            mode.iter().zip(&node).map(|(m, &d)| m.map(|c| c * d)).collect::<Vec<_>>()
+            mode.iter()
+                .zip(&node)
+                .map(|(m, &d)| m.map(|c| c * d))
+                .collect::<Vec<_>>()
         });
         let (modes, triangle) = orthonormalise(scaled.collect())?;
         let mut load = Vec::with_capacity(modes.len());
         for (column, e) in triangle.iter().zip(&rigid.load) {
             // Tᵀ ê = e, forward.
-            let known: f64 = column.iter().zip(&load).map(|(t, x): (&f64, &f64)| t * x).sum();
+            let known: f64 = column
+                .iter()
+                .zip(&load)
+                .map(|(t, x): (&f64, &f64)| t * x)
+                .sum();
             load.push((times_two_to(*e, -force_exponent) - known) / column[load.len()]);
         }
         Ok(Self {
@@ -270,7 +287,12 @@ fn orthonormalise<const D: usize>(mut columns: Vec<Vec<[f64; D]>>) -> Result<Fac
         let before = norm(column);
         for _ in 0..2 {
             for (i, q) in done.iter().enumerate() {
-                let along: f64 = q.as_flattened().iter().zip(&*column).map(|(a, b)| a * b).sum();
+                let along: f64 = q
+                    .as_flattened()
+                    .iter()
+                    .zip(&*column)
+                    .map(|(a, b)| a * b)
+                    .sum();
                 t[i] += along;
                 for (value, a) in column.iter_mut().zip(q.as_flattened()) {
                     *value -= along * a;

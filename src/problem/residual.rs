@@ -85,13 +85,20 @@ fn judge<const D: usize>(
         let v = v.map(|c| c * scaling.to_v[i]);
         let (projected, status) = bipotential::law_step(&r, &v, 1.0, problem.mu[i]);
         report(i, status);
-        squares += r.iter().zip(&projected).map(|(x, p)| (x - p).powi(2)).sum::<f64>();
+        squares += r
+            .iter()
+            .zip(&projected)
+            .map(|(x, p)| (x - p).powi(2))
+            .sum::<f64>();
     }
     let law = ratio(squares.sqrt(), size(problem, r, a));
     if problem.rigid.modes.is_empty() {
         return law;
     }
-    law.max(ratio(norm(&scaled_imbalance(problem, r)), force_size(problem, r)))
+    law.max(ratio(
+        norm(&scaled_imbalance(problem, r)),
+        force_size(problem, r),
+    ))
 }
 
 /// `max(‖r̂‖, ‖F(0)‖)`.
@@ -103,13 +110,20 @@ fn size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 
         let (projected, _) = bipotential::law_step(&[0.0; D], &v, 1.0, problem.mu[i]);
         projected.iter().map(|c| c * c).sum::<f64>()
     });
-    at_zero.sum::<f64>().sqrt().max(problem.scaling.reaction_norm(r))
+    at_zero
+        .sum::<f64>()
+        .sqrt()
+        .max(problem.scaling.reaction_norm(r))
 }
 
 /// `‖ê‖`, or `‖r̂‖` where no load acts on the rigid motions.
 fn force_size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> f64 {
     let load = norm(&problem.scaling.load);
-    if load > 0.0 { load } else { problem.scaling.reaction_norm(r) }
+    if load > 0.0 {
+        load
+    } else {
+        problem.scaling.reaction_norm(r)
+    }
 }
 
 /// `R̂ᵀ r̂ + ê`.
@@ -118,9 +132,16 @@ pub fn scaled_imbalance<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) ->
     let scaling = &problem.scaling;
     let of_mode = |(mode, load): (&Vec<[f64; D]>, &f64)| {
         let work = mode.iter().zip(r).zip(&scaling.to_r);
-        work.map(|((m, x), s)| (0..D).map(|k| m[k] * x[k]).sum::<f64>() * s).sum::<f64>() + load
+        work.map(|((m, x), s)| (0..D).map(|k| m[k] * x[k]).sum::<f64>() * s)
+            .sum::<f64>()
+            + load
     };
-    scaling.modes.iter().zip(&scaling.load).map(of_mode).collect()
+    scaling
+        .modes
+        .iter()
+        .zip(&scaling.load)
+        .map(of_mode)
+        .collect()
 }
 
 /// The rigid motion `a` of least squares for a reaction: contacts that press do
@@ -133,7 +154,11 @@ pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<
     problem.add_rest(&[], &mut free);
     let held = |i: usize| {
         let inside = tangential_norm(&r[i]) < problem.mu[i] * r[i][0];
-        if r[i][0] > 0.0 { if inside { D } else { 1 } } else { 0 }
+        if r[i][0] > 0.0 {
+            if inside { D } else { 1 }
+        } else {
+            0
+        }
     };
     let rows = |field: &[[f64; D]], scale: &dyn Fn(usize) -> f64| -> Vec<f64> {
         let of_node = |i: usize| (0..held(i)).map(move |k| field[i][k] * scale(i));
@@ -142,7 +167,9 @@ pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<
     let columns: Vec<Vec<f64>> = modes.iter().map(|mode| rows(mode, &|_| 1.0)).collect();
     let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
     let right = rows(&free, &|i| -problem.scaling.to_v[i]);
-    problem.scaling.rigid_from_scaled(&least_squares::solve(&columns, &right))
+    problem
+        .scaling
+        .rigid_from_scaled(&least_squares::solve(&columns, &right))
 }
 
 /// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖ / max(‖r̂‖, ‖F(0)‖)`: the rounding of `F`, and

@@ -1,8 +1,8 @@
 //! NumPy arrays to slices and back. Python has checked types and shapes; what is
 //! checked here is what memory safety asks.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyArrayMethods};
 use numpy::ndarray::Array2;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -22,7 +22,9 @@ pub(super) fn rows<'a, const D: usize>(array: &'a Matrix<'_>) -> PyResult<&'a [[
     if array.as_array().ncols() == D && rest.is_empty() {
         Ok(rows)
     } else {
-        Err(PyValueError::new_err("an array of contacts has the wrong number of columns"))
+        Err(PyValueError::new_err(
+            "an array of contacts has the wrong number of columns",
+        ))
     }
 }
 

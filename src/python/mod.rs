@@ -3,7 +3,7 @@
 mod arrays;
 mod errors;
 mod interrupt;
-//mod problem;
+mod problem;
 mod solver;
 
 use pyo3::prelude::*;
@@ -11,10 +11,16 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     #[pymodule_export]
+    use super::problem::{Condensed, Path};
+    #[pymodule_export]
     use super::solver::{Reduced, project};
 
     /// How this module was compiled: `"release"`, or `"debug"`, which is far slower.
     #[pymodule_export]
     #[expect(non_upper_case_globals, reason = "the name that Python sees")]
-    const build_profile: &str = if cfg!(debug_assertions) { "debug" } else { "release" };
+    const build_profile: &str = if cfg!(debug_assertions) {
+        "debug"
+    } else {
+        "release"
+    };
 }

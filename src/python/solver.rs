@@ -88,7 +88,10 @@ pub(super) fn settings(
 ) -> PyResult<Settings> {
     let known = Method::NAMES.iter().find(|(name, _)| *name == method);
     let Some(&(_, method)) = known else {
-        let names: Vec<String> = Method::NAMES.iter().map(|(n, _)| format!("'{n}'")).collect();
+        let names: Vec<String> = Method::NAMES
+            .iter()
+            .map(|(n, _)| format!("'{n}'"))
+            .collect();
         return Err(PyValueError::new_err(format!(
             "method is '{method}', expected one of {}",
             names.join(", ")
@@ -115,16 +118,29 @@ pub(super) fn solution_dict<'py, const D: usize>(
     let v = arrays::from_rows(py, &solution.relative_displacement)?;
     dict.set_item("relative_displacement", v)?;
     dict.set_item("status", arrays::from_status(py, &solution.status))?;
-    dict.set_item("bipotential_gap", arrays::from_vec(py, solution.bipotential_gap.clone()))?;
-    dict.set_item("rigid_motion", arrays::from_vec(py, solution.rigid_motion.clone()))?;
+    dict.set_item(
+        "bipotential_gap",
+        arrays::from_vec(py, solution.bipotential_gap.clone()),
+    )?;
+    dict.set_item(
+        "rigid_motion",
+        arrays::from_vec(py, solution.rigid_motion.clone()),
+    )?;
     dict.set_item("outcome", solution.outcome.name())?;
     dict.set_item("residual", solution.residual)?;
     dict.set_item("tolerance", solution.tolerance)?;
     dict.set_item("floor", solution.floor)?;
     dict.set_item("iterations", solution.iterations)?;
     dict.set_item("work", solution.work)?;
-    let flat = solution.history.iter().flat_map(|&(work, eta)| [work, eta]).collect();
-    dict.set_item("history", arrays::square(py, flat, solution.history.len(), 2)?)?;
+    let flat = solution
+        .history
+        .iter()
+        .flat_map(|&(work, eta)| [work, eta])
+        .collect();
+    dict.set_item(
+        "history",
+        arrays::square(py, flat, solution.history.len(), 2)?,
+    )?;
     dict.set_item("seconds", solution.seconds)?;
     Ok(dict)
 }
@@ -155,11 +171,17 @@ impl<const D: usize> Owned<D> {
         modes: &Matrix<'_>,
         load: &Vector<'_>,
     ) -> PyResult<Self> {
-        let owned = parts.into_iter().map(|(nodes, matrix)| (nodes, Cow::Owned(matrix)));
+        let owned = parts
+            .into_iter()
+            .map(|(nodes, matrix)| (nodes, Cow::Owned(matrix)));
         let compliance = Compliance::new(owned.collect())?;
-        let columns = modes.as_slice()?.chunks_exact(D * compliance.contacts().max(1));
+        let columns = modes
+            .as_slice()?
+            .chunks_exact(D * compliance.contacts().max(1));
         let rigid = Rigid {
-            modes: columns.map(|column| column.as_chunks::<D>().0.to_vec()).collect(),
+            modes: columns
+                .map(|column| column.as_chunks::<D>().0.to_vec())
+                .collect(),
             load: load.as_slice()?.to_vec(),
         };
         let made = Self {
@@ -191,7 +213,10 @@ impl<const D: usize> Owned<D> {
     fn certificate(&self, r: &Matrix<'_>, a: Option<&[f64]>) -> PyResult<f64> {
         let problem = self.problem()?;
         let r = self.compliance.gather(arrays::rows::<D>(r)?);
-        let a = a.map_or_else(|| crate::problem::residual::best_motion(&problem, &r), <[f64]>::to_vec);
+        let a = a.map_or_else(
+            || crate::problem::residual::best_motion(&problem, &r),
+            <[f64]>::to_vec,
+        );
         Ok(Certificate::new(&problem, &r, &a).residual)
     }
 }
@@ -238,7 +263,10 @@ impl Reduced {
     }
 
     #[pyo3(signature = (method, tol, max_iterations, max_seconds, reaction, rigid, num_threads))]
-    #[expect(clippy::too_many_arguments, reason = "the settings of one call from Python")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the settings of one call from Python"
+    )]
     fn solve<'py>(
         &self,
         py: Python<'py>,

@@ -34,7 +34,8 @@ impl Anderson {
             if self.steps.len() == MEMORY {
                 self.steps.pop_front();
             }
-            self.steps.push_back((difference(f, last_f), difference(payload, last_p)));
+            self.steps
+                .push_back((difference(f, last_f), difference(payload, last_p)));
         }
         self.last = Some((f.to_vec(), payload.to_vec()));
         if self.steps.is_empty() {

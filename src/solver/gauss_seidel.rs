@@ -5,7 +5,8 @@
 //! `W` a sweep, and η of its end for nothing. Contacts that stay open cost nothing.
 //!
 //! Bodies held by contact alone are swept on the proximal form `W + R̂ R̂ᵀ/δ`,
-//! `q + R̂ (â + ê/δ)`, with `â ← â + (R̂ᵀ r̂ + ê)/δ` every few sweeps.
+//! `q + R̂ (â + ê/δ)`, with `â ← â + (R̂ᵀ r̂ + ê)/δ` after each sweep; Anderson's
+//! method sees `r̂` and `â` as one unknown.
 
 use crate::error::Error;
 use crate::law::one_node::{self, Habit};
@@ -16,16 +17,15 @@ use crate::solver::anderson::Anderson;
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::{Outcome, Start};
 
-/// The proximal parameter, in scaled variables.
-const DELTA: f64 = 1e-2;
-
-/// Sweeps between two updates of the rigid motions.
-const SWEEPS_A_PHASE: usize = 5;
+/// The proximal parameter, in scaled variables. Smaller values tie the rigid
+/// motions so stiffly that a sweep hardly moves them; larger ones leave the
+/// balance of forces to the updates of `â`.
+const DELTA: f64 = 0.3;
 
 /// An extrapolated point is taken if its residual is below this many times the
 /// one of the sweep it starts from: Anderson's points need not be better at
 /// once, but a wild one throws away what the sweeps have found.
-const TRUST: f64 = 2.0;
+const TRUST: f64 = 1.2;
 
 /// Sweeps between two fresh evaluations of `v`, whose running sum drifts.
 const REFRESH: usize = 50;
@@ -63,10 +63,9 @@ pub fn run<const D: usize>(
     if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, false)? {
         return Ok(outcome);
     }
-    let rigid = !point.a.is_empty();
     let mut anderson = Anderson::default();
     for sweep in 1.. {
-        let before: Vec<[f64; D]> = point.r.clone();
+        let before = (point.r.clone(), point.a.clone());
         sweeper.sweep(&mut point);
         monitor.count(1.0);
         match sweeper.look(&point, monitor, true)? {
@@ -83,14 +82,11 @@ pub fn run<const D: usize>(
             point.v = sweeper.without_rigid(monitor.refresh(&point.r, &a), &point);
             point.s = scaled_imbalance(problem, &point.r);
         }
-        if rigid && sweep % SWEEPS_A_PHASE == 0 {
-            for (a, s) in point.a.iter_mut().zip(&point.s) {
-                *a += s / DELTA;
-            }
-            anderson.restart();
-            continue;
+        for (a, s) in point.a.iter_mut().zip(&point.s) {
+            *a += s / DELTA;
         }
-        let f = sweeper.scaled_change(&point, &before);
+        let mut f = sweeper.scaled_change(&point, &before.0);
+        f.extend(point.a.iter().zip(&before.1).map(|(x, y)| x - y));
         if let Some(next) = anderson.extrapolate(&f, &point.pack()) {
             let next = point.unpack(&next);
             let (here, there) = (sweeper.residual(&point), sweeper.residual(&next));
@@ -106,7 +102,13 @@ pub fn run<const D: usize>(
 
 impl<const D: usize> Point<D> {
     fn pack(&self) -> Vec<f64> {
-        [self.r.as_flattened(), self.v.as_flattened(), &self.s].concat()
+        [
+            self.r.as_flattened(),
+            self.v.as_flattened(),
+            &self.s,
+            &self.a,
+        ]
+        .concat()
     }
 
     fn unpack(&self, packed: &[f64]) -> Self {
@@ -115,8 +117,8 @@ impl<const D: usize> Point<D> {
         Self {
             r: nodes(&packed[..m]),
             v: nodes(&packed[m..2 * m]),
-            s: packed[2 * m..].to_vec(),
-            a: self.a.clone(),
+            s: packed[2 * m..2 * m + self.s.len()].to_vec(),
+            a: packed[2 * m + self.s.len()..].to_vec(),
         }
     }
 }
@@ -163,7 +165,12 @@ impl<'p, const D: usize> Sweeper<'p, D> {
 
     /// `â + (R̂ᵀ r̂ + ê)/δ`: the motion that belongs to a point of the proximal form.
     fn motion(&self, point: &Point<D>) -> Vec<f64> {
-        point.a.iter().zip(&point.s).map(|(a, s)| a + s / DELTA).collect()
+        point
+            .a
+            .iter()
+            .zip(&point.s)
+            .map(|(a, s)| a + s / DELTA)
+            .collect()
     }
 
     fn rigid_motion(&self, point: &Point<D>) -> Vec<f64> {
@@ -183,7 +190,12 @@ impl<'p, const D: usize> Sweeper<'p, D> {
 
     fn total(&self, point: &Point<D>) -> Vec<[f64; D]> {
         let motion = self.motion(point);
-        point.v.iter().enumerate().map(|(i, v)| self.with_rigid(i, v, &motion)).collect()
+        point
+            .v
+            .iter()
+            .enumerate()
+            .map(|(i, v)| self.with_rigid(i, v, &motion))
+            .collect()
     }
 
     /// `W r + q` from a fresh `v`.
@@ -201,7 +213,12 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         monitor: &mut Monitor<D>,
         iterated: bool,
     ) -> Result<Verdict<D>, Error> {
-        monitor.look(&point.r, &self.total(point), &self.rigid_motion(point), iterated)
+        monitor.look(
+            &point.r,
+            &self.total(point),
+            &self.rigid_motion(point),
+            iterated,
+        )
     }
 
     fn residual(&self, point: &Point<D>) -> f64 {
@@ -211,7 +228,9 @@ impl<'p, const D: usize> Sweeper<'p, D> {
 
     fn scaled_change(&self, point: &Point<D>, before: &[[f64; D]]) -> Vec<f64> {
         let change = point.r.iter().zip(before).zip(&self.problem.scaling.to_r);
-        change.flat_map(|((x, y), s)| std::array::from_fn::<f64, D, _>(|k| (x[k] - y[k]) * s)).collect()
+        change
+            .flat_map(|((x, y), s)| std::array::from_fn::<f64, D, _>(|k| (x[k] - y[k]) * s))
+            .collect()
     }
 
     /// One sweep over all contacts.
@@ -224,7 +243,11 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             let v = self.with_rigid(i, &point.v[i], &motion);
             let own = block * Vector::<D>::from(r);
             let free: [f64; D] = std::array::from_fn(|k| v[k] - own[k]);
-            let habit = if self.closed[i] { Habit::Closed } else { Habit::None };
+            let habit = if self.closed[i] {
+                Habit::Closed
+            } else {
+                Habit::None
+            };
             // A contact that cannot move was checked not to penetrate.
             let Some((next, _)) = one_node::solve(block, &free, self.problem.mu[i], habit) else {
                 continue;

@@ -179,14 +179,26 @@ fn finish<const D: usize>(
         (false, Outcome::Converged) => Outcome::Stalled,
         (false, other) => other,
     };
-    let gap = log.best_reaction.iter().zip(&certificate.v).zip(&problem.mu);
-    let gap: Vec<f64> = gap.map(|((r, v), &mu)| bipotential::gap(r, v, mu)).collect();
+    let gap = log
+        .best_reaction
+        .iter()
+        .zip(&certificate.v)
+        .zip(&problem.mu);
+    let gap: Vec<f64> = gap
+        .map(|((r, v), &mu)| bipotential::gap(r, v, mu))
+        .collect();
     // r = 0 is open, whatever rounding makes of r̂ − ṽ̂ at a grazing contact.
     let status: Vec<Status> = log
         .best_reaction
         .iter()
         .zip(&certificate.status)
-        .map(|(r, &s)| if r.iter().all(|&c| c == 0.0) { Status::Open } else { s })
+        .map(|(r, &s)| {
+            if r.iter().all(|&c| c == 0.0) {
+                Status::Open
+            } else {
+                s
+            }
+        })
         .collect();
     let whole = problem.compliance;
     Solution {

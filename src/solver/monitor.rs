@@ -47,11 +47,7 @@ pub struct Log<const D: usize> {
 
 impl<'p, const D: usize> Monitor<'p, D> {
     #[must_use]
-    pub fn new(
-        problem: &'p Reduced<'p, D>,
-        settings: &'p Settings,
-        stop: &'p AtomicBool,
-    ) -> Self {
+    pub fn new(problem: &'p Reduced<'p, D>, settings: &'p Settings, stop: &'p AtomicBool) -> Self {
         Self {
             problem,
             settings,
@@ -109,7 +105,9 @@ impl<'p, const D: usize> Monitor<'p, D> {
             }
             // The running v flattered: what is best is judged by the fresh one.
             self.best = fresh.residual;
-            return Ok(self.limits().map_or(Verdict::Refresh(fresh.v), Verdict::Stop));
+            return Ok(self
+                .limits()
+                .map_or(Verdict::Refresh(fresh.v), Verdict::Stop));
         }
         Ok(self.limits().map_or(Verdict::Continue, Verdict::Stop))
     }

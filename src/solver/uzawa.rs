@@ -49,7 +49,11 @@ pub fn run<const D: usize>(
     };
     let motion = |r: &[[f64; D]], proximal: &[f64]| {
         let s = scaled_imbalance(problem, r);
-        let scaled: Vec<f64> = proximal.iter().zip(&s).map(|(a, s)| a + s / DELTA).collect();
+        let scaled: Vec<f64> = proximal
+            .iter()
+            .zip(&s)
+            .map(|(a, s)| a + s / DELTA)
+            .collect();
         problem.scaling.rigid_from_scaled(&scaled)
     };
     let displacement =
@@ -126,5 +130,9 @@ fn contraction<const D: usize>(
             moved_r += ((next_r[i][k] - r[i][k]) * problem.scaling.to_r[i]).powi(2);
         }
     }
-    if moved_r > 0.0 { (moved_v / moved_r).sqrt() } else { 0.0 }
+    if moved_r > 0.0 {
+        (moved_v / moved_r).sqrt()
+    } else {
+        0.0
+    }
 }

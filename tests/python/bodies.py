@@ -31,6 +31,10 @@ class Body:
     def dim(self) -> int:
         return int(self.points.shape[1])
 
+    @property
+    def gap(self) -> Array:
+        return np.zeros(self.area.size)
+
     def nodes_where(self, axis: int, value: float) -> NDArray[np.int64]:
         at = self.basis.mesh.p[axis]
         # Coordinates come from linspace: equal to rounding of the size of the body.
@@ -49,12 +53,12 @@ class Body:
             lambda x: np.abs(x[axis] - value) <= 1e-9 * size
         )
         face = skfem.FacetBasis(mesh, self.basis.elem, facets=facets, intorder=2)
-        form = skfem.LinearForm(lambda v, w: sum(f * v[k] for k, f in enumerate(force)))
+        form = skfem.LinearForm(lambda v, _: sum(f * v[k] for k, f in enumerate(force)))
         return np.asarray(form.assemble(face))
 
     def weight(self, force: Sequence[float]) -> Array:
         """Load of a body force whose resultant is `force`."""
-        form = skfem.LinearForm(lambda v, w: sum(f * v[k] for k, f in enumerate(force)))
+        form = skfem.LinearForm(lambda v, _: sum(f * v[k] for k, f in enumerate(force)))
         volume = float(np.prod([np.ptp(x) for x in self.basis.mesh.p]))
         return np.asarray(form.assemble(self.basis)) / volume
 

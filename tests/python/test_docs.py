@@ -1,10 +1,17 @@
 """What the documents show works when pasted, and what they point to exists."""
 
 import re
+import runpy
 import subprocess
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+import skfem
+from skfem.models.elasticity import linear_elasticity
+
+import bipot_rs as bp
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
@@ -45,6 +52,15 @@ def broken_links(page: Path) -> list[str]:
     return found
 
 
+def run(page: Path) -> dict[str, Any]:
+    """Execute the Python blocks of a page one after the other; what they define."""
+    space: dict[str, Any] = {"__name__": "__main__"}
+    for line, text in blocks(page.read_text(encoding="utf-8")):
+        # Padded, so that a traceback points at the line of the page.
+        exec(compile("\n" * (line - 1) + text, str(page), "exec"), space)
+    return space
+
+
 @pytest.mark.parametrize(
     "page",
     [p for p in PAGES if blocks(p.read_text(encoding="utf-8"))],
@@ -55,14 +71,31 @@ def test_python_blocks_run(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
-    space: dict[str, object] = {"__name__": "__main__"}
-    for line, text in blocks(page.read_text(encoding="utf-8")):
-        # Padded, so that a traceback points at the line of the page.
-        exec(compile("\n" * (line - 1) + text, str(page), "exec"), space)
+    run(page)
 
 
-def test_readme_has_a_python_block() -> None:
-    assert blocks((ROOT / "README.md").read_text(encoding="utf-8"))
+def test_readme_example_is_right() -> None:
+    """Its stiffness is scikit-fem's, and its answer obeys statics and the law."""
+    space = run(ROOT / "README.md")
+    n, K, result = space["n"], space["K"], space["result"]
+    mesh = skfem.MeshQuad.init_tensor(*2 * [np.linspace(0, 1, n + 1)])
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad1()), intorder=2)
+    reference = linear_elasticity(space["lam"], space["G"]).assemble(basis)
+    # Its numbers: all u_x row by row from the base up, then all u_y.
+    column, row = np.rint(mesh.p * n).astype(int)
+    node = row * (n + 1) + column
+    ours = np.empty(reference.shape[0], dtype=int)
+    ours[basis.nodal_dofs] = [node, node + node.size]
+    # Sums of few terms of the size of the largest: a few units of rounding.
+    assert abs(K.tocsr()[ours][:, ours] - reference).max() <= 1e-14 * abs(K).max()
+
+    assert result.success
+    force = result.reaction.sum(axis=1)
+    # The first step is symmetric; the second is pulled to +x, held back to -x.
+    assert force[0, 0] > 0
+    assert abs(force[0, 1]) <= 1e-9 * force[0, 0]  # tol = 1e-10 a node, 41 nodes
+    assert -0.3 * force[1, 0] < force[1, 1] < 0
+    assert {int(s) for s in result.status[1]} == {bp.Status.SLIP, bp.Status.STICK}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
@@ -104,3 +137,34 @@ def test_a_missing_command_is_seen() -> None:
         check=False,
     )
     assert "No rule" in done.stderr
+
+
+def rows(heading: str) -> list[list[str]]:
+    """Cells of the table rows below a heading of the README, without its head."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    section = text.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+    lines = [line for line in section.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+
+
+def test_accuracy_is_what_the_readme_says() -> None:
+    """Every bound of the table holds, and every case of the script has one."""
+    cases = runpy.run_path(str(ROOT / "examples" / "accuracy.py"))["CASES"]
+    bounds = {name: float(bound) for name, bound in rows("How right")}
+    assert set(bounds) == set(cases)
+    found = {name: case() for name, case in cases.items()}
+    assert {n: e for n, e in found.items() if not e <= bounds[n]} == {}
+
+
+def test_benchmarks_of_the_readme_are_measured_ones() -> None:
+    """Its rows are copied from the tables of the benches, none retyped."""
+    measured = (ROOT / "benches" / "README.md").read_text(encoding="utf-8")
+    table = rows("How fast")
+    assert table
+    for row in table:
+        assert "| " + " | ".join(row) + " |" in measured
+
+
+def test_picture_is_small(repository: Path) -> None:
+    picture = repository / "docs" / "sheared_cube.png"
+    assert 10_000 < picture.stat().st_size < 300_000

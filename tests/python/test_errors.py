@@ -387,7 +387,7 @@ class TestErrorsCarryTheirResult:
         result = caught.value.result
         assert result.reaction.shape == (1, 2, 2)  # nothing was asked of the first
         assert not result.success
-        assert re.search(r"\b1\b", str(caught.value))  # the step, counted from 0
+        assert re.search(r"step\D{0,3}1\b", str(caught.value))  # counted from 0
 
     def test_reduced_reports_instead(self) -> None:
         solution = reduced().solve(method="uzawa", max_iterations=1)

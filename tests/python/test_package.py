@@ -96,7 +96,6 @@ def test_one_version(repository: Path) -> None:
     cargo = tomllib.loads((repository / "Cargo.toml").read_text(encoding="utf-8"))
     version = cargo["package"]["version"]
     assert importlib.metadata.version("bipot-rs") == version
-    assert bp.__version__ == version
 
 
 def test_unknown_attribute_is_an_attribute_error() -> None:

@@ -2,8 +2,6 @@
 
 import ast
 import inspect
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -26,18 +24,6 @@ def test_stub_names_what_the_core_holds(repository: Path) -> None:
             declared.add(node.target.id)
     declared = {name for name in declared if not name.startswith("_")}
     assert declared == set(public(_core))
-
-
-def test_stubtest(repository: Path) -> None:
-    """Signatures of the stub are those of the compiled module."""
-    done = subprocess.run(
-        [sys.executable, "-m", "mypy.stubtest", "bipot_rs._core"],
-        cwd=repository,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_package_says_that_it_is_typed() -> None:

@@ -1,0 +1,140 @@
+//! Seconds of each phase of a condensation, beside the rate of faer's own
+//! matrix product `G` in the same process.
+//!
+//! `cargo bench --bench condense`; sizes above 51k unknowns in three dimensions
+//! with `BIPOT_BENCH_LARGE=1`, threads with `BIPOT_NUM_THREADS`.
+#![expect(
+    clippy::cast_precision_loss,
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a table of rates; a bench may fail"
+)]
+
+#[path = "../tests/common/bodies.rs"]
+mod bodies;
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use bipot_rs::linalg::csc::Symmetric;
+use bipot_rs::linalg::dense::{Op, cholesky, inverse_from_cholesky, matmul};
+use bipot_rs::linalg::multifrontal::Factor;
+use bipot_rs::linalg::symbolic::{Options, Symbolic};
+use bodies::Make;
+
+/// Smallest of some repetitions: what the machine can do when left alone.
+fn seconds<T>(times: usize, mut work: impl FnMut() -> T) -> (f64, T) {
+    let mut run = || {
+        let begin = Instant::now();
+        let result = work();
+        (begin.elapsed().as_secs_f64(), result)
+    };
+    let (mut best, mut result) = run();
+    for _ in 1..times {
+        // Freed first: two factors at once would need twice the memory.
+        drop(result);
+        let (seconds, next) = run();
+        best = best.min(seconds);
+        result = next;
+    }
+    (best, result)
+}
+
+fn product_rate() -> f64 {
+    let n = 1500;
+    let a: Vec<f64> = (0..n * n).map(|i| (i % 97) as f64).collect();
+    let mut c = vec![0.0; n * n];
+    let (best, ()) = seconds(3, || {
+        matmul(&mut c, (n, n, n), 1.0, &a, Op::Plain, &a, Op::Plain, 0.0);
+    });
+    2.0 * (n as f64).powi(3) / best
+}
+
+fn row(name: &str, make: Make, with_coordinates: bool) {
+    let body = make.build();
+    let k = Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &body.values).unwrap();
+    let options = Options {
+        coordinates: with_coordinates.then_some(&body.at),
+    };
+    let rate = product_rate();
+    let (_, symbolic) = seconds(2, || {
+        Arc::new(Symbolic::analyse(&k, &body.face, &options).unwrap())
+    });
+    let counts = symbolic.counts();
+    let stop = AtomicBool::new(false);
+    let times = if body.n < 100_000 { 4 } else { 2 };
+    let (numeric, factor) = seconds(times, || {
+        Factor::new(Arc::clone(&symbolic), &k, &stop).unwrap()
+    });
+    let m = symbolic.kept();
+    let mut l = factor.schur().to_vec();
+    let mut inverse = vec![0.0; m * m];
+    let begin = Instant::now();
+    cholesky(&mut l, m).unwrap();
+    inverse_from_cholesky(&l, m, &mut inverse);
+    let dense = begin.elapsed().as_secs_f64();
+    let mut load = vec![1.0; body.n];
+    let (solve, ()) = seconds(3, || {
+        factor.condense(&mut load, 1);
+        factor.recover(&mut load, 1);
+    });
+    println!(
+        "{name:>10} {:>8} {m:>6} {:>9.3} {:>9.3} {numeric:>9.3} {dense:>9.3} {solve:>9.4} {:>9.1} {:>7.1} {:>6.0} % {:>8} {:>8}  {}",
+        body.n,
+        counts.seconds_order,
+        counts.seconds_symbolic,
+        counts.flops / 1e9,
+        rate / 1e9,
+        100.0 * counts.flops / numeric / rate,
+        counts.bytes_factor >> 20,
+        counts.bytes_peak >> 20,
+        counts.ordering,
+    );
+}
+
+fn main() {
+    let threads = std::env::var("BIPOT_NUM_THREADS")
+        .ok()
+        .and_then(|t| t.parse().ok());
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.unwrap_or(1))
+        .build()
+        .unwrap();
+    let large = std::env::var_os("BIPOT_BENCH_LARGE").is_some();
+    let only = std::env::var("BIPOT_BENCH_ONLY").ok();
+    println!(
+        "{} threads; seconds, Gflop, Gflop/s of G, share of G, MB",
+        pool.current_num_threads()
+    );
+    println!(
+        "{:>10} {:>8} {:>6} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>7} {:>8} {:>8} {:>8}",
+        "body",
+        "n",
+        "m",
+        "order",
+        "symbolic",
+        "S",
+        "W from S",
+        "solve",
+        "Gflop",
+        "G",
+        "share",
+        "factor",
+        "peak"
+    );
+    pool.install(|| {
+        let rows = [
+            ("cube 14", Make::cube(14), false),
+            ("cube 25", Make::cube(25), false),
+            ("square 316", Make::square(316), false),
+            ("cube 36", Make::cube(36), true),
+        ];
+        for (name, make, is_large) in rows {
+            if (large || !is_large) && only.as_ref().is_none_or(|o| name.contains(o.as_str())) {
+                row(name, make, false);
+                row(name, make, true);
+            }
+        }
+    });
+}

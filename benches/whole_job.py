@@ -1,0 +1,131 @@
+"""Whole jobs, mesh to written result, in turn with SciPy doing the same.
+
+    python benches/whole_job.py                 # the table of benches/README.md
+    python benches/whole_job.py sheared_cube=9,15 two_blocks=8
+
+Each job is a process of its own, ours and the peer's one after the other, so that
+both meet the same machine. `peer_scipy.py` says what the peer does; it writes no
+result files. Prints Markdown. Seconds are of one run, without the imports; the
+number of threads is left to the environment (BIPOT_NUM_THREADS,
+OPENBLAS_NUM_THREADS).
+"""
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from bipot_rs.export import read_result
+
+HERE = Path(__file__).resolve().parent
+DATA = HERE.parent / "tests" / "python" / "data"
+LETTER = {"pressed_block": "A", "sheared_cube": "B", "two_blocks": "D"}
+JOBS = {
+    "pressed_block": (32, 64, 128),
+    "sheared_cube": (9, 15, 24),
+    "cattaneo_mindlin": (10, 20, 40),
+    "two_blocks": (8, 16, 24),
+    "cyclic_cube": (9, 15),
+}
+PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
+
+
+def last_line(*command):
+    """Run a command; the last line of its output, as JSON."""
+    run = subprocess.run(command, capture_output=True, text=True)
+    if run.returncode:
+        raise SystemExit(f"{' '.join(command)}\n{run.stdout}{run.stderr}")
+    return [json.loads(line) for line in run.stdout.splitlines()]
+
+
+def traction_error(places, reaction, other):
+    """Largest relative error of the tractions over the load steps."""
+    distance, order = cKDTree(places).query(other["x"])
+    if distance.max() > 1e-9 * np.ptp(places):
+        raise SystemExit("the contact nodes are not those of the other route")
+    weight = 1 / other["area"][None, :, None]
+    error = (weight * (reaction[:, order] - other["R"]) ** 2).sum(axis=(1, 2))
+    return np.sqrt(error / (weight * other["R"] ** 2).sum(axis=(1, 2))).max()
+
+
+def job(name, n, folder):
+    """Rows of the table for one scene and size: ours, and the peer's."""
+    out, answer = folder / "ours", folder / "peer.npz"
+    *steps, ours = last_line(
+        *(sys.executable, "-m", "bipot_rs", "run", name, "--json"),
+        *("--set", f"mesh.n={n}", "--out", str(out)),
+    )
+    (peer,) = last_line(
+        *(sys.executable, str(HERE / "peer_scipy.py"), name, str(n)),
+        *("--save", str(answer)),
+    )
+    contacts, records, _ = read_result(out / "result.h5")
+    reaction = np.array([record["reaction"] for record in records])
+    theirs = np.load(answer)
+    stored = DATA / f"{LETTER.get(name)}_{n}.npz"
+    reference = np.load(stored) if stored.exists() else theirs
+    seconds = ours["seconds"]
+    yield (
+        f"{name}, {n}",
+        f"{ours['dofs']:,}",
+        str(ours["contacts"]),
+        str(ours["steps"]),
+        "bipot_rs",
+        *(f"{seconds[phase]:.3g}" for phase in PHASES),
+        f"{max(step['residual'] for step in steps):.0e}",
+        f"{traction_error(contacts['x'], reaction, reference):.0e}"
+        + ("" if stored.exists() else " (to SciPy)"),
+        f"{ours['peak_mb']:.0f}",
+        f"{peer['seconds']['total'] / seconds['total']:.1f}",
+    )
+    seconds = peer["seconds"]
+    condense = seconds["factor"] + seconds["compliance"]
+    error = traction_error(theirs["x"], theirs["R"], reference)
+    yield (
+        *("", "", "", ""),
+        "SciPy",
+        *("", f"{seconds['assemble']:.3g}", f"{condense:.3g}"),
+        *(f"{seconds['solve']:.3g}", "", "", f"{seconds['total']:.3g}"),
+        f"{peer['residual']:.0e}",
+        f"{error:.0e}" if stored.exists() else "",
+        f"{peer['peak_mb']:.0f}",
+        "",
+    )
+
+
+def main():
+    """Print the table."""
+    jobs = dict(JOBS)
+    if len(sys.argv) > 1:
+        chosen = (argument.partition("=") for argument in sys.argv[1:])
+        jobs = {name: tuple(map(int, sizes.split(","))) for name, _, sizes in chosen}
+    packages = ("bipot-rs", "numpy", "scipy", "scikit-fem")
+    versions = ", ".join(f"{package} {version(package)}" for package in packages)
+    threads = ", ".join(
+        f"{key}={os.environ[key]}"
+        for key in ("BIPOT_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+        if key in os.environ
+    )
+    print(f"{platform.machine()}, {os.cpu_count()} cores; {versions}; {threads}\n")
+    head = (
+        *("scene, n", "dofs", "contacts", "steps", "program", *PHASES),
+        *("residual", "traction error", "peak MB", "ratio"),
+    )
+    print("| " + " | ".join(head) + " |")
+    print("|---" * len(head) + "|")
+    for name, sizes in jobs.items():
+        for n in sizes:
+            with tempfile.TemporaryDirectory() as folder:
+                for row in job(name, n, Path(folder)):
+                    print("| " + " | ".join(row) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,20 @@
+"""Draws docs/sheared_cube.png, the picture of the README.
+
+It is what `bipot run sheared_cube --plot` writes: the shipped scene, solved, and
+drawn by `bipot_rs.plot`.
+"""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+PICTURE = Path(__file__).resolve().parents[1] / "docs" / "sheared_cube.png"
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "bipot_rs", "run", "sheared_cube"]
+        subprocess.run([*command, "--plot", "--out", folder], check=True)
+        shutil.copyfile(Path(folder) / "tractions.png", PICTURE)
+    print(PICTURE)

@@ -1,0 +1,39 @@
+"""Contact with Coulomb friction by the de Saxcé bipotential.
+
+Hand in the stiffness and the contact operator of any finite-element code, get
+tractions, slip, status and displacements that are exact for that
+discretisation, with a residual that proves it::
+
+    problem = bipot_rs.ContactProblem(K, B, gap=gap, mu=0.3, fixed=fixed)
+    result = problem.solve(load)
+
+`ContactProblem`, `solve`, `ReducedProblem` and `project` are the ways in;
+`Result` and `Solution` what comes out. Only NumPy is imported here, SciPy and
+the rest by the functions that need them.
+"""
+
+from bipot_rs.errors import (
+    BipotError,
+    FloatingBodyError,
+    NoEquilibriumError,
+    NotConvergedError,
+)
+from bipot_rs.problem import ContactProblem, ReducedProblem, project, solve
+from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
+
+__all__ = [
+    "BipotError",
+    "ContactProblem",
+    "FloatingBodyError",
+    "NoEquilibriumError",
+    "NotConvergedError",
+    "Outcome",
+    "ReducedProblem",
+    "Result",
+    "Solution",
+    "Status",
+    "Step",
+    "load",
+    "project",
+    "solve",
+]

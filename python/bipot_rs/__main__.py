@@ -1,0 +1,7 @@
+"""``python -m bipot_rs`` is the command `bipot`."""
+
+import sys
+
+from bipot_rs.cli import app
+
+sys.exit(app())

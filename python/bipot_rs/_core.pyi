@@ -1,0 +1,96 @@
+"""The compiled core. Private: `bipot_rs` checks arguments before they come here.
+
+Arrays are C-ordered; nodes are rows ``(n_c, d)``, components normal first.
+"""
+
+from typing import Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Floats = NDArray[np.float64]
+_Indices = NDArray[np.int64]
+# Row pointers, column indices, values.
+_Csr = tuple[_Indices, _Indices, _Floats]
+
+build_profile: Final[str]
+
+def project(
+    tau: _Floats, mu: _Floats, base: _Floats | None = None
+) -> tuple[_Floats, NDArray[np.int8]]:
+    """Projects every row of `tau` onto its cone, or increment set when `base` is given."""
+
+@final
+class Condensed:
+    """`K`, `B`, gap and friction, condensed onto the contact set."""
+
+    def __new__(
+        cls,
+        stiffness: _Csr,
+        contact: _Csr,
+        gap: _Floats,
+        mu: _Floats,
+        fixed: _Indices,
+        num_threads: int | None,
+    ) -> Condensed: ...
+    @property
+    def stats(self) -> dict[str, Any]:
+        """Counts and seconds of the condensation."""
+    def compliance(self) -> _Floats:
+        """`W`, dense."""
+    def free_part(
+        self, load: _Floats, prescribed: _Floats
+    ) -> tuple[_Floats, _Floats, _Floats]:
+        """`q` with the whole gap, the columns of `R` as rows, and `e`."""
+    def displacement(
+        self, load: _Floats, prescribed: _Floats, reaction: _Floats, rigid: _Floats
+    ) -> _Floats:
+        """`u` of all degrees of freedom."""
+
+@final
+class Path:
+    """A load path in progress; without a state it starts from the unloaded bodies."""
+
+    def __new__(
+        cls,
+        problem: Condensed,
+        start: tuple[_Floats, _Floats, NDArray[np.int8], _Floats] | None = None,
+    ) -> Path: ...
+    def step(
+        self,
+        load: _Floats,
+        prescribed: _Floats,
+        method: str,
+        tol: float,
+        max_iterations: int | None,
+        max_seconds: float | None,
+    ) -> dict[str, Any]:
+        """One step to the total loads; the path moves on only where it converged."""
+
+@final
+class Reduced:
+    """A reduced problem `v = W r + R a + q`, in the caller's numbering."""
+
+    def __new__(
+        cls,
+        parts: list[tuple[list[int], _Floats]],
+        q: _Floats,
+        mu: _Floats,
+        modes: _Floats,
+        load: _Floats,
+    ) -> Reduced: ...
+    @property
+    def asymmetry(self) -> float:
+        """Largest `|W_ij − W_ji|` over the largest entry."""
+    def residual(self, reaction: _Floats, rigid: _Floats | None = None) -> float:
+        """η at `(r, a)`; without `a`, at the rigid motion of least squares."""
+    def solve(
+        self,
+        method: str,
+        tol: float,
+        max_iterations: int | None,
+        max_seconds: float | None,
+        reaction: _Floats | None,
+        rigid: _Floats | None,
+        num_threads: int | None,
+    ) -> dict[str, Any]: ...

@@ -1,0 +1,237 @@
+"""What crosses the border is checked here, once, before any work.
+
+Each message names the argument, what was found and what was expected.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any, NamedTuple, SupportsIndex, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class Csr(NamedTuple):
+    """A checked sparse matrix and its parts as the core takes them."""
+
+    matrix: Any
+    shape: tuple[int, int]
+    parts: tuple[NDArray[np.int64], NDArray[np.int64], Array]
+
+
+def floats(
+    what: str,
+    value: Any,
+    *,
+    ndim: int | None = None,
+    shape: tuple[int, ...] | None = None,
+    finite: bool = True,
+) -> Array:
+    """``value`` as a C-ordered array of float64."""
+    try:
+        found = np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{what} is not an array: {error}") from None
+    if found.dtype.kind not in "iuf":
+        raise TypeError(
+            f"{what} has entries of type {found.dtype}, expected real numbers"
+        )
+    array = np.ascontiguousarray(found, dtype=np.float64).reshape(found.shape)
+    if shape is not None and array.shape != shape:
+        raise ValueError(f"{what} has shape {array.shape}, expected {shape}")
+    if ndim is not None and array.ndim != ndim:
+        raise ValueError(f"{what} has {array.ndim} dimensions, expected {ndim}")
+    if finite and not np.isfinite(array).all():
+        at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        place = at[0] if len(at) == 1 else at
+        where = f" at {place}" if at else ""
+        raise ValueError(f"{what} is {array[at]}{where}, expected finite numbers")
+    return array
+
+
+def csr(what: str, value: Any) -> Csr:
+    """A sparse or dense matrix in CSR form, without duplicates, indices sorted."""
+    from scipy.sparse import csr_array, issparse
+
+    if issparse(value):
+        kind = np.dtype(value.dtype).kind
+        if kind not in "iufb":
+            raise TypeError(
+                f"{what} has entries of type {value.dtype}, expected real numbers"
+            )
+        if value.ndim != 2:
+            raise ValueError(f"{what} has {value.ndim} dimensions, expected 2")
+        matrix = csr_array(value)
+    else:
+        matrix = csr_array(floats(what, value, ndim=2, finite=False))
+    if not matrix.has_canonical_format:
+        matrix = matrix.copy()
+        matrix.sum_duplicates()
+    data = np.ascontiguousarray(matrix.data, dtype=np.float64)
+    if not np.isfinite(data).all():
+        at = int(np.argmin(np.isfinite(data)))
+        row = int(np.searchsorted(matrix.indptr, at, side="right")) - 1
+        raise ValueError(
+            f"{what} is {data[at]} at row {row}, column {int(matrix.indices[at])}, "
+            "expected finite numbers"
+        )
+    parts = (
+        np.ascontiguousarray(matrix.indptr, dtype=np.int64),
+        np.ascontiguousarray(matrix.indices, dtype=np.int64),
+        data,
+    )
+    rows, columns = matrix.shape
+    return Csr(matrix, (int(rows), int(columns)), parts)
+
+
+def friction(mu: ArrayLike, contacts: int) -> Array:
+    """Friction coefficients, ``(n_c,)``."""
+    found = floats("mu", mu)
+    if found.ndim == 0:
+        found = np.full(contacts, float(found))
+    if found.shape != (contacts,):
+        raise ValueError(
+            f"mu has shape {found.shape}, expected a number or ({contacts},)"
+        )
+    if (found < 0).any():
+        at = int(np.argmax(found < 0))
+        raise ValueError(
+            f"mu of contact {at} is {found[at]}, expected zero or positive"
+        )
+    return found
+
+
+def indices(what: str, value: ArrayLike | None, limit: int) -> NDArray[np.int64]:
+    """Distinct indices below ``limit``."""
+    found = np.asarray([] if value is None else value)
+    if found.dtype == np.bool_:
+        raise TypeError(
+            f"{what} is a boolean mask, expected integers: give numpy.flatnonzero of it"
+        )
+    if found.size == 0:
+        return np.empty(0, np.int64)
+    if found.dtype.kind not in "iu":
+        raise TypeError(f"{what} has entries of type {found.dtype}, expected integers")
+    if found.ndim != 1:
+        raise ValueError(f"{what} has {found.ndim} dimensions, expected 1")
+    outside = (found < 0) | (found >= limit)
+    if outside.any():
+        at = int(np.argmax(outside))
+        raise ValueError(
+            f"{what} holds {found[at]} at position {at}, expected 0 to {limit - 1}"
+        )
+    listed, first, counts = np.unique(found, return_index=True, return_counts=True)
+    if (counts > 1).any():
+        at = int(np.argmax(counts > 1))
+        raise ValueError(
+            f"{what} holds {listed[at]} {counts[at]} times, first at position {first[at]}, "
+            "expected each index once"
+        )
+    return np.ascontiguousarray(found, dtype=np.int64)
+
+
+def positive(what: str, value: Any) -> int:
+    """An integer of 1 or more."""
+    if isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{what} is {value}, expected an integer")
+    try:
+        number = operator.index(cast("SupportsIndex", value))
+    except TypeError:
+        raise TypeError(f"{what} is {value!r}, expected an integer") from None
+    if number < 1:
+        raise ValueError(f"{what} is {number}, expected 1 or more")
+    return number
+
+
+def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Array) -> int:
+    """``d`` from the rows of ``B``, or from ``dim`` where there are no contacts."""
+    if dim is not None and dim not in (2, 3):
+        raise ValueError(f"dim is {dim!r}, expected 2 or 3")
+    if contacts == 0:
+        if rows:
+            raise ValueError(f"B has {rows} rows, expected none: gap has no contacts")
+        if gap.ndim == 2 and gap.shape[1] in (2, 3):
+            dim = dim or gap.shape[1]
+        if dim is None:
+            raise ValueError(
+                "dim is missing: without contacts it cannot be told from B"
+            )
+        return int(dim)
+    if rows not in (2 * contacts, 3 * contacts):
+        raise ValueError(
+            f"B has {rows} rows, expected {2 * contacts} or {3 * contacts}: "
+            f"2 or 3 for each of the {contacts} contacts of gap"
+        )
+    d = rows // contacts
+    if dim is not None and dim != d:
+        raise ValueError(f"dim is {dim}, but B has {d} rows for each contact of gap")
+    if gap.ndim == 2 and gap.shape[1] != d:
+        raise ValueError(
+            f"gap has shape {gap.shape}, expected ({contacts},) or ({contacts}, {d})"
+        )
+    return d
+
+
+def contact_array(
+    what: str, value: ArrayLike | None, contacts: int, d: int
+) -> Array | None:
+    """An optional array of one row a contact."""
+    return None if value is None else floats(what, value, shape=(contacts, d))
+
+
+def loads(
+    load: ArrayLike | None, prescribed: ArrayLike | None, n: int, fixed: int
+) -> list[tuple[Array, Array]]:
+    """Total load and prescribed displacement of each step."""
+
+    def rows(what: str, value: ArrayLike | None, length: int) -> Array:
+        if value is None:
+            return np.zeros((1, length))
+        found = floats(what, value)
+        if found.ndim not in (1, 2) or found.shape[-1] != length:
+            raise ValueError(
+                f"{what} has shape {found.shape}, expected ({length},) or (steps, {length})"
+            )
+        return (
+            found.reshape(-1, length) if length else np.zeros((found.shape[0], 0))[:1]
+        )
+
+    forces = rows("load", load, n)
+    motions = rows("prescribed", prescribed, fixed)
+    steps = max(len(forces), len(motions))
+    if min(len(forces), len(motions)) == 0:
+        steps = 0
+    elif len(forces) != len(motions) and 1 not in (len(forces), len(motions)):
+        raise ValueError(
+            f"prescribed has {len(motions)} steps but load has {len(forces)}: "
+            "expected as many, or one of them with one"
+        )
+    return [
+        (forces[min(k, len(forces) - 1)], motions[min(k, len(motions) - 1)])
+        for k in range(steps)
+    ]
+
+
+def settings(
+    method: str, tol: float, max_iterations: int | None, max_seconds: float | None
+) -> tuple[str, float, int | None, float | None]:
+    """Settings of the solver, as the core takes them; it checks their ranges."""
+    if not isinstance(method, str):
+        raise TypeError(f"method is {method!r}, expected a name")
+    limit = (
+        None if max_iterations is None else positive("max_iterations", max_iterations)
+    )
+    seconds = None if max_seconds is None else _number("max_seconds", max_seconds)
+    return method, _number("tol", tol), limit, seconds
+
+
+def _number(what: str, value: Any) -> float:
+    if isinstance(value, (bool, str)) or not np.isscalar(value):
+        raise TypeError(f"{what} is {value!r}, expected a number")
+    try:
+        return float(cast("float", value))
+    except (TypeError, ValueError):
+        raise TypeError(f"{what} is {value!r}, expected a number") from None

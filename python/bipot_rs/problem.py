@@ -1,0 +1,556 @@
+"""The ways in: `ContactProblem`, `solve`, `ReducedProblem` and `project`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs import _core
+from bipot_rs.check import (
+    Array,
+    choice_of_dimension,
+    contact_array,
+    csr,
+    floats,
+    friction,
+    indices,
+    loads,
+    positive,
+    settings,
+)
+from bipot_rs.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.result import Outcome, Result, Solution, Step
+
+
+def project(
+    tau: ArrayLike, mu: ArrayLike, base: ArrayLike | None = None
+) -> tuple[Array, NDArray[np.int8]]:
+    """Project onto Coulomb's cone, contact by contact, in parallel.
+
+    Parameters
+    ----------
+    tau
+        Points to project, ``(n_c, d)``, normal first.
+    mu
+        Friction coefficient, a number or ``(n_c,)``.
+    base
+        Start state ``t0``, ``(n_c, d)``. With it ``tau`` is an increment, projected
+        onto ``ΔK_μ = K_μ - t0`` [dSF91, 53].
+
+    Returns
+    -------
+    t, status
+        The projection ``(n_c, d)``, equation (12), and its `Status` ``(n_c,)``. With
+        ``mu = 0`` a pressed contact is ``SLIP``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        An argument of the wrong kind or shape, or not finite.
+    """
+    points = floats("tau", tau, ndim=2)
+    if points.shape[1] not in (2, 3):
+        raise ValueError(f"tau has shape {points.shape}, expected (n_c, 2) or (n_c, 3)")
+    coefficients = friction(mu, len(points))
+    start = None if base is None else floats("base", base, shape=points.shape)
+    return _core.project(points, coefficients, start)
+
+
+class ContactProblem:
+    """Bodies, contacts and supports, condensed onto the contact set once.
+
+    ``K u = f + Bᵀ r``, ``v = B u + gap``, and Signorini's and Coulomb's laws between
+    ``v`` and ``r`` at every contact: equations (1), (2) and (9).
+
+    Parameters
+    ----------
+    K
+        Stiffness, ``(n, n)``, symmetric positive semidefinite: anything SciPy calls
+        sparse, or dense. Its lower triangle is read.
+    B
+        Contact operator, ``(d n_c, n)``: row ``d i + k`` is component ``k`` of contact
+        ``i``, normal first, so that ``B u + gap`` is the relative displacement and
+        ``Bᵀ r`` the force on the bodies.
+    gap
+        Normal gap, ``(n_c,)``, open when positive, or ``(n_c, d)`` to offset every
+        component.
+    mu
+        Friction coefficient, a number or ``(n_c,)``.
+    fixed
+        Prescribed degrees of freedom, integers.
+    area
+        Tributary areas, ``(n_c,)``, for tractions.
+    dim
+        Dimension, 2 or 3; needed only without contacts.
+    num_threads
+        Threads; default ``BIPOT_NUM_THREADS``, ``RAYON_NUM_THREADS``, or all cores.
+    points
+        Places of the contacts, ``(n_c, d)``, for results and files.
+    frame
+        Local bases ``(n_c, d, d)``, rows ``n, t1[, t2]``, for results and files.
+
+    Raises
+    ------
+    TypeError, ValueError
+        An argument of the wrong kind, shape or value, ``K`` not symmetric or
+        indefinite; the message names the argument and the place.
+    FloatingBodyError
+        The contact set cannot hold a body.
+    MemoryError
+        The factor or ``W`` does not fit, with the figure, before it is allocated.
+    """
+
+    def __init__(
+        self,
+        K: Any,
+        B: Any,
+        *,
+        gap: ArrayLike,
+        mu: ArrayLike,
+        fixed: ArrayLike | None = None,
+        area: ArrayLike | None = None,
+        dim: int | None = None,
+        num_threads: int | None = None,
+        points: ArrayLike | None = None,
+        frame: ArrayLike | None = None,
+    ) -> None:
+        stiffness = csr("K", K)
+        contact = csr("B", B)
+        n = stiffness.shape[0]
+        if stiffness.shape != (n, n):
+            raise ValueError(f"K has shape {stiffness.shape}, expected a square matrix")
+        if contact.shape[1] != n:
+            raise ValueError(
+                f"B has shape {contact.shape}, expected {n} columns, as many as K has rows"
+            )
+        offsets = floats("gap", gap)
+        if offsets.ndim not in (1, 2):
+            raise ValueError(
+                f"gap has shape {offsets.shape}, expected (n_c,) or (n_c, d)"
+            )
+        contacts = len(offsets)
+        d = choice_of_dimension(dim, contacts, contact.shape[0], offsets)
+        whole = np.zeros((contacts, d))
+        whole[:, : 1 if offsets.ndim == 1 else d] = offsets.reshape(contacts, -1)
+        areas = None if area is None else floats("area", area, shape=(contacts,))
+        if areas is not None and not (areas > 0).all():
+            at = int(np.argmin(areas > 0))
+            raise ValueError(
+                f"area of contact {at} is {areas[at]}, expected a positive number"
+            )
+        if num_threads is not None:
+            num_threads = positive("num_threads", num_threads)
+        bases = (
+            None if frame is None else floats("frame", frame, shape=(contacts, d, d))
+        )
+        self._contacts: dict[str, NDArray[Any] | None] = {
+            "x": contact_array("points", points, contacts, d),
+            "normal": None if bases is None else bases[:, 0, :].copy(),
+            "frame": bases,
+            "area": areas,
+            "gap": offsets,
+            "mu": friction(mu, contacts),
+        }
+        self._fixed = indices("fixed", fixed, n)
+        self._shape = (n, contacts, d)
+        started = time.perf_counter()
+        self._core = _core.Condensed(
+            stiffness.parts,
+            contact.parts,
+            whole,
+            self._contacts["mu"],
+            self._fixed,
+            num_threads,
+        )
+        self._seconds = time.perf_counter() - started
+        self._num_threads = num_threads
+
+    @property
+    def compliance(self) -> Array:
+        """The compliance ``W`` of (3), dense, ``(d n_c, d n_c)``.
+
+        With bodies held by contact alone it is ``B_c (S + α R Rᵀ)⁻¹ B_cᵀ`` with their
+        rigid motions ``R`` and ``α = tr S / m``: the ``W`` of `reduced`.
+
+        Raises
+        ------
+        MemoryError
+            It does not fit; contacts on separate bodies need no dense ``W``.
+        """
+        return self._core.compliance()
+
+    @property
+    def stats(self) -> Mapping[str, Any]:
+        """Counts and seconds of the condensation."""
+        return self._core.stats | {"seconds_condense": self._seconds}
+
+    def reduced(
+        self,
+        load: ArrayLike | None = None,
+        prescribed: ArrayLike | None = None,
+        start: Result | Step | None = None,
+    ) -> ReducedProblem:
+        """The reduced problem (5) of one step, from the unloaded state or from ``start``.
+
+        Parameters
+        ----------
+        load, prescribed
+            Totals at the end of the step, ``(n,)`` and ``(len(fixed),)``; missing is zero.
+        start
+            A `Result` or one of its steps, whose slip history is folded into ``q``.
+        """
+        n, contacts, d = self._shape
+        steps = loads(load, prescribed, n, len(self._fixed))
+        if len(steps) != 1:
+            raise ValueError(
+                f"load and prescribed have {len(steps)} steps, expected one"
+            )
+        q, modes, force = self._core.free_part(*steps[0])
+        before = _state(start, contacts, d)
+        if before is not None:
+            q[:, 1:] -= before.relative_displacement[:, 1:]
+        rigid = (np.ascontiguousarray(modes.T), force) if len(force) else None
+        return ReducedProblem(self.compliance, q, self._contacts["mu"], rigid=rigid)
+
+    def solve(
+        self,
+        load: ArrayLike | None = None,
+        prescribed: ArrayLike | None = None,
+        *,
+        method: str = "auto",
+        tol: float = 1e-10,
+        max_iterations: int | None = None,
+        max_seconds: float | None = None,
+        start: Result | Step | None = None,
+        on_step: Callable[[int, Step], object] | None = None,
+    ) -> Result:
+        """Follow a load path, step by step, with slip history.
+
+        Parameters
+        ----------
+        load
+            ``(n,)`` or ``(steps, n)``, totals at the end of each step.
+        prescribed
+            ``(len(fixed),)`` or ``(steps, len(fixed))``; missing is zero. Where one of the
+            two has several rows and the other one, the one is repeated.
+        method
+            ``"auto"``, ``"gauss_seidel"`` or ``"uzawa"`` ([dSF91, 79-81]).
+        tol
+            Residual η to reach; rounding may allow no less than `Solution.tolerance`.
+        max_iterations, max_seconds
+            Limits of one step.
+        start
+            A `Result` or one of its steps to continue from.
+        on_step
+            Called as ``on_step(k, step)`` after each step.
+
+        Raises
+        ------
+        TypeError, ValueError
+            A wrong argument, named.
+        NoEquilibriumError
+            Contacts contradict each other, so that no answer exists.
+        NotConvergedError
+            A step did not converge. ``.result`` of these two holds the steps before.
+        """
+        n, contacts, d = self._shape
+        chosen = settings(method, tol, max_iterations, max_seconds)
+        totals = loads(load, prescribed, n, len(self._fixed))
+        path = _core.Path(
+            self._core, _start(start, contacts, d, self.stats["rigid_motions"])
+        )
+        steps: list[Step] = []
+        seconds = {"condense": self._seconds, "solve": 0.0, "recover": 0.0}
+
+        def recover(step: Step) -> Array:
+            assert step.load is not None and step.prescribed is not None
+            began = time.perf_counter()
+            motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
+            u = self._core.displacement(
+                step.load, step.prescribed, step.reaction, motion
+            )
+            seconds["recover"] += time.perf_counter() - began
+            return u
+
+        def result(success: bool, message: str) -> Result:
+            made = Result(
+                steps,
+                contacts=self._contacts,
+                seconds=None,
+                success=success,
+                message=message,
+            )
+            made.seconds = seconds  # filled further when displacements are asked for
+            return made
+
+        for k, (force, motion) in enumerate(totals):
+            began = time.perf_counter()
+            try:
+                raw = path.step(force, motion, *chosen)
+            except NoEquilibriumError as error:
+                message = f"step {k}: {error}"
+                raise NoEquilibriumError(message, result(False, message)) from None
+            seconds["solve"] += time.perf_counter() - began
+            step = self._step(raw, force, motion, recover)
+            if not step.converged:
+                message = f"step {k}: {step.message}"
+                raise NotConvergedError(message, result(False, message))
+            steps.append(step)
+            if on_step is not None:
+                on_step(k, step)
+        count = len(steps)
+        return result(True, f"{count} step{'' if count == 1 else 's'} converged")
+
+    def _step(
+        self,
+        raw: dict[str, Any],
+        load: Array,
+        prescribed: Array,
+        recover: Callable[[Step], Array],
+    ) -> Step:
+        area = self._contacts["area"]
+        return Step(
+            **_fields(raw),
+            slip=raw["slip"],
+            load=load,
+            prescribed=prescribed,
+            traction=None if area is None else raw["reaction"] / area[:, None],
+            _recover=recover,
+        )
+
+
+def _fields(raw: dict[str, Any]) -> dict[str, Any]:
+    """What `Solution` takes of the core's answer."""
+    taken = (
+        "reaction",
+        "relative_displacement",
+        "status",
+        "residual",
+        "tolerance",
+        "iterations",
+        "work",
+        "history",
+        "bipotential_gap",
+        "seconds",
+    )
+    rigid = raw["rigid_motion"]
+    return {name: raw[name] for name in taken} | {
+        "outcome": Outcome(raw["outcome"]),
+        "rigid_motion": rigid if len(rigid) else None,
+    }
+
+
+def _state(start: Result | Step | None, contacts: int, d: int) -> Step | None:
+    """The step to continue from, checked."""
+    if start is None:
+        return None
+    step = start
+    if isinstance(start, Result):
+        if not len(start):
+            return None
+        step = start[-1]
+    if not isinstance(step, Step):
+        raise TypeError(
+            f"start is a {type(start).__name__}, expected a Result or one of its steps"
+        )
+    if step.reaction.shape != (contacts, d):
+        raise ValueError(
+            f"start has reactions of shape {step.reaction.shape}, expected {(contacts, d)}"
+        )
+    return step
+
+
+def _start(
+    start: Result | Step | None, contacts: int, d: int, motions: int
+) -> tuple[Array, Array, NDArray[np.int8], Array] | None:
+    step = _state(start, contacts, d)
+    if step is None:
+        return None
+    rigid = np.empty(0) if step.rigid_motion is None else step.rigid_motion
+    if len(rigid) != motions:
+        raise ValueError(
+            f"start has {len(rigid)} rigid motions, this problem {motions}"
+        )
+    return step.reaction, step.relative_displacement, step.status, rigid
+
+
+def solve(
+    K: Any,
+    B: Any,
+    load: ArrayLike | None = None,
+    prescribed: ArrayLike | None = None,
+    *,
+    gap: ArrayLike,
+    mu: ArrayLike,
+    fixed: ArrayLike | None = None,
+    area: ArrayLike | None = None,
+    dim: int | None = None,
+    num_threads: int | None = None,
+    points: ArrayLike | None = None,
+    frame: ArrayLike | None = None,
+    **settings: Any,
+) -> Result:
+    """``ContactProblem(K, B, ...).solve(load, prescribed, ...)`` in one call.
+
+    ``settings`` are the keywords of `ContactProblem.solve`; see there and at
+    `ContactProblem` for arguments, results and errors.
+    """
+    problem = ContactProblem(
+        K,
+        B,
+        gap=gap,
+        mu=mu,
+        fixed=fixed,
+        area=area,
+        dim=dim,
+        num_threads=num_threads,
+        points=points,
+        frame=frame,
+    )
+    return problem.solve(load, prescribed, **settings)
+
+
+class ReducedProblem:
+    """A contact problem in the reactions alone, ``v = W r + q`` (5).
+
+    Parameters
+    ----------
+    W
+        Compliance, ``(d n_c, d n_c)``, dense or sparse. It is used as given, never made
+        symmetric; ``asymmetry`` reports what it lacks.
+    q
+        Relative displacement without reactions, ``(n_c, d)``, normal first.
+    mu
+        Friction coefficient, a number or ``(n_c,)``.
+    rigid
+        ``(R (d n_c, k), e (k,))`` for bodies held by contact alone:
+        ``v = W r + R a + q`` with ``Rᵀ r + e = 0``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named.
+    NoEquilibriumError
+        A contact penetrates and nothing can move it.
+    FloatingBodyError
+        A column of ``R`` moves no contact.
+    """
+
+    def __init__(
+        self,
+        W: Any,
+        q: ArrayLike,
+        mu: ArrayLike,
+        *,
+        rigid: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> None:
+        free = floats("q", q, ndim=2)
+        contacts, d = free.shape
+        if d not in (2, 3):
+            raise ValueError(f"q has shape {free.shape}, expected (n_c, 2) or (n_c, 3)")
+        size = contacts * d
+        parts = _islands(W, contacts, d)
+        if rigid is None:
+            modes, force = np.empty((0, size)), np.empty(0)
+        else:
+            if not isinstance(rigid, tuple) or len(rigid) != 2:
+                raise TypeError("rigid is not a pair (R, e)")
+            border = floats("R of rigid", rigid[0], ndim=2)
+            if border.shape[0] != size:
+                raise ValueError(
+                    f"R of rigid has shape {border.shape}, expected ({size}, k)"
+                )
+            force = floats("e of rigid", rigid[1], shape=(border.shape[1],))
+            modes = np.ascontiguousarray(border.T)
+        self.W = W
+        self.q = free
+        self.mu = friction(mu, contacts)
+        self.rigid = None if rigid is None else (modes.T, force)
+        self._core = _core.Reduced(parts, free, self.mu, modes, force)
+
+    @property
+    def asymmetry(self) -> float:
+        """Largest ``|W_ij - W_ji|`` over the largest entry of ``W``."""
+        return self._core.asymmetry
+
+    def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:
+        """η of (13) at the reactions ``r (n_c, d)``: the one certificate of every method.
+
+        With ``rigid`` and no ``a (k,)``, at the rigid motion of least squares.
+        """
+        reaction = floats("r", r, shape=self.q.shape)
+        count = 0 if self.rigid is None else len(self.rigid[1])
+        motion = None if a is None else floats("a", a, shape=(count,))
+        return self._core.residual(reaction, motion)
+
+    def solve(
+        self,
+        method: str = "auto",
+        tol: float = 1e-10,
+        max_iterations: int | None = None,
+        max_seconds: float | None = None,
+        start: Solution | ArrayLike | None = None,
+        *,
+        num_threads: int | None = None,
+    ) -> Solution:
+        """Solve; what happened is `Solution.outcome`, whatever it was.
+
+        Parameters
+        ----------
+        method, tol, max_iterations, max_seconds
+            As in `ContactProblem.solve`.
+        start
+            A `Solution`, or reactions ``(n_c, d)``, to start from.
+        """
+        chosen = settings(method, tol, max_iterations, max_seconds)
+        reaction, motion = None, None
+        if isinstance(start, Solution):
+            reaction = floats("start", start.reaction, shape=self.q.shape)
+            motion = start.rigid_motion
+            count = 0 if self.rigid is None else len(self.rigid[1])
+            if motion is not None and len(motion) != count:
+                raise ValueError(
+                    f"start has {len(motion)} rigid motions, expected {count}"
+                )
+        elif start is not None:
+            reaction = floats("start", start, shape=self.q.shape)
+        if num_threads is not None:
+            num_threads = positive("num_threads", num_threads)
+        raw = self._core.solve(*chosen, reaction, motion, num_threads)
+        return Solution(**_fields(raw))
+
+
+def _islands(W: Any, contacts: int, d: int) -> list[tuple[list[int], Array]]:
+    """Contacts and dense matrix, flat, of each independent part of ``W``."""
+    size = contacts * d
+    if not hasattr(W, "tocsr"):
+        dense = floats("W", W, ndim=2, finite=False)
+        if dense.shape != (size, size):
+            raise ValueError(f"W has shape {dense.shape}, expected {(size, size)}")
+        return [(list(range(contacts)), dense.ravel())] if contacts else []
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    sparse = csr("W", W)
+    if sparse.shape != (size, size):
+        raise ValueError(f"W has shape {sparse.shape}, expected {(size, size)}")
+    whole = sparse.matrix
+    entries = coo_array(whole)
+    graph = coo_array(
+        (np.ones(entries.nnz), (entries.row // d, entries.col // d)),
+        shape=(contacts, contacts),
+    )
+    count, label = connected_components(graph.tocsr(), directed=False)
+    order = np.argsort(label, kind="stable")
+    bounds = np.searchsorted(label[order], np.arange(count + 1))
+    parts = []
+    for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
+        nodes = order[begin:end]
+        rows = (d * nodes[:, None] + np.arange(d)).ravel()
+        block = whole[rows][:, rows].toarray()
+        parts.append(([int(i) for i in nodes], np.ascontiguousarray(block).ravel()))
+    return parts

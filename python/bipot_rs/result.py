@@ -1,0 +1,365 @@
+"""What a solve returns: one `Solution`, or the `Step` s of a path in a `Result`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from enum import IntEnum, StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs import export
+
+Array = NDArray[np.float64]
+
+
+class Status(IntEnum):
+    """State of a contact; arrays of it are ``int8``."""
+
+    OPEN = 0
+    SLIP = 1
+    STICK = 2
+
+
+class Outcome(StrEnum):
+    """Why a solver stopped; the string says it."""
+
+    CONVERGED = "converged"
+    STALLED = "stalled"
+    ITERATION_LIMIT = "iteration_limit"
+    TIME_LIMIT = "time_limit"
+    NO_EQUILIBRIUM = "no_equilibrium"
+
+
+_ADVICE = {
+    Outcome.STALLED: "the residual has stopped falling: friction may be too high for this "
+    "method, or a body may slide away",
+    Outcome.ITERATION_LIMIT: "max_iterations was reached",
+    Outcome.TIME_LIMIT: "max_seconds was reached",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solution:
+    """The answer of one contact problem, or the best point that was reached.
+
+    Components are normal first, ``(n, t1[, t2])``; units are the caller's.
+
+    Attributes
+    ----------
+    reaction
+        Nodal contact forces, ``(n_c, d)``; ``r_n >= 0`` presses.
+    relative_displacement
+        ``v``, ``(n_c, d)``; ``v_n >= 0`` is the opening.
+    status
+        `Status` of each contact, ``(n_c,)`` of ``int8``.
+    converged, outcome
+        Whether ``residual <= tolerance`` was confirmed by a fresh evaluation,
+        and why the solver stopped.
+    residual, tolerance
+        η of equation (13), and what it was held to: the larger of ``tol`` and
+        the rounding of η itself.
+    iterations, work
+        Iterations, and their cost in products with ``W``.
+    rigid_motion
+        Amounts of the rigid motions of bodies held by contact alone, ``(k,)``.
+    unique
+        ``"proved"``, ``"others exist"`` or ``"unknown"``.
+    history
+        A row ``(work, residual)`` an iteration.
+    bipotential_gap
+        ``r·v + mu r_n |v_t|`` of each contact in units of work, ``(n_c,)``: zero
+        exactly on the law, (10).
+    error_estimate
+        Relative forward errors of reaction and relative displacement, or ``None``.
+    seconds
+        Time taken.
+    """
+
+    reaction: Array
+    relative_displacement: Array
+    status: NDArray[np.int8]
+    outcome: Outcome
+    residual: float
+    tolerance: float
+    iterations: int
+    work: float
+    rigid_motion: Array | None = None
+    unique: str = "unknown"
+    history: Array = field(default_factory=lambda: np.empty((0, 2)), repr=False)
+    bipotential_gap: Array = field(default_factory=lambda: np.empty(0), repr=False)
+    error_estimate: tuple[float, float] | None = None
+    seconds: float = 0.0
+
+    @property
+    def converged(self) -> bool:
+        """Whether this is an answer."""
+        return self.outcome is Outcome.CONVERGED
+
+    @property
+    def message(self) -> str:
+        """One sentence on how it ended."""
+        judged = f"residual {self.residual:.1e}, held to {self.tolerance:.1e}"
+        if self.converged:
+            return f"converged in {self.iterations} iterations ({judged})"
+        return f"not converged, {_ADVICE.get(self.outcome, self.outcome)} ({judged})"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Step(Solution):
+    """One load step: a `Solution` with what belongs to a path.
+
+    Attributes
+    ----------
+    slip
+        Increment of the tangential relative displacement over the step,
+        ``(n_c, d - 1)``; ``relative_displacement`` is the total, ``B u + gap``.
+    load, prescribed
+        Total loads ``(n,)`` and prescribed displacements ``(len(fixed),)``;
+        ``None`` in a result that was read from a file.
+    traction
+        ``reaction / area``, ``(n_c, d)``; ``None`` without areas.
+    """
+
+    slip: Array
+    load: Array | None = field(default=None, repr=False)
+    prescribed: Array | None = field(default=None, repr=False)
+    traction: Array | None = field(default=None, repr=False)
+    _recover: Callable[[Step], Array] | None = field(default=None, repr=False)
+    _kept: dict[str, Array] = field(default_factory=dict, repr=False)
+
+    @property
+    def displacement(self) -> Array:
+        """Displacement of all degrees of freedom, ``(n,)``, computed when first asked for.
+
+        Raises
+        ------
+        ValueError
+            The step has lost its problem (it was read from a file, or from
+            another process) before the displacement was asked for.
+        """
+        if "u" not in self._kept:
+            if self._recover is None:
+                raise ValueError(
+                    "displacement was not computed before this step was saved or sent: "
+                    "ask for it where the problem is at hand"
+                )
+            self._kept["u"] = self._recover(self)
+        return self._kept["u"]
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The condensed problem stays where it is: it may be gigabytes.
+        return self.__dict__ | {"_recover": None}
+
+
+class Result(Sequence[Step]):
+    """The steps of a load path, stacked; ``result[k]`` is step ``k``.
+
+    Attributes
+    ----------
+    steps
+        The complete steps.
+    contacts
+        What is known of the contacts: ``x``, ``normal``, ``frame``, ``area``,
+        ``gap``, ``mu``; ``None`` for what is not.
+    seconds
+        ``condense``, ``solve``, ``recover``.
+    success, message
+        Whether the whole path was solved, and a sentence on it.
+    """
+
+    def __init__(
+        self,
+        steps: Sequence[Step],
+        *,
+        contacts: Mapping[str, NDArray[Any] | None],
+        seconds: Mapping[str, float] | None = None,
+        success: bool,
+        message: str,
+    ) -> None:
+        self.steps = tuple(steps)
+        self.contacts = dict(contacts)
+        self.seconds = dict.fromkeys(("condense", "solve", "recover"), 0.0) | dict(
+            seconds or {}
+        )
+        self.success = success
+        self.message = message
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    def __getitem__(self, k: Any) -> Any:
+        return self.steps[k]
+
+    def __iter__(self) -> Iterator[Step]:
+        return iter(self.steps)
+
+    def __repr__(self) -> str:
+        contacts = len(self.status[-1]) if self.steps else 0
+        return f"Result({len(self)} steps, {contacts} contacts, {self.message})"
+
+    def _stack(
+        self, name: str, empty: tuple[int, ...], dtype: Any = np.float64
+    ) -> NDArray[Any]:
+        if not self.steps:
+            return np.empty(empty, dtype)
+        return np.stack([np.asarray(getattr(step, name), dtype) for step in self.steps])
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        gap = self.contacts.get("gap")
+        x = self.contacts.get("x")
+        known = next((a for a in (x, gap) if a is not None), np.empty((0, 0)))
+        return len(known), known.shape[1] if known.ndim == 2 else 0
+
+    @property
+    def reaction(self) -> Array:
+        """Nodal contact forces, ``(steps, n_c, d)``."""
+        return self._stack("reaction", (0, *self._shape))
+
+    @property
+    def traction(self) -> Array | None:
+        """``reaction / area``, ``(steps, n_c, d)``; ``None`` without areas."""
+        if self.contacts.get("area") is None:
+            return None
+        return self._stack("traction", (0, *self._shape))
+
+    @property
+    def relative_displacement(self) -> Array:
+        """Total relative displacement ``B u + gap``, ``(steps, n_c, d)``."""
+        return self._stack("relative_displacement", (0, *self._shape))
+
+    @property
+    def slip(self) -> Array:
+        """Slip increment of each step, ``(steps, n_c, d - 1)``."""
+        contacts, d = self._shape
+        return self._stack("slip", (0, contacts, max(d - 1, 0)))
+
+    @property
+    def status(self) -> NDArray[np.int8]:
+        """`Status` of each contact, ``(steps, n_c)``."""
+        return self._stack("status", (0, self._shape[0]), np.int8)
+
+    @property
+    def displacement(self) -> Array:
+        """Displacement of all degrees of freedom, ``(steps, n)``, computed when asked for."""
+        return self._stack("displacement", (0, 0))
+
+    @property
+    def work(self) -> Array:
+        """Cost of each step in products with ``W``, ``(steps,)``."""
+        return self._stack("work", (0,))
+
+    @property
+    def residual(self) -> Array:
+        """η of each step, ``(steps,)``."""
+        return self._stack("residual", (0,))
+
+    @property
+    def iterations(self) -> NDArray[np.int64]:
+        """Iterations of each step, ``(steps,)``."""
+        return self._stack("iterations", (0,), np.int64)
+
+    @property
+    def converged(self) -> NDArray[np.bool_]:
+        """Whether each step is an answer, ``(steps,)``."""
+        return self._stack("converged", (0,), np.bool_)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the result to an HDF5 file; `load` reads it back.
+
+        Displacements are written where they have been computed.
+
+        Raises
+        ------
+        OSError
+            The file cannot be written; an earlier one of that name is intact.
+        """
+        export.write_result(
+            path,
+            self.contacts,
+            [_record(step, k) for k, step in enumerate(self.steps)],
+            complete=self.success,
+            attributes={"message": self.message}
+            | {f"seconds_{name}": value for name, value in self.seconds.items()},
+        )
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write a PVD series of the contacts for ParaView, a point each.
+
+        Raises
+        ------
+        ValueError
+            The places of the contacts are not known.
+        OSError
+            A file cannot be written.
+        """
+        x = self.contacts.get("x")
+        if x is None:
+            raise ValueError(
+                "the places of the contacts are not known: give points= to ContactProblem "
+                "or solve to write them for ParaView"
+            )
+        names = ("reaction", "traction", "relative_displacement", "slip", "status")
+        series = [{name: getattr(step, name) for name in names} for step in self.steps]
+        export.write_series(
+            path,
+            x,
+            None,
+            [{k: v for k, v in s.items() if v is not None} for s in series],
+        )
+
+
+# What of a step is not written as it stands.
+_NOT_WRITTEN = {"load", "prescribed", "traction", "error_estimate", "_recover", "_kept"}
+
+
+def _record(step: Step, number: int) -> dict[str, Any]:
+    names = [f.name for f in fields(step) if f.name not in _NOT_WRITTEN]
+    record = {name: getattr(step, name) for name in names}
+    record["outcome"] = str(step.outcome)
+    record["load"] = float(number + 1)
+    record["displacement"] = step._kept.get("u")
+    if step.error_estimate is not None:
+        record["error_estimate"] = np.asarray(step.error_estimate)
+    return record
+
+
+def load(path: str | os.PathLike[str]) -> Result:
+    """Read a result that `Result.save` or the command line wrote.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    ValueError
+        The file is not a result.
+    """
+    contacts, records, attributes = export.read_result(path)
+    area = contacts.get("area")
+    steps = [_from_record(record, area) for record in records]
+    prefix = "seconds_"
+    return Result(
+        steps,
+        contacts=contacts,
+        seconds={
+            k[len(prefix) :]: v for k, v in attributes.items() if k.startswith(prefix)
+        },
+        success=bool(attributes["complete"]),
+        message=str(attributes.get("message", "")),
+    )
+
+
+def _from_record(record: Mapping[str, Any], area: NDArray[Any] | None) -> Step:
+    names = {f.name for f in fields(Step)} - _NOT_WRITTEN
+    known = {name: value for name, value in record.items() if name in names}
+    known["outcome"] = Outcome(known["outcome"])
+    if "error_estimate" in record:
+        estimate = record["error_estimate"]
+        known["error_estimate"] = (float(estimate[0]), float(estimate[1]))
+    kept = {"u": record["displacement"]} if "displacement" in record else {}
+    traction = None if area is None else known["reaction"] / area[:, None]
+    return Step(**known, traction=traction, _kept=kept)

@@ -1,0 +1,260 @@
+//! Checked view of a symmetric sparse matrix.
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+
+/// How far from symmetric a pair may be, relative to `√|K_ii K_jj|`.
+///
+/// Assembly in another order moves an entry by a few times 1e-16 of the terms
+/// summed; six digits above that a difference is a mistake, not rounding.
+const ASYMMETRY: f64 = 1e-10;
+
+/// A symmetric `n × n` matrix by columns, both triangles stored, row indices
+/// increasing in each column. As it is symmetric, rows and columns may be read
+/// for one another: CSR arrays do as well.
+#[derive(Clone, Copy, Debug)]
+pub struct Symmetric<'a> {
+    n: usize,
+    col_ptr: &'a [usize],
+    row_idx: &'a [usize],
+    values: &'a [f64],
+}
+
+impl<'a> Symmetric<'a> {
+    /// Checks structure and finiteness, once; what follows relies on it.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for lengths that do not fit, [`Error::SparseStructure`]
+    /// for pointers that decrease or indices that do not increase,
+    /// [`Error::IndexRange`] and [`Error::EntryNotFinite`].
+    pub fn new(
+        n: usize,
+        col_ptr: &'a [usize],
+        row_idx: &'a [usize],
+        values: &'a [f64],
+    ) -> Result<Self, Error> {
+        let shape = |what, expected, found| {
+            Err(Error::Shape {
+                what,
+                expected,
+                found,
+            })
+        };
+        if col_ptr.len() != n + 1 {
+            return shape("column pointers of K", n + 1, col_ptr.len());
+        }
+        if values.len() != row_idx.len() {
+            return shape("values of K", row_idx.len(), values.len());
+        }
+        let broken = |row| Error::SparseStructure { what: "K", row };
+        if col_ptr[0] != 0 {
+            return Err(broken(0));
+        }
+        for j in 0..n {
+            let (start, end) = (col_ptr[j], col_ptr[j + 1]);
+            if end < start || end > row_idx.len() {
+                return Err(broken(j));
+            }
+            let rows = &row_idx[start..end];
+            if let Some(at) = rows.iter().position(|&i| i >= n) {
+                return Err(Error::IndexRange {
+                    what: "row indices of K",
+                    position: start + at,
+                    found: rows[at],
+                    limit: n,
+                });
+            }
+            if rows.windows(2).any(|pair| pair[0] >= pair[1]) {
+                return Err(broken(j));
+            }
+            if let Some(at) = values[start..end].iter().position(|v| !v.is_finite()) {
+                return Err(Error::EntryNotFinite {
+                    what: "K",
+                    row: rows[at],
+                    column: j,
+                    value: values[start + at],
+                });
+            }
+        }
+        if col_ptr[n] != row_idx.len() {
+            return shape("row indices of K", col_ptr[n], row_idx.len());
+        }
+        Ok(Self {
+            n,
+            col_ptr,
+            row_idx,
+            values,
+        })
+    }
+
+    /// Order of the matrix.
+    #[must_use]
+    pub fn n(&self) -> usize {
+        self.n
+    }
+
+    /// Where each column starts, `n + 1` numbers.
+    #[must_use]
+    pub fn col_ptr(&self) -> &'a [usize] {
+        self.col_ptr
+    }
+
+    /// Row of each stored entry.
+    #[must_use]
+    pub fn row_idx(&self) -> &'a [usize] {
+        self.row_idx
+    }
+
+    /// Stored entries.
+    #[must_use]
+    pub fn values(&self) -> &'a [f64] {
+        self.values
+    }
+
+    /// Rows and values of column `j`.
+    pub fn column(&self, j: usize) -> impl Iterator<Item = (usize, f64)> + use<'a> {
+        let range = self.col_ptr[j]..self.col_ptr[j + 1];
+        self.row_idx[range.clone()]
+            .iter()
+            .copied()
+            .zip(self.values[range].iter().copied())
+    }
+
+    /// The diagonal; an entry that is not stored is zero.
+    #[must_use]
+    pub fn diagonal(&self) -> Vec<f64> {
+        (0..self.n)
+            .map(|j| self.position(j, j).map_or(0.0, |at| self.values[at]))
+            .collect()
+    }
+
+    /// Where entry `(i, j)` is stored.
+    pub(crate) fn position(&self, i: usize, j: usize) -> Option<usize> {
+        let start = self.col_ptr[j];
+        self.row_idx[start..self.col_ptr[j + 1]]
+            .binary_search(&i)
+            .ok()
+            .map(|at| start + at)
+    }
+
+    /// Calls `visit(i, j, lower, upper)`, `i > j`, for each pair of which at
+    /// least one entry is stored, with the positions of those that are.
+    pub(crate) fn pairs(&self, mut visit: impl FnMut(usize, usize, Option<usize>, Option<usize>)) {
+        // Columns are walked in order, so the partners (j, i) of column i come
+        // up with j increasing: one cursor a column finds them all in one pass.
+        let mut cursor = self.col_ptr[..self.n].to_vec();
+        for j in 0..self.n {
+            for at in self.col_ptr[j]..self.col_ptr[j + 1] {
+                let i = self.row_idx[at];
+                if i <= j {
+                    continue;
+                }
+                while cursor[i] < self.col_ptr[i + 1] && self.row_idx[cursor[i]] < j {
+                    visit(i, self.row_idx[cursor[i]], None, Some(cursor[i]));
+                    cursor[i] += 1;
+                }
+                let partner = (cursor[i] < self.col_ptr[i + 1] && self.row_idx[cursor[i]] == j)
+                    .then_some(cursor[i]);
+                visit(i, j, Some(at), partner);
+                cursor[i] += usize::from(partner.is_some());
+            }
+        }
+        for (i, &from) in cursor.iter().enumerate() {
+            for at in from..self.col_ptr[i + 1] {
+                if self.row_idx[at] >= i {
+                    break;
+                }
+                visit(i, self.row_idx[at], None, Some(at));
+            }
+        }
+    }
+
+    /// Whether K is symmetric to rounding; an entry without partner has the
+    /// partner zero.
+    ///
+    /// # Errors
+    /// [`Error::Asymmetric`] with the pair that is furthest from it, measured
+    /// by `√|K_ii K_jj|`, or by the larger entry where a diagonal is zero: no
+    /// change of units, whole or by unknown, moves the verdict.
+    pub fn check_symmetry(&self) -> Result<(), Error> {
+        let diagonal = self.diagonal();
+        let mut worst: Option<(f64, Error)> = None;
+        self.pairs(|i, j, lower, upper| {
+            let value = |at: Option<usize>| at.map_or(0.0, |at| self.values[at]);
+            let (lower, upper) = (value(lower), value(upper));
+            // Two roots: the product of two diagonals may overflow.
+            let mut scale = diagonal[i].abs().sqrt() * diagonal[j].abs().sqrt();
+            if scale == 0.0 {
+                scale = lower.abs().max(upper.abs());
+            }
+            let difference = (lower - upper).abs();
+            if difference > ASYMMETRY * scale {
+                let ratio = difference / scale;
+                if worst.as_ref().is_none_or(|(known, _)| ratio > *known) {
+                    let error = Error::Asymmetric {
+                        row: j,
+                        column: i,
+                        upper,
+                        lower,
+                    };
+                    worst = Some((ratio, error));
+                }
+            }
+        });
+        worst.map_or(Ok(()), |(_, error)| Err(error))
+    }
+
+    /// Number of the connected component of each row, from 0 in order of first
+    /// appearance. A stored zero does not connect.
+    #[must_use]
+    pub fn components(&self) -> Vec<usize> {
+        fn root(parent: &mut [usize], mut i: usize) -> usize {
+            while parent[i] != i {
+                parent[i] = parent[parent[i]];
+                i = parent[i];
+            }
+            i
+        }
+        let mut parent: Vec<usize> = (0..self.n).collect();
+        for j in 0..self.n {
+            for (i, value) in self.column(j) {
+                if i != j && value != 0.0 {
+                    let (a, b) = (root(&mut parent, i), root(&mut parent, j));
+                    // The smaller index leads: paths stay short and the result
+                    // does not depend on the order of visits.
+                    parent[a.max(b)] = a.min(b);
+                }
+            }
+        }
+        let mut number = vec![usize::MAX; self.n];
+        let mut found = 0;
+        (0..self.n)
+            .map(|i| {
+                let leader = root(&mut parent, i);
+                if number[leader] == usize::MAX {
+                    number[leader] = found;
+                    found += 1;
+                }
+                number[leader]
+            })
+            .collect()
+    }
+
+    /// `y = K x`, row by row (a row is read from the column of its number), so
+    /// that each sum has one order for any number of threads.
+    ///
+    /// # Panics
+    /// If `x` or `y` has not `n` entries.
+    pub fn product(&self, x: &[f64], y: &mut [f64]) {
+        /// Rows given to a thread at a time: some ten microseconds of work.
+        const ROWS: usize = 1024;
+        assert_eq!(x.len(), self.n);
+        assert_eq!(y.len(), self.n);
+        y.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, y)| {
+            for (k, y) in y.iter_mut().enumerate() {
+                *y = self.column(chunk * ROWS + k).map(|(i, v)| v * x[i]).sum();
+            }
+        });
+    }
+}

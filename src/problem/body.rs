@@ -1,0 +1,486 @@
+//! One body: a connected component of the free stiffness, its `S`, its rigid motions.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::linalg::dense;
+use crate::linalg::multifrontal::Factor;
+use crate::linalg::small::{dot_long, norm};
+use crate::linalg::symbolic::{Options, Symbolic};
+use crate::problem::condense::Stats;
+use crate::problem::memory;
+use crate::problem::sparse::Owned;
+
+/// A row of `B` restricted to a body: places in its contact set, and values.
+#[derive(Clone, Debug)]
+pub struct Row {
+    pub row: usize,
+    pub entries: Vec<(usize, f64)>,
+}
+
+/// Below this, relative to the diagonal of `K`, an eigenvalue of `S` is zero:
+/// rounding leaves about 1e-15, and the softest support worth the name more.
+const NULL: f64 = 1e-13;
+
+/// A pivot above this, relative to the diagonal of `K`, leaves no doubt that a
+/// matrix is definite; below it the eigenvalues are looked at.
+const SAFE: f64 = 1e-9;
+
+/// The shift of inverse iteration, relative to the diagonal of `K`: far above
+/// rounding, far below what separates rigid from elastic motions.
+const SHIFT: f64 = 1e-10;
+
+/// One body.
+#[derive(Debug)]
+pub struct Body {
+    /// Its degrees of freedom in the caller's numbering.
+    dofs: Vec<usize>,
+    stiffness: Owned,
+    /// The contact set, local numbers.
+    kept: Vec<usize>,
+    rows: Vec<Row>,
+    factor: Factor,
+    /// Lower Cholesky factor of `S + α R Rᵀ`, column-major.
+    cholesky: Vec<f64>,
+    /// Orthonormal rigid motions `R` on the contact set.
+    modes: Vec<Vec<f64>>,
+    /// `α = tr S / m`.
+    alpha: f64,
+    inverse: Vec<f64>,
+    condition: f64,
+}
+
+impl Body {
+    /// Condenses. `rows` come with local numbers of degrees of freedom.
+    ///
+    /// # Errors
+    /// [`Error::Indefinite`], [`Error::FloatingBody`], [`Error::Mechanism`],
+    /// with the degree of freedom in the caller's numbering;
+    /// [`Error::Memory`]; [`Error::Interrupted`].
+    pub fn new(
+        dofs: Vec<usize>,
+        stiffness: Owned,
+        mut rows: Vec<Row>,
+        dimension: usize,
+        stop: &AtomicBool,
+    ) -> Result<Self, Error> {
+        let kept = contact_set(&mut rows, dofs.len());
+        let view = stiffness.view()?;
+        let symbolic = Symbolic::analyse(&view, &kept, &Options::default())?;
+        let counts = symbolic.counts();
+        let square = 8 * (kept.len() as u128).pow(2);
+        memory::check("the factor of K", counts.bytes_peak as u128 + 2 * square)?;
+        let factor =
+            Factor::new(Arc::new(symbolic), &view, stop).map_err(|e| renumber(e, &dofs))?;
+        let diagonal = view.diagonal();
+        if let Some((dof, ratio)) = factor.weakest_pivot()
+            && ratio < SAFE
+            && softest_interior(&factor, &diagonal, &kept) <= NULL
+        {
+            return Err(Error::FloatingBody { dof: dofs[dof] });
+        }
+        let m = kept.len();
+        let scale: Vec<f64> = kept
+            .iter()
+            .map(|&i| {
+                if diagonal[i] > 0.0 {
+                    diagonal[i].sqrt().recip()
+                } else {
+                    1.0
+                }
+            })
+            .collect();
+        let schur = factor.schur();
+        let modes = null_space(schur, &scale, 2 * LIMIT[dimension]);
+        if modes.len() > LIMIT[dimension] {
+            return Err(Error::Mechanism {
+                dof: dofs[kept[0]],
+                found: modes.len(),
+                limit: LIMIT[dimension],
+            });
+        }
+        #[expect(clippy::cast_precision_loss, reason = "a count")]
+        let mean = (0..m).map(|i| schur[i * (m + 1)]).sum::<f64>() / m.max(1) as f64;
+        let alpha = if mean > 0.0 { mean } else { 1.0 };
+        let mut cholesky = schur.to_vec();
+        for mode in &modes {
+            for (column, a) in cholesky.chunks_exact_mut(m).zip(mode) {
+                for (value, b) in column.iter_mut().zip(mode) {
+                    *value += alpha * a * b;
+                }
+            }
+        }
+        let size = one_norm(&cholesky, m);
+        dense::cholesky(&mut cholesky, m).map_err(|at| Error::Indefinite {
+            dof: dofs[kept[at]],
+        })?;
+        let mut inverse = vec![0.0; m * m];
+        dense::inverse_from_cholesky(&cholesky, m, &mut inverse);
+        let condition = size * one_norm(&inverse, m);
+        Ok(Self {
+            dofs,
+            stiffness,
+            kept,
+            rows,
+            factor,
+            cholesky,
+            modes,
+            alpha,
+            inverse,
+            condition,
+        })
+    }
+
+    #[must_use]
+    pub fn kept(&self) -> usize {
+        self.kept.len()
+    }
+
+    #[must_use]
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
+    /// Number of rigid motions that its supports leave free.
+    #[must_use]
+    pub fn motions(&self) -> usize {
+        self.modes.len()
+    }
+
+    /// Condition number of `S + α R Rᵀ` in the 1-norm.
+    #[must_use]
+    pub fn condition(&self) -> f64 {
+        self.condition
+    }
+
+    /// `(S + α R Rᵀ)⁻¹`, given away: it is needed once.
+    pub fn take_inverse(&mut self) -> Vec<f64> {
+        std::mem::take(&mut self.inverse)
+    }
+
+    /// The degree of freedom that a rigid motion moves most.
+    #[must_use]
+    pub fn most_moved(&self, motion: usize) -> usize {
+        let mode = &self.modes[motion];
+        let most = (0..mode.len()).fold(0, |best, k| {
+            if mode[k].abs() > mode[best].abs() {
+                k
+            } else {
+                best
+            }
+        });
+        self.dofs[self.kept[most]]
+    }
+
+    /// `v += amount B_c R_k`.
+    pub fn add_motion(&self, motion: usize, amount: f64, v: &mut [f64]) {
+        self.add_contact(&self.modes[motion], amount, v);
+    }
+
+    fn add_contact(&self, u: &[f64], amount: f64, v: &mut [f64]) {
+        for row in &self.rows {
+            v[row.row] += amount * row.entries.iter().map(|&(k, b)| b * u[k]).sum::<f64>();
+        }
+    }
+
+    /// Condenses this body's part of `force`: interior unknowns as the factor
+    /// leaves them, contact forces `f_c − K_ci K_ii⁻¹ f_i`.
+    #[must_use]
+    pub fn condense(&self, force: &[f64]) -> Vec<f64> {
+        let mut local: Vec<f64> = self.dofs.iter().map(|&i| force[i]).collect();
+        self.factor.condense(&mut local, 1);
+        local
+    }
+
+    fn contact_part(&self, local: &[f64]) -> Vec<f64> {
+        self.kept.iter().map(|&i| local[i]).collect()
+    }
+
+    /// `e = Rᵀ f_c`.
+    #[must_use]
+    pub fn rigid_load(&self, condensed: &[f64]) -> Vec<f64> {
+        let contact = self.contact_part(condensed);
+        self.modes
+            .iter()
+            .map(|mode| dot_long(mode, &contact))
+            .collect()
+    }
+
+    /// `v += B_c (S + α R Rᵀ)⁻¹ (I − R Rᵀ) f_c`.
+    pub fn add_free_displacement(&self, condensed: &[f64], v: &mut [f64]) {
+        let mut u = self.contact_part(condensed);
+        self.balance(&mut u);
+        self.solve_contact(&mut u);
+        self.add_contact(&u, 1.0, v);
+    }
+
+    /// `f ← (I − R Rᵀ) f`.
+    fn balance(&self, f: &mut [f64]) {
+        for mode in &self.modes {
+            let along = dot_long(mode, f);
+            for (value, m) in f.iter_mut().zip(mode) {
+                *value -= along * m;
+            }
+        }
+    }
+
+    fn solve_contact(&self, f: &mut [f64]) {
+        dense::solve_lower(&self.cholesky, self.kept.len(), f, 1);
+        dense::solve_lower_transpose(&self.cholesky, self.kept.len(), f, 1);
+    }
+
+    /// Writes this body's displacement: free part, reactions, rigid motions, and
+    /// one step of refinement.
+    pub fn displacement(&self, force: &[f64], reaction: &[f64], rigid: &[f64], out: &mut [f64]) {
+        let mut push = vec![0.0; self.kept.len()];
+        for row in &self.rows {
+            for &(k, b) in &row.entries {
+                push[k] += b * reaction[row.row];
+            }
+        }
+        let force: Vec<f64> = self.dofs.iter().map(|&i| force[i]).collect();
+        let mut u = self.response(&force, Some(&push), rigid);
+        let mut rest = vec![0.0; u.len()];
+        self.stiffness.add_transposed_product(&u, &mut rest);
+        for (value, f) in rest.iter_mut().zip(&force) {
+            *value = f - *value;
+        }
+        for (&i, p) in self.kept.iter().zip(&push) {
+            rest[i] += p;
+        }
+        for (value, change) in u.iter_mut().zip(self.response(&rest, None, &[])) {
+            *value += change;
+        }
+        for (&i, value) in self.dofs.iter().zip(u) {
+            out[i] = value;
+        }
+    }
+
+    /// `u` of a force with its rigid part taken out, of reactions as they are
+    /// (their rigid part is what `a` was found with), and of rigid motions.
+    fn response(&self, force: &[f64], push: Option<&[f64]>, rigid: &[f64]) -> Vec<f64> {
+        let mut local = force.to_vec();
+        self.factor.condense(&mut local, 1);
+        let mut contact = self.contact_part(&local);
+        self.balance(&mut contact);
+        for (value, p) in contact.iter_mut().zip(push.unwrap_or(&[])) {
+            *value += p;
+        }
+        self.solve_contact(&mut contact);
+        for (mode, amount) in self.modes.iter().zip(rigid) {
+            for (value, m) in contact.iter_mut().zip(mode) {
+                *value += amount * m;
+            }
+        }
+        for (&i, value) in self.kept.iter().zip(contact) {
+            local[i] = value;
+        }
+        self.factor.recover(&mut local, 1);
+        local
+    }
+
+    /// Adds this body's counts.
+    pub fn add_to(&self, stats: &mut Stats) {
+        let counts = self.factor.symbolic().counts();
+        stats.nnz_factor += counts.nnz_factor;
+        stats.flops += counts.flops;
+        stats.bytes_factor += counts.bytes_factor;
+        stats.bytes_peak += counts.bytes_peak + 24 * self.kept.len().pow(2);
+        stats.contact_dofs += self.kept.len();
+        stats.seconds_order += counts.seconds_order;
+        stats.seconds_symbolic += counts.seconds_symbolic;
+        if stats.ordering.is_empty() {
+            stats.ordering = counts.ordering;
+        }
+    }
+
+    /// `α = tr S / m`.
+    #[must_use]
+    pub fn alpha(&self) -> f64 {
+        self.alpha
+    }
+}
+
+/// Rigid motions that a body in `d` dimensions can have.
+const LIMIT: [usize; 4] = [0, 1, 3, 6];
+
+/// Degrees of freedom that the rows touch, in the order they are met; the rows
+/// are given places in that list.
+fn contact_set(rows: &mut [Row], order: usize) -> Vec<usize> {
+    let mut place = vec![usize::MAX; order];
+    let mut kept = Vec::new();
+    for (dof, _) in rows.iter_mut().flat_map(|row| &mut row.entries) {
+        if place[*dof] == usize::MAX {
+            place[*dof] = kept.len();
+            kept.push(*dof);
+        }
+        *dof = place[*dof];
+    }
+    kept
+}
+
+fn renumber(error: Error, dofs: &[usize]) -> Error {
+    match error {
+        Error::Indefinite { dof } => Error::Indefinite { dof: dofs[dof] },
+        Error::FloatingBody { dof } => Error::FloatingBody { dof: dofs[dof] },
+        other => other,
+    }
+}
+
+fn one_norm(a: &[f64], m: usize) -> f64 {
+    a.chunks_exact(m.max(1))
+        .map(|c| c.iter().map(|x| x.abs()).sum())
+        .fold(0.0, f64::max)
+}
+
+/// Smallest Rayleigh quotient of `K_ii`, relative to its diagonal, that inverse
+/// iteration finds.
+fn softest_interior(factor: &Factor, diagonal: &[f64], kept: &[usize]) -> f64 {
+    let mut x: Vec<f64> = (0..diagonal.len()).map(start_value).collect();
+    let mut quotient = f64::INFINITY;
+    for _ in 0..4 {
+        for &i in kept {
+            x[i] = 0.0;
+        }
+        let weighted: Vec<f64> = x.iter().zip(diagonal).map(|(x, d)| x * d).collect();
+        let mut y = weighted.clone();
+        factor.condense(&mut y, 1);
+        for &i in kept {
+            y[i] = 0.0;
+        }
+        factor.recover(&mut y, 1);
+        // With K y = D x: yᵀ K y / yᵀ D y = yᵀ D x / yᵀ D y.
+        let energy = dot_long(&y, &weighted);
+        let size: f64 = y.iter().zip(diagonal).map(|(y, d)| y * y * d).sum();
+        if !size.is_finite() || size == 0.0 {
+            return 0.0;
+        }
+        quotient = quotient.min(energy / size);
+        let length = size.sqrt();
+        x = y.iter().map(|y| y / length).collect();
+    }
+    quotient
+}
+
+/// A start for inverse iterations that no rigid motion is orthogonal to.
+fn start_value(k: usize) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "a fixed, uneven sequence")]
+    let phase = k as f64 * 0.618_033_988_749_895;
+    0.5 + phase.fract()
+}
+
+/// Orthonormal basis of the null space of a symmetric positive semidefinite `S`,
+/// judged in the variables that `scale` makes of order one; at most `most`
+/// directions are looked for.
+///
+/// A Cholesky factorisation with large pivots ends the matter. Else inverse
+/// iteration on a block of `most + 2` vectors, and Rayleigh–Ritz.
+fn null_space(schur: &[f64], scale: &[f64], most: usize) -> Vec<Vec<f64>> {
+    let m = scale.len();
+    let scaled = |shift: f64| {
+        let mut a = vec![0.0; m * m];
+        for (j, (column, s)) in a
+            .chunks_exact_mut(m.max(1))
+            .zip(schur.chunks_exact(m.max(1)))
+            .enumerate()
+        {
+            for (i, (value, s)) in column.iter_mut().zip(s).enumerate() {
+                *value = s * scale[i] * scale[j];
+            }
+            column[j] += shift;
+        }
+        a
+    };
+    let mut factor = scaled(0.0);
+    let definite = dense::cholesky(&mut factor, m).is_ok();
+    let pivot = |i: usize| factor[i * (m + 1)].powi(2);
+    if definite && (0..m).all(|i| pivot(i) > SAFE) {
+        return Vec::new();
+    }
+    let mut shift = SHIFT;
+    loop {
+        factor = scaled(shift);
+        if dense::cholesky(&mut factor, m).is_ok() {
+            break;
+        }
+        // Negative eigenvalues beyond rounding: let the caller's own
+        // factorisation name the place.
+        if shift > 1e-6 {
+            return Vec::new();
+        }
+        shift *= 100.0;
+    }
+    let width = (most + 2).min(m);
+    let mut block: Vec<Vec<f64>> = (0..width)
+        .map(|c| {
+            (0..m)
+                .map(|k| start_value(k * width + c + 1) - 1.0)
+                .collect()
+        })
+        .collect();
+    for _ in 0..6 {
+        for column in &mut block {
+            dense::solve_lower(&factor, m, column, 1);
+            dense::solve_lower_transpose(&factor, m, column, 1);
+        }
+        orthonormalise(&mut block);
+    }
+    let plain = scaled(0.0);
+    let image: Vec<Vec<f64>> = block
+        .iter()
+        .map(|x| {
+            plain
+                .chunks_exact(m.max(1))
+                .map(|row| dot_long(row, x))
+                .collect()
+        })
+        .collect();
+    let mut projected = vec![0.0; width * width];
+    for i in 0..width {
+        for j in 0..width {
+            projected[i * width + j] =
+                0.5 * (dot_long(&block[i], &image[j]) + dot_long(&block[j], &image[i]));
+        }
+    }
+    let mut values = vec![0.0; width];
+    dense::symmetric_eigen(&mut projected, width, &mut values);
+    let null = values.iter().take_while(|&&value| value <= NULL).count();
+    let mut modes: Vec<Vec<f64>> = (0..null)
+        .map(|k| {
+            let mut mode = vec![0.0; m];
+            for (column, weight) in block.iter().zip(&projected[k * width..]) {
+                for ((value, x), s) in mode.iter_mut().zip(column).zip(scale) {
+                    *value += weight * x * s;
+                }
+            }
+            mode
+        })
+        .collect();
+    orthonormalise(&mut modes);
+    modes
+}
+
+/// Gram–Schmidt, twice.
+fn orthonormalise(block: &mut [Vec<f64>]) {
+    for j in 0..block.len() {
+        let (done, rest) = block.split_at_mut(j);
+        let column = &mut rest[0];
+        for _ in 0..2 {
+            let length = norm(column);
+            if length > 0.0 {
+                column.iter_mut().for_each(|x| *x /= length);
+            }
+            for q in done.iter() {
+                let along = dot_long(q, column);
+                for (value, a) in column.iter_mut().zip(q) {
+                    *value -= along * a;
+                }
+            }
+        }
+        let length = norm(column);
+        if length > 0.0 {
+            column.iter_mut().for_each(|x| *x /= length);
+        }
+    }
+}

@@ -1,0 +1,26 @@
+//! Refuses what cannot fit, with the figure, before it is allocated.
+
+use crate::error::Error;
+
+/// Bytes that this machine can still give, where it tells (Linux).
+fn available() -> Option<u128> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text
+        .lines()
+        .find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let kilobytes: u128 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
+    Some(1024 * kilobytes)
+}
+
+/// # Errors
+/// [`Error::Memory`] when `what` needs more than there is.
+pub fn check(what: &'static str, bytes: u128) -> Result<(), Error> {
+    match available() {
+        Some(available) if bytes > available => Err(Error::Memory {
+            what,
+            bytes,
+            available,
+        }),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,269 @@
+//! Rows, columns and parts of the caller's sparse matrices.
+
+use crate::error::Error;
+use crate::linalg::csc::Symmetric;
+
+/// A borrowed matrix by rows; indices need not be sorted.
+#[derive(Clone, Copy, Debug)]
+pub struct Rows<'a> {
+    pub row_ptr: &'a [usize],
+    pub columns: &'a [usize],
+    pub values: &'a [f64],
+}
+
+impl<'a> Rows<'a> {
+    /// # Errors
+    /// Structure, range or finiteness, with the place.
+    pub fn check(&self, what: &'static str, rows: usize, columns: usize) -> Result<(), Error> {
+        if self.row_ptr.len() != rows + 1 {
+            return Err(Error::Shape {
+                what,
+                expected: rows + 1,
+                found: self.row_ptr.len(),
+            });
+        }
+        let entries = self.columns.len();
+        let broken = |row: &usize| self.row_ptr[*row] > self.row_ptr[row + 1];
+        let ends = self.row_ptr[0] == 0 && self.row_ptr[rows] == entries;
+        if let Some(row) = (0..rows).find(broken) {
+            return Err(Error::SparseStructure { what, row });
+        }
+        if !ends || self.values.len() != entries {
+            return Err(Error::SparseStructure { what, row: rows });
+        }
+        for row in 0..rows {
+            for (column, value) in self.row(row) {
+                if column >= columns {
+                    return Err(Error::IndexRange {
+                        what,
+                        position: row,
+                        found: column,
+                        limit: columns,
+                    });
+                }
+                if !value.is_finite() {
+                    return Err(Error::EntryNotFinite {
+                        what,
+                        row,
+                        column,
+                        value,
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    pub fn row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> + 'a {
+        let range = self.row_ptr[row]..self.row_ptr[row + 1];
+        self.columns[range.clone()]
+            .iter()
+            .copied()
+            .zip(self.values[range].iter().copied())
+    }
+
+    /// The columns that `number` gives a new number, under that number.
+    #[must_use]
+    pub fn select(&self, number: impl Fn(usize) -> Option<usize>) -> Owned {
+        let mut out = Owned::default();
+        for row in 0..self.row_ptr.len() - 1 {
+            for (column, value) in self.row(row) {
+                if let Some(column) = number(column) {
+                    out.index.push(column);
+                    out.values.push(value);
+                }
+            }
+            out.pointer.push(out.index.len());
+        }
+        out
+    }
+
+    /// The nonzero entries of a row at free degrees of freedom, body by body,
+    /// under local numbers.
+    pub(crate) fn by_body(
+        &self,
+        row: usize,
+        place: &[Option<(usize, usize)>],
+    ) -> Vec<(usize, Vec<(usize, f64)>)> {
+        let mut found: Vec<(usize, Vec<(usize, f64)>)> = Vec::new();
+        for (column, value) in self.row(row).filter(|&(_, value)| value != 0.0) {
+            let Some((body, local)) = place[column] else {
+                continue;
+            };
+            match found.iter_mut().find(|(b, _)| *b == body) {
+                Some((_, entries)) => entries.push((local, value)),
+                None => found.push((body, vec![(local, value)])),
+            }
+        }
+        found
+    }
+}
+
+/// A matrix of our own, compressed by rows or by columns as its owner says.
+#[derive(Clone, Debug)]
+pub struct Owned {
+    pub pointer: Vec<usize>,
+    pub index: Vec<usize>,
+    pub values: Vec<f64>,
+}
+
+impl Default for Owned {
+    fn default() -> Self {
+        Self {
+            pointer: vec![0],
+            index: Vec::new(),
+            values: Vec::new(),
+        }
+    }
+}
+
+impl Owned {
+    /// As a symmetric matrix.
+    ///
+    /// # Errors
+    /// None that construction here can cause; the view checks all the same.
+    pub fn view(&self) -> Result<Symmetric<'_>, Error> {
+        Symmetric::new(
+            self.pointer.len() - 1,
+            &self.pointer,
+            &self.index,
+            &self.values,
+        )
+    }
+
+    fn entries(&self, k: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let range = self.pointer[k]..self.pointer[k + 1];
+        self.index[range.clone()]
+            .iter()
+            .copied()
+            .zip(self.values[range].iter().copied())
+    }
+
+    /// `y += A x`, rows compressed.
+    pub fn add_product(&self, x: &[f64], y: &mut [f64]) {
+        for (row, value) in y.iter_mut().enumerate() {
+            *value += self.entries(row).map(|(j, a)| a * x[j]).sum::<f64>();
+        }
+    }
+
+    /// `y += |A| |x|`, rows compressed.
+    pub fn add_absolute_product(&self, x: &[f64], y: &mut [f64]) {
+        for (row, value) in y.iter_mut().enumerate() {
+            *value += self
+                .entries(row)
+                .map(|(j, a)| (a * x[j]).abs())
+                .sum::<f64>();
+        }
+    }
+
+    /// `y += Aᵀ x`, rows compressed (`A x` for compressed columns).
+    pub fn add_transposed_product(&self, x: &[f64], y: &mut [f64]) {
+        for (k, &x) in x.iter().enumerate() {
+            for (j, a) in self.entries(k) {
+                y[j] += a * x;
+            }
+        }
+    }
+}
+
+/// The free part of a symmetric matrix, both triangles from its lower one, and
+/// the global numbers of its rows. Stored zeros are left out: they connect nothing.
+#[must_use]
+pub fn free_part(k: &Symmetric, fixed: &[Option<usize>]) -> (Owned, Vec<usize>) {
+    let global: Vec<usize> = (0..k.n()).filter(|&i| fixed[i].is_none()).collect();
+    let mut number = vec![usize::MAX; k.n()];
+    for (local, &i) in global.iter().enumerate() {
+        number[i] = local;
+    }
+    let lower = |j: usize| {
+        let number = &number;
+        k.column(j).filter_map(move |(i, value)| {
+            let keep = i >= j && number[i] != usize::MAX && (value != 0.0 || i == j);
+            keep.then(|| (number[i], value))
+        })
+    };
+    let mut pointer = vec![0; global.len() + 1];
+    for (local, &j) in global.iter().enumerate() {
+        for (i, _) in lower(j) {
+            pointer[local + 1] += 1;
+            if i != local {
+                pointer[i + 1] += 1;
+            }
+        }
+    }
+    for i in 0..global.len() {
+        pointer[i + 1] += pointer[i];
+    }
+    // Columns are visited in order, so that every column is filled in order:
+    // its upper entries come before its own turn, its lower ones at it.
+    let mut cursor = pointer.clone();
+    let entries = pointer[global.len()];
+    let (mut index, mut values) = (vec![0; entries], vec![0.0; entries]);
+    for (local, &j) in global.iter().enumerate() {
+        for (i, value) in lower(j) {
+            for (row, column) in [(i, local), (local, i)]
+                .into_iter()
+                .take(1 + usize::from(i != local))
+            {
+                index[cursor[column]] = row;
+                values[cursor[column]] = value;
+                cursor[column] += 1;
+            }
+        }
+    }
+    (
+        Owned {
+            pointer,
+            index,
+            values,
+        },
+        global,
+    )
+}
+
+/// Columns of a symmetric matrix at `fixed`, rows that are not fixed only.
+#[must_use]
+pub fn columns(k: &Symmetric, fixed: &[usize], position: &[Option<usize>]) -> Owned {
+    let mut out = Owned::default();
+    for &j in fixed {
+        for (i, value) in k.column(j).filter(|&(i, _)| position[i].is_none()) {
+            out.index.push(i);
+            out.values.push(value);
+        }
+        out.pointer.push(out.index.len());
+    }
+    out
+}
+
+/// Number of each row within its component.
+#[must_use]
+pub fn local_numbers(component: &[usize], count: usize) -> Vec<usize> {
+    let mut next = vec![0; count];
+    let number = |&c: &usize| {
+        next[c] += 1;
+        next[c] - 1
+    };
+    component.iter().map(number).collect()
+}
+
+/// Splits a block-diagonal matrix into its components, with their rows.
+#[must_use]
+pub fn split(k: Owned, component: &[usize]) -> Vec<(Vec<usize>, Owned)> {
+    let count = component.iter().max().map_or(0, |c| c + 1);
+    if count == 1 {
+        return vec![((0..component.len()).collect(), k)];
+    }
+    let local = local_numbers(component, count);
+    let mut parts: Vec<(Vec<usize>, Owned)> =
+        (0..count).map(|_| (Vec::new(), Owned::default())).collect();
+    for (j, &c) in component.iter().enumerate() {
+        let (rows, part) = &mut parts[c];
+        rows.push(j);
+        for (i, value) in k.entries(j).filter(|&(i, _)| component[i] == c) {
+            part.index.push(local[i]);
+            part.values.push(value);
+        }
+        part.pointer.push(part.index.len());
+    }
+    parts
+}

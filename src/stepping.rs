@@ -1,0 +1,119 @@
+//! The load path, (21)–(23): one reduced problem a step, with the slip history
+//! of the last step folded into `q`, committed only when the step has converged.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::law::cone::Status;
+use crate::problem::condense::Condensed;
+use crate::problem::reduced::Reduced;
+use crate::solver::{self, Outcome, Settings, Solution, Start};
+
+/// What a step leaves behind.
+#[derive(Clone, Debug)]
+pub struct State<const D: usize> {
+    pub reaction: Vec<[f64; D]>,
+    /// Total, `B u + gap`.
+    pub relative_displacement: Vec<[f64; D]>,
+    pub status: Vec<Status>,
+    pub rigid: Vec<f64>,
+}
+
+/// A load path in progress. Without a state, the next step is the first from
+/// the unloaded body.
+#[derive(Clone, Debug, Default)]
+pub struct LoadPath<const D: usize> {
+    state: Option<State<D>>,
+}
+
+/// One step, whether it converged or not.
+#[derive(Clone, Debug)]
+pub struct Step<const D: usize> {
+    /// `relative_displacement` is the total one here.
+    pub solution: Solution<D>,
+    /// Increment of the tangential part over the step, `(t1[, t2])` in the
+    /// places 1 and up.
+    pub slip: Vec<[f64; D]>,
+}
+
+/// `q` of a step: the total free displacement, less where the contacts slid to
+/// before, (22).
+#[must_use]
+pub fn incremental<const D: usize>(q: &[[f64; D]], state: Option<&State<D>>) -> Vec<[f64; D]> {
+    let mut q = q.to_vec();
+    if let Some(state) = state {
+        for (free, before) in q.iter_mut().zip(&state.relative_displacement) {
+            for k in 1..D {
+                free[k] -= before[k];
+            }
+        }
+    }
+    q
+}
+
+impl<const D: usize> LoadPath<D> {
+    /// Continues from a state.
+    #[must_use]
+    pub fn from_state(state: State<D>) -> Self {
+        Self { state: Some(state) }
+    }
+
+    /// Where the path stands.
+    #[must_use]
+    pub fn state(&self) -> Option<&State<D>> {
+        self.state.as_ref()
+    }
+
+    /// Takes one step to the total loads; commits it if it converged.
+    ///
+    /// # Errors
+    /// Wrong loads, [`Error::ContradictoryContact`], [`Error::Interrupted`]; the
+    /// path then stands where it stood.
+    pub fn advance(
+        &mut self,
+        problem: &Condensed<D>,
+        load: &[f64],
+        prescribed: &[f64],
+        settings: &Settings,
+        stop: &AtomicBool,
+    ) -> Result<Step<D>, Error> {
+        let free = problem.free_part(load, prescribed)?;
+        let q = incremental(&free.q, self.state.as_ref());
+        let compliance = problem.compliance();
+        let reduced = Reduced::new(compliance, &q, problem.mu(), &free.rigid)?;
+        let start = self
+            .state
+            .as_ref()
+            .map_or_else(Start::default, |state| Start {
+                reaction: compliance.gather(&state.reaction),
+                rigid: state.rigid.clone(),
+                closed: compliance
+                    .gather(&state.status)
+                    .iter()
+                    .map(|&s| s != Status::Open)
+                    .collect(),
+            });
+        let mut solution = solver::solve(&reduced, settings, &start, stop)?;
+        let slip = solution.relative_displacement.clone();
+        if let Some(state) = &self.state {
+            for (v, before) in solution
+                .relative_displacement
+                .iter_mut()
+                .zip(&state.relative_displacement)
+            {
+                for k in 1..D {
+                    v[k] += before[k];
+                }
+            }
+        }
+        if solution.outcome == Outcome::Converged {
+            self.state = Some(State {
+                reaction: solution.reaction.clone(),
+                relative_displacement: solution.relative_displacement.clone(),
+                status: solution.status.clone(),
+                rigid: solution.rigid_motion.clone(),
+            });
+        }
+        Ok(Step { solution, slip })
+    }
+}

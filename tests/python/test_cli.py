@@ -1,0 +1,279 @@
+"""The command line: its output, its files and its exit status, by subprocess."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs import export
+
+BIPOT = [sys.executable, "-m", "bipot_rs"]
+LAST_LINE = {
+    "scene",
+    "dofs",
+    "contacts",
+    "steps",
+    "success",
+    "seconds",
+    "peak_mb",
+    "message",
+}
+FILES = {"result.h5", "result.pvd", "steps.csv"}
+
+
+def bipot(
+    *arguments: str, cwd: Path, status: int = 0
+) -> subprocess.CompletedProcess[str]:
+    run = subprocess.run(
+        [*BIPOT, *arguments], cwd=cwd, capture_output=True, text=True, timeout=120
+    )
+    assert run.returncode == status, run.stderr
+    assert "Traceback" not in run.stderr
+    return run
+
+
+def lines(output: str) -> list[dict[str, Any]]:
+    """Every line of standard output is one JSON object."""
+    return [json.loads(line) for line in output.splitlines()]
+
+
+def scene_file(folder: Path, changes: Sequence[tuple[str, str]] = ()) -> Path:
+    """The pressed block, coarse, with some of its text replaced."""
+    text = subprocess.run(
+        [*BIPOT, "scenes", "pressed_block"], capture_output=True, text=True, check=True
+    ).stdout
+    for old, new in (("n = 32", "n = 4"), *changes):
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "block.toml"
+    path.write_text(text)
+    return path
+
+
+def test_run_writes_table_and_files(tmp_path: Path) -> None:
+    run = bipot("run", "sheared_cube", "--set", "mesh.n=3", "--plot", cwd=tmp_path)
+    out = tmp_path / "out" / "sheared_cube"
+    series = {"result_0000.vtu", "result_0001.vtu"}
+    assert {p.name for p in out.iterdir()} == FILES | series | {"tractions.png"}
+    assert (out / "tractions.png").read_bytes().startswith(b"\x89PNG")
+    for word in ("stick", "slip", "open", "residual", "result.h5", "192 degrees"):
+        assert word in run.stdout
+    # Without a terminal a line for each load step takes the place of the bar.
+    assert re.findall(r"^step (\d) of 2: load", run.stderr, re.M) == ["1", "2"]
+
+
+def test_json_lines(tmp_path: Path) -> None:
+    run = bipot("run", "sheared_cube", "--set=mesh.n=3", "--json", cwd=tmp_path)
+    *steps, last = lines(run.stdout)
+    assert run.stderr == ""
+    assert [step["step"] for step in steps] == [0, 1]
+    assert [step["load"] for step in steps] == [0.0, 1.0]
+    assert steps[0].keys() == {
+        *("step", "load", "open", "slip", "stick"),
+        *("residual", "iterations", "seconds"),
+    }
+    assert all(s["open"] + s["slip"] + s["stick"] == 16 for s in steps)
+    # The tolerance of the shipped scenes.
+    assert all(0 < s["residual"] <= 1e-12 for s in steps)
+    assert last.keys() == LAST_LINE
+    assert last["scene"] == "sheared_cube"
+    assert (last["dofs"], last["contacts"], last["steps"]) == (192, 16, 2)
+    assert last["success"] is True
+    phases = ["mesh", "assemble", "condense", "solve", "recover", "write", "total"]
+    assert list(last["seconds"]) == phases
+    parts = sum(last["seconds"][phase] for phase in phases[:-1])
+    assert 0 < parts <= last["seconds"]["total"]
+    assert last["peak_mb"] > 10
+
+
+def test_result_file_is_a_result(tmp_path: Path) -> None:
+    bipot("run", "sheared_cube", "--set", "mesh.n=3", "--out", "here", cwd=tmp_path)
+    with h5py.File(tmp_path / "here" / "result.h5") as file:
+        assert file.attrs["format"] == "bipot-result"
+        assert file.attrs["complete"]
+        shapes = {name: data.shape for name, data in file["contacts"].items()}
+        assert shapes == {
+            "x": (16, 3),
+            "normal": (16, 3),
+            "frame": (16, 3, 3),
+            "area": (16,),
+            "gap": (16,),
+            "mu": (16,),
+        }
+        assert {"reaction", "relative_displacement", "slip", "status"} <= set(
+            file["steps/0001"]
+        )
+        assert file["steps/0001/load"][()] == 1.0
+    result = bp.load(tmp_path / "here" / "result.h5")
+    assert result.success
+    assert result.reaction.shape == (2, 16, 3)
+    assert result.displacement.shape == (2, 192)
+    assert result[1].converged
+    # A cube pressed by 0.05 % and dragged along x is pushed back along -x.
+    total = result.reaction[1].sum(axis=0)
+    assert total[0] > 0 > total[1]
+
+
+def test_a_later_run_replaces_the_files_of_an_earlier_one(tmp_path: Path) -> None:
+    arguments = ("run", "cyclic_cube", "--set", "mesh.n=2", "--out", "here")
+    bipot(*arguments, "--plot", cwd=tmp_path)
+    mine = tmp_path / "here" / "notes.txt"
+    mine.write_text("mine")
+    (tmp_path / "here" / "result_old.vtu").write_text("mine too")
+    one_step = ["--set", "path.steps=1", "--set", "path.amplitude.shear=[0.0]"]
+    bipot(*arguments, *one_step, cwd=tmp_path)
+    left = {path.name for path in (tmp_path / "here").iterdir()}
+    assert left == FILES | {"result_0000.vtu", "notes.txt", "result_old.vtu"}
+
+
+def test_method_and_tolerance(tmp_path: Path) -> None:
+    arguments = ("run", "sheared_cube", "--set", "mesh.n=3", "--json")
+    tight = bipot(*arguments, cwd=tmp_path)
+    loose = bipot(*arguments, "--tol", "1e-4", "--method", "uzawa", cwd=tmp_path)
+    # Loose, but not for nothing: it stops where it is told to.
+    residual = max(step["residual"] for step in lines(loose.stdout)[:-1])
+    assert 1e-12 < residual <= 1e-4
+    assert lines(tight.stdout)[:-1] != lines(loose.stdout)[:-1]
+
+
+def test_scenes(tmp_path: Path) -> None:
+    names = bipot("scenes", cwd=tmp_path).stdout.split()
+    assert "sheared_cube" in names
+    assert 'title = "' in bipot("scenes", "sheared_cube", cwd=tmp_path).stdout
+    wrong = bipot("scenes", "nothing", cwd=tmp_path, status=2)
+    assert "neither a file nor one of" in wrong.stderr
+
+
+def test_no_answer(tmp_path: Path) -> None:
+    """A block without support that touches the plane in one node: it can roll."""
+    path = scene_file(
+        tmp_path,
+        [
+            (
+                'on = "block.left"\nx = 0.0',
+                'on = "block.left"\nx = 0.0\nwithin = { x = [0.0, 0.0], y = [0.0, 0.0] }',
+            ),
+            ("mu = 1.0", "mu = 1.0\nwithin = { x = [0.0, 0.0] }"),
+        ],
+    )
+    run = bipot("run", str(path), "--json", cwd=tmp_path, status=1)
+    (last,) = lines(run.stdout)
+    assert last.keys() == LAST_LINE
+    assert last["success"] is False
+    assert "free" in last["message"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "nothing"], "neither a file nor one of cattaneo_mindlin"),
+        (["run", "sheared_cube", "--set", "mesh.m=3"], "mesh.m: unknown key"),
+        (["run", "two_blocks", "--set", "mesh.n=9"], "not a whole number of cells"),
+        (["run", "sheared_cube", "--set", "mesh.n=2", "--method", "magic"], "magic"),
+        (["run", "sheared_cube", "--set", "mesh.n=2", "--tol", "-1"], "tol"),
+        (["run", "sheared_cube", "--tol", "small"], "small"),
+        (["run", "sheared_cube", "--out", "file/below"], "cannot write to the folder"),
+        (["run", "sheared_cube", "--fast"], "--fast"),
+        (["run"], "SCENE"),
+        (["walk"], "walk"),
+    ],
+)
+def test_bad_input(arguments: list[str], message: str, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    plain = bipot(*arguments, cwd=tmp_path, status=2)
+    assert message in plain.stderr
+    assert plain.stdout == ""
+    if arguments[0] == "run":
+        json_run = bipot(*arguments, "--json", cwd=tmp_path, status=2)
+        (last,) = lines(json_run.stdout)
+        assert last.keys() == LAST_LINE
+        assert last["success"] is False
+        assert message in last["message"]
+        assert json_run.stderr == ""
+
+
+def test_not_converged_keeps_the_earlier_steps(tmp_path: Path) -> None:
+    # The first step, pressing alone, needs fewer iterations than the second:
+    # a limit between the two lets one through.
+    whole = bipot("run", "sheared_cube", "--set=mesh.n=3", "--json", cwd=tmp_path)
+    few, more = (step["iterations"] for step in lines(whole.stdout)[:-1])
+    limit = min(few, more)
+    assert few != more
+    steps = "[0.0, 1.0]" if few < more else "[1.0, 0.0]"
+    run = bipot(
+        *("run", "sheared_cube", "--set=mesh.n=3", "--json"),
+        *("--set", f"solver.max_iterations={limit}"),
+        *("--set", f"path.amplitude.shear={steps}"),
+        cwd=tmp_path,
+        status=3,
+    )
+    *done, last = lines(run.stdout)
+    assert last["success"] is False
+    assert "max_iterations" in last["message"]
+    folder = tmp_path / "out" / "sheared_cube"
+    _, written, attributes = export.read_result(folder / "result.h5")
+    assert attributes["complete"] is False
+    assert len(written) == len(done) == last["steps"] < 2
+
+
+def test_interrupt_keeps_the_complete_steps(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [*BIPOT, "run", "cyclic_cube", "--set", "mesh.n=7", "--json"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    first = json.loads(process.stdout.readline())
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    *more, last = lines(output)
+    assert last["success"] is False
+    assert last["message"].startswith("interrupted")
+    assert 1 + len(more) < 41
+    path = tmp_path / "out" / "cyclic_cube" / "result.h5"
+    _, written, attributes = export.read_result(path)
+    assert attributes["complete"] is False
+    assert [s["load"] for s in written] == [s["load"] for s in (first, *more)]
+    assert np.isfinite(written[0]["reaction"]).all()
+
+
+def test_help_is_quick_to_import(tmp_path: Path) -> None:
+    """Neither numbers nor pictures are loaded to print a help text."""
+    code = (
+        "import sys; from bipot_rs.cli import app; app(['--help']); "
+        "print(sorted({'scipy', 'skfem', 'matplotlib', 'h5py', 'meshio', 'pydantic'}"
+        " & set(sys.modules)), file=sys.stderr)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
+    )
+    assert run.returncode == 0
+    assert "run" in run.stdout
+    assert run.stderr.strip() == "[]"
+
+
+def test_read_only_folder(tmp_path: Path) -> None:
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    (closed / "result.h5").mkdir()
+    run = bipot(
+        *("run", "sheared_cube", "--set=mesh.n=2", "--out", str(closed), "--json"),
+        cwd=tmp_path,
+        status=2,
+    )
+    assert lines(run.stdout)[-1]["success"] is False
+    # Nothing half done is left behind.
+    assert [path.name for path in closed.iterdir()] == ["result.h5"]

@@ -1,0 +1,116 @@
+"""Result files: what is written is read back, and nothing is half written."""
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import h5py
+import meshio
+import numpy as np
+import pytest
+
+from bipot_rs import export
+
+CONTACTS = {
+    "x": np.arange(6.0).reshape(3, 2),
+    "mu": np.array([0.3, 0.3, 0.0]),
+    "area": None,
+}
+STEP = {
+    "load": 0.5,
+    "residual": 1e-13,
+    "reaction": np.ones((3, 2)),
+    "status": np.array([0, 1, 2], dtype=np.int8),
+    "iterations": 7,
+    "outcome": "converged",
+    "traction": None,
+}
+
+
+def test_result_comes_back(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    export.write_result(
+        path, CONTACTS, [STEP, STEP], complete=True, attributes={"scene": "it"}
+    )
+    contacts, steps, attributes = export.read_result(path)
+    assert contacts.keys() == {"x", "mu"}
+    np.testing.assert_array_equal(contacts["x"], CONTACTS["x"])
+    assert attributes == {"scene": "it", "complete": True, "version": 1}
+    assert len(steps) == 2
+    step = steps[1]
+    assert step.keys() == STEP.keys() - {"traction"}
+    assert (step["load"], step["residual"]) == (0.5, 1e-13)
+    assert (step["iterations"], step["outcome"]) == (7, "converged")
+    assert step["status"].dtype == np.int8
+    np.testing.assert_array_equal(step["reaction"], STEP["reaction"])
+
+
+def test_layout_of_the_file(tmp_path: Path) -> None:
+    export.write_result(tmp_path / "a.h5", CONTACTS, [STEP], complete=False)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file.attrs["format"] == "bipot-result"
+        assert file.attrs["complete"] == np.False_
+        assert file["steps/0000/residual"].shape == ()
+        assert file["steps/0000/load"][()] == 0.5
+        assert file["steps/0000/reaction"].shape == (3, 2)
+        assert file["contacts/x"].shape == (3, 2)
+
+
+def test_more_than_9999_steps_stay_in_order(tmp_path: Path) -> None:
+    steps = [{"load": float(k)} for k in range(10_001)]
+    export.write_result(tmp_path / "a.h5", {}, steps, complete=True)
+    _, back, _ = export.read_result(tmp_path / "a.h5")
+    assert [step["load"] for step in back] == list(range(10_001))
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert "00000" in file["steps"]
+        assert "10000" in file["steps"]
+
+
+def test_a_failure_leaves_the_earlier_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    export.write_result(path, CONTACTS, [STEP], complete=True)
+    before = path.read_bytes()
+    with pytest.raises(TypeError):
+        export.write_result(path, {"x": np.array([object()])}, [], complete=True)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "b.h5", "w"):
+        pass
+    with pytest.raises(ValueError, match="is not a result"):
+        export.read_result(tmp_path / "b.h5")
+    with h5py.File(tmp_path / "c.h5", "w") as file:
+        file.attrs.update(format="bipot-result", version=99)
+    with pytest.raises(ValueError, match="version 99"):
+        export.read_result(tmp_path / "c.h5")
+
+
+def test_series_for_paraview(tmp_path: Path) -> None:
+    points = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    cells = [("quad", np.array([[0, 1, 2, 3]]))]
+    steps = [
+        {"displacement": k * points, "status": np.arange(4, dtype=np.int8), "load": 1.0}
+        for k in range(3)
+    ]
+    export.write_series(tmp_path / "a.pvd", points, cells, steps)
+    entries = ET.parse(tmp_path / "a.pvd").getroot().findall("Collection/DataSet")
+    assert [e.get("file") for e in entries] == [f"a_000{k}.vtu" for k in range(3)]
+    assert [e.get("timestep") for e in entries] == ["0", "1", "2"]
+    mesh = meshio.read(tmp_path / "a_0002.vtu")
+    np.testing.assert_array_equal(mesh.points[:, :2], points)
+    np.testing.assert_array_equal(mesh.points[:, 2], 0)
+    np.testing.assert_array_equal(mesh.cells[0].data, cells[0][1])
+    assert mesh.point_data.keys() == {"displacement", "status"}
+    np.testing.assert_array_equal(mesh.point_data["displacement"][:, :2], 2 * points)
+    assert b"binary" in (tmp_path / "a_0002.vtu").read_bytes()
+
+
+def test_shorter_series_replaces_a_longer_one_and_nothing_else(tmp_path: Path) -> None:
+    points = np.zeros((2, 3))
+    export.write_series(tmp_path / "a.pvd", points, None, [{}] * 3)
+    (tmp_path / "a_0002b.vtu").touch()
+    (tmp_path / "ab_0002.vtu").touch()
+    export.write_series(tmp_path / "a.pvd", points, None, [{}])
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"a.pvd", "a_0000.vtu", "a_0002b.vtu", "ab_0002.vtu"}

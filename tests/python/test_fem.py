@@ -1,0 +1,345 @@
+"""Assembly: patch tests, resultants, rates, and scikit-fem's own forms."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import skfem
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+from bipot_rs import fem
+from bipot_rs.elasticity import vtk_cells
+
+CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+ELEMENTS = {
+    "triangle": skfem.ElementTriP1,
+    "quadrilateral": skfem.ElementQuad1,
+    "tetrahedron": skfem.ElementTetP1,
+    "hexahedron": skfem.ElementHex1,
+}
+Floats = NDArray[np.float64]
+
+
+def body(cell: str, n: int = 3, bend: float = 0.2, **material: object) -> fem.Body:
+    """Unit square or cube whose inner nodes are moved by up to ``bend`` cells."""
+    mesh = fem.box([np.linspace(0, 1, n + 1)] * CELLS[cell], cell)
+    inside = ((mesh.p > 0) & (mesh.p < 1)).all(axis=0)
+    moved = mesh.p.copy()
+    random = np.random.default_rng(1)
+    moved[:, inside] += bend / n * random.uniform(-1, 1, moved[:, inside].shape)
+    mesh = type(mesh)(moved, mesh.t).with_boundaries(mesh.boundaries)
+    return fem.Body("it", mesh, fem.Material(210e3, 0.3, **material))  # type: ignore[arg-type]
+
+
+def boundary(one: fem.Body) -> NDArray[np.int64]:
+    return np.unique(one.mesh.facets[:, one.mesh.boundary_facets()])
+
+
+def solve(
+    K: sparse.csr_array, f: Floats, fixed: NDArray[np.int64], value: Floats
+) -> Floats:
+    u = np.zeros(len(f))
+    u[fixed] = value
+    free = np.setdiff1d(np.arange(len(f)), fixed)
+    u[free] = spsolve(K[free][:, free].tocsc(), (f - K @ u)[free])
+    return u
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_stiffness_is_that_of_scikit_fem(cell: str) -> None:
+    one = body(cell)
+    basis = skfem.Basis(one.mesh, skfem.ElementVector(ELEMENTS[cell]()), intorder=2)
+    theirs = linear_elasticity(*lame_parameters(210e3, 0.3)).assemble(basis)
+    ours = fem.stiffness(one)
+    # Both sum some hundred products an entry, in another order.
+    assert abs(ours - theirs).max() <= 1e-13 * abs(theirs).max()
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_stiffness_is_symmetric_to_the_bit_and_leaves_rigid_motions_free(
+    cell: str,
+) -> None:
+    one = body(cell)
+    K, x, dim = fem.stiffness(one), one.points, one.dim
+    assert (K != K.T).nnz == 0
+    motions = [np.tile(np.eye(dim)[k], len(x)) for k in range(dim)]
+    for i in range(dim):
+        for j in range(i):
+            spin = np.zeros_like(x)
+            spin[:, i], spin[:, j] = x[:, j], -x[:, i]
+            motions.append(spin.ravel())
+    for motion in motions:
+        # Rounding of a row sum: its terms cancel.
+        scale = abs(K) @ abs(motion)
+        assert np.all(abs(K @ motion) <= 1e-13 * scale.max())
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_patch(cell: str) -> None:
+    """A linear displacement on the boundary goes on inside, on bent cells too."""
+    one = body(cell)
+    dim = one.dim
+    gradient = np.arange(1.0, 1 + dim * dim).reshape(dim, dim) * 1e-3
+    linear = one.points @ gradient.T
+    fixed = (dim * boundary(one)[:, None] + np.arange(dim)).ravel()
+    K = fem.stiffness(one)
+    u = solve(K, np.zeros(linear.size), fixed, linear.ravel()[fixed])
+    # The condition of these few cells, about 1e2, times rounding.
+    assert abs(u - linear.ravel()).max() <= 1e-13 * abs(linear).max()
+
+
+@pytest.mark.parametrize(
+    ("plane_stress", "modulus"),
+    # Uniaxial stretch with the side strain free to vanish: E, and E/(1 - ν²).
+    [(True, 210e3), (False, 210e3 / (1 - 0.3**2))],
+)
+def test_plane_stress_and_plane_strain(plane_stress: bool, modulus: float) -> None:
+    one = body("quadrilateral", plane_stress=plane_stress, thickness=2.0)
+    x = one.points
+    left = np.flatnonzero(x[:, 0] == 0)
+    right = np.flatnonzero(x[:, 0] == 1)
+    fixed = np.concatenate([2 * left, 2 * right, [2 * left[0] + 1]])
+    value = np.concatenate([0.0 * left, 1e-3 + 0.0 * right, [0.0]])
+    K = fem.stiffness(one)
+    u = solve(K, np.zeros(x.size), fixed, value)
+    # σ = modulus × 1e-3 on a section of 1 × 2.
+    assert (K @ u)[2 * right].sum() == pytest.approx(2e-3 * modulus, rel=1e-12)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_resultants_and_moments_of_loads(cell: str) -> None:
+    one = body(cell, thickness=2.0)
+    model, dim = fem.build([one], []), one.dim
+    depth = 2.0 if dim == 2 else 1.0
+    direction = np.array([3.0, -1.0, 2.0])[:dim]
+
+    def total(f: Floats) -> Floats:
+        return f.reshape(-1, dim).sum(axis=0)
+
+    # Sums over tens of nodes: rounding alone.
+    weight = model.body_force("it", direction)
+    np.testing.assert_allclose(total(weight), depth * direction, rtol=1e-13)
+    pull = model.traction("it", "top", direction)
+    np.testing.assert_allclose(total(pull), depth * direction, rtol=1e-13)
+    # Shape functions of other nodes vanish on the surface to rounding.
+    size = abs(pull.reshape(-1, dim)).max(axis=1)
+    loaded = np.flatnonzero(size > 1e-14 * size.max())
+    np.testing.assert_array_equal(loaded, one.nodes("top"))
+    up = np.eye(dim)[-1]
+    np.testing.assert_allclose(
+        total(model.pressure("it", "top", 5.0)), -5 * depth * up, atol=1e-12
+    )
+
+    def slope(x: Floats) -> Floats:
+        return up.reshape(-1, *[1] * (x.ndim - 1)) * x[0]
+
+    # ∫ x dA = 1/2 and ∫ x² dA = 1/3, of an interpolant exact for linear fields.
+    hill = model.traction("it", "top", slope)
+    assert total(hill)[-1] == pytest.approx(depth / 2, rel=1e-13)
+    moment = hill.reshape(-1, dim)[:, -1] @ one.points[:, 0]
+    assert moment == pytest.approx(depth / 3, rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("cell", "sizes"),
+    [
+        ("triangle", (8, 16, 32)),
+        ("quadrilateral", (8, 16, 32)),
+        ("tetrahedron", (4, 8, 16)),
+        ("hexahedron", (4, 8, 16)),
+    ],
+)
+def test_rate_of_convergence(cell: str, sizes: tuple[int, ...]) -> None:
+    """Linear elements: mean square error of order 2 for a smooth answer."""
+    dim = CELLS[cell]
+    lame_lambda, lame_mu = fem.Material(210e3, 0.3).lame(dim)
+
+    # u = grad(ψ) with ψ = Π sin(π x_k): -div σ = (λ + 2μ) dim π² u.
+    def answer(x: Floats) -> Floats:
+        sines, cosines = np.sin(np.pi * x), np.cos(np.pi * x)
+        return np.stack(
+            [
+                cosines[k] * np.prod(np.delete(sines, k, axis=0), axis=0)
+                for k in range(dim)
+            ]
+        )
+
+    stiff = (lame_lambda + 2 * lame_mu) * dim * np.pi**2
+    errors = []
+    for n in sizes:
+        one = body(cell, n, bend=0.0)
+        model = fem.build([one], [])
+        f = model.body_force("it", lambda x: stiff * answer(x))
+        exact = answer(one.points.T).T.ravel()
+        fixed = (dim * boundary(one)[:, None] + np.arange(dim)).ravel()
+        u = solve(model.K, f, fixed, exact[fixed])
+        errors.append(np.sqrt(np.mean((u - exact) ** 2)))
+    orders = [np.log2(a / b) for a, b in pairwise(errors)]
+    # The next term of the error is of relative size h², h = 1/8 the coarser of
+    # the last pair in 3D.
+    assert orders[-1] == pytest.approx(2, abs=0.15), orders
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_cells_for_files_have_positive_volume(cell: str) -> None:
+    _, corners = vtk_cells(body(cell))
+    x = body(cell).points
+    axes = {"triangle": [1, 2], "quadrilateral": [1, 3], "tetrahedron": [1, 2, 3]}
+    edges = x[corners[:, axes.get(cell, [1, 3, 4])]] - x[corners[:, :1]]
+    assert np.all(np.linalg.det(edges) > 0)
+    # A ring of corners: opposite ones differ in two coordinates, neighbours in one.
+    if cell == "hexahedron":
+        ring = body(cell, bend=0.0).points[corners]
+        for a, b in ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (0, 4), (1, 5), (2, 6)):
+            assert np.all((abs(ring[:, a] - ring[:, b]) > 1e-9).sum(axis=1) == 1)
+
+
+def test_frames_are_orthonormal_and_follow_the_axes() -> None:
+    random = np.random.default_rng(2)
+    for dim in (2, 3):
+        frame = fem.frames(random.normal(size=(200, dim)))
+        product = frame @ frame.swapaxes(1, 2)
+        # Two passes of Gram–Schmidt leave rounding.
+        assert abs(product - np.eye(dim)).max() <= 1e-15 * 8
+    np.testing.assert_array_equal(
+        fem.frames([[0.0, 0.0, 2.0]])[0], [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    )
+    np.testing.assert_array_equal(fem.frames([[0.0, -3.0]])[0], [[0, -1], [1, 0]])
+    with pytest.raises(ValueError, match="normal has length zero"):
+        fem.frames([[0.0, 0.0]])
+
+
+def two_blocks(lift: float = 0.0) -> list[fem.Body]:
+    g = np.linspace(0, 1, 4)
+    steel = fem.Material(1.0, 0.3)
+    return [
+        fem.Body("upper", fem.box([g, g, g + lift], "hexahedron"), steel),
+        fem.Body("lower", fem.box([g, g, g - 1], "hexahedron"), steel),
+    ]
+
+
+def test_pair_of_bodies() -> None:
+    contact = fem.Contact("upper", "bottom", 0.3, against=("lower", "top"))
+    model = fem.build(two_blocks(lift=0.25), [contact])
+    # Normals from below to above: the obstacle is the lower block.
+    np.testing.assert_array_equal(model.frame[:, 0], [[0, 0, 1]] * 16)
+    np.testing.assert_array_equal(model.gap, 0.25)
+    assert model.area.sum() == pytest.approx(1, rel=1e-14)
+    u = np.zeros(model.n)
+    u[: model.offset[1]] = np.tile([1.0, 2.0, 3.0], model.offset[1] // 3)
+    u[model.offset[1] :] = np.tile([0.5, 0.0, 1.0], (model.n - model.offset[1]) // 3)
+    np.testing.assert_array_equal((model.B @ u).reshape(-1, 3), [[2.0, 0.5, 2.0]] * 16)
+    # Action and reaction.
+    force = (model.B.T @ np.random.default_rng(3).normal(size=48)).reshape(-1, 3)
+    assert abs(force.sum(axis=0)).max() <= 1e-14 * abs(force).sum()
+    assert (model.K[: model.offset[1], model.offset[1] :]).nnz == 0
+
+
+def test_plane_that_is_not_a_coordinate_plane() -> None:
+    normal = np.array([1.0, 2.0, 2.0]) / 3
+    contact = fem.Contact("it", "bottom", 0.3, plane=([0, 0, -3.0], 5 * normal))
+    model = fem.build([body("hexahedron")], [contact])
+    np.testing.assert_allclose(
+        model.gap, (model.points - [0, 0, -3.0]) @ normal, rtol=1e-14
+    )
+    u = np.tile([1.0, -1.0, 4.0], model.n // 3)
+    np.testing.assert_allclose(
+        (model.B @ u).reshape(-1, 3), model.frame @ [1.0, -1.0, 4.0], rtol=1e-14
+    )
+
+
+def test_friction_where_nothing_can_slide() -> None:
+    plane = ([0, 0, 0], [0, 0, 1.0])
+    contact = fem.Contact("it", "bottom", 0.3, plane=plane)
+    one = body("hexahedron")
+    held = fem.build([one], [contact], [fem.Support("it", "left", (0, 1))])
+    on_left = held.points[:, 0] == 0
+    np.testing.assert_array_equal(held.mu, np.where(on_left, 0.0, 0.3))
+    # One tangent left: there is a direction in which friction decides.
+    guided = fem.build([one], [contact], [fem.Support("it", "left", (0,))])
+    np.testing.assert_array_equal(guided.mu, 0.3)
+    # Of a pair, one side held is not enough.
+    pair = fem.Contact("upper", "bottom", 0.3, against=("lower", "top"))
+    below = fem.Support("lower", "top", (0, 1, 2))
+    assert np.all(fem.build(two_blocks(), [pair], [below]).mu == 0.3)
+
+
+def test_part_of_a_surface_keeps_its_areas() -> None:
+    plane = ([0, 0], [0, 1.0])
+    contact = fem.Contact("it", "bottom", 0.3, plane=plane, within={0: (1 / 3, 1.0)})
+    model = fem.build([body("quadrilateral", bend=0.0)], [contact])
+    np.testing.assert_allclose(model.points[:, 0], [1 / 3, 2 / 3, 1], rtol=1e-15)
+    np.testing.assert_allclose(model.area, [1 / 3, 1 / 3, 1 / 6], rtol=1e-14)
+
+
+def test_clearance_by_place() -> None:
+    contact = fem.Contact(
+        "it", "bottom", 0.3, plane=([0, 0], [0, 1.0]), clearance=lambda x: x[:, 0] ** 2
+    )
+    model = fem.build([body("quadrilateral")], [contact])
+    np.testing.assert_array_equal(model.gap, model.points[:, 0] ** 2)
+
+
+def test_prescribed_values_in_the_order_of_fixed() -> None:
+    supports = [fem.Support("it", "top", (1,)), fem.Support("it", "left", (0, 1))]
+    model = fem.build([body("quadrilateral")], [], supports)
+    value = model.prescribed([[2.0], [1.0, 2.0]])
+    assert np.all(np.diff(model.fixed) > 0)
+    np.testing.assert_array_equal(value, np.where(model.fixed % 2 == 0, 1.0, 2.0))
+    with pytest.raises(ValueError, match=r"both 2 and 3 for component 1.*\(0, 1\)"):
+        model.prescribed([[2.0], [1.0, 3.0]])
+
+
+@pytest.mark.parametrize(
+    ("contact", "message"),
+    [
+        (fem.Contact("up", "bottom", 0.3, against=("lower", "top")), "no body 'up'"),
+        (
+            fem.Contact("upper", "base", 0.3, against=("lower", "top")),
+            "no surface 'base'",
+        ),
+        (fem.Contact("upper", "bottom", -1, against=("lower", "top")), "mu .* is -1"),
+        (fem.Contact("upper", "bottom", 0.3), "needs one obstacle"),
+        (
+            fem.Contact("upper", "bottom", 0.3, against=("lower", "left")),
+            r"do not match: no node lies opposite to the one at",
+        ),
+        (
+            fem.Contact(
+                "upper", "bottom", 0.3, plane=([0] * 3, [0, 0, 1.0]), within={0: (2, 3)}
+            ),
+            "has no nodes",
+        ),
+        (
+            fem.Contact("upper", "bottom", 0.3, plane=([0, 0], [0, 1.0])),
+            r"shapes \(2,\)",
+        ),
+        (
+            fem.Contact("upper", "bottom", 0.3, against=("upper", "top")),
+            "contact with itself",
+        ),
+    ],
+)
+def test_contacts_that_cannot_be(contact: fem.Contact, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        fem.build(two_blocks(), [contact])
+
+
+def test_bodies_that_cannot_be() -> None:
+    with pytest.raises(ValueError, match=r"poisson is 0\.5"):
+        fem.Material(1.0, 0.5)
+    with pytest.raises(ValueError, match="young is 0"):
+        fem.Material(0.0, 0.3)
+    with pytest.raises(TypeError, match="MeshTri2"):
+        fem.Body("it", skfem.MeshTri2(), fem.Material(1.0, 0.3))
+    with pytest.raises(ValueError, match="names of bodies repeat"):
+        fem.build([body("triangle"), body("triangle")], [])
+    with pytest.raises(ValueError, match="axis 1 needs two"):
+        fem.box([[0, 1], [0, 0]], "triangle")
+    with pytest.raises(ValueError, match="cell is 'hexagon'"):
+        fem.box([[0, 1], [0, 1]], "hexagon")
+    with pytest.raises(ValueError, match="has shape"):
+        fem.build([body("triangle")], []).body_force("it", [1.0, 2.0, 3.0])

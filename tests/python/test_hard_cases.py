@@ -1,0 +1,194 @@
+"""Hard cases: vertices, redundancy, bad input, histories. Ids H are those of the cases."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from contacts import K1, SMALL, TOL, one_node
+from oracle import Problem, answers
+
+OPEN, SLIP, STICK = bp.Status.OPEN, bp.Status.SLIP, bp.Status.STICK
+
+
+@pytest.mark.parametrize("f_t", [0.0, 0.3, -0.3])
+def test_h1_vertex(f_t: float) -> None:
+    result = one_node([0.0, f_t], 0.5, stiffness=np.diag([2.0, 1.0]))
+    np.testing.assert_allclose(result.reaction[0, 0], 0, atol=SMALL)
+    np.testing.assert_allclose(result.displacement[0], [0, f_t], atol=SMALL)
+
+
+def test_h2_zero_slip() -> None:
+    result = one_node([-1.0, 0.0], 0.5)
+    assert result.status[0, 0] == STICK
+    np.testing.assert_allclose(result.reaction[0, 0], [1, 0], atol=SMALL)
+    # K⁻¹ and the solve round; with the statuses right nothing else is left.
+    np.testing.assert_allclose(result.slip[0, 0], 0, atol=4e-16)
+
+
+def test_h3_grazing_gap() -> None:
+    answers_at = [one_node([-1.0, 1.9], 0.5, gap=g) for g in (0.0, 1e-16, -1e-16)]
+    for result in answers_at:
+        np.testing.assert_allclose(result.reaction[0, 0], [1.56, -0.78], rtol=SMALL)
+        np.testing.assert_allclose(result.displacement[0, 1], 1.12, rtol=SMALL)
+        # 1e-16 of gap is 1e-16 of force; each answer is held to η = 1e-12.
+        np.testing.assert_allclose(
+            result.reaction, answers_at[0].reaction, rtol=2 * TOL
+        )
+
+
+def test_h4_no_friction() -> None:
+    result = one_node([-1.0, 1.5], 0.0)
+    assert result.reaction[0, 0, 1] == 0.0
+    assert result.reaction[0, 0, 0] == pytest.approx(1.75, rel=SMALL)
+    assert result.displacement[0, 1] == pytest.approx(1.5, rel=SMALL)
+    assert result.status[0, 0] == SLIP
+
+
+def test_h5_huge_friction() -> None:
+    result = one_node([-1.0, 1e3], 1e8, stiffness=np.diag([2.0, 1.0]))
+    assert result.status[0, 0] == STICK
+    np.testing.assert_allclose(result.reaction[0, 0], [1, -1000], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("mu", "u_t", "r", "status"),
+    [
+        (0.5, 0.0, [0.2, 0.05], STICK),
+        (0.1, -0.0315789473684, [0.184210526316, 0.0184210526316], SLIP),
+    ],
+)
+def test_h6_penetration_is_pressed_out(
+    mu: float, u_t: float, r: list[float], status: bp.Status
+) -> None:
+    result = one_node([0.0, 0.0], mu, gap=-0.1)
+    np.testing.assert_allclose(result.displacement[0], [0.1, u_t], atol=1e-11)
+    np.testing.assert_allclose(result.reaction[0, 0], r, rtol=1e-10)
+    assert result.status[0, 0] == status
+
+
+def test_h7_duplicate_contact() -> None:
+    W, q = np.array([[0.5, 0.1], [0.1, 1.0]]), np.array([[-1.0, 0.7]])
+    single = bp.ReducedProblem(W, q, 0.3).solve(tol=TOL)
+    # Nine and eight digits are printed.
+    np.testing.assert_allclose(single.reaction[0], [2.12765957, -0.63829787], rtol=1e-8)
+    assert single.relative_displacement[0, 1] == pytest.approx(0.27446809, rel=1e-7)
+    twice = bp.ReducedProblem(np.tile(W, (2, 2)), np.tile(q, (2, 1)), 0.3)
+    double = twice.solve(tol=TOL)
+    assert double.converged
+    np.testing.assert_allclose(
+        double.reaction.sum(axis=0), single.reaction[0], rtol=SMALL
+    )
+    np.testing.assert_allclose(
+        double.relative_displacement,
+        np.tile(single.relative_displacement, (2, 1)),
+        atol=SMALL,
+    )
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_h8_redundant_supports(mu: float) -> None:
+    # A rigid bar (v, θ, w along the supports) on three supports.
+    at = [-1.0, 0.0, 1.0]
+    B = sparse.csr_array(np.vstack([[[1.0, x, 0.0], [0.0, 0.0, 1.0]] for x in at]))
+    load = np.array([-1.0, 0.0, 0.1])
+    result = bp.solve(1e-3 * np.eye(3), B, load, gap=np.zeros(3), mu=mu, tol=TOL)
+    # W of 1e3 on forces of 1, three supports.
+    np.testing.assert_allclose(result.displacement[0, :2], 0, atol=1e-7)
+    total = result.reaction[0].sum(axis=0)
+    np.testing.assert_allclose(total, [1.0, -0.1 * (mu > 0)], atol=SMALL)
+    w = 0.0 if mu else 100.0
+    assert result.displacement[0, 2] == pytest.approx(w, abs=1e-7)
+
+
+H16 = {
+    "K": [
+        np.diag([math.nan, 1.0]),
+        np.diag([2.0, math.inf]),
+        np.array([[2.0, 0.5], [0.1, 1.0]]),
+        np.ones((2, 3)),
+        np.diag([2.0, -1.0]),
+    ],
+    "B": [sparse.csr_array((2, 3)), sparse.csr_array([[1.0, 0.0], [0.0, math.nan]])],
+    "load": [[math.nan, 0.0], [math.inf, 0.0], [1.0, 2.0, 3.0]],
+    "gap": [[math.nan], [math.inf], [[0.0, 0.0, 0.0]]],
+    "mu": [-0.1, math.nan, math.inf, [0.1, 0.2]],
+    "area": [[0.0], [-1.0], [math.nan], [1.0, 1.0]],
+    "fixed": [[2], [-1], [0, 0]],
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [(name, bad) for name, all_bad in H16.items() for bad in all_bad]
+)
+def test_h16_bad_input_is_named(name: str, value: Any) -> None:
+    good = {"K": K1, "B": sparse.eye_array(2, format="csr"), "load": [-1.0, 0.3]}
+    arguments: dict[str, Any] = {**good, "gap": [0.0], "mu": 0.5, name: value}
+    K, B, load = (arguments.pop(key) for key in ("K", "B", "load"))
+    with pytest.raises((ValueError, TypeError), match=rf"\b{name}\b"):
+        bp.solve(K, B, np.array(load), **arguments)
+
+
+def test_h17_no_contact_is_a_linear_solve() -> None:
+    load = np.array([-1.0, 0.3])
+    result = bp.solve(
+        K1, sparse.csr_array((0, 2)), load, gap=np.zeros(0), mu=np.zeros(0), dim=2
+    )
+    assert result.reaction.shape == (1, 0, 2)
+    assert result.slip.shape == (1, 0, 1)
+    assert result.status.shape == (1, 0)
+    # Two by two, condition 3.
+    np.testing.assert_allclose(result.displacement[0], np.linalg.solve(K1, load), 1e-14)
+    empty = bp.ReducedProblem(np.zeros((0, 0)), np.zeros((0, 3)), np.zeros(0)).solve()
+    assert empty.converged
+    assert empty.reaction.shape == (0, 3)
+
+
+def test_h25_released_contact_remembers_nothing() -> None:
+    path = np.array([[-1.0, 1.5], [1.0, 1.5], [-1.0, -0.2]])
+    result = one_node(path, 0.3)
+    assert result.status[1, 0] == OPEN
+    np.testing.assert_allclose(result.reaction[1, 0], 0, atol=SMALL)
+    free = np.linalg.solve(K1, path[1])
+    np.testing.assert_allclose(result.displacement[1], free, atol=SMALL)
+    # Back in contact, slip counts from where the last step left the node.
+    W = np.linalg.inv(K1)
+    q = W @ path[2] - [0.0, free[1]]
+    (only,) = answers(Problem(W, q[None], 0.3))
+    np.testing.assert_allclose(result.reaction[2], only.r, atol=SMALL)
+    np.testing.assert_allclose(result.slip[2, 0], only.v[0, 1:], atol=SMALL)
+
+
+@pytest.mark.parametrize("f_t", [0.2, 1.5])
+def test_h26_a_step_of_nothing_changes_nothing(f_t: float) -> None:
+    result = one_node([[-1.0, f_t]] * 3, 0.3)
+    for k in (1, 2):
+        np.testing.assert_allclose(result.reaction[k], result.reaction[0], rtol=SMALL)
+        np.testing.assert_allclose(result.slip[k], 0, atol=SMALL)
+
+
+def test_every_step_of_random_paths_is_an_answer() -> None:
+    rng = np.random.default_rng(11)
+    for _ in range(10):
+        root = rng.normal(size=(4, 4))
+        K = root @ root.T + np.eye(4)
+        K = (K + K.T) / 2
+        path = rng.normal(size=(6, 4)) * 3
+        path[:, ::2] -= 2
+        B = sparse.eye_array(4, format="csr")
+        gap = np.array([0.0, 0.1])
+        result = bp.solve(K, B, path, gap=gap, mu=0.3, tol=TOL)
+        W, last = np.linalg.inv(K), np.zeros((2, 2))
+        for k in range(6):
+            offset = np.column_stack([gap, -last[:, 1]])
+            q = (W @ path[k]).reshape(2, 2) + offset
+            # Condition of K below 1e2, and errors of the steps before add up.
+            near = [
+                np.abs(result.reaction[k] - x.r).max() <= 1e-8 * np.abs(path).max()
+                for x in answers(Problem(W, q, 0.3))
+            ]
+            assert any(near)
+            last = result.displacement[k].reshape(2, 2)

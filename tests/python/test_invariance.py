@@ -1,0 +1,262 @@
+"""What may not change the answer: units, frames, numbering, threads, processes."""
+
+import multiprocessing
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial.transform import Rotation
+
+import bipot_rs as bp
+from bodies import Body, block
+
+Array = NDArray[np.float64]
+MU = 0.3
+
+
+def pressed_cube(cells: int = 4) -> tuple[Body, NDArray[np.int64], Array]:
+    """A cube held at its top, pressed and then sheared askew: all three statuses."""
+    body = block((1.0, 1.0, 1.0), (cells,) * 3, 200.0, 0.3)
+    top = [body.dofs(2, 1.0, component) for component in range(3)]
+    count = top[0].size
+    path = np.array([[0, 0, -1e-2], [4e-3, 2e-3, -1e-2], [5e-3, -3e-3, -0.8e-2]])
+    return body, np.concatenate(top), np.repeat(path, count, axis=1)
+
+
+def uneven_gap(body: Body) -> Array:
+    """The plane falls away towards one corner, so that some nodes stay open."""
+    x, y = body.points[:, 0], body.points[:, 1]
+    return np.asarray(2e-2 * np.maximum(x + y - 1.2, 0.0))
+
+
+def solve(
+    body: Body,
+    fixed: NDArray[np.int64],
+    path: Array,
+    *,
+    stress: float = 1.0,
+    length: float = 1.0,
+    **options: Any,
+) -> Any:
+    """The cube with forces in units of 1/(stress length²) and so on: (K, u) scaled."""
+    problem = bp.ContactProblem(
+        body.K * (stress * length),
+        body.B,
+        gap=uneven_gap(body) * length,
+        mu=MU,
+        fixed=fixed,
+        **options,
+    )
+    return problem.solve(None, path * length, tol=1e-12)
+
+
+def test_the_cube_has_every_status() -> None:
+    result = solve(*pressed_cube())
+    assert set(result.status.ravel().tolist()) == {0, 1, 2}
+    assert np.any(result.status[1] != result.status[2])
+
+
+@pytest.mark.parametrize(("power_s", "power_l"), [(10, -7), (-30, 3), (0, 30), (17, 0)])
+def test_units_that_are_powers_of_two_change_no_bit(power_s: int, power_l: int) -> None:
+    stress, length = 2.0**power_s, 2.0**power_l
+    body, fixed, path = pressed_cube()
+    one = solve(body, fixed, path)
+    other = solve(body, fixed, path, stress=stress, length=length)
+    force = stress * length**2
+    assert np.array_equal(other.reaction, one.reaction * force)
+    assert np.array_equal(
+        other.relative_displacement, one.relative_displacement * length
+    )
+    assert np.array_equal(other.slip, one.slip * length)
+    assert np.array_equal(other.displacement, one.displacement * length)
+    assert np.array_equal(other.status, one.status)
+    assert np.array_equal(other.iterations, one.iterations)
+    assert np.array_equal(other.residual, one.residual)
+
+
+@pytest.mark.parametrize(("stress", "length"), [(1e6, 1e-3), (1e-9, 1e9), (1e9, 1e-9)])
+def test_units(stress: float, length: float) -> None:
+    body, fixed, path = pressed_cube()
+    one = solve(body, fixed, path)
+    other = solve(body, fixed, path, stress=stress, length=length)
+    force = stress * length**2
+    for ours, theirs, unit in [
+        (one.reaction, other.reaction, force),
+        (one.relative_displacement, other.relative_displacement, length),
+    ]:
+        size = np.abs(ours).max()
+        # Each stops at η <= 1e-12, after rounding that differs: a few times that.
+        np.testing.assert_allclose(theirs / unit, ours, rtol=0, atol=1e-11 * size)
+    assert np.array_equal(other.status, one.status)
+    assert np.array_equal(other.iterations, one.iterations)
+
+
+def test_units_of_a_reduced_problem() -> None:
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(18, 18))
+    W, q = root @ root.T + np.eye(18), rng.normal(size=(6, 3)) - [0.7, 0, 0]
+    one = bp.ReducedProblem(W, q, MU).solve(tol=1e-12)
+    s, c = 2.0**-40, 2.0**25
+    other = bp.ReducedProblem(W * (s / c), q * s, MU).solve(tol=1e-12)
+    assert np.array_equal(other.reaction, one.reaction * c)
+    assert other.iterations == one.iterations
+    assert other.residual == one.residual
+
+
+def test_rotation_of_the_scene() -> None:
+    body, fixed, path = pressed_cube()
+    one = solve(body, fixed, path)
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    # u' = Q u node by node; then K' = Q K Qᵀ, and contact rows B' = B Qᵀ: the frames of
+    # the contacts turn with the scene. Prescribed values turn to all three components.
+    nodes = body.basis.nodal_dofs
+    Q = sparse.lil_array(body.K.shape)
+    for i in range(3):
+        for j in range(3):
+            Q[nodes[i], nodes[j]] = turn[i, j]
+    Q = sparse.csr_array(Q)
+    K = sparse.csr_array(Q @ body.K @ Q.T)
+    K = (K + K.T) / 2
+    count = fixed.size // 3
+    turned = (turn @ path.reshape(3, 3, count)).reshape(3, -1)
+    problem = bp.ContactProblem(
+        K, sparse.csr_array(body.B @ Q.T), gap=uneven_gap(body), mu=MU, fixed=fixed
+    )
+    other = problem.solve(None, turned, tol=1e-12)
+    size = np.abs(one.reaction).max()
+    # K is rounded anew: ε times the condition of the cube, about 1e3, and η.
+    np.testing.assert_allclose(other.reaction, one.reaction, rtol=0, atol=1e-10 * size)
+    assert np.array_equal(other.status, one.status)
+
+
+def test_rotation_of_the_tangents() -> None:
+    body, fixed, path = pressed_cube()
+    one = solve(body, fixed, path)
+    frame = np.eye(3)
+    angle = 0.83
+    frame[1:, 1:] = [
+        [np.cos(angle), np.sin(angle)],
+        [-np.sin(angle), np.cos(angle)],
+    ]
+    T = sparse.kron(sparse.eye_array(body.points.shape[0]), frame, format="csr")
+    problem = bp.ContactProblem(
+        body.K, sparse.csr_array(T @ body.B), gap=uneven_gap(body), mu=MU, fixed=fixed
+    )
+    other = problem.solve(None, path, tol=1e-12)
+    size = np.abs(one.reaction).max()
+    back = other.reaction @ frame
+    # B is exact to rounding; η twice.
+    np.testing.assert_allclose(back, one.reaction, rtol=0, atol=1e-11 * size)
+
+
+def test_renumbering() -> None:
+    body, fixed, path = pressed_cube()
+    one = solve(body, fixed, path)
+    rng = np.random.default_rng(4)
+    n, n_c = body.K.shape[0], body.points.shape[0]
+    dofs, contacts = rng.permutation(n), rng.permutation(n_c)
+    place = np.argsort(dofs)
+    rows = (3 * contacts[:, None] + np.arange(3)).ravel()
+    problem = bp.ContactProblem(
+        body.K.tocsr()[dofs][:, dofs],
+        sparse.csr_array(body.B.tocsr()[rows][:, dofs]),
+        gap=uneven_gap(body)[contacts],
+        mu=MU,
+        fixed=place[fixed],
+    )
+    other = problem.solve(None, path, tol=1e-12)
+    size = np.abs(one.reaction).max()
+    # Another elimination order rounds otherwise, and sweeps go another way: η twice.
+    np.testing.assert_allclose(
+        other.reaction, one.reaction[:, contacts], rtol=0, atol=1e-10 * size
+    )
+    u = other.displacement[:, place]
+    np.testing.assert_allclose(u, one.displacement, rtol=0, atol=1e-12)
+    assert np.array_equal(other.status, one.status[:, contacts])
+
+
+def test_energy_balance() -> None:
+    """Work of the loads = stored + lost, exactly in the trapezoidal sense, and in time."""
+    body = block((2.0, 1.0), (6, 3), 100.0, 0.3)
+    fixed = np.concatenate([body.dofs(1, 1.0, component) for component in (0, 1)])
+    side = body.traction(0, 2.0, [1.0, 0.0])
+    down = body.weight([0.0, -1.0])
+    errors = []
+    for steps in (20, 40, 80):
+        t = np.linspace(0, 1, steps + 1)[1:, None]
+        load = 2.0 * np.sin(5 * t) * side + 3 * t * down
+        problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=MU, fixed=fixed)
+        lowered = np.repeat([0.0, -5e-3], fixed.size // 2)
+        result = problem.solve(load, t * lowered, tol=1e-13)
+        u = np.vstack([np.zeros(body.K.shape[0]), result.displacement])
+        # The supports' forces are what is missing from balance at their nodes.
+        inner = u @ body.K.T
+        outer = np.vstack([np.zeros(inner.shape[1]), load])
+        flat = result.reaction.reshape(steps, -1)
+        pushed = np.vstack([np.zeros(inner.shape[1]), flat @ body.B])
+        support = np.zeros_like(inner)
+        support[:, fixed] = (inner - outer - pushed)[:, fixed]
+        applied = outer + support
+        work = np.sum((applied[1:] + applied[:-1]) / 2 * np.diff(u, axis=0))
+        stored = 0.5 * u[-1] @ inner[-1]
+        contact = np.sum((pushed[1:] + pushed[:-1]) / 2 * np.diff(u, axis=0))
+        # An identity of equilibria K u = f + Bᵀ r; η and rounding of sums of 80 terms.
+        assert work + contact == pytest.approx(stored, rel=1e-10)
+        lost = -np.einsum("kij,kij->k", result.reaction[:, :, 1:], result.slip)
+        assert np.all(lost >= -1e-12 * work)
+        assert lost.sum() > 0.01 * work
+        errors.append(abs(work - stored - lost.sum()))
+    # The implicit step loses what it should but for a term of first order in the step.
+    assert errors[2] < 0.65 * errors[1] < 0.65 * 0.65 * errors[0] * 1.2
+
+
+def test_one_thread_equals_two_bit_by_bit() -> None:
+    # Large enough that subtrees and tiles are really shared out.
+    body, fixed, path = pressed_cube(12)
+    one = solve(body, fixed, path, num_threads=1)
+    two = solve(body, fixed, path, num_threads=2)
+    for name in ("reaction", "relative_displacement", "displacement", "residual"):
+        assert np.array_equal(getattr(one, name), getattr(two, name)), name
+    assert np.array_equal(one.iterations, two.iterations)
+    again = solve(body, fixed, path, num_threads=2)
+    assert np.array_equal(two.reaction, again.reaction)
+
+
+def test_projection_is_the_same_on_any_number_of_threads(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(0)
+    tau, mu = rng.normal(size=(100_003, 3)), rng.exponential(size=100_003)
+    whole, status = bp.project(tau, mu)
+    parts = [bp.project(tau[k::7], mu[k::7]) for k in range(7)]
+    for k, (t, s) in enumerate(parts):
+        assert np.array_equal(whole[k::7], t)
+        assert np.array_equal(status[k::7], s)
+    monkeypatch.setenv("BIPOT_NUM_THREADS", "1")
+    assert np.array_equal(bp.project(tau, mu)[0], whole)
+
+
+def _child(queue: Any) -> None:
+    queue.put(solve(*pressed_cube(6), num_threads=2).reaction)
+
+
+def test_a_forked_child_can_solve() -> None:
+    # A thread pool does not survive fork: a child that waits for the parent's threads
+    # waits for ever.
+    here = solve(*pressed_cube(6), num_threads=2).reaction
+    context = multiprocessing.get_context("fork")
+    queue: Any = context.SimpleQueue()
+    child = context.Process(target=_child, args=(queue,))
+    child.start()
+    try:
+        child.join(0.0)
+        reader = queue._reader
+        assert reader.poll(20), "the forked child hangs"
+        assert np.array_equal(queue.get(), here)
+        child.join(20)
+        assert child.exitcode == 0
+    finally:
+        if child.is_alive():
+            child.kill()

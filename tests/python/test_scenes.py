@@ -1,0 +1,305 @@
+"""The shipped scenes against their references, and mistakes in scene files."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from bipot_rs import scene
+
+DATA = Path(__file__).with_name("data")
+LETTER = {"pressed_block": "A", "sheared_cube": "B", "two_blocks": "D"}
+Floats = NDArray[np.float64]
+
+
+def solve(name: str, *settings: str, **options: Any) -> tuple[scene.Case, Any]:
+    """Case and result of a scene, at its own tolerance unless told."""
+    read = scene.read(name, settings)
+    case = scene.assemble(read, scene.bodies(read))
+    options.setdefault("tol", read.solver.tol)
+    return case, case.model.problem().solve(case.load, case.prescribed, **options)
+
+
+def traction_error(r: Floats, reference: Floats, area: Floats) -> Floats:
+    """Relative error of the tractions of each load step, in the norm of area."""
+    weight = 1 / area[:, None]
+    error = (weight * (r - reference) ** 2).sum(axis=(1, 2))
+    return np.sqrt(error / (weight * reference**2).sum(axis=(1, 2)))
+
+
+@pytest.mark.parametrize(
+    ("name", "n"),
+    [
+        *(("pressed_block", n) for n in (16, 32, 64)),
+        *(("sheared_cube", n) for n in (9, 15)),
+        *(("two_blocks", n) for n in (8, 16)),
+        pytest.param("pressed_block", 128, marks=pytest.mark.verify),
+        pytest.param("two_blocks", 24, marks=pytest.mark.verify),
+    ],
+)
+def test_reference(name: str, n: int) -> None:
+    reference = np.load(DATA / f"{LETTER[name]}_{n}.npz")
+    case, result = solve(name, f"mesh.n={n}")
+    model = case.model
+    distance, order = cKDTree(model.points).query(reference["x"])
+    # Same grid points, computed by other expressions.
+    assert distance.max() <= 1e-12 * np.ptp(reference["x"])
+    np.testing.assert_allclose(model.area[order], reference["area"], rtol=1e-12)
+    np.testing.assert_array_equal(model.mu[order], reference["mu"])
+    np.testing.assert_array_equal(model.gap[order], reference["gap0"])
+    # What the references claim for themselves.
+    error = traction_error(result.reaction[:, order], reference["R"], reference["area"])
+    assert np.all(error <= 1e-9), error
+    np.testing.assert_array_equal(result.status[:, order], reference["status"])
+
+
+@pytest.mark.parametrize(
+    ("name", "n"),
+    [("cattaneo_mindlin", 5), ("cattaneo_mindlin", 10), ("cyclic_cube", 5)],
+)
+def test_second_route(name: str, n: int, repository: Path, tmp_path: Path) -> None:
+    """Another program, from the mesh on: SciPy's factorisation, a Newton method."""
+    case, result = solve(name, f"mesh.n={n}")
+    assert np.all(result.residual <= 1e-12)
+    answer = tmp_path / "peer.npz"
+    subprocess.run(
+        [
+            sys.executable,
+            str(repository / "benches" / "peer_scipy.py"),
+            *(name, str(n), "--save", str(answer)),
+        ],
+        check=True,
+        capture_output=True,
+    )
+    peer = np.load(answer)
+    distance, order = cKDTree(case.model.points).query(peer["x"])
+    assert distance.max() <= 1e-12 * np.ptp(peer["x"])
+    # Both residuals are below 1e-12; the conditions of W here are below 1e4.
+    error = traction_error(result.reaction[:, order], peer["R"], peer["area"])
+    assert np.all(error <= 1e-8), error
+
+
+def test_second_method() -> None:
+    """The paper's iteration, tighter, on the scene with the longest memory."""
+    _, result = solve("cyclic_cube", "mesh.n=4")
+    _, other = solve("cyclic_cube", "mesh.n=4", method="uzawa", tol=1e-13)
+    area = np.ones(result.reaction.shape[1])
+    error = traction_error(result.reaction, other.reaction, area)
+    assert np.all(error <= 1e-8), error
+    np.testing.assert_array_equal(result.status, other.status)
+
+
+def test_cattaneo_mindlin_approaches_the_closed_form() -> None:
+    """Pressure and shear of two equal round bodies; the discrete load is put in."""
+    n, radius, mu = 20, 100.0, 0.3
+    case, result = solve("cattaneo_mindlin", f"mesh.n={n}")
+    e_star = 210000.0 / (2 * (1 - 0.3**2))
+    x = case.model.points[:, 0]
+    p, q = (result.reaction[-1] / case.model.area[:, None]).T
+    P, Q = result.reaction[-1].sum(axis=0)
+    a = np.sqrt(4 * P * radius / (np.pi * e_star))
+    p0 = 2 * P / (np.pi * a)
+    c = a * np.sqrt(1 - abs(Q) / (mu * P))
+
+    def ellipse(width: float) -> Floats:
+        return np.sqrt(np.maximum(0, 1 - (x / width) ** 2))
+
+    exact_p = p0 * ellipse(a)
+    exact_q = np.sign(Q) * mu * p0 * (ellipse(a) - c / a * ellipse(c))
+    # 0.3 % and 0.9 % at n = 40 are the finite blocks. At n = 20 the ends of the
+    # zones, where the tractions have square-root ends, are resolved to h/2 = 0.0125
+    # in a = 1: √(0.025) of the peak over two cells, 1 % in the mean square.
+    error_p = np.linalg.norm(p - exact_p) / np.linalg.norm(exact_p)
+    error_q = np.linalg.norm(q - exact_q) / np.linalg.norm(exact_q)
+    assert error_p <= 0.01
+    assert error_q <= 0.03
+    # Open outside, slip in a ring, stick in the middle.
+    status = result.status[-1][np.argsort(x)]
+    middle = len(x) // 2
+    assert status[middle] == 2
+    assert status[0] == status[-1] == 0
+    assert np.all(np.diff(status[: middle + 1]) >= 0)
+    assert np.all(np.diff(status[middle:]) <= 0)
+    stuck = np.abs(x[result.status[-1] == 2])
+    assert stuck.max() == pytest.approx(c, abs=1.5 * 0.5 / n)
+
+
+def test_shipped_names() -> None:
+    assert scene.shipped() == [
+        "cattaneo_mindlin",
+        "cyclic_cube",
+        "pressed_block",
+        "sheared_cube",
+        "two_blocks",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "dofs", "contacts", "steps"),
+    [
+        ("pressed_block", 32, 2178, 33, 1),
+        ("sheared_cube", 15, 12288, 256, 2),
+        ("cattaneo_mindlin", 10, 7220, 61, 2),
+        ("cattaneo_mindlin", 40, 50720, 241, 2),
+        ("two_blocks", 8, 2430, 81, 2),
+        ("cyclic_cube", 9, 3000, 100, 41),
+    ],
+)
+def test_size_of_shipped_scenes(
+    name: str, n: int, dofs: int, contacts: int, steps: int
+) -> None:
+    settings = [] if name != "cattaneo_mindlin" or n == 10 else [f"mesh.n={n}"]
+    read = scene.read(name, settings)
+    assert read.mesh is not None
+    assert read.mesh.n == n
+    case = scene.assemble(read, scene.bodies(read))
+    assert (case.model.n, len(case.model.gap)) == (dofs, contacts)
+    assert case.prescribed.shape == (steps, len(case.model.fixed))
+    assert case.parameter.shape == (steps,)
+
+
+def test_cyclic_path() -> None:
+    read = scene.read("cyclic_cube", ["mesh.n=2"])
+    case = scene.assemble(read, scene.bodies(read))
+    top = case.model.fixed % 3 == 0
+    k = np.arange(41)
+    # First pressing alone, then forty steps of the sine.
+    np.testing.assert_array_equal(
+        case.prescribed[:, top].T, np.tile(0.025 * np.sin(2 * np.pi * k / 20), (9, 1))
+    )
+
+
+def test_graded_grid() -> None:
+    axis = scene.Axis.model_validate(
+        {"from": 0.0, "to": 10.0, "cell": 1.0, "growth": 2.0}
+    )
+    # 0 1 3 7 15 → clipped to 10, the last cell of 3 not under half of 4.
+    np.testing.assert_array_equal(axis.grid(None), [0, 1, 3, 7, 10])
+    axis = scene.Axis.model_validate(
+        {"from": 0.0, "to": -8.0, "cell": 1.0, "growth": 2.0}
+    )
+    # The last cell would be 1, under half of 4: its inner point goes.
+    np.testing.assert_array_equal(axis.grid(None), [-8, -3, -1, 0])
+    axis = scene.Axis.model_validate(
+        {"from": -8.0, "to": 4.0, "cell": "2/n", "uniform": [-1.0, 1.0], "growth": 2.0}
+    )
+    # From -1: cells of 2, 4, then 1 left over, which is under half of 4. From 1:
+    # a cell of 2, then 1 left over, which is half of 2 and stays.
+    np.testing.assert_array_equal(axis.grid(2), [-8, -3, -1, 0, 1, 3, 4])
+
+
+@pytest.mark.parametrize(
+    ("settings", "problems"),
+    [
+        (["mesh.m=9"], ["mesh.m: unknown key"]),
+        (["solve.tol=1"], ["solve: unknown key"]),
+        (
+            ["contact.0.mu=-1", "mesh.n=0", "foo=1"],
+            [
+                "mesh.n: should be greater than 0, got 0",
+                "contact.0.mu: should be greater than or equal to 0, got -1",
+                "foo: unknown key",
+            ],
+        ),
+        (["mesh.n=2.5"], ["mesh.n: should be a valid integer"]),
+        (["body.upper.x.from=nan"], ["body.upper.x.from: should be a finite number"]),
+        (["mesh=3"], ["mesh: should be a table, got 3"]),
+        (
+            ["mesh.n=9"],
+            [
+                "body.upper.z: cells = n/2 is not a whole number of cells for mesh.n = 9",
+                "body.lower.z: ",
+            ],
+        ),
+        (["contact.1.mu=0.1"], ["--set contact.1.mu: contact has entries 0 to 0"]),
+        (["mesh.n"], ["--set mesh.n: should be KEY=VALUE"]),
+        (["mesh.n.k=3"], ["--set mesh.n.k: mesh.n is not a table"]),
+        (
+            ["body.upper.material=wood", "contact.0.on=upper.under"],
+            [
+                "body.upper.material: there is no 'wood', expected one of steel, polymer",
+                "contact.0.on: there is no 'upper.under', expected one of upper.left",
+            ],
+        ),
+        (
+            ["path.amplitude.shear=[1.0]", "path.steps=3"],
+            ["path.amplitude.shear: has 1 factors for 3 steps"],
+        ),
+        (["path.amplitude.wind=[1.0, 2.0]"], ["path.amplitude.wind: nothing uses it"]),
+        (["path.parameter=wind"], ["path.parameter: there is no 'wind'"]),
+        (
+            ["contact.0.against=upper.top"],
+            ["contact.0.against: a body cannot meet itself"],
+        ),
+        (
+            ["contact.0.plane={point=[0.0, 0.0, 0.0], normal=[0.0, 0.0, 1.0]}"],
+            ["contact.0: needs plane or against, one of them"],
+        ),
+        (
+            ["body.upper.cell=triangle"],
+            ["body: bodies of two and of three", "body.upper: a"],
+        ),
+        (
+            ["path.amplitude.shear={wave='sine', period=20.0}"],
+            ["path.steps: is missing, and the wave shear has no end"],
+        ),
+    ],
+)
+def test_mistakes_are_all_told(settings: list[str], problems: list[str]) -> None:
+    with pytest.raises(scene.SceneError) as caught:
+        scene.read("two_blocks", settings)
+    found = caught.value.problems
+    assert len(found) == len(problems), found
+    for problem, start in zip(found, problems, strict=True):
+        assert problem.startswith(start)
+        assert problem in str(caught.value)
+
+
+def test_files_that_are_no_scenes(tmp_path: Path) -> None:
+    with pytest.raises(scene.SceneError, match="neither a file nor one of cattaneo"):
+        scene.read("nothing")
+    broken = tmp_path / "broken.toml"
+    broken.write_text("[mesh\nn = 3")
+    with pytest.raises(scene.SceneError, match=r"is not TOML: .*line 1"):
+        scene.read(str(broken))
+
+
+def test_a_file_is_read_like_a_shipped_scene(tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text(scene.text("sheared_cube"))
+    assert scene.read(str(own)) == scene.read("sheared_cube")
+
+
+def test_mistakes_that_show_on_the_mesh() -> None:
+    read = scene.read("two_blocks", ["body.lower.x.to=90.0"])
+    with pytest.raises(scene.SceneError, match="do not match"):
+        scene.assemble(read, scene.bodies(read))
+
+
+def test_loads_of_a_scene() -> None:
+    case, _ = solve("pressed_block", "mesh.n=4")
+    assert case.load is not None
+    f = case.load[0].reshape(-1, 2)
+    # -100 on a side of 40, -50 on a side of 40; rounding of a sum of five.
+    np.testing.assert_allclose(f.sum(axis=0), [-4000, -2000], rtol=1e-14)
+
+
+def test_peer_prints_json(repository: Path) -> None:
+    run = subprocess.run(
+        [
+            sys.executable,
+            str(repository / "benches/peer_scipy.py"),
+            "sheared_cube",
+            "3",
+        ],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert json.loads(run.stdout)["contacts"] == 16
