@@ -127,8 +127,8 @@ def indices(what: str, value: ArrayLike | None, limit: int) -> NDArray[np.int64]
     if (counts > 1).any():
         at = int(np.argmax(counts > 1))
         raise ValueError(
-            f"{what} holds {listed[at]} {counts[at]} times, first at position {first[at]}, "
-            "expected each index once"
+            f"{what} holds {listed[at]} repeated, {counts[at]} times, first at position "
+            f"{first[at]}: expected each index once"
         )
     return np.ascontiguousarray(found, dtype=np.int64)
 
@@ -195,9 +195,7 @@ def loads(
             raise ValueError(
                 f"{what} has shape {found.shape}, expected ({length},) or (steps, {length})"
             )
-        return (
-            found.reshape(-1, length) if length else np.zeros((found.shape[0], 0))[:1]
-        )
+        return found[None] if found.ndim == 1 else found
 
     forces = rows("load", load, n)
     motions = rows("prescribed", prescribed, fixed)
@@ -226,6 +224,12 @@ def settings(
     )
     seconds = None if max_seconds is None else _number("max_seconds", max_seconds)
     return method, _number("tol", tol), limit, seconds
+
+
+def callback(what: str, value: Any) -> None:
+    """Something to call, or nothing."""
+    if value is not None and not callable(value):
+        raise TypeError(f"{what} is {value!r}, expected something to call, or None")
 
 
 def _number(what: str, value: Any) -> float:

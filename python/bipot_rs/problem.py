@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs import _core
 from bipot_rs.check import (
     Array,
+    callback,
     choice_of_dimension,
     contact_array,
     csr,
@@ -259,6 +260,7 @@ class ContactProblem:
         """
         n, contacts, d = self._shape
         chosen = settings(method, tol, max_iterations, max_seconds)
+        callback("on_step", on_step)
         totals = loads(load, prescribed, n, len(self._fixed))
         path = _core.Path(
             self._core, _start(start, contacts, d, self.stats["rigid_motions"])

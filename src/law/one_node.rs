@@ -66,6 +66,8 @@ struct Reduced<const D: usize> {
     w: Block<D>,
     /// `q̃ = q_t − W_tn q_n / W_nn`, in the tangential places.
     q: [f64; D],
+    /// Size of the terms that `q̃` was formed from.
+    magnitude: f64,
 }
 
 impl<const D: usize> Reduced<D> {
@@ -80,9 +82,11 @@ impl<const D: usize> Reduced<D> {
             }
         }
         let shifted = std::array::from_fn(|i| if i == 0 { 0.0 } else { q[i] - ratio[i] * q[0] });
+        let terms = (1..D).map(|i| q[i].abs() + (ratio[i] * q[0]).abs());
         Self {
             w_nn,
             q_n: q[0],
+            magnitude: terms.fold(0.0, f64::max),
             w_nt,
             w: reduced,
             q: shifted,
@@ -119,14 +123,31 @@ impl<const D: usize> Reduced<D> {
         r
     }
 
-    /// `v = 0`. A block of rank one (no tangential freedom left) sticks only
-    /// where there is nothing to hold.
+    /// `v = 0`.
+    ///
+    /// A singular block (a tangential component that is prescribed, or redundant)
+    /// sticks where what it cannot move does not ask to slide, with the shortest `r_t`.
     fn stick(&self) -> Option<[f64; D]> {
-        if self.q.iter().all(|&c| c == 0.0) {
-            return Some(self.with_normal([0.0; D]));
-        }
-        let r = self.shifted_solve(0.0, &self.q.map(|c| -c))?;
+        let minus_q = self.q.map(|c| -c);
+        let r = self
+            .shifted_solve(0.0, &minus_q)
+            .or_else(|| self.shortest(&minus_q))?;
         Some(self.with_normal(r))
+    }
+
+    /// The shortest solution of `W̃ x = b` for `W̃` of rank one or zero,
+    /// `W̃ᵀ b / ‖W̃‖²`; none where `b` is not in its range.
+    fn shortest(&self, b: &[f64; D]) -> Option<[f64; D]> {
+        let squares: f64 = self.w.iter().map(|c| c * c).sum();
+        let mut x = [0.0; D];
+        if squares > 0.0 {
+            x = std::array::from_fn(|j| {
+                (1..D).map(|i| self.w[(i, j)] * b[i]).sum::<f64>() / squares
+            });
+        }
+        let lacks = |i: usize| b[i] - (1..D).map(|j| self.w[(i, j)] * x[j]).sum::<f64>();
+        let rounding = 64.0 * f64::EPSILON * self.magnitude;
+        (1..D).all(|i| lacks(i).abs() <= rounding).then_some(x)
     }
 
     /// The sliding reaction, for `q_n < 0` where sticking leaves the cone.

@@ -3,9 +3,11 @@
 //! The one idea is the partial factorisation: eliminate the interior of a
 //! symmetric matrix, stop at the kept unknowns, and what is left there is `S`.
 
+pub mod binary;
 pub mod csc;
 pub mod dense;
 pub mod least_squares;
+pub mod lu;
 pub mod multifrontal;
 mod ordering;
 mod packed;

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
+use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::dense;
 use crate::linalg::multifrontal::Factor;
 use crate::linalg::small::{dot_long, norm};
@@ -36,7 +37,11 @@ const SHIFT: f64 = 1e-10;
 pub struct Body {
     /// Its degrees of freedom in the caller's numbering.
     dofs: Vec<usize>,
+    /// `unit K`.
     stiffness: Owned,
+    /// A power of two that makes the stiffness of order one: square roots of
+    /// pivots then round alike in all units that differ by powers of two.
+    unit: f64,
     /// The contact set, local numbers.
     kept: Vec<usize>,
     rows: Vec<Row>,
@@ -45,8 +50,6 @@ pub struct Body {
     cholesky: Vec<f64>,
     /// Orthonormal rigid motions `R` on the contact set.
     modes: Vec<Vec<f64>>,
-    /// `α = tr S / m`.
-    alpha: f64,
     inverse: Vec<f64>,
     condition: f64,
 }
@@ -60,12 +63,15 @@ impl Body {
     /// [`Error::Memory`]; [`Error::Interrupted`].
     pub fn new(
         dofs: Vec<usize>,
-        stiffness: Owned,
+        mut stiffness: Owned,
         mut rows: Vec<Row>,
         dimension: usize,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let kept = contact_set(&mut rows, dofs.len());
+        let stiffest = stiffness.values.iter().fold(0.0_f64, |m, a| m.max(a.abs()));
+        let unit = times_two_to(1.0, -exponent(stiffest));
+        stiffness.values.iter_mut().for_each(|a| *a *= unit);
         let view = stiffness.view()?;
         let symbolic = Symbolic::analyse(&view, &kept, &Options::default())?;
         let counts = symbolic.counts();
@@ -102,6 +108,7 @@ impl Body {
         }
         #[expect(clippy::cast_precision_loss, reason = "a count")]
         let mean = (0..m).map(|i| schur[i * (m + 1)]).sum::<f64>() / m.max(1) as f64;
+        // α = tr S / m
         let alpha = if mean > 0.0 { mean } else { 1.0 };
         let mut cholesky = schur.to_vec();
         for mode in &modes {
@@ -121,12 +128,12 @@ impl Body {
         Ok(Self {
             dofs,
             stiffness,
+            unit,
             kept,
             rows,
             factor,
             cholesky,
             modes,
-            alpha,
             inverse,
             condition,
         })
@@ -154,9 +161,9 @@ impl Body {
         self.condition
     }
 
-    /// `(S + α R Rᵀ)⁻¹`, given away: it is needed once.
-    pub fn take_inverse(&mut self) -> Vec<f64> {
-        std::mem::take(&mut self.inverse)
+    /// `(S + α R Rᵀ)⁻¹ / unit`, given away with that unit: it is needed once.
+    pub fn take_inverse(&mut self) -> (Vec<f64>, f64) {
+        (std::mem::take(&mut self.inverse), self.unit)
     }
 
     /// The degree of freedom that a rigid motion moves most.
@@ -184,13 +191,18 @@ impl Body {
         }
     }
 
-    /// Condenses this body's part of `force`: interior unknowns as the factor
-    /// leaves them, contact forces `f_c − K_ci K_ii⁻¹ f_i`.
+    /// Condenses this body's part of `force`, in its unit: interior unknowns as the
+    /// factor leaves them, contact forces `f_c − K_ci K_ii⁻¹ f_i`.
     #[must_use]
     pub fn condense(&self, force: &[f64]) -> Vec<f64> {
-        let mut local: Vec<f64> = self.dofs.iter().map(|&i| force[i]).collect();
+        let mut local = self.scaled(force);
         self.factor.condense(&mut local, 1);
         local
+    }
+
+    /// This body's part of forces on all degrees of freedom, in its unit.
+    fn scaled(&self, force: &[f64]) -> Vec<f64> {
+        self.dofs.iter().map(|&i| self.unit * force[i]).collect()
     }
 
     fn contact_part(&self, local: &[f64]) -> Vec<f64> {
@@ -203,7 +215,7 @@ impl Body {
         let contact = self.contact_part(condensed);
         self.modes
             .iter()
-            .map(|mode| dot_long(mode, &contact))
+            .map(|mode| dot_long(mode, &contact) / self.unit)
             .collect()
     }
 
@@ -236,10 +248,10 @@ impl Body {
         let mut push = vec![0.0; self.kept.len()];
         for row in &self.rows {
             for &(k, b) in &row.entries {
-                push[k] += b * reaction[row.row];
+                push[k] += b * self.unit * reaction[row.row];
             }
         }
-        let force: Vec<f64> = self.dofs.iter().map(|&i| force[i]).collect();
+        let force = self.scaled(force);
         let mut u = self.response(&force, Some(&push), rigid);
         let mut rest = vec![0.0; u.len()];
         self.stiffness.add_transposed_product(&u, &mut rest);
@@ -293,12 +305,6 @@ impl Body {
         if stats.ordering.is_empty() {
             stats.ordering = counts.ordering;
         }
-    }
-
-    /// `α = tr S / m`.
-    #[must_use]
-    pub fn alpha(&self) -> f64 {
-        self.alpha
     }
 }
 

@@ -153,10 +153,22 @@ impl<'a, const D: usize> Compliance<'a, D> {
     /// The diagonal block of the contact at `position`.
     #[must_use]
     pub fn block(&self, position: usize) -> Block<D> {
-        let island = &self.islands[self.island_of[position]];
+        self.pair(position, position)
+    }
+
+    /// The block by which the reaction at one position moves the contact at another.
+    #[must_use]
+    pub fn pair(&self, moved: usize, pushed: usize) -> Block<D> {
+        let island = &self.islands[self.island_of[moved]];
+        if !island.nodes.contains(&pushed) {
+            return Block::zeros();
+        }
         let m = D * island.nodes.len();
-        let local = D * (position - island.nodes.start);
-        Block::from_fn(|i, j| island.matrix[(local + i) * m + local + j])
+        let (row, column) = (
+            D * (moved - island.nodes.start),
+            D * (pushed - island.nodes.start),
+        );
+        Block::from_fn(|i, j| island.matrix[(row + i) * m + column + j])
     }
 
     /// `y = W r`.

@@ -384,7 +384,7 @@ fn assemble<const D: usize>(
 
 /// Adds `B_c (S + α R Rᵀ)⁻¹ B_cᵀ` of one body to the upper triangle of an island.
 fn add_body<const D: usize>(body: &mut Body, place: &[usize], m: usize, matrix: &mut [f64]) {
-    let inverse = body.take_inverse();
+    let (inverse, unit) = body.take_inverse();
     let order = body.kept();
     let at = |row: usize| D * place[row / D] + row % D;
     let rows = body.rows();
@@ -409,11 +409,8 @@ fn add_body<const D: usize>(body: &mut Body, place: &[usize], m: usize, matrix: 
                 }
                 for (j, other) in of_row.iter().enumerate().skip(i) {
                     let Some(other) = other else { continue };
-                    out[j] += other
-                        .entries
-                        .iter()
-                        .map(|&(a, b)| b * combined[a])
-                        .sum::<f64>();
+                    let own: f64 = other.entries.iter().map(|&(a, b)| b * combined[a]).sum();
+                    out[j] += unit * own;
                 }
             },
         );

@@ -1,6 +1,7 @@
 //! The reduced problem (5), `v = W r + R a + q`, checked once and scaled once.
 
 use crate::error::Error;
+use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::small::{dot, norm};
 use crate::problem::compliance::Compliance;
 
@@ -248,30 +249,6 @@ impl<const D: usize> Scaling<D> {
         let squares = |(x, s): (&[f64; D], &f64)| x.iter().map(|c| (c * s).powi(2)).sum::<f64>();
         r.iter().zip(&self.to_r).map(squares).sum::<f64>().sqrt()
     }
-}
-
-/// `e` with `2^e ≤ x < 2^(e+1)`, 0 for zero.
-fn exponent(x: f64) -> i32 {
-    if x == 0.0 {
-        return 0;
-    }
-    #[expect(clippy::cast_possible_truncation, reason = "within ±1075")]
-    let guess = x.log2().floor() as i32;
-    // log2 may round across a power of two.
-    if times_two_to(1.0, guess) > x {
-        guess - 1
-    } else if times_two_to(1.0, guess + 1) <= x {
-        guess + 1
-    } else {
-        guess
-    }
-}
-
-/// `x · 2^e`, exact inside the range of doubles, in two factors because `2^e`
-/// alone may leave it.
-fn times_two_to(x: f64, e: i32) -> f64 {
-    let half = e / 2;
-    x * 2.0_f64.powi(half) * 2.0_f64.powi(e - half)
 }
 
 /// Orthonormal columns `Q` and the columns of the upper triangle `T`, `A = Q T`.

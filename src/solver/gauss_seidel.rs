@@ -31,8 +31,9 @@ const TRUST: f64 = 1.2;
 const REFRESH: usize = 50;
 
 /// A point and everything affine in it.
-struct Point<const D: usize> {
-    r: Vec<[f64; D]>,
+#[derive(Clone, Debug)]
+pub struct Point<const D: usize> {
+    pub r: Vec<[f64; D]>,
     /// `W r + q`.
     v: Vec<[f64; D]>,
     /// `R̂ᵀ r̂ + ê`.
@@ -41,7 +42,9 @@ struct Point<const D: usize> {
     a: Vec<f64>,
 }
 
-struct Sweeper<'p, const D: usize> {
+/// The sweeps of one problem.
+#[derive(Debug)]
+pub struct Sweeper<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
     /// Diagonal blocks, with the proximal term.
     blocks: Vec<Block<D>>,
@@ -58,46 +61,15 @@ pub fn run<const D: usize>(
     monitor: &mut Monitor<D>,
 ) -> Result<Outcome, Error> {
     let sweeper = Sweeper::new(problem, start);
-    let mut point = sweeper.start(start);
-    monitor.count(if start.reaction.is_empty() { 0.0 } else { 1.0 });
+    let mut point = sweeper.start(start, monitor);
     if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, false)? {
         return Ok(outcome);
     }
-    let mut anderson = Anderson::default();
-    for sweep in 1.. {
-        let before = (point.r.clone(), point.a.clone());
-        sweeper.sweep(&mut point);
-        monitor.count(1.0);
-        match sweeper.look(&point, monitor, true)? {
-            Verdict::Stop(outcome) => return Ok(outcome),
-            Verdict::Refresh(v) => {
-                point.v = sweeper.without_rigid(v, &point);
-                anderson.restart();
-                continue;
-            }
-            Verdict::Continue => {}
-        }
-        if sweep % REFRESH == 0 {
-            let a = sweeper.rigid_motion(&point);
-            point.v = sweeper.without_rigid(monitor.refresh(&point.r, &a), &point);
-            point.s = scaled_imbalance(problem, &point.r);
-        }
-        for (a, s) in point.a.iter_mut().zip(&point.s) {
-            *a += s / DELTA;
-        }
-        let mut f = sweeper.scaled_change(&point, &before.0);
-        f.extend(point.a.iter().zip(&before.1).map(|(x, y)| x - y));
-        if let Some(next) = anderson.extrapolate(&f, &point.pack()) {
-            let next = point.unpack(&next);
-            let (here, there) = (sweeper.residual(&point), sweeper.residual(&next));
-            if there <= TRUST * here {
-                point = next;
-            } else {
-                anderson.restart();
-            }
+    loop {
+        if let Some(outcome) = sweeper.run(&mut point, monitor, usize::MAX)? {
+            return Ok(outcome);
         }
     }
-    Ok(Outcome::IterationLimit)
 }
 
 impl<const D: usize> Point<D> {
@@ -124,7 +96,8 @@ impl<const D: usize> Point<D> {
 }
 
 impl<'p, const D: usize> Sweeper<'p, D> {
-    fn new(problem: &'p Reduced<'p, D>, start: &Start<D>) -> Self {
+    #[must_use]
+    pub fn new(problem: &'p Reduced<'p, D>, start: &Start<D>) -> Self {
         let scaling = &problem.scaling;
         let blocks = (0..problem.contacts()).map(|i| {
             let mut block = problem.compliance.block(i);
@@ -146,12 +119,14 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         }
     }
 
-    fn start(&self, start: &Start<D>) -> Point<D> {
+    /// The point that a start names.
+    pub fn start(&self, start: &Start<D>, monitor: &mut Monitor<D>) -> Point<D> {
         let problem = self.problem;
         let mut v = problem.q.clone();
         let mut r = vec![[0.0; D]; problem.contacts()];
         if !start.reaction.is_empty() {
             r.copy_from_slice(&start.reaction);
+            monitor.count(1.0);
             v = problem.relative_displacement(&r, &[]);
         }
         let a = if start.rigid.is_empty() {
@@ -173,7 +148,9 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             .collect()
     }
 
-    fn rigid_motion(&self, point: &Point<D>) -> Vec<f64> {
+    /// `a` of a point.
+    #[must_use]
+    pub fn rigid_motion(&self, point: &Point<D>) -> Vec<f64> {
         self.problem.scaling.rigid_from_scaled(&self.motion(point))
     }
 
@@ -198,21 +175,16 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             .collect()
     }
 
-    /// `W r + q` from a fresh `v`.
-    fn without_rigid(&self, mut v: Vec<[f64; D]>, point: &Point<D>) -> Vec<[f64; D]> {
-        let motion: Vec<f64> = self.motion(point).iter().map(|a| -a).collect();
-        for (i, value) in v.iter_mut().enumerate() {
-            *value = self.with_rigid(i, value, &motion);
-        }
-        v
-    }
-
-    fn look(
+    /// Shows a point to the monitor.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn look(
         &self,
         point: &Point<D>,
         monitor: &mut Monitor<D>,
         iterated: bool,
-    ) -> Result<Verdict<D>, Error> {
+    ) -> Result<Verdict, Error> {
         monitor.look(
             &point.r,
             &self.total(point),
@@ -231,6 +203,74 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         change
             .flat_map(|((x, y), s)| std::array::from_fn::<f64, D, _>(|k| (x[k] - y[k]) * s))
             .collect()
+    }
+
+    /// Accelerated sweeps, `count` of them unless the monitor stops them before.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn run(
+        &self,
+        point: &mut Point<D>,
+        monitor: &mut Monitor<D>,
+        count: usize,
+    ) -> Result<Option<Outcome>, Error> {
+        let mut anderson = Anderson::default();
+        for sweep in 1..=count {
+            let before = (point.r.clone(), point.a.clone());
+            self.sweep(point);
+            monitor.count(1.0);
+            match self.look(point, monitor, true)? {
+                Verdict::Stop(outcome) => return Ok(Some(outcome)),
+                Verdict::Refresh => {
+                    self.refresh(point);
+                    anderson.restart();
+                    continue;
+                }
+                Verdict::Continue => {}
+            }
+            if sweep % REFRESH == 0 {
+                monitor.measure_floor(&point.r, &self.rigid_motion(point));
+                self.refresh(point);
+            }
+            for (a, s) in point.a.iter_mut().zip(&point.s) {
+                *a += s / DELTA;
+            }
+            let mut f = self.scaled_change(point, &before.0);
+            f.extend(point.a.iter().zip(&before.1).map(|(x, y)| x - y));
+            if let Some(next) = anderson.extrapolate(&f, &point.pack()) {
+                let next = point.unpack(&next);
+                if self.residual(&next) <= TRUST * self.residual(point) {
+                    *point = next;
+                } else {
+                    anderson.restart();
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Moves a point to given reactions and rigid motions.
+    #[must_use]
+    pub fn point(&self, r: Vec<[f64; D]>, rigid: &[f64]) -> Point<D> {
+        let mut point = Point {
+            v: Vec::new(),
+            s: Vec::new(),
+            a: self.problem.scaling.rigid_to_scaled(rigid),
+            r,
+        };
+        self.refresh(&mut point);
+        // The motion that belongs to the point is the one that was given.
+        for (a, s) in point.a.iter_mut().zip(&point.s) {
+            *a -= s / DELTA;
+        }
+        point
+    }
+
+    /// Everything affine in the point, afresh.
+    fn refresh(&self, point: &mut Point<D>) {
+        point.v = self.problem.relative_displacement(&point.r, &[]);
+        point.s = scaled_imbalance(self.problem, &point.r);
     }
 
     /// One sweep over all contacts.

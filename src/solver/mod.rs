@@ -2,8 +2,10 @@
 //! what they return, and how they are watched.
 
 pub mod anderson;
+pub mod auto;
 pub mod gauss_seidel;
 pub mod monitor;
+pub mod newton;
 pub mod uzawa;
 
 use std::sync::atomic::AtomicBool;
@@ -18,7 +20,7 @@ use crate::solver::monitor::Monitor;
 /// Which algorithm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// The default: accelerated Gauss–Seidel.
+    /// The default: accelerated Gauss–Seidel, finished by Newton.
     #[default]
     Auto,
     /// Exact one-node solves with Anderson acceleration, (17).
@@ -89,14 +91,14 @@ impl Settings {
             return Err(Error::Setting {
                 what: "tol",
                 found: self.tol,
-                expected: "a number above 0 and below 1",
+                expected: "a positive number below 1",
             });
         }
         if self.max_iterations == 0 {
             return Err(Error::Setting {
                 what: "max_iterations",
                 found: 0.0,
-                expected: "1 or more",
+                expected: "a positive whole number",
             });
         }
         if !(self.max_seconds > 0.0) {
@@ -159,7 +161,8 @@ pub fn solve<const D: usize>(
     settings.validate()?;
     let mut monitor = Monitor::new(problem, settings, stop);
     let outcome = match settings.method {
-        Method::Auto | Method::GaussSeidel => gauss_seidel::run(problem, start, &mut monitor)?,
+        Method::Auto => auto::run(problem, start, &mut monitor)?,
+        Method::GaussSeidel => gauss_seidel::run(problem, start, &mut monitor)?,
         Method::Uzawa => uzawa::run(problem, start, &mut monitor)?,
     };
     Ok(finish(problem, settings, monitor, outcome))

@@ -12,11 +12,11 @@ use crate::solver::{Outcome, Settings};
 const PATIENCE: usize = 2000;
 
 /// What the solver does next.
-#[derive(Debug)]
-pub enum Verdict<const D: usize> {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
     Continue,
-    /// The running `v` says converged and a fresh one does not: go on from this.
-    Refresh(Vec<[f64; D]>),
+    /// The running `v` says converged and a fresh one does not: form it afresh.
+    Refresh,
     Stop(Outcome),
 }
 
@@ -80,7 +80,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
         v: &[[f64; D]],
         a: &[f64],
         iterated: bool,
-    ) -> Result<Verdict<D>, Error> {
+    ) -> Result<Verdict, Error> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
@@ -105,21 +105,17 @@ impl<'p, const D: usize> Monitor<'p, D> {
             }
             // The running v flattered: what is best is judged by the fresh one.
             self.best = fresh.residual;
-            return Ok(self
-                .limits()
-                .map_or(Verdict::Refresh(fresh.v), Verdict::Stop));
+            return Ok(self.limits().map_or(Verdict::Refresh, Verdict::Stop));
         }
         Ok(self.limits().map_or(Verdict::Continue, Verdict::Stop))
     }
 
     /// Measures what rounding allows at `(r, a)`, for a residual that has
-    /// stopped falling; gives back the fresh `v`.
-    #[must_use]
-    pub fn refresh(&mut self, r: &[[f64; D]], a: &[f64]) -> Vec<[f64; D]> {
-        let fresh = Certificate::new(self.problem, r, a);
+    /// stopped falling.
+    pub fn measure_floor(&mut self, r: &[[f64; D]], a: &[f64]) {
+        let floor = Certificate::new(self.problem, r, a).floor;
         self.log.work += 2.0;
-        self.floor = fresh.floor.min(residual::WORST_FLOOR);
-        fresh.v
+        self.floor = floor.min(residual::WORST_FLOOR);
     }
 
     fn limits(&self) -> Option<Outcome> {

@@ -84,11 +84,11 @@ pub fn run<const D: usize>(
         }
         match monitor.look(&r, &v, &motion(&r, &proximal), true)? {
             Verdict::Stop(outcome) => return Ok(outcome),
-            Verdict::Refresh(fresh) => v = fresh,
+            Verdict::Refresh => v = displacement(&r, &proximal),
             Verdict::Continue => {}
         }
         if iteration % REFRESH == 0 {
-            v = monitor.refresh(&r, &motion(&r, &proximal));
+            monitor.measure_floor(&r, &motion(&r, &proximal));
         }
         if !proximal.is_empty() && iteration % STEPS_A_PHASE == 0 {
             for (a, s) in proximal.iter_mut().zip(scaled_imbalance(problem, &r)) {

@@ -7,12 +7,13 @@ Array = NDArray[np.float64]
 
 
 def violation(r: Array, v: Array, mu: Array | float, *sizes: Array) -> float:
-    """Largest violation of (6) and (8) by r and v (n, d), each relative to its size.
+    """Largest violation of (6) and (8) by r and v (n, d), relative to their sizes.
 
-    `sizes` are displacements that v is a small difference of, if any: its rounding.
+    `sizes` are displacements that give the size instead of v: what v is a small
+    difference of, or what it should be small against.
     """
-    force, length = np.abs(r).max(initial=0.0), np.abs(v).max(initial=0.0)
-    length = max([length, *(np.abs(x).max(initial=0.0) for x in sizes)])
+    force = np.abs(r).max(initial=0.0)
+    length = max(np.abs(x).max(initial=0.0) for x in sizes or [v])
     # Without any force, or displacement, the products below vanish by themselves.
     force, length = force or 1.0, length or 1.0
     r_t, v_t = np.linalg.norm(r[:, 1:], axis=1), np.linalg.norm(v[:, 1:], axis=1)

@@ -8,7 +8,7 @@ method on the equations of known statuses, and keeps what passes `violation`, th
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ class Problem:
     """A small dense problem, made dimensionless; `rigid` holds R and e."""
 
     def __init__(
-        self, W: Array, q: Array, mu: Array | float, rigid: Rigid | None = None
+        self, W: NDArray[Any], q: Array, mu: Array | float, rigid: Rigid | None = None
     ) -> None:
         self.n, self.d = q.shape
         self.mu = np.broadcast_to(np.asarray(mu, float), self.n)
@@ -58,7 +58,9 @@ class Problem:
 def fails(p: Problem, r: Array, a: Array) -> float:
     """Largest violation of the law and of balance by a dimensionless answer."""
     balance = float(np.abs(p.R.T @ r.ravel() + p.e).max(initial=0.0))
-    return max(violation(r, p.displacement(r, a), p.mu, np.ones(1)), balance)
+    v = p.displacement(r, a)
+    # Against deformation, not against v: a body that slides away has any v.
+    return max(violation(r, v, p.mu, np.ones(1), p.W @ r.ravel(), p.q), balance)
 
 
 def newton(p: Problem, law: Law, r: Array, a: Array, steps: int) -> tuple[Array, Array]:

@@ -1,16 +1,21 @@
 """Hard cases: vertices, redundancy, bad input, histories. Ids H are those of the cases."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
+from bodies import block
+from conditions import violation
 from contacts import K1, SMALL, TOL, one_node
 from oracle import Problem, answers
 
+Array = NDArray[np.float64]
 OPEN, SLIP, STICK = bp.Status.OPEN, bp.Status.SLIP, bp.Status.STICK
 
 
@@ -192,3 +197,49 @@ def test_every_step_of_random_paths_is_an_answer() -> None:
             ]
             assert any(near)
             last = result.displacement[k].reshape(2, 2)
+
+
+@pytest.mark.parametrize("method", ["auto", "gauss_seidel", "uzawa"])
+@pytest.mark.parametrize(
+    ("W", "q", "mu", "status"),
+    [
+        # The second tangent prescribed: its row and column vanish.
+        ([[1, 0.2, 0], [0.2, 2, 0], [0, 0, 0]], [-1, 0.1, 0], 0.5, STICK),
+        ([[1, 0.2, 0], [0.2, 2, 0], [0, 0, 0]], [-1, 0.1, 0], 0.01, SLIP),
+        ([[1, 0, 0.2], [0, 0, 0], [0.2, 0, 2]], [-1, 0, 0.1], 0.5, STICK),
+        # Both prescribed.
+        ([[1, 0, 0], [0, 0, 0], [0, 0, 0]], [-1, 0, 0], 0.5, STICK),
+        # A guide at 45 degrees in the plane of contact.
+        ([[1, 0.5, 0.5], [0.5, 1, 1], [0.5, 1, 1]], [-1, 0.1, 0.1], 0.5, STICK),
+    ],
+)
+def test_tangent_that_cannot_move(
+    W: list[list[float]], q: list[float], mu: float, status: bp.Status, method: str
+) -> None:
+    matrix, free = np.array(W, float), np.array([q], float)
+    solution = bp.ReducedProblem(matrix, free, mu).solve(method=method, tol=TOL)
+    assert str(solution.outcome) == "converged"
+    assert solution.status[0] == status
+    # r is free where W does not see it; v is not.
+    v = solution.relative_displacement
+    assert violation(solution.reaction, v, mu, free) <= SMALL
+
+
+def block_pulled_up() -> tuple[Any, Any, Array, float]:
+    body = block((2.0, 1.0), (2, 2), 100.0, 0.3)
+    return body.K, body.B, body.weight([0.0, -1.0 + 1.5]), 0.5
+
+
+def slider_on_a_spring() -> tuple[Any, Any, Array, float]:
+    # The cone programme is feasible, and yet no status has an answer.
+    K = np.array([[1.0, 1.0], [1.0, 1.0]])
+    return K, sparse.eye_array(2, format="csr"), np.array([-1.0, -2.5]), 2.0
+
+
+@pytest.mark.parametrize("case", [block_pulled_up, slider_on_a_spring])
+def test_h10_drift_is_an_error(
+    case: Callable[[], tuple[Any, Any, Array, float]],
+) -> None:
+    K, B, load, mu = case()
+    with pytest.raises(bp.BipotError):
+        bp.solve(K, B, load, gap=np.zeros(B.shape[0] // 2), mu=mu)

@@ -25,7 +25,7 @@ RUST = (
 # Within a folder likewise; those named together do not know each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "small csc",
+        "binary small csc lu",
         "least_squares packed",
         "dense ordering quotient",
         "tree",
@@ -42,7 +42,7 @@ RUST_SIBLINGS = {
         "body",
         "condense",
     ),
-    "solver": ("anderson monitor", "gauss_seidel uzawa"),
+    "solver": ("anderson monitor", "gauss_seidel newton uzawa", "auto"),
     "python": ("errors arrays interrupt", "solver", "problem"),
 }
 # Word of the code: the only files that may hold it. An upgrade of a library, or

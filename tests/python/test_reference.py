@@ -30,7 +30,7 @@ def test_a1_sheared_patch_in_the_plane(ratio: float) -> None:
     shear = ratio * mu * pressure
     body = block((3, 1), (6, 4), young, 0.0)
     load = uniform_shear(body, pressure, [shear])
-    result = bp.solve(
+    result: Any = bp.solve(
         body.K, body.B, load, gap=body.gap, mu=mu, area=body.area, tol=TOL
     )
     # Held by contact alone. Condition of the block about 1e2 times η.
@@ -57,7 +57,7 @@ def test_a1_sheared_patch_in_space() -> None:
     young, pressure, mu, shear = 10.0, 2.0, 0.4, [0.45, -0.6]  # 0.75 of 0.8
     body = block((2, 1, 1.5), (3, 2, 2), young, 0.0)
     load = uniform_shear(body, pressure, shear)
-    result = bp.solve(
+    result: Any = bp.solve(
         body.K, body.B, load, gap=body.gap, mu=mu, area=body.area, tol=TOL
     )
     expected = np.broadcast_to([pressure, 0.6 - 1.05, 0.6], (12, 3))
@@ -85,7 +85,7 @@ def test_a2_oedometer(dim: int, nu: float, mu: float) -> None:
     ]
     load = body.traction(dim - 1, 1.0, [0.0] * (dim - 1) + [-1.0])
     fixed = np.unique(np.concatenate(walls))
-    result = bp.solve(
+    result: Any = bp.solve(
         body.K, body.B, load, gap=body.gap, mu=mu, fixed=fixed, area=body.area, tol=TOL
     )
     # K spans 1/(1 - 2ν): its rounding comes back in u, and η of r in both.
@@ -228,7 +228,7 @@ def bar_problem(nodes: int = 20, mu: float = 0.4) -> tuple[Any, Array]:
     return bp.ContactProblem(K, B, gap=np.zeros(nodes), mu=mu), load
 
 
-def pulled(load: Array, ends: Array) -> Array:
+def pulled(load: Array, ends: NDArray[Any]) -> Array:
     path = np.tile(load, (len(ends), 1))
     path[:, -1] += ends
     return path

@@ -92,7 +92,12 @@ def test_second_method() -> None:
     area = np.ones(result.reaction.shape[1])
     error = traction_error(result.reaction, other.reaction, area)
     assert np.all(error <= 1e-8), error
-    np.testing.assert_array_equal(result.status, other.status)
+    # A node just at the friction limit is SLIP in one and STICK in the other: it
+    # must not move then, to the same digits.
+    length = np.linalg.norm(result.slip, axis=2)
+    differs = result.status != other.status
+    assert differs.sum() <= 5
+    assert np.all(length[differs] <= 1e-8 * length.max())
 
 
 def test_cattaneo_mindlin_approaches_the_closed_form() -> None:
@@ -170,8 +175,12 @@ def test_cyclic_path() -> None:
     top = case.model.fixed % 3 == 0
     k = np.arange(41)
     # First pressing alone, then forty steps of the sine.
-    np.testing.assert_array_equal(
-        case.prescribed[:, top].T, np.tile(0.025 * np.sin(2 * np.pi * k / 20), (9, 1))
+    # The phase, up to 4π, is rounded: 4π ε of the amplitude.
+    np.testing.assert_allclose(
+        case.prescribed[:, top].T,
+        np.tile(0.025 * np.sin(2 * np.pi * k / 20), (9, 1)),
+        rtol=0,
+        atol=0.025 * 4 * np.pi * 2.3e-16,
     )
 
 

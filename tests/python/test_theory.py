@@ -160,7 +160,8 @@ def test_bifunctional_is_the_sum_of_distances_and_gaps() -> None:
         gaps = np.sum(r * v) + lost.sum()
         # Sums of a hundred products of order ten.
         assert total == pytest.approx(
-            0.5 * (u - w) @ K @ (u - w) + gaps, abs=1e-12 * (1 + abs(phi) + abs(pi))
+            0.5 * (u - w) @ K @ (u - w) + gaps,
+            abs=1e-12 * float(1 + abs(phi) + abs(pi)),
         )
 
 

@@ -1,0 +1,27 @@
+//! Powers of two, by which a number is scaled without rounding.
+
+/// `e` with `2^e ≤ x < 2^(e+1)`, 0 for zero.
+#[must_use]
+pub fn exponent(x: f64) -> i32 {
+    if x == 0.0 {
+        return 0;
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "within ±1075")]
+    let guess = x.log2().floor() as i32;
+    // log2 may round across a power of two.
+    if times_two_to(1.0, guess) > x {
+        guess - 1
+    } else if times_two_to(1.0, guess + 1) <= x {
+        guess + 1
+    } else {
+        guess
+    }
+}
+
+/// `x · 2^e`, exact inside the range of doubles, in two factors because `2^e`
+/// alone may leave it.
+#[must_use]
+pub fn times_two_to(x: f64, e: i32) -> f64 {
+    let half = e / 2;
+    x * 2.0_f64.powi(half) * 2.0_f64.powi(e - half)
+}

@@ -1,0 +1,101 @@
+"""The package's methods against the oracle, which shares no algorithm with them."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from conditions import violation
+from oracle import Problem
+from smoothing import follow
+
+Array = NDArray[np.float64]
+MU = 0.25
+TOL = 1e-12
+
+
+def compliance(rng: np.random.Generator, size: int) -> Array:
+    """Positive definite, condition about 10, couplings weak enough for one answer."""
+    root = rng.normal(size=(size, size)) / np.sqrt(size)
+    return np.asarray(root @ root.T + 0.5 * np.eye(size))
+
+
+def pressed(rng: np.random.Generator, contacts: int, dim: int) -> Array:
+    q = rng.normal(size=(contacts, dim))
+    q[:, 0] -= 0.7
+    q[::2, 1:] *= 0.2  # little to slide for: some contacts stick
+    return q
+
+
+@pytest.mark.parametrize("method", ["auto", "gauss_seidel", "uzawa"])
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("contacts", [1, 4, 12])
+def test_definite_compliance(contacts: int, dim: int, method: str) -> None:
+    seen: set[int] = set()
+    for seed in range(8):
+        rng = np.random.default_rng([seed, contacts, dim])
+        W, q = compliance(rng, contacts * dim), pressed(rng, contacts, dim)
+        reduced = bp.ReducedProblem(W, q, MU)
+        solution = reduced.solve(method=method, tol=TOL)
+        assert str(solution.outcome) == "converged"
+        assert solution.residual <= solution.tolerance
+        # Evaluated again, as a user would.
+        assert reduced.residual(solution.reaction) == solution.residual
+        expected = follow(Problem(W, q, MU))
+        # η of both, times the condition of W and what friction adds to it.
+        size = np.abs(expected.r).max()
+        np.testing.assert_allclose(solution.reaction, expected.r, atol=1e-9 * size)
+        assert tuple(solution.status) == expected.status
+        v = solution.relative_displacement
+        assert violation(solution.reaction, v, MU, q) <= 1e-9
+        seen.update(expected.status)
+    assert contacts == 1 or seen == {0, 1, 2}
+
+
+@pytest.mark.parametrize("method", ["auto", "gauss_seidel", "uzawa"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_held_by_contact_alone(dim: int, method: str) -> None:
+    for seed in range(6):
+        rng = np.random.default_rng([seed, dim])
+        contacts = 6
+        W = 0.2 * compliance(rng, contacts * dim)
+        at = rng.uniform(-1, 1, size=(contacts, dim - 1))
+        # Motions: along the normal, along the tangents, tilts about the tangents.
+        R = np.zeros((contacts, dim, 2 * dim - 1))
+        R[:, 0, 0] = 1
+        R[:, 0, dim:] = at
+        R[:, 1:, 1:dim] = np.eye(dim - 1)
+        flat = R.reshape(contacts * dim, -1)
+        # Loads that a spread-out set of reactions inside the cone balances.
+        inside = np.ones((contacts, dim))
+        inside[:, 1:] = rng.uniform(-1, 1, dim - 1) * 0.5 * MU
+        e = -flat.T @ inside.ravel()
+        q = 0.1 * rng.normal(size=(contacts, dim))
+        reduced = bp.ReducedProblem(W, q, MU, rigid=(flat, e))
+        solution = reduced.solve(method=method, tol=TOL)
+        assert str(solution.outcome) == "converged"
+        expected = follow(Problem(W, q, MU, (flat, e)))
+        size = np.abs(expected.r).max()
+        np.testing.assert_allclose(solution.reaction, expected.r, atol=1e-8 * size)
+        balance = flat.T @ solution.reaction.ravel() + e
+        # Part of η, up to the orthonormal basis it is measured in.
+        assert np.abs(balance).max() <= 1e-10 * np.abs(e).max()
+        r, v = solution.reaction, solution.relative_displacement
+        a = np.asarray(solution.rigid_motion)
+        rebuilt = (W @ r.ravel() + flat @ a).reshape(contacts, dim) + q
+        np.testing.assert_allclose(v, rebuilt, atol=1e-12 * np.abs(rebuilt).max())
+        assert violation(r, v, MU, q) <= 1e-8
+
+
+def test_measured_asymmetry_is_kept() -> None:
+    # W that a measurement made asymmetric is solved as it is, not its mean.
+    rng = np.random.default_rng(9)
+    W, q = compliance(rng, 12), pressed(rng, 4, 3)
+    W += 0.02 * rng.normal(size=W.shape)
+    solution = bp.ReducedProblem(W, q, MU).solve(tol=TOL)
+    expected = follow(Problem(W, q, MU))
+    np.testing.assert_allclose(
+        solution.reaction, expected.r, atol=1e-9 * np.abs(expected.r).max()
+    )
+    mean = follow(Problem((W + W.T) / 2, q, MU))
+    assert np.abs(mean.r - expected.r).max() > 1e-4

@@ -1,0 +1,130 @@
+"""Pictures: every kind of contact surface is drawn, without touching matplotlib's state."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib.figure
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bipot_rs import fem
+from bipot_rs.plot import tractions
+
+
+def contacts(x: NDArray[np.float64], normal: NDArray[np.float64]) -> dict[str, Any]:
+    frame = fem.frames(np.broadcast_to(normal, x.shape))
+    return {
+        "x": x,
+        "area": np.full(len(x), 0.1),
+        "mu": np.full(len(x), 0.3),
+        "frame": frame,
+    }
+
+
+def step(count: int, dim: int, k: int = 0) -> dict[str, Any]:
+    random = np.random.default_rng(k)
+    reaction = random.uniform(0, 1, (count, dim))
+    return {
+        "load": float(k),
+        "reaction": reaction,
+        "status": random.integers(0, 3, count).astype(np.int8),
+    }
+
+
+def drawn(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> list[str]:
+    """Titles, labels and legends of the picture that is written to ``path``."""
+    kept: list[Any] = []
+    save = matplotlib.figure.Figure.savefig
+
+    def keep(figure: Any, *a: Any, **k: Any) -> None:
+        kept.append(figure)
+        save(figure, *a, **k)
+
+    monkeypatch.setattr(matplotlib.figure.Figure, "savefig", keep)
+    tractions(path, *arguments, title="It", units={"length": "mm", "stress": "MPa"})
+    assert path.read_bytes().startswith(b"\x89PNG")
+    from matplotlib.text import Text
+
+    return [t.get_text() for t in kept[0].findobj(Text) if t.get_text()]
+
+
+def test_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    x = np.column_stack([np.linspace(0, 1, 9), np.zeros(9)])
+    plane = contacts(x, np.array([0.0, 1.0]))
+    texts = drawn(monkeypatch, tmp_path / "a.png", plane, [step(9, 2)])
+    counts = np.bincount(step(9, 2)["status"], minlength=3)
+    for text in ("It", "traction [MPa]", "place [mm]", f"slip ({counts[1]})"):
+        assert text in texts
+    assert "load step" not in texts  # one step is no path
+
+
+def test_plane_and_path(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    u, v = np.meshgrid(np.linspace(0, 1, 6), np.linspace(0, 1, 6))
+    x = np.column_stack([u.ravel(), v.ravel(), 0 * u.ravel()])
+    plane = contacts(x, np.array([0.0, 0.0, 1.0]))
+    steps = [step(36, 3, k) for k in range(5)]
+    texts = drawn(monkeypatch, tmp_path / "a.png", plane, steps)
+    for text in (
+        "pressure [MPa]",
+        "shear traction [MPa]",
+        "load step",
+        "along t2 [mm]",
+    ):
+        assert text in texts
+
+
+def test_surfaces_that_are_not_one_plane(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    x = np.random.default_rng(4).uniform(size=(30, 3))
+    texts = drawn(
+        monkeypatch,
+        tmp_path / "a.png",
+        contacts(x, np.array([0.0, 0.0, 1.0])),
+        [step(30, 3)],
+    )
+    assert "pressure [MPa]" in texts
+
+
+def test_contact_that_is_open_everywhere(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    u, v = np.meshgrid(np.linspace(0, 1, 4), np.linspace(0, 1, 4))
+    x = np.column_stack([u.ravel(), v.ravel(), 0 * u.ravel()])
+    nothing = {
+        "load": 0.0,
+        "reaction": np.zeros((16, 3)),
+        "status": np.zeros(16, np.int8),
+    }
+    plane = contacts(x, np.array([0.0, 0.0, 1.0]))
+    assert "open (16)" in drawn(
+        monkeypatch, tmp_path / "a.png", plane, [nothing, nothing]
+    )
+
+
+def test_no_steps(tmp_path: Path) -> None:
+    plane = contacts(np.zeros((1, 2)), np.array([0.0, 1.0]))
+    with pytest.raises(ValueError, match="steps is empty"):
+        tractions(tmp_path / "a.png", plane, [])
+
+
+def test_pyplot_stays_out(tmp_path: Path) -> None:
+    code = (
+        "import sys, numpy as np; from bipot_rs.plot import tractions; "
+        "x = np.array([[0.0, 0.0], [1.0, 0.0]]); "
+        "f = np.broadcast_to(np.eye(2)[::-1], (2, 2, 2)); "
+        "c = {'x': x, 'area': np.ones(2), 'mu': np.ones(2), 'frame': f}; "
+        "s = {'load': 1.0, 'reaction': np.ones((2, 2)), 'status': np.ones(2, int)}; "
+        "tractions('a.png', c, [s]); print('matplotlib.pyplot' in sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert run.stdout.strip() == "False"
