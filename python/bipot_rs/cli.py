@@ -6,24 +6,15 @@ Exit status: 0 solved, 1 no answer exists, 2 bad input, 3 not converged,
 
 from __future__ import annotations
 
-import csv
-import json as json_format
+import os
 import sys
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.exceptions import TyperException
 
-if TYPE_CHECKING:
-    from bipot_rs.scene import Case, Scene
-
-SOLVED, NO_ANSWER, BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 1, 2, 3, 130
-PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
+from bipot_rs.job import BAD_INPUT, Job, complain
 
 
 class _App(typer.Typer):
@@ -75,7 +66,14 @@ def run(
     """Solve a scene: a table of load steps, result.h5, result.pvd for ParaView."""
     job = Job(scene, as_json=json)
     folder = Path("out") / Path(scene).stem if out is None else out
-    raise typer.Exit(job.run(settings or [], folder, method, tol, plot=plot))
+    try:
+        status = job.run(settings or [], folder, method, tol, plot=plot)
+    except BrokenPipeError:
+        # The reader has gone (`| head`). What is still buffered has no place to go,
+        # and typer would leave with 1, which says that no answer exists.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = BAD_INPUT
+    raise typer.Exit(status)
 
 
 @app.command()

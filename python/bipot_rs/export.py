@@ -22,6 +22,12 @@ VERSION = 1
 _SCALAR_DATASETS = ("residual", "load")
 
 
+def require() -> None:
+    """Import what files need: better missing before a long solve than after it."""
+    import h5py  # noqa: F401
+    import meshio  # noqa: F401
+
+
 def write_result(
     path: str | os.PathLike[str],
     contacts: Mapping[str, NDArray[Any] | None],

@@ -134,7 +134,7 @@ class Model:
         ]
 
     def fields(
-        self, displacement: Floats, traction: Floats, status: NDArray[np.integer[Any]]
+        self, displacement: Floats, reaction: Floats, status: NDArray[np.integer[Any]]
     ) -> dict[str, NDArray[Any]]:
         """Fields on `nodes`, to look at.
 
@@ -142,16 +142,17 @@ class Model:
         ----------
         displacement
             ``(n,)`` [m].
-        traction, status
-            ``(n_c, d)`` in the frames of the contacts [Pa], and ``(n_c,)``.
+        reaction, status
+            ``(n_c, d)`` in the frames of the contacts [N], and ``(n_c,)``.
 
         Returns
         -------
         dict
-            ``displacement``, ``contact_pressure``, ``contact_shear`` (on the body
-            that has the node, in global components), and ``contact_status``, -1
+            ``displacement``, ``contact_pressure`` [Pa], ``contact_shear`` [Pa] (on the
+            body that has the node, in global components), and ``contact_status``, -1
             away from contact.
         """
+        traction = reaction / self.area[:, None]
         shear = np.einsum("ck,ckd->cd", traction[:, 1:], self.frame[:, 1:])
         fields: dict[str, NDArray[Any]] = {
             "displacement": displacement.reshape(-1, self.dim),

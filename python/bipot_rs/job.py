@@ -10,9 +10,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
+    from bipot_rs.result import Step
     from bipot_rs.scene import Case
     from bipot_rs.schema import Scene
 
@@ -30,9 +31,9 @@ class Job:
         self.seconds = dict.fromkeys(PHASES, 0.0)
         self.scene: Scene | None = None
         self.case: Case | None = None
-        # Load steps reached: what is told, and what was solved.
-        self.rows: list[dict[str, Any]] = []
-        self.steps: list[Any] = []
+        # Load steps reached: what is told of each, and the step. Pairs, so that an
+        # interrupt between the two cannot tear them apart.
+        self.reached: list[tuple[dict[str, Any], Step]] = []
 
     def run(
         self,
@@ -45,8 +46,10 @@ class Job:
     ) -> int:
         """Go from the scene to the files; returns the exit status."""
         try:
+            from bipot_rs.export import require
             from bipot_rs.scene import read
 
+            require()
             self.scene = read(self.name or "", settings)
             with _draft(folder) as draft:
                 code, message = self._attempt(self.scene, method, tol)
@@ -56,13 +59,13 @@ class Job:
                     )
                     _replace(draft, folder)
                     if code != SOLVED:
-                        message += f" (load steps in {folder}: {len(self.steps)})"
+                        message += f" (load steps in {folder}: {len(self.reached)})"
         except KeyboardInterrupt:
             code, message = INTERRUPTED, "interrupted"
-        except (ValueError, TypeError, OSError, MemoryError) as error:
+        except (ImportError, ValueError, OSError, MemoryError) as error:
             code, message = BAD_INPUT, str(error) or type(error).__name__
         if code == SOLVED and not self.as_json:
-            self._print_table(self.scene, folder)
+            self._print_table(folder)
         return self.end(code, message)
 
     def end(self, code: int, message: str) -> int:
@@ -74,7 +77,7 @@ class Job:
                 scene=self.name,
                 dofs=None if model is None else model.n,
                 contacts=None if model is None else len(model.gap),
-                steps=len(self.rows),
+                steps=len(self.reached),
                 success=code == SOLVED,
                 seconds={phase: round(s, 6) for phase, s in self.seconds.items()},
                 peak_mb=_peak_mb(),
@@ -87,7 +90,7 @@ class Job:
     def _attempt(
         self, scene: Scene, method: str | None, tol: float | None
     ) -> tuple[int, str]:
-        """Mesh, assemble, solve; the steps reached stay in `steps`."""
+        """Mesh, assemble, solve; the steps reached stay in `reached`."""
         from bipot_rs.errors import (
             FloatingBodyError,
             NoEquilibriumError,
@@ -104,12 +107,12 @@ class Job:
                 with self._phase("condense", progress):
                     problem = case.model.problem()
 
-                def on_step(k: int, step: Any) -> None:
-                    self.steps.append(step)
-                    self.rows.append(_row(k, float(case.parameter[k]), step))
+                def on_step(k: int, step: Step) -> None:
+                    row = _row(k, float(case.parameter[k]), step)
+                    self.reached.append((row, step))
                     if self.as_json:
-                        _line(**self.rows[-1])
-                    progress.step(self.rows[-1])
+                        _line(**row)
+                    progress.step(row)
 
                 with self._phase("solve", progress):
                     problem.solve(
@@ -145,7 +148,8 @@ class Job:
 
         model = case.model
         with self._phase("recover"):
-            displacements = [step.displacement for step in self.steps]
+            for _, step in self.reached:
+                _ = step.displacement  # computed here, kept by the step
         with self._phase("write"):
             # Fields of a step under their own names: `bipot_rs.load` takes them.
             steps = [
@@ -153,11 +157,9 @@ class Job:
                 | {
                     "load": row["load"],
                     "outcome": str(step.outcome),
-                    "displacement": displacement,
+                    "displacement": step.displacement,
                 }
-                for row, step, displacement in zip(
-                    self.rows, self.steps, displacements, strict=True
-                )
+                for row, step in self.reached
             ]
             contacts = {
                 "x": model.points,
@@ -179,14 +181,14 @@ class Job:
                 model.nodes,
                 model.cells,
                 (
-                    model.fields(u, step.traction, step.status)
-                    for u, step in zip(displacements, self.steps, strict=True)
+                    model.fields(step.displacement, step.reaction, step.status)
+                    for _, step in self.reached
                 ),
             )
             with (folder / "steps.csv").open("w", newline="", encoding="utf-8") as file:
                 table = csv.DictWriter(file, _COLUMNS)
                 table.writeheader()
-                table.writerows(self.rows)
+                table.writerows(row for row, _ in self.reached)
             if plot and steps and self.scene is not None:
                 from bipot_rs.plot import tractions
 
@@ -195,15 +197,16 @@ class Job:
                     folder / "tractions.png", contacts, steps, title=title, units=units
                 )
 
-    def _print_table(self, scene: Scene | None, folder: Path) -> None:
+    def _print_table(self, folder: Path) -> None:
         from rich.console import Console
         from rich.table import Table
 
         console = Console()
-        table = Table(title=scene.title if scene else None, title_justify="left")
+        title = self.scene.title if self.scene else None
+        table = Table(title=title, title_justify="left")
         for column in _COLUMNS:
             table.add_column(column, justify="right")
-        for row in self.rows:
+        for row, _ in self.reached:
             table.add_row(*_cells(row))
         console.print(table)
         times = ", ".join(
@@ -248,23 +251,11 @@ _FIELDS = (
 )
 
 
-def _row(k: int, parameter: float, step: Any) -> dict[str, Any]:
+def _row(k: int, parameter: float, step: Step) -> dict[str, Any]:
     """Collect what is told of a load step: a line of --json, of the table, of steps.csv."""
     counts = [int((step.status == status).sum()) for status in (0, 1, 2)]
-    return dict(
-        zip(
-            _COLUMNS,
-            (
-                k,
-                parameter,
-                *counts,
-                float(step.residual),
-                int(step.iterations),
-                float(step.seconds),
-            ),
-            strict=True,
-        )
-    )
+    told = (k, parameter, *counts, step.residual, step.iterations, step.seconds)
+    return dict(zip(_COLUMNS, told, strict=True))
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
@@ -319,11 +310,11 @@ class _Progress:
         if self.bar is not None:
             self.bar.advance(0)
         if self.lines:
-            typer.echo(
+            _tell(
                 f"step {row['step'] + 1} of {self.steps}: load {row['load']:.6g}, "
                 f"open {row['open']}, slip {row['slip']}, stick {row['stick']}, "
                 f"residual {row['residual']:.1e}",
-                err=True,
+                sys.stderr,
             )
 
 
@@ -360,11 +351,19 @@ def _ours(folder: Path) -> list[Path]:
 
 
 def _line(**values: Any) -> None:
-    print(json.dumps(values), flush=True)  # noqa: T201 - the output of --json
+    _tell(json.dumps(values), sys.stdout)
 
 
 def complain(message: str) -> None:
-    typer.echo(f"bipot: {message}", err=True)
+    """Say on standard error what went wrong; help that was asked for has no message."""
+    if message:
+        _tell(f"bipot: {message}", sys.stderr)
+
+
+def _tell(line: str, stream: TextIO) -> None:
+    # Flushed: who reads it through a pipe wants to see progress, not the end.
+    stream.write(line + "\n")
+    stream.flush()
 
 
 def _peak_mb() -> float:

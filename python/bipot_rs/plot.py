@@ -52,18 +52,15 @@ def tractions(
     traction = np.asarray(last["reaction"]) / contacts["area"][:, None]
     planar = contacts["x"].shape[1] == 2
     # Not pyplot: it would keep the figure and choose a backend for the process.
-    height = (5.2 if planar else 4.3) + 2.6 * (len(steps) > 1)
-    figure = Figure(figsize=(11.0, height), layout="constrained")
+    heights = [5.2 if planar else 4.1, 2.6][: min(len(steps), 2)]
+    figure = Figure(figsize=(11.0, sum(heights)), layout="constrained")
     parts: Any = figure.subfigures(
-        1 + (len(steps) > 1),
-        1,
-        height_ratios=[height - 2.6, 2.6][: 1 + (len(steps) > 1)],
-    )
-    top = parts[0] if len(steps) > 1 else parts
+        len(heights), 1, height_ratios=heights, squeeze=False
+    ).ravel()
     if planar:
-        _profile(top, contacts, traction, status, names)
+        _profile(parts[0], contacts, traction, status, names)
     else:
-        _maps(top, contacts, traction, status, names)
+        _maps(parts[0], contacts, traction, status, names)
     if len(steps) > 1:
         _path(parts[1], contacts, steps, names)
     figure.suptitle(title, fontsize=13, fontweight="bold")
@@ -244,7 +241,13 @@ def _path(
     )
     left.axhline(0, color="black", lw=0.6)
     left.set_ylabel(_label("force", units.get("force")))
-    left.legend(frameon=False, fontsize="small")
+    left.legend(
+        frameon=False,
+        fontsize="small",
+        ncols=3,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+    )
     counts = np.array(
         [[np.mean(np.asarray(s["status"]) == k) for k in (2, 1, 0)] for s in steps]
     )

@@ -136,7 +136,10 @@ class ContactProblem:
         contacts = len(offsets)
         d = choice_of_dimension(dim, contacts, contact.shape[0], offsets)
         whole = np.zeros((contacts, d))
-        whole[:, : 1 if offsets.ndim == 1 else d] = offsets.reshape(contacts, -1)
+        if offsets.ndim == 1:
+            whole[:, 0] = offsets
+        else:
+            whole[:] = offsets
         areas = None if area is None else floats("area", area, shape=(contacts,))
         if areas is not None and not (areas > 0).all():
             at = int(np.argmin(areas > 0))
@@ -282,6 +285,7 @@ class ContactProblem:
             made = Result(
                 steps,
                 contacts=self._contacts,
+                shape=(contacts, d),
                 seconds=None,
                 success=success,
                 message=message,

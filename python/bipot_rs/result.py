@@ -176,12 +176,14 @@ class Result(Sequence[Step]):
         steps: Sequence[Step],
         *,
         contacts: Mapping[str, NDArray[Any] | None],
+        shape: tuple[int, int],
         seconds: Mapping[str, float] | None = None,
         success: bool,
         message: str,
     ) -> None:
         self.steps = tuple(steps)
         self.contacts = dict(contacts)
+        self._shape = shape
         self.seconds = dict.fromkeys(("condense", "solve", "recover"), 0.0) | dict(
             seconds or {}
         )
@@ -207,13 +209,6 @@ class Result(Sequence[Step]):
         if not self.steps:
             return np.empty(empty, dtype)
         return np.stack([np.asarray(getattr(step, name), dtype) for step in self.steps])
-
-    @property
-    def _shape(self) -> tuple[int, int]:
-        gap = self.contacts.get("gap")
-        x = self.contacts.get("x")
-        known = next((a for a in (x, gap) if a is not None), np.empty((0, 0)))
-        return len(known), known.shape[1] if known.ndim == 2 else 0
 
     @property
     def reaction(self) -> Array:
@@ -345,6 +340,7 @@ def load(path: str | os.PathLike[str]) -> Result:
     return Result(
         steps,
         contacts=contacts,
+        shape=steps[0].reaction.shape if steps else (len(contacts["gap"]), 0),
         seconds={
             k[len(prefix) :]: v for k, v in attributes.items() if k.startswith(prefix)
         },

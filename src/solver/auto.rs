@@ -21,6 +21,10 @@ const MOST_SWEEPS: usize = 1280;
 /// does `n/3` times the operations, but from the cache, about ten times faster.
 const UNKNOWNS_A_SWEEP: usize = 30;
 
+/// A bilateral start with a larger residual than this leaves most of the load
+/// unbalanced; the cold start has 1.
+const TRUSTED_START: f64 = 0.5;
+
 /// Runs until the monitor stops it.
 ///
 /// # Errors
@@ -34,6 +38,26 @@ pub fn run<const D: usize>(
     let mut point = sweeper.start(start, monitor);
     if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, false)? {
         return Ok(outcome);
+    }
+    if !problem.rigid.modes.is_empty() && start.reaction.is_empty() {
+        // Sweeps know little of the whole balance of forces: it is where the
+        // bilateral solution begins, unless most of it came from contacts that pull.
+        if let Some((r, rigid)) = newton::bilateral(problem) {
+            let held = sweeper.point(r, &rigid);
+            monitor.count(1.0);
+            if let Verdict::Stop(outcome) = sweeper.look(&held, monitor, true)? {
+                return Ok(outcome);
+            }
+            if sweeper.residual(&held) <= TRUSTED_START {
+                point = held;
+                let rigid = sweeper.rigid_motion(&point);
+                match newton::run(problem, &point.r, &rigid, monitor)? {
+                    End::Stop(outcome) => return Ok(outcome),
+                    End::Better(r, rigid) => point = sweeper.point(r, &rigid),
+                    End::Stalled => {}
+                }
+            }
+        }
     }
     let mut sweeps = FIRST_SWEEPS;
     let mut next = NEXT_SWEEPS;

@@ -193,7 +193,9 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         )
     }
 
-    fn residual(&self, point: &Point<D>) -> f64 {
+    /// η of a point.
+    #[must_use]
+    pub fn residual(&self, point: &Point<D>) -> f64 {
         let a = self.rigid_motion(point);
         crate::problem::residual::residual(self.problem, &point.r, &self.total(point), &a)
     }

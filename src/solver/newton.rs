@@ -12,6 +12,7 @@
 //! because `v` is affine in `r`.
 
 use crate::error::Error;
+use crate::law::cone::project;
 use crate::linalg::lu;
 use crate::linalg::small::{Block, Vector, tangential_norm};
 use crate::problem::reduced::Reduced;
@@ -116,6 +117,28 @@ struct Rows<const D: usize> {
     right: Vector<D>,
 }
 
+/// The bilateral solution, every contact held in every direction, brought into
+/// the cones: where a body held by contact alone starts. `None` where it is not unique.
+#[must_use]
+pub fn bilateral<const D: usize>(problem: &Reduced<D>) -> Option<(Vec<[f64; D]>, Vec<f64>)> {
+    let rows = (0..problem.contacts())
+        .filter(|&node| movable(problem, node, 0))
+        .map(|node| {
+            let (by_r, by_v) = held(problem, node);
+            Rows {
+                node,
+                by_r,
+                by_v,
+                right: Vector::zeros(),
+            }
+        });
+    let (mut r, rigid) = solve_rows(problem, &rows.collect::<Vec<_>>())?;
+    for (r, &mu) in r.iter_mut().zip(&problem.mu) {
+        *r = project(r, mu).0; // contacts that would pull start open
+    }
+    Some((r, rigid))
+}
+
 /// The whole Newton step, from the scaled linearisation: the next `(r, a)`.
 /// `None` where its matrix is singular.
 fn step<const D: usize>(
@@ -123,14 +146,23 @@ fn step<const D: usize>(
     r: &[[f64; D]],
     v: &[[f64; D]],
 ) -> Option<(Vec<[f64; D]>, Vec<f64>)> {
-    let scaling = &problem.scaling;
     let rows: Vec<Rows<D>> = (0..r.len())
         .filter_map(|i| rows(problem, i, &r[i], &v[i]))
         .collect();
+    solve_rows(problem, &rows)
+}
+
+/// Solves the rows of closed contacts with the balance of forces; the other
+/// contacts carry nothing.
+fn solve_rows<const D: usize>(
+    problem: &Reduced<D>,
+    rows: &[Rows<D>],
+) -> Option<(Vec<[f64; D]>, Vec<f64>)> {
+    let scaling = &problem.scaling;
     let modes = &scaling.modes;
     let n = D * rows.len() + modes.len();
     if n == 0 {
-        return Some((vec![[0.0; D]; r.len()], Vec::new()));
+        return Some((vec![[0.0; D]; problem.contacts()], Vec::new()));
     }
     let mut matrix = vec![0.0; n * n];
     let mut right = vec![0.0; n];
@@ -167,7 +199,7 @@ fn step<const D: usize>(
     if right.iter().any(|x| !x.is_finite()) {
         return None;
     }
-    let mut next = vec![[0.0; D]; r.len()];
+    let mut next = vec![[0.0; D]; problem.contacts()];
     for (row, value) in rows.iter().zip(right.as_chunks::<D>().0) {
         next[row.node] = value.map(|c| c / scaling.to_r[row.node]);
     }
@@ -183,12 +215,10 @@ fn rows<const D: usize>(
     v: &[f64; D],
 ) -> Option<Rows<D>> {
     let scaling = &problem.scaling;
-    let own = problem.compliance.block(node);
     let r = Vector::<D>::from(*r) * scaling.to_r[node];
     let v = Vector::<D>::from(*v) * scaling.to_v[node];
     let x: [f64; D] = (r - v).into();
-    let movable = own[(0, 0)] > 0.0 || scaling.modes.iter().any(|m| m[node][0] != 0.0);
-    if x[0] <= 0.0 || !movable {
+    if x[0] <= 0.0 || !movable(problem, node, 0) {
         return None;
     }
     let mu = problem.mu[node];
@@ -216,14 +246,8 @@ fn rows<const D: usize>(
             f[i] = r[i] - c * t[i];
         }
     } else {
-        for k in 1..D {
-            // A component that is prescribed cannot be held: no reaction there.
-            if own[(k, k)] <= 0.0 && scaling.modes.iter().all(|m| m[node][k] == 0.0) {
-                by_v[(k, k)] = 0.0;
-                by_r[(k, k)] = 1.0;
-                f[k] = r[k];
-            }
-        }
+        (by_r, by_v) = held(problem, node);
+        f = by_r * r + by_v * v;
     }
     let right = by_r * r + by_v * v - f;
     Some(Rows {
@@ -232,4 +256,19 @@ fn rows<const D: usize>(
         by_v,
         right,
     })
+}
+
+/// Whether anything moves a component of a contact.
+fn movable<const D: usize>(problem: &Reduced<D>, node: usize, k: usize) -> bool {
+    problem.compliance.block(node)[(k, k)] > 0.0
+        || problem.scaling.modes.iter().any(|mode| mode[node][k] != 0.0)
+}
+
+/// Rows that hold a contact still: `v = 0`, and no reaction along a component
+/// that is prescribed and cannot be held.
+fn held<const D: usize>(problem: &Reduced<D>, node: usize) -> (Block<D>, Block<D>) {
+    let by_v = Block::from_fn(|i, j| {
+        f64::from(u8::from(i == j && movable(problem, node, i)))
+    });
+    (Block::identity() - by_v, by_v)
 }
