@@ -7,8 +7,9 @@ Each job is a process of its own, ours and the peer's one after the other, so th
 both meet the same machine. `peer_scipy.py` says what the peer does; it writes no
 VTU files and no table. Prints Markdown. Seconds are of one run; ``job`` is the sum of
 the phases, mesh to written result, ``process`` the wall clock of the whole process
-with its imports, and the ratio is that of the jobs. The number of threads is left to the environment (BIPOT_NUM_THREADS,
-OPENBLAS_NUM_THREADS).
+with its imports, and the ratio is that of the jobs. BLAS has one thread, unless
+OPENBLAS_NUM_THREADS says otherwise: SuperLU calls it on blocks so small that a second
+one made the peer up to ten times slower. Our own threads are BIPOT_NUM_THREADS.
 """
 
 import json
@@ -42,7 +43,8 @@ PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write")
 def timed(*command):
     """Run a command; its seconds, and the lines of its output as JSON."""
     start = perf_counter()
-    run = subprocess.run(command, capture_output=True, text=True)
+    one = {"OPENBLAS_NUM_THREADS": "1"}
+    run = subprocess.run(command, capture_output=True, text=True, env=one | os.environ)
     seconds = perf_counter() - start
     if run.returncode:
         raise SystemExit(f"{' '.join(command)}\n{run.stdout}{run.stderr}")

@@ -621,6 +621,28 @@ fn a_floating_body_is_refused_at_one_of_its_unknowns() {
             Err(Error::FloatingBody { .. })
         ));
     }
+    // Alike cells round alike: nothing of K's entries cancels, and the pivots of
+    // a free motion grow with the number of unknowns to 1e-12 of the diagonal.
+    let plate = Make {
+        held: false,
+        poisson: 0.4999,
+        ..Make::square(60)
+    }
+    .build();
+    for kept in [&[][..], &[0, 1]] {
+        let refused = factor(&plate.matrix(), kept).unwrap_err();
+        assert!(matches!(refused, Error::FloatingBody { .. }));
+    }
+    // A stiff half on a soft one, free as a whole: negative, but no more than
+    // what the stiff half has lost.
+    let contrast = Make {
+        held: false,
+        far_half: 1e8,
+        ..Make::square(8)
+    }
+    .build();
+    let refused = factor(&contrast.matrix(), &[0, 1]).unwrap_err();
+    assert!(matches!(refused, Error::FloatingBody { .. }), "{refused}");
     // Nothing at all at an unknown.
     let body = Body::from_dense(3, &[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
     assert_eq!(

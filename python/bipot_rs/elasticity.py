@@ -143,21 +143,26 @@ class Body:
         element, order = _ELEMENTS[type(self.mesh)]
         return skfem.Basis(self.mesh, element(), intorder=order)
 
-    def surface_basis(self, surface: str) -> Any:
-        """Scalar basis of scikit-fem on the facets of a named surface."""
+    def facets(self, surface: str) -> Ints:
+        """Facets of a named surface; `ValueError` lists the names there are."""
         known = self.mesh.boundaries or {}
         if surface not in known:
             raise ValueError(
                 f"body {self.name!r} has no surface {surface!r}, expected one of "
                 + (", ".join(sorted(known)) or "none: its mesh names no surface")
             )
+        return np.asarray(known[surface], dtype=np.int64)
+
+    def surface_basis(self, surface: str) -> Any:
+        """Scalar basis of scikit-fem on the facets of a named surface."""
         element, _ = _ELEMENTS[type(self.mesh)]
-        return skfem.FacetBasis(self.mesh, element(), facets=known[surface], intorder=2)
+        facets = self.facets(surface)
+        return skfem.FacetBasis(self.mesh, element(), facets=facets, intorder=2)
 
     def nodes(self, surface: str, within: Box | None = None) -> Ints:
         """Nodes of a named surface, ascending; ``within`` keeps ``low ≤ x[axis] ≤ high``."""
-        facets = self.surface_basis(surface).find
-        nodes = np.unique(self.mesh.facets[:, facets]).astype(np.int64)
+        corners = self.mesh.facets[:, self.facets(surface)]
+        nodes = np.unique(corners).astype(np.int64)
         for axis, (low, high) in (within or {}).items():
             x = self.mesh.p[axis, nodes]
             # A bound that falls on a grid line must not lose it to rounding.

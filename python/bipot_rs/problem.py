@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -151,14 +152,16 @@ class ContactProblem:
         bases = (
             None if frame is None else floats("frame", frame, shape=(contacts, d, d))
         )
+        coefficients = friction(mu, contacts)
         self._contacts: dict[str, NDArray[Any] | None] = {
             "x": contact_array("points", points, contacts, d),
             "normal": None if bases is None else bases[:, 0, :].copy(),
             "frame": bases,
             "area": areas,
             "gap": offsets,
-            "mu": friction(mu, contacts),
+            "mu": coefficients,
         }
+        self._mu = coefficients
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
         started = time.perf_counter()
@@ -166,7 +169,7 @@ class ContactProblem:
             stiffness.parts,
             contact.parts,
             whole,
-            self._contacts["mu"],
+            coefficients,
             self._fixed,
             num_threads,
         )
@@ -218,7 +221,7 @@ class ContactProblem:
         if before is not None:
             q[:, 1:] -= before.relative_displacement[:, 1:]
         rigid = (np.ascontiguousarray(modes.T), force) if len(force) else None
-        return ReducedProblem(self.compliance, q, self._contacts["mu"], rigid=rigid)
+        return ReducedProblem(self.compliance, q, self._mu, rigid=rigid)
 
     def solve(
         self,
@@ -272,7 +275,8 @@ class ContactProblem:
         seconds = {"condense": self._seconds, "solve": 0.0, "recover": 0.0}
 
         def recover(step: Step) -> Array:
-            assert step.load is not None and step.prescribed is not None
+            assert step.load is not None
+            assert step.prescribed is not None
             began = time.perf_counter()
             motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
             u = self._core.displacement(
@@ -463,8 +467,8 @@ class ReducedProblem:
         if rigid is None:
             modes, force = np.empty((0, size)), np.empty(0)
         else:
-            if not isinstance(rigid, tuple) or len(rigid) != 2:
-                raise TypeError("rigid is not a pair (R, e)")
+            if len(rigid) != 2:
+                raise TypeError(f"rigid has {len(rigid)} parts, expected the pair (R, e)")
             border = floats("R of rigid", rigid[0], ndim=2)
             if border.shape[0] != size:
                 raise ValueError(
@@ -554,7 +558,7 @@ def _islands(W: Any, contacts: int, d: int) -> list[tuple[list[int], Array]]:
     order = np.argsort(label, kind="stable")
     bounds = np.searchsorted(label[order], np.arange(count + 1))
     parts = []
-    for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
+    for begin, end in itertools.pairwise(bounds):
         nodes = order[begin:end]
         rows = (d * nodes[:, None] + np.arange(d)).ravel()
         block = whole[rows][:, rows].toarray()

@@ -81,7 +81,9 @@ pub fn project_increment<const D: usize>(
 ) -> ([f64; D], Status) {
     let total: [f64; D] = std::array::from_fn(|k| base[k] + tau[k]);
     let (r, status) = project(&total, mu);
-    let increment = if r == total {
+    #[expect(clippy::float_cmp, reason = "a sticking point is returned bit for bit")]
+    let sticks = r == total;
+    let increment = if sticks {
         *tau
     } else {
         std::array::from_fn(|k| r[k] - base[k])

@@ -36,8 +36,7 @@ pub fn from_normal<const D: usize>(normal: &[f64; D]) -> Result<[[f64; D]; D], E
             best
         }
     });
-    let mut row = 1;
-    for axis in (0..D).filter(|&k| k != nearest) {
+    for (row, axis) in (1..D).zip((0..D).filter(|&k| k != nearest)) {
         let mut tangent = [0.0; D];
         tangent[axis] = 1.0;
         // Twice: one pass leaves an error of ε/sin of the angle between them.
@@ -51,7 +50,6 @@ pub fn from_normal<const D: usize>(normal: &[f64; D]) -> Result<[[f64; D]; D], E
         }
         let size = tangent.iter().map(|c| c * c).sum::<f64>().sqrt();
         frame[row] = tangent.map(|c| c / size);
-        row += 1;
     }
     Ok(frame)
 }

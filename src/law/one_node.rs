@@ -195,9 +195,9 @@ impl<const D: usize> Reduced<D> {
             best = (r, r[0]);
             let value = mu * r[0] / t - 1.0;
             if value < 0.0 {
-                low = lambda
+                low = lambda;
             } else {
-                high = lambda
+                high = lambda;
             }
             let change = self
                 .shifted_solve(lambda, &r.map(|c| -c))

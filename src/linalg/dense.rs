@@ -18,10 +18,7 @@ use faer::linalg::triangular_solve::{
 use faer::{Accum, MatMut, MatRef, Par, Spec};
 use rayon::prelude::*;
 
-use crate::linalg::packed::{BLOCK, Packed};
-
-/// Pivots factored at a time.
-const PIVOTS: usize = 128;
+use crate::linalg::packed::{BLOCK, PIVOTS, Panel};
 
 /// Columns or rows of a tile: enough for faer's full rate, few enough that a
 /// front of a thousand rows feeds two threads.
@@ -115,6 +112,33 @@ fn tiles(
     }
 }
 
+/// A vector of zeros that the system may back with large pages: memory touched
+/// for the first time costs a fault a page, a second a gigabyte with small ones.
+pub(crate) fn zeros(len: usize) -> Vec<f64> {
+    /// Below this, large pages have nothing to gain.
+    #[cfg(target_os = "linux")]
+    const LARGE: usize = 1 << 22;
+    let values = vec![0.0; len];
+    #[cfg(target_os = "linux")]
+    if std::mem::size_of_val(values.as_slice()) >= LARGE {
+        let page = 1 << 21;
+        let begin = values.as_ptr().addr();
+        let inner = begin.next_multiple_of(page);
+        let end = begin + std::mem::size_of_val(values.as_slice());
+        let start = values.as_ptr().cast::<u8>().wrapping_add(inner - begin);
+        // SAFETY: the range lies inside the allocation, and the advice changes
+        // neither its contents nor who may use it. Refusal does no harm.
+        unsafe {
+            libc::madvise(
+                start.cast_mut().cast(),
+                (end - inner) / page * page,
+                libc::MADV_HUGEPAGE,
+            );
+        }
+    }
+    values
+}
+
 /// Cholesky factor of a symmetric positive definite matrix, in place: the lower
 /// triangle of `a` is read, and becomes `L`; the strict upper one is zeroed.
 ///
@@ -125,14 +149,22 @@ fn tiles(
 /// If `a` has not `n²` entries.
 pub fn cholesky(a: &mut [f64], n: usize) -> Result<(), usize> {
     assert_eq!(a.len(), n * n);
-    mirror_lower(a, n);
-    factor_panel(a, n, n, true, &mut |k, pivot| {
+    // Column r of the lower triangle is row r of the upper one.
+    let layout = Panel::new(n, n);
+    let mut panel = zeros(layout.len());
+    for (r, column) in a.chunks_exact(n.max(1)).enumerate() {
+        for (c, value) in column.iter().enumerate().skip(r) {
+            panel[layout.at(r, c)] = *value;
+        }
+    }
+    factor_panel(&mut panel, layout, true, &mut |k, pivot| {
         if pivot > 0.0 { Ok(()) } else { Err(k) }
     })?;
-    // The factor is in the upper triangle, as `Lᵀ`.
-    transpose_in_place(a, n);
-    for j in 1..n {
-        a[j * n..j * n + j].fill(0.0);
+    for (r, column) in a.chunks_exact_mut(n.max(1)).enumerate() {
+        column[..r].fill(0.0);
+        for (c, value) in column.iter_mut().enumerate().skip(r) {
+            *value = panel[layout.at(r, c)];
+        }
     }
     Ok(())
 }
@@ -247,10 +279,6 @@ pub(crate) fn mirror_upper(a: &mut [f64], n: usize) {
     blocks(n, |i, j| a[j * n + i] = a[i * n + j]);
 }
 
-fn transpose_in_place(a: &mut [f64], n: usize) {
-    blocks(n, |i, j| a.swap(i * n + j, j * n + i));
-}
-
 /// Visits all `(i, j)`, `i > j`, in blocks that fit the nearest cache: along
 /// whole rows, each step of `n` numbers would miss it.
 fn blocks(n: usize, mut visit: impl FnMut(usize, usize)) {
@@ -266,99 +294,122 @@ fn blocks(n: usize, mut visit: impl FnMut(usize, usize)) {
     }
 }
 
-/// Partial Cholesky of a front: `panel` holds its first `np` rows, `np × nf`,
-/// by columns, upper triangle; it becomes `U = Lᵀ`.
+/// Partial Cholesky of a front: its first rows, upper triangle, become
+/// `U = Lᵀ`, block by block of rows.
 ///
-/// Fronts are stored upper so that updates read `Uᵀ U`, both factors along
-/// contiguous columns; with `L Lᵀ` the product packs one of them across pages
-/// and loses up to half its rate. `check(k, pivot)` sees each pivot in order,
-/// before its root is taken.
+/// Fronts are stored upper so that products are `Uᵀ U`, both factors along
+/// contiguous columns; with `L Lᵀ` one of them is packed across pages, at up to
+/// half the rate. `check(k, pivot)` sees each pivot in order, before its root is
+/// taken.
 ///
 /// # Errors
 /// What `check` returns; it must refuse pivots that are not positive.
 pub(crate) fn factor_panel<E: Send>(
     panel: &mut [f64],
-    np: usize,
-    nf: usize,
+    layout: Panel,
     shared: bool,
     check: &mut impl FnMut(usize, f64) -> Result<(), E>,
 ) -> Result<(), E> {
-    debug_assert_eq!(panel.len(), np * nf);
-    let size = np.min(PIVOTS);
-    let mut block = vec![0.0; size * size];
+    let Panel { np, nf } = layout;
+    let mut square = vec![0.0; np.min(PIVOTS).pow(2)];
     let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(
-        size,
+        np.min(PIVOTS),
         Par::Seq,
         Spec::default(),
     ));
-    for k in (0..np).step_by(PIVOTS) {
-        let b = PIVOTS.min(np - k);
-        let (head, tail) = panel.split_at_mut(np * (k + b));
-        let own = &mut head[np * k..];
-        if k > 0 {
-            let (above, diagonal) =
-                MatMut::from_column_major_slice_mut(own, np, b).split_at_row_mut(k);
+    for (rows, range) in layout.blocks() {
+        let (above, rest) = panel.split_at_mut(range.start);
+        let above = blocks_from(above, layout, rows.start);
+        let b = rows.len();
+        let (own, tail) = rest[..range.len()].split_at_mut(b * b);
+        for u in &above {
+            let u = u.subcols(0, b);
             triangular::matmul(
-                diagonal.split_at_row_mut(b).0,
+                MatMut::from_column_major_slice_mut(own, b, b),
                 BlockStructure::TriangularUpper,
                 Accum::Add,
-                above.as_ref().transpose(),
+                u.transpose(),
                 BlockStructure::Rectangular,
-                above.as_ref(),
+                u,
                 BlockStructure::Rectangular,
                 -1.0,
                 Par::Seq,
             );
         }
-        // faer's Cholesky is scalar on a transposed view: factor a copy.
-        let lower = &mut block[..b * b];
-        for i in 0..b {
-            for j in 0..=i {
-                lower[j * b + i] = own[i * np + k + j];
-            }
-        }
-        let factored = cholesky_in_place(
-            MatMut::from_column_major_slice_mut(lower, b, b),
-            LltRegularization::default(),
-            Par::Seq,
-            MemStack::new(&mut memory),
-            Spec::default(),
-        );
-        if factored.is_err() {
-            // Once more, slowly, to see the pivots.
-            for i in 0..b {
-                for j in 0..=i {
-                    lower[j * b + i] = own[i * np + k + j];
-                }
-            }
-            pivots_one_by_one(lower, b, &mut |i, pivot| check(k + i, pivot))?;
-            check(k + b - 1, 0.0)?;
-        }
-        for i in 0..b {
-            check(k + i, lower[i * b + i] * lower[i * b + i])?;
-            for j in 0..=i {
-                own[i * np + k + j] = lower[j * b + i];
-            }
-        }
+        let lower = &mut square[..b * b];
+        factor_square(own, lower, b, &mut memory, &mut |k, pivot| {
+            check(rows.start + k, pivot)
+        })?;
         let lower = MatRef::from_column_major_slice(lower, b, b);
-        let above = MatRef::from_column_major_slice(own, np, b)
-            .split_at_row(k)
-            .0;
-        let work = |columns: &mut [f64]| {
-            let width = columns.len() / np;
-            let columns = MatMut::from_column_major_slice_mut(columns, np, width);
-            let (done, rest) = columns.split_at_row_mut(k);
-            let mut rows = rest.split_at_row_mut(b).0;
-            if k > 0 {
-                let (left, right) = (above.transpose(), done.as_ref());
-                faer_matmul(rows.as_mut(), Accum::Add, left, right, -1.0, Par::Seq);
+        let work = |(tile, columns): (usize, &mut [f64])| {
+            let first = b + tile * TILE;
+            let width = columns.len() / b;
+            let mut columns = MatMut::from_column_major_slice_mut(columns, b, width);
+            for u in &above {
+                let (left, right) = (u.subcols(0, b).transpose(), u.subcols(first, width));
+                faer_matmul(columns.as_mut(), Accum::Add, left, right, -1.0, Par::Seq);
             }
-            solve_lower_triangular_in_place(lower, rows, Par::Seq);
+            solve_lower_triangular_in_place(lower, columns, Par::Seq);
         };
+        debug_assert_eq!(tail.len(), b * (nf - rows.end));
         if shared {
-            tail.par_chunks_mut(np * TILE).for_each(work);
+            tail.par_chunks_mut(b * TILE).enumerate().for_each(work);
         } else {
-            tail.chunks_mut(np * TILE).for_each(work);
+            tail.chunks_mut(b * TILE).enumerate().for_each(work);
+        }
+    }
+    Ok(())
+}
+
+/// The blocks of a panel that `values` holds, each from column `from` on.
+fn blocks_from(values: &[f64], layout: Panel, from: usize) -> Vec<MatRef<'_, f64>> {
+    let whole = layout
+        .blocks()
+        .take_while(|(_, range)| range.end <= values.len());
+    whole
+        .map(|(rows, range)| {
+            let width = layout.nf - rows.start;
+            MatRef::from_column_major_slice(&values[range], rows.len(), width)
+                .subcols(from - rows.start, layout.nf - from)
+        })
+        .collect()
+}
+
+/// Factors a diagonal block, upper triangle, in place; `lower` becomes its
+/// transpose, on which faer's Cholesky is not scalar.
+fn factor_square<E>(
+    own: &mut [f64],
+    lower: &mut [f64],
+    n: usize,
+    memory: &mut MemBuffer,
+    check: &mut impl FnMut(usize, f64) -> Result<(), E>,
+) -> Result<(), E> {
+    let copy = |own: &[f64], lower: &mut [f64]| {
+        for i in 0..n {
+            for j in 0..=i {
+                lower[j * n + i] = own[i * n + j];
+            }
+        }
+    };
+    copy(own, lower);
+    let factored = cholesky_in_place(
+        MatMut::from_column_major_slice_mut(lower, n, n),
+        LltRegularization::default(),
+        Par::Seq,
+        MemStack::new(memory),
+        Spec::default(),
+    );
+    if factored.is_err() {
+        // Once more, slowly, to see the pivots.
+        copy(own, lower);
+        pivots_one_by_one(lower, n, check)?;
+        // Rounding let them pass this time: the last is at fault.
+        return check(n - 1, 0.0);
+    }
+    for i in 0..n {
+        check(i, lower[i * n + i] * lower[i * n + i])?;
+        for j in 0..=i {
+            own[i * n + j] = lower[j * n + i];
         }
     }
     Ok(())
@@ -386,41 +437,47 @@ fn pivots_one_by_one<E>(
 }
 
 /// The update `−U₁₂ᵀ U₁₂` of a factored panel; what `update` holds is not read.
-pub(crate) fn rank_update(
-    panel: &[f64],
-    np: usize,
-    update: &mut [f64],
-    layout: Packed,
-    shared: bool,
-) {
-    let u = MatRef::from_column_major_slice(&panel[panel.len() - np * layout.n..], np, layout.n);
-    let mut blocks = Vec::with_capacity(layout.n.div_ceil(BLOCK));
+pub(crate) fn rank_update(panel: &[f64], layout: Panel, update: &mut [f64], shared: bool) {
+    let Panel { np, nf } = layout;
+    let nu = nf - np;
+    let panel = blocks_from(panel, layout, np);
+    let mut blocks = Vec::with_capacity(nu.div_ceil(BLOCK));
     let mut rest = update;
-    for j in (0..layout.n).step_by(BLOCK) {
-        let width = BLOCK.min(layout.n - j);
+    for j in (0..nu).step_by(BLOCK) {
+        let width = BLOCK.min(nu - j);
         let (block, next) = rest.split_at_mut(width * (j + width));
         blocks.push((j, width, block));
         rest = next;
     }
     let work = |(j, width, block): (usize, usize, &mut [f64])| {
-        let block = MatMut::from_column_major_slice_mut(block, j + width, width);
-        let (above, diagonal) = block.split_at_row_mut(j);
-        let right = u.submatrix(0, j, np, width);
-        if j > 0 {
-            let left = u.submatrix(0, 0, np, j).transpose();
-            faer_matmul(above, Accum::Replace, left, right, -1.0, Par::Seq);
+        let mut block = MatMut::from_column_major_slice_mut(block, j + width, width);
+        // A tile stays in the cache while all blocks of the panel pass.
+        for i in (0..j).step_by(TILE) {
+            let height = TILE.min(j - i);
+            let mut add = Accum::Replace;
+            for u in &panel {
+                let tile = block.as_mut().subrows_mut(i, height);
+                let (left, right) = (u.subcols(i, height).transpose(), u.subcols(j, width));
+                faer_matmul(tile, add, left, right, -1.0, Par::Seq);
+                add = Accum::Add;
+            }
         }
-        triangular::matmul(
-            diagonal,
-            BlockStructure::TriangularUpper,
-            Accum::Replace,
-            right.transpose(),
-            BlockStructure::Rectangular,
-            right,
-            BlockStructure::Rectangular,
-            -1.0,
-            Par::Seq,
-        );
+        let mut add = Accum::Replace;
+        for u in &panel {
+            let u = u.subcols(j, width);
+            triangular::matmul(
+                block.as_mut().subrows_mut(j, width),
+                BlockStructure::TriangularUpper,
+                add,
+                u.transpose(),
+                BlockStructure::Rectangular,
+                u,
+                BlockStructure::Rectangular,
+                -1.0,
+                Par::Seq,
+            );
+            add = Accum::Add;
+        }
     };
     if shared {
         blocks.into_par_iter().rev().for_each(work);
@@ -431,66 +488,73 @@ pub(crate) fn rank_update(
 
 /// `X₁ ← U₁₁⁻ᵀ X₁`, `X₂ ← X₂ − U₁₂ᵀ X₁` for a front gathered into `x`, `nf`
 /// rows and `columns` columns.
-pub(crate) fn forward(panel: &[f64], np: usize, nf: usize, x: &mut [f64], columns: usize) {
-    if columns == 1 {
-        // Each entry of the factor is read once: products of columns, at the
-        // rate of memory.
-        let (first, second) = x.split_at_mut(np);
-        for j in 0..np {
-            let column = &panel[j * np..][..=j];
-            first[j] = (first[j] - dot(&column[..j], &first[..j])) / column[j];
+pub(crate) fn forward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usize) {
+    for (rows, range) in layout.blocks() {
+        let (b, block) = (rows.len(), &panel[range]);
+        if columns == 1 {
+            // Each entry of the factor is read once, by columns, at the rate
+            // of memory.
+            let (first, second) = x[rows.start..].split_at_mut(b);
+            for j in 0..b {
+                let column = &block[j * b..][..=j];
+                first[j] = (first[j] - dot(&column[..j], &first[..j])) / column[j];
+            }
+            for (x, column) in second.iter_mut().zip(block[b * b..].chunks_exact(b)) {
+                *x -= dot(column, first);
+            }
+            continue;
         }
-        for (x, column) in second.iter_mut().zip(panel[np * np..].chunks_exact(np)) {
-            *x -= dot(column, first);
-        }
-        return;
+        let (u11, u12) = halves(block, b);
+        let x = MatMut::from_column_major_slice_mut(x, layout.nf, columns);
+        let (mut first, second) = x.split_at_row_mut(rows.start).1.split_at_row_mut(b);
+        solve_lower_triangular_in_place(u11.transpose(), first.as_mut(), Par::Seq);
+        let left = u12.transpose();
+        faer_matmul(second, Accum::Add, left, first.as_ref(), -1.0, Par::Seq);
     }
-    let u = MatRef::from_column_major_slice(panel, np, nf);
-    let x = MatMut::from_column_major_slice_mut(x, nf, columns);
-    let (mut first, second) = x.split_at_row_mut(np);
-    let (u11, u12) = u.split_at_col(np);
-    solve_lower_triangular_in_place(u11.transpose(), first.as_mut(), Par::Seq);
-    faer_matmul(
-        second,
-        Accum::Add,
-        u12.transpose(),
-        first.as_ref(),
-        -1.0,
-        Par::Seq,
-    );
 }
 
 /// `X₁ ← U₁₁⁻¹ (X₁ − U₁₂ X₂)`, the way back of [`forward`].
-pub(crate) fn backward(panel: &[f64], np: usize, nf: usize, x: &mut [f64], columns: usize) {
-    if columns == 1 {
-        let (first, second) = x.split_at_mut(np);
-        for (x, column) in second.iter().zip(panel[np * np..].chunks_exact(np)) {
-            first.iter_mut().zip(column).for_each(|(f, u)| *f -= u * x);
+pub(crate) fn backward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usize) {
+    for (rows, range) in layout.blocks().rev() {
+        let (b, block) = (rows.len(), &panel[range]);
+        if columns == 1 {
+            let (first, second) = x[rows.start..].split_at_mut(b);
+            for (x, column) in second.iter().zip(block[b * b..].chunks_exact(b)) {
+                subtract(first, *x, column);
+            }
+            for j in (0..b).rev() {
+                let column = &block[j * b..][..=j];
+                let x = first[j] / column[j];
+                first[j] = x;
+                subtract(&mut first[..j], x, column);
+            }
+            continue;
         }
-        for j in (0..np).rev() {
-            let column = &panel[j * np..][..=j];
-            let x = first[j] / column[j];
-            first[j] = x;
-            first[..j]
-                .iter_mut()
-                .zip(column)
-                .for_each(|(f, u)| *f -= u * x);
-        }
-        return;
+        let (u11, u12) = halves(block, b);
+        let x = MatMut::from_column_major_slice_mut(x, layout.nf, columns);
+        let (mut first, second) = x.split_at_row_mut(rows.start).1.split_at_row_mut(b);
+        faer_matmul(
+            first.as_mut(),
+            Accum::Add,
+            u12,
+            second.as_ref(),
+            -1.0,
+            Par::Seq,
+        );
+        solve_upper_triangular_in_place(u11, first, Par::Seq);
     }
-    let u = MatRef::from_column_major_slice(panel, np, nf);
-    let x = MatMut::from_column_major_slice_mut(x, nf, columns);
-    let (mut first, second) = x.split_at_row_mut(np);
-    let (u11, u12) = u.split_at_col(np);
-    faer_matmul(
-        first.as_mut(),
-        Accum::Add,
-        u12,
-        second.as_ref(),
-        -1.0,
-        Par::Seq,
-    );
-    solve_upper_triangular_in_place(u11, first, Par::Seq);
+}
+
+/// The diagonal block of a block of `b` rows, and what is right of it.
+fn halves(block: &[f64], b: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
+    MatRef::from_column_major_slice(block, b, block.len() / b).split_at_col(b)
+}
+
+/// `a ← a − s b`, as far as `a` goes.
+fn subtract(a: &mut [f64], s: f64, b: &[f64]) {
+    for (a, b) in a.iter_mut().zip(b) {
+        *a -= s * b;
+    }
 }
 
 /// `a · b` in eight partial sums, which the compiler keeps in vectors.

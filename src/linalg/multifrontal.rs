@@ -15,17 +15,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::Error;
 use crate::linalg::csc::Symmetric;
-use crate::linalg::dense::{factor_panel, mirror_upper, rank_update};
+use crate::linalg::dense::{factor_panel, mirror_upper, rank_update, zeros};
 use crate::linalg::packed::{Packed, add_to_panel, add_to_update, segments};
-use crate::linalg::symbolic::{Front, Symbolic, Task};
+use crate::linalg::symbolic::{Front, Run, Symbolic, Task, narrow};
 
-/// A pivot below this part of the diagonal it came from is rounding: the
-/// elimination has subtracted all of it. Rounding leaves a few times 1e-16 a
-/// row subtracted; a stiff part on a support 1e8 times softer leaves 1e-9.
-const VANISHED: f64 = 64.0 * f64::EPSILON;
-
-/// A pivot as negative as this is no rounding.
-const NEGATIVE: f64 = -1e-10;
+/// Roundings that a pivot may be off by, against its diagonal in K, for each
+/// unknown eliminated before it. The stiffness of a free motion sums to nothing
+/// but the rounding of K itself, and where cells are alike these add up: free
+/// plates of 1e2 to 1e5 unknowns leave 1.6 roundings an unknown. The weakest
+/// sound pivots, of a stiff part on one 1e8 times softer, are near 1e-9.
+const ROUNDINGS: f64 = 8.0;
 
 /// The factor of the eliminated unknowns, and S of the kept ones.
 #[derive(Debug)]
@@ -51,8 +50,8 @@ impl Factor {
         symbolic.check_pattern(k)?;
         let diagonal = k.diagonal();
         check_diagonal(&symbolic, k, &diagonal)?;
-        let mut panels = vec![0.0; symbolic.panels];
-        let run = Run::new(&symbolic, k, &diagonal, stop, &mut panels);
+        let mut panels = zeros(symbolic.panels);
+        let run = Work::new(&symbolic, k, &diagonal, stop, &mut panels);
         let done = run.go()?;
         let schur = done.schur(&symbolic, k);
         let weakest = done.weakest;
@@ -97,7 +96,7 @@ fn check_diagonal(symbolic: &Symbolic, k: &Symmetric, diagonal: &[f64]) -> Resul
 type Updates = Vec<f64>;
 
 /// One factorisation on its way.
-struct Run<'a> {
+struct Work<'a> {
     symbolic: &'a Symbolic,
     k: &'a Symmetric<'a>,
     diagonal: &'a [f64],
@@ -122,7 +121,7 @@ struct Done {
     weakest: Option<(usize, f64)>,
 }
 
-impl<'a> Run<'a> {
+impl<'a> Work<'a> {
     fn new(
         symbolic: &'a Symbolic,
         k: &'a Symmetric<'a>,
@@ -136,7 +135,7 @@ impl<'a> Run<'a> {
         for task in tasks {
             let len = symbolic.fronts[task.fronts.clone()]
                 .iter()
-                .map(|f| f.np * f.nf())
+                .map(|f| f.layout().len())
                 .sum();
             let (part, next) = std::mem::take(&mut rest).split_at_mut(len);
             parts.push(Mutex::new(part));
@@ -225,7 +224,7 @@ impl<'a> Run<'a> {
                 return Err(Error::Interrupted);
             }
             let front = &self.symbolic.fronts[f];
-            let panel = &mut panels[from..from + front.np * front.nf()];
+            let panel = &mut panels[from..from + front.layout().len()];
             from += panel.len();
             for &(value, at) in &self.symbolic.entries[front.entries.clone()] {
                 panel[at as usize] = self.k.values()[value as usize];
@@ -299,11 +298,41 @@ impl<'a> Run<'a> {
             .iter()
             .zip(&taken)
             .flat_map(|(&child, updates)| left_by(self.symbolic, child, updates));
+        for &child in numbers {
+            *weakest = smaller(*weakest, *lock(&self.weakest[child]));
+        }
         self.eliminate(front, panel, children, update, true, weakest)?;
         for updates in taken {
             self.buffers.give(updates);
         }
         Ok(())
+    }
+
+    /// Takes a pivot with `before` unknowns eliminated below it, or says what
+    /// is wrong with it.
+    #[expect(clippy::cast_precision_loss, reason = "a bound")]
+    fn check_pivot(
+        &self,
+        dof: usize,
+        pivot: f64,
+        before: usize,
+        weakest: &mut Option<(f64, usize)>,
+    ) -> Result<(), Error> {
+        // The diagonal may be zero: an empty row, for the others are refused.
+        let original = self.diagonal[dof];
+        let rounding = ROUNDINGS * (before as f64 + 1.0) * f64::EPSILON;
+        if pivot > rounding * original {
+            *weakest = smaller(*weakest, Some((pivot / original, dof)));
+            return Ok(());
+        }
+        // A weak pivot has lost digits to cancellation; what is eliminated
+        // after it carries their loss.
+        let carried = rounding / weakest.map_or(1.0, |(ratio, _)| ratio.min(1.0));
+        if pivot >= -carried * original {
+            Err(Error::FloatingBody { dof })
+        } else {
+            Err(Error::Indefinite { dof })
+        }
     }
 
     /// Assembles a front, eliminates its pivots, and leaves its update.
@@ -329,23 +358,13 @@ impl<'a> Run<'a> {
             })
             .collect();
         for (values, map) in &children {
-            add_to_panel(panel, front.np, values, map);
+            add_to_panel(panel, front.layout(), values, map);
         }
-        let dof = |k: usize| self.symbolic.old[front.first + k] as usize;
-        factor_panel(panel, front.np, front.nf(), shared, &mut |k, pivot: f64| {
-            let dof = dof(k);
-            let original = self.diagonal[dof];
-            let ratio = pivot / original;
-            if pivot > VANISHED * original {
-                *weakest = smaller(*weakest, Some((ratio, dof)));
-                Ok(())
-            } else if ratio < NEGATIVE || pivot.is_nan() {
-                Err(Error::Indefinite { dof })
-            } else {
-                Err(Error::FloatingBody { dof })
-            }
+        factor_panel(panel, front.layout(), shared, &mut |k, pivot: f64| {
+            let dof = self.symbolic.old[front.first + k] as usize;
+            self.check_pivot(dof, pivot, front.first + k - front.base, weakest)
         })?;
-        rank_update(panel, front.np, update, layout, shared);
+        rank_update(panel, front.layout(), update, shared);
         for (values, map) in &children {
             add_to_update(update, |j| layout.column(j), front.np, values, map);
         }
@@ -357,7 +376,7 @@ impl Done {
     /// Adds what reached the kept unknowns to their block of K.
     fn schur(&self, symbolic: &Symbolic, k: &Symmetric) -> Vec<f64> {
         let m = symbolic.kept();
-        let mut schur = vec![0.0; m * m];
+        let mut schur = zeros(m * m);
         // Of S too the upper triangle is summed.
         for (q, &j) in symbolic.old[symbolic.interior..].iter().enumerate() {
             for (i, value) in k.column(j as usize).filter(|&(i, _)| i >= j as usize) {
@@ -367,11 +386,15 @@ impl Done {
                 }
             }
         }
+        let all = [Run {
+            start: narrow(symbolic.interior),
+            len: narrow(m),
+        }];
         for &task in &symbolic.roots {
             for (front, values) in left_by(symbolic, task, &self.updates[task]) {
                 let rows = symbolic.runs_of(&symbolic.fronts[front]);
-                let map = segments(rows, symbolic.interior, m, &[]);
-                add_to_panel(&mut schur, m, values, &map);
+                let map = segments(rows, symbolic.interior, 0, &all);
+                add_to_update(&mut schur, |j| j * m, 0, values, &map);
             }
         }
         mirror_upper(&mut schur, m);
@@ -412,18 +435,24 @@ impl Buffers {
     /// A buffer of at least `len` numbers, whatever they are.
     fn take(&self, len: usize) -> Vec<f64> {
         /// A buffer this much larger than asked for is left to others.
-        const SLACK: usize = 4;
+        const SLACK: usize = 2;
         let mut free = lock(&self.0);
-        let fits = |b: &Vec<f64>| b.len() >= len && b.len() <= SLACK * len.max(1024);
+        let fits = |b: &Vec<f64>| b.len() >= len && b.len() <= SLACK * len.max(1 << 16);
         let best = (0..free.len())
             .filter(|&i| fits(&free[i]))
             .min_by_key(|&i| free[i].len());
         if let Some(i) = best {
-            free.swap_remove(i)
-        } else {
-            drop(free);
-            vec![0.0; len]
+            return free.swap_remove(i);
         }
+        // A new one takes the place of the largest that is too small: towards
+        // the root updates grow, and nobody will ask for that one again.
+        let small = (0..free.len())
+            .filter(|&i| free[i].len() < len)
+            .max_by_key(|&i| free[i].len());
+        let dropped = small.map(|i| free.swap_remove(i));
+        drop(free);
+        drop(dropped);
+        zeros(len)
     }
 
     fn give(&self, buffer: Vec<f64>) {

@@ -1,13 +1,61 @@
-//! Storage of update matrices, and adding one into another.
+//! Storage of fronts, and adding the update of one to another.
 //!
-//! Only the upper triangle of an update exists. It is kept by blocks of
-//! columns, each a rectangle from row 0 to the last row of its diagonal block:
-//! half the memory of a square, and every block is a plain column-major matrix.
+//! Only the upper triangle of a front exists. Its pivots' rows, the *panel*, are
+//! kept by blocks of rows and become the factor; the rest, the *update*, is kept
+//! by blocks of columns. Either way a block is a plain column-major matrix and
+//! what lies below the diagonal, but for the diagonal blocks, is not stored.
+
+use std::ops::Range;
 
 use crate::linalg::symbolic::Run;
 
-/// Columns in a block.
+/// Rows in a block of a panel: as many pivots are factored at a time.
+pub(crate) const PIVOTS: usize = 128;
+
+/// Columns in a block of an update.
 pub(crate) const BLOCK: usize = 256;
+
+/// Layout of the first `np` rows of an upper triangle of order `nf`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Panel {
+    pub(crate) np: usize,
+    pub(crate) nf: usize,
+}
+
+impl Panel {
+    pub(crate) fn new(np: usize, nf: usize) -> Self {
+        Self { np, nf }
+    }
+
+    /// Numbers stored.
+    pub(crate) fn len(self) -> usize {
+        self.blocks().last().map_or(0, |(_, range)| range.end)
+    }
+
+    /// Rows of each block, and where it lies; its columns begin with the first
+    /// of its rows.
+    pub(crate) fn blocks(self) -> impl DoubleEndedIterator<Item = (Range<usize>, Range<usize>)> {
+        (0..self.np.div_ceil(PIVOTS)).map(move |block| {
+            let first = block * PIVOTS;
+            let rows = first..self.np.min(first + PIVOTS);
+            let start = self.start(block);
+            (rows.clone(), start..start + rows.len() * (self.nf - first))
+        })
+    }
+
+    fn start(self, block: usize) -> usize {
+        PIVOTS * block * self.nf - PIVOTS * PIVOTS * (block * block.saturating_sub(1) / 2)
+    }
+
+    /// Where entry `(row, column)` lies; the rows below it, to the end of the
+    /// block, follow.
+    pub(crate) fn at(self, row: usize, column: usize) -> usize {
+        let block = row / PIVOTS;
+        let first = block * PIVOTS;
+        let height = PIVOTS.min(self.np - first);
+        self.start(block) + (column - first) * height + row - first
+    }
+}
 
 /// Layout of an upper triangle of order `n`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,21 +127,29 @@ fn add(target: &mut [f64], source: &[f64]) {
     }
 }
 
-/// Adds to the panel (`np` rows, column-major) what a child updates there.
-pub(crate) fn add_to_panel(panel: &mut [f64], np: usize, child: &[f64], map: &[Segment]) {
-    let layout = Packed::new(map.last().map_or(0, |s| s.from + s.len));
-    let in_panel = map.partition_point(|s| s.to < np);
+/// Adds to a panel what a child updates there.
+pub(crate) fn add_to_panel(panel: &mut [f64], layout: Panel, child: &[f64], map: &[Segment]) {
+    let source_layout = Packed::new(map.last().map_or(0, |s| s.from + s.len));
+    let in_panel = map.partition_point(|s| s.to < layout.np);
     for column in map {
         for k in 0..column.len {
             let (j, to) = (column.from + k, column.to + k);
-            let source = &child[layout.column(j)..][..=j];
-            let target = &mut panel[to * np..][..np];
+            let source = &child[source_layout.column(j)..][..=j];
             for row in &map[..in_panel] {
                 if row.from > j {
                     break;
                 }
-                let len = row.len.min(j + 1 - row.from);
-                add(&mut target[row.to..][..len], &source[row.from..][..len]);
+                let (mut from, mut at) = (row.from, row.to);
+                let end = from + row.len.min(j + 1 - from);
+                while from < end {
+                    let len = (end - from).min(PIVOTS - at % PIVOTS);
+                    add(
+                        &mut panel[layout.at(at, to)..][..len],
+                        &source[from..][..len],
+                    );
+                    from += len;
+                    at += len;
+                }
             }
         }
     }

@@ -16,7 +16,7 @@ impl Factor {
             let mut local = Vec::new();
             for front in &symbolic.fronts {
                 gather(symbolic, front, x, columns, &mut local);
-                forward(self.panel(front), front.np, front.nf(), &mut local, columns);
+                forward(self.panel(front), front.layout(), &mut local, columns);
                 scatter(symbolic, front, x, columns, &local, front.nf());
             }
         });
@@ -33,7 +33,7 @@ impl Factor {
             let mut local = Vec::new();
             for front in symbolic.fronts.iter().rev() {
                 gather(symbolic, front, x, columns, &mut local);
-                backward(self.panel(front), front.np, front.nf(), &mut local, columns);
+                backward(self.panel(front), front.layout(), &mut local, columns);
                 scatter(symbolic, front, x, columns, &local, front.np);
             }
         });
@@ -60,7 +60,7 @@ impl Factor {
     }
 
     fn panel(&self, front: &Front) -> &[f64] {
-        &self.panels[front.panel..front.panel + front.np * front.nf()]
+        &self.panels[front.panel..front.panel + front.layout().len()]
     }
 }
 

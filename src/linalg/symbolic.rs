@@ -8,10 +8,12 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::time::Instant;
 
+use rayon::prelude::*;
+
 use crate::error::Error;
 use crate::linalg::csc::Symmetric;
 use crate::linalg::ordering::{Graph, by_coordinates, by_metis};
-use crate::linalg::packed::Packed;
+use crate::linalg::packed::{Packed, Panel};
 use crate::linalg::quotient::Quotient;
 use crate::linalg::tree::{Tree, flops_of};
 
@@ -62,11 +64,13 @@ pub(crate) struct Run {
 pub(crate) struct Front {
     /// First pivot in elimination numbering.
     pub(crate) first: usize,
+    /// First pivot of all its descendants.
+    pub(crate) base: usize,
     pub(crate) np: usize,
     pub(crate) nu: usize,
     /// Front that takes the update; `None`: it goes to S.
     pub(crate) parent: Option<usize>,
-    /// Where the panel `np × (np + nu)` lies in the factor.
+    /// Where its panel lies in the factor.
     pub(crate) panel: usize,
     /// Updated rows, in [`Symbolic::runs`].
     pub(crate) runs: Range<usize>,
@@ -77,6 +81,10 @@ pub(crate) struct Front {
 impl Front {
     pub(crate) fn nf(&self) -> usize {
         self.np + self.nu
+    }
+
+    pub(crate) fn layout(&self) -> Panel {
+        Panel::new(self.np, self.nf())
     }
 
     pub(crate) fn update(&self) -> Packed {
@@ -183,7 +191,7 @@ impl Symbolic {
             task_children: tasks.children,
             roots: tasks.roots,
             panels,
-            fingerprints: (0..n).map(|j| fingerprint(k, j)).collect(),
+            fingerprints: (0..n).into_par_iter().map(|j| fingerprint(k, j)).collect(),
             counts: Counts {
                 n,
                 kept: m,
@@ -222,7 +230,8 @@ impl Symbolic {
                 found: k.n(),
             });
         }
-        match (0..self.n).find(|&j| fingerprint(k, j) != self.fingerprints[j]) {
+        let other = |&j: &usize| fingerprint(k, j) != self.fingerprints[j];
+        match (0..self.n).into_par_iter().find_first(other) {
             Some(row) => Err(Error::SparseStructure {
                 what: "K, taken for the pattern analysed before,",
                 row,
@@ -419,8 +428,10 @@ impl<'a> Layout<'a> {
             let from = order.len();
             order.extend(front.nodes.iter().map(|&v| node_order[v as usize]));
             pivots.push(from..order.len());
+            let base = children[f].iter().map(|&child: &usize| fronts[child].base);
             fronts.push(Front {
                 first,
+                base: base.fold(first, usize::min),
                 np: front.np,
                 nu: front.nf - front.np,
                 parent: front.parent,
@@ -432,7 +443,7 @@ impl<'a> Layout<'a> {
                 children[parent].push(f);
             }
             first += front.np;
-            panels += front.np * front.nf;
+            panels += Panel::new(front.np, front.nf).len();
         }
         order.extend(nodes.kept());
         let n = nodes.unknowns();
@@ -543,7 +554,7 @@ impl<'a> Layout<'a> {
                     if let Some(value) = value {
                         let node = self.place[self.nodes.node_of(i)] as usize;
                         let column = (shift[node] + q - self.offset[node]) as usize;
-                        entries.push((narrow(value), narrow(row + column * front.np)));
+                        entries.push((narrow(value), narrow(front.layout().at(row, column))));
                     }
                 }
             }

@@ -47,7 +47,8 @@ impl Tree {
         let counts = row_counts(nodes, &order, &parent);
         let mut supernodes = supernodes(nodes, &order, &parent, &counts);
         relax(&mut supernodes);
-        let mut this = arrange(supernodes);
+        let touched = first_touch(nodes, &order);
+        let mut this = arrange(supernodes, &touched);
         // Back to the places that the caller knows.
         for front in &mut this.fronts {
             for v in &mut front.nodes {
@@ -155,6 +156,18 @@ fn row_counts(nodes: &Quotient, order: &[u32], parent: &[u32]) -> Vec<usize> {
     counts
 }
 
+/// The first column of the factor with an entry in each row: its first
+/// neighbour, or itself.
+fn first_touch(nodes: &Quotient, order: &[u32]) -> Vec<u32> {
+    let place = places(nodes, order);
+    let first = |v: &u32| {
+        let near = nodes.neighbours(*v as usize).iter();
+        near.map(|&w| place[w as usize])
+            .fold(place[*v as usize], u32::min)
+    };
+    order.iter().map(first).collect()
+}
+
 struct Supernode {
     nodes: Vec<u32>,
     np: usize,
@@ -240,7 +253,10 @@ fn relax(list: &mut [Supernode]) {
 
 /// Postorder of the merged tree. Of siblings, the one whose peak exceeds what
 /// it leaves by most goes first: least memory on a stack (Liu 1986).
-fn arrange(mut list: Vec<Supernode>) -> Tree {
+///
+/// A front is dense: its pivots may stand in any order. Those that the same
+/// descendants touch stand together, so that updates are added in long runs.
+fn arrange(mut list: Vec<Supernode>, touched: &[u32]) -> Tree {
     let mut children: Vec<Vec<usize>> = vec![Vec::new(); list.len()];
     let mut peak = vec![0_usize; list.len()];
     let mut roots = Vec::new();
@@ -274,7 +290,7 @@ fn arrange(mut list: Vec<Supernode>) -> Tree {
         number[s] = fronts.len();
         flops += flops_of(list[s].np, list[s].nf);
         let mut nodes = std::mem::take(&mut list[s].nodes);
-        nodes.sort_unstable();
+        nodes.sort_unstable_by_key(|&v| (touched[v as usize], v));
         fronts.push(TreeFront {
             nodes,
             np: list[s].np,

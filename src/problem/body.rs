@@ -9,9 +9,9 @@ use crate::linalg::dense;
 use crate::linalg::multifrontal::Factor;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::symbolic::{Options, Symbolic};
-use crate::problem::condense::Stats;
 use crate::problem::memory;
 use crate::problem::sparse::Owned;
+use crate::problem::stats::Stats;
 
 /// A row of `B` restricted to a body: places in its contact set, and values.
 #[derive(Clone, Debug)]
@@ -475,7 +475,9 @@ fn orthonormalise(block: &mut [Vec<f64>]) {
         for _ in 0..2 {
             let length = norm(column);
             if length > 0.0 {
-                column.iter_mut().for_each(|x| *x /= length);
+                for x in column.iter_mut() {
+                    *x /= length;
+                }
             }
             for q in done.iter() {
                 let along = dot_long(q, column);
@@ -486,7 +488,9 @@ fn orthonormalise(block: &mut [Vec<f64>]) {
         }
         let length = norm(column);
         if length > 0.0 {
-            column.iter_mut().for_each(|x| *x /= length);
+            for x in column.iter_mut() {
+                *x /= length;
+            }
         }
     }
 }

@@ -19,6 +19,7 @@ use crate::problem::compliance::Compliance;
 use crate::problem::memory;
 use crate::problem::reduced::{Reduced, Rigid};
 use crate::problem::sparse::{self, Owned, Rows};
+use crate::problem::stats::Stats;
 
 /// What a contact problem is made of, borrowed from the caller.
 #[derive(Clone, Copy, Debug)]
@@ -32,24 +33,6 @@ pub struct Given<'a, const D: usize> {
     pub mu: &'a [f64],
     /// Prescribed degrees of freedom.
     pub fixed: &'a [usize],
-}
-
-/// Counts and seconds of a condensation.
-#[derive(Clone, Debug, Default)]
-pub struct Stats {
-    pub nnz_factor: usize,
-    pub flops: f64,
-    pub bytes_factor: usize,
-    pub bytes_peak: usize,
-    pub contact_dofs: usize,
-    pub bodies: usize,
-    pub islands: usize,
-    pub cond_s: f64,
-    pub ordering: &'static str,
-    pub seconds_order: f64,
-    pub seconds_symbolic: f64,
-    pub seconds_factor: f64,
-    pub seconds_compliance: f64,
 }
 
 /// A condensed contact problem: everything that does not depend on the loads.
@@ -430,16 +413,18 @@ fn mirror(matrix: &mut [f64], m: usize) {
     }
 }
 
+/// Representative of a set, paths halved on the way.
+fn find(parent: &mut [usize], mut i: usize) -> usize {
+    while parent[i] != i {
+        parent[i] = parent[parent[i]];
+        i = parent[i];
+    }
+    i
+}
+
 /// Contacts that share a body, with the bodies they touch, both ascending.
 fn islands<const D: usize>(contacts: usize, bodies: &[Body]) -> Vec<(Vec<usize>, Vec<usize>)> {
     let mut parent: Vec<usize> = (0..contacts + bodies.len()).collect();
-    fn find(parent: &mut [usize], mut i: usize) -> usize {
-        while parent[i] != i {
-            parent[i] = parent[parent[i]];
-            i = parent[i];
-        }
-        i
-    }
     for (b, body) in bodies.iter().enumerate() {
         for row in body.rows() {
             let (x, y) = (
@@ -463,9 +448,9 @@ fn islands<const D: usize>(contacts: usize, bodies: &[Body]) -> Vec<(Vec<usize>,
         }
         let island = &mut islands[number[root]];
         if i < contacts {
-            island.0.push(i)
+            island.0.push(i);
         } else {
-            island.1.push(i - contacts)
+            island.1.push(i - contacts);
         }
     }
     islands

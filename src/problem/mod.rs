@@ -7,3 +7,4 @@ pub mod memory;
 pub mod reduced;
 pub mod residual;
 pub mod sparse;
+pub mod stats;

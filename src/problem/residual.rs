@@ -172,8 +172,9 @@ pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<
         .rigid_from_scaled(&least_squares::solve(&columns, &right))
 }
 
-/// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖ / max(‖r̂‖, ‖F(0)‖)`: the rounding of `F`, and
-/// the same for the balance of forces.
+/// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖ / max(‖r̂‖, ‖F(0)‖)`, its normal part with μ
+/// times the tangential one: the rounding of `F`, and the same for the balance
+/// of forces.
 fn rounding_floor<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 {
     let mut terms = vec![[0.0; D]; r.len()];
     problem.compliance.absolute_product(r, &mut terms);
@@ -184,6 +185,8 @@ fn rounding_floor<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64
             value[k] += rigid.map(|(mode, a)| (mode[i][k] * a).abs()).sum::<f64>();
             value[k] *= problem.scaling.to_v[i];
         }
+        // ṽ_n takes in the rounding of v_t, μ times.
+        value[0] += problem.mu[i] * tangential_norm(value);
     }
     let unit = 4.0 * f64::EPSILON;
     let law = unit * ratio(norm(terms.as_flattened()), size(problem, r, a));

@@ -73,6 +73,12 @@ pub fn run<const D: usize>(
 }
 
 impl<const D: usize> Point<D> {
+    /// `â + (R̂ᵀ r̂ + ê)/δ`: the motion that belongs to a point of the proximal form.
+    fn motion(&self) -> Vec<f64> {
+        let total = |(a, s): (&f64, &f64)| a + s / DELTA;
+        self.a.iter().zip(&self.s).map(total).collect()
+    }
+
     fn pack(&self) -> Vec<f64> {
         [
             self.r.as_flattened(),
@@ -121,37 +127,28 @@ impl<'p, const D: usize> Sweeper<'p, D> {
 
     /// The point that a start names.
     pub fn start(&self, start: &Start<D>, monitor: &mut Monitor<D>) -> Point<D> {
-        let problem = self.problem;
-        let mut v = problem.q.clone();
-        let mut r = vec![[0.0; D]; problem.contacts()];
-        if !start.reaction.is_empty() {
-            r.copy_from_slice(&start.reaction);
-            monitor.count(1.0);
-            v = problem.relative_displacement(&r, &[]);
-        }
-        let a = if start.rigid.is_empty() {
-            vec![0.0; problem.rigid.modes.len()]
+        let none = vec![0.0; self.problem.rigid.modes.len()];
+        let rigid = if start.rigid.is_empty() {
+            &none
         } else {
-            problem.scaling.rigid_to_scaled(&start.rigid)
+            &start.rigid
         };
-        let s = scaled_imbalance(problem, &r);
-        Point { r, v, s, a }
-    }
-
-    /// `â + (R̂ᵀ r̂ + ê)/δ`: the motion that belongs to a point of the proximal form.
-    fn motion(&self, point: &Point<D>) -> Vec<f64> {
-        point
-            .a
-            .iter()
-            .zip(&point.s)
-            .map(|(a, s)| a + s / DELTA)
-            .collect()
+        if start.reaction.is_empty() {
+            return Point {
+                r: vec![[0.0; D]; self.problem.contacts()],
+                v: self.problem.q.clone(),
+                s: self.problem.scaling.load.clone(),
+                a: self.problem.scaling.rigid_to_scaled(rigid),
+            };
+        }
+        monitor.count(1.0);
+        self.point(start.reaction.clone(), rigid)
     }
 
     /// `a` of a point.
     #[must_use]
     pub fn rigid_motion(&self, point: &Point<D>) -> Vec<f64> {
-        self.problem.scaling.rigid_from_scaled(&self.motion(point))
+        self.problem.scaling.rigid_from_scaled(&point.motion())
     }
 
     /// `W r + q` of one contact with the rigid motion added.
@@ -166,7 +163,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     }
 
     fn total(&self, point: &Point<D>) -> Vec<[f64; D]> {
-        let motion = self.motion(point);
+        let motion = point.motion();
         point
             .v
             .iter()
@@ -278,7 +275,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     /// One sweep over all contacts.
     fn sweep(&self, point: &mut Point<D>) {
         let scaling = &self.problem.scaling;
-        let mut motion = self.motion(point);
+        let mut motion = point.motion();
         for i in 0..point.r.len() {
             let r = point.r[i];
             let block = &self.blocks[i];

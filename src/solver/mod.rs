@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::law::bipotential;
 use crate::law::cone::Status;
 use crate::problem::reduced::Reduced;
-use crate::problem::residual::Certificate;
+use crate::problem::residual::{Certificate, residual};
 use crate::solver::monitor::Monitor;
 
 /// Which algorithm.
@@ -160,12 +160,39 @@ pub fn solve<const D: usize>(
 ) -> Result<Solution<D>, Error> {
     settings.validate()?;
     let mut monitor = Monitor::new(problem, settings, stop);
+    let opening = bilateral_start(problem, start, &mut monitor);
+    let start = opening.as_ref().unwrap_or(start);
     let outcome = match settings.method {
         Method::Auto => auto::run(problem, start, &mut monitor)?,
         Method::GaussSeidel => gauss_seidel::run(problem, start, &mut monitor)?,
         Method::Uzawa => uzawa::run(problem, start, &mut monitor)?,
     };
     Ok(finish(problem, settings, monitor, outcome))
+}
+
+/// A bilateral start with a larger residual than this leaves most of the load
+/// unbalanced; the cold start has 1.
+const TRUSTED_START: f64 = 0.5;
+
+/// Where bodies held by contact alone start when nothing else is given: no
+/// iteration knows as much of their whole balance of forces as the bilateral
+/// solution, unless most of that came from contacts that pull.
+fn bilateral_start<const D: usize>(
+    problem: &Reduced<D>,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+) -> Option<Start<D>> {
+    if problem.rigid.modes.is_empty() || !start.reaction.is_empty() {
+        return None;
+    }
+    let (reaction, rigid) = newton::bilateral(problem, monitor)?;
+    let v = problem.relative_displacement(&reaction, &rigid);
+    monitor.count(1.0);
+    (residual(problem, &reaction, &v, &rigid) <= TRUSTED_START).then(|| Start {
+        reaction,
+        rigid,
+        closed: start.closed.clone(),
+    })
 }
 
 /// Judges the best point afresh and puts everything into the caller's numbering.

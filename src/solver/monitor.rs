@@ -11,6 +11,10 @@ use crate::solver::{Outcome, Settings};
 /// Iterations without a better point after which a solver has stalled.
 const PATIENCE: usize = 2000;
 
+/// Below what rounding allows, but above the wish, iterations go on while they
+/// halve η within so many.
+const REST: usize = 5;
+
 /// What the solver does next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
@@ -29,6 +33,9 @@ pub struct Monitor<'p, const D: usize> {
     started: Instant,
     log: Log<D>,
     best: f64,
+    /// η when it was last halved, and when that was.
+    halved: f64,
+    last_halved: usize,
     last_better: usize,
     /// η that rounding allows, as last measured.
     floor: f64,
@@ -59,6 +66,8 @@ impl<'p, const D: usize> Monitor<'p, D> {
                 ..Log::default()
             },
             best: f64::INFINITY,
+            halved: f64::INFINITY,
+            last_halved: 0,
             last_better: 0,
             floor: 0.0,
         }
@@ -96,7 +105,12 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.log.best_reaction.copy_from_slice(r);
             self.log.best_rigid.copy_from_slice(a);
         }
-        if eta <= self.settings.tol.max(self.floor) {
+        if eta < 0.5 * self.halved {
+            self.halved = eta;
+            self.last_halved = self.log.iterations;
+        }
+        let at_rest = self.log.iterations >= self.last_halved + REST;
+        if eta <= self.settings.tol || (eta <= self.floor && at_rest) {
             let fresh = Certificate::new(self.problem, r, a);
             self.log.work += 2.0;
             self.floor = fresh.floor.min(residual::WORST_FLOOR);

@@ -62,7 +62,9 @@ PYTHON = (
     "problem",
     "elasticity analytic",
     "fem __init__",
+    "schema",
     "scene plot",
+    "job",
     "cli",
     "__main__",
 )

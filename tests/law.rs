@@ -1,0 +1,373 @@
+//! What only the right law satisfies: geometry of the projection, its
+//! derivative, the bipotential, and the one-node problem.
+
+#![expect(clippy::float_cmp, reason = "bits are compared on purpose")]
+#![expect(clippy::cast_precision_loss, reason = "dimensions are 2 and 3")]
+
+use bipot_rs::law::bipotential::{StartState, corrected, gap, law_step};
+use bipot_rs::law::cone::{Status, derivative, project, project_dual, project_increment};
+use bipot_rs::law::frame::from_normal;
+use bipot_rs::law::one_node::{self, Habit};
+use bipot_rs::linalg::small::{Block, tangential_norm};
+use proptest::prelude::*;
+
+const EPS: f64 = f64::EPSILON;
+
+fn norm<const D: usize>(a: &[f64; D]) -> f64 {
+    a.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn dot<const D: usize>(a: &[f64; D], b: &[f64; D]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+fn minus<const D: usize>(a: &[f64; D], b: &[f64; D]) -> [f64; D] {
+    std::array::from_fn(|k| a[k] - b[k])
+}
+
+/// Points of all sizes and a friction coefficient from none to huge.
+fn point_and_mu<const D: usize>() -> impl Strategy<Value = ([f64; D], f64)> {
+    let component = prop_oneof![Just(0.0), -1.0..1.0_f64, -1e3..1e3_f64, -1e-6..1e-6_f64];
+    let mu = prop_oneof![Just(0.0), 0.0..3.0_f64, Just(1e8), Just(1e-9)];
+    (proptest::array::uniform::<_, D>(component), mu)
+}
+
+/// In the cone to a few ulps of its own size.
+fn in_cone<const D: usize>(r: &[f64; D], mu: f64) -> bool {
+    r[0] >= 0.0 && tangential_norm(r) <= mu * r[0] * (1.0 + 8.0 * EPS)
+}
+
+/// In the polar cone `n ≤ −μ t`, to rounding of the point it came from.
+fn in_polar<const D: usize>(x: &[f64; D], mu: f64, size: f64) -> bool {
+    // Divided by the length of the ray, so that a huge μ does not amplify rounding.
+    (x[0] + mu * tangential_norm(x)) / mu.hypot(1.0) <= 8.0 * EPS * size
+}
+
+fn projection_is_the_projection<const D: usize>(tau: [f64; D], mu: f64) {
+    let (r, status) = project(&tau, mu);
+    let size = norm(&tau);
+    let rest = minus(&tau, &r);
+    assert!(in_cone(&r, mu), "{r:?} leaves the cone of {mu}");
+    assert!(
+        in_polar(&rest, mu, size),
+        "{rest:?} leaves the polar cone of {mu}"
+    );
+    // |τ|² bounds the products; two roundings a component.
+    assert!(dot(&r, &rest).abs() <= 16.0 * EPS * size * size);
+    // Idempotent: a point of the boundary may move by its rounding.
+    let (again, _) = project(&r, mu);
+    assert!(norm(&minus(&again, &r)) <= 8.0 * EPS * size);
+    match status {
+        Status::Open => assert_eq!(r, [0.0; D]),
+        Status::Stick => assert!(mu > 0.0 && r == tau),
+        Status::Slip => assert!(r[0] > 0.0),
+    }
+    // Powers of two: homogeneous to the bit.
+    let (scaled, same) = project(&tau.map(|c| 0.125 * c), mu);
+    assert_eq!((scaled, same), (r.map(|c| 0.125 * c), status));
+    // Dual by Moreau: x = proj(x, K*) − proj(−x, K).
+    let dual = project_dual(&tau, mu);
+    let (polar, _) = project(&tau.map(|c| -c), mu);
+    assert!(norm(&minus(&minus(&dual, &polar), &tau)) <= 4.0 * EPS * size);
+}
+
+fn lipschitz<const D: usize>(a: [f64; D], b: [f64; D], mu: f64) {
+    let (x, _) = project(&a, mu);
+    let (y, _) = project(&b, mu);
+    let rounding = 16.0 * EPS * (norm(&a) + norm(&b));
+    assert!(norm(&minus(&x, &y)) <= norm(&minus(&a, &b)) + rounding);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 4000, max_global_rejects: 100_000, failure_persistence: None, ..Default::default() })]
+
+    #[test]
+    fn projects_in_the_plane((tau, mu) in point_and_mu::<2>()) {
+        projection_is_the_projection(tau, mu);
+    }
+
+    #[test]
+    fn projects_in_space((tau, mu) in point_and_mu::<3>()) {
+        projection_is_the_projection(tau, mu);
+    }
+
+    #[test]
+    fn is_lipschitz((a, mu) in point_and_mu::<3>(), (b, _) in point_and_mu::<3>()) {
+        lipschitz(a, b, mu);
+        lipschitz([a[0], a[1]], [b[0], b[1]], mu);
+    }
+
+    #[test]
+    fn is_isotropic((tau, mu) in point_and_mu::<3>(), angle in 0.0..std::f64::consts::TAU) {
+        let (s, c) = angle.sin_cos();
+        let turn = |x: &[f64; 3]| [x[0], c * x[1] - s * x[2], s * x[1] + c * x[2]];
+        let (a, _) = project(&turn(&tau), mu);
+        let (b, _) = project(&tau, mu);
+        // The turn itself rounds τ by an ulp or two, and the projection is 1-Lipschitz.
+        prop_assert!(norm(&minus(&a, &turn(&b))) <= 16.0 * EPS * norm(&tau));
+    }
+
+    #[test]
+    fn increments_are_projected_onto_the_translated_cone(
+        (tau, mu) in point_and_mu::<3>(), (base, _) in point_and_mu::<3>()
+    ) {
+        let (dt, status) = project_increment(&tau, &base, mu);
+        let total: [f64; 3] = std::array::from_fn(|k| base[k] + tau[k]);
+        let (expected, same) = project(&total, mu);
+        prop_assert_eq!(status, same);
+        let back: [f64; 3] = std::array::from_fn(|k| base[k] + dt[k]);
+        prop_assert!(norm(&minus(&back, &expected)) <= 4.0 * EPS * (norm(&base) + norm(&tau)));
+        if status == Status::Stick {
+            prop_assert_eq!(dt, tau);
+        }
+    }
+
+    #[test]
+    fn derivative_is_that_of_differences((tau, mu) in point_and_mu::<3>(), seed in 0..3_usize) {
+        // Away from the kinks, where the projection is smooth: by 1e-3 of the size.
+        let size = norm(&tau);
+        prop_assume!(size > 1e-3 && mu < 1e3);
+        let t = tangential_norm(&tau);
+        let to_cone = (t - mu * tau[0]).abs() / mu.hypot(1.0);
+        let to_polar = (tau[0] + mu * t).abs() / mu.hypot(1.0);
+        prop_assume!(to_cone > 1e-3 * size && to_polar > 1e-3 * size && t > 1e-3 * size);
+        let jacobian = derivative(&tau, mu);
+        let h = 1e-6 * size;
+        let shifted = |sign: f64| {
+            let mut x = tau;
+            x[seed] += sign * h;
+            project(&x, mu).0
+        };
+        let (up, down) = (shifted(1.0), shifted(-1.0));
+        for k in 0..3 {
+            let slope = (up[k] - down[k]) / (2.0 * h);
+            // Central differences: third derivatives are at most (size/t)² ~ 1e6 in
+            // units of the size, h² = 1e-12 of it, rounding ε/1e-6.
+            prop_assert!((slope - jacobian[(k, seed)]).abs() <= 1e-5);
+        }
+    }
+}
+
+#[test]
+fn vertex_ends_of_the_range_and_special_coefficients() {
+    assert_eq!(project(&[0.0, 0.0, 0.0], 0.5), ([0.0; 3], Status::Open));
+    assert_eq!(project(&[-1.0, 0.0, 0.0], 0.0), ([0.0; 3], Status::Open));
+    assert_eq!(
+        project(&[2.0, 5.0, -1.0], 0.0),
+        ([2.0, 0.0, 0.0], Status::Slip)
+    );
+    assert_eq!(project(&[1.0, -1e3], 1e8), ([1.0, -1e3], Status::Stick));
+    // A tie of stick and slip is stick.
+    assert_eq!(project(&[1.0, 0.5], 0.5), ([1.0, 0.5], Status::Stick));
+    let (reference, _) = project(&[1.0, 3.0, 4.0], 0.5);
+    for exponent in [-1060, -600, 600, 1020] {
+        let half = 2.0_f64.powi(exponent / 2);
+        let scale = |x: f64| x * half * 2.0_f64.powi(exponent - exponent / 2);
+        let (r, status) = project(&[1.0, 3.0, 4.0].map(scale), 0.5);
+        assert_eq!(status, Status::Slip);
+        for k in 0..3 {
+            // Below the normal range the result is rounded to the spacing there.
+            let spacing = 4.0 * f64::from_bits(1);
+            assert!((r[k] - scale(reference[k])).abs() <= 4.0 * EPS * r[k].abs() + spacing);
+        }
+    }
+    let (r, _) = project(&[f64::MAX / 4.0; 3], 0.7);
+    assert!(r.iter().all(|c| c.is_finite() && *c > 0.0));
+}
+
+#[test]
+fn bipotential_is_never_below_the_product_and_equal_on_the_law() {
+    use rand::{RngExt, SeedableRng, rngs::StdRng};
+    let mut rng = StdRng::seed_from_u64(54);
+    for case in 0..20_000 {
+        let mu = [0.0, 0.3, 1.5][case % 3];
+        // On the law at the start: pressed without gap, or open without reaction.
+        let mut state = StartState {
+            reaction: [0.0; 3],
+            opening: rng.random_range(0.0..2.0),
+        };
+        if case % 2 == 0 {
+            let n: f64 = rng.random_range(0.0..2.0);
+            let angle: f64 = rng.random_range(0.0..std::f64::consts::TAU);
+            let t = mu * n * rng.random_range(0.0..1.0);
+            state = StartState {
+                reaction: [n, t * angle.cos(), t * angle.sin()],
+                opening: 0.0,
+            };
+        }
+        let any =
+            |rng: &mut StdRng| -> [f64; 3] { std::array::from_fn(|_| rng.random_range(-2.0..2.0)) };
+        // Anywhere in the domain: b(−Δu, Δt) ≥ −Δu·Δt [dSF91, 11].
+        let mut du = any(&mut rng);
+        du[0] = du[0].abs() - state.opening;
+        let (dt, _) = project_increment(&any(&mut rng), &state.reaction, mu);
+        let b = state.bipotential(&du, &dt, mu);
+        let size = (1.0 + norm(&state.reaction) + norm(&dt)) * (1.0 + norm(&du) + state.opening);
+        assert!(b + dot(&du, &dt) >= -8.0 * EPS * (1.0 + mu) * size);
+        // On the law: the projection step (79) leaves Δt where it is, and b is equal.
+        let (dt, du) = on_the_law(&state, &any(&mut rng), mu);
+        let b = state.bipotential(&du, &dt, mu);
+        let size = (1.0 + norm(&state.reaction) + norm(&dt)) * (1.0 + norm(&du) + state.opening);
+        assert!(
+            (b + dot(&du, &dt)).abs() <= 32.0 * EPS * (1.0 + mu) * size,
+            "case {case}"
+        );
+        // Off the law by a slip that nothing opposes, there is a gap.
+        let mut wrong = du;
+        wrong[1] += 1.0;
+        let total: [f64; 3] = std::array::from_fn(|k| state.reaction[k] + dt[k]);
+        if mu > 0.0 && total[0] > 0.1 && du[1] >= 0.0 && total[1] > -0.9 * mu * total[0] {
+            let gap = state.gap(&wrong, &dt, mu) - state.gap(&du, &dt, mu);
+            assert!(gap > 1e-3);
+        }
+    }
+    // Outside its domain it is infinite.
+    let state = StartState {
+        reaction: [1.0, 0.0],
+        opening: 0.0,
+    };
+    assert_eq!(
+        state.bipotential(&[-0.1, 0.0], &[0.0, 0.0], 0.3),
+        f64::INFINITY
+    );
+    assert_eq!(
+        state.bipotential(&[0.0, 0.0], &[0.0, 0.5], 0.3),
+        f64::INFINITY
+    );
+}
+
+/// A pair on the law: the projection of any point splits it into a reaction and
+/// minus a corrected displacement, `τ = t − ṽ`.
+fn on_the_law(state: &StartState<3>, tau: &[f64; 3], mu: f64) -> ([f64; 3], [f64; 3]) {
+    let (total, _) = project(tau, mu);
+    let tilde = minus(&total, tau);
+    let slip = tangential_norm(&tilde);
+    let du = [tilde[0] - mu * slip - state.opening, tilde[1], tilde[2]];
+    // v_n = ṽ_n − μ‖v_t‖ is zero or positive on the law; take rounding out of it.
+    let du = [du[0].max(-state.opening), du[1], du[2]];
+    (minus(&total, &state.reaction), du)
+}
+
+#[test]
+fn gap_of_a_total_state_is_a_power() {
+    // Sliding against the reaction at the limit: no gap. With it: twice the power.
+    let r = [2.0, -0.6];
+    assert!(gap(&r, &[0.0, 0.5], 0.3).abs() <= 4.0 * EPS);
+    assert!((gap(&r, &[0.0, -0.5], 0.3) - 0.6).abs() <= 4.0 * EPS);
+    assert_eq!(corrected(&[0.1, 3.0, 4.0], 0.5), [2.6, 3.0, 4.0]);
+}
+
+/// η of one node in scaled variables, the judge of the tests below.
+fn misfit<const D: usize>(w: &Block<D>, q: &[f64; D], mu: f64, r: &[f64; D]) -> f64 {
+    let scale = (w.trace() / D as f64).sqrt();
+    let v: [f64; D] =
+        std::array::from_fn(|i| (q[i] + (0..D).map(|j| w[(i, j)] * r[j]).sum::<f64>()) / scale);
+    let hat = r.map(|c| c * scale);
+    let (p, _) = law_step(&hat, &v, 1.0, mu);
+    let size = norm(&hat).max(norm(&q.map(|c| c / scale)));
+    norm(&minus(&p, &hat)) / size
+}
+
+#[test]
+fn one_node_published_values() {
+    // An anisotropic and a full block: slip is not along the trial force.
+    let q = [-1.0, 1.6, 0.9];
+    let diagonal = Block::<3>::from_diagonal(&[1.0, 2.0, 5.0].into());
+    let (r, status) = one_node::solve(&diagonal, &q, 0.4, Habit::None).unwrap();
+    assert_eq!(status, Status::Slip);
+    for (x, y) in r.iter().zip([1.0, -0.380_025_48, -0.124_822_41]) {
+        assert!((x - y).abs() <= 5e-9, "eight printed digits: {x} {y}");
+    }
+    let full = Block::<3>::new(1.0, 0.2, -0.1, 0.2, 2.0, 0.5, -0.1, 0.5, 5.0);
+    let (r, _) = one_node::solve(&full, &q, 0.4, Habit::None).unwrap();
+    for (x, y) in r.iter().zip([1.076_523_77, -0.422_976_89, -0.080_716_13]) {
+        assert!((x - y).abs() <= 5e-9, "eight printed digits: {x} {y}");
+    }
+}
+
+#[test]
+fn one_node_is_exact_on_random_blocks() {
+    use rand::{RngExt, SeedableRng, rngs::StdRng};
+    let mut rng = StdRng::seed_from_u64(18);
+    let mut statuses = [0; 3];
+    for _ in 0..20_000 {
+        let mut g = Block::<3>::zeros();
+        g.iter_mut().for_each(|x| *x = rng.random_range(-1.0..1.0));
+        let scale = 10.0_f64.powi(rng.random_range(-12..12));
+        let w = (g * g.transpose() + Block::identity() * 10.0_f64.powi(rng.random_range(-6..1)))
+            * scale;
+        let q: [f64; 3] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+        let mu = [0.0, 0.1, 0.7, 3.0, 1e4][rng.random_range(0..5)];
+        let (r, status) = one_node::solve(&w, &q, mu, Habit::None).unwrap();
+        statuses[status as usize] += 1;
+        // Rounding of v relative to q is cond(W) ε; the blocks reach 1e7, and μ
+        // multiplies it in ṽ.
+        assert!(
+            misfit(&w, &q, mu, &r) <= 1e-12 * (1.0 + mu),
+            "{w} {q:?} {mu} {r:?}"
+        );
+        let plane = Block::<2>::new(w[(0, 0)], w[(0, 1)], w[(1, 0)], w[(1, 1)]);
+        let (r, _) = one_node::solve(&plane, &[q[0], q[1]], mu, Habit::None).unwrap();
+        assert!(misfit(&plane, &[q[0], q[1]], mu, &r) <= 1e-12 * (1.0 + mu));
+    }
+    assert!(statuses.iter().all(|&count| count > 1000), "{statuses:?}");
+}
+
+#[test]
+fn one_node_with_prescribed_components() {
+    // Nothing moves: open without penetration, no answer with it.
+    assert_eq!(
+        one_node::solve(&Block::<2>::zeros(), &[0.0, 1.0], 0.5, Habit::None),
+        Some(([0.0; 2], Status::Open))
+    );
+    assert_eq!(
+        one_node::solve(&Block::<2>::zeros(), &[-1.0, 0.0], 0.5, Habit::None),
+        None
+    );
+    // One tangent prescribed and still: it carries nothing.
+    let w = Block::<3>::new(2.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0, 1.0);
+    let (r, status) = one_node::solve(&w, &[-1.0, 0.0, 0.1], 0.9, Habit::None).unwrap();
+    assert_eq!((r[1], status), (0.0, Status::Stick));
+    assert!(misfit(&w, &[-1.0, 0.0, 0.1], 0.9, &r) <= 4.0 * EPS);
+    // Prescribed and dragged: friction at the limit against the motion.
+    let w = Block::<3>::from_diagonal(&[2.0, 0.0, 0.0].into());
+    let (r, status) = one_node::solve(&w, &[-1.0, 0.3, -0.4], 0.5, Habit::None).unwrap();
+    assert_eq!(status, Status::Slip);
+    assert!(norm(&minus(&r, &[0.5, -0.15, 0.2])) <= 4.0 * EPS);
+}
+
+#[test]
+fn a_closed_node_stays_on_its_branch() {
+    // Wedged: k_n = 2, k_t = 1, k_c = 0.5, μ = 3 > k_t/k_c; at zero load, displaced
+    // by u_t = 2, it sticks with r = (1, 2), or opens.
+    let w = Block::<2>::new(2.0, 0.5, 0.5, 1.0).try_inverse().unwrap();
+    let q = [0.0, -2.0];
+    let (r, status) = one_node::solve(&w, &q, 3.0, Habit::Closed).unwrap();
+    assert_eq!(status, Status::Stick);
+    assert!(norm(&minus(&r, &[1.0, 2.0])) <= 16.0 * EPS);
+    let (r, status) = one_node::solve(&w, &q, 3.0, Habit::None).unwrap();
+    assert_eq!((r, status), ([0.0; 2], Status::Open));
+}
+
+#[test]
+fn frames_are_orthonormal_and_exact_on_axes() {
+    assert_eq!(
+        from_normal(&[0.0, 0.0, 1.0]).unwrap(),
+        [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    );
+    assert_eq!(
+        from_normal(&[0.0, -1.0]).unwrap(),
+        [[0.0, -1.0], [1.0, 0.0]]
+    );
+    let n = [0.48, -0.6, 0.64];
+    let frame = from_normal(&n).unwrap();
+    for i in 0..3 {
+        for j in 0..3 {
+            let expected = if i == j { 1.0 } else { 0.0 };
+            assert!((dot(&frame[i], &frame[j]) - expected).abs() <= 4.0 * EPS);
+        }
+    }
+    for bad in [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [f64::NAN, 0.0, 1.0]] {
+        assert!(from_normal(&bad).is_err());
+    }
+}
