@@ -258,3 +258,8 @@ impl<'a> Symmetric<'a> {
         });
     }
 }
+
+/// An index in the 32 bits that the analysis has found enough.
+pub(crate) fn narrow(i: usize) -> u32 {
+    u32::try_from(i).expect("sizes are checked at the border")
+}

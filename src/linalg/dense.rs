@@ -10,15 +10,18 @@ use faer::linalg::cholesky::llt::factor::{
     LltRegularization, cholesky_in_place, cholesky_in_place_scratch,
 };
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
+use faer::linalg::lu::partial_pivoting::{factor as lu, solve as lu_solve};
 use faer::linalg::matmul::matmul as faer_matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
+use faer::prelude::ReborrowMut;
 use faer::{Accum, MatMut, MatRef, Par, Spec};
 use rayon::prelude::*;
 
 use crate::linalg::packed::{BLOCK, PIVOTS, Panel};
+use crate::linalg::small::dot_long;
 
 /// Columns or rows of a tile: enough for faer's full rate, few enough that a
 /// front of a thousand rows feeds two threads.
@@ -497,10 +500,10 @@ pub(crate) fn forward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usiz
             let (first, second) = x[rows.start..].split_at_mut(b);
             for j in 0..b {
                 let column = &block[j * b..][..=j];
-                first[j] = (first[j] - dot(&column[..j], &first[..j])) / column[j];
+                first[j] = (first[j] - dot_long(&column[..j], &first[..j])) / column[j];
             }
             for (x, column) in second.iter_mut().zip(block[b * b..].chunks_exact(b)) {
-                *x -= dot(column, first);
+                *x -= dot_long(column, first);
             }
             continue;
         }
@@ -550,22 +553,41 @@ fn halves(block: &[f64], b: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
     MatRef::from_column_major_slice(block, b, block.len() / b).split_at_col(b)
 }
 
+/// Solves `A x = b`, `A` of order `n`, by LU with partial pivoting; `a` is
+/// destroyed and `b` becomes `x`.
+///
+/// # Errors
+/// The index of a pivot that is zero to rounding beside the largest entry.
+pub fn solve_general(a: &mut [f64], n: usize, b: &mut [f64]) -> Result<(), usize> {
+    let size = a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    let mut matrix = MatMut::from_column_major_slice_mut(a, n, n);
+    let (mut forward, mut backward) = (vec![0_usize; n], vec![0_usize; n]);
+    let need = lu::lu_in_place_scratch::<usize, f64>(n, n, Par::Seq, Spec::default()).or(
+        lu_solve::solve_in_place_scratch::<usize, f64>(n, 1, Par::Seq),
+    );
+    let mut memory = MemBuffer::new(need);
+    let stack = MemStack::new(&mut memory);
+    let (_, permutation) = lu::lu_in_place(
+        matrix.rb_mut(),
+        &mut forward,
+        &mut backward,
+        Par::Seq,
+        stack,
+        Spec::default(),
+    );
+    let lu = matrix.as_ref();
+    if let Some(k) = (0..n).find(|&k| !(lu[(k, k)].abs() > f64::EPSILON * size)) {
+        return Err(k);
+    }
+    let right = MatMut::from_column_major_slice_mut(b, n, 1);
+    let stack = MemStack::new(&mut memory);
+    lu_solve::solve_in_place(lu, lu, permutation, right, Par::Seq, stack);
+    Ok(())
+}
+
 /// `a ← a − s b`, as far as `a` goes.
 fn subtract(a: &mut [f64], s: f64, b: &[f64]) {
     for (a, b) in a.iter_mut().zip(b) {
         *a -= s * b;
     }
-}
-
-/// `a · b` in eight partial sums, which the compiler keeps in vectors.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 8];
-    let (a_tail, b_tail) = (a.chunks_exact(8).remainder(), b.chunks_exact(8).remainder());
-    for (a, b) in a.chunks_exact(8).zip(b.chunks_exact(8)) {
-        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-            *sum += a * b;
-        }
-    }
-    let tail: f64 = a_tail.iter().zip(b_tail).map(|(a, b)| a * b).sum();
-    sums.iter().sum::<f64>() + tail
 }

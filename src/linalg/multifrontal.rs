@@ -14,10 +14,10 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::Error;
-use crate::linalg::csc::Symmetric;
+use crate::linalg::csc::{Symmetric, narrow};
 use crate::linalg::dense::{factor_panel, mirror_upper, rank_update, zeros};
-use crate::linalg::packed::{Packed, add_to_panel, add_to_update, segments};
-use crate::linalg::symbolic::{Front, Run, Symbolic, Task, narrow};
+use crate::linalg::packed::{Packed, Run, add_to_panel, add_to_update, segments};
+use crate::linalg::symbolic::{Front, Symbolic, Task};
 
 /// Roundings that a pivot may be off by, against its diagonal in K, for each
 /// unknown eliminated before it. The stiffness of a free motion sums to nothing

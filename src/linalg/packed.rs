@@ -7,7 +7,12 @@
 
 use std::ops::Range;
 
-use crate::linalg::symbolic::Run;
+/// Consecutive rows of a front, in elimination numbering.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Run {
+    pub(crate) start: u32,
+    pub(crate) len: u32,
+}
 
 /// Rows in a block of a panel: as many pivots are factored at a time.
 pub(crate) const PIVOTS: usize = 128;

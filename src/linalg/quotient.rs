@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use crate::linalg::csc::narrow;
+
 /// A vertex joined to more than this many times `√N` others is ordered last:
 /// dissection cannot separate anything around it.
 const DENSE: f64 = 10.0;
@@ -47,9 +49,9 @@ impl Quotient {
             node_of[j] = if let Some(&lead) = known {
                 node_of[lead as usize]
             } else {
-                candidates.push(index(j));
-                leaders.push(index(j));
-                index(leaders.len() - 1)
+                candidates.push(narrow(j));
+                leaders.push(narrow(j));
+                narrow(leaders.len() - 1)
             };
         }
         let interior = leaders.len();
@@ -58,8 +60,8 @@ impl Quotient {
             node_of[j] = if let Some(previous) = previous.filter(|&p| same(column, p, j)) {
                 node_of[previous]
             } else {
-                leaders.push(index(j));
-                index(leaders.len() - 1)
+                leaders.push(narrow(j));
+                narrow(leaders.len() - 1)
             };
         }
         let mut this = Self {
@@ -87,7 +89,7 @@ impl Quotient {
         let inner = (0..place.len()).filter(|&j| place[j].is_none());
         for j in inner.chain(kept.iter().copied()) {
             let slot = &mut next[self.node_of[j] as usize];
-            self.members[*slot] = index(j);
+            self.members[*slot] = narrow(j);
             *slot += 1;
         }
         self.member_start = start;
@@ -96,7 +98,7 @@ impl Quotient {
     fn join<'a>(&mut self, leaders: &[u32], column: impl Fn(usize) -> &'a [usize]) {
         let mut seen = vec![u32::MAX; leaders.len()];
         for (v, &lead) in leaders.iter().enumerate() {
-            let own = index(v);
+            let own = narrow(v);
             seen[v] = own;
             for &i in column(lead as usize) {
                 let w = self.node_of[i];
@@ -118,7 +120,7 @@ impl Quotient {
     }
 
     pub(crate) fn kept(&self) -> std::ops::Range<u32> {
-        index(self.interior)..index(self.len())
+        narrow(self.interior)..narrow(self.len())
     }
 
     pub(crate) fn node_of(&self, dof: usize) -> usize {
@@ -147,7 +149,7 @@ impl Quotient {
     )]
     pub(crate) fn split_dense(&self) -> (Vec<u32>, Vec<u32>) {
         let limit = (DENSE * (self.interior as f64).sqrt()) as usize + 64;
-        (0..index(self.interior)).partition(|&v| self.neighbours(v as usize).len() <= limit)
+        (0..narrow(self.interior)).partition(|&v| self.neighbours(v as usize).len() <= limit)
     }
 
     /// The graph of some nodes alone: starts, neighbours, weights, all in the
@@ -169,7 +171,7 @@ impl Quotient {
         }
         let weight = nodes
             .iter()
-            .map(|&v| index(self.weight(v as usize)))
+            .map(|&v| narrow(self.weight(v as usize)))
             .collect();
         (start, neighbours, weight)
     }
@@ -192,8 +194,4 @@ fn same<'a>(column: impl Fn(usize) -> &'a [usize], a: usize, b: usize) -> bool {
         return x.binary_search(&a).is_ok() && x.binary_search(&b).is_ok();
     }
     false
-}
-
-fn index(i: usize) -> u32 {
-    crate::linalg::symbolic::narrow(i)
 }

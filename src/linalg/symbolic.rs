@@ -11,9 +11,9 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::linalg::csc::Symmetric;
+use crate::linalg::csc::{Symmetric, narrow};
 use crate::linalg::ordering::{Graph, by_coordinates, by_metis};
-use crate::linalg::packed::{Packed, Panel};
+use crate::linalg::packed::{Packed, Panel, Run};
 use crate::linalg::quotient::Quotient;
 use crate::linalg::tree::{Tree, flops_of};
 
@@ -50,13 +50,6 @@ pub struct Counts {
     pub seconds_order: f64,
     /// Seconds spent on the rest of the analysis.
     pub seconds_symbolic: f64,
-}
-
-/// Consecutive rows of a front, in elimination numbering.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Run {
-    pub(crate) start: u32,
-    pub(crate) len: u32,
 }
 
 /// One front: `np` pivots, then `nu` rows that it updates.
@@ -675,9 +668,4 @@ fn stack_of(fronts: &[Front], children: &[Vec<usize>], range: Range<usize>) -> (
         height = height + own - taken;
     }
     (peak, height)
-}
-
-/// To the 32 bits that `check_sizes` has found enough.
-pub(crate) fn narrow(i: usize) -> u32 {
-    u32::try_from(i).expect("sizes are checked at the border")
 }

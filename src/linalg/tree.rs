@@ -4,6 +4,7 @@
 //! small fronts are merged into their parents at the price of some zeros,
 //! because products of a few columns run far below the machine's rate.
 
+use crate::linalg::csc::narrow;
 use crate::linalg::packed::Packed;
 use crate::linalg::quotient::Quotient;
 
@@ -97,13 +98,13 @@ fn postorder(parent: &[u32]) -> (Vec<u32>, Vec<u32>) {
     let mut sibling = vec![NONE; n];
     for v in (0..n).rev() {
         if parent[v] != NONE {
-            sibling[v] = std::mem::replace(&mut child[parent[v] as usize], small(v));
+            sibling[v] = std::mem::replace(&mut child[parent[v] as usize], narrow(v));
         }
     }
     let mut old = Vec::with_capacity(n);
     let mut path: Vec<u32> = Vec::new();
     for root in (0..n).filter(|&v| parent[v] == NONE) {
-        path.push(small(root));
+        path.push(narrow(root));
         while let Some(&top) = path.last() {
             let next = std::mem::replace(&mut child[top as usize], NONE);
             if next == NONE {
@@ -185,15 +186,15 @@ fn supernodes(nodes: &Quotient, order: &[u32], parent: &[u32], counts: &[usize])
     for v in 0..order.len() {
         let weight = nodes.weight(order[v] as usize);
         let chained = v > 0
-            && parent[v - 1] == small(v)
+            && parent[v - 1] == narrow(v)
             && counts[v - 1] == counts[v] + nodes.weight(order[v - 1] as usize);
         match found.last_mut() {
             Some(last) if chained => {
-                last.nodes.push(small(v));
+                last.nodes.push(narrow(v));
                 last.np += weight;
             }
             _ => found.push(Supernode {
-                nodes: vec![small(v)],
+                nodes: vec![narrow(v)],
                 np: weight,
                 nf: counts[v],
                 zeros: 0,
@@ -302,8 +303,4 @@ fn arrange(mut list: Vec<Supernode>, touched: &[u32]) -> Tree {
         front.parent = front.parent.map(|s| number[s]);
     }
     Tree { fronts, flops }
-}
-
-fn small(i: usize) -> u32 {
-    crate::linalg::symbolic::narrow(i)
 }

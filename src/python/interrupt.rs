@@ -37,7 +37,7 @@ pub(super) fn run<T: Send>(
             });
             while finished.recv_timeout(LOOK) == Err(mpsc::RecvTimeoutError::Timeout) {
                 if signal.is_none()
-                    && let Err(raised) = Python::attach(|py| py.check_signals())
+                    && let Err(raised) = Python::attach(Python::check_signals)
                 {
                     signal = Some(raised);
                     stop.store(true, Ordering::Relaxed);

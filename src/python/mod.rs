@@ -1,5 +1,10 @@
 //! The extension module `bipot_rs._core`: registration only.
 
+#![expect(
+    clippy::needless_pass_by_value,
+    reason = "PyO3 hands arguments over by value"
+)]
+
 mod arrays;
 mod errors;
 mod interrupt;

@@ -13,7 +13,7 @@
 
 use crate::error::Error;
 use crate::law::cone::project;
-use crate::linalg::lu;
+use crate::linalg::dense;
 use crate::linalg::small::{Block, Vector, tangential_norm};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::residual;
@@ -212,7 +212,7 @@ fn solve_rows<const D: usize>(
         right[D * rows.len() + c] = -load;
     }
     monitor.count(factorisation_cost(n, D * problem.contacts()));
-    lu::solve_general(&mut matrix, n, &mut right).ok()?;
+    dense::solve_general(&mut matrix, n, &mut right).ok()?;
     if right.iter().any(|x| !x.is_finite()) {
         return None;
     }

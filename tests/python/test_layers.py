@@ -25,7 +25,7 @@ RUST = (
 # Within a folder likewise; those named together do not know each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "binary small csc lu",
+        "binary small csc",
         "least_squares packed",
         "dense ordering quotient",
         "tree",
@@ -35,7 +35,7 @@ RUST_SIBLINGS = {
     ),
     "law": ("frame cone", "bipotential one_node"),
     "problem": (
-        "memory sparse",
+        "memory sparse stats",
         "compliance",
         "reduced",
         "residual",
