@@ -24,6 +24,7 @@ pub(super) fn run<T: Send>(
 ) -> PyResult<T> {
     let pool = threads::pool(threads::count(num_threads))?;
     let stop = AtomicBool::new(false);
+    let look = |py: Python<'_>| py.check_signals();
     let mut signal = None;
     let result = py.detach(|| {
         std::thread::scope(|scope| {
@@ -37,7 +38,7 @@ pub(super) fn run<T: Send>(
             });
             while finished.recv_timeout(LOOK) == Err(mpsc::RecvTimeoutError::Timeout) {
                 if signal.is_none()
-                    && let Err(raised) = Python::attach(Python::check_signals)
+                    && let Err(raised) = Python::attach(look)
                 {
                     signal = Some(raised);
                     stop.store(true, Ordering::Relaxed);
