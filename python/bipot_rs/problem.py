@@ -195,6 +195,28 @@ class ContactProblem:
         """Counts and seconds of the condensation."""
         return self._core.stats | {"seconds_condense": self._seconds}
 
+    @property
+    def rigid_motions(self) -> tuple[str, ...]:
+        """In words, the motions that supports leave free and contact alone must hold.
+
+        Directions are the axes ``x, y[, z]`` where ``frame`` is known, else those of the
+        contacts, ``n, t1[, t2]``; the degree of freedom named is one that moves most.
+        """
+        n, contacts, d = self._shape
+        _, modes, _ = self._core.free_part(np.zeros(n), np.zeros(len(self._fixed)))
+        bodies, dofs = self.stats["rigid_motion_bodies"], self.stats["rigid_motion_dofs"]
+        axes = ("n", "t1", "t2")
+        fields = modes.reshape(len(modes), contacts, d)
+        frame = self._contacts["frame"]
+        if frame is not None:
+            axes = ("x", "y", "z")
+            fields = np.einsum("kid,ide->kie", fields, frame)
+        words: list[str] = []
+        for body in dict.fromkeys(bodies):
+            own = [k for k, b in enumerate(bodies) if b == body]
+            words += _name_motions(fields[own], axes, dofs[own[0]])
+        return tuple(words)
+
     def reduced(
         self,
         load: ArrayLike | None = None,
@@ -331,6 +353,20 @@ class ContactProblem:
             traction=None if area is None else raw["reaction"] / area[:, None],
             _recover=recover,
         )
+
+
+def _name_motions(fields: Array, axes: tuple[str, ...], dof: int) -> list[str]:
+    """Translations that lie in the span of some fields ``(k, n_c, d)``; the rest turn."""
+    touched = np.abs(fields).max(axis=(0, 2)) > 0
+    span, _ = np.linalg.qr(fields[:, touched].reshape(len(fields), -1).T)
+    words = []
+    for axis, unit in zip(axes, np.eye(fields.shape[2]), strict=False):
+        shift = np.tile(unit, int(touched.sum())) / np.sqrt(touched.sum())
+        # Rounding leaves 1e-8 of a translation that is free, a rotation most of it.
+        if np.linalg.norm(shift - span @ (span.T @ shift)) <= 1e-6:
+            words.append(f"translation along {axis}, degree of freedom {dof}")
+    turns = len(fields) - len(words)
+    return words + [f"rotation, degree of freedom {dof}"] * turns
 
 
 def _fields(raw: dict[str, Any]) -> dict[str, Any]:

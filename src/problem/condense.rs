@@ -199,6 +199,12 @@ impl<const D: usize> Condensed<D> {
             .collect()
     }
 
+    /// The body that each rigid motion moves.
+    #[must_use]
+    pub fn rigid_bodies(&self) -> Vec<usize> {
+        self.motions.iter().map(|&(body, _)| body).collect()
+    }
+
     /// Columns of the border, `B_c R`, over all contacts.
     #[must_use]
     pub fn modes(&self) -> Vec<Vec<[f64; D]>> {

@@ -175,8 +175,11 @@ impl Condensed {
     /// Counts and seconds of the condensation.
     #[getter]
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (stats, n, dofs, bytes) = either!(&self.kind, inner => {
-            (inner.stats(), inner.order(), inner.rigid_dofs(), inner.compliance().bytes())
+        let (stats, n, dofs, bodies, bytes) = either!(&self.kind, inner => {
+            {
+                let bytes = inner.compliance().bytes();
+                (inner.stats(), inner.order(), inner.rigid_dofs(), inner.rigid_bodies(), bytes)
+            }
         });
         let dict = PyDict::new(py);
         dict.set_item("n", n)?;
@@ -191,6 +194,7 @@ impl Condensed {
         dict.set_item("islands", stats.islands)?;
         dict.set_item("rigid_motions", dofs.len())?;
         dict.set_item("rigid_motion_dofs", dofs)?;
+        dict.set_item("rigid_motion_bodies", bodies)?;
         dict.set_item("ordering", stats.ordering)?;
         dict.set_item("seconds_order", stats.seconds_order)?;
         dict.set_item("seconds_symbolic", stats.seconds_symbolic)?;
