@@ -105,6 +105,12 @@ pub enum Error {
          contact cannot hold it"
     )]
     DependentMotion { mode: usize },
+    /// Numbers so large or small that scaling them leaves the range of doubles.
+    #[error(
+        "W and q cannot be scaled: their largest entries are {softest:e} and {free:e}; \
+         choose units in which neither leaves 1e-150 to 1e150"
+    )]
+    Range { softest: f64, free: f64 },
     /// More memory than the machine has.
     #[error("{what} needs {bytes} bytes, more than the {available} this machine has free")]
     Memory {

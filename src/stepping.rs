@@ -81,6 +81,9 @@ impl<const D: usize> LoadPath<D> {
         let q = incremental(&free.q, self.state.as_ref());
         let compliance = problem.compliance();
         let reduced = Reduced::new(compliance, &q, problem.mu(), &free.rigid)?;
+        if let Some((node, penetration)) = reduced.contradiction {
+            return Err(Error::ContradictoryContact { node, penetration });
+        }
         let start = self
             .state
             .as_ref()

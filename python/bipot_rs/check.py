@@ -29,8 +29,9 @@ def floats(
     ndim: int | None = None,
     shape: tuple[int, ...] | None = None,
     finite: bool = True,
+    copy: bool = True,
 ) -> Array:
-    """``value`` as a C-ordered array of float64."""
+    """``value`` as a C-ordered array of float64, by default one of our own."""
     try:
         found = np.asarray(value)
     except ValueError as error:
@@ -39,7 +40,12 @@ def floats(
         raise TypeError(
             f"{what} has entries of type {found.dtype}, expected real numbers"
         )
-    array = np.ascontiguousarray(found, dtype=np.float64).reshape(found.shape)
+    if np.ma.is_masked(value):
+        raise ValueError(f"{what} has masked entries, expected an array without a mask")
+    if copy:
+        array = np.array(found, dtype=np.float64, order="C")
+    else:
+        array = np.ascontiguousarray(found, dtype=np.float64).reshape(found.shape)
     if shape is not None and array.shape != shape:
         raise ValueError(f"{what} has shape {array.shape}, expected {shape}")
     if ndim is not None and array.ndim != ndim:
@@ -66,7 +72,7 @@ def csr(what: str, value: Any) -> Csr:
             raise ValueError(f"{what} has {value.ndim} dimensions, expected 2")
         matrix = csr_array(value)
     else:
-        matrix = csr_array(floats(what, value, ndim=2, finite=False))
+        matrix = csr_array(floats(what, value, ndim=2, finite=False, copy=False))
     if not matrix.has_canonical_format:
         matrix = matrix.copy()
         matrix.sum_duplicates()
@@ -130,7 +136,7 @@ def indices(what: str, value: ArrayLike | None, limit: int) -> NDArray[np.int64]
             f"{what} holds {listed[at]} repeated, {counts[at]} times, first at position "
             f"{first[at]}: expected each index once"
         )
-    return np.ascontiguousarray(found, dtype=np.int64)
+    return np.array(found, dtype=np.int64)
 
 
 def positive(what: str, value: Any) -> int:
@@ -141,14 +147,14 @@ def positive(what: str, value: Any) -> int:
         number = operator.index(cast("SupportsIndex", value))
     except TypeError:
         raise TypeError(f"{what} is {value!r}, expected an integer") from None
-    if number < 1:
-        raise ValueError(f"{what} is {number}, expected 1 or more")
+    if not 1 <= number < 2**31:
+        raise ValueError(f"{what} is {number}, expected 1 or more, below 2**31")
     return number
 
 
 def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Array) -> int:
     """``d`` from the rows of ``B``, or from ``dim`` where there are no contacts."""
-    if dim is not None and dim not in (2, 3):
+    if dim is not None and (not np.isscalar(dim) or dim not in (2, 3)):
         raise ValueError(f"dim is {dim!r}, expected 2 or 3")
     if contacts == 0:
         if rows:
@@ -159,6 +165,8 @@ def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Array) -> int:
             raise ValueError(
                 "dim is missing: without contacts it cannot be told from B"
             )
+        if gap.ndim == 2 and gap.shape[1] != dim:
+            raise ValueError(f"gap has shape {gap.shape}, expected (0,) or (0, {dim})")
         return int(dim)
     if rows not in (2 * contacts, 3 * contacts):
         raise ValueError(

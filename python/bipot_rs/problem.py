@@ -54,11 +54,16 @@ def project(
     TypeError, ValueError
         An argument of the wrong kind or shape, or not finite.
     """
-    points = floats("tau", tau, ndim=2)
+    points = floats("tau", tau, ndim=2, copy=False)
     if points.shape[1] not in (2, 3):
         raise ValueError(f"tau has shape {points.shape}, expected (n_c, 2) or (n_c, 3)")
     coefficients = friction(mu, len(points))
     start = None if base is None else floats("base", base, shape=points.shape)
+    if start is not None:
+        with np.errstate(over="ignore"):
+            total = points + start
+        if not np.isfinite(total).all():
+            raise ValueError("base + tau overflows, expected numbers below 1e300")
     return _core.project(points, coefficients, start)
 
 
@@ -204,7 +209,10 @@ class ContactProblem:
         """
         n, contacts, d = self._shape
         _, modes, _ = self._core.free_part(np.zeros(n), np.zeros(len(self._fixed)))
-        bodies, dofs = self.stats["rigid_motion_bodies"], self.stats["rigid_motion_dofs"]
+        bodies, dofs = (
+            self.stats["rigid_motion_bodies"],
+            self.stats["rigid_motion_dofs"],
+        )
         axes = ("n", "t1", "t2")
         fields = modes.reshape(len(modes), contacts, d)
         frame = self._contacts["frame"]
@@ -290,6 +298,7 @@ class ContactProblem:
         chosen = settings(method, tol, max_iterations, max_seconds)
         callback("on_step", on_step)
         totals = loads(load, prescribed, n, len(self._fixed))
+        before = _state(start, contacts, d)
         path = _core.Path(
             self._core, _start(start, contacts, d, self.stats["rigid_motions"])
         )
@@ -312,6 +321,7 @@ class ContactProblem:
                 steps,
                 contacts=self._contacts,
                 shape=(contacts, d),
+                start=before,
                 seconds=None,
                 success=success,
                 message=message,
@@ -397,7 +407,8 @@ def _state(start: Result | Step | None, contacts: int, d: int) -> Step | None:
     step = start
     if isinstance(start, Result):
         if not len(start):
-            return None
+            # Nothing was added to what that path itself started from.
+            return start.start
         step = start[-1]
     if not isinstance(step, Step):
         raise TypeError(
@@ -503,8 +514,8 @@ class ReducedProblem:
         if rigid is None:
             modes, force = np.empty((0, size)), np.empty(0)
         else:
-            if len(rigid) != 2:
-                raise TypeError(f"rigid has {len(rigid)} parts, expected the pair (R, e)")
+            if not hasattr(rigid, "__len__") or len(rigid) != 2:
+                raise TypeError("rigid is not the pair (R, e)")
             border = floats("R of rigid", rigid[0], ndim=2)
             if border.shape[0] != size:
                 raise ValueError(
@@ -574,7 +585,7 @@ def _islands(W: Any, contacts: int, d: int) -> list[tuple[list[int], Array]]:
     """Contacts and dense matrix, flat, of each independent part of ``W``."""
     size = contacts * d
     if not hasattr(W, "tocsr"):
-        dense = floats("W", W, ndim=2, finite=False)
+        dense = floats("W", W, ndim=2, finite=False, copy=False)
         if dense.shape != (size, size):
             raise ValueError(f"W has shape {dense.shape}, expected {(size, size)}")
         return [(list(range(contacts)), dense.ravel())] if contacts else []
@@ -597,6 +608,6 @@ def _islands(W: Any, contacts: int, d: int) -> list[tuple[list[int], Array]]:
     for begin, end in itertools.pairwise(bounds):
         nodes = order[begin:end]
         rows = (d * nodes[:, None] + np.arange(d)).ravel()
-        block = whole[rows][:, rows].toarray()
+        block = whole[rows][:, rows].toarray().astype(np.float64)
         parts.append(([int(i) for i in nodes], np.ascontiguousarray(block).ravel()))
     return parts

@@ -165,6 +165,8 @@ class Result(Sequence[Step]):
     contacts
         What is known of the contacts: ``x``, ``normal``, ``frame``, ``area``,
         ``gap``, ``mu``; ``None`` for what is not.
+    start
+        The step that the path started from, ``None`` for the unloaded bodies.
     seconds
         ``condense``, ``solve``, ``recover``.
     success, message
@@ -177,6 +179,7 @@ class Result(Sequence[Step]):
         *,
         contacts: Mapping[str, NDArray[Any] | None],
         shape: tuple[int, int],
+        start: Step | None = None,
         seconds: Mapping[str, float] | None = None,
         success: bool,
         message: str,
@@ -184,6 +187,7 @@ class Result(Sequence[Step]):
         self.steps = tuple(steps)
         self.contacts = dict(contacts)
         self._shape = shape
+        self.start = start
         self.seconds = dict.fromkeys(("condense", "solve", "recover"), 0.0) | dict(
             seconds or {}
         )

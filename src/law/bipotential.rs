@@ -1,6 +1,6 @@
 //! De Saxcé's correction, the bipotential and its gap, (9) and (10).
 
-use crate::law::cone::{Status, project};
+use crate::law::cone::{Status, project_with_height};
 use crate::linalg::small::{dot, minus_scaled, tangential_norm};
 
 /// `ṽ = v + μ‖v_t‖ n` (9): the correction that makes Coulomb's rule a normality
@@ -14,6 +14,11 @@ pub fn corrected<const D: usize>(v: &[f64; D], mu: f64) -> [f64; D] {
 
 /// One step of (11), `proj(r − ρ ṽ, K_μ)`, and the status it finds: the whole
 /// law of a contact, [dSF91, 79].
+///
+/// The height of `τ = r − ρ ṽ` over the polar cone,
+/// `τ_n + μ‖τ_t‖ = r_n − ρ v_n − μ (ρ‖v_t‖ − ‖r_t − ρ v_t‖)`, is formed with the
+/// difference of norms as a quotient that cannot cancel: a large μ would
+/// otherwise drown `v_n` in the rounding of `μ‖v_t‖`, and penetration with it.
 #[must_use]
 pub fn law_step<const D: usize>(
     r: &[f64; D],
@@ -21,7 +26,15 @@ pub fn law_step<const D: usize>(
     rho: f64,
     mu: f64,
 ) -> ([f64; D], Status) {
-    project(&minus_scaled(r, rho, &corrected(v, mu)), mu)
+    let tau = minus_scaled(r, rho, &corrected(v, mu));
+    let slip = rho * tangential_norm(v);
+    let sum = slip + tangential_norm(&tau);
+    let shorter = if sum > 0.0 {
+        (1..D).map(|k| r[k] / sum * (2.0 * rho * v[k] - r[k])).sum()
+    } else {
+        0.0
+    };
+    project_with_height(&tau, (r[0] - rho * v[0]) - mu * shorter, mu)
 }
 
 /// The gap of the bipotential, `γ = r·ṽ = r·v + μ r_n ‖v_t‖` in joules (10).

@@ -23,7 +23,7 @@ pub enum Status {
 #[must_use]
 pub fn project<const D: usize>(tau: &[f64; D], mu: f64) -> ([f64; D], Status) {
     let size = tau.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
-    if size > HUGE || (size < 1.0 / HUGE && size > 0.0) {
+    if size.is_finite() && (size > HUGE || (size < 1.0 / HUGE && size > 0.0)) {
         // Homogeneity brings the ends of the range, where squares overflow and
         // quotients lose digits, back to its middle; powers of two are exact.
         let exponent = if size > 1.0 { -SHIFT } else { SHIFT };
@@ -31,11 +31,26 @@ pub fn project<const D: usize>(tau: &[f64; D], mu: f64) -> ([f64; D], Status) {
         let (r, status) = project(&tau.map(|c| c * up), mu);
         return (r.map(|c| c * down), status);
     }
+    let height = tau[0] + mu * tangential_norm(tau);
+    project_with_height(tau, height, mu)
+}
+
+/// Beyond `HUGE` and below its inverse, [`project`] shifts the exponent by `SHIFT`.
+const HUGE: f64 = 1e150;
+const SHIFT: i32 = 512;
+
+/// [`project`] where `τ_n + μ‖τ_t‖`, which says how far `τ` lies above the polar
+/// cone, is known better than the sum would give it.
+pub(super) fn project_with_height<const D: usize>(
+    tau: &[f64; D],
+    height: f64,
+    mu: f64,
+) -> ([f64; D], Status) {
     let n = tau[0];
     let t = tangential_norm(tau);
     // Open before stick: with mu = 0, tau = [-1, 0, 0] satisfies both tests, and
     // as "stick" it would return a tensile reaction.
-    if mu * t <= -n {
+    if height <= 0.0 {
         return ([0.0; D], Status::Open);
     }
     if mu == 0.0 {
@@ -46,26 +61,14 @@ pub fn project<const D: usize>(tau: &[f64; D], mu: f64) -> ([f64; D], Status) {
     if t <= mu * n {
         return (*tau, Status::Stick);
     }
-    let (r_n, r_t) = onto_ray(n, t, mu);
-    let scale = r_t / t; // t > 0 here: t = 0 is open or stick
-    let mut r = tau.map(|component| scale * component);
-    r[0] = r_n;
-    (r, Status::Slip)
-}
-
-/// Beyond `HUGE` and below its inverse, [`project`] shifts the exponent by `SHIFT`.
-const HUGE: f64 = 1e150;
-const SHIFT: i32 = 512;
-
-/// Projection of `(n, t)`, `t > 0`, onto the ray `(1, mu)` of the cone's boundary.
-///
-/// The unit vector of the ray is formed first: `1 + mu²` overflows for a large
-/// `mu`, and the ray's components do not.
-fn onto_ray(n: f64, t: f64, mu: f64) -> (f64, f64) {
+    // Onto the ray (1, μ t/‖t‖)/√(1+μ²): 1 + μ² overflows for a large μ, the
+    // ray's components do not. t > 0 here: t = 0 is open or stick.
     let length = mu.hypot(1.0);
-    let (ray_n, ray_t) = (1.0 / length, mu / length);
-    let along = ray_n * n + ray_t * t;
-    (along * ray_n, along * ray_t)
+    let along = height / length;
+    let scale = along * (mu / length) / t;
+    let mut r = tau.map(|component| scale * component);
+    r[0] = along / length;
+    (r, Status::Slip)
 }
 
 /// Projection of an increment onto `ΔK_μ = K_μ − t⁰` [dSF91, 53]: translate,

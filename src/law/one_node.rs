@@ -20,7 +20,8 @@ pub enum Habit {
 /// Solves the one-node problem (18) exactly.
 ///
 /// `None` is returned where there is no answer: the normal displacement cannot
-/// move (`W_nn ≤ 0`) and penetrates.
+/// move (`W_nn ≤ 0`) and penetrates, or the block is singular and sliding turns
+/// the reaction away for ever.
 #[must_use]
 pub fn solve<const D: usize>(
     w: &Block<D>,
@@ -52,7 +53,9 @@ pub fn solve<const D: usize>(
     if q[0] >= 0.0 {
         return Some(open);
     }
-    Some((reduced.slip(mu), Status::Slip))
+    let r = reduced.slip(mu);
+    let sound = r[0] > 0.0 && r.iter().all(|c| c.is_finite());
+    sound.then_some((r, Status::Slip))
 }
 
 /// The problem with the normal equation `v_n = 0` eliminated:

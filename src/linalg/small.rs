@@ -30,18 +30,6 @@ pub fn minus_scaled<const D: usize>(a: &[f64; D], s: f64, b: &[f64; D]) -> [f64;
     std::array::from_fn(|k| a[k] - s * b[k])
 }
 
-/// `a + b`.
-#[must_use]
-pub fn plus<const D: usize>(a: &[f64; D], b: &[f64; D]) -> [f64; D] {
-    std::array::from_fn(|k| a[k] + b[k])
-}
-
-/// `a − b`.
-#[must_use]
-pub fn minus<const D: usize>(a: &[f64; D], b: &[f64; D]) -> [f64; D] {
-    std::array::from_fn(|k| a[k] - b[k])
-}
-
 /// Euclidean norm of a long vector. Plain squares: the callers' variables are
 /// scaled to order one, where they neither overflow nor underflow.
 #[must_use]

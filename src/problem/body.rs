@@ -20,9 +20,14 @@ pub struct Row {
     pub entries: Vec<(usize, f64)>,
 }
 
-/// Below this, relative to the diagonal of `K`, an eigenvalue of `S` is zero:
-/// rounding leaves about 1e-15, and the softest support worth the name more.
+/// Below this, relative to the diagonal of `K`, an eigenvalue of `S` is zero if a
+/// gap sets it apart: rounding leaves about 1e-15, and the softest support worth
+/// the name more. Bodies of many unknowns sum more of the rounding of `K` itself,
+/// a few ε for each.
 const NULL: f64 = 1e-13;
+
+/// The gap between the eigenvalues that are zero and the next.
+const GAP: f64 = 30.0;
 
 /// A pivot above this, relative to the diagonal of `K`, leaves no doubt that a
 /// matrix is definite; below it the eigenvalues are looked at.
@@ -70,7 +75,7 @@ impl Body {
     ) -> Result<Self, Error> {
         let kept = contact_set(&mut rows, dofs.len());
         let stiffest = stiffness.values.iter().fold(0.0_f64, |m, a| m.max(a.abs()));
-        let unit = times_two_to(1.0, -exponent(stiffest));
+        let unit = times_two_to(1.0, -exponent(stiffest).clamp(-1000, 1000));
         stiffness.values.iter_mut().for_each(|a| *a *= unit);
         let view = stiffness.view()?;
         let symbolic = Symbolic::analyse(&view, &kept, &Options::default())?;
@@ -98,7 +103,10 @@ impl Body {
             })
             .collect();
         let schur = factor.schur();
-        let modes = null_space(schur, &scale, 2 * LIMIT[dimension]);
+        #[expect(clippy::cast_precision_loss, reason = "a count")]
+        let bound = NULL.max(8.0 * dofs.len() as f64 * f64::EPSILON);
+        let modes = null_space(schur, &scale, bound, 2 * LIMIT[dimension])
+            .ok_or(Error::Indefinite { dof: dofs[kept[0]] })?;
         if modes.len() > LIMIT[dimension] {
             return Err(Error::Mechanism {
                 dof: dofs[kept[0]],
@@ -215,7 +223,16 @@ impl Body {
         let contact = self.contact_part(condensed);
         self.modes
             .iter()
-            .map(|mode| dot_long(mode, &contact) / self.unit)
+            .map(|mode| {
+                let work = dot_long(mode, &contact);
+                let terms: f64 = mode.iter().zip(&contact).map(|(m, f)| (m * f).abs()).sum();
+                // Loads that balance one another leave only their rounding.
+                if work.abs() <= 16.0 * f64::EPSILON * terms {
+                    0.0
+                } else {
+                    work / self.unit
+                }
+            })
             .collect()
     }
 
@@ -377,12 +394,12 @@ fn start_value(k: usize) -> f64 {
 }
 
 /// Orthonormal basis of the null space of a symmetric positive semidefinite `S`,
-/// judged in the variables that `scale` makes of order one; at most `most`
-/// directions are looked for.
+/// judged by `bound` in the variables that `scale` makes of order one; at most
+/// `most` directions are looked for. `None` where `S` is indefinite.
 ///
 /// A Cholesky factorisation with large pivots ends the matter. Else inverse
 /// iteration on a block of `most + 2` vectors, and Rayleigh–Ritz.
-fn null_space(schur: &[f64], scale: &[f64], most: usize) -> Vec<Vec<f64>> {
+fn null_space(schur: &[f64], scale: &[f64], bound: f64, most: usize) -> Option<Vec<Vec<f64>>> {
     let m = scale.len();
     let scaled = |shift: f64| {
         let mut a = vec![0.0; m * m];
@@ -402,7 +419,7 @@ fn null_space(schur: &[f64], scale: &[f64], most: usize) -> Vec<Vec<f64>> {
     let definite = dense::cholesky(&mut factor, m).is_ok();
     let pivot = |i: usize| factor[i * (m + 1)].powi(2);
     if definite && (0..m).all(|i| pivot(i) > SAFE) {
-        return Vec::new();
+        return Some(Vec::new());
     }
     let mut shift = SHIFT;
     loop {
@@ -410,10 +427,8 @@ fn null_space(schur: &[f64], scale: &[f64], most: usize) -> Vec<Vec<f64>> {
         if dense::cholesky(&mut factor, m).is_ok() {
             break;
         }
-        // Negative eigenvalues beyond rounding: let the caller's own
-        // factorisation name the place.
         if shift > 1e-6 {
-            return Vec::new();
+            return None;
         }
         shift *= 100.0;
     }
@@ -451,7 +466,13 @@ fn null_space(schur: &[f64], scale: &[f64], most: usize) -> Vec<Vec<f64>> {
     }
     let mut values = vec![0.0; width];
     dense::symmetric_eigen(&mut projected, width, &mut values);
-    let null = values.iter().take_while(|&&value| value <= NULL).count();
+    if values.first().is_some_and(|&lowest| lowest < -bound) {
+        return None;
+    }
+    // The largest group below the bound that a gap sets apart from what follows.
+    let below = values.iter().take_while(|&&value| value <= bound).count();
+    let apart = |k: usize| k == width || values[k] > GAP * values[k - 1].abs().max(f64::EPSILON);
+    let null = (1..=below).rev().find(|&k| apart(k)).unwrap_or(0);
     let mut modes: Vec<Vec<f64>> = (0..null)
         .map(|k| {
             let mut mode = vec![0.0; m];
@@ -464,7 +485,7 @@ fn null_space(schur: &[f64], scale: &[f64], most: usize) -> Vec<Vec<f64>> {
         })
         .collect();
     orthonormalise(&mut modes);
-    modes
+    Some(modes)
 }
 
 /// Gram–Schmidt, twice.

@@ -156,6 +156,15 @@ impl<'a, const D: usize> Compliance<'a, D> {
         self.pair(position, position)
     }
 
+    /// Whether any reaction moves the contact at `position` along its normal.
+    #[must_use]
+    pub fn moves(&self, position: usize) -> bool {
+        let island = &self.islands[self.island_of[position]];
+        let m = D * island.nodes.len();
+        let row = D * (position - island.nodes.start) * m;
+        island.matrix[row..row + m].iter().any(|&w| w != 0.0)
+    }
+
     /// The block by which the reaction at one position moves the contact at another.
     #[must_use]
     pub fn pair(&self, moved: usize, pushed: usize) -> Block<D> {
@@ -188,7 +197,7 @@ impl<'a, const D: usize> Compliance<'a, D> {
     /// the number of threads.
     fn each_row(&self, y: &mut [[f64; D]], of_row: impl Fn(&[f64], Range<usize>) -> f64 + Sync) {
         for island in &self.islands {
-            let m = D * island.nodes.len();
+            let m = (D * island.nodes.len()).max(1);
             let out = y[island.nodes.clone()].as_flattened_mut();
             if m < PARALLEL_ROWS {
                 for (value, row) in out.iter_mut().zip(island.matrix.chunks_exact(m)) {

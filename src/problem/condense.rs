@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use crate::error::Error;
 use crate::linalg::csc::Symmetric;
 use crate::problem::body::{Body, Row};
+use crate::problem::border::{check_finite, check_length};
 use crate::problem::compliance::Compliance;
 use crate::problem::memory;
 use crate::problem::reduced::{Reduced, Rigid};
@@ -460,26 +461,4 @@ fn islands<const D: usize>(contacts: usize, bodies: &[Body]) -> Vec<(Vec<usize>,
         }
     }
     islands
-}
-
-fn check_length(what: &'static str, found: usize, expected: usize) -> Result<(), Error> {
-    if found == expected {
-        return Ok(());
-    }
-    Err(Error::Shape {
-        what,
-        expected,
-        found,
-    })
-}
-
-fn check_finite(what: &'static str, values: &[f64]) -> Result<(), Error> {
-    match values.iter().position(|x| !x.is_finite()) {
-        None => Ok(()),
-        Some(index) => Err(Error::NotFinite {
-            what,
-            index,
-            value: values[index],
-        }),
-    }
 }

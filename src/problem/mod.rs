@@ -1,6 +1,7 @@
 //! All contacts together, and no algorithm.
 
 pub mod body;
+pub mod border;
 pub mod compliance;
 pub mod condense;
 pub mod memory;

@@ -3,6 +3,7 @@
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::small::{dot, norm};
+use crate::problem::border::{check_finite, check_length};
 use crate::problem::compliance::Compliance;
 
 /// Bodies held by contact alone: `v = W r + R a + q` with `Rᵀ r + e = 0`.
@@ -24,6 +25,9 @@ pub struct Reduced<'a, const D: usize> {
     pub mu: Vec<f64>,
     pub rigid: Rigid<D>,
     pub scaling: Scaling<D>,
+    /// A contact that penetrates and that nothing can move, in the caller's
+    /// numbering, and by how much: there is no answer then.
+    pub contradiction: Option<(usize, f64)>,
 }
 
 impl<'a, const D: usize> Reduced<'a, D> {
@@ -31,8 +35,8 @@ impl<'a, const D: usize> Reduced<'a, D> {
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NotFinite`] and [`Error::Friction`] for wrong
-    /// arguments, [`Error::ContradictoryContact`] for a contact that penetrates
-    /// and that nothing can move.
+    /// arguments, [`Error::DependentMotion`] for a rigid motion that no contact
+    /// feels, [`Error::Range`] for numbers that cannot be scaled.
     pub fn new(
         compliance: &'a Compliance<'a, D>,
         q: &[[f64; D]],
@@ -62,14 +66,12 @@ impl<'a, const D: usize> Reduced<'a, D> {
             modes,
             load: rigid.load.clone(),
         };
+        let mut contradiction = None;
         for (position, free) in q.iter().enumerate() {
-            let held = compliance.block(position)[(0, 0)] <= 0.0
+            let held = !compliance.moves(position)
                 && rigid.modes.iter().all(|mode| mode[position][0] == 0.0);
             if held && free[0] < 0.0 {
-                return Err(Error::ContradictoryContact {
-                    node: compliance.order()[position],
-                    penetration: -free[0],
-                });
+                contradiction = Some((compliance.order()[position], -free[0]));
             }
         }
         let scaling = Scaling::new(compliance, &q, &rigid)?;
@@ -79,6 +81,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
             mu: compliance.gather(mu),
             rigid,
             scaling,
+            contradiction,
         })
     }
 
@@ -185,7 +188,7 @@ impl<const D: usize> Scaling<D> {
             .iter()
             .map(|&d| times_two_to(d, -displacement_exponent))
             .collect();
-        let to_r = node
+        let to_r: Vec<f64> = node
             .iter()
             .map(|&d| times_two_to(1.0 / d, -force_exponent))
             .collect();
@@ -197,6 +200,10 @@ impl<const D: usize> Scaling<D> {
                 .collect::<Vec<_>>()
         });
         let (modes, triangle) = orthonormalise(scaled.collect())?;
+        let usable = |s: &f64| s.is_finite() && *s > 0.0;
+        if !to_v.iter().chain(&to_r).all(usable) {
+            return Err(Error::Range { softest, free });
+        }
         let mut load = Vec::with_capacity(modes.len());
         for (column, e) in triangle.iter().zip(&rigid.load) {
             // Tᵀ ê = e, forward.
@@ -287,27 +294,4 @@ fn orthonormalise<const D: usize>(mut columns: Vec<Vec<[f64; D]>>) -> Result<Fac
         triangle.push(t);
     }
     Ok((columns, triangle))
-}
-
-fn check_length(what: &'static str, found: usize, expected: usize) -> Result<(), Error> {
-    if found == expected {
-        Ok(())
-    } else {
-        Err(Error::Shape {
-            what,
-            expected,
-            found,
-        })
-    }
-}
-
-fn check_finite(what: &'static str, values: &[f64]) -> Result<(), Error> {
-    match values.iter().position(|x| !x.is_finite()) {
-        None => Ok(()),
-        Some(index) => Err(Error::NotFinite {
-            what,
-            index,
-            value: values[index],
-        }),
-    }
 }

@@ -6,9 +6,9 @@
 //! contact alone, the larger of that and `‖R̂ᵀ r̂ + ê‖ / ‖ê‖`.
 
 use crate::law::bipotential;
-use crate::law::cone::Status;
+use crate::law::cone::{Status, derivative};
 use crate::linalg::least_squares;
-use crate::linalg::small::{norm, tangential_norm};
+use crate::linalg::small::{Vector, norm, tangential_norm};
 use crate::problem::reduced::Reduced;
 
 /// A rounding floor above this is not convergence.
@@ -23,8 +23,10 @@ pub struct Certificate<const D: usize> {
     pub status: Vec<Status>,
     /// η.
     pub residual: f64,
-    /// What rounding alone may leave of η.
+    /// What rounding alone may leave of η, `WORST_FLOOR` at the most.
     pub floor: f64,
+    /// Whether the rounding of `v` leaves η a meaning.
+    pub sound: bool,
 }
 
 impl<const D: usize> Certificate<D> {
@@ -34,29 +36,26 @@ impl<const D: usize> Certificate<D> {
         let v = problem.relative_displacement(r, a);
         let mut status = vec![Status::Open; r.len()];
         let residual = judge(problem, r, &v, a, |i, s| status[i] = s);
-        let floor = rounding_floor(problem, r, a);
+        let (plain, with_friction) = rounding_floors(problem, r, a);
         Self {
             v,
             status,
             residual,
-            floor,
+            floor: with_friction.min(WORST_FLOOR),
+            sound: plain <= WORST_FLOOR,
         }
     }
 
     /// What η is held to for a wish of `tol`.
     #[must_use]
     pub fn tolerance(&self, tol: f64) -> f64 {
-        if self.floor <= WORST_FLOOR {
-            tol.max(self.floor)
-        } else {
-            tol
-        }
+        if self.sound { tol.max(self.floor) } else { tol }
     }
 
     /// Whether this point is an answer.
     #[must_use]
     pub fn converged(&self, tol: f64) -> bool {
-        self.floor <= WORST_FLOOR && self.residual <= self.tolerance(tol)
+        self.sound && self.residual <= self.tolerance(tol)
     }
 }
 
@@ -144,38 +143,102 @@ pub fn scaled_imbalance<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) ->
         .collect()
 }
 
-/// The rigid motion `a` of least squares for a reaction: contacts that press do
-/// not open, and those inside their cone do not slip.
+/// The rigid motion `a` of least squares for a reaction: it makes `‖F‖` small.
+///
+/// Gauss–Newton on `â ↦ F`, from the motion by which contacts that press do not
+/// open and those inside their cone do not slip.
 #[must_use]
 pub fn best_motion<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<f64> {
-    let modes = &problem.scaling.modes;
-    let mut free = vec![[0.0; D]; r.len()];
-    problem.compliance.product(r, &mut free);
-    problem.add_rest(&[], &mut free);
+    let scaling = &problem.scaling;
+    let v = problem.relative_displacement(r, &[]);
     let held = |i: usize| {
         let inside = tangential_norm(&r[i]) < problem.mu[i] * r[i][0];
-        if r[i][0] > 0.0 {
-            if inside { D } else { 1 }
-        } else {
-            0
+        match (r[i][0] > 0.0, inside) {
+            (false, _) => 0,
+            (true, false) => 1,
+            (true, true) => D,
         }
     };
     let rows = |field: &[[f64; D]], scale: &dyn Fn(usize) -> f64| -> Vec<f64> {
         let of_node = |i: usize| (0..held(i)).map(move |k| field[i][k] * scale(i));
         (0..r.len()).flat_map(of_node).collect()
     };
-    let columns: Vec<Vec<f64>> = modes.iter().map(|mode| rows(mode, &|_| 1.0)).collect();
-    let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-    let right = rows(&free, &|i| -problem.scaling.to_v[i]);
-    problem
-        .scaling
-        .rigid_from_scaled(&least_squares::solve(&columns, &right))
+    let columns: Vec<Vec<f64>> = scaling
+        .modes
+        .iter()
+        .map(|mode| rows(mode, &|_| 1.0))
+        .collect();
+    let right = rows(&v, &|i| -scaling.to_v[i]);
+    let mut motion = fit(&columns, &right);
+    let misfit = |motion: &[f64]| {
+        let a = scaling.rigid_from_scaled(motion);
+        residual(problem, r, &problem.relative_displacement(r, &a), &a)
+    };
+    let mut best = misfit(&motion);
+    for _ in 0..20 {
+        let (columns, right) = linearised(problem, r, &v, &motion);
+        let step = fit(&columns, &right);
+        let shorter = (0..10).map(|halvings| 0.5_f64.powi(halvings));
+        let better = shorter
+            .map(|share| {
+                motion
+                    .iter()
+                    .zip(&step)
+                    .map(|(a, s)| a + share * s)
+                    .collect::<Vec<_>>()
+            })
+            .map(|trial| (misfit(&trial), trial))
+            .find(|(value, _)| *value < best);
+        let Some((value, trial)) = better else { break };
+        (best, motion) = (value, trial);
+    }
+    scaling.rigid_from_scaled(&motion)
 }
 
-/// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖ / max(‖r̂‖, ‖F(0)‖)`, its normal part with μ
-/// times the tangential one: the rounding of `F`, and the same for the balance
-/// of forces.
-fn rounding_floor<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 {
+fn fit(columns: &[Vec<f64>], right: &[f64]) -> Vec<f64> {
+    let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+    least_squares::solve(&columns, right)
+}
+
+/// `∂F/∂â`, column by column, and `−F`, at a scaled rigid motion.
+fn linearised<const D: usize>(
+    problem: &Reduced<D>,
+    r: &[[f64; D]],
+    free: &[[f64; D]],
+    motion: &[f64],
+) -> (Vec<Vec<f64>>, Vec<f64>) {
+    let scaling = &problem.scaling;
+    let mut columns = vec![Vec::with_capacity(D * r.len()); motion.len()];
+    let mut right = Vec::with_capacity(D * r.len());
+    for i in 0..r.len() {
+        let mu = problem.mu[i];
+        let force = r[i].map(|c| c * scaling.to_r[i]);
+        let mut v = free[i].map(|c| c * scaling.to_v[i]);
+        for (mode, amount) in scaling.modes.iter().zip(motion) {
+            for (value, m) in v.iter_mut().zip(&mode[i]) {
+                *value += m * amount;
+            }
+        }
+        let (projected, _) = bipotential::law_step(&force, &v, 1.0, mu);
+        right.extend(force.iter().zip(&projected).map(|(x, p)| p - x));
+        let tau: Vector<D> = Vector::from(force) - Vector::from(bipotential::corrected(&v, mu));
+        let jacobian = derivative(&tau.into(), mu);
+        let slip = tangential_norm(&v);
+        for (column, mode) in columns.iter_mut().zip(&scaling.modes) {
+            let mut change = Vector::from(mode[i]);
+            if slip > 0.0 {
+                change[0] += mu * (1..D).map(|k| v[k] / slip * mode[i][k]).sum::<f64>();
+            }
+            column.extend((jacobian * change).iter());
+        }
+    }
+    (columns, right)
+}
+
+/// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖ / max(‖r̂‖, ‖F(0)‖)`, the rounding of `F`, and
+/// the same for the balance of forces; then with what friction makes of it:
+/// where `r ≠ 0`, `ṽ_n` takes in the rounding of `v_t`, μ times.
+fn rounding_floors<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> (f64, f64) {
     let mut terms = vec![[0.0; D]; r.len()];
     problem.compliance.absolute_product(r, &mut terms);
     for (i, value) in terms.iter_mut().enumerate() {
@@ -185,19 +248,38 @@ fn rounding_floor<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64
             value[k] += rigid.map(|(mode, a)| (mode[i][k] * a).abs()).sum::<f64>();
             value[k] *= problem.scaling.to_v[i];
         }
-        // ṽ_n takes in the rounding of v_t, μ times.
-        value[0] += problem.mu[i] * tangential_norm(value);
     }
     let unit = 4.0 * f64::EPSILON;
-    let law = unit * ratio(norm(terms.as_flattened()), size(problem, r, a));
+    let whole = size(problem, r, a);
+    let floor = |terms: &[[f64; D]]| {
+        if whole > 0.0 {
+            unit * norm(terms.as_flattened()) / whole
+        } else {
+            0.0 // η is zero then, exactly
+        }
+    };
+    let plain = floor(&terms);
+    for (i, value) in terms.iter_mut().enumerate() {
+        if r[i] != [0.0; D] {
+            value[0] += problem.mu[i] * tangential_norm(value);
+        }
+    }
+    let with_friction = floor(&terms);
     if problem.rigid.modes.is_empty() {
-        return law;
+        return (plain, with_friction);
     }
     let forces = problem.scaling.reaction_norm(r) + norm(&problem.scaling.load);
-    law.max(unit * ratio(forces, force_size(problem, r)))
+    let balance = unit * ratio(forces, force_size(problem, r));
+    (plain.max(balance), with_friction.max(balance))
 }
 
-/// A ratio that is zero when there is nothing to measure.
+/// A ratio that is zero when there is nothing to measure, and never NaN.
 fn ratio(part: f64, whole: f64) -> f64 {
-    if whole > 0.0 { part / whole } else { part }
+    if part == 0.0 {
+        0.0
+    } else if whole > 0.0 && part.is_finite() && whole.is_finite() {
+        part / whole
+    } else {
+        f64::INFINITY
+    }
 }

@@ -20,6 +20,7 @@ impl From<Error> for PyErr {
             | Error::SparseStructure { .. }
             | Error::Friction { .. }
             | Error::Setting { .. }
+            | Error::Range { .. }
             | Error::Asymmetric { .. }
             | Error::Indefinite { .. } => PyValueError::new_err(text),
             Error::FloatingBody { .. }

@@ -9,6 +9,7 @@
 //! method sees `r̂` and `â` as one unknown.
 
 use crate::error::Error;
+use crate::law::bipotential::law_step;
 use crate::law::one_node::{self, Habit};
 use crate::linalg::small::{Block, Vector};
 use crate::problem::reduced::Reduced;
@@ -288,8 +289,11 @@ impl<'p, const D: usize> Sweeper<'p, D> {
                 Habit::None
             };
             // A contact that cannot move was checked not to penetrate.
-            let Some((next, _)) = one_node::solve(block, &free, self.problem.mu[i], habit) else {
-                continue;
+            let mu = self.problem.mu[i];
+            let next = match one_node::solve(block, &free, mu, habit) {
+                Some((next, _)) => next,
+                // No answer against this rest: one projection, and the rest moves too.
+                None => law_step(&r, &v, scaling.to_v[i] / scaling.to_r[i], mu).0,
             };
             let dr: [f64; D] = std::array::from_fn(|k| next[k] - r[k]);
             if dr.iter().all(|&c| c == 0.0) {

@@ -160,6 +160,9 @@ pub fn solve<const D: usize>(
 ) -> Result<Solution<D>, Error> {
     settings.validate()?;
     let mut monitor = Monitor::new(problem, settings, stop);
+    if problem.contradiction.is_some() {
+        return Ok(finish(problem, settings, monitor, Outcome::NoEquilibrium));
+    }
     let opening = bilateral_start(problem, start, &mut monitor);
     let start = opening.as_ref().unwrap_or(start);
     let outcome = match settings.method {

@@ -113,7 +113,9 @@ impl<'p, const D: usize> Monitor<'p, D> {
         if eta <= self.settings.tol || (eta <= self.floor && at_rest) {
             let fresh = Certificate::new(self.problem, r, a);
             self.log.work += 2.0;
-            self.floor = fresh.floor.min(residual::WORST_FLOOR);
+            self.floor = fresh.floor;
+            self.log.best_reaction.copy_from_slice(r);
+            self.log.best_rigid.copy_from_slice(a);
             if fresh.converged(self.settings.tol) {
                 return Ok(Verdict::Stop(Outcome::Converged));
             }
@@ -127,9 +129,8 @@ impl<'p, const D: usize> Monitor<'p, D> {
     /// Measures what rounding allows at `(r, a)`, for a residual that has
     /// stopped falling.
     pub fn measure_floor(&mut self, r: &[[f64; D]], a: &[f64]) {
-        let floor = Certificate::new(self.problem, r, a).floor;
+        self.floor = Certificate::new(self.problem, r, a).floor;
         self.log.work += 2.0;
-        self.floor = floor.min(residual::WORST_FLOOR);
     }
 
     fn limits(&self) -> Option<Outcome> {

@@ -72,14 +72,16 @@ pub fn run<const D: usize>(
             next_v = displacement(&next, &proximal);
             monitor.count(1.0);
             ratio = rho * contraction(problem, (&r, &v), (&next, &next_v));
-            if ratio <= CUT_ABOVE {
+            // A ratio that is no number means a step without measure: it is taken as
+            // it is, and the monitor judges it.
+            if !(ratio > CUT_ABOVE) || rho < f64::EPSILON {
                 break;
             }
             rho *= CUT * (1.0 / ratio).min(1.0);
         }
         r = next;
         v = next_v;
-        if ratio < GROW_BELOW {
+        if ratio > 0.0 && ratio < GROW_BELOW {
             rho *= GROW;
         }
         match monitor.look(&r, &v, &motion(&r, &proximal), true)? {

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from bodies import block
 from scipy import sparse
 
 import bipot_rs as bp
+from bodies import block
 
 
 def words(problem: bp.ContactProblem) -> list[str]:

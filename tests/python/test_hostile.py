@@ -1,0 +1,164 @@
+"""Inputs that look harmless and are not: no wrong answer, no NaN, no crash."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+
+METHODS = ["auto", "gauss_seidel", "uzawa"]
+
+
+def test_a_load_that_the_caller_uses_again() -> None:
+    problem = bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.5], mu=0.3)
+    load, results = np.zeros(2), []
+    for k in range(3):
+        load[0] = -(k + 1.0)
+        results.append(problem.solve(load, start=results[-1] if results else None))
+    # The gap of 0.5 closes in every step, whatever became of the array since.
+    assert [result.displacement[0, 0] for result in results] == [-0.5, -0.5, -0.5]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_body_pulled_off_its_contacts(method: str) -> None:
+    pulled = bp.ReducedProblem(
+        np.eye(2), [[0.0, 0.0]], 0.3, rigid=(np.eye(2), [1.0, 0.0])
+    )
+    solution = pulled.solve(method, max_iterations=3000)
+    assert not solution.converged
+    assert np.isfinite(solution.reaction).all()
+    assert not np.isnan(solution.history).any()
+
+
+@pytest.mark.parametrize("mu", [1e3, 1e9, 1e17])
+@pytest.mark.parametrize("method", ["auto", "gauss_seidel"])
+def test_large_friction_hides_no_penetration(mu: float, method: str) -> None:
+    problem = bp.ReducedProblem(np.eye(3), [[-1e-8, 1.0, 0.0]], mu)
+    assert problem.residual(np.zeros((1, 3))) > 1e-6
+    solution = problem.solve(method)
+    if mu <= 1e8:  # cannot stick: the answer slides
+        return
+    assert solution.converged
+    # Sticks: r = -q, to rounding.
+    np.testing.assert_allclose(solution.reaction, [[1e-8, -1.0, 0.0]], rtol=1e-14)
+    bonded = bp.ReducedProblem([[1, 0.3], [0.3, 1]], [[-1.0, 1.0]], mu).solve(method)
+    assert bonded.converged
+
+
+def test_loads_in_balance_with_themselves() -> None:
+    # Two nodes joined by springs, free to move as one; 0.1 + 0.2 is not 0.3.
+    K = np.array(
+        [[1, 0, -1, 0], [0, 1, 0, -1], [-1, 0, 1, 0], [0, -1, 0, 1]], dtype=float
+    )
+    B = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]], dtype=float)
+    for push in (0.3, 0.1 + 0.2):
+        result = bp.solve(K, B, [push, 0, -0.3, 0], gap=[-0.1, -0.1], mu=0.3)
+        u = result.displacement[0]
+        rest = K @ u - [push, 0, -0.3, 0] - B.T @ result.reaction[0].ravel()
+        assert abs(rest).max() <= 1e-10  # η, in units of the load
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_redundant_contact_has_no_answer_of_its_own(method: str) -> None:
+    H = np.array([[1, 0, 0], [-1, 0, 0], [1, 1, 0], [0, 0, 1.0]])
+    problem = bp.ReducedProblem(H @ H.T, [[-1, 0.5], [-3, 0]], 1.0)
+    solution = problem.solve(method)
+    assert not np.isnan(solution.history).any()
+    assert solution.converged
+    assert problem.residual(solution.reaction) <= solution.tolerance
+
+
+def test_a_failed_path_keeps_what_it_started_from() -> None:
+    problem = bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.0], mu=0.5)
+    first = problem.solve([-1.0, 0.9])
+    with pytest.raises(bp.NotConvergedError) as caught:
+        problem.solve([-1.0, 0.0], start=first, max_seconds=1e-12, tol=1e-300)
+    result = caught.value.result
+    assert result is not None
+    assert len(result) == 0
+    straight = problem.solve([-1.0, 0.0], start=first)
+    again = problem.solve([-1.0, 0.0], start=result)
+    assert np.array_equal(straight.reaction, again.reaction)
+
+
+def test_a_slightly_indefinite_stiffness() -> None:
+    for negative in (2e-7, 2e-3):
+        with pytest.raises(ValueError, match="indefinite"):
+            bp.ContactProblem([[1, 1], [1, 1 - negative]], np.eye(2), gap=[0.0], mu=0.3)
+
+
+@pytest.mark.parametrize("size", [1e300, 1e-300, 1e-310])
+def test_units_at_the_ends_of_the_range(size: float) -> None:
+    for W, q in ((size, 1.0), (1.0, size), (size, 1 / size if size != 1e-310 else 1.0)):
+        try:
+            problem = bp.ReducedProblem(np.eye(2) * W, [[-q, 0.2 * q]], 0.3)
+        except ValueError:
+            continue  # refused: the message asks for other units
+        solution = problem.solve()
+        assert not np.isnan(solution.residual)
+        assert not np.isnan(solution.reaction).any()
+        if solution.converged:
+            # r_n = q/W, r_t the lesser of friction and what sticks: 0.2 q/W.
+            np.testing.assert_allclose(
+                solution.reaction, [[q / W, -0.2 * q / W]], rtol=1e-9
+            )
+    assert not np.isnan(
+        bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3).residual([[1e308, 0]])
+    )
+
+
+def test_the_certificate_finds_the_rigid_motion() -> None:
+    rng = np.random.default_rng(11)
+    for _ in range(20):
+        contacts = 5
+        G = rng.standard_normal((3 * contacts, 3 * contacts))
+        R = np.tile(np.eye(3), (contacts, 1))
+        e = np.array([-5.0, 5.0 * 0.3 * rng.uniform(0, 0.95), 0.0])
+        problem = bp.ReducedProblem(
+            G @ G.T / 15 + 0.3 * np.eye(15),
+            rng.standard_normal((5, 3)),
+            0.3,
+            rigid=(R, e),
+        )
+        solution = problem.solve(tol=1e-12)
+        if not solution.converged:
+            continue
+        # A least-squares motion reproduces the one that was found, to the square
+        # root of rounding at the worst, where contacts change status.
+        assert problem.residual(solution.reaction) <= 1e-7
+        assert problem.residual(solution.reaction, solution.rigid_motion) <= 1e-12
+
+
+def test_a_wall_inside_a_held_contact_is_an_outcome() -> None:
+    problem = bp.ReducedProblem(np.zeros((2, 2)), [[-1.0, 0.0]], 0.3)
+    solution = problem.solve()
+    assert solution.outcome is bp.Outcome.NO_EQUILIBRIUM
+    assert not solution.converged
+
+
+@pytest.mark.parametrize("kind", [int, np.float32])
+def test_sparse_compliance_of_any_kind(kind: type) -> None:
+    W = sparse.eye_array(4, dtype=kind, format="csr")
+    solution = bp.ReducedProblem(W, [[-1, 0.2], [1, 0]], 0.3).solve()
+    np.testing.assert_array_equal(solution.reaction, [[1, -0.2], [0, 0]])
+
+
+def test_small_mistakes_are_named() -> None:
+    problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3)
+    with pytest.raises(ValueError, match="max_iterations"):
+        problem.solve(max_iterations=10**30)
+    with pytest.raises(ValueError, match="num_threads"):
+        problem.solve(num_threads=2**70)
+    with pytest.raises(TypeError, match="rigid"):
+        bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3, rigid=5)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="gap"):
+        bp.ContactProblem(
+            np.eye(2), np.empty((0, 2)), gap=np.zeros((0, 3)), mu=0, dim=2
+        )
+    with pytest.raises(ValueError, match="dim"):
+        bp.ContactProblem(np.eye(2), np.eye(2), gap=[0], mu=0, dim=np.array([2, 3]))  # type: ignore[arg-type]
+    gap = np.ma.masked_array([0.0], mask=[True])
+    with pytest.raises(ValueError, match="gap has masked"):
+        bp.ContactProblem(np.eye(2), np.eye(2), gap=gap, mu=0)
+    with pytest.raises(ValueError, match="base"):
+        bp.project([[1.7e308, 0.0]], 0.3, base=[[1.7e308, 0.0]])
