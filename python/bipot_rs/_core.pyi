@@ -8,6 +8,8 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = ["Condensed", "Path", "Reduced", "build_profile", "project"]
+
 _Floats = NDArray[np.float64]
 _Indices = NDArray[np.int64]
 # Row pointers, column indices, values.

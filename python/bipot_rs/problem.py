@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -305,14 +306,10 @@ class ContactProblem:
         steps: list[Step] = []
         seconds = {"condense": self._seconds, "solve": 0.0, "recover": 0.0}
 
-        def recover(step: Step) -> Array:
-            assert step.load is not None
-            assert step.prescribed is not None
+        def recover(load: Array, prescribed: Array, step: Step) -> Array:
             began = time.perf_counter()
             motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-            u = self._core.displacement(
-                step.load, step.prescribed, step.reaction, motion
-            )
+            u = self._core.displacement(load, prescribed, step.reaction, motion)
             seconds["recover"] += time.perf_counter() - began
             return u
 
@@ -337,7 +334,7 @@ class ContactProblem:
                 message = f"step {k}: {error}"
                 raise NoEquilibriumError(message, result(False, message)) from None
             seconds["solve"] += time.perf_counter() - began
-            step = self._step(raw, force, motion, recover)
+            step = self._step(raw, force, motion, partial(recover, force, motion))
             if not step.converged:
                 message = f"step {k}: {step.message}"
                 raise NotConvergedError(message, result(False, message))

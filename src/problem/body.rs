@@ -106,7 +106,7 @@ impl Body {
         #[expect(clippy::cast_precision_loss, reason = "a count")]
         let bound = NULL.max(8.0 * dofs.len() as f64 * f64::EPSILON);
         let modes = null_space(schur, &scale, bound, 2 * LIMIT[dimension])
-            .ok_or(Error::Indefinite { dof: dofs[kept[0]] })?;
+            .ok_or_else(|| Error::Indefinite { dof: dofs[kept[0]] })?;
         if modes.len() > LIMIT[dimension] {
             return Err(Error::Mechanism {
                 dof: dofs[kept[0]],

@@ -260,7 +260,7 @@ fn rounding_floors<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f6
     };
     let plain = floor(&terms);
     for (i, value) in terms.iter_mut().enumerate() {
-        if r[i] != [0.0; D] {
+        if r[i].iter().any(|&c| c != 0.0) {
             value[0] += problem.mu[i] * tangential_norm(value);
         }
     }

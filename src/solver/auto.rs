@@ -31,6 +31,18 @@ pub fn run<const D: usize>(
     if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, false)? {
         return Ok(outcome);
     }
+    if !start.closed.is_empty() {
+        // A load step: what was closed sticks, what was open stays open. Most of
+        // it is true, and where several answers exist it keeps to the path.
+        let closed = |node: usize| start.closed[node];
+        if let Some((r, rigid)) = newton::held_at(problem, closed, monitor) {
+            point = sweeper.point(r, &rigid);
+            monitor.count(1.0);
+            if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, true)? {
+                return Ok(outcome);
+            }
+        }
+    }
     // Where there is something to start from, Newton is tried at once.
     let mut sweeps = if start.reaction.is_empty() {
         FIRST_SWEEPS

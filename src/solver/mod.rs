@@ -12,7 +12,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::bipotential;
-use crate::law::cone::Status;
+use crate::law::cone::{Status, project};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::{Certificate, residual};
 use crate::solver::monitor::Monitor;
@@ -188,7 +188,10 @@ fn bilateral_start<const D: usize>(
     if problem.rigid.modes.is_empty() || !start.reaction.is_empty() {
         return None;
     }
-    let (reaction, rigid) = newton::bilateral(problem, monitor)?;
+    let (mut reaction, rigid) = newton::held_at(problem, |_| true, monitor)?;
+    for (r, &mu) in reaction.iter_mut().zip(&problem.mu) {
+        *r = project(r, mu).0; // contacts that would pull start open
+    }
     let v = problem.relative_displacement(&reaction, &rigid);
     monitor.count(1.0);
     (residual(problem, &reaction, &v, &rigid) <= TRUSTED_START).then(|| Start {

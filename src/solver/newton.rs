@@ -12,7 +12,6 @@
 //! because `v` is affine in `r`.
 
 use crate::error::Error;
-use crate::law::cone::project;
 use crate::linalg::dense;
 use crate::linalg::small::{Block, Vector, tangential_norm};
 use crate::problem::reduced::Reduced;
@@ -128,15 +127,16 @@ struct Rows<const D: usize> {
     right: Vector<D>,
 }
 
-/// The bilateral solution, every contact held in every direction, brought into
-/// the cones: where a body held by contact alone starts. `None` where it is not unique.
+/// The solution with some contacts held in every direction and the others open.
+/// `None` where it is not unique.
 #[must_use]
-pub fn bilateral<const D: usize>(
+pub fn held_at<const D: usize>(
     problem: &Reduced<D>,
+    holds: impl Fn(usize) -> bool,
     monitor: &mut Monitor<D>,
 ) -> Option<(Vec<[f64; D]>, Vec<f64>)> {
-    let rows = (0..problem.contacts())
-        .filter(|&node| movable(problem, node, 0))
+    let rows: Vec<Rows<D>> = (0..problem.contacts())
+        .filter(|&node| holds(node) && movable(problem, node, 0))
         .map(|node| {
             let (by_r, by_v) = held(problem, node);
             Rows {
@@ -145,12 +145,9 @@ pub fn bilateral<const D: usize>(
                 by_v,
                 right: Vector::zeros(),
             }
-        });
-    let (mut r, rigid) = solve_rows(problem, &rows.collect::<Vec<_>>(), monitor)?;
-    for (r, &mu) in r.iter_mut().zip(&problem.mu) {
-        *r = project(r, mu).0; // contacts that would pull start open
-    }
-    Some((r, rigid))
+        })
+        .collect();
+    solve_rows(problem, &rows, monitor)
 }
 
 /// The whole Newton step, from the scaled linearisation: the next `(r, a)`.

@@ -35,7 +35,7 @@ RUST_SIBLINGS = {
     ),
     "law": ("frame cone", "bipotential one_node"),
     "problem": (
-        "memory sparse stats",
+        "border memory sparse stats",
         "compliance",
         "reduced",
         "residual",
