@@ -7,9 +7,10 @@ use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::dense;
 use crate::linalg::multifrontal::Factor;
-use crate::linalg::small::{dot_long, norm};
+use crate::linalg::small::dot_long;
 use crate::linalg::symbolic::{Options, Symbolic};
 use crate::problem::memory;
+use crate::problem::null_space::{null_space, start_value};
 use crate::problem::sparse::Owned;
 use crate::problem::stats::Stats;
 
@@ -26,16 +27,9 @@ pub struct Row {
 /// a few ε for each.
 const NULL: f64 = 1e-13;
 
-/// The gap between the eigenvalues that are zero and the next.
-const GAP: f64 = 30.0;
-
 /// A pivot above this, relative to the diagonal of `K`, leaves no doubt that a
 /// matrix is definite; below it the eigenvalues are looked at.
 const SAFE: f64 = 1e-9;
-
-/// The shift of inverse iteration, relative to the diagonal of `K`: far above
-/// rounding, far below what separates rigid from elastic motions.
-const SHIFT: f64 = 1e-10;
 
 /// One body.
 #[derive(Debug)]
@@ -103,33 +97,29 @@ impl Body {
             })
             .collect();
         let schur = factor.schur();
-        #[expect(clippy::cast_precision_loss, reason = "a count")]
-        let bound = NULL.max(8.0 * dofs.len() as f64 * f64::EPSILON);
-        let modes = null_space(schur, &scale, bound, 2 * LIMIT[dimension])
-            .ok_or_else(|| Error::Indefinite { dof: dofs[kept[0]] })?;
-        if modes.len() > LIMIT[dimension] {
-            return Err(Error::Mechanism {
-                dof: dofs[kept[0]],
-                found: modes.len(),
-                limit: LIMIT[dimension],
-            });
-        }
-        #[expect(clippy::cast_precision_loss, reason = "a count")]
-        let mean = (0..m).map(|i| schur[i * (m + 1)]).sum::<f64>() / m.max(1) as f64;
-        // α = tr S / m
-        let alpha = if mean > 0.0 { mean } else { 1.0 };
         let mut cholesky = schur.to_vec();
-        for mode in &modes {
-            for (column, a) in cholesky.chunks_exact_mut(m).zip(mode) {
-                for (value, b) in column.iter_mut().zip(mode) {
-                    *value += alpha * a * b;
-                }
+        let mut size = one_norm(schur, m);
+        let pivots = |l: &[f64]| (0..m).all(|i| (l[i * (m + 1)] * scale[i]).powi(2) > SAFE);
+        let definite = dense::cholesky(&mut cholesky, m).is_ok() && pivots(&cholesky);
+        let mut modes = Vec::new();
+        if !definite {
+            #[expect(clippy::cast_precision_loss, reason = "a count")]
+            let bound = NULL.max(8.0 * dofs.len() as f64 * f64::EPSILON);
+            modes = null_space(schur, &scale, bound, 2 * LIMIT[dimension])
+                .ok_or_else(|| Error::Indefinite { dof: dofs[kept[0]] })?;
+            if modes.len() > LIMIT[dimension] {
+                return Err(Error::Mechanism {
+                    dof: dofs[kept[0]],
+                    found: modes.len(),
+                    limit: LIMIT[dimension],
+                });
             }
+            cholesky = with_modes(schur, &modes);
+            size = one_norm(&cholesky, m);
+            dense::cholesky(&mut cholesky, m).map_err(|at| Error::Indefinite {
+                dof: dofs[kept[at]],
+            })?;
         }
-        let size = one_norm(&cholesky, m);
-        dense::cholesky(&mut cholesky, m).map_err(|at| Error::Indefinite {
-            dof: dofs[kept[at]],
-        })?;
         let mut inverse = vec![0.0; m * m];
         dense::inverse_from_cholesky(&cholesky, m, &mut inverse);
         let condition = size * one_norm(&inverse, m);
@@ -325,6 +315,25 @@ impl Body {
     }
 }
 
+/// `S + α R Rᵀ`, `α = tr S / m`.
+fn with_modes(schur: &[f64], modes: &[Vec<f64>]) -> Vec<f64> {
+    let mut sum = schur.to_vec();
+    let Some(m) = modes.first().map(Vec::len) else {
+        return sum;
+    };
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let mean = (0..m).map(|i| schur[i * (m + 1)]).sum::<f64>() / m as f64;
+    let alpha = if mean > 0.0 { mean } else { 1.0 };
+    for mode in modes {
+        for (column, a) in sum.chunks_exact_mut(m).zip(mode) {
+            for (value, b) in column.iter_mut().zip(mode) {
+                *value += alpha * a * b;
+            }
+        }
+    }
+    sum
+}
+
 /// Rigid motions that a body in `d` dimensions can have.
 const LIMIT: [usize; 4] = [0, 1, 3, 6];
 
@@ -384,134 +393,4 @@ fn softest_interior(factor: &Factor, diagonal: &[f64], kept: &[usize]) -> f64 {
         x = y.iter().map(|y| y / length).collect();
     }
     quotient
-}
-
-/// A start for inverse iterations that no rigid motion is orthogonal to.
-fn start_value(k: usize) -> f64 {
-    #[expect(clippy::cast_precision_loss, reason = "a fixed, uneven sequence")]
-    let phase = k as f64 * 0.618_033_988_749_895;
-    0.5 + phase.fract()
-}
-
-/// Orthonormal basis of the null space of a symmetric positive semidefinite `S`,
-/// judged by `bound` in the variables that `scale` makes of order one; at most
-/// `most` directions are looked for. `None` where `S` is indefinite.
-///
-/// A Cholesky factorisation with large pivots ends the matter. Else inverse
-/// iteration on a block of `most + 2` vectors, and Rayleigh–Ritz.
-fn null_space(schur: &[f64], scale: &[f64], bound: f64, most: usize) -> Option<Vec<Vec<f64>>> {
-    let m = scale.len();
-    let scaled = |shift: f64| {
-        let mut a = vec![0.0; m * m];
-        for (j, (column, s)) in a
-            .chunks_exact_mut(m.max(1))
-            .zip(schur.chunks_exact(m.max(1)))
-            .enumerate()
-        {
-            for (i, (value, s)) in column.iter_mut().zip(s).enumerate() {
-                *value = s * scale[i] * scale[j];
-            }
-            column[j] += shift;
-        }
-        a
-    };
-    let mut factor = scaled(0.0);
-    let definite = dense::cholesky(&mut factor, m).is_ok();
-    let pivot = |i: usize| factor[i * (m + 1)].powi(2);
-    if definite && (0..m).all(|i| pivot(i) > SAFE) {
-        return Some(Vec::new());
-    }
-    let mut shift = SHIFT;
-    loop {
-        factor = scaled(shift);
-        if dense::cholesky(&mut factor, m).is_ok() {
-            break;
-        }
-        if shift > 1e-6 {
-            return None;
-        }
-        shift *= 100.0;
-    }
-    let width = (most + 2).min(m);
-    let mut block: Vec<Vec<f64>> = (0..width)
-        .map(|c| {
-            (0..m)
-                .map(|k| start_value(k * width + c + 1) - 1.0)
-                .collect()
-        })
-        .collect();
-    for _ in 0..6 {
-        for column in &mut block {
-            dense::solve_lower(&factor, m, column, 1);
-            dense::solve_lower_transpose(&factor, m, column, 1);
-        }
-        orthonormalise(&mut block);
-    }
-    let plain = scaled(0.0);
-    let image: Vec<Vec<f64>> = block
-        .iter()
-        .map(|x| {
-            plain
-                .chunks_exact(m.max(1))
-                .map(|row| dot_long(row, x))
-                .collect()
-        })
-        .collect();
-    let mut projected = vec![0.0; width * width];
-    for i in 0..width {
-        for j in 0..width {
-            projected[i * width + j] =
-                0.5 * (dot_long(&block[i], &image[j]) + dot_long(&block[j], &image[i]));
-        }
-    }
-    let mut values = vec![0.0; width];
-    dense::symmetric_eigen(&mut projected, width, &mut values);
-    if values.first().is_some_and(|&lowest| lowest < -bound) {
-        return None;
-    }
-    // The largest group below the bound that a gap sets apart from what follows.
-    let below = values.iter().take_while(|&&value| value <= bound).count();
-    let apart = |k: usize| k == width || values[k] > GAP * values[k - 1].abs().max(f64::EPSILON);
-    let null = (1..=below).rev().find(|&k| apart(k)).unwrap_or(0);
-    let mut modes: Vec<Vec<f64>> = (0..null)
-        .map(|k| {
-            let mut mode = vec![0.0; m];
-            for (column, weight) in block.iter().zip(&projected[k * width..]) {
-                for ((value, x), s) in mode.iter_mut().zip(column).zip(scale) {
-                    *value += weight * x * s;
-                }
-            }
-            mode
-        })
-        .collect();
-    orthonormalise(&mut modes);
-    Some(modes)
-}
-
-/// Gram–Schmidt, twice.
-fn orthonormalise(block: &mut [Vec<f64>]) {
-    for j in 0..block.len() {
-        let (done, rest) = block.split_at_mut(j);
-        let column = &mut rest[0];
-        for _ in 0..2 {
-            let length = norm(column);
-            if length > 0.0 {
-                for x in column.iter_mut() {
-                    *x /= length;
-                }
-            }
-            for q in done.iter() {
-                let along = dot_long(q, column);
-                for (value, a) in column.iter_mut().zip(q) {
-                    *value -= along * a;
-                }
-            }
-        }
-        let length = norm(column);
-        if length > 0.0 {
-            for x in column.iter_mut() {
-                *x /= length;
-            }
-        }
-    }
 }

@@ -5,6 +5,7 @@ pub mod border;
 pub mod compliance;
 pub mod condense;
 pub mod memory;
+mod null_space;
 pub mod reduced;
 pub mod residual;
 pub mod sparse;

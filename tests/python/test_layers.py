@@ -35,7 +35,7 @@ RUST_SIBLINGS = {
     ),
     "law": ("frame cone", "bipotential one_node"),
     "problem": (
-        "border memory sparse stats",
+        "border memory null_space sparse stats",
         "compliance",
         "reduced",
         "residual",
