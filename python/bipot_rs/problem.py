@@ -180,7 +180,6 @@ class ContactProblem:
             num_threads,
         )
         self._seconds = time.perf_counter() - started
-        self._num_threads = num_threads
 
     @property
     def compliance(self) -> Array:

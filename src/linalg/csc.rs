@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::error::Error;
+use crate::linalg::union::Union;
 
 /// How far from symmetric a pair may be, relative to `√|K_ii K_jj|`.
 ///
@@ -209,21 +210,11 @@ impl<'a> Symmetric<'a> {
     /// appearance. A stored zero does not connect.
     #[must_use]
     pub fn components(&self) -> Vec<usize> {
-        fn root(parent: &mut [usize], mut i: usize) -> usize {
-            while parent[i] != i {
-                parent[i] = parent[parent[i]];
-                i = parent[i];
-            }
-            i
-        }
-        let mut parent: Vec<usize> = (0..self.n).collect();
+        let mut sets = Union::new(self.n);
         for j in 0..self.n {
             for (i, value) in self.column(j) {
                 if i != j && value != 0.0 {
-                    let (a, b) = (root(&mut parent, i), root(&mut parent, j));
-                    // The smaller index leads: paths stay short and the result
-                    // does not depend on the order of visits.
-                    parent[a.max(b)] = a.min(b);
+                    sets.join(i, j);
                 }
             }
         }
@@ -231,7 +222,7 @@ impl<'a> Symmetric<'a> {
         let mut found = 0;
         (0..self.n)
             .map(|i| {
-                let leader = root(&mut parent, i);
+                let leader = sets.leader(i);
                 if number[leader] == usize::MAX {
                     number[leader] = found;
                     found += 1;

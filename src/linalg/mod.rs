@@ -15,3 +15,4 @@ pub mod small;
 mod solves;
 pub mod symbolic;
 mod tree;
+pub mod union;

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::linalg::csc::Symmetric;
+use crate::linalg::union::Union;
 use crate::problem::body::{Body, Row};
 use crate::problem::border::{check_finite, check_length};
 use crate::problem::compliance::Compliance;
@@ -420,32 +421,19 @@ fn mirror(matrix: &mut [f64], m: usize) {
     }
 }
 
-/// Representative of a set, paths halved on the way.
-fn find(parent: &mut [usize], mut i: usize) -> usize {
-    while parent[i] != i {
-        parent[i] = parent[parent[i]];
-        i = parent[i];
-    }
-    i
-}
-
 /// Contacts that share a body, with the bodies they touch, both ascending.
 fn islands<const D: usize>(contacts: usize, bodies: &[Body]) -> Vec<(Vec<usize>, Vec<usize>)> {
-    let mut parent: Vec<usize> = (0..contacts + bodies.len()).collect();
+    // The smallest member leads, so that an island is named by its first contact.
+    let mut sets = Union::new(contacts + bodies.len());
     for (b, body) in bodies.iter().enumerate() {
         for row in body.rows() {
-            let (x, y) = (
-                find(&mut parent, row.row / D),
-                find(&mut parent, contacts + b),
-            );
-            // The smaller root wins, so that an island is named by its first contact.
-            parent[x.max(y)] = x.min(y);
+            sets.join(row.row / D, contacts + b);
         }
     }
     let mut number = vec![usize::MAX; contacts + bodies.len()];
     let mut islands: Vec<(Vec<usize>, Vec<usize>)> = Vec::new();
     for i in 0..contacts + bodies.len() {
-        let root = find(&mut parent, i);
+        let root = sets.leader(i);
         if root >= contacts {
             continue; // a body without contacts
         }

@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
-use crate::linalg::small::{dot, norm};
+use crate::linalg::small::norm;
 use crate::problem::border::{check_finite, check_length};
 use crate::problem::compliance::Compliance;
 
@@ -113,18 +113,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
                 }
             }
         }
-    }
-
-    /// `Rᵀ r + e`: what is out of balance on each rigid motion.
-    #[must_use]
-    pub fn imbalance(&self, r: &[[f64; D]]) -> Vec<f64> {
-        let work = |mode: &Vec<[f64; D]>| mode.iter().zip(r).map(|(m, x)| dot(m, x)).sum::<f64>();
-        self.rigid
-            .modes
-            .iter()
-            .zip(&self.rigid.load)
-            .map(|(m, e)| work(m) + e)
-            .collect()
     }
 }
 

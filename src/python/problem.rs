@@ -216,11 +216,24 @@ pub(super) struct Path {
     num_threads: Option<usize>,
 }
 
+/// Reaction, total relative displacement, status and rigid motion of a step.
+type StartArrays<'py> = (
+    Matrix<'py>,
+    Matrix<'py>,
+    numpy::PyReadonlyArray1<'py, i8>,
+    Vector<'py>,
+);
+
+/// A path from the state of a step, or from the unloaded bodies.
+fn load_path<const D: usize>(start: Option<&StartArrays<'_>>) -> PyResult<LoadPath<D>> {
+    match start {
+        Some(arrays) => Ok(LoadPath::from_state(state(arrays)?)),
+        None => Ok(LoadPath::default()),
+    }
+}
+
 fn state<const D: usize>(
-    reaction: &Matrix<'_>,
-    displacement: &Matrix<'_>,
-    status: &numpy::PyReadonlyArray1<'_, i8>,
-    rigid: &Vector<'_>,
+    (reaction, displacement, status, rigid): &StartArrays<'_>,
 ) -> PyResult<State<D>> {
     let status = status.as_slice()?.iter().map(|s| match s {
         1 => Status::Slip,
@@ -254,30 +267,10 @@ fn step_dict<'py, const D: usize>(py: Python<'py>, step: &Step<D>) -> PyResult<B
 impl Path {
     #[new]
     #[pyo3(signature = (problem, start=None))]
-    fn new<'py>(
-        problem: &Condensed,
-        start: Option<(
-            Matrix<'py>,
-            Matrix<'py>,
-            numpy::PyReadonlyArray1<'py, i8>,
-            Vector<'py>,
-        )>,
-    ) -> PyResult<Self> {
+    fn new(problem: &Condensed, start: Option<StartArrays<'_>>) -> PyResult<Self> {
         let progress = match &problem.kind {
-            Kind::Two(inner) => {
-                let path = match &start {
-                    Some((r, v, s, a)) => LoadPath::from_state(state(r, v, s, a)?),
-                    None => LoadPath::default(),
-                };
-                Progress::Two(Arc::clone(inner), path)
-            }
-            Kind::Three(inner) => {
-                let path = match &start {
-                    Some((r, v, s, a)) => LoadPath::from_state(state(r, v, s, a)?),
-                    None => LoadPath::default(),
-                };
-                Progress::Three(Arc::clone(inner), path)
-            }
+            Kind::Two(inner) => Progress::Two(Arc::clone(inner), load_path(start.as_ref())?),
+            Kind::Three(inner) => Progress::Three(Arc::clone(inner), load_path(start.as_ref())?),
         };
         Ok(Self {
             progress,

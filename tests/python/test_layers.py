@@ -25,7 +25,8 @@ RUST = (
 # Within a folder likewise; those named together do not know each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "binary small csc",
+        "binary small union",
+        "csc",
         "least_squares packed",
         "dense ordering quotient",
         "tree",

@@ -1,0 +1,33 @@
+//! Disjoint sets of indices.
+
+/// Sets that only ever grow together; each is led by its smallest member, so
+/// that the result does not depend on the order of joins.
+#[derive(Clone, Debug)]
+pub struct Union {
+    parent: Vec<usize>,
+}
+
+impl Union {
+    /// Every index below `n` alone.
+    #[must_use]
+    pub fn new(n: usize) -> Self {
+        Self {
+            parent: (0..n).collect(),
+        }
+    }
+
+    /// Smallest member of the set of `i`; paths are halved on the way.
+    pub fn leader(&mut self, mut i: usize) -> usize {
+        while self.parent[i] != i {
+            self.parent[i] = self.parent[self.parent[i]];
+            i = self.parent[i];
+        }
+        i
+    }
+
+    /// Makes one set of those of `i` and `j`.
+    pub fn join(&mut self, i: usize, j: usize) {
+        let (a, b) = (self.leader(i), self.leader(j));
+        self.parent[a.max(b)] = a.min(b);
+    }
+}
