@@ -233,6 +233,34 @@ impl<'a, const D: usize> Compliance<'a, D> {
         }
     }
 
+    /// `y += W dr` for some components of the reactions only: the part of the
+    /// product that belongs to their columns, and no more memory read than that.
+    pub fn add_columns(&self, parts: Range<usize>, dr: &[[f64; D]], y: &mut [[f64; D]]) {
+        /// Entries of `y` that a task holds in the cache while columns go by.
+        const ROWS: usize = 256;
+        for island in &self.islands {
+            let m = D * island.nodes.len();
+            let columns = island.transpose.as_deref().unwrap_or(&island.matrix);
+            let of_rows = |(task, out): (usize, &mut [f64])| {
+                let rows = task * ROWS..task * ROWS + out.len();
+                for (local, dr) in dr[island.nodes.clone()].iter().enumerate() {
+                    for k in parts.clone().filter(|&k| dr[k] != 0.0) {
+                        let column = &columns[(D * local + k) * m..][rows.clone()];
+                        for (value, w) in out.iter_mut().zip(column) {
+                            *value += w * dr[k];
+                        }
+                    }
+                }
+            };
+            let out = y[island.nodes.clone()].as_flattened_mut();
+            if m < PARALLEL_ROWS {
+                out.chunks_mut(ROWS).enumerate().for_each(of_rows);
+            } else {
+                out.par_chunks_mut(ROWS).enumerate().for_each(of_rows);
+            }
+        }
+    }
+
     /// The whole matrix in the caller's numbering, row-major.
     #[must_use]
     pub fn to_dense(&self) -> Vec<f64> {

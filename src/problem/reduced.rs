@@ -106,6 +106,11 @@ impl<'a, const D: usize> Reduced<'a, D> {
                 value[k] += free[k];
             }
         }
+        self.add_rigid(a, v);
+    }
+
+    /// `v += R a`.
+    pub fn add_rigid(&self, a: &[f64], v: &mut [[f64; D]]) {
         for (mode, &amount) in self.rigid.modes.iter().zip(a) {
             for (value, motion) in v.iter_mut().zip(mode) {
                 for k in 0..D {

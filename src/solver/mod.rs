@@ -16,6 +16,7 @@ use crate::law::cone::{Status, project};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::{Certificate, residual};
 use crate::solver::monitor::Monitor;
+use crate::solver::uzawa::Variant;
 
 /// Which algorithm.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,16 +26,25 @@ pub enum Method {
     Auto,
     /// Exact one-node solves with Anderson acceleration, (17).
     GaussSeidel,
+    /// Semismooth Newton alone, (19) and (20).
+    Newton,
+    /// One projection with an adaptive step and Nesterov's momentum.
+    Nesterov,
     /// One projection with an adaptive step, (16), [dSF91, 79–81].
     Uzawa,
+    /// Two projections with the same step, [dSF91, 82–87].
+    UzawaTwoProjection,
 }
 
 impl Method {
     /// The names a user writes, in the order of documentation.
-    pub const NAMES: [(&'static str, Method); 3] = [
+    pub const NAMES: [(&'static str, Method); 6] = [
         ("auto", Method::Auto),
+        ("newton", Method::Newton),
         ("gauss_seidel", Method::GaussSeidel),
+        ("nesterov", Method::Nesterov),
         ("uzawa", Method::Uzawa),
+        ("uzawa_two_projection", Method::UzawaTwoProjection),
     ];
 }
 
@@ -168,7 +178,12 @@ pub fn solve<const D: usize>(
     let outcome = match settings.method {
         Method::Auto => auto::run(problem, start, &mut monitor)?,
         Method::GaussSeidel => gauss_seidel::run(problem, start, &mut monitor)?,
-        Method::Uzawa => uzawa::run(problem, start, &mut monitor)?,
+        Method::Newton => newton::alone(problem, start, &mut monitor)?,
+        Method::Nesterov => uzawa::run(problem, Variant::Momentum, start, &mut monitor)?,
+        Method::Uzawa => uzawa::run(problem, Variant::OneProjection, start, &mut monitor)?,
+        Method::UzawaTwoProjection => {
+            uzawa::run(problem, Variant::TwoProjections, start, &mut monitor)?
+        }
     };
     Ok(finish(problem, settings, monitor, outcome))
 }

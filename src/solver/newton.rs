@@ -16,7 +16,7 @@ use crate::linalg::dense;
 use crate::linalg::small::{Block, Vector, tangential_norm};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::residual;
-use crate::solver::Outcome;
+use crate::solver::{Outcome, Start};
 use crate::solver::monitor::{Monitor, Verdict};
 
 /// Newton steps at the most.
@@ -46,6 +46,39 @@ pub enum End<const D: usize> {
     Better(Vec<[f64; D]>, Vec<f64>),
     /// It did not move.
     Stalled,
+}
+
+/// Newton alone: from the start until converged or at a stand.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn alone<const D: usize>(
+    problem: &Reduced<D>,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+) -> Result<Outcome, Error> {
+    let cold = (
+        vec![[0.0; D]; problem.contacts()],
+        vec![0.0; problem.rigid.modes.len()],
+    );
+    let (mut r, mut rigid) = cold;
+    if !start.reaction.is_empty() {
+        r.copy_from_slice(&start.reaction);
+    }
+    if !start.rigid.is_empty() {
+        rigid.copy_from_slice(&start.rigid);
+    }
+    let v = problem.relative_displacement(&r, &rigid);
+    if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
+        return Ok(outcome);
+    }
+    loop {
+        match run(problem, &r, &rigid, monitor)? {
+            End::Stop(outcome) => return Ok(outcome),
+            End::Better(better, motion) => (r, rigid) = (better, motion),
+            End::Stalled => return Ok(Outcome::Stalled),
+        }
+    }
 }
 
 /// Newton steps from `(r, a)` until converged or at a stand.

@@ -1,12 +1,18 @@
 //! The paper's algorithm (16): predictor `r̂ − ρ ṽ̂`, corrector `proj(·, K_μ)`,
-//! [dSF91, 79–81], with a step that adapts itself.
+//! [dSF91, 79–81], its two-projection forerunner [dSF91, 82–87], and Nesterov's
+//! momentum with restarts; all three with one and the same adaptive step.
 //!
 //! ρ is one number in node-scaled variables. A step is kept when the map moves
-//! `ṽ` by no more than it moves `r`, `ρ ‖ṽ̂(r') − ṽ̂(r)‖ ≤ L ‖r̂' − r̂‖`; else ρ is
-//! cut and the step taken again; where it moves much less, ρ grows.
+//! the predictor's displacement `ŵ` by no more than it moves `r`,
+//! `ρ ‖ŵ(r') − ŵ(r)‖ ≤ L ‖r̂' − r̂‖`; else ρ is cut and the step taken again; where
+//! it moves much less, ρ grows. `ŵ` is what the predictor subtracts: `ṽ̂` for one
+//! projection, `v̂` for two.
+
+use std::ops::Range;
 
 use crate::error::Error;
 use crate::law::bipotential::{corrected, law_step};
+use crate::linalg::small::{dot, minus_scaled, tangential_norm};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::scaled_imbalance;
 use crate::solver::monitor::{Monitor, Verdict};
@@ -28,113 +34,307 @@ const STEPS_A_PHASE: usize = 5;
 /// Iterations between two measurements of what rounding allows.
 const REFRESH: usize = 200;
 
+/// How the next reaction is found from the last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Variant {
+    /// One projection onto `K_μ` a node, (16).
+    OneProjection,
+    /// Normal reactions onto the half-line, then tangential ones onto the disc of
+    /// the new normal reaction, [dSF91, 84–87].
+    TwoProjections,
+    /// One projection from a point extrapolated by Nesterov's momentum, which is
+    /// dropped when a step turns against it.
+    Momentum,
+}
+
+/// A point: reactions, and the relative displacement that belongs to them.
+#[derive(Clone, Debug)]
+struct Point<const D: usize> {
+    r: Vec<[f64; D]>,
+    v: Vec<[f64; D]>,
+}
+
+impl<const D: usize> Point<D> {
+    /// `self + share (self − before)`; `v` follows, affine in `r`.
+    fn beyond(&self, before: &Self, share: f64) -> Self {
+        let blend = |x: &[[f64; D]], y: &[[f64; D]]| {
+            x.iter()
+                .zip(y)
+                .map(|(x, y)| std::array::from_fn(|k| x[k] + share * (x[k] - y[k])))
+                .collect()
+        };
+        Self {
+            r: blend(&self.r, &before.r),
+            v: blend(&self.v, &before.v),
+        }
+    }
+}
+
 /// Runs until the monitor stops it.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
 pub fn run<const D: usize>(
     problem: &Reduced<D>,
+    variant: Variant,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
 ) -> Result<Outcome, Error> {
-    let mut r = if start.reaction.is_empty() {
-        vec![[0.0; D]; problem.contacts()]
-    } else {
-        start.reaction.clone()
-    };
-    let mut proximal = if start.rigid.is_empty() {
-        vec![0.0; problem.rigid.modes.len()]
-    } else {
-        problem.scaling.rigid_to_scaled(&start.rigid)
-    };
-    let motion = |r: &[[f64; D]], proximal: &[f64]| {
-        let s = scaled_imbalance(problem, r);
-        let scaled: Vec<f64> = proximal
+    let mut map = Map::new(problem, variant, start);
+    let mut point = map.start(start);
+    monitor.count(1.0);
+    if let Verdict::Stop(outcome) = monitor.look(&point.r, &point.v, &map.rigid(&point), false)? {
+        return Ok(outcome);
+    }
+    loop {
+        if let Some(outcome) = map.iterate(&mut point, monitor, usize::MAX)? {
+            return Ok(outcome);
+        }
+    }
+}
+
+/// `count` iterations from `(r, a)`, unless the monitor stops them before; the
+/// point they end at.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn burst<const D: usize>(
+    problem: &Reduced<D>,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+    count: usize,
+) -> Result<Burst<D>, Error> {
+    let mut map = Map::new(problem, Variant::Momentum, start);
+    let mut point = map.start(start);
+    monitor.count(1.0);
+    let outcome = map.iterate(&mut point, monitor, count)?;
+    let rigid = map.rigid(&point);
+    Ok(match outcome {
+        Some(outcome) => Burst::Stop(outcome),
+        None => Burst::Spent(point.r, rigid),
+    })
+}
+
+/// How a burst ended.
+#[derive(Debug)]
+pub enum Burst<const D: usize> {
+    /// The monitor stopped it.
+    Stop(Outcome),
+    /// Its iterations are spent; `(r, a)` is the last point.
+    Spent(Vec<[f64; D]>, Vec<f64>),
+}
+
+/// The map of one problem, with its step and the rigid motions.
+struct Map<'p, const D: usize> {
+    problem: &'p Reduced<'p, D>,
+    variant: Variant,
+    rho: f64,
+    /// `â` of the proximal form.
+    proximal: Vec<f64>,
+}
+
+impl<'p, const D: usize> Map<'p, D> {
+    fn new(problem: &'p Reduced<'p, D>, variant: Variant, start: &Start<D>) -> Self {
+        let proximal = if start.rigid.is_empty() {
+            vec![0.0; problem.rigid.modes.len()]
+        } else {
+            problem.scaling.rigid_to_scaled(&start.rigid)
+        };
+        Self {
+            problem,
+            variant,
+            rho: 1.0,
+            proximal,
+        }
+    }
+
+    fn start(&self, start: &Start<D>) -> Point<D> {
+        let r = if start.reaction.is_empty() {
+            vec![[0.0; D]; self.problem.contacts()]
+        } else {
+            start.reaction.clone()
+        };
+        self.point(r)
+    }
+
+    /// `a`, the rigid motions that belong to reactions in the proximal form.
+    fn motion(&self, r: &[[f64; D]]) -> Vec<f64> {
+        let s = scaled_imbalance(self.problem, r);
+        let scaled: Vec<f64> = self
+            .proximal
             .iter()
             .zip(&s)
             .map(|(a, s)| a + s / DELTA)
             .collect();
-        problem.scaling.rigid_from_scaled(&scaled)
-    };
-    let displacement =
-        |r: &[[f64; D]], proximal: &[f64]| problem.relative_displacement(r, &motion(r, proximal));
-
-    let mut v = displacement(&r, &proximal);
-    monitor.count(1.0);
-    if let Verdict::Stop(outcome) = monitor.look(&r, &v, &motion(&r, &proximal), false)? {
-        return Ok(outcome);
+        self.problem.scaling.rigid_from_scaled(&scaled)
     }
-    let mut rho = 1.0;
-    for iteration in 1.. {
-        let (mut next, mut next_v, mut ratio);
+
+    fn rigid(&self, point: &Point<D>) -> Vec<f64> {
+        self.motion(&point.r)
+    }
+
+    fn point(&self, r: Vec<[f64; D]>) -> Point<D> {
+        let v = self.problem.relative_displacement(&r, &self.motion(&r));
+        Point { r, v }
+    }
+
+    fn iterate(
+        &mut self,
+        point: &mut Point<D>,
+        monitor: &mut Monitor<D>,
+        count: usize,
+    ) -> Result<Option<Outcome>, Error> {
+        let mut before = point.clone();
+        let mut theta = 1.0_f64;
+        for iteration in 1..=count {
+            let mut share = 0.0;
+            if self.variant == Variant::Momentum {
+                // θ' solves θ'² = (1 − θ') θ²: Nesterov's sequence.
+                let square = theta * theta;
+                let next = 0.5 * ((square * square + 4.0 * square).sqrt() - square);
+                share = theta * (1.0 - theta) / (square + next);
+                theta = next;
+            }
+            let next = if share > 0.0 {
+                let ahead = point.beyond(&before, share);
+                let next = self.advance(&ahead, monitor);
+                if self.turns(&ahead, &next, point) {
+                    theta = 1.0;
+                }
+                next
+            } else {
+                self.advance(point, monitor)
+            };
+            before = std::mem::replace(point, next);
+            match monitor.look(&point.r, &point.v, &self.rigid(point), true)? {
+                Verdict::Stop(outcome) => return Ok(Some(outcome)),
+                Verdict::Refresh => {
+                    *point = self.point(std::mem::take(&mut point.r));
+                    theta = 1.0;
+                }
+                Verdict::Continue => {}
+            }
+            if iteration % REFRESH == 0 {
+                monitor.measure_floor(&point.r, &self.rigid(point));
+                if self.variant == Variant::TwoProjections {
+                    // Its v is a running sum, which drifts.
+                    *point = self.point(std::mem::take(&mut point.r));
+                }
+            }
+            if !self.proximal.is_empty() && iteration % STEPS_A_PHASE == 0 {
+                let s = scaled_imbalance(self.problem, &point.r);
+                for (a, s) in self.proximal.iter_mut().zip(s) {
+                    *a += s / DELTA;
+                }
+                *point = self.point(std::mem::take(&mut point.r));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Whether the step from `ahead` to `next` goes against the way from `last`.
+    fn turns(&self, ahead: &Point<D>, next: &Point<D>, last: &Point<D>) -> bool {
+        let mut product = 0.0;
+        for (i, to_r) in self.problem.scaling.to_r.iter().enumerate() {
+            let back = minus_scaled(&ahead.r[i], 1.0, &next.r[i]);
+            let way = minus_scaled(&next.r[i], 1.0, &last.r[i]);
+            product += dot(&back, &way) * to_r * to_r;
+        }
+        product > 0.0
+    }
+
+    /// One step from a point, with ρ cut until it is kept.
+    fn advance(&mut self, from: &Point<D>, monitor: &mut Monitor<D>) -> Point<D> {
         loop {
-            next = projected(problem, &r, &v, rho);
-            next_v = displacement(&next, &proximal);
+            let next = match self.variant {
+                Variant::TwoProjections => self.two_projections(from),
+                _ => self.point(self.one_projection(from)),
+            };
             monitor.count(1.0);
-            ratio = rho * contraction(problem, (&r, &v), (&next, &next_v));
+            let ratio = self.rho * self.contraction(from, &next);
             // A ratio that is no number means a step without measure: it is taken as
             // it is, and the monitor judges it.
-            if !(ratio > CUT_ABOVE) || rho < f64::EPSILON {
-                break;
+            if !(ratio > CUT_ABOVE) || self.rho < f64::EPSILON {
+                if ratio > 0.0 && ratio < GROW_BELOW {
+                    self.rho *= GROW;
+                }
+                return next;
             }
-            rho *= CUT * (1.0 / ratio).min(1.0);
-        }
-        r = next;
-        v = next_v;
-        if ratio > 0.0 && ratio < GROW_BELOW {
-            rho *= GROW;
-        }
-        match monitor.look(&r, &v, &motion(&r, &proximal), true)? {
-            Verdict::Stop(outcome) => return Ok(outcome),
-            Verdict::Refresh => v = displacement(&r, &proximal),
-            Verdict::Continue => {}
-        }
-        if iteration % REFRESH == 0 {
-            monitor.measure_floor(&r, &motion(&r, &proximal));
-        }
-        if !proximal.is_empty() && iteration % STEPS_A_PHASE == 0 {
-            for (a, s) in proximal.iter_mut().zip(scaled_imbalance(problem, &r)) {
-                *a += s / DELTA;
-            }
-            v = displacement(&r, &proximal);
+            self.rho *= CUT * (1.0 / ratio).min(1.0);
         }
     }
-    Ok(Outcome::IterationLimit)
-}
 
-/// Predictor and corrector at every contact.
-fn projected<const D: usize>(
-    problem: &Reduced<D>,
-    r: &[[f64; D]],
-    v: &[[f64; D]],
-    rho: f64,
-) -> Vec<[f64; D]> {
-    let scaling = &problem.scaling;
-    let node = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| {
-        let step = rho * scaling.to_v[i] / scaling.to_r[i];
-        law_step(r, v, step, problem.mu[i]).0
-    };
-    r.iter().zip(v).enumerate().map(node).collect()
-}
-
-/// `‖ṽ̂' − ṽ̂‖ / ‖r̂' − r̂‖`, zero where nothing moved.
-fn contraction<const D: usize>(
-    problem: &Reduced<D>,
-    (r, v): (&[[f64; D]], &[[f64; D]]),
-    (next_r, next_v): (&[[f64; D]], &[[f64; D]]),
-) -> f64 {
-    let (mut moved_v, mut moved_r) = (0.0, 0.0);
-    for i in 0..r.len() {
-        let mu = problem.mu[i];
-        let (before, after) = (corrected(&v[i], mu), corrected(&next_v[i], mu));
-        for k in 0..D {
-            moved_v += ((after[k] - before[k]) * problem.scaling.to_v[i]).powi(2);
-            moved_r += ((next_r[i][k] - r[i][k]) * problem.scaling.to_r[i]).powi(2);
-        }
+    /// ρ of a node, in the caller's units.
+    fn rho(&self, i: usize) -> f64 {
+        self.rho * self.problem.scaling.to_v[i] / self.problem.scaling.to_r[i]
     }
-    if moved_r > 0.0 {
-        (moved_v / moved_r).sqrt()
-    } else {
-        0.0
+
+    /// Predictor (80) and corrector (81) at every contact.
+    fn one_projection(&self, from: &Point<D>) -> Vec<[f64; D]> {
+        let node = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| {
+            law_step(r, v, self.rho(i), self.problem.mu[i]).0
+        };
+        from.r.iter().zip(&from.v).enumerate().map(node).collect()
+    }
+
+    /// (84), (85) for all normal reactions, then (86), (87) for all tangential
+    /// ones, with the displacement that the new normal reactions give: the
+    /// columns of one product with `W`, in two parts.
+    fn two_projections(&self, from: &Point<D>) -> Point<D> {
+        let mut r = from.r.clone();
+        for (i, r) in r.iter_mut().enumerate() {
+            r[0] = (r[0] - self.rho(i) * from.v[i][0]).max(0.0);
+        }
+        let half = self.respond(from, r, 0..1);
+        let mut r = half.r.clone();
+        for (i, r) in r.iter_mut().enumerate() {
+            // The disc is the section of the cone at the height of its radius.
+            let limit = self.problem.mu[i] * r[0];
+            let tau = minus_scaled(r, self.rho(i), &half.v[i]);
+            let length = tangential_norm(&tau);
+            let shrink = if length > limit { limit / length } else { 1.0 };
+            for k in 1..D {
+                r[k] = shrink * tau[k];
+            }
+        }
+        self.respond(&half, r, 1..D)
+    }
+
+    /// The point with reactions `r`, which differ from those of `from` in some
+    /// components only.
+    fn respond(&self, from: &Point<D>, r: Vec<[f64; D]>, parts: Range<usize>) -> Point<D> {
+        let dr: Vec<[f64; D]> = r
+            .iter()
+            .zip(&from.r)
+            .map(|(x, y)| minus_scaled(x, 1.0, y))
+            .collect();
+        let mut v = from.v.clone();
+        self.problem.compliance.add_columns(parts, &dr, &mut v);
+        let motions = self.motion(&r).into_iter().zip(self.motion(&from.r));
+        let change: Vec<f64> = motions.map(|(x, y)| x - y).collect();
+        self.problem.add_rigid(&change, &mut v);
+        Point { r, v }
+    }
+
+    /// `‖ŵ' − ŵ‖ / ‖r̂' − r̂‖`, zero where nothing moved.
+    fn contraction(&self, from: &Point<D>, next: &Point<D>) -> f64 {
+        let scaling = &self.problem.scaling;
+        let (mut moved_v, mut moved_r) = (0.0, 0.0);
+        for i in 0..from.r.len() {
+            let subtracted = |v: &[f64; D]| match self.variant {
+                Variant::TwoProjections => *v,
+                _ => corrected(v, self.problem.mu[i]),
+            };
+            let (w, next_w) = (subtracted(&from.v[i]), subtracted(&next.v[i]));
+            for k in 0..D {
+                moved_v += ((next_w[k] - w[k]) * scaling.to_v[i]).powi(2);
+                moved_r += ((next.r[i][k] - from.r[i][k]) * scaling.to_r[i]).powi(2);
+            }
+        }
+        if moved_r > 0.0 {
+            (moved_v / moved_r).sqrt()
+        } else {
+            0.0
+        }
     }
 }
