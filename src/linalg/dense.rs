@@ -10,11 +10,12 @@ use faer::linalg::cholesky::llt::factor::{
     LltRegularization, cholesky_in_place, cholesky_in_place_scratch,
 };
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
-use faer::linalg::lu::partial_pivoting::{factor as lu, solve as lu_solve};
+use faer::linalg::lu::partial_pivoting::factor as lu;
 use faer::linalg::matmul::matmul as faer_matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::triangular_solve::{
-    solve_lower_triangular_in_place, solve_upper_triangular_in_place,
+    solve_lower_triangular_in_place, solve_unit_lower_triangular_in_place,
+    solve_unit_upper_triangular_in_place, solve_upper_triangular_in_place,
 };
 use faer::prelude::ReborrowMut;
 use faer::{Accum, MatMut, MatRef, Par, Spec};
@@ -553,36 +554,61 @@ fn halves(block: &[f64], b: usize) -> (MatRef<'_, f64>, MatRef<'_, f64>) {
     MatRef::from_column_major_slice(block, b, block.len() / b).split_at_col(b)
 }
 
-/// Solves `A x = b`, `A` of order `n`, by LU with partial pivoting; `a` is
-/// destroyed and `b` becomes `x`.
+/// LU with partial pivoting of the rows `first..n` of a panel of columns of
+/// length `n`: the rows as they now stand, counted from `first`, and the number
+/// of exchanges that led there.
 ///
-/// # Errors
-/// The index of a pivot that is zero to rounding beside the largest entry.
-pub fn solve_general(a: &mut [f64], n: usize, b: &mut [f64]) -> Result<(), usize> {
-    let size = a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-    let mut matrix = MatMut::from_column_major_slice_mut(a, n, n);
-    let (mut forward, mut backward) = (vec![0_usize; n], vec![0_usize; n]);
-    let need = lu::lu_in_place_scratch::<usize, f64>(n, n, Par::Seq, Spec::default()).or(
-        lu_solve::solve_in_place_scratch::<usize, f64>(n, 1, Par::Seq),
-    );
+/// # Panics
+/// If the panel does not consist of whole columns.
+pub fn lu_panel(panel: &mut [f64], n: usize, first: usize) -> (Vec<usize>, usize) {
+    let width = panel.len() / n;
+    let rows = n - first;
+    let mut matrix = MatMut::from_column_major_slice_mut(panel, n, width)
+        .split_at_row_mut(first)
+        .1;
+    let (mut forward, mut backward) = (vec![0_usize; rows], vec![0_usize; rows]);
+    let need = lu::lu_in_place_scratch::<usize, f64>(rows, width, Par::Seq, Spec::default());
     let mut memory = MemBuffer::new(need);
-    let stack = MemStack::new(&mut memory);
-    let (_, permutation) = lu::lu_in_place(
+    let (info, _) = lu::lu_in_place(
         matrix.rb_mut(),
         &mut forward,
         &mut backward,
         Par::Seq,
-        stack,
+        MemStack::new(&mut memory),
         Spec::default(),
     );
-    let lu = matrix.as_ref();
-    if let Some(k) = (0..n).find(|&k| !(lu[(k, k)].abs() > f64::EPSILON * size)) {
-        return Err(k);
-    }
-    let right = MatMut::from_column_major_slice_mut(b, n, 1);
-    let stack = MemStack::new(&mut memory);
-    lu_solve::solve_in_place(lu, lu, permutation, right, Par::Seq, stack);
-    Ok(())
+    (forward, info.transposition_count)
+}
+
+/// Eliminates a factored panel, whose diagonal begins at row `first`, from
+/// columns right of it: `U₁₂ = L₁₁⁻¹ A₁₂`, `A₂₂ ← A₂₂ − L₂₁ U₁₂`.
+///
+/// # Panics
+/// If a slice does not consist of whole columns.
+pub fn lu_update(columns: &mut [f64], panel: &[f64], n: usize, first: usize) {
+    let width = panel.len() / n;
+    let count = columns.len() / n;
+    let (upper, lower) = MatRef::from_column_major_slice(panel, n, width)
+        .split_at_row(first)
+        .1
+        .split_at_row(width);
+    let (mut top, bottom) = MatMut::from_column_major_slice_mut(columns, n, count)
+        .split_at_row_mut(first)
+        .1
+        .split_at_row_mut(width);
+    solve_unit_lower_triangular_in_place(upper, top.rb_mut(), Par::Seq);
+    faer_matmul(bottom, Accum::Add, lower, top.as_ref(), -1.0, Par::Seq);
+}
+
+/// `b ← L⁻ᵀ U⁻ᵀ b` for the factors of an LU, `L` with a unit diagonal.
+///
+/// # Panics
+/// If a slice has not the length its matrix needs.
+pub fn lu_solve_transposed(factors: &[f64], n: usize, b: &mut [f64]) {
+    let factors = MatRef::from_column_major_slice(factors, n, n);
+    let mut b = MatMut::from_column_major_slice_mut(b, n, 1);
+    solve_lower_triangular_in_place(factors.transpose(), b.rb_mut(), Par::Seq);
+    solve_unit_upper_triangular_in_place(factors.transpose(), b, Par::Seq);
 }
 
 /// `a ← a − s b`, as far as `a` goes.

@@ -6,7 +6,9 @@
 pub mod binary;
 pub mod csc;
 pub mod dense;
+pub mod gmres;
 pub mod least_squares;
+pub mod lu;
 pub mod multifrontal;
 mod ordering;
 mod packed;

@@ -185,6 +185,29 @@ impl<'a, const D: usize> Compliance<'a, D> {
         self.each_row(y, |row, island| dot_long(row, r[island].as_flattened()));
     }
 
+    /// `W r` at some positions only, in their order.
+    #[must_use]
+    pub fn product_at(&self, positions: &[usize], r: &[[f64; D]]) -> Vec<[f64; D]> {
+        let at = |&position: &usize| {
+            let island = &self.islands[self.island_of[position]];
+            let m = D * island.nodes.len();
+            let first = D * (position - island.nodes.start) * m;
+            let r = r[island.nodes.clone()].as_flattened();
+            std::array::from_fn(|k| dot_long(&island.matrix[first + k * m..][..m], r))
+        };
+        if D * positions.len() < PARALLEL_ROWS {
+            positions.iter().map(at).collect()
+        } else {
+            positions.par_iter().with_min_len(32).map(at).collect()
+        }
+    }
+
+    /// Whether `W` is symmetric to the bit.
+    #[must_use]
+    pub fn is_symmetric(&self) -> bool {
+        self.islands.iter().all(|island| island.transpose.is_none())
+    }
+
     /// `y = |W| |r|`: what rounding in [`Compliance::product`] is measured against.
     pub fn absolute_product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
         self.each_row(y, |row, island| {

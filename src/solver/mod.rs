@@ -6,6 +6,7 @@ pub mod auto;
 pub mod gauss_seidel;
 pub mod monitor;
 pub mod newton;
+pub mod system;
 pub mod uzawa;
 
 use std::sync::atomic::AtomicBool;
@@ -173,7 +174,7 @@ pub fn solve<const D: usize>(
     if problem.contradiction.is_some() {
         return Ok(finish(problem, settings, monitor, Outcome::NoEquilibrium));
     }
-    let opening = bilateral_start(problem, start, &mut monitor);
+    let opening = bilateral_start(problem, start, &mut monitor)?;
     let start = opening.as_ref().unwrap_or(start);
     let outcome = match settings.method {
         Method::Auto => auto::run(problem, start, &mut monitor)?,
@@ -199,21 +200,25 @@ fn bilateral_start<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Option<Start<D>> {
+) -> Result<Option<Start<D>>, Error> {
     if problem.rigid.modes.is_empty() || !start.reaction.is_empty() {
-        return None;
+        return Ok(None);
     }
-    let (mut reaction, rigid) = newton::held_at(problem, |_| true, monitor)?;
+    let Some(held) = newton::held_at(problem, |_| true, monitor)? else {
+        return Ok(None);
+    };
+    let (mut reaction, rigid) = (held.r, held.rigid);
     for (r, &mu) in reaction.iter_mut().zip(&problem.mu) {
         *r = project(r, mu).0; // contacts that would pull start open
     }
     let v = problem.relative_displacement(&reaction, &rigid);
     monitor.count(1.0);
-    (residual(problem, &reaction, &v, &rigid) <= TRUSTED_START).then(|| Start {
+    let trusted = residual(problem, &reaction, &v, &rigid) <= TRUSTED_START;
+    Ok(trusted.then(|| Start {
         reaction,
         rigid,
         closed: start.closed.clone(),
-    })
+    }))
 }
 
 /// Judges the best point afresh and puts everything into the caller's numbering.

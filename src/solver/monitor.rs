@@ -9,7 +9,7 @@ use crate::problem::residual::{self, Certificate};
 use crate::solver::{Outcome, Settings};
 
 /// Iterations without a better point after which a solver has stalled.
-const PATIENCE: usize = 2000;
+const PATIENCE: usize = 5000;
 
 /// Below what rounding allows, but above the wish, iterations go on while they
 /// halve η within so many.
@@ -71,6 +71,18 @@ impl<'p, const D: usize> Monitor<'p, D> {
             last_better: 0,
             floor: 0.0,
         }
+    }
+
+    /// Raised when the caller asks for a stop.
+    #[must_use]
+    pub fn stop(&self) -> &'p AtomicBool {
+        self.stop
+    }
+
+    /// What η is wished to be.
+    #[must_use]
+    pub fn wish(&self) -> f64 {
+        self.settings.tol
     }
 
     /// Counts products with `W`.

@@ -1,0 +1,99 @@
+//! GMRES with right preconditioning, without restarts.
+
+use crate::linalg::small::{dot_long, norm};
+
+/// What GMRES found.
+#[derive(Clone, Debug)]
+pub struct Found {
+    pub x: Vec<f64>,
+    /// Products with the matrix that it took.
+    pub products: usize,
+    /// `‖b − A x‖ / ‖b‖`, by the recurrence.
+    pub residual: f64,
+}
+
+/// Minimises `‖b − A M⁻¹ y‖` over growing Krylov spaces, `x = M⁻¹ y`, until the
+/// residual is `tol ‖b‖` or `most` products are spent.
+///
+/// `apply` is `A`; `precondition` is `M⁻¹`, in place; either gives up with an
+/// error, which comes back.
+///
+/// # Errors
+/// What `apply` returns.
+pub fn solve<E>(
+    apply: impl Fn(&[f64]) -> Result<Vec<f64>, E>,
+    precondition: impl Fn(&mut [f64]),
+    b: &[f64],
+    tol: f64,
+    most: usize,
+) -> Result<Found, E> {
+    let size = norm(b);
+    let mut found = Found {
+        x: vec![0.0; b.len()],
+        products: 0,
+        residual: 0.0,
+    };
+    if size == 0.0 {
+        return Ok(found);
+    }
+    let mut basis = vec![b.iter().map(|value| value / size).collect::<Vec<f64>>()];
+    // Columns of the triangle, the rotations that made it, and the rotated right side.
+    let mut triangle: Vec<Vec<f64>> = Vec::new();
+    let mut rotations: Vec<(f64, f64)> = Vec::new();
+    let mut right = vec![size];
+    found.residual = 1.0;
+    while found.products < most && found.residual > tol {
+        let mut direction = basis[basis.len() - 1].clone();
+        precondition(&mut direction);
+        let mut w = apply(&direction)?;
+        found.products += 1;
+        let before = norm(&w);
+        let mut column = vec![0.0; basis.len()];
+        // Twice is enough for orthogonality to rounding.
+        for _ in 0..2 {
+            for (h, q) in column.iter_mut().zip(&basis) {
+                let along = dot_long(q, &w);
+                *h += along;
+                for (value, q) in w.iter_mut().zip(q) {
+                    *value -= along * q;
+                }
+            }
+        }
+        let length = norm(&w);
+        for (k, &(c, s)) in rotations.iter().enumerate() {
+            let (x, y) = (column[k], column[k + 1]);
+            (column[k], column[k + 1]) = (c * x + s * y, c * y - s * x);
+        }
+        let last = column.len() - 1;
+        let pivot = column[last].hypot(length);
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            break; // a singular matrix, or numbers out of range
+        }
+        let (c, s) = (column[last] / pivot, length / pivot);
+        column[last] = pivot;
+        let carried = right[last];
+        right[last] = c * carried;
+        right.push(-s * carried);
+        rotations.push((c, s));
+        triangle.push(column);
+        found.residual = right[last + 1].abs() / size;
+        if length <= f64::EPSILON * before {
+            break; // the space holds the solution
+        }
+        basis.push(w.iter().map(|value| value / length).collect());
+    }
+    for k in (0..triangle.len()).rev() {
+        right[k] /= triangle[k][k];
+        let solved = right[k];
+        for (value, h) in right[..k].iter_mut().zip(&triangle[k][..k]) {
+            *value -= solved * h;
+        }
+    }
+    for (y, q) in right.iter().zip(&basis).take(triangle.len()) {
+        for (value, q) in found.x.iter_mut().zip(q) {
+            *value += y * q;
+        }
+    }
+    precondition(&mut found.x);
+    Ok(found)
+}

@@ -1,0 +1,118 @@
+//! LU factorisation with pivoting of a general dense matrix, in tiles.
+//!
+//! The matrix comes by rows, which is how the rows of a Newton system are made;
+//! what is factored is its transpose, by columns, so that the pivoting chooses
+//! among columns of the matrix. Panels are factored on one thread, the columns
+//! right of them in tiles cut at fixed places: bits do not depend on threads.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::linalg::dense;
+
+/// Columns of a panel.
+const PANEL: usize = 64;
+
+/// Columns that a thread updates together.
+const TILE: usize = 64;
+
+/// `Aᵀ = P L U`.
+#[derive(Debug)]
+pub struct Lu {
+    n: usize,
+    /// `L` below the diagonal, its unit diagonal left out, and `U`, by columns.
+    factors: Vec<f64>,
+    /// Row of `Aᵀ` that stands at each place.
+    order: Vec<usize>,
+    /// Whether the exchanges of rows are odd in number.
+    odd: bool,
+}
+
+impl Lu {
+    /// Factors the matrix of order `n` whose rows are `a`; nothing where a pivot
+    /// is zero to rounding beside the largest entry.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] when `stop` is raised.
+    ///
+    /// # Panics
+    /// If `a` has not `n²` entries.
+    pub fn new(a: Vec<f64>, n: usize, stop: &AtomicBool) -> Result<Option<Self>, Error> {
+        assert_eq!(a.len(), n * n);
+        let size = a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let mut lu = Self {
+            n,
+            factors: a,
+            order: (0..n).collect(),
+            odd: false,
+        };
+        for first in (0..n).step_by(PANEL) {
+            if stop.load(Ordering::Relaxed) {
+                return Err(Error::Interrupted);
+            }
+            let width = PANEL.min(n - first);
+            let (left, right) = lu.factors.split_at_mut((first + width) * n);
+            let (done, panel) = left.split_at_mut(first * n);
+            let (rows, exchanges) = dense::lu_panel(panel, n, first);
+            lu.odd ^= exchanges % 2 == 1;
+            let moved = |column: &mut [f64]| {
+                let old = column[first..].to_vec();
+                for (value, &row) in column[first..].iter_mut().zip(&rows) {
+                    *value = old[row];
+                }
+            };
+            if rows.iter().enumerate().any(|(k, &row)| k != row) {
+                done.par_chunks_mut(n).with_min_len(TILE).for_each(moved);
+                let old = lu.order[first..].to_vec();
+                for (value, &row) in lu.order[first..].iter_mut().zip(&rows) {
+                    *value = old[row];
+                }
+            }
+            let panel = &*panel;
+            right.par_chunks_mut(TILE * n).for_each(|tile| {
+                tile.chunks_exact_mut(n).for_each(moved);
+                dense::lu_update(tile, panel, n, first);
+            });
+            let flat = |k: usize| !(panel[(k - first) * n + k].abs() > f64::EPSILON * size);
+            if (first..first + width).any(flat) {
+                return Ok(None);
+            }
+        }
+        Ok(Some(lu))
+    }
+
+    /// Order of the matrix.
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.n
+    }
+
+    /// The sign of the determinant, 1 or −1.
+    #[must_use]
+    pub fn sign(&self) -> f64 {
+        let negative = (0..self.n)
+            .filter(|k| self.factors[k * (self.n + 1)] < 0.0)
+            .count();
+        if (negative % 2 == 1) == self.odd {
+            1.0
+        } else {
+            -1.0
+        }
+    }
+
+    /// `b ← A⁻¹ b`.
+    ///
+    /// # Panics
+    /// If `b` has not as many entries as the matrix has rows.
+    pub fn solve(&self, b: &mut [f64]) {
+        assert_eq!(b.len(), self.n);
+        // A = Uᵀ Lᵀ Pᵀ.
+        dense::lu_solve_transposed(&self.factors, self.n, b);
+        let solved = b.to_vec();
+        for (&row, value) in self.order.iter().zip(solved) {
+            b[row] = value;
+        }
+    }
+}
