@@ -7,11 +7,15 @@
 
 use std::borrow::Cow;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
 use crate::error::Error;
+use crate::linalg::binary::{exponent, times_two_to};
+use crate::linalg::dense;
 use crate::linalg::small::{Block, dot_long};
+use crate::problem::memory;
 
 /// Below this many rows a product is not worth a second thread.
 const PARALLEL_ROWS: usize = 768;
@@ -25,6 +29,20 @@ pub struct Island<'a> {
     matrix: Cow<'a, [f64]>,
     /// The transpose, where the matrix is not symmetric to the bit.
     transpose: Option<Vec<f64>>,
+    /// The inverse, made when it is first asked for; nothing where there is none.
+    inverse: OnceLock<Option<Vec<f64>>>,
+}
+
+impl Island<'_> {
+    fn matrix(&self) -> &[f64] {
+        &self.matrix
+    }
+
+    /// The inverse; empty where it was not made.
+    fn inverse(&self) -> &[f64] {
+        let made = self.inverse.get().and_then(Option::as_deref);
+        made.unwrap_or(&[])
+    }
 }
 
 /// `W` over all contacts, block by block.
@@ -72,6 +90,7 @@ impl<'a, const D: usize> Compliance<'a, D> {
                 nodes: order.len()..order.len() + nodes.len(),
                 matrix,
                 transpose,
+                inverse: OnceLock::new(),
             });
             order.extend(nodes);
         }
@@ -122,13 +141,14 @@ impl<'a, const D: usize> Compliance<'a, D> {
         out
     }
 
-    /// Bytes held by matrices and transposes.
+    /// Bytes held by matrices, transposes and inverses.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.islands
-            .iter()
-            .map(|i| 8 * (i.matrix.len() + i.transpose.as_ref().map_or(0, Vec::len)))
-            .sum()
+        let of_island = |i: &Island| {
+            let inverse = i.inverse.get().and_then(Option::as_ref);
+            i.matrix.len() + i.transpose.as_ref().map_or(0, Vec::len) + inverse.map_or(0, Vec::len)
+        };
+        8 * self.islands.iter().map(of_island).sum::<usize>()
     }
 
     /// Largest `|W_ij − W_ji|` over the largest entry: zero for an elastic `W`.
@@ -168,6 +188,15 @@ impl<'a, const D: usize> Compliance<'a, D> {
     /// The block by which the reaction at one position moves the contact at another.
     #[must_use]
     pub fn pair(&self, moved: usize, pushed: usize) -> Block<D> {
+        self.block_of(Island::matrix, moved, pushed)
+    }
+
+    fn block_of(
+        &self,
+        matrix: impl for<'i> Fn(&'i Island<'a>) -> &'i [f64],
+        moved: usize,
+        pushed: usize,
+    ) -> Block<D> {
         let island = &self.islands[self.island_of[moved]];
         if !island.nodes.contains(&pushed) {
             return Block::zeros();
@@ -177,12 +206,15 @@ impl<'a, const D: usize> Compliance<'a, D> {
             D * (moved - island.nodes.start),
             D * (pushed - island.nodes.start),
         );
-        Block::from_fn(|i, j| island.matrix[(row + i) * m + column + j])
+        let matrix = matrix(island);
+        Block::from_fn(|i, j| matrix[(row + i) * m + column + j])
     }
 
     /// `y = W r`.
     pub fn product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
-        self.each_row(y, |row, island| dot_long(row, r[island].as_flattened()));
+        self.each_row(Island::matrix, y, |row, island| {
+            dot_long(row, r[island].as_flattened())
+        });
     }
 
     /// `W r` at some positions only, in their order.
@@ -210,7 +242,7 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
     /// `y = |W| |r|`: what rounding in [`Compliance::product`] is measured against.
     pub fn absolute_product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
-        self.each_row(y, |row, island| {
+        self.each_row(Island::matrix, y, |row, island| {
             let r = r[island].as_flattened();
             row.iter().zip(r).map(|(w, x)| (w * x).abs()).sum()
         });
@@ -218,18 +250,24 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
     /// Every row by one thread from left to right: the bits do not depend on
     /// the number of threads.
-    fn each_row(&self, y: &mut [[f64; D]], of_row: impl Fn(&[f64], Range<usize>) -> f64 + Sync) {
+    fn each_row(
+        &self,
+        matrix: impl for<'i> Fn(&'i Island<'a>) -> &'i [f64],
+        y: &mut [[f64; D]],
+        of_row: impl Fn(&[f64], Range<usize>) -> f64 + Sync,
+    ) {
         for island in &self.islands {
+            let matrix = matrix(island);
             let m = (D * island.nodes.len()).max(1);
             let out = y[island.nodes.clone()].as_flattened_mut();
             if m < PARALLEL_ROWS {
-                for (value, row) in out.iter_mut().zip(island.matrix.chunks_exact(m)) {
+                for (value, row) in out.iter_mut().zip(matrix.chunks_exact(m)) {
                     *value = of_row(row, island.nodes.clone());
                 }
             } else {
                 out.par_iter_mut()
                     .with_min_len(64)
-                    .zip(island.matrix.par_chunks_exact(m))
+                    .zip(matrix.par_chunks_exact(m))
                     .for_each(|(value, row)| *value = of_row(row, island.nodes.clone()));
             }
         }
@@ -284,6 +322,40 @@ impl<'a, const D: usize> Compliance<'a, D> {
         }
     }
 
+    /// Whether the inverse of `W` is at hand, or known not to be had.
+    #[must_use]
+    pub fn inverse_known(&self) -> Option<bool> {
+        if !self.is_symmetric() {
+            return Some(false);
+        }
+        let mut known = self.islands.iter().map(|i| i.inverse.get());
+        known.try_fold(true, |all, i| Some(all && i?.is_some()))
+    }
+
+    /// Makes the inverse of every island that has none yet; whether `W` has one
+    /// that is worth the name.
+    #[must_use]
+    pub fn make_inverse(&self) -> bool {
+        let of_island = |island: &Island| {
+            let made = || inverse(&island.matrix, D * island.nodes.len());
+            island.inverse.get_or_init(made).is_some()
+        };
+        self.is_symmetric() && self.islands.iter().all(of_island)
+    }
+
+    /// `y = W⁻¹ x`, with the inverse that was made.
+    pub fn inverse_product(&self, x: &[[f64; D]], y: &mut [[f64; D]]) {
+        self.each_row(Island::inverse, y, |row, island| {
+            dot_long(row, x[island].as_flattened())
+        });
+    }
+
+    /// A block of the inverse that was made.
+    #[must_use]
+    pub fn inverse_pair(&self, moved: usize, pushed: usize) -> Block<D> {
+        self.block_of(Island::inverse, moved, pushed)
+    }
+
     /// The whole matrix in the caller's numbering, row-major.
     #[must_use]
     pub fn to_dense(&self) -> Vec<f64> {
@@ -317,4 +389,34 @@ fn asymmetric_transpose(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
         }
     }
     Some(transpose)
+}
+
+/// An inverse whose matrix has a condition above this, with its diagonal scaled
+/// to one, is mostly rounding.
+const WORST_CONDITION: f64 = 1e10;
+
+/// The inverse of a symmetric positive definite matrix.
+fn inverse(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
+    memory::check("the inverse of W", 3 * 8 * (m as u128).pow(2)).ok()?;
+    let diagonal: Vec<f64> = (0..m).map(|i| matrix[i * (m + 1)]).collect();
+    // A power of two leaves no trace: bits are those of any other unit.
+    let unit = -exponent(diagonal.iter().fold(0.0_f64, |a, &b| a.max(b)));
+    let mut factor: Vec<f64> = matrix.iter().map(|&w| times_two_to(w, unit)).collect();
+    dense::cholesky(&mut factor, m).ok()?;
+    let mut inverse = dense::zeros(m * m);
+    dense::inverse_from_cholesky(&factor, m, &mut inverse);
+    for t in &mut inverse {
+        *t = times_two_to(*t, unit);
+    }
+    let root: Vec<f64> = diagonal.iter().map(|w| w.sqrt()).collect();
+    let norm = |a: &[f64], scale: &dyn Fn(f64, f64) -> f64| {
+        let of_row = |(row, &s): (&[f64], &f64)| {
+            let terms = row.iter().zip(&root);
+            terms.map(|(a, &t)| scale(a.abs(), s * t)).sum::<f64>()
+        };
+        let rows = a.chunks_exact(m.max(1)).zip(&root).map(of_row);
+        rows.fold(0.0_f64, f64::max)
+    };
+    let condition = norm(matrix, &|a, s| a / s) * norm(&inverse, &|a, s| a * s);
+    (condition <= WORST_CONDITION).then_some(inverse)
 }

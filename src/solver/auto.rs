@@ -13,7 +13,6 @@ use crate::problem::reduced::Reduced;
 use crate::solver::gauss_seidel::Sweeper;
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::newton::{self, End};
-use crate::solver::system::factorisation_cost;
 use crate::solver::uzawa::{self, Burst};
 use crate::solver::{Outcome, Start};
 
@@ -68,16 +67,15 @@ pub fn run<const D: usize>(
         if let Some(outcome) = sweeper.run(&mut point, monitor, sweeps)? {
             return Ok(outcome);
         }
-        let closed = D * point.r.iter().filter(|r| r[0] > 0.0).count();
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             reason = "a small cost"
         )]
-        let factorisation = factorisation_cost(closed, D * problem.contacts()) as usize;
-        if sweeps > 0 && factorisation > sweeps {
-            // Sweeps are given what two factorisations would cost before the first.
-            if let Some(outcome) = sweeper.run(&mut point, monitor, 2 * factorisation - sweeps)? {
+        let step = newton::step_cost(problem, &sweeper.law(&point)).0 as usize;
+        if sweeps > 0 && step > sweeps {
+            // Sweeps are given what two steps of Newton would cost before the first.
+            if let Some(outcome) = sweeper.run(&mut point, monitor, 2 * step - sweeps)? {
                 return Ok(outcome);
             }
         }

@@ -15,6 +15,7 @@ use crate::linalg::small::{Block, Vector};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::scaled_imbalance;
 use crate::solver::anderson::Anderson;
+use crate::solver::linearisation::Linearisation;
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::{Outcome, Start};
 
@@ -171,6 +172,12 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             .enumerate()
             .map(|(i, v)| self.with_rigid(i, v, &motion))
             .collect()
+    }
+
+    /// The law linearised at a point.
+    #[must_use]
+    pub fn law(&self, point: &Point<D>) -> Linearisation<D> {
+        Linearisation::new(self.problem, &point.r, &self.total(point))
     }
 
     /// Shows a point to the monitor.

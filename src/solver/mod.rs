@@ -3,10 +3,12 @@
 
 pub mod anderson;
 pub mod auto;
+pub mod compliance_form;
 pub mod gauss_seidel;
+pub mod linearisation;
 pub mod monitor;
 pub mod newton;
-pub mod system;
+pub mod stiffness_form;
 pub mod uzawa;
 
 use std::sync::atomic::AtomicBool;

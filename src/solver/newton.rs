@@ -4,10 +4,13 @@
 //! because `v` is affine in `r`.
 
 use crate::error::Error;
+use crate::law::cone::Status;
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::residual;
+use crate::solver::compliance_form::{ComplianceForm, Solved};
+use crate::solver::linearisation::{Linearisation, factorisation_cost};
 use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::system::{Factored, Solved, System};
+use crate::solver::stiffness_form::StiffnessForm;
 use crate::solver::{Outcome, Start};
 
 /// Newton steps at the most.
@@ -79,14 +82,10 @@ pub fn run<const D: usize>(
     monitor.count(1.0);
     let mut here = residual(problem, &r, &v, &rigid);
     let mut moved = false;
-    let mut factored: Option<Factored> = None;
     for _ in 0..MOST_STEPS {
-        let system = System::linearised(problem, &r, &v);
+        let law = Linearisation::new(problem, &r, &v);
         let forcing = (FORCING * monitor.wish() / here).clamp(LEAST_FORCING, MOST_FORCING);
-        let stop = monitor.stop();
-        let mut count = |products| monitor.count(products);
-        let solved = system.solve((&r, &rigid), forcing, &mut factored, &mut count, stop)?;
-        let Some(to) = solved else {
+        let Some(to) = solve(problem, &law, (&r, &v, &rigid), forcing, monitor)? else {
             break;
         };
         let to_v = problem.relative_displacement(&to.r, &to.rigid);
@@ -141,6 +140,69 @@ fn between<const D: usize>(x: &[[f64; D]], y: &[[f64; D]], share: f64) -> Vec<[f
     x.iter().zip(y).map(blend).collect()
 }
 
+/// Steps that are expected to share an inverse of `W` made for them.
+const SHARED_BY: f64 = 3.0;
+
+/// Products with `W` that a step of a linearised law costs, and whether it is
+/// cheaper in displacements than in reactions.
+#[must_use]
+pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -> (f64, bool) {
+    let whole = D * problem.contacts();
+    let (open, slip) = law
+        .at
+        .iter()
+        .fold((0, 0), |(open, slip), at| match at.status {
+            Status::Open => (open + 1, slip),
+            Status::Slip => (open, slip + 1),
+            Status::Stick => (open, slip),
+        });
+    let motions = problem.scaling.modes.len();
+    let closed = D * (problem.contacts() - open) + motions;
+    let in_reactions = factorisation_cost(closed, whole);
+    // An inverse costs one and a half times an LU of all unknowns.
+    let inverse = match problem.compliance.inverse_known() {
+        Some(true) => 0.0,
+        Some(false) => f64::INFINITY,
+        None => 1.5 * factorisation_cost(whole, whole) / SHARED_BY,
+    };
+    let free = D * open + (D - 1) * slip + motions;
+    let in_displacements = factorisation_cost(free, whole) + 2.0 + inverse;
+    (
+        in_reactions.min(in_displacements),
+        in_displacements < in_reactions,
+    )
+}
+
+/// The whole step of a linearised law from `(r, v, a)`, by the cheaper form.
+/// `None` where its matrix is singular.
+fn solve<const D: usize>(
+    problem: &Reduced<D>,
+    law: &Linearisation<D>,
+    (r, v, rigid): (&[[f64; D]], &[[f64; D]], &[f64]),
+    tol: f64,
+    monitor: &mut Monitor<D>,
+) -> Result<Option<Solved<D>>, Error> {
+    let stop = monitor.stop();
+    if step_cost(problem, law).1 {
+        if problem.compliance.inverse_known().is_none() {
+            let whole = D * problem.contacts();
+            monitor.count(1.5 * factorisation_cost(whole, whole));
+        }
+        let form = StiffnessForm::new(problem, law);
+        let mut count = |products| monitor.count(products);
+        if let Some(solved) = form.solve((r, v, rigid), &mut count, stop)? {
+            return Ok(Some(solved));
+        }
+    }
+    let form = ComplianceForm::new(problem, law, r, v);
+    form.solve(
+        (r, rigid),
+        tol,
+        &mut |products| monitor.count(products),
+        stop,
+    )
+}
+
 /// The solution with some contacts held in every direction and the others open:
 /// `(r, a)`. `None` where it is not unique.
 ///
@@ -151,16 +213,18 @@ pub fn held_at<const D: usize>(
     holds: impl Fn(usize) -> bool,
     monitor: &mut Monitor<D>,
 ) -> Result<Option<Solved<D>>, Error> {
-    let system = System::held(problem, holds);
-    let stop = monitor.stop();
-    let mut count = |products| monitor.count(products);
-    if problem.rigid.modes.is_empty()
-        && problem.compliance.is_symmetric()
-        && let Some(solved) = system.solve_definite(&mut count, stop)?
-    {
-        return Ok(Some(solved));
-    }
     let cold = vec![[0.0; D]; problem.contacts()];
     let none = vec![0.0; problem.rigid.modes.len()];
-    system.solve((&cold, &none), MOST_FORCING, &mut None, &mut count, stop)
+    let v = &problem.q;
+    let law = Linearisation::held(problem, holds, &cold, v);
+    let (_, in_displacements) = step_cost(problem, &law);
+    if !in_displacements && problem.rigid.modes.is_empty() && problem.compliance.is_symmetric() {
+        let form = ComplianceForm::new(problem, &law, &cold, v);
+        let stop = monitor.stop();
+        let mut count = |products| monitor.count(products);
+        if let Some(solved) = form.solve_definite(&mut count, stop)? {
+            return Ok(Some(solved));
+        }
+    }
+    solve(problem, &law, (&cold, v, &none), MOST_FORCING, monitor)
 }

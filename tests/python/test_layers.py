@@ -27,14 +27,14 @@ RUST_SIBLINGS = {
     "linalg": (
         "binary small union",
         "csc",
-        "least_squares packed",
+        "gmres least_squares packed",
         "dense ordering quotient",
-        "tree",
+        "lu tree",
         "symbolic",
         "multifrontal",
         "solves",
     ),
-    "law": ("frame cone", "bipotential one_node"),
+    "law": ("frame cone", "alart_curnier bipotential one_node"),
     "problem": (
         "border memory null_space sparse stats",
         "compliance",
@@ -43,7 +43,13 @@ RUST_SIBLINGS = {
         "body",
         "condense",
     ),
-    "solver": ("anderson monitor", "gauss_seidel newton uzawa", "auto"),
+    "solver": (
+        "anderson linearisation monitor",
+        "compliance_form",
+        "stiffness_form",
+        "gauss_seidel newton uzawa",
+        "auto",
+    ),
     "python": ("errors arrays interrupt", "solver", "problem"),
 }
 # Word of the code: the only files that may hold it. An upgrade of a library, or

@@ -1,6 +1,6 @@
-//! The linear system of one Newton step, (19): rows of the closed contacts and
-//! the balance of forces, solved by LU, by GMRES with an older LU, or, when it is
-//! large, by GMRES with the blocks of the contacts.
+//! One Newton step (19) in the reactions: rows of the closed contacts and the
+//! balance of forces, solved by LU, or by GMRES with the blocks of the contacts
+//! where it is large.
 //!
 //! Unknowns are `r̂` of the closed contacts and `â`. A frictionless contact has
 //! one unknown, an open one none.
@@ -10,26 +10,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::law::alart_curnier::{Linearised, linearised};
 use crate::law::cone::Status;
 use crate::linalg::dense;
 use crate::linalg::gmres;
 use crate::linalg::lu::Lu;
 use crate::linalg::small::{Block, Vector};
 use crate::problem::reduced::Reduced;
-
-/// A factorisation of order `n` does `n/3` times the operations of a product of
-/// that order, from the cache, which is about ten times faster a piece.
-const UNKNOWNS_A_PRODUCT: f64 = 30.0;
+use crate::solver::linearisation::{Linearisation, factorisation_cost};
 
 /// Unknowns above which GMRES with the contacts' blocks is tried before an LU.
 const LARGE: usize = 4000;
 
 /// Iterations of GMRES that a large system is given.
 const MOST_PRODUCTS: usize = 200;
-
-/// Share of an LU that GMRES with an older one may cost before a new one is made.
-const SHARE: f64 = 0.4;
 
 /// Rows of one closed contact: `by_r r' + by_v v' = right` at the next point.
 #[derive(Clone, Debug)]
@@ -45,98 +38,46 @@ pub struct Row<const D: usize> {
 
 /// The system.
 #[derive(Debug)]
-pub struct System<'p, const D: usize> {
+pub struct ComplianceForm<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
     rows: Vec<Row<D>>,
     /// Unknowns of the contacts; those of the rigid motions follow.
     contact: usize,
 }
 
-/// A factorisation, and the contacts whose unknowns it has, with their widths.
-#[derive(Debug)]
-pub struct Factored {
-    lu: Lu,
-    contacts: Vec<(usize, usize)>,
-}
-
-/// A solved system: the next `(r, a)`, and what it cost in products with `W`.
+/// A solved system: the next `(r, a)`.
 #[derive(Clone, Debug)]
 pub struct Solved<const D: usize> {
     pub r: Vec<[f64; D]>,
     pub rigid: Vec<f64>,
 }
 
-/// What a factorisation of order `n` costs, in products with a `W` of order `m`.
-#[must_use]
-pub fn factorisation_cost(n: usize, m: usize) -> f64 {
-    let (n, m) = (real(n), real(m));
-    if n == 0.0 {
-        return 0.0;
-    }
-    n / UNKNOWNS_A_PRODUCT * (n / m).powi(2)
-}
-
-#[expect(clippy::cast_precision_loss, reason = "orders of matrices")]
-fn real(n: usize) -> f64 {
-    n as f64
-}
-
-impl<'p, const D: usize> System<'p, D> {
-    /// The law linearised at `(r, v)`.
+impl<'p, const D: usize> ComplianceForm<'p, D> {
+    /// The rows of a linearisation made at `(r, v)`.
     #[must_use]
-    pub fn linearised(problem: &'p Reduced<'p, D>, r: &[[f64; D]], v: &[[f64; D]]) -> Self {
-        let scaling = &problem.scaling;
-        Self::new(problem, |i| {
-            let r = r[i].map(|c| c * scaling.to_r[i]);
-            let v = v[i].map(|c| c * scaling.to_v[i]);
-            let mut at = linearised(&r, &v, problem.mu[i]);
-            match at.status {
-                Status::Open => return None,
-                Status::Stick => hold(problem, i, &mut at, &r, &v),
-                Status::Slip => {}
-            }
-            let right = at.by_r * Vector::from(r) + at.by_v * Vector::from(v) - at.value;
-            Some((at.by_r, at.by_v, right))
-        })
-    }
-
-    /// Some contacts held in every direction, the others open.
-    #[must_use]
-    pub fn held(problem: &'p Reduced<'p, D>, holds: impl Fn(usize) -> bool) -> Self {
-        Self::new(problem, |i| {
-            let none = [0.0; D];
-            let mut at = Linearised {
-                status: Status::Stick,
-                value: Vector::zeros(),
-                by_r: Block::zeros(),
-                by_v: Block::identity(),
-            };
-            hold(problem, i, &mut at, &none, &none);
-            holds(i).then_some((at.by_r, at.by_v, Vector::zeros()))
-        })
-    }
-
-    fn new(
+    pub fn new(
         problem: &'p Reduced<'p, D>,
-        of_node: impl Fn(usize) -> Option<(Block<D>, Block<D>, Vector<D>)>,
+        law: &Linearisation<D>,
+        r: &[[f64; D]],
+        v: &[[f64; D]],
     ) -> Self {
+        let scaling = &problem.scaling;
         let mut rows = Vec::new();
         let mut first = 0;
-        for node in 0..problem.contacts() {
-            if !movable(problem, node, 0) {
+        for (node, at) in law.at.iter().enumerate() {
+            if at.status == Status::Open {
                 continue;
             }
-            let Some((by_r, by_v, right)) = of_node(node) else {
-                continue;
-            };
             let width = if problem.mu[node] > 0.0 { D } else { 1 };
+            let r = Vector::from(r[node]) * scaling.to_r[node];
+            let v = Vector::from(v[node]) * scaling.to_v[node];
             rows.push(Row {
                 node,
                 first,
                 width,
-                by_r,
-                by_v,
-                right,
+                by_r: at.by_r,
+                by_v: at.by_v,
+                right: at.by_r * r + at.by_v * v - at.value,
             });
             first += width;
         }
@@ -153,12 +94,8 @@ impl<'p, const D: usize> System<'p, D> {
         self.contact + self.problem.scaling.modes.len()
     }
 
-    fn contacts(&self) -> Vec<(usize, usize)> {
-        self.rows.iter().map(|row| (row.node, row.width)).collect()
-    }
-
-    /// Solves from `(r, a)`. `older` is a factorisation of a system like this one,
-    /// or becomes one. `None` where the matrix is singular.
+    /// Solves, from `(r, a)` where it iterates, to `tol` of what is to be gained.
+    /// `None` where the matrix is singular.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
@@ -166,58 +103,51 @@ impl<'p, const D: usize> System<'p, D> {
         &self,
         (r, rigid): (&[[f64; D]], &[f64]),
         tol: f64,
-        older: &mut Option<Factored>,
         count: &mut impl FnMut(f64),
         stop: &AtomicBool,
     ) -> Result<Option<Solved<D>>, Error> {
         let n = self.order();
         let whole = D * self.problem.contacts();
-        let cost = factorisation_cost(n, whole);
-        let right = self.right();
-        // A product reads the rows of W that are closed; two triangles are n² long.
-        let closed = real(n) / real(whole.max(1));
-        let mut iterated = None;
-        if let Some(older) = older.as_ref() {
-            let most = SHARE * cost / (closed + closed * closed);
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "a small count"
-            )]
-            let most = most as usize;
-            if most >= 2 {
-                let blocks = Blocks::new(self)?;
-                let by = |x: &mut [f64]| self.by_older(older, &blocks, x);
-                iterated = Some((
-                    by_tolerance(self, (r, rigid), &right, &by, tol, most, stop)?,
-                    closed + closed * closed,
-                ));
-            }
-        } else if n > LARGE {
-            let blocks = Blocks::new(self)?;
-            let by = |x: &mut [f64]| blocks.apply(self, x);
-            iterated = Some((
-                by_tolerance(self, (r, rigid), &right, &by, tol, MOST_PRODUCTS, stop)?,
-                closed,
-            ));
-        }
-        if let Some(((found, products), each)) = iterated {
-            count(real(products) * each);
+        if n > LARGE {
+            let (found, products) = self.iterate((r, rigid), tol, stop)?;
+            #[expect(clippy::cast_precision_loss, reason = "orders of matrices")]
+            count(products as f64 * n as f64 / whole as f64);
             if let Some(x) = found {
                 return Ok(Some(self.unpack(&x)));
             }
         }
-        count(cost);
+        count(factorisation_cost(n, whole));
         let Some(lu) = Lu::new(self.matrix(), n, stop)? else {
             return Ok(None);
         };
-        let mut x = right;
+        let mut x = self.right();
         lu.solve(&mut x);
-        *older = Some(Factored {
-            lu,
-            contacts: self.contacts(),
-        });
         Ok(x.iter().all(|c| c.is_finite()).then(|| self.unpack(&x)))
+    }
+
+    /// GMRES with the contacts' blocks, from the point at hand; nothing where it
+    /// did not reach `tol`. Beside it the products spent.
+    fn iterate(
+        &self,
+        (r, rigid): (&[[f64; D]], &[f64]),
+        tol: f64,
+        stop: &AtomicBool,
+    ) -> Result<(Option<Vec<f64>>, usize), Error> {
+        let blocks = Blocks::new(self)?;
+        let mut x = self.pack(r, rigid);
+        let there = self.apply(&x, stop)?;
+        let rest: Vec<f64> = self.right().iter().zip(there).map(|(b, y)| b - y).collect();
+        let apply = |x: &[f64]| self.apply(x, stop);
+        let precondition = |x: &mut [f64]| blocks.apply(self, x);
+        let found = gmres::solve(apply, precondition, &rest, tol, MOST_PRODUCTS)?;
+        let spent = found.products + 1;
+        if !(found.residual <= tol) || found.x.iter().any(|c| !c.is_finite()) {
+            return Ok((None, spent));
+        }
+        for (value, change) in x.iter_mut().zip(found.x) {
+            *value += change;
+        }
+        Ok((Some(x), spent))
     }
 
     /// Solves a system of contacts that are all held, without rigid motions: its
@@ -366,66 +296,6 @@ impl<'p, const D: usize> System<'p, D> {
         }
         Ok(y)
     }
-
-    /// `M⁻¹ x` by a factorisation with other contacts; those it lacks by their blocks.
-    fn by_older(&self, older: &Factored, blocks: &Blocks<D>, x: &mut [f64]) {
-        let mut place = vec![usize::MAX; self.problem.contacts()];
-        for (k, row) in self.rows.iter().enumerate() {
-            place[row.node] = k;
-        }
-        let mut old = Vec::with_capacity(older.lu.order());
-        let mut known = vec![false; self.rows.len()];
-        for &(node, width) in &older.contacts {
-            match self.rows.get(place[node]) {
-                Some(row) => {
-                    known[place[node]] = true;
-                    old.extend(&x[row.first..row.first + width]);
-                }
-                None => old.resize(old.len() + width, 0.0),
-            }
-        }
-        old.extend(&x[self.contact..]);
-        older.lu.solve(&mut old);
-        let mut rest = old.as_slice();
-        for &(node, width) in &older.contacts {
-            let (own, after) = rest.split_at(width);
-            rest = after;
-            if let Some(row) = self.rows.get(place[node]) {
-                x[row.first..row.first + width].copy_from_slice(own);
-            }
-        }
-        x[self.contact..].copy_from_slice(rest);
-        for (k, row) in self.rows.iter().enumerate() {
-            if !known[k] {
-                blocks.solve(row, k, x);
-            }
-        }
-    }
-}
-
-/// GMRES from the point at hand; nothing where it did not reach `tol`. Beside it
-/// the products spent.
-fn by_tolerance<const D: usize>(
-    system: &System<D>,
-    (r, rigid): (&[[f64; D]], &[f64]),
-    right: &[f64],
-    precondition: &impl Fn(&mut [f64]),
-    tol: f64,
-    most: usize,
-    stop: &AtomicBool,
-) -> Result<(Option<Vec<f64>>, usize), Error> {
-    let mut x = system.pack(r, rigid);
-    let there = system.apply(&x, stop)?;
-    let rest: Vec<f64> = right.iter().zip(there).map(|(b, y)| b - y).collect();
-    let found = gmres::solve(|x| system.apply(x, stop), precondition, &rest, tol, most)?;
-    let spent = found.products + 1;
-    if !(found.residual <= tol) || found.x.iter().any(|c| !c.is_finite()) {
-        return Ok((None, spent));
-    }
-    for (value, change) in x.iter_mut().zip(found.x) {
-        *value += change;
-    }
-    Ok((Some(x), spent))
 }
 
 /// Inverses of the contacts' own blocks, and what they make of the border.
@@ -438,7 +308,7 @@ struct Blocks<const D: usize> {
 }
 
 impl<const D: usize> Blocks<D> {
-    fn new(system: &System<D>) -> Result<Self, Error> {
+    fn new(system: &ComplianceForm<D>) -> Result<Self, Error> {
         let scaling = &system.problem.scaling;
         let inverse = system.rows.iter().map(|row| {
             let w = system.problem.compliance.block(row.node);
@@ -490,7 +360,7 @@ impl<const D: usize> Blocks<D> {
         own.copy_from_slice(&solved.as_slice()[..row.width]);
     }
 
-    fn apply(&self, system: &System<D>, x: &mut [f64]) {
+    fn apply(&self, system: &ComplianceForm<D>, x: &mut [f64]) {
         for (k, row) in system.rows.iter().enumerate() {
             self.solve(row, k, x);
         }
@@ -510,7 +380,7 @@ impl<const D: usize> Blocks<D> {
 }
 
 /// What contact unknowns do on one rigid motion.
-fn balance<const D: usize>(system: &System<D>, mode: &[[f64; D]], x: &[f64]) -> f64 {
+fn balance<const D: usize>(system: &ComplianceForm<D>, mode: &[[f64; D]], x: &[f64]) -> f64 {
     let of_row = |row: &Row<D>| {
         let own = &x[row.first..row.first + row.width];
         own.iter()
@@ -519,24 +389,4 @@ fn balance<const D: usize>(system: &System<D>, mode: &[[f64; D]], x: &[f64]) -> 
             .sum::<f64>()
     };
     system.rows.iter().map(of_row).sum()
-}
-
-/// Whether anything moves a component of a contact.
-fn movable<const D: usize>(problem: &Reduced<D>, node: usize, k: usize) -> bool {
-    let mut modes = problem.scaling.modes.iter();
-    problem.compliance.block(node)[(k, k)] > 0.0 || modes.any(|mode| mode[node][k] != 0.0)
-}
-
-/// Makes rows of `v = 0` ask for no reaction along a component that is
-/// prescribed: it cannot be held.
-fn hold<const D: usize>(
-    problem: &Reduced<D>,
-    node: usize,
-    at: &mut Linearised<D>,
-    r: &[f64; D],
-    v: &[f64; D],
-) {
-    at.by_v = Block::from_fn(|i, j| f64::from(u8::from(i == j && movable(problem, node, i))));
-    at.by_r = Block::identity() - at.by_v;
-    at.value = at.by_r * Vector::from(*r) + at.by_v * Vector::from(*v);
 }

@@ -1,0 +1,235 @@
+//! One Newton step (19) in the displacements: with `W⁻¹` at hand, the unknowns
+//! are `dv̂` of open contacts and of sliding ones along the surface. Where most
+//! contacts stick, the matrix is a small part of the one in the reactions.
+//!
+//! `dr = W⁻¹ (dv − R da)` holds between the increments, so that an error of
+//! `W⁻¹` is an error of the step, not of the point: the steps take it out.
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::law::cone::Status;
+use crate::linalg::dense;
+use crate::linalg::lu::Lu;
+use crate::linalg::small::Vector;
+use crate::problem::reduced::Reduced;
+use crate::problem::residual::scaled_imbalance;
+use crate::solver::compliance_form::Solved;
+use crate::solver::linearisation::{Linearisation, factorisation_cost};
+
+/// Unknowns of one contact: components `from..D` of `dv̂`.
+#[derive(Clone, Copy, Debug)]
+struct Unknowns {
+    node: usize,
+    first: usize,
+    from: usize,
+}
+
+/// The step's system.
+#[derive(Debug)]
+pub struct StiffnessForm<'p, const D: usize> {
+    problem: &'p Reduced<'p, D>,
+    law: &'p Linearisation<D>,
+    unknowns: Vec<Unknowns>,
+    contact: usize,
+}
+
+impl<'p, const D: usize> StiffnessForm<'p, D> {
+    #[must_use]
+    pub fn new(problem: &'p Reduced<'p, D>, law: &'p Linearisation<D>) -> Self {
+        let mut unknowns = Vec::new();
+        let mut first = 0;
+        for (node, at) in law.at.iter().enumerate() {
+            let from = match at.status {
+                Status::Open => 0,
+                Status::Slip => 1, // the normal row says dv_n = −v_n
+                Status::Stick => continue,
+            };
+            unknowns.push(Unknowns { node, first, from });
+            first += D - from;
+        }
+        Self {
+            problem,
+            law,
+            unknowns,
+            contact: first,
+        }
+    }
+
+    /// Unknowns.
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.contact + self.problem.scaling.modes.len()
+    }
+
+    /// The next `(r, a)` from `(r, v, a)`; `None` where the matrix is singular or
+    /// `W` has no inverse.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn solve(
+        &self,
+        (r, v, rigid): (&[[f64; D]], &[[f64; D]], &[f64]),
+        count: &mut impl FnMut(f64),
+        stop: &AtomicBool,
+    ) -> Result<Option<Solved<D>>, Error> {
+        let n = self.order();
+        let problem = self.problem;
+        if !problem.compliance.make_inverse() {
+            return Ok(None);
+        }
+        let scaling = &problem.scaling;
+        // What is known of dv: closed contacts come to rest along what they hold.
+        let mut known = vec![[0.0; D]; r.len()];
+        for (i, at) in self.law.at.iter().enumerate() {
+            let held = match at.status {
+                Status::Open => 0,
+                Status::Slip => 1,
+                Status::Stick => D,
+            };
+            for k in 0..held {
+                known[i][k] = -v[i][k];
+            }
+        }
+        let borders = self.pushed_modes();
+        let known_r = self.response(&known);
+        count(1.0);
+        let mut x = Vec::with_capacity(n);
+        for u in &self.unknowns {
+            let at = &self.law.at[u.node];
+            let dr = Vector::from(known_r[u.node]) * scaling.to_r[u.node];
+            let dv = Vector::from(known[u.node]) * scaling.to_v[u.node];
+            let right = -at.value - at.by_r * dr - at.by_v * dv;
+            x.extend(&right.as_slice()[u.from..]);
+        }
+        let balance = scaled_imbalance(problem, r);
+        for (mode, s) in scaling.modes.iter().zip(balance) {
+            x.push(-s - along(problem, mode, &known_r));
+        }
+        if n > 0 {
+            count(factorisation_cost(n, D * r.len()));
+            let Some(lu) = Lu::new(self.matrix(&borders), n, stop)? else {
+                return Ok(None);
+            };
+            lu.solve(&mut x);
+        }
+        if x.iter().any(|c| !c.is_finite()) {
+            return Ok(None);
+        }
+        for u in &self.unknowns {
+            let solved = &x[u.first..u.first + D - u.from];
+            for (value, dv) in known[u.node][u.from..].iter_mut().zip(solved) {
+                *value = dv / scaling.to_v[u.node];
+            }
+        }
+        let dr = self.response(&known);
+        count(1.0);
+        let amounts = &x[self.contact..];
+        let mut next: Vec<[f64; D]> = r.to_vec();
+        for (i, value) in next.iter_mut().enumerate() {
+            if self.law.at[i].status == Status::Open {
+                *value = [0.0; D];
+                continue;
+            }
+            for k in 0..D {
+                let pushed = borders.iter().zip(amounts);
+                value[k] += dr[i][k] - pushed.map(|(b, a)| b[i][k] * a).sum::<f64>();
+            }
+            if self.problem.mu[i] == 0.0 {
+                value[1..].fill(0.0);
+            }
+        }
+        let change = scaling.rigid_from_scaled(amounts);
+        let rigid = rigid.iter().zip(change).map(|(a, da)| a + da).collect();
+        Ok(Some(Solved { r: next, rigid }))
+    }
+
+    /// `W⁻¹ dv`.
+    fn response(&self, dv: &[[f64; D]]) -> Vec<[f64; D]> {
+        let mut dr = vec![[0.0; D]; dv.len()];
+        self.problem.compliance.inverse_product(dv, &mut dr);
+        dr
+    }
+
+    /// `W⁻¹ R` for unit amounts `â`, a column each.
+    fn pushed_modes(&self) -> Vec<Vec<[f64; D]>> {
+        let to_v = &self.problem.scaling.to_v;
+        let pushed = |mode: &Vec<[f64; D]>| {
+            let motion: Vec<[f64; D]> = mode
+                .iter()
+                .zip(to_v)
+                .map(|(m, s)| m.map(|c| c / s))
+                .collect();
+            self.response(&motion)
+        };
+        self.problem.scaling.modes.iter().map(pushed).collect()
+    }
+
+    /// Rows of the matrix.
+    fn matrix(&self, borders: &[Vec<[f64; D]>]) -> Vec<f64> {
+        let n = self.order();
+        let scaling = &self.problem.scaling;
+        let mut matrix = dense::zeros(n * n);
+        let (contact, border) = matrix.split_at_mut(self.contact * n);
+        let mut of_unknowns: Vec<(&Unknowns, &mut [f64])> = Vec::new();
+        let mut rest = contact;
+        for u in &self.unknowns {
+            let (own, after) = rest.split_at_mut((D - u.from) * n);
+            of_unknowns.push((u, own));
+            rest = after;
+        }
+        of_unknowns
+            .into_par_iter()
+            .with_min_len(16)
+            .for_each(|(u, out)| {
+                let at = &self.law.at[u.node];
+                let to_r = scaling.to_r[u.node];
+                for other in &self.unknowns {
+                    let t = self.problem.compliance.inverse_pair(u.node, other.node);
+                    let mut block = at.by_r * t * (to_r / scaling.to_v[other.node]);
+                    if u.node == other.node {
+                        block += at.by_v;
+                    }
+                    for i in u.from..D {
+                        for j in other.from..D {
+                            out[(i - u.from) * n + other.first + j - other.from] = block[(i, j)];
+                        }
+                    }
+                }
+                for (c, pushed) in borders.iter().enumerate() {
+                    let by_a = at.by_r * Vector::from(pushed[u.node]) * to_r;
+                    for i in u.from..D {
+                        out[(i - u.from) * n + self.contact + c] = -by_a[i];
+                    }
+                }
+            });
+        // R̂ᵀ dr̂ = R̂ᵀ Ŵ⁻¹ (dv̂ − R̂ dâ), with a symmetric W.
+        for (mode, (row, pushed)) in scaling
+            .modes
+            .iter()
+            .zip(border.chunks_exact_mut(n.max(1)).zip(borders))
+        {
+            for u in &self.unknowns {
+                let scale = scaling.to_r[u.node];
+                let of_unit = &pushed[u.node];
+                for j in u.from..D {
+                    row[u.first + j - u.from] = of_unit[j] * scale;
+                }
+            }
+            for (c, other) in borders.iter().enumerate() {
+                row[self.contact + c] = -along(self.problem, mode, other);
+            }
+        }
+        matrix
+    }
+}
+
+/// `R̂_kᵀ r̂`.
+fn along<const D: usize>(problem: &Reduced<D>, mode: &[[f64; D]], r: &[[f64; D]]) -> f64 {
+    let terms = mode.iter().zip(r).zip(&problem.scaling.to_r);
+    terms
+        .map(|((m, r), s)| (0..D).map(|k| m[k] * r[k]).sum::<f64>() * s)
+        .sum()
+}
