@@ -70,11 +70,36 @@ pub fn residual<const D: usize>(
     judge(problem, r, v, a, |_, _| ())
 }
 
+/// `‖(F, R̂ᵀ r̂ + ê)‖`, no ratio: what a line search lowers. The ratio η would
+/// reward a rigid motion that runs away, which makes `‖F(0)‖` grow.
+#[must_use]
+pub fn merit<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> f64 {
+    let imbalance = norm(&scaled_imbalance(problem, r));
+    law_norm(problem, r, v, |_, _| ()).hypot(imbalance)
+}
+
 fn judge<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
     v: &[[f64; D]],
     a: &[f64],
+    report: impl FnMut(usize, Status),
+) -> f64 {
+    let law = ratio(law_norm(problem, r, v, report), size(problem, r, a));
+    if problem.rigid.modes.is_empty() {
+        return law;
+    }
+    law.max(ratio(
+        norm(&scaled_imbalance(problem, r)),
+        force_size(problem, r),
+    ))
+}
+
+/// `‖F(r)‖`, with the status of every contact told.
+fn law_norm<const D: usize>(
+    problem: &Reduced<D>,
+    r: &[[f64; D]],
+    v: &[[f64; D]],
     mut report: impl FnMut(usize, Status),
 ) -> f64 {
     let scaling = &problem.scaling;
@@ -90,14 +115,7 @@ fn judge<const D: usize>(
             .map(|(x, p)| (x - p).powi(2))
             .sum::<f64>();
     }
-    let law = ratio(squares.sqrt(), size(problem, r, a));
-    if problem.rigid.modes.is_empty() {
-        return law;
-    }
-    law.max(ratio(
-        norm(&scaled_imbalance(problem, r)),
-        force_size(problem, r),
-    ))
+    squares.sqrt()
 }
 
 /// `max(‖r̂‖, ‖F(0)‖)`.

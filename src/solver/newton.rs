@@ -1,12 +1,12 @@
 //! Semismooth Newton of Alart and Curnier on the closed contacts, (19) and (20).
 //!
-//! The line search is monotone in the residual of the judge, which is cheap
-//! because `v` is affine in `r`.
+//! The line search is monotone in the norm of what the judge measures, which is
+//! cheap because `v` is affine in `r`.
 
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::problem::reduced::Reduced;
-use crate::problem::residual::residual;
+use crate::problem::residual::{merit, residual};
 use crate::solver::compliance_form::{ComplianceForm, Solved};
 use crate::solver::linearisation::{Linearisation, factorisation_cost};
 use crate::solver::monitor::{Monitor, Verdict};
@@ -80,11 +80,12 @@ pub fn run<const D: usize>(
     let mut rigid = rigid.to_vec();
     let mut v = problem.relative_displacement(&r, &rigid);
     monitor.count(1.0);
-    let mut here = residual(problem, &r, &v, &rigid);
+    let mut here = merit(problem, &r, &v);
     let mut moved = false;
     for _ in 0..MOST_STEPS {
         let law = Linearisation::new(problem, &r, &v);
-        let forcing = (FORCING * monitor.wish() / here).clamp(LEAST_FORCING, MOST_FORCING);
+        let eta = residual(problem, &r, &v, &rigid);
+        let forcing = (FORCING * monitor.wish() / eta).clamp(LEAST_FORCING, MOST_FORCING);
         let Some(to) = solve(problem, &law, (&r, &v, &rigid), forcing, monitor)? else {
             break;
         };
@@ -99,7 +100,7 @@ pub fn run<const D: usize>(
                 .zip(&to.rigid)
                 .map(|(x, y)| x + share * (y - x))
                 .collect();
-            let there = residual(problem, &next_r, &next_v, &next_rigid);
+            let there = merit(problem, &next_r, &next_v);
             if there <= (1.0 - 1e-4 * share) * here {
                 return Some((next_r, next_v, next_rigid, there));
             }
@@ -115,7 +116,7 @@ pub fn run<const D: usize>(
             Verdict::Stop(outcome) => return Ok(End::Stop(outcome)),
             Verdict::Refresh => {
                 v = problem.relative_displacement(&r, &rigid);
-                here = residual(problem, &r, &v, &rigid);
+                here = merit(problem, &r, &v);
             }
             Verdict::Continue => {}
         }
