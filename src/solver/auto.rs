@@ -86,6 +86,7 @@ pub fn run<const D: usize>(
             End::Stalled => {}
         }
         if failure >= FAILURES {
+            let before = point.clone();
             let from = Start {
                 rigid: sweeper.rigid_motion(&point),
                 reaction: point.r,
@@ -93,7 +94,13 @@ pub fn run<const D: usize>(
             };
             match uzawa::burst(problem, &from, monitor, burst)? {
                 Burst::Stop(outcome) => return Ok(outcome),
-                Burst::Spent(r, rigid) => point = sweeper.point(r, &rigid),
+                Burst::Spent(r, rigid) => {
+                    // Momentum is not monotone: a worse end is not where sweeps go on.
+                    point = sweeper.point(r, &rigid);
+                    if sweeper.residual(&point) > sweeper.residual(&before) {
+                        point = before;
+                    }
+                }
             }
             burst = (2 * burst).min(MOST_BURST);
         }

@@ -24,7 +24,7 @@ const LARGE: usize = 4000;
 /// Iterations of GMRES that a large system is given.
 const MOST_PRODUCTS: usize = 200;
 
-/// Rows of one closed contact: `by_r r' + by_v v' = right` at the next point.
+/// Rows of one closed contact.
 #[derive(Clone, Debug)]
 pub struct Row<const D: usize> {
     pub node: usize,
@@ -33,7 +33,7 @@ pub struct Row<const D: usize> {
     width: usize,
     by_r: Block<D>,
     by_v: Block<D>,
-    right: Vector<D>,
+    value: Vector<D>,
 }
 
 /// The system.
@@ -53,15 +53,8 @@ pub struct Solved<const D: usize> {
 }
 
 impl<'p, const D: usize> ComplianceForm<'p, D> {
-    /// The rows of a linearisation made at `(r, v)`.
     #[must_use]
-    pub fn new(
-        problem: &'p Reduced<'p, D>,
-        law: &Linearisation<D>,
-        r: &[[f64; D]],
-        v: &[[f64; D]],
-    ) -> Self {
-        let scaling = &problem.scaling;
+    pub fn new(problem: &'p Reduced<'p, D>, law: &Linearisation<D>) -> Self {
         let mut rows = Vec::new();
         let mut first = 0;
         for (node, at) in law.at.iter().enumerate() {
@@ -69,15 +62,13 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
                 continue;
             }
             let width = if problem.mu[node] > 0.0 { D } else { 1 };
-            let r = Vector::from(r[node]) * scaling.to_r[node];
-            let v = Vector::from(v[node]) * scaling.to_v[node];
             rows.push(Row {
                 node,
                 first,
                 width,
                 by_r: at.by_r,
                 by_v: at.by_v,
-                right: at.by_r * r + at.by_v * v - at.value,
+                value: at.value,
             });
             first += width;
         }
@@ -94,60 +85,41 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         self.contact + self.problem.scaling.modes.len()
     }
 
-    /// Solves, from `(r, a)` where it iterates, to `tol` of what is to be gained.
-    /// `None` where the matrix is singular.
+    /// The next `(r, a)` from `(r, a)`, which leaves `imbalance = R̂ᵀ r̂ + ê`; to
+    /// `tol` of what is to be gained where it iterates. `None` where the matrix is
+    /// singular.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
     pub fn solve(
         &self,
         (r, rigid): (&[[f64; D]], &[f64]),
+        imbalance: &[f64],
         tol: f64,
         count: &mut impl FnMut(f64),
         stop: &AtomicBool,
     ) -> Result<Option<Solved<D>>, Error> {
         let n = self.order();
-        let whole = D * self.problem.contacts();
+        let mut x = self.right(r, imbalance, count);
         if n > LARGE {
-            let (found, products) = self.iterate((r, rigid), tol, stop)?;
+            let blocks = Blocks::new(self)?;
+            let apply = |x: &[f64]| self.apply(x, stop);
+            let precondition = |x: &mut [f64]| blocks.apply(self, x);
+            let found = gmres::solve(apply, precondition, &x, tol, MOST_PRODUCTS)?;
             #[expect(clippy::cast_precision_loss, reason = "orders of matrices")]
-            count(products as f64 * n as f64 / whole as f64);
-            if let Some(x) = found {
-                return Ok(Some(self.unpack(&x)));
+            count((found.products * n) as f64 / (D * self.problem.contacts()) as f64);
+            if found.residual <= tol && found.x.iter().all(|c| c.is_finite()) {
+                return Ok(Some(self.moved(r, rigid, &found.x)));
             }
         }
-        count(factorisation_cost(n, whole));
+        count(factorisation_cost(n, D * self.problem.contacts()));
         let Some(lu) = Lu::new(self.matrix(), n, stop)? else {
             return Ok(None);
         };
-        let mut x = self.right();
         lu.solve(&mut x);
-        Ok(x.iter().all(|c| c.is_finite()).then(|| self.unpack(&x)))
-    }
-
-    /// GMRES with the contacts' blocks, from the point at hand; nothing where it
-    /// did not reach `tol`. Beside it the products spent.
-    fn iterate(
-        &self,
-        (r, rigid): (&[[f64; D]], &[f64]),
-        tol: f64,
-        stop: &AtomicBool,
-    ) -> Result<(Option<Vec<f64>>, usize), Error> {
-        let blocks = Blocks::new(self)?;
-        let mut x = self.pack(r, rigid);
-        let there = self.apply(&x, stop)?;
-        let rest: Vec<f64> = self.right().iter().zip(there).map(|(b, y)| b - y).collect();
-        let apply = |x: &[f64]| self.apply(x, stop);
-        let precondition = |x: &mut [f64]| blocks.apply(self, x);
-        let found = gmres::solve(apply, precondition, &rest, tol, MOST_PRODUCTS)?;
-        let spent = found.products + 1;
-        if !(found.residual <= tol) || found.x.iter().any(|c| !c.is_finite()) {
-            return Ok((None, spent));
-        }
-        for (value, change) in x.iter_mut().zip(found.x) {
-            *value += change;
-        }
-        Ok((Some(x), spent))
+        Ok(x.iter()
+            .all(|c| c.is_finite())
+            .then(|| self.moved(r, rigid, &x)))
     }
 
     /// Solves a system of contacts that are all held, without rigid motions: its
@@ -157,6 +129,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
     /// [`Error::Interrupted`].
     pub fn solve_definite(
         &self,
+        r: &[[f64; D]],
         count: &mut impl FnMut(f64),
         stop: &AtomicBool,
     ) -> Result<Option<Solved<D>>, Error> {
@@ -165,14 +138,16 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             return Err(Error::Interrupted);
         }
         count(0.5 * factorisation_cost(n, D * self.problem.contacts()));
+        let mut x = self.right(r, &[], count);
         let mut matrix = self.matrix();
         if dense::cholesky(&mut matrix, n).is_err() {
             return Ok(None);
         }
-        let mut x = self.right();
         dense::solve_lower(&matrix, n, &mut x, 1);
         dense::solve_lower_transpose(&matrix, n, &mut x, 1);
-        Ok(x.iter().all(|c| c.is_finite()).then(|| self.unpack(&x)))
+        Ok(x.iter()
+            .all(|c| c.is_finite())
+            .then(|| self.moved(r, &[], &x)))
     }
 
     /// Rows of the matrix.
@@ -224,41 +199,64 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         matrix
     }
 
-    /// The right side for the next `(r̂, â)` as a whole.
-    fn right(&self) -> Vec<f64> {
-        let mut right = Vec::with_capacity(self.order());
+    /// `−F` of the closed contacts, less what happens when open ones let go, and
+    /// the forces out of balance.
+    fn right(&self, r: &[[f64; D]], imbalance: &[f64], count: &mut impl FnMut(f64)) -> Vec<f64> {
+        let scaling = &self.problem.scaling;
+        let mut released: Vec<[f64; D]> = r.iter().map(|r| r.map(|c| -c)).collect();
         for row in &self.rows {
-            let free = Vector::from(self.problem.q[row.node]) * self.problem.scaling.to_v[row.node];
-            let known = row.right - row.by_v * free;
+            released[row.node][..row.width].fill(0.0);
+        }
+        let mut right: Vec<f64> = Vec::with_capacity(self.order());
+        let mut effect = vec![[0.0; D]; self.rows.len()];
+        if released.as_flattened().iter().any(|&c| c != 0.0) {
+            effect = self.problem.compliance.product_at(&self.nodes(), &released);
+            count(1.0);
+        }
+        for (row, v) in self.rows.iter().zip(effect) {
+            let v = Vector::from(v) * scaling.to_v[row.node];
+            let known = -row.value - row.by_v * v;
             right.extend(&known.as_slice()[..row.width]);
         }
-        right.extend(self.problem.scaling.load.iter().map(|load| -load));
+        for (mode, s) in scaling.modes.iter().zip(imbalance) {
+            let terms = mode.iter().zip(&released).zip(&scaling.to_r);
+            let gone: f64 = terms
+                .map(|((m, r), s)| (0..D).map(|k| m[k] * r[k]).sum::<f64>() * s)
+                .sum();
+            right.push(-s - gone);
+        }
         right
     }
 
-    fn unpack(&self, x: &[f64]) -> Solved<D> {
-        let scaling = &self.problem.scaling;
-        let mut r = vec![[0.0; D]; self.problem.contacts()];
-        for row in &self.rows {
-            for (k, value) in x[row.first..row.first + row.width].iter().enumerate() {
-                r[row.node][k] = value / scaling.to_r[row.node];
-            }
-        }
-        Solved {
-            r,
-            rigid: scaling.rigid_from_scaled(&x[self.contact..]),
-        }
+    fn nodes(&self) -> Vec<usize> {
+        self.rows.iter().map(|row| row.node).collect()
     }
 
-    fn pack(&self, r: &[[f64; D]], rigid: &[f64]) -> Vec<f64> {
-        let scaling = &self.problem.scaling;
-        let mut x = Vec::with_capacity(self.order());
+    /// The unknowns as increments of `r`.
+    fn unpack(&self, x: &[f64]) -> Vec<[f64; D]> {
+        let mut dr = vec![[0.0; D]; self.problem.contacts()];
         for row in &self.rows {
-            let to_r = scaling.to_r[row.node];
-            x.extend(r[row.node][..row.width].iter().map(|c| c * to_r));
+            let to_r = self.problem.scaling.to_r[row.node];
+            for (k, value) in x[row.first..row.first + row.width].iter().enumerate() {
+                dr[row.node][k] = value / to_r;
+            }
         }
-        x.extend(scaling.rigid_to_scaled(rigid));
-        x
+        dr
+    }
+
+    /// `(r, a)` after the increments `x`; open contacts carry nothing.
+    fn moved(&self, r: &[[f64; D]], rigid: &[f64], x: &[f64]) -> Solved<D> {
+        let mut next = self.unpack(x);
+        for row in &self.rows {
+            for k in 0..row.width {
+                next[row.node][k] += r[row.node][k];
+            }
+        }
+        let change = self.problem.scaling.rigid_from_scaled(&x[self.contact..]);
+        Solved {
+            r: next,
+            rigid: rigid.iter().zip(change).map(|(a, da)| a + da).collect(),
+        }
     }
 
     /// The product with the matrix, from `W` itself.
@@ -266,10 +264,11 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        let Solved { r, .. } = self.unpack(x);
         let scaling = &self.problem.scaling;
-        let nodes: Vec<usize> = self.rows.iter().map(|row| row.node).collect();
-        let v = self.problem.compliance.product_at(&nodes, &r);
+        let v = self
+            .problem
+            .compliance
+            .product_at(&self.nodes(), &self.unpack(x));
         let amounts = &x[self.contact..];
         let mut y = Vec::with_capacity(x.len());
         for (row, v) in self.rows.iter().zip(v) {

@@ -3,10 +3,12 @@
 //! The line search is monotone in the norm of what the judge measures, which is
 //! cheap because `v` is affine in `r`.
 
+use std::sync::atomic::AtomicBool;
+
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::problem::reduced::Reduced;
-use crate::problem::residual::{merit, residual};
+use crate::problem::residual::{merit, residual, scaled_imbalance};
 use crate::solver::compliance_form::{ComplianceForm, Solved};
 use crate::solver::linearisation::{Linearisation, factorisation_cost};
 use crate::solver::monitor::{Monitor, Verdict};
@@ -86,7 +88,12 @@ pub fn run<const D: usize>(
         let law = Linearisation::new(problem, &r, &v);
         let eta = residual(problem, &r, &v, &rigid);
         let forcing = (FORCING * monitor.wish() / eta).clamp(LEAST_FORCING, MOST_FORCING);
-        let Some(to) = solve(problem, &law, (&r, &v, &rigid), forcing, monitor)? else {
+        let imbalance = scaled_imbalance(problem, &r);
+        let point = (r.as_slice(), v.as_slice(), rigid.as_slice());
+        let stop = monitor.stop();
+        let mut count = |products| monitor.count(products);
+        let solved = solve(problem, &law, point, &imbalance, forcing, &mut count, stop)?;
+        let Some(to) = solved else {
             break;
         };
         let to_v = problem.relative_displacement(&to.r, &to.rigid);
@@ -174,34 +181,31 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
     )
 }
 
-/// The whole step of a linearised law from `(r, v, a)`, by the cheaper form.
-/// `None` where its matrix is singular.
-fn solve<const D: usize>(
+/// The whole step of a linearised law from `(r, v, a)`, which leaves
+/// `imbalance = R̂ᵀ r̂ + ê`, by the cheaper form. `None` where its matrix is singular.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn solve<const D: usize>(
     problem: &Reduced<D>,
     law: &Linearisation<D>,
     (r, v, rigid): (&[[f64; D]], &[[f64; D]], &[f64]),
+    imbalance: &[f64],
     tol: f64,
-    monitor: &mut Monitor<D>,
+    count: &mut impl FnMut(f64),
+    stop: &AtomicBool,
 ) -> Result<Option<Solved<D>>, Error> {
-    let stop = monitor.stop();
     if step_cost(problem, law).1 {
         if problem.compliance.inverse_known().is_none() {
             let whole = D * problem.contacts();
-            monitor.count(1.5 * factorisation_cost(whole, whole));
+            count(1.5 * factorisation_cost(whole, whole));
         }
         let form = StiffnessForm::new(problem, law);
-        let mut count = |products| monitor.count(products);
-        if let Some(solved) = form.solve((r, v, rigid), &mut count, stop)? {
+        if let Some(solved) = form.solve((r, v, rigid), imbalance, count, stop)? {
             return Ok(Some(solved));
         }
     }
-    let form = ComplianceForm::new(problem, law, r, v);
-    form.solve(
-        (r, rigid),
-        tol,
-        &mut |products| monitor.count(products),
-        stop,
-    )
+    ComplianceForm::new(problem, law).solve((r, rigid), imbalance, tol, count, stop)
 }
 
 /// The solution with some contacts held in every direction and the others open:
@@ -218,14 +222,18 @@ pub fn held_at<const D: usize>(
     let none = vec![0.0; problem.rigid.modes.len()];
     let v = &problem.q;
     let law = Linearisation::held(problem, holds, &cold, v);
+    let stop = monitor.stop();
+    let mut count = |products| monitor.count(products);
     let (_, in_displacements) = step_cost(problem, &law);
-    if !in_displacements && problem.rigid.modes.is_empty() && problem.compliance.is_symmetric() {
-        let form = ComplianceForm::new(problem, &law, &cold, v);
-        let stop = monitor.stop();
-        let mut count = |products| monitor.count(products);
-        if let Some(solved) = form.solve_definite(&mut count, stop)? {
-            return Ok(Some(solved));
-        }
+    if !in_displacements
+        && problem.rigid.modes.is_empty()
+        && problem.compliance.is_symmetric()
+        && let Some(solved) =
+            ComplianceForm::new(problem, &law).solve_definite(&cold, &mut count, stop)?
+    {
+        return Ok(Some(solved));
     }
-    solve(problem, &law, (&cold, v, &none), MOST_FORCING, monitor)
+    let load = &problem.scaling.load;
+    let point = (cold.as_slice(), v.as_slice(), none.as_slice());
+    solve(problem, &law, point, load, MOST_FORCING, &mut count, stop)
 }

@@ -15,7 +15,6 @@ use crate::linalg::dense;
 use crate::linalg::lu::Lu;
 use crate::linalg::small::Vector;
 use crate::problem::reduced::Reduced;
-use crate::problem::residual::scaled_imbalance;
 use crate::solver::compliance_form::Solved;
 use crate::solver::linearisation::{Linearisation, factorisation_cost};
 
@@ -64,14 +63,15 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
         self.contact + self.problem.scaling.modes.len()
     }
 
-    /// The next `(r, a)` from `(r, v, a)`; `None` where the matrix is singular or
-    /// `W` has no inverse.
+    /// The next `(r, a)` from `(r, v, a)`, which leaves `imbalance = R̂ᵀ r̂ + ê`;
+    /// `None` where the matrix is singular or `W` has no inverse.
     ///
     /// # Errors
     /// [`Error::Interrupted`].
     pub fn solve(
         &self,
         (r, v, rigid): (&[[f64; D]], &[[f64; D]], &[f64]),
+        imbalance: &[f64],
         count: &mut impl FnMut(f64),
         stop: &AtomicBool,
     ) -> Result<Option<Solved<D>>, Error> {
@@ -104,8 +104,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
             let right = -at.value - at.by_r * dr - at.by_v * dv;
             x.extend(&right.as_slice()[u.from..]);
         }
-        let balance = scaled_imbalance(problem, r);
-        for (mode, s) in scaling.modes.iter().zip(balance) {
+        for (mode, s) in scaling.modes.iter().zip(imbalance) {
             x.push(-s - along(problem, mode, &known_r));
         }
         if n > 0 {
