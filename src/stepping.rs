@@ -7,7 +7,13 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::problem::condense::Condensed;
 use crate::problem::reduced::Reduced;
+use crate::problem::residual::scaled_imbalance;
+use crate::solver::refine::Point;
 use crate::solver::{self, Outcome, Settings, Solution, Start};
+
+/// Above this condition of `S`, `W` has lost the digits that the judge asks for:
+/// the last step is then taken with `v` from `K`.
+const ILL_CONDITIONED: f64 = 1e5;
 
 /// What a step leaves behind.
 #[derive(Clone, Debug)]
@@ -64,6 +70,26 @@ impl<const D: usize> LoadPath<D> {
         self.state.as_ref()
     }
 
+    /// `v` of reactions by way of `u` and `K` itself, where `W` may have lost digits.
+    fn evaluate(
+        &self,
+        problem: &Condensed<D>,
+        reduced: &Reduced<D>,
+        (load, prescribed): (&[f64], &[f64]),
+        r: Vec<[f64; D]>,
+        rigid: Vec<f64>,
+    ) -> Result<Point<D>, Error> {
+        let compliance = problem.compliance();
+        let u = problem.displacement(load, prescribed, &compliance.scatter(&r), &rigid)?;
+        let v = incremental(&problem.relative_displacement(&u), self.state.as_ref());
+        Ok(Point {
+            v: compliance.gather(&v),
+            imbalance: scaled_imbalance(reduced, &r),
+            r,
+            rigid,
+        })
+    }
+
     /// Takes one step to the total loads; commits it if it converged.
     ///
     /// # Errors
@@ -97,6 +123,11 @@ impl<const D: usize> LoadPath<D> {
                     .collect(),
             });
         let mut solution = solver::solve(&reduced, settings, &start, stop)?;
+        if solution.outcome == Outcome::Converged && problem.stats().cond_s > ILL_CONDITIONED {
+            let evaluate =
+                |r, rigid| self.evaluate(problem, &reduced, (load, prescribed), r, rigid);
+            solution.refine(&reduced, settings, evaluate, stop)?;
+        }
         let slip = solution.relative_displacement.clone();
         if let Some(state) = &self.state {
             for (v, before) in solution

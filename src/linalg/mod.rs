@@ -6,6 +6,7 @@
 pub mod binary;
 pub mod csc;
 pub mod dense;
+pub mod exact;
 pub mod gmres;
 pub mod least_squares;
 pub mod lu;

@@ -6,8 +6,9 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::dense;
+use crate::linalg::exact::Sum;
 use crate::linalg::multifrontal::Factor;
-use crate::linalg::small::dot_long;
+use crate::linalg::small::{dot_long, norm};
 use crate::linalg::symbolic::{Options, Symbolic};
 use crate::problem::memory;
 use crate::problem::null_space::{null_space, start_value};
@@ -105,7 +106,20 @@ impl Body {
         if !definite {
             #[expect(clippy::cast_precision_loss, reason = "a count")]
             let bound = NULL.max(8.0 * dofs.len() as f64 * f64::EPSILON);
-            modes = null_space(schur, &scale, bound, 2 * LIMIT[dimension])
+            // A motion that is rigid where the body is stiff has its energy from
+            // terms that cancel: that of the stiffest part bounds what is left.
+            let rounding = |motion: &[f64]| {
+                let mut whole = vec![0.0; dofs.len()];
+                for (&i, x) in kept.iter().zip(motion) {
+                    whole[i] = *x;
+                }
+                factor.recover(&mut whole, 1);
+                for x in &mut whole {
+                    *x = x.abs();
+                }
+                bound.max(8.0 * f64::EPSILON * stiffness.absolute_form(&whole))
+            };
+            modes = null_space(schur, &scale, &rounding, 2 * LIMIT[dimension])
                 .ok_or_else(|| Error::Indefinite { dof: dofs[kept[0]] })?;
             if modes.len() > LIMIT[dimension] {
                 return Err(Error::Mechanism {
@@ -183,6 +197,15 @@ impl Body {
         self.add_contact(&self.modes[motion], amount, v);
     }
 
+    /// `v += B u` for this body's part of a displacement of all degrees of freedom.
+    pub fn add_to_sums(&self, u: &[f64], v: &mut [Sum]) {
+        for row in &self.rows {
+            for &(k, b) in &row.entries {
+                v[row.row].add_product(b, u[self.dofs[self.kept[k]]]);
+            }
+        }
+    }
+
     fn add_contact(&self, u: &[f64], amount: f64, v: &mut [f64]) {
         for row in &self.rows {
             v[row.row] += amount * row.entries.iter().map(|&(k, b)| b * u[k]).sum::<f64>();
@@ -249,27 +272,38 @@ impl Body {
         dense::solve_lower_transpose(&self.cholesky, self.kept.len(), f, 1);
     }
 
-    /// Writes this body's displacement: free part, reactions, rigid motions, and
-    /// one step of refinement.
+    /// Writes this body's displacement: free part, reactions, rigid motions, with
+    /// what the factorisation's rounding leaves of `f + Bᵀ r − K u` taken out.
     pub fn displacement(&self, force: &[f64], reaction: &[f64], rigid: &[f64], out: &mut [f64]) {
+        /// Corrections at the most.
+        const MOST: usize = 8;
         let mut push = vec![0.0; self.kept.len()];
         for row in &self.rows {
             for &(k, b) in &row.entries {
                 push[k] += b * self.unit * reaction[row.row];
             }
         }
-        let force = self.scaled(force);
+        let mut force = self.scaled(force);
         let mut u = self.response(&force, Some(&push), rigid);
-        let mut rest = vec![0.0; u.len()];
-        self.stiffness.add_transposed_product(&u, &mut rest);
-        for (value, f) in rest.iter_mut().zip(&force) {
-            *value = f - *value;
-        }
         for (&i, p) in self.kept.iter().zip(&push) {
-            rest[i] += p;
+            force[i] += p;
         }
-        for (value, change) in u.iter_mut().zip(self.response(&rest, None, &[])) {
-            *value += change;
+        let mut last = f64::INFINITY;
+        for _ in 0..MOST {
+            let change = self.response(&self.stiffness.residual(&u, &force), None, &[]);
+            let moved = norm(&change) / norm(&u).max(f64::MIN_POSITIVE);
+            // Corrections that do not fall are rounding of the correction itself.
+            if !(moved < 0.5 * last) {
+                break;
+            }
+            for (value, change) in u.iter_mut().zip(change) {
+                *value += change;
+            }
+            // What is left is the square of what was corrected.
+            if moved * moved <= f64::EPSILON {
+                break;
+            }
+            last = moved;
         }
         for (&i, value) in self.dofs.iter().zip(u) {
             out[i] = value;

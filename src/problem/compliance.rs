@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::dense;
+use crate::linalg::exact::{self, Sum};
 use crate::linalg::small::{Block, dot_long};
 use crate::problem::memory;
 
@@ -215,6 +216,16 @@ impl<'a, const D: usize> Compliance<'a, D> {
         self.each_row(Island::matrix, y, |row, island| {
             dot_long(row, r[island].as_flattened())
         });
+    }
+
+    /// Component `k` of `W r` at a position, in twice the precision.
+    #[must_use]
+    pub fn exact_row(&self, position: usize, k: usize, r: &[[f64; D]]) -> Sum {
+        let island = &self.islands[self.island_of[position]];
+        let m = D * island.nodes.len();
+        let row = D * (position - island.nodes.start) + k;
+        let r = r[island.nodes.clone()].as_flattened();
+        exact::dot(&island.matrix[row * m..(row + 1) * m], r)
     }
 
     /// `W r` at some positions only, in their order.

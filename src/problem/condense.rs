@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::linalg::csc::Symmetric;
+use crate::linalg::exact::Sum;
 use crate::linalg::union::Union;
 use crate::problem::body::{Body, Row};
 use crate::problem::border::{check_finite, check_length};
@@ -282,6 +283,24 @@ impl<const D: usize> Condensed<D> {
             body.displacement(&force, reaction.as_flattened(), own, &mut u);
         }
         Ok(u)
+    }
+
+    /// `B u + gap` of a displacement, in twice the precision and rounded once.
+    #[must_use]
+    pub fn relative_displacement(&self, u: &[f64]) -> Vec<[f64; D]> {
+        let mut sums: Vec<Sum> = self
+            .gap
+            .as_flattened()
+            .iter()
+            .map(|&g| Sum::new(g))
+            .collect();
+        let prescribed: Vec<f64> = self.fixed.iter().map(|&dof| u[dof]).collect();
+        self.contact_fixed.add_to_sums(&prescribed, &mut sums);
+        for body in &self.bodies {
+            body.add_to_sums(u, &mut sums);
+        }
+        let values: Vec<f64> = sums.iter().map(Sum::value).collect();
+        values.as_chunks::<D>().0.to_vec()
     }
 
     /// `f − K_fp u_p` at the free degrees of freedom.

@@ -11,14 +11,16 @@ const SHIFT: f64 = 1e-10;
 const GAP: f64 = 30.0;
 
 /// Orthonormal basis of the null space of a symmetric positive semidefinite `S`,
-/// judged by `bound` in the variables that `scale` makes of order one; at most
-/// `most` directions are looked for. `None` where `S` is indefinite.
+/// judged in the variables that `scale` makes of order one; at most `most`
+/// directions are looked for. `rounding` says what rounding may make of the
+/// energy of a motion, given in the caller's variables. `None` where `S` is
+/// indefinite.
 ///
 /// Inverse iteration on a block of `most + 2` vectors, and Rayleigh–Ritz.
 pub(super) fn null_space(
     schur: &[f64],
     scale: &[f64],
-    bound: f64,
+    rounding: &dyn Fn(&[f64]) -> f64,
     most: usize,
 ) -> Option<Vec<Vec<f64>>> {
     let m = scale.len();
@@ -43,7 +45,7 @@ pub(super) fn null_space(
         if dense::cholesky(&mut factor, m).is_ok() {
             break;
         }
-        if shift > 1e-6 {
+        if shift > 1e-4 {
             return None;
         }
         shift *= 100.0;
@@ -82,24 +84,34 @@ pub(super) fn null_space(
     }
     let mut values = vec![0.0; width];
     dense::symmetric_eigen(&mut projected, width, &mut values);
-    if values.first().is_some_and(|&lowest| lowest < -bound) {
-        return None;
-    }
-    // The largest group below the bound that a gap sets apart from what follows.
-    let below = values.iter().take_while(|&&value| value <= bound).count();
-    let apart = |k: usize| k == width || values[k] > GAP * values[k - 1].abs().max(f64::EPSILON);
-    let null = (1..=below).rev().find(|&k| apart(k)).unwrap_or(0);
-    let mut modes: Vec<Vec<f64>> = (0..null)
-        .map(|k| {
-            let mut mode = vec![0.0; m];
-            for (column, weight) in block.iter().zip(&projected[k * width..]) {
-                for ((value, x), s) in mode.iter_mut().zip(column).zip(scale) {
-                    *value += weight * x * s;
-                }
+    let ritz = |k: usize| {
+        let mut mode = vec![0.0; m];
+        for (column, weight) in block.iter().zip(&projected[k * width..]) {
+            for ((value, x), s) in mode.iter_mut().zip(column).zip(scale) {
+                *value += weight * x * s;
             }
-            mode
-        })
-        .collect();
+        }
+        mode
+    };
+    // The largest group below its bounds that a gap sets apart from what follows.
+    let mut modes: Vec<Vec<f64>> = Vec::new();
+    let mut null = 0;
+    for k in 0..width {
+        let mode = ritz(k);
+        let bound = rounding(&mode);
+        if values[k] < -bound {
+            return None;
+        }
+        if values[k] > bound {
+            break;
+        }
+        modes.push(mode);
+        let floor = values[k].abs().max(f64::EPSILON);
+        if k + 1 == width || values[k + 1] > GAP * floor {
+            null = k + 1;
+        }
+    }
+    modes.truncate(null);
     orthonormalise(&mut modes);
     Some(modes)
 }

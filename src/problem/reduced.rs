@@ -99,6 +99,23 @@ impl<'a, const D: usize> Reduced<'a, D> {
         v
     }
 
+    /// [`Self::relative_displacement`] with sums as in twice the precision.
+    #[must_use]
+    pub fn exact_displacement(&self, r: &[[f64; D]], a: &[f64]) -> Vec<[f64; D]> {
+        let mut v = vec![[0.0; D]; r.len()];
+        for (i, value) in v.iter_mut().enumerate() {
+            for k in 0..D {
+                let mut sum = self.compliance.exact_row(i, k, r);
+                sum.add(self.q[i][k]);
+                for (mode, &amount) in self.rigid.modes.iter().zip(a) {
+                    sum.add_product(mode[i][k], amount);
+                }
+                value[k] = sum.value();
+            }
+        }
+        v
+    }
+
     /// `v += R a + q`.
     pub fn add_rest(&self, a: &[f64], v: &mut [[f64; D]]) {
         for (value, free) in v.iter_mut().zip(&self.q) {

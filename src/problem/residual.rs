@@ -33,7 +33,12 @@ impl<const D: usize> Certificate<D> {
     /// Evaluates `v` afresh, and judges.
     #[must_use]
     pub fn new(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> Self {
-        let v = problem.relative_displacement(r, a);
+        Self::of(problem, r, problem.relative_displacement(r, a), a)
+    }
+
+    /// Judges a point whose `v` was evaluated by another route than `W`.
+    #[must_use]
+    pub fn of(problem: &Reduced<D>, r: &[[f64; D]], v: Vec<[f64; D]>, a: &[f64]) -> Self {
         let mut status = vec![Status::Open; r.len()];
         let residual = judge(problem, r, &v, a, |i, s| status[i] = s);
         let (plain, with_friction) = rounding_floors(problem, r, a);

@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::linalg::csc::Symmetric;
+use crate::linalg::exact::Sum;
 
 /// A borrowed matrix by rows; indices need not be sorted.
 #[derive(Clone, Copy, Debug)]
@@ -129,6 +130,36 @@ impl Owned {
             &self.index,
             &self.values,
         )
+    }
+
+    /// `b − A x` for the matrix by rows, in twice the precision.
+    pub(crate) fn residual(&self, x: &[f64], b: &[f64]) -> Vec<f64> {
+        let of_row = |(k, b): (usize, &f64)| {
+            let mut sum = Sum::new(*b);
+            for (j, value) in self.entries(k) {
+                sum.add_product(-value, x[j]);
+            }
+            sum.value()
+        };
+        b.iter().enumerate().map(of_row).collect()
+    }
+
+    /// `y += A x` for the matrix by rows.
+    pub(crate) fn add_to_sums(&self, x: &[f64], y: &mut [Sum]) {
+        for (k, sum) in y.iter_mut().enumerate() {
+            for (j, value) in self.entries(k) {
+                sum.add_product(value, x[j]);
+            }
+        }
+    }
+
+    /// `xᵀ |A| x` for `x ≥ 0`.
+    pub(crate) fn absolute_form(&self, x: &[f64]) -> f64 {
+        let of_row = |(k, xk): (usize, &f64)| {
+            let row = self.entries(k).map(|(j, value)| value.abs() * x[j]);
+            xk * row.sum::<f64>()
+        };
+        x.iter().enumerate().map(of_row).sum()
     }
 
     fn entries(&self, k: usize) -> impl Iterator<Item = (usize, f64)> + '_ {

@@ -8,6 +8,7 @@ pub mod gauss_seidel;
 pub mod linearisation;
 pub mod monitor;
 pub mod newton;
+pub mod refine;
 pub mod stiffness_form;
 pub mod uzawa;
 
@@ -52,9 +53,10 @@ impl Method {
 }
 
 /// Why a solver stopped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Outcome {
     Converged,
+    #[default]
     Stalled,
     IterationLimit,
     TimeLimit,
@@ -137,7 +139,7 @@ pub struct Start<const D: usize> {
 }
 
 /// The answer of a solver, or the best it reached, in the caller's numbering.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Solution<const D: usize> {
     pub reaction: Vec<[f64; D]>,
     pub relative_displacement: Vec<[f64; D]>,
@@ -232,46 +234,84 @@ fn finish<const D: usize>(
 ) -> Solution<D> {
     let log = monitor.into_log();
     let certificate = Certificate::new(problem, &log.best_reaction, &log.best_rigid);
-    let outcome = match (certificate.converged(settings.tol), outcome) {
-        (true, _) => Outcome::Converged,
-        (false, Outcome::Converged) => Outcome::Stalled,
-        (false, other) => other,
-    };
-    let gap = log
-        .best_reaction
-        .iter()
-        .zip(&certificate.v)
-        .zip(&problem.mu);
-    let gap: Vec<f64> = gap
-        .map(|((r, v), &mu)| bipotential::gap(r, v, mu))
-        .collect();
-    // r = 0 is open, whatever rounding makes of r̂ − ṽ̂ at a grazing contact.
-    let status: Vec<Status> = log
-        .best_reaction
-        .iter()
-        .zip(&certificate.status)
-        .map(|(r, &s)| {
-            if r.iter().all(|&c| c == 0.0) {
-                Status::Open
-            } else {
-                s
-            }
-        })
-        .collect();
-    let whole = problem.compliance;
-    Solution {
-        reaction: whole.scatter(&log.best_reaction),
-        relative_displacement: whole.scatter(&certificate.v),
-        status: whole.scatter(&status),
-        bipotential_gap: whole.scatter(&gap),
-        rigid_motion: log.best_rigid,
-        outcome,
-        residual: certificate.residual,
-        tolerance: certificate.tolerance(settings.tol),
-        floor: certificate.floor,
+    let mut solution = Solution {
+        outcome: match (certificate.converged(settings.tol), outcome) {
+            (true, _) => Outcome::Converged,
+            (false, Outcome::Converged) => Outcome::Stalled,
+            (false, other) => other,
+        },
         iterations: log.iterations,
         work: log.work,
         history: log.history,
         seconds: log.seconds,
+        ..Solution::default()
+    };
+    solution.put(
+        problem,
+        settings,
+        &log.best_reaction,
+        log.best_rigid,
+        certificate,
+    );
+    solution
+}
+
+impl<const D: usize> Solution<D> {
+    /// Puts a judged point here, in the caller's numbering.
+    fn put(
+        &mut self,
+        problem: &Reduced<D>,
+        settings: &Settings,
+        r: &[[f64; D]],
+        rigid: Vec<f64>,
+        certificate: Certificate<D>,
+    ) {
+        let nodes = r.iter().zip(&certificate.v).zip(&problem.mu);
+        let gap: Vec<f64> = nodes
+            .map(|((r, v), &mu)| bipotential::gap(r, v, mu))
+            .collect();
+        // r = 0 is open, whatever rounding makes of r̂ − ṽ̂ at a grazing contact.
+        let status: Vec<Status> = r
+            .iter()
+            .zip(&certificate.status)
+            .map(|(r, &s)| {
+                if r.iter().all(|&c| c == 0.0) {
+                    Status::Open
+                } else {
+                    s
+                }
+            })
+            .collect();
+        let whole = problem.compliance;
+        self.reaction = whole.scatter(r);
+        self.relative_displacement = whole.scatter(&certificate.v);
+        self.status = whole.scatter(&status);
+        self.bipotential_gap = whole.scatter(&gap);
+        self.rigid_motion = rigid;
+        self.residual = certificate.residual;
+        self.tolerance = certificate.tolerance(settings.tol);
+        self.floor = certificate.floor;
+    }
+
+    /// Refines a converged solution by a better evaluation of `v` than `W` gives;
+    /// it is kept where the refined point is an answer by that evaluation.
+    ///
+    /// # Errors
+    /// What `evaluate` returns, and [`Error::Interrupted`].
+    pub fn refine(
+        &mut self,
+        problem: &Reduced<D>,
+        settings: &Settings,
+        evaluate: impl Fn(Vec<[f64; D]>, Vec<f64>) -> Result<refine::Point<D>, Error>,
+        stop: &AtomicBool,
+    ) -> Result<(), Error> {
+        let start = problem.compliance.gather(&self.reaction);
+        let point = evaluate(start, self.rigid_motion.clone())?;
+        let point = refine::refine(problem, point, evaluate, stop)?;
+        let certificate = Certificate::of(problem, &point.r, point.v, &point.rigid);
+        if certificate.converged(settings.tol) {
+            self.put(problem, settings, &point.r, point.rigid, certificate);
+        }
+        Ok(())
     }
 }

@@ -25,7 +25,7 @@ RUST = (
 # Within a folder likewise; those named together do not know each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "binary small union",
+        "binary exact small union",
         "csc",
         "gmres least_squares packed",
         "dense ordering quotient",
@@ -48,7 +48,7 @@ RUST_SIBLINGS = {
         "compliance_form",
         "stiffness_form",
         "gauss_seidel newton uzawa",
-        "auto",
+        "auto refine",
     ),
     "python": ("errors arrays interrupt", "solver", "problem"),
 }

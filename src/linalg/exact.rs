@@ -1,0 +1,64 @@
+//! Sums of products in twice the working precision, for residuals: what is left
+//! of terms that cancel is right to the last digit of the data.
+//!
+//! Knuth's sum and the product by a fused multiply-add are exact to the bit;
+//! their errors are carried in a second number [ORO05].
+
+/// A sum, and what its rounding has left out so far.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sum {
+    high: f64,
+    low: f64,
+}
+
+impl Sum {
+    #[must_use]
+    pub fn new(value: f64) -> Self {
+        Self {
+            high: value,
+            low: 0.0,
+        }
+    }
+
+    pub fn add(&mut self, value: f64) {
+        let sum = self.high + value;
+        let part = sum - self.high;
+        self.low += (self.high - (sum - part)) + (value - part);
+        self.high = sum;
+    }
+
+    /// Adds `a b`.
+    pub fn add_product(&mut self, a: f64, b: f64) {
+        let product = a * b;
+        self.low += a.mul_add(b, -product);
+        self.add(product);
+    }
+
+    #[must_use]
+    pub fn value(&self) -> f64 {
+        self.high + self.low
+    }
+}
+
+/// `a · b`.
+#[must_use]
+pub fn dot(a: &[f64], b: &[f64]) -> Sum {
+    // Four sums side by side: each waits for the one before it.
+    let mut sums = [Sum::default(); 4];
+    let (a4, a_rest) = a.as_chunks::<4>();
+    let (b4, b_rest) = b.as_chunks::<4>();
+    for (x, y) in a4.iter().zip(b4) {
+        for k in 0..4 {
+            sums[k].add_product(x[k], y[k]);
+        }
+    }
+    for (x, y) in a_rest.iter().zip(b_rest) {
+        sums[0].add_product(*x, *y);
+    }
+    let mut total = Sum::default();
+    for sum in sums {
+        total.add(sum.high);
+        total.low += sum.low;
+    }
+    total
+}
