@@ -71,8 +71,8 @@ fn row(name: &str, make: Make, with_coordinates: bool) {
     let mut l = factor.schur().to_vec();
     let mut inverse = vec![0.0; m * m];
     let begin = Instant::now();
-    cholesky(&mut l, m).unwrap();
-    inverse_from_cholesky(&l, m, &mut inverse);
+    cholesky(&mut l, m, &stop).unwrap();
+    inverse_from_cholesky(&l, m, &mut inverse, &stop).unwrap();
     let dense = begin.elapsed().as_secs_f64();
     let mut load = vec![1.0; body.n];
     let (solve, ()) = seconds(3, || {

@@ -194,7 +194,7 @@ fn loads_condense_and_unknowns_come_back() {
         factor.condense(&mut x, columns);
         // Solve S u_c = f_c − K_ci K_ii⁻¹ f_i, then back.
         let mut l = factor.schur().to_vec();
-        dense::cholesky(&mut l, m).unwrap();
+        dense::cholesky(&mut l, m, &GO).unwrap();
         for x in x.chunks_exact_mut(n) {
             let mut u: Vec<f64> = body.face.iter().map(|&dof| x[dof]).collect();
             dense::solve_lower(&l, m, &mut u, 1);
@@ -410,7 +410,7 @@ fn pieces_and_a_dense_row() {
     factor.condense(&mut load, 1);
     let m = kept.len();
     let mut l = factor.schur().to_vec();
-    dense::cholesky(&mut l, m).unwrap();
+    dense::cholesky(&mut l, m, &GO).unwrap();
     let mut u: Vec<f64> = kept.iter().map(|&dof| load[dof]).collect();
     dense::solve_lower(&l, m, &mut u, 1);
     dense::solve_lower_transpose(&l, m, &mut u, 1);
@@ -454,9 +454,9 @@ fn same_bits_for_one_and_two_threads() {
             factor.recover(&mut x, 2);
             let m = body.face.len();
             let mut l = factor.schur().to_vec();
-            dense::cholesky(&mut l, m).unwrap();
+            dense::cholesky(&mut l, m, &GO).unwrap();
             let mut inverse = vec![0.0; m * m];
-            dense::inverse_from_cholesky(&l, m, &mut inverse);
+            dense::inverse_from_cholesky(&l, m, &mut inverse, &GO).unwrap();
             assert!(symmetric_to_the_bit(&inverse, m));
             let bits: Vec<u64> = factor
                 .schur()
@@ -776,7 +776,7 @@ fn dense_kernels_across_tile_borders() {
     for n in [1, 5, 129, 257, 530] {
         let a = random_definite(n, 0.5, n as u64);
         let mut l = a.clone();
-        dense::cholesky(&mut l, n).unwrap();
+        dense::cholesky(&mut l, n, &GO).unwrap();
         assert!((0..n).all(|j| (0..j).all(|i| l[j * n + i] == 0.0)));
         let mut product = vec![0.0; n * n];
         dense::matmul(
@@ -792,7 +792,7 @@ fn dense_kernels_across_tile_borders() {
         // Sums of n terms that round to √n · 1e-16 of the diagonal.
         assert!(distance(&product, &a) < 1e-14);
         let mut inverse = vec![f64::NAN; n * n];
-        dense::inverse_from_cholesky(&l, n, &mut inverse);
+        dense::inverse_from_cholesky(&l, n, &mut inverse, &GO).unwrap();
         assert!(symmetric_to_the_bit(&inverse, n));
         let mut identity = vec![0.0; n * n];
         (0..n).for_each(|k| identity[k * n + k] = 1.0);
@@ -812,5 +812,5 @@ fn dense_kernels_across_tile_borders() {
     }
     let mut broken = random_definite(150, 0.5, 3);
     broken[140 * 150 + 140] = -1.0;
-    assert_eq!(dense::cholesky(&mut broken, 150), Err(140));
+    assert_eq!(dense::cholesky(&mut broken, 150, &GO), Ok(Some(140)));
 }

@@ -4,6 +4,8 @@
 //! ours, cut at fixed places, so that results have the same bits for any number
 //! of threads.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use faer::diag::DiagMut;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{
@@ -21,6 +23,7 @@ use faer::prelude::ReborrowMut;
 use faer::{Accum, MatMut, MatRef, Par, Spec};
 use rayon::prelude::*;
 
+use crate::error::Error;
 use crate::linalg::packed::{BLOCK, PIVOTS, Panel};
 use crate::linalg::small::dot_long;
 
@@ -146,12 +149,15 @@ pub(crate) fn zeros(len: usize) -> Vec<f64> {
 /// Cholesky factor of a symmetric positive definite matrix, in place: the lower
 /// triangle of `a` is read, and becomes `L`; the strict upper one is zeroed.
 ///
+/// Returns the index of the first pivot that is not positive, if there is one;
+/// `a` is then spoilt.
+///
 /// # Errors
-/// The index of the first pivot that is not positive; `a` is then spoilt.
+/// [`Error::Interrupted`] when `stop` is raised.
 ///
 /// # Panics
 /// If `a` has not `n²` entries.
-pub fn cholesky(a: &mut [f64], n: usize) -> Result<(), usize> {
+pub fn cholesky(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<Option<usize>, Error> {
     assert_eq!(a.len(), n * n);
     // Column r of the lower triangle is row r of the upper one.
     let layout = Panel::new(n, n);
@@ -161,34 +167,56 @@ pub fn cholesky(a: &mut [f64], n: usize) -> Result<(), usize> {
             panel[layout.at(r, c)] = *value;
         }
     }
-    factor_panel(&mut panel, layout, true, &mut |k, pivot| {
-        if pivot > 0.0 { Ok(()) } else { Err(k) }
-    })?;
+    let factored = factor_panel(&mut panel, layout, true, &mut |k, pivot| {
+        if stop.load(Ordering::Relaxed) {
+            Err(None)
+        } else if pivot > 0.0 {
+            Ok(())
+        } else {
+            Err(Some(k))
+        }
+    });
+    match factored {
+        Err(Some(k)) => return Ok(Some(k)),
+        Err(None) => return Err(Error::Interrupted),
+        Ok(()) => {}
+    }
     for (r, column) in a.chunks_exact_mut(n.max(1)).enumerate() {
         column[..r].fill(0.0);
         for (c, value) in column.iter_mut().enumerate().skip(r) {
             *value = panel[layout.at(r, c)];
         }
     }
-    Ok(())
+    Ok(None)
 }
 
 /// The inverse `(L Lᵀ)⁻¹` into `out`, symmetric to the bit; only the lower
 /// triangle of `l` is read.
 ///
+/// # Errors
+/// [`Error::Interrupted`] when `stop` is raised.
+///
 /// # Panics
 /// If `l` or `out` has not `n²` entries.
-pub fn inverse_from_cholesky(l: &[f64], n: usize, out: &mut [f64]) {
+pub fn inverse_from_cholesky(
+    l: &[f64],
+    n: usize,
+    out: &mut [f64],
+    stop: &AtomicBool,
+) -> Result<(), Error> {
     /// Columns solved together.
-    const COLUMNS: usize = 256;
+    const COLUMNS: usize = 128;
     assert_eq!(l.len(), n * n);
     assert_eq!(out.len(), n * n);
     if n == 0 {
-        return;
+        return Ok(());
     }
     out.par_chunks_mut(COLUMNS * n)
         .enumerate()
         .for_each(|(tile, columns)| {
+            if stop.load(Ordering::Relaxed) {
+                return;
+            }
             // Column j of L⁻¹ begins in row j, and of the inverse only the lower
             // triangle is asked for: rows above the tile never enter.
             let j = tile * COLUMNS;
@@ -204,7 +232,11 @@ pub fn inverse_from_cholesky(l: &[f64], n: usize, out: &mut [f64]) {
             solve_lower_triangular_in_place(l, x.as_mut(), Par::Seq);
             solve_upper_triangular_in_place(l.transpose(), x, Par::Seq);
         });
+    if stop.load(Ordering::Relaxed) {
+        return Err(Error::Interrupted);
+    }
     mirror_lower(out, n);
+    Ok(())
 }
 
 /// `X ← L⁻¹ X` for `columns` right-hand sides of length `n`.

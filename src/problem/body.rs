@@ -101,7 +101,7 @@ impl Body {
         let mut cholesky = schur.to_vec();
         let mut size = one_norm(schur, m);
         let pivots = |l: &[f64]| (0..m).all(|i| (l[i * (m + 1)] * scale[i]).powi(2) > SAFE);
-        let definite = dense::cholesky(&mut cholesky, m).is_ok() && pivots(&cholesky);
+        let definite = dense::cholesky(&mut cholesky, m, stop)?.is_none() && pivots(&cholesky);
         let mut modes = Vec::new();
         if !definite {
             #[expect(clippy::cast_precision_loss, reason = "a count")]
@@ -119,7 +119,7 @@ impl Body {
                 }
                 bound.max(8.0 * f64::EPSILON * stiffness.absolute_form(&whole))
             };
-            modes = null_space(schur, &scale, &rounding, 2 * LIMIT[dimension])
+            modes = null_space(schur, &scale, &rounding, 2 * LIMIT[dimension], stop)?
                 .ok_or_else(|| Error::Indefinite { dof: dofs[kept[0]] })?;
             if modes.len() > LIMIT[dimension] {
                 return Err(Error::Mechanism {
@@ -130,12 +130,14 @@ impl Body {
             }
             cholesky = with_modes(schur, &modes);
             size = one_norm(&cholesky, m);
-            dense::cholesky(&mut cholesky, m).map_err(|at| Error::Indefinite {
-                dof: dofs[kept[at]],
-            })?;
+            if let Some(at) = dense::cholesky(&mut cholesky, m, stop)? {
+                return Err(Error::Indefinite {
+                    dof: dofs[kept[at]],
+                });
+            }
         }
         let mut inverse = vec![0.0; m * m];
-        dense::inverse_from_cholesky(&cholesky, m, &mut inverse);
+        dense::inverse_from_cholesky(&cholesky, m, &mut inverse, stop)?;
         let condition = size * one_norm(&inverse, m);
         Ok(Self {
             dofs,

@@ -8,6 +8,7 @@
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::OnceLock;
+use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
@@ -345,13 +346,20 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
     /// Makes the inverse of every island that has none yet; whether `W` has one
     /// that is worth the name.
-    #[must_use]
-    pub fn make_inverse(&self) -> bool {
-        let of_island = |island: &Island| {
-            let made = || inverse(&island.matrix, D * island.nodes.len());
-            island.inverse.get_or_init(made).is_some()
-        };
-        self.is_symmetric() && self.islands.iter().all(of_island)
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn make_inverse(&self, stop: &AtomicBool) -> Result<bool, Error> {
+        if !self.is_symmetric() {
+            return Ok(false);
+        }
+        for island in &self.islands {
+            if island.inverse.get().is_none() {
+                let made = inverse(&island.matrix, D * island.nodes.len(), stop)?;
+                island.inverse.get_or_init(|| made);
+            }
+        }
+        Ok(self.inverse_known() == Some(true))
     }
 
     /// `y = W⁻¹ x`, with the inverse that was made.
@@ -388,15 +396,29 @@ impl<'a, const D: usize> Compliance<'a, D> {
 
 /// The transpose of a row-major matrix, or nothing where it equals the matrix.
 fn asymmetric_transpose(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
+    /// Rows and columns looked at together: both sides of the diagonal stay in
+    /// the cache.
+    const TILE: usize = 32;
     #[expect(clippy::float_cmp, reason = "symmetric to the bit is what is asked")]
-    let symmetric = (0..m).all(|i| (0..i).all(|j| matrix[i * m + j] == matrix[j * m + i]));
-    if symmetric {
+    let same = |i: usize, j: usize| matrix[i * m + j] == matrix[j * m + i];
+    let tile_is_symmetric = |i: usize, j: usize| {
+        let rows = i..(i + TILE).min(m);
+        rows.clone()
+            .all(|a| (j..(j + TILE).min(a)).all(|b| same(a, b)))
+    };
+    let tiles = (0..m).step_by(TILE);
+    if tiles
+        .clone()
+        .all(|i| (0..=i).step_by(TILE).all(|j| tile_is_symmetric(i, j)))
+    {
         return None;
     }
     let mut transpose = vec![0.0; m * m];
-    for (i, row) in matrix.chunks_exact(m).enumerate() {
-        for (j, &value) in row.iter().enumerate() {
-            transpose[j * m + i] = value;
+    for (i, j) in tiles.flat_map(|i| (0..m).step_by(TILE).map(move |j| (i, j))) {
+        for a in i..(i + TILE).min(m) {
+            for b in j..(j + TILE).min(m) {
+                transpose[b * m + a] = matrix[a * m + b];
+            }
         }
     }
     Some(transpose)
@@ -406,16 +428,20 @@ fn asymmetric_transpose(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
 /// to one, is mostly rounding.
 const WORST_CONDITION: f64 = 1e10;
 
-/// The inverse of a symmetric positive definite matrix.
-fn inverse(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
-    memory::check("the inverse of W", 3 * 8 * (m as u128).pow(2)).ok()?;
+/// The inverse of a symmetric positive definite matrix; nothing for another.
+fn inverse(matrix: &[f64], m: usize, stop: &AtomicBool) -> Result<Option<Vec<f64>>, Error> {
+    if memory::check("the inverse of W", 3 * 8 * (m as u128).pow(2)).is_err() {
+        return Ok(None); // steps are taken without it
+    }
     let diagonal: Vec<f64> = (0..m).map(|i| matrix[i * (m + 1)]).collect();
     // A power of two leaves no trace: bits are those of any other unit.
     let unit = -exponent(diagonal.iter().fold(0.0_f64, |a, &b| a.max(b)));
     let mut factor: Vec<f64> = matrix.iter().map(|&w| times_two_to(w, unit)).collect();
-    dense::cholesky(&mut factor, m).ok()?;
+    if dense::cholesky(&mut factor, m, stop)?.is_some() {
+        return Ok(None);
+    }
     let mut inverse = dense::zeros(m * m);
-    dense::inverse_from_cholesky(&factor, m, &mut inverse);
+    dense::inverse_from_cholesky(&factor, m, &mut inverse, stop)?;
     for t in &mut inverse {
         *t = times_two_to(*t, unit);
     }
@@ -429,5 +455,5 @@ fn inverse(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
         rows.fold(0.0_f64, f64::max)
     };
     let condition = norm(matrix, &|a, s| a / s) * norm(&inverse, &|a, s| a * s);
-    (condition <= WORST_CONDITION).then_some(inverse)
+    Ok((condition <= WORST_CONDITION).then_some(inverse))
 }

@@ -1,5 +1,8 @@
 //! Motions that cost no energy: the null space of a condensed stiffness.
 
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::small::{dot_long, norm};
 
@@ -14,7 +17,7 @@ const GAP: f64 = 30.0;
 /// judged in the variables that `scale` makes of order one; at most `most`
 /// directions are looked for. `rounding` says what rounding may make of the
 /// energy of a motion, given in the caller's variables. `None` where `S` is
-/// indefinite.
+/// indefinite; [`Error::Interrupted`] when `stop` is raised.
 ///
 /// Inverse iteration on a block of `most + 2` vectors, and Rayleigh–Ritz.
 pub(super) fn null_space(
@@ -22,7 +25,8 @@ pub(super) fn null_space(
     scale: &[f64],
     rounding: &dyn Fn(&[f64]) -> f64,
     most: usize,
-) -> Option<Vec<Vec<f64>>> {
+    stop: &AtomicBool,
+) -> Result<Option<Vec<Vec<f64>>>, Error> {
     let m = scale.len();
     let scaled = |shift: f64| {
         let mut a = vec![0.0; m * m];
@@ -42,11 +46,11 @@ pub(super) fn null_space(
     let mut shift = SHIFT;
     loop {
         factor = scaled(shift);
-        if dense::cholesky(&mut factor, m).is_ok() {
+        if dense::cholesky(&mut factor, m, stop)?.is_none() {
             break;
         }
         if shift > 1e-4 {
-            return None;
+            return Ok(None);
         }
         shift *= 100.0;
     }
@@ -100,7 +104,7 @@ pub(super) fn null_space(
         let mode = ritz(k);
         let bound = rounding(&mode);
         if values[k] < -bound {
-            return None;
+            return Ok(None);
         }
         if values[k] > bound {
             break;
@@ -113,7 +117,7 @@ pub(super) fn null_space(
     }
     modes.truncate(null);
     orthonormalise(&mut modes);
-    Some(modes)
+    Ok(Some(modes))
 }
 
 /// A start for inverse iterations that no rigid motion is orthogonal to.

@@ -27,16 +27,22 @@ pub(super) fn run<T: Send>(
     let look = |py: Python<'_>| py.check_signals();
     let mut signal = None;
     let result = py.detach(|| {
-        std::thread::scope(|scope| {
+        // A worker of the pool does the work: a thread of its own would cost a
+        // small problem more than its solution.
+        pool.in_place_scope(|scope| {
             let (done, finished) = mpsc::channel();
-            let (pool, stop) = (&pool, &stop);
-            let worker = scope.spawn(move || {
-                let result = pool.install(|| work(stop));
-                // The receiver outlives this thread.
-                let _ = done.send(());
-                result
+            let stop = &stop;
+            scope.spawn(move |_| {
+                // The receiver outlives this task.
+                let _ = done.send(work(stop));
             });
-            while finished.recv_timeout(LOOK) == Err(mpsc::RecvTimeoutError::Timeout) {
+            loop {
+                match finished.recv_timeout(LOOK) {
+                    Ok(result) => return Some(result),
+                    // A panic in the work: the scope passes it on.
+                    Err(mpsc::RecvTimeoutError::Disconnected) => return None,
+                    Err(mpsc::RecvTimeoutError::Timeout) => {}
+                }
                 if signal.is_none()
                     && let Err(raised) = Python::attach(look)
                 {
@@ -44,14 +50,11 @@ pub(super) fn run<T: Send>(
                     stop.store(true, Ordering::Relaxed);
                 }
             }
-            worker.join()
         })
     });
-    if let Some(raised) = signal {
-        return Err(raised);
-    }
-    match result {
-        Ok(result) => Ok(result?),
-        Err(panic) => std::panic::resume_unwind(panic),
+    match (signal, result) {
+        (Some(raised), _) => Err(raised),
+        (None, Some(result)) => Ok(result?),
+        (None, None) => Err(Error::Interrupted.into()),
     }
 }

@@ -134,13 +134,10 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         stop: &AtomicBool,
     ) -> Result<Option<Solved<D>>, Error> {
         let n = self.order();
-        if stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
         count(0.5 * factorisation_cost(n, D * self.problem.contacts()));
         let mut x = self.right(r, &[], count);
         let mut matrix = self.matrix();
-        if dense::cholesky(&mut matrix, n).is_err() {
+        if dense::cholesky(&mut matrix, n, stop)?.is_some() {
             return Ok(None);
         }
         dense::solve_lower(&matrix, n, &mut x, 1);

@@ -264,7 +264,7 @@ impl<const D: usize> Solution<D> {
         settings: &Settings,
         r: &[[f64; D]],
         rigid: Vec<f64>,
-        certificate: Certificate<D>,
+        certificate: &Certificate<D>,
     ) {
         let nodes = r.iter().zip(&certificate.v).zip(&problem.mu);
         let gap: Vec<f64> = nodes
@@ -310,7 +310,7 @@ impl<const D: usize> Solution<D> {
         let point = refine::refine(problem, point, evaluate, stop)?;
         let certificate = Certificate::of(problem, &point.r, point.v, &point.rigid);
         if certificate.converged(settings.tol) {
-            self.put(problem, settings, &point.r, point.rigid, certificate);
+            self.put(problem, settings, &point.r, point.rigid, &certificate);
         }
         Ok(())
     }

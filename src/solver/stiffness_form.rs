@@ -77,7 +77,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
     ) -> Result<Option<Solved<D>>, Error> {
         let n = self.order();
         let problem = self.problem;
-        if !problem.compliance.make_inverse() {
+        if !problem.compliance.make_inverse(stop)? {
             return Ok(None);
         }
         let scaling = &problem.scaling;
