@@ -197,9 +197,8 @@ def held(seed: int) -> Problem:
     q = body["U0"] @ _push(dim, press, shear, angle)
     q[::dim] += _gap(body["x"], kind, rng, press if kind == "graze" else height)
     nodes = len(body["x"])
-    if rng.random() < 0.7:
-        friction = np.full(nodes, mu)
-    else:
+    friction = np.full(nodes, mu)
+    if rng.random() >= 0.7:
         friction = mu * rng.uniform(0.2, 1.8, nodes)
     young = 10 ** rng.choice([0.0, 0.0, 11.0])
     name = f"held {seed}: d {dim}, n {n}, nu {poisson}, mu {mu}, {kind}, E {young:.0e}"
@@ -279,10 +278,9 @@ def random(seed: int) -> Problem:
     m = nodes * d
     G = rng.standard_normal((m, m + 2))
     W = G @ G.T / m + 10 ** rng.uniform(-6, 0) * np.eye(m)
+    scale = np.ones(m)
     if rng.random() < 0.5:
         scale = np.repeat(10 ** rng.uniform(-3, 3, nodes), d)
-    else:
-        scale = np.ones(m)
     W = W * scale[:, None] * scale[None, :]
     q = rng.standard_normal(m) * scale
     mu = rng.choice([0.3, 0.8, 1.0, 1.5, 2.0]) * np.ones(nodes)
@@ -308,7 +306,7 @@ def rigid(seed: int) -> Problem:
             row[own : own + 6] = *axis, *np.cross(x, axis)
             if b > 0 and i >= bodies and rng.random() < 0.5:
                 row[below : below + 3] -= axis
-                row[below + 3 : below + 6] -= np.cross(x + [0, 0, 1.0], axis)
+                row[below + 3 : below + 6] -= np.cross(x + np.r_[0, 0, 1.0], axis)
     lightness = np.repeat(10 ** rng.uniform(-1, 1, bodies), 6)
     inverse_mass = np.tile([1, 1, 1, 6, 6, 6.0], bodies) * lightness
     along = np.arange(bodies * 6) % 6 < 2
