@@ -340,13 +340,7 @@ def _scene_steps() -> tuple[Problem, ...]:
 
 
 def scenes(seed: int) -> Problem:
-    """A load step of a shipped scene, by number.
-
-    Raises
-    ------
-    IndexError
-        There are fewer.
-    """
+    """A load step of a shipped scene, by number; there are `count` of them."""
     return _scene_steps()[seed]
 
 
@@ -359,3 +353,8 @@ SETS: dict[str, Callable[[int], Problem]] = {
     "rigid": rigid,
     "scenes": scenes,
 }
+
+
+def count(name: str) -> int:
+    """How many problems of a set there are."""
+    return len(_scene_steps()) if name == "scenes" else 150
