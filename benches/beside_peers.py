@@ -1,0 +1,189 @@
+"""Seconds to η ≤ 1e-8 beside Siconos and a NumPy sweep, on the same W, q and μ.
+
+    python benches/beside_peers.py
+    python benches/beside_peers.py --seeds 10 --sets held,random
+
+For each problem in turn: ours, the sweep of `peer_sweep.py`, and Siconos' projected
+Gauss–Seidel (NSGS) and Alart–Curnier Newton (NSN_AC) with its default parameters, one
+thread each. Siconos runs in a process of its own (`peer_siconos.py`) under the first
+Python that has it, or the one of ``--siconos``; only its driver is timed. Every answer
+is judged by `ReducedProblem.residual`: Siconos' tolerance, which means something else,
+is tightened by factors of ten until that is 1e-8 or less, and only the run that met it
+counts. Siconos is given node-scaled variables, the same problem with cones untouched:
+its measures are absolute, and in SI units it stops at once or never.
+
+Sets with bodies held by contact alone are left out: the peers have no such unknowns.
+Prints Markdown; unsolved counts as infinite.
+"""
+
+import argparse
+import json
+import os
+import select
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from shutil import which
+from time import perf_counter
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+import numpy as np
+import peer_sweep
+import problems
+from refine import Scaled
+from speed_against_error import timed
+
+import bipot_rs as bp
+
+HERE = Path(__file__).resolve().parent
+WISH = 1e-8
+SETS = [name for name in problems.SETS if name != "floating"]
+PROGRAMS = {
+    "auto": "bipot_rs auto",
+    "sweep": "NumPy sweep",
+    "NSGS": "Siconos NSGS",
+    "NSN_AC": "Siconos NSN_AC",
+}
+
+
+class Siconos:
+    """The other process; started again when it has to be stopped."""
+
+    def __init__(self, python, folder, limit):
+        self.command = [python, str(HERE / "peer_siconos.py")]
+        self.folder, self.limit, self.process = Path(folder), limit, None
+
+    def start(self):
+        """Whether it runs."""
+        pipe, environment = subprocess.PIPE, {**os.environ, "PYTHONPATH": ""}
+        self.process = subprocess.Popen(
+            self.command,
+            stdin=pipe,
+            stdout=pipe,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            env=environment,
+        )
+        return bool(self.process.stdout.readline())
+
+    def ask(self, solver, tol):
+        """Reactions and seconds, or ``None`` after the time limit."""
+        if self.process is None:
+            self.start()
+        files = {
+            "problem": self.folder / "problem.npz",
+            "answer": self.folder / "r.npy",
+        }
+        question = {key: str(path) for key, path in files.items()}
+        # More than it can do in the time limit.
+        question |= {"solver": solver, "tol": tol, "iterations": 1_000_000}
+        self.process.stdin.write(json.dumps(question) + "\n")
+        self.process.stdin.flush()
+        ready, _, _ = select.select([self.process.stdout], [], [], self.limit)
+        line = self.process.stdout.readline() if ready else ""
+        if not line:
+            self.close()
+            return None
+        return np.load(files["answer"]), json.loads(line)["seconds"]
+
+    def close(self):
+        """End the process."""
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+            self.process.stdin.close()
+            self.process.stdout.close()
+            self.process = None
+
+
+def find(asked, folder, limit):
+    """Siconos under the Python asked for, or any; ``None`` where it is not installed."""
+    pythons = (
+        [asked] if asked else [sys.executable, "/usr/bin/python3", which("python3")]
+    )
+    for python in dict.fromkeys(p for p in pythons if p and Path(p).exists()):
+        siconos = Siconos(python, folder, limit)
+        if siconos.start():
+            return siconos
+        siconos.close()
+    print("Siconos: not installed", file=sys.stderr)
+    return None
+
+
+def seconds_of(program, problem, reduced, siconos, limit):
+    """Seconds to the wish, infinite where it was not reached."""
+    if program == "auto":
+        seconds, answer = timed(reduced, tol=WISH, max_seconds=limit)
+        good = answer.converged and reduced.residual(answer.reaction) <= WISH
+        return seconds if good else np.inf
+    scaled = Scaled(problem)
+    W, q, mu = scaled.W, scaled.q, problem.mu
+    if program == "sweep":
+        start = perf_counter()
+        r = peer_sweep.sweep(W, q, mu, WISH, limit)
+        seconds = perf_counter() - start
+        return seconds if reduced.residual(r * scaled.to_v) <= WISH else np.inf
+    np.savez(siconos.folder / "problem.npz", W=W, q=q, mu=mu)
+    for tol in 10.0 ** -np.arange(6, 15):
+        answer = siconos.ask(program, tol)
+        if answer is None:
+            break
+        r, seconds = answer
+        if np.isfinite(r).all() and reduced.residual(r * scaled.to_v) <= WISH:
+            return seconds
+    return np.inf
+
+
+def compare(name, count, programs, siconos, limit):
+    """Seconds of every program on the problems of a set, ``{program: (problems,)}``."""
+    found = {program: [] for program in programs}
+    for seed in range(count):
+        problem = problems.SETS[name](seed)
+        if problem.rigid is not None:
+            continue
+        reduced = bp.ReducedProblem(problem.W, problem.q, problem.mu)
+        for program in programs:
+            seconds = seconds_of(program, problem, reduced, siconos, limit)
+            found[program].append(seconds)
+    return {program: np.array(seconds) for program, seconds in found.items()}
+
+
+def main():
+    """Compare and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sets", default=",".join(SETS))
+    parser.add_argument("--seeds", type=int, default=50)
+    parser.add_argument("--seconds-limit", type=float, default=5.0, help="of a solve")
+    parser.add_argument("--siconos", help="the Python that has it")
+    asked = parser.parse_args()
+    limit = asked.seconds_limit
+    print("| set | problems | program | solved | median, ms | 90 %, ms | / auto |")
+    print("|---|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        siconos = find(asked.siconos, folder, limit)
+        programs = list(PROGRAMS) if siconos else ["auto", "sweep"]
+        for name in asked.sets.split(","):
+            count = min(asked.seeds, problems.count(name))
+            found = compare(name, count, programs, siconos, limit)
+            for program, seconds in found.items():
+                solved = int(np.isfinite(seconds).sum())
+                middle, high = np.quantile(seconds, [0.5, 0.9], method="higher")
+                # Problem by problem; where neither solved it there is no ratio.
+                both = np.isfinite(found["auto"]) | np.isfinite(seconds)
+                ratio = np.median(seconds[both] / found["auto"][both])
+                cells = (
+                    f"{1e3 * x:.2g}" if x < np.inf else "∞" for x in (middle, high)
+                )
+                print(
+                    f"| {name} | {len(seconds)} | {PROGRAMS[program]} | {solved} |",
+                    *(f"{c} |" for c in cells),
+                    f"{ratio:.2g} |",
+                    flush=True,
+                )
+        if siconos:
+            siconos.close()
+
+
+if __name__ == "__main__":
+    main()
