@@ -148,10 +148,10 @@ def seconds_of(peer, problem, reduced, siconos, limit):
     return np.inf
 
 
-def compare(name, count, programs, siconos, limit):
+def compare(name, seeds, programs, siconos, limit):
     """Seconds of every program on the problems of a set, ``{program: (problems,)}``."""
     found = {program: [] for program in programs}
-    for seed in range(count):
+    for seed in seeds:
         problem = problems.SETS[name](seed)
         if problem.rigid is not None:
             continue
@@ -170,6 +170,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sets", default=",".join(SETS))
     parser.add_argument("--seeds", type=int, default=50)
+    parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seconds-limit", type=float, default=5.0, help="of a solve")
     parser.add_argument("--siconos", help="the Python that has it")
     asked = parser.parse_args()
@@ -180,8 +181,8 @@ def main():
         siconos = find(asked.siconos, folder, limit)
         programs = list(PROGRAMS) if siconos else ["call", "auto", "sweep"]
         for name in asked.sets.split(","):
-            count = min(asked.seeds, problems.count(name))
-            found = compare(name, count, programs, siconos, limit)
+            seeds = problems.seeds(name, asked.seeds, asked.first_seed)
+            found = compare(name, seeds, programs, siconos, limit)
             for program, seconds in found.items():
                 solved = int(np.isfinite(seconds).sum())
                 middle, high = np.quantile(seconds, [0.5, 0.9], method="higher")

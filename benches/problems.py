@@ -340,7 +340,7 @@ def _scene_steps() -> tuple[Problem, ...]:
 
 
 def scenes(seed: int) -> Problem:
-    """A load step of a shipped scene, by number; there are `count` of them."""
+    """A load step of a shipped scene, by number."""
     return _scene_steps()[seed]
 
 
@@ -355,6 +355,7 @@ SETS: dict[str, Callable[[int], Problem]] = {
 }
 
 
-def count(name: str) -> int:
-    """How many problems of a set there are."""
-    return len(_scene_steps()) if name == "scenes" else 150
+def seeds(name: str, count: int, first: int = 0) -> range:
+    """The seeds of `count` problems of a set, fewer where there are no more."""
+    last = len(_scene_steps()) if name == "scenes" else first + count
+    return range(first, min(first + count, last))

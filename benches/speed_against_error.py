@@ -26,6 +26,7 @@ import json
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
 
@@ -113,7 +114,7 @@ def distance(problem, answer, exact):
     return error / size if size else (np.inf if error else 0.0)
 
 
-def collect(sets, methods, seeds, limit, jobs):
+def collect(sets, methods, seeds, first, limit, jobs):
     """Rungs by set, method and seed, from the folder of the problems or solved now."""
     core = Path(_core.__file__).stat()
     stamp = [core.st_size, core.st_mtime_ns, limit]
@@ -127,12 +128,14 @@ def collect(sets, methods, seeds, limit, jobs):
                 done[tuple(entry["key"])] = entry["rungs"]
     wanted = []
     for name in sets:
-        count = problems.count(name)
         for method in methods:
-            own = SEEDS.get(method, FEWER) if seeds is None else seeds
-            wanted += [(name, method, seed) for seed in range(min(own, count))]
+            count = SEEDS.get(method, FEWER) if seeds is None else seeds
+            own = problems.seeds(name, count, first)
+            wanted += [(name, method, seed) for seed in own]
     missing = [key for key in wanted if key not in done]
-    with ProcessPoolExecutor(jobs) as pool, store.open("a") as file:
+    # Not forked: threads of the package do not survive that.
+    fresh = get_context("spawn")
+    with ProcessPoolExecutor(jobs, fresh) as pool, store.open("a") as file:
         running = [pool.submit(solve, k[0], k[2], k[1], limit) for k in missing]
         for i, (key, future) in enumerate(zip(missing, running, strict=True)):
             done[key] = future.result()
@@ -205,14 +208,16 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sets", default=",".join(problems.SETS))
     parser.add_argument("--methods", default=",".join(METHODS))
-    parser.add_argument("--seeds", type=int, help="seeds from 0, for every method")
+    parser.add_argument("--seeds", type=int, help="how many, for every method")
+    parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seconds-limit", type=float, default=10.0, help="of a solve")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=HERE, help="folder to write to")
     asked = parser.parse_args()
     methods = available(asked.methods.split(","))
     sets, limit = asked.sets.split(","), asked.seconds_limit
-    results = collect(sets, methods, asked.seeds, limit, asked.jobs)
+    drawn = asked.seeds, asked.first_seed
+    results = collect(sets, methods, *drawn, limit, asked.jobs)
     lines = list(rows(results))
     path = asked.out / "speed_against_error.csv"
     with path.open("w", newline="") as file:
