@@ -5,7 +5,8 @@ stick v = 0, slip v_n = 0 and r_t = μ r_n t with t along r_t − v_t, which poi
 against the slip. Newton's method solves them with factors in double precision and
 residuals in extended precision, or, where W has lost so many digits that this is too
 little, in exact integers. Then (6) and (8) are tested as textbooks have them. Where
-they fail, the statuses are read off anew.
+they fail, the statuses are read off anew. Extended precision is `numpy.longdouble` of
+64 bits or more; where that is a plain double no answer is trusted.
 
 Among several answers this finds the one that the approximate answer belongs to.
 """
@@ -109,6 +110,7 @@ def refine(
         In the units of the problem.
     """
     p = Scaled(problem)
+    enough = np.finfo(np.longdouble).nmant >= 63
     r = (reaction / p.to_v).astype(np.longdouble)
     a = np.zeros(len(p.e), np.longdouble) + (0 if motion is None else motion)
     allowed = ACCURACY if p.full_rank else REDUNDANT
@@ -126,7 +128,7 @@ def refine(
         else:
             correction = _largest(v - start) / (_largest(p.q) or 1.0)
         law_holds = _violation(p, r, v) <= allowed
-        trusted = correction <= ACCURACY and law_holds
+        trusted = enough and correction <= ACCURACY and law_holds
         if trusted:
             break
         if correction > 0.5 * before and correction < 1e-9 and not exact:
