@@ -7,7 +7,8 @@ Every problem of `problems.py` is solved from r = 0 at a ladder of tolerances, o
 thread a solve. A solve is repeatable, so its work belongs to its tolerance. What it
 returns is judged twice: by η, (13), and by its true error, the distance to the exact
 answer of `refine.py`, found from the statuses of the method's own tightest answer:
-where several answers exist, each method is held to the one it chose. Errors are
+where several answers exist, each method is held to the one it chose. Where that answer
+is too loose to tell the statuses, those of `auto` are taken. Errors are
 relative, in node-scaled variables, of r; where W has not full rank, of v, relative to
 the larger of v and q.
 
@@ -90,9 +91,12 @@ def solve(name, seed, method, limit):
         rungs.append({"tol": tol, "work": answer.work, "seconds": seconds})
     if not answers:
         return rungs
-    # A tight answer may have stalled on rounding; the one before has the statuses too.
-    for last in reversed(answers[-3:]):
-        exact = refine(problem, last.reaction, last.rigid_motion, last.status)
+    # Rounding may have spoilt the statuses of the tightest: then the ones before.
+    for last in [*reversed(answers[-3:]), None]:
+        told = (
+            reduced.solve(tol=LADDER[-1], max_seconds=limit) if last is None else last
+        )
+        exact = refine(problem, told.reaction, told.rigid_motion, told.status)
         if exact.trusted:
             break
     for rung, answer in zip(rungs, answers, strict=True):

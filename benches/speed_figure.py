@@ -23,7 +23,7 @@ TITLES = {
     "islands": "islands",
     "floating": "held by contact alone",
     "random": "random matrices",
-    "rigid": "rigid, redundant (error of v)",
+    "rigid": "rigid, redundant",
     "scenes": "the five scenes",
 }
 
@@ -56,22 +56,28 @@ def draw(source, target):
     figure, axes = plt.subplots(
         rows, 4, figsize=(11, 2.9 * rows), sharex=True, sharey=True, squeeze=False
     )
-    panels = axes.ravel()
+    panels, open_ends = axes.ravel(), False
     for panel, (name, methods) in zip(panels, curves.items(), strict=False):
+        missing = []
         # The default last, so that it lies on top.
         for method in sorted(methods, key=lambda m: m == "auto"):
             error, products = methods[method]
-            colour, mark, _ = STYLES[method]
+            colour, mark, label = STYLES[method]
             reached = np.isfinite(products)
+            if not reached.any():
+                missing.append(label)
+                continue
             style = {"color": colour, "marker": mark, "markersize": 4}
             width = 2.2 if method == "auto" else 1.3
             panel.plot(error[reached], products[reached], lw=width, **style)
-            if reached.any() and not reached.all():
+            if not reached.all():
                 # Where more than half are unsolved the median is infinite.
-                at = np.flatnonzero(reached)[-1]
-                panel.plot(
-                    error[at], products[at], "o", mfc="white", mec=colour, ms=8, mew=1.5
-                )
+                at, open_ends = np.flatnonzero(reached)[-1], True
+                end = {"marker": "o", "mfc": "white", "mec": colour, "ms": 8}
+                panel.plot(error[at], products[at], mew=1.5, **end)
+        if missing:
+            told = "over half unsolved: " + ", ".join(missing)
+            panel.text(0.04, 0.04, told, transform=panel.transAxes, color="0.35")
         panel.set(xscale="log", yscale="log", title=TITLES[name])
         panel.grid(color="0.9", lw=0.6)
         panel.set_axisbelow(True)
@@ -85,22 +91,17 @@ def draw(source, target):
         plt.Line2D([], [], color=STYLES[m][0], marker=STYLES[m][1], label=STYLES[m][2])
         for m in drawn
     ]
-    handles.append(
-        plt.Line2D(
-            *([], []),
-            ls="",
-            marker="o",
-            mfc="white",
-            mec="0.3",
-            ms=8,
-            label="beyond: more than half unsolved",
-        )
-    )
+    if open_ends:
+        end = {"ls": "", "marker": "o", "mfc": "white", "mec": "0.3", "ms": 8}
+        label = "beyond: over half unsolved"
+        handles.append(plt.Line2D([], [], label=label, **end))
     for panel in panels[len(curves) :]:
         panel.axis("off")
     panels[-1].legend(handles=handles, loc="center", frameon=False)
-    for panel in panels[max(len(curves) - 4, 0) : len(curves)]:
-        panel.set_xlabel("true relative error of r")
+    below = list(zip(panels, curves, strict=False))[-4:]
+    for panel, name in below:
+        # W of rigid assemblies does not determine r.
+        panel.set_xlabel(f"true relative error of {'v' if name == 'rigid' else 'r'}")
         panel.tick_params(labelbottom=True)
     figure.tight_layout()
     figure.savefig(target, dpi=110)
