@@ -218,6 +218,7 @@ def main():
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=HERE, help="folder to write to")
     asked = parser.parse_args()
+    asked.out.mkdir(parents=True, exist_ok=True)
     methods = available(asked.methods.split(","))
     sets, limit = asked.sets.split(","), asked.seconds_limit
     drawn = asked.seeds, asked.first_seed
