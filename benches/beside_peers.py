@@ -9,8 +9,9 @@ thread each. Siconos runs in a process of its own (`peer_siconos.py`) under the 
 Python that has it, or the one of ``--siconos``; only its driver is timed. Every answer
 is judged by `ReducedProblem.residual`: Siconos' tolerance, which means something else,
 is tightened by factors of ten until that is 1e-8 or less, and only the run that met it
-counts. The peers are given units in which the mean diagonal entry of W and the largest
-of q are 1: Siconos' measures are absolute, and in SI units it stops at once or never.
+counts. The peers are given node-scaled variables, the largest of q being 1: the same
+problem, and the kindest form of it. Siconos' measures are absolute: in SI units it
+stops at once or never, and with stiff beside soft contacts too early for good.
 
 Ours is told twice: the call from Python, checks and conversions of arrays included, and
 what the solver takes of that, which is what Siconos' driver is to its own.
@@ -34,6 +35,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import peer_sweep
 import problems
+from refine import Scaled
 from speed_against_error import timed
 
 import bipot_rs as bp
@@ -129,9 +131,9 @@ def ours(reduced, limit):
 
 def seconds_of(peer, problem, reduced, siconos, limit):
     """Seconds of a peer to the wish, infinite where it did not reach it."""
-    length, compliance = np.abs(problem.q).max(), problem.W.diagonal().mean()
-    force = length / compliance
-    W, q, mu = problem.W / compliance, problem.q / length, problem.mu
+    scaled = Scaled(problem)
+    largest = np.abs(scaled.q).max()
+    W, q, mu, force = scaled.W, scaled.q / largest, problem.mu, largest * scaled.to_v
     if peer == "sweep":
         start = perf_counter()
         r = peer_sweep.sweep(W, q, mu, WISH, limit)
@@ -165,6 +167,14 @@ def compare(name, seeds, programs, siconos, limit):
     return {program: np.array(seconds) for program, seconds in found.items()}
 
 
+def ratio(seconds, ours):
+    """Median of the ratios, problem by problem, of those that one of the two solved."""
+    either = np.isfinite(ours) | np.isfinite(seconds)
+    if not either.any():
+        return np.inf
+    return np.quantile(seconds[either] / ours[either], 0.5, method="higher")
+
+
 def main():
     """Compare and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -175,8 +185,10 @@ def main():
     parser.add_argument("--siconos", help="the Python that has it")
     asked = parser.parse_args()
     limit = asked.seconds_limit
-    print("| set | problems | program | solved | median, ms | 90 %, ms | / the call |")
-    print("|---|---|---|---|---|---|---|")
+    print(
+        "| set | problems | program | solved | median, ms | 90 %, ms | / call | / solver |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         siconos = find(asked.siconos, folder, limit)
         programs = list(PROGRAMS) if siconos else ["call", "auto", "sweep"]
@@ -186,11 +198,8 @@ def main():
             for program, seconds in found.items():
                 solved = int(np.isfinite(seconds).sum())
                 middle, high = np.quantile(seconds, [0.5, 0.9], method="higher")
-                # Problem by problem; where neither solved it there is no ratio.
-                either = np.isfinite(found["call"]) | np.isfinite(seconds)
-                ratios = seconds[either] / found["call"][either]
-                ratio = np.quantile(ratios, 0.5, method="higher") if either.any() else 1
-                figures = (1e3 * middle, 1e3 * high, ratio)
+                ratios = (ratio(seconds, found[own]) for own in ("call", "auto"))
+                figures = (1e3 * middle, 1e3 * high, *ratios)
                 cells = (f"{x:.2g}" if x < np.inf else "∞" for x in figures)
                 print(
                     f"| {name} | {len(seconds)} | {PROGRAMS[program]} | {solved} |",
