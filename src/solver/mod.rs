@@ -251,7 +251,7 @@ fn finish<const D: usize>(
         settings,
         &log.best_reaction,
         log.best_rigid,
-        certificate,
+        &certificate,
     );
     solution
 }

@@ -1,0 +1,245 @@
+"""What each method pays for each digit: products with W and seconds against error.
+
+    python benches/speed_against_error.py                # the tables and the figure
+    python benches/speed_against_error.py --seeds 20 --methods auto,uzawa
+
+Every problem of `problems.py` is solved from r = 0 at a ladder of tolerances, one
+thread a solve. A solve is repeatable, so its work belongs to its tolerance. What it
+returns is judged twice: by η, (13), and by its true error, the distance to the exact
+answer of `refine.py`, found from the statuses of the method's own tightest answer:
+where several answers exist, each method is held to the one it chose. Where that answer
+is too loose to tell the statuses, those of `auto` are taken. Errors are
+relative, in node-scaled variables, of r; where W has not full rank, of v, relative to
+the larger of v and q.
+
+The cost of an error is that of the first rung, from loose to tight, that converged and
+meets it. A solve that did not converge within 20,000 products or the time limit costs
+infinity, and enters medians and quantiles so: nothing is dropped.
+
+Writes speed_against_error.csv and .png beside this file and prints Markdown. Solves
+are kept in the folder of the problems as long as the compiled core is the same, so
+that a run that was stopped goes on, and one with more seeds adds only those.
+"""
+
+import argparse
+import csv
+import json
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from time import perf_counter
+
+# Set before NumPy is imported: each job measures on one core.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+import numpy as np
+import problems
+from refine import Scaled, refine
+
+import bipot_rs as bp
+from bipot_rs import _core
+
+HERE = Path(__file__).resolve().parent
+METHODS = (
+    *("auto", "newton", "gauss_seidel", "nesterov"),
+    *("uzawa", "uzawa_two_projection"),
+)
+SEEDS = {"auto": 150, "newton": 150, "gauss_seidel": 150}
+FEWER = 50  # for methods of thousands of products
+LADDER = [float(f"1e-{k}") for k in range(2, 15)]
+TARGETS = LADDER[:11]
+SHOWN = TARGETS[::2]
+WORK = 20_000
+MEASURES = {"eta": "η", "error": "true error"}
+
+
+def available(methods):
+    """Those of the methods that the package has."""
+    problem, found = bp.ReducedProblem(np.eye(2), [[-1.0, 0.0]], 0.3), []
+    for method in methods:
+        try:
+            problem.solve(method)
+        except ValueError as error:
+            print(f"{method}: left out, {error}", file=sys.stderr)
+        else:
+            found.append(method)
+    return found
+
+
+def timed(reduced, **settings):
+    """A solution and its seconds; short ones are repeated, the smallest counts."""
+    seconds = []
+    while not seconds or (len(seconds) < 3 and sum(seconds) < 0.02):
+        start = perf_counter()
+        solution = reduced.solve(**settings, max_iterations=WORK, num_threads=1)
+        seconds.append(perf_counter() - start)
+    return min(seconds), solution
+
+
+def solve(name, seed, method, limit):
+    """The rungs of one method on one problem, ``{tol, work, seconds, eta, error}``."""
+    problem = problems.SETS[name](seed)
+    reduced = bp.ReducedProblem(problem.W, problem.q, problem.mu, rigid=problem.rigid)
+    timed(reduced, method=method, tol=0.5)  # threads and memory are there from now on
+    rungs, answers = [], []
+    for tol in LADDER:
+        seconds, answer = timed(reduced, method=method, tol=tol, max_seconds=limit)
+        if not answer.converged or answer.work > WORK:
+            break  # nor would a tighter one
+        answers.append(answer)
+        rungs.append({"tol": tol, "work": answer.work, "seconds": seconds})
+    if not answers:
+        return rungs
+    # Rounding may have spoilt the statuses of the tightest: then the ones before.
+    for last in [*reversed(answers[-3:]), None]:
+        told = (
+            reduced.solve(tol=LADDER[-1], max_seconds=limit) if last is None else last
+        )
+        exact = refine(problem, told.reaction, told.rigid_motion, told.status)
+        if exact.trusted:
+            break
+    for rung, answer in zip(rungs, answers, strict=True):
+        rung["eta"] = answer.residual
+        rung["error"] = distance(problem, answer, exact) if exact.trusted else np.inf
+    return rungs
+
+
+def distance(problem, answer, exact):
+    """True relative error of an answer in node-scaled variables."""
+    to_v = Scaled(problem).to_v
+    if problem.full_rank:
+        error, size = (answer.reaction - exact.r) / to_v, [exact.r / to_v]
+    else:
+        error = (answer.relative_displacement - exact.v) * to_v
+        size = [exact.v * to_v, problem.q * to_v]
+    error = float(np.linalg.norm(error.astype(float)))
+    size = max(float(np.linalg.norm(x.astype(float))) for x in size)
+    return error / size if size else (np.inf if error else 0.0)
+
+
+def collect(sets, methods, seeds, first, limit, jobs):
+    """Rungs by set, method and seed, from the folder of the problems or solved now."""
+    core = Path(_core.__file__).stat()
+    stamp = [core.st_size, core.st_mtime_ns, limit]
+    store = problems.folder() / "speed_against_error.jsonl"
+    store.parent.mkdir(parents=True, exist_ok=True)
+    done = {}
+    if store.exists():
+        for line in store.read_text().splitlines():
+            entry = json.loads(line)
+            if entry["stamp"] == stamp:
+                done[tuple(entry["key"])] = entry["rungs"]
+    wanted = []
+    for name in sets:
+        for method in methods:
+            count = SEEDS.get(method, FEWER) if seeds is None else seeds
+            own = problems.seeds(name, count, first)
+            wanted += [(name, method, seed) for seed in own]
+    missing = [key for key in wanted if key not in done]
+    # Not forked: threads of the package do not survive that.
+    fresh = get_context("spawn")
+    with ProcessPoolExecutor(jobs, fresh) as pool, store.open("a") as file:
+        running = [pool.submit(solve, k[0], k[2], k[1], limit) for k in missing]
+        for i, (key, future) in enumerate(zip(missing, running, strict=True)):
+            done[key] = future.result()
+            entry = {"stamp": stamp, "key": key, "rungs": done[key]}
+            file.write(json.dumps(entry) + "\n")
+            file.flush()
+            if sys.stderr.isatty():
+                print(f"\r{i + 1} of {len(missing)}", end="", file=sys.stderr)
+    return {key: done[key] for key in wanted}
+
+
+def cost(rungs, measure, target):
+    """Products and seconds to a target, infinite where it was not reached."""
+    for rung in rungs:
+        if rung["tol"] <= target if measure == "eta" else rung["error"] <= target:
+            return rung["work"], rung["seconds"]
+    return np.inf, np.inf
+
+
+def rows(results):
+    """Lines of the CSV: a set, a method, a measure, a target."""
+    groups = {}
+    for (name, method, _), rungs in results.items():
+        groups.setdefault((name, method), []).append(rungs)
+    for (name, method), members in groups.items():
+        for measure in MEASURES:
+            for target in TARGETS:
+                costs = np.array([cost(rungs, measure, target) for rungs in members])
+                # Not interpolated: halfway to infinity is no number.
+                middle, high = np.quantile(costs, [0.5, 0.9], axis=0, method="higher")
+                yield {
+                    "set": name,
+                    "method": method,
+                    "problems": len(members),
+                    "measure": measure,
+                    "target": target,
+                    "solved": int(np.isfinite(costs[:, 0]).sum()),
+                    "products_median": middle[0],
+                    "products_q90": high[0],
+                    "seconds_median": middle[1],
+                    "seconds_q90": high[1],
+                }
+
+
+def table(lines, measure, unit, form):
+    """Print one Markdown table: median and 90 % quantile for each target."""
+    told = {"products": "products with W", "seconds": "milliseconds"}[unit]
+    print(f"\n{told} to {MEASURES[measure]}: median / 90 % quantile\n")
+    heads = [f"{target:.0e}" for target in SHOWN]
+    print("| set | method |", *(f"{h} |" for h in heads), "solved |")
+    print("|" + "---|" * (len(heads) + 3))
+    own = [line for line in lines if line["measure"] == measure]
+    for name, method in dict.fromkeys((x["set"], x["method"]) for x in own):
+        by_target = {
+            x["target"]: x for x in own if (x["set"], x["method"]) == (name, method)
+        }
+        cells = []
+        for target in SHOWN:
+            line = by_target[target]
+            pair = (line[f"{unit}_{q}"] for q in ("median", "q90"))
+            cells.append(" / ".join(form(x) if np.isfinite(x) else "∞" for x in pair))
+        # At three depths, since a method may find an answer and not refine it.
+        depths = [by_target[t]["solved"] for t in (1e-4, 1e-8, 1e-12)]
+        solved = ", ".join(map(str, depths)) + f" of {line['problems']}"
+        print(f"| {name} | {method} |", *(f"{c} |" for c in cells), solved, "|")
+
+
+def main():
+    """Measure, write, print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sets", default=",".join(problems.SETS))
+    parser.add_argument("--methods", default=",".join(METHODS))
+    parser.add_argument("--seeds", type=int, help="how many, for every method")
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--seconds-limit", type=float, default=10.0, help="of a solve")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    parser.add_argument("--out", type=Path, default=HERE, help="folder to write to")
+    asked = parser.parse_args()
+    asked.out.mkdir(parents=True, exist_ok=True)
+    methods = available(asked.methods.split(","))
+    sets, limit = asked.sets.split(","), asked.seconds_limit
+    drawn = asked.seeds, asked.first_seed
+    results = collect(sets, methods, *drawn, limit, asked.jobs)
+    lines = list(rows(results))
+    path = asked.out / "speed_against_error.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, lines[0], lineterminator="\n")
+        writer.writeheader()
+        for line in lines:
+            writer.writerow(
+                {k: f"{x:.4g}" if isinstance(x, float) else x for k, x in line.items()}
+            )
+    for measure in ("error", "eta"):
+        table(lines, measure, "products", "{:.0f}".format)
+    table(lines, "error", "seconds", lambda x: f"{1e3 * x:.2g}")
+
+    from speed_figure import draw
+
+    draw(path, path.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()
