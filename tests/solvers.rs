@@ -321,4 +321,4 @@ fn work_is_pinned() {
 }
 
 /// Measured, and a tenth more.
-const PINNED: [f64; 3] = [123.0, 128.0, 481.0];
+const PINNED: [f64; 3] = [137.0, 128.0, 481.0];
