@@ -3,6 +3,7 @@
 
 pub mod anderson;
 pub mod auto;
+pub mod enumerate;
 pub mod gauss_seidel;
 pub mod monitor;
 pub mod newton;
