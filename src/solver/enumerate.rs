@@ -191,7 +191,8 @@ impl Tableau {
     fn remove(&mut self, unknown: usize) {
         self.last(unknown);
         self.unknowns.pop();
-        self.entries.truncate((self.unknowns.len() + 1) * self.height);
+        self.entries
+            .truncate((self.unknowns.len() + 1) * self.height);
     }
 
     /// Chooses the status of a contact.
@@ -388,8 +389,7 @@ impl<'p> Search<'p> {
                 })
         };
         let tests = |contact| self.tests(tableau, contact).into_iter().flatten();
-        tableau.equations.iter().any(equation_fails)
-            || (0..depth).flat_map(tests).any(test_fails)
+        tableau.equations.iter().any(equation_fails) || (0..depth).flat_map(tests).any(test_fails)
     }
 
     /// The inequalities of a decided contact, as far as its unknowns are solved for.
@@ -420,9 +420,7 @@ impl<'p> Search<'p> {
             // a test fails for all they allow, or nothing is proved here.
             let constants = tableau.constants();
             let contradict = |&row: &usize| constants[row].abs() > SAME * size;
-            if !tableau.equations.iter().any(contradict)
-                && !self.fails(depth, SAME * size, RANK)
-            {
+            if !tableau.equations.iter().any(contradict) && !self.fails(depth, SAME * size, RANK) {
                 self.found.complete = false;
             }
             return;

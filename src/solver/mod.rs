@@ -7,6 +7,7 @@ pub mod enumerate;
 pub mod gauss_seidel;
 pub mod monitor;
 pub mod newton;
+pub mod uniqueness;
 pub mod uzawa;
 
 use std::sync::atomic::AtomicBool;
