@@ -39,16 +39,32 @@ pub struct Step<const D: usize> {
 /// `q` of a step: the total free displacement, less where the contacts slid to
 /// before, (22).
 #[must_use]
-pub fn incremental<const D: usize>(q: &[[f64; D]], state: Option<&State<D>>) -> Vec<[f64; D]> {
+pub fn incremental<const D: usize>(q: &[[f64; D]], before: Option<&[[f64; D]]>) -> Vec<[f64; D]> {
     let mut q = q.to_vec();
-    if let Some(state) = state {
-        for (free, before) in q.iter_mut().zip(&state.relative_displacement) {
+    if let Some(before) = before {
+        for (free, before) in q.iter_mut().zip(before) {
             for k in 1..D {
                 free[k] -= before[k];
             }
         }
     }
     q
+}
+
+/// The reduced problem of a step to the total loads, from the relative
+/// displacement that the step before left.
+///
+/// # Errors
+/// Wrong loads.
+pub fn reduced_step<'a, const D: usize>(
+    problem: &'a Condensed<D>,
+    load: &[f64],
+    prescribed: &[f64],
+    before: Option<&[[f64; D]]>,
+) -> Result<Reduced<'a, D>, Error> {
+    let free = problem.free_part(load, prescribed)?;
+    let q = incremental(&free.q, before);
+    Reduced::new(problem.compliance(), &q, problem.mu(), &free.rigid)
 }
 
 impl<const D: usize> LoadPath<D> {
@@ -77,10 +93,9 @@ impl<const D: usize> LoadPath<D> {
         settings: &Settings,
         stop: &AtomicBool,
     ) -> Result<Step<D>, Error> {
-        let free = problem.free_part(load, prescribed)?;
-        let q = incremental(&free.q, self.state.as_ref());
+        let before = self.state.as_ref().map(|s| &s.relative_displacement[..]);
+        let reduced = reduced_step(problem, load, prescribed, before)?;
         let compliance = problem.compliance();
-        let reduced = Reduced::new(compliance, &q, problem.mu(), &free.rigid)?;
         if let Some((node, penetration)) = reduced.contradiction {
             return Err(Error::ContradictoryContact { node, penetration });
         }

@@ -1,5 +1,6 @@
 //! The law of one contact: no assembled matrix, no second node.
 
+pub mod alart_curnier;
 pub mod bipotential;
 pub mod cone;
 pub mod frame;

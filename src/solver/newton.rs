@@ -120,11 +120,11 @@ fn between<const D: usize>(x: &[[f64; D]], y: &[[f64; D]], share: f64) -> Vec<[f
 }
 
 /// The rows of one contact: `by_r r' + by_v v' = right` at the next point.
-pub(super) struct Rows<const D: usize> {
-    pub(super) node: usize,
-    pub(super) by_r: Block<D>,
-    pub(super) by_v: Block<D>,
-    pub(super) right: Vector<D>,
+struct Rows<const D: usize> {
+    node: usize,
+    by_r: Block<D>,
+    by_v: Block<D>,
+    right: Vector<D>,
 }
 
 /// The solution with some contacts held in every direction and the others open.
@@ -222,7 +222,7 @@ fn solve_rows<const D: usize>(
 }
 
 /// The linearised law of one contact; nothing for an open one, whose `r` is zero.
-pub(super) fn rows<const D: usize>(
+fn rows<const D: usize>(
     problem: &Reduced<D>,
     node: usize,
     r: &[f64; D],

@@ -25,7 +25,7 @@ RUST = (
 # Within a folder likewise; those named together do not know each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "binary small union",
+        "binary signs small union",
         "csc",
         "least_squares packed",
         "dense ordering quotient",
@@ -34,7 +34,7 @@ RUST_SIBLINGS = {
         "multifrontal",
         "solves",
     ),
-    "law": ("frame cone", "bipotential one_node"),
+    "law": ("frame cone", "alart_curnier bipotential one_node"),
     "problem": (
         "border memory null_space sparse stats",
         "compliance",
@@ -43,8 +43,12 @@ RUST_SIBLINGS = {
         "body",
         "condense",
     ),
-    "solver": ("anderson monitor", "gauss_seidel newton uzawa", "auto"),
-    "python": ("errors arrays interrupt", "solver", "problem"),
+    "solver": (
+        "anderson enumerate index monitor monotony",
+        "gauss_seidel newton uniqueness uzawa",
+        "auto",
+    ),
+    "python": ("errors arrays interrupt", "solver", "problem", "several"),
 }
 # Word of the code: the only files that may hold it. An upgrade of a library, or
 # a review of what the compiler cannot check, then has few places to go.
@@ -59,7 +63,7 @@ PYTHON = (
     "_core",
     "export",
     "check result",
-    "errors",
+    "answers errors",
     "problem",
     "elasticity analytic",
     "fem __init__",
