@@ -6,6 +6,7 @@
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
+use bipot_rs::error::Error;
 use bipot_rs::problem::compliance::Compliance;
 use bipot_rs::problem::reduced::{Reduced, Rigid};
 use bipot_rs::solver::enumerate::{Enumeration, answers};
@@ -80,16 +81,18 @@ impl Case {
         for code in 0..4_usize.pow(u32::try_from(contacts).unwrap()) {
             // Unknowns r, v, a; rows v - W r - R a = q, Rᵀ r = -e, two a contact.
             let mut rows = vec![vec![0.0; n + 1]; n];
-            for i in 0..m {
-                rows[i][m + i] = 1.0;
-                for j in 0..m {
-                    rows[i][j] = -self.w[i * m + j];
+            for (i, row) in rows.iter_mut().enumerate().take(m) {
+                row[m + i] = 1.0;
+                for (entry, w) in row.iter_mut().zip(&self.w[i * m..(i + 1) * m]) {
+                    *entry = -w;
                 }
-                rows[i][n] = self.q[i / 2][i % 2];
+                row[n] = self.q[i / 2][i % 2];
                 for (c, mode) in self.rigid.modes.iter().enumerate() {
-                    rows[i][2 * m + c] = -mode[i / 2][i % 2];
-                    rows[m + c][i] = mode[i / 2][i % 2];
+                    row[2 * m + c] = -mode[i / 2][i % 2];
                 }
+            }
+            for (c, mode) in self.rigid.modes.iter().enumerate() {
+                rows[m + c][..m].copy_from_slice(mode.as_flattened());
             }
             for (c, load) in self.rigid.load.iter().enumerate() {
                 rows[m + c][n] = -load;
@@ -233,6 +236,86 @@ fn what_is_said_of_uniqueness_is_true() {
             });
         }
     }
-    println!("{said:?}");
     assert!(said.iter().all(|&count| count > 40), "{said:?}"); // all three occur
+}
+
+/// A plane answer in space: a second tangent that nothing couples to or pushes.
+fn in_space(case: &Case, r: &[[f64; 2]], use_it: impl FnOnce(&Reduced<3>, &[[f64; 3]])) {
+    let contacts = case.q.len();
+    let (m, n) = (2 * contacts, 3 * contacts);
+    let mut w = vec![0.0; n * n];
+    for i in 0..n {
+        for j in 0..n {
+            w[i * n + j] = match (i % 3, j % 3) {
+                (2, 2) if i == j => 0.3,
+                (2, _) | (_, 2) => 0.0,
+                (k, l) => case.w[(2 * (i / 3) + k) * m + 2 * (j / 3) + l],
+            };
+        }
+    }
+    let wider = |x: &[[f64; 2]]| x.iter().map(|x| [x[0], x[1], 0.0]).collect::<Vec<_>>();
+    let compliance = Compliance::from_dense(contacts, Cow::Borrowed(&w)).unwrap();
+    let problem = Reduced::new(&compliance, &wider(&case.q), &case.mu, &Rigid::default());
+    use_it(&problem.unwrap(), &wider(r));
+}
+
+#[test]
+fn an_answer_has_the_same_index_in_space() {
+    let never = AtomicBool::new(false);
+    let mut others = 0;
+    for seed in 0..1500 {
+        let case = Case::random(seed);
+        let all = case.all();
+        for (r, _) in &all.answers {
+            let plane = case.with(|problem| assess(problem, r, &never).unwrap());
+            in_space(&case, r, |problem, r| {
+                let space = assess(problem, r, &never).unwrap();
+                // The new row, (1 - g) + 0.3 g with 0 < g < 1, changes no sign.
+                assert_eq!(space == Unique::OthersExist, plane == Unique::OthersExist);
+                assert!(space != Unique::Proved || all.answers.len() == 1);
+                others += usize::from(space == Unique::OthersExist);
+            });
+        }
+    }
+    assert!(others > 40, "{others}"); // the case occurs
+}
+
+#[test]
+fn a_change_of_units_changes_no_answer() {
+    for seed in 0..50 {
+        let case = Case::random(seed);
+        // Lengths by 2⁻³⁰, forces by 2²⁰: exact in binary, and so are the answers.
+        let (length, force) = (2.0_f64.powi(-30), 2.0_f64.powi(20));
+        let other = Case {
+            w: case.w.iter().map(|w| w * length / force).collect(),
+            q: case.q.iter().map(|q| q.map(|c| c * length)).collect(),
+            mu: case.mu.clone(),
+            rigid: Rigid::default(),
+        };
+        let (all, others) = (case.all().answers, other.all().answers);
+        assert_eq!(all.len(), others.len());
+        for ((r, _), (other, _)) in all.iter().zip(&others) {
+            let scaled: Vec<f64> = r.as_flattened().iter().map(|c| c * force).collect();
+            assert_eq!(scaled, other.as_flattened());
+        }
+    }
+}
+
+#[test]
+fn a_long_enumeration_is_interrupted() {
+    // Twelve contacts that hardly feel each other: almost no branch is cut.
+    let n = 24;
+    let mut w = vec![1e-3; n * n];
+    for i in 0..n {
+        w[i * (n + 1)] = 1.0;
+    }
+    let case = Case {
+        w,
+        q: vec![[-1.0, 0.1]; 12],
+        mu: vec![5.0; 12],
+        rigid: Rigid::default(),
+    };
+    let raised = AtomicBool::new(true);
+    let stopped = case.with(|problem| answers(problem, &raised).map(|all| all.answers.len()));
+    assert_eq!(stopped, Err(Error::Interrupted));
 }

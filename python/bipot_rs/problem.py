@@ -628,9 +628,8 @@ class ReducedProblem:
         size = np.divide(moved, diagonal, where=diagonal > 0, out=np.zeros(contacts))
         if self.rigid is not None:
             size += np.abs(self.rigid[1]).max(initial=0.0) / contacts
-        settings = {"tol": 1e-12, "max_iterations": 1000}
         return search(
-            lambda start: self.solve(start=start, **settings),
+            lambda start: self.solve(tol=1e-12, max_iterations=1000, start=start),
             size,
             self.mu,
             d,
