@@ -10,7 +10,7 @@ use crate::problem::reduced::Reduced;
 use crate::solver::{self, Outcome, Settings, Solution, Start};
 
 /// What a step leaves behind.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct State<const D: usize> {
     pub reaction: Vec<[f64; D]>,
     /// Total, `B u + gap`.
@@ -39,10 +39,10 @@ pub struct Step<const D: usize> {
 /// `q` of a step: the total free displacement, less where the contacts slid to
 /// before, (22).
 #[must_use]
-pub fn incremental<const D: usize>(q: &[[f64; D]], before: Option<&[[f64; D]]>) -> Vec<[f64; D]> {
+pub fn incremental<const D: usize>(q: &[[f64; D]], state: Option<&State<D>>) -> Vec<[f64; D]> {
     let mut q = q.to_vec();
-    if let Some(before) = before {
-        for (free, before) in q.iter_mut().zip(before) {
+    if let Some(state) = state {
+        for (free, before) in q.iter_mut().zip(&state.relative_displacement) {
             for k in 1..D {
                 free[k] -= before[k];
             }
@@ -51,8 +51,8 @@ pub fn incremental<const D: usize>(q: &[[f64; D]], before: Option<&[[f64; D]]>) 
     q
 }
 
-/// The reduced problem of a step to the total loads, from the relative
-/// displacement that the step before left.
+/// The reduced problem of a step to the total loads, of which a state has the
+/// relative displacement that the step before left.
 ///
 /// # Errors
 /// Wrong loads.
@@ -60,10 +60,10 @@ pub fn reduced_step<'a, const D: usize>(
     problem: &'a Condensed<D>,
     load: &[f64],
     prescribed: &[f64],
-    before: Option<&[[f64; D]]>,
+    state: Option<&State<D>>,
 ) -> Result<Reduced<'a, D>, Error> {
     let free = problem.free_part(load, prescribed)?;
-    let q = incremental(&free.q, before);
+    let q = incremental(&free.q, state);
     Reduced::new(problem.compliance(), &q, problem.mu(), &free.rigid)
 }
 
@@ -93,8 +93,7 @@ impl<const D: usize> LoadPath<D> {
         settings: &Settings,
         stop: &AtomicBool,
     ) -> Result<Step<D>, Error> {
-        let before = self.state.as_ref().map(|s| &s.relative_displacement[..]);
-        let reduced = reduced_step(problem, load, prescribed, before)?;
+        let reduced = reduced_step(problem, load, prescribed, self.state.as_ref())?;
         let compliance = problem.compliance();
         if let Some((node, penetration)) = reduced.contradiction {
             return Err(Error::ContradictoryContact { node, penetration });

@@ -11,7 +11,7 @@ use crate::python::{problem, solver};
 use crate::solver::enumerate;
 use crate::solver::uniqueness;
 use crate::solver::{Settings, judged};
-use crate::stepping::reduced_step;
+use crate::stepping::{State, reduced_step};
 
 /// The answers, and whether there is no other.
 type Answers<'py> = (Vec<Bound<'py, PyDict>>, bool);
@@ -81,21 +81,29 @@ pub(super) fn assess_step(
     let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
     let verdict = match &problem.kind {
         problem::Kind::Two(inner) => {
-            let before = before.as_ref().map(arrays::rows::<2>).transpose()?;
+            let state = before.as_ref().map(left).transpose()?;
             let r = inner.compliance().gather(arrays::rows::<2>(&reaction)?);
             interrupt::run(py, problem.num_threads, |stop| {
-                let reduced = reduced_step(inner, load, prescribed, before)?;
+                let reduced = reduced_step(inner, load, prescribed, state.as_ref())?;
                 uniqueness::assess_plane(&reduced, &r, stop)
             })?
         }
         problem::Kind::Three(inner) => {
-            let before = before.as_ref().map(arrays::rows::<3>).transpose()?;
+            let state = before.as_ref().map(left).transpose()?;
             let r = inner.compliance().gather(arrays::rows::<3>(&reaction)?);
             interrupt::run(py, problem.num_threads, |stop| {
-                let reduced = reduced_step(inner, load, prescribed, before)?;
+                let reduced = reduced_step(inner, load, prescribed, state.as_ref())?;
                 uniqueness::assess(&reduced, &r, stop)
             })?
         }
     };
     Ok(verdict.name())
+}
+
+/// As much of the state before a step as its reduced problem asks for.
+fn left<const D: usize>(before: &Matrix<'_>) -> PyResult<State<D>> {
+    Ok(State {
+        relative_displacement: arrays::rows(before)?.to_vec(),
+        ..State::default()
+    })
 }
