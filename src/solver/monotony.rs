@@ -13,7 +13,9 @@
 //! counts, not the sum. With the best θ what is left is positive under the condition.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::signs::signs;
 use crate::linalg::small::{dot_long, norm};
@@ -103,34 +105,41 @@ impl Monotony {
     }
 
     /// Whether `W − c Mₙ` is positive definite, rounding subtracted.
-    fn less(&self, c: f64) -> bool {
+    fn less(&self, c: f64, stop: &AtomicBool) -> Result<bool, Error> {
         let mut shifted = self.matrix.clone();
         for (i, mu) in self.normal.iter().enumerate() {
             shifted[i * (self.order + 1)] -= c * mu + self.rounding;
         }
-        dense::cholesky(&mut shifted, self.order).is_ok()
+        has_cholesky(shifted, self.order, stop)
     }
 
     /// Whether `W` is positive definite, rounding subtracted.
-    #[must_use]
-    pub fn definite(&self) -> bool {
-        self.less(0.0)
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn definite(&self, stop: &AtomicBool) -> Result<bool, Error> {
+        self.less(0.0, stop)
     }
 
     /// The criterion: with `α ≥ λ_max(M½ W_tt M½)`, `(α/4) λ_max(M½ (W⁻¹)_nn M½) < 1`
     /// if and only if `W − (α/4) Mₙ` is positive definite.
-    #[must_use]
-    pub fn holds(&self) -> bool {
-        self.symmetric
-            && self
-                .largest_tangential()
-                .is_some_and(|alpha| self.less(0.25 * alpha))
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn holds(&self, stop: &AtomicBool) -> Result<bool, Error> {
+        if !self.symmetric {
+            return Ok(false);
+        }
+        match self.largest_tangential(stop)? {
+            Some(alpha) => self.less(0.25 * alpha, stop),
+            None => Ok(false),
+        }
     }
 
     /// An upper bound of `λ_max(M½ W_tt M½)` that is certain: a power iteration
     /// gives a lower one, and `c I − M½ W_tt M½` is shown to be definite for a `c`
     /// above it.
-    fn largest_tangential(&self) -> Option<f64> {
+    fn largest_tangential(&self, stop: &AtomicBool) -> Result<Option<f64>, Error> {
         /// Products of the power iteration.
         const PRODUCTS: usize = 20;
         /// Tried above its result; the last ones for clustered eigenvalues.
@@ -140,7 +149,7 @@ impl Monotony {
             .collect();
         let n = rough.len();
         if n == 0 {
-            return Some(0.0);
+            return Ok(Some(0.0));
         }
         let mut matrix = vec![0.0; n * n];
         for (c, &j) in rough.iter().enumerate() {
@@ -163,15 +172,26 @@ impl Monotony {
             x = y.iter().map(|value| value / length).collect();
         }
         let greatest = self.tangential.iter().fold(0.0_f64, |m, &mu| m.max(mu));
-        ABOVE.iter().map(|factor| factor * reached).find(|bound| {
+        for bound in ABOVE.map(|factor| factor * reached) {
             let mut below: Vec<f64> = matrix.iter().map(|x| -x).collect();
             for i in 0..n {
                 // (n + 2) ε tr(c I) besides what W itself brings.
                 #[expect(clippy::cast_precision_loss, reason = "an order of a matrix")]
-                let own = (n as f64).powi(2) * f64::EPSILON * bound;
+                let own = (n * (n + 2)) as f64 * f64::EPSILON * bound;
                 below[i * (n + 1)] += bound - greatest * self.rounding - own;
             }
-            dense::cholesky(&mut below, n).is_ok()
-        })
+            if has_cholesky(below, n, stop)? {
+                return Ok(Some(bound));
+            }
+        }
+        Ok(None)
     }
+}
+
+/// Whether a symmetric matrix has a Cholesky factor.
+fn has_cholesky(mut matrix: Vec<f64>, n: usize, stop: &AtomicBool) -> Result<bool, Error> {
+    if stop.load(Ordering::Relaxed) {
+        return Err(Error::Interrupted);
+    }
+    Ok(dense::cholesky(&mut matrix, n).is_ok())
 }

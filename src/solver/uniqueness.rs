@@ -2,7 +2,7 @@
 //! not, or neither.
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::problem::reduced::Reduced;
@@ -48,9 +48,6 @@ pub fn assess<const D: usize>(
     let v = problem.relative_displacement(r, &[]);
     let mut verdict = Unique::Proved;
     for island in problem.compliance.islands() {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Error::Interrupted);
-        }
         match assess_island(problem, island.nodes.clone(), r, &v, stop)? {
             Unique::Proved => {}
             // The other islands may stay as they are.
@@ -92,10 +89,10 @@ fn assess_island<const D: usize>(
     let Some(monotony) = Monotony::new(problem, nodes.clone()) else {
         return Ok(Unique::Unknown);
     };
-    if !monotony.definite() {
+    if !monotony.definite(stop)? {
         return Ok(Unique::Unknown);
     }
-    if monotony.holds() {
+    if monotony.holds(stop)? {
         return Ok(Unique::Proved);
     }
     let index = index(problem, nodes, r, v, stop)?;
