@@ -16,7 +16,7 @@ use crate::solver::{self, Outcome, Settings, Solution, Start};
 const ILL_CONDITIONED: f64 = 1e5;
 
 /// What a step leaves behind.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct State<const D: usize> {
     pub reaction: Vec<[f64; D]>,
     /// Total, `B u + gap`.
@@ -55,6 +55,22 @@ pub fn incremental<const D: usize>(q: &[[f64; D]], state: Option<&State<D>>) -> 
         }
     }
     q
+}
+
+/// The reduced problem of a step to the total loads, of which a state has the
+/// relative displacement that the step before left.
+///
+/// # Errors
+/// Wrong loads.
+pub fn reduced_step<'a, const D: usize>(
+    problem: &'a Condensed<D>,
+    load: &[f64],
+    prescribed: &[f64],
+    state: Option<&State<D>>,
+) -> Result<Reduced<'a, D>, Error> {
+    let free = problem.free_part(load, prescribed)?;
+    let q = incremental(&free.q, state);
+    Reduced::new(problem.compliance(), &q, problem.mu(), &free.rigid)
 }
 
 impl<const D: usize> LoadPath<D> {
@@ -103,10 +119,8 @@ impl<const D: usize> LoadPath<D> {
         settings: &Settings,
         stop: &AtomicBool,
     ) -> Result<Step<D>, Error> {
-        let free = problem.free_part(load, prescribed)?;
-        let q = incremental(&free.q, self.state.as_ref());
+        let reduced = reduced_step(problem, load, prescribed, self.state.as_ref())?;
         let compliance = problem.compliance();
-        let reduced = Reduced::new(compliance, &q, problem.mu(), &free.rigid)?;
         if let Some((node, penetration)) = reduced.contradiction {
             return Err(Error::ContradictoryContact { node, penetration });
         }

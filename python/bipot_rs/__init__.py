@@ -12,6 +12,7 @@ discretisation, with a residual that proves it::
 the rest by the functions that need them.
 """
 
+from bipot_rs.answers import Answers
 from bipot_rs.errors import (
     BipotError,
     FloatingBodyError,
@@ -22,6 +23,7 @@ from bipot_rs.problem import ContactProblem, ReducedProblem, project, solve
 from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
 
 __all__ = [
+    "Answers",
     "BipotError",
     "ContactProblem",
     "FloatingBodyError",

@@ -8,7 +8,16 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Condensed", "Path", "Reduced", "build_profile", "project"]
+__all__ = [
+    "Condensed",
+    "Path",
+    "Reduced",
+    "answers",
+    "assess",
+    "assess_step",
+    "build_profile",
+    "project",
+]
 
 _Floats = NDArray[np.float64]
 _Indices = NDArray[np.int64]
@@ -96,3 +105,24 @@ class Reduced:
         rigid: _Floats | None,
         num_threads: int | None,
     ) -> dict[str, Any]: ...
+
+def answers(
+    problem: Reduced,
+) -> tuple[list[dict[str, Any]], bool] | None:
+    """Every answer of a plane problem, by exhausting the statuses.
+
+    With whether there is no other; ``None`` for a problem that is too large for it, or
+    not plane.
+    """
+
+def assess(problem: Reduced, reaction: _Floats, num_threads: int | None = None) -> str:
+    """What is known of the number of answers, from one of them."""
+
+def assess_step(
+    problem: Condensed,
+    load: _Floats,
+    prescribed: _Floats,
+    before: _Floats | None,
+    reaction: _Floats,
+) -> str:
+    """The same for a step, from the relative displacement that the step before left."""

@@ -245,7 +245,6 @@ _FIELDS = (
     "iterations",
     "work",
     "rigid_motion",
-    "unique",
     "bipotential_gap",
     "seconds",
 )

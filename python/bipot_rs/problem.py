@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs import _core
+from bipot_rs.answers import Answers, search
 from bipot_rs.check import (
     Array,
     callback,
@@ -312,6 +313,13 @@ class ContactProblem:
             seconds["recover"] += time.perf_counter() - began
             return u
 
+        def assess(
+            load: Array, prescribed: Array, last: Array | None, step: Solution
+        ) -> str:
+            return _core.assess_step(self._core, load, prescribed, last, step.reaction)
+
+        last = None if before is None else before.relative_displacement
+
         def result(success: bool, message: str) -> Result:
             made = Result(
                 steps,
@@ -333,11 +341,18 @@ class ContactProblem:
                 message = f"step {k}: {error}"
                 raise NoEquilibriumError(message, result(False, message)) from None
             seconds["solve"] += time.perf_counter() - began
-            step = self._step(raw, force, motion, partial(recover, force, motion))
+            step = self._step(
+                raw,
+                force,
+                motion,
+                partial(recover, force, motion),
+                partial(assess, force, motion, last),
+            )
             if not step.converged:
                 message = f"step {k}: {step.message}"
                 raise NotConvergedError(message, result(False, message))
             steps.append(step)
+            last = step.relative_displacement
             if on_step is not None:
                 on_step(k, step)
         count = len(steps)
@@ -349,6 +364,7 @@ class ContactProblem:
         load: Array,
         prescribed: Array,
         recover: Callable[[Step], Array],
+        assess: Callable[[Solution], str],
     ) -> Step:
         area = self._contacts["area"]
         return Step(
@@ -358,6 +374,7 @@ class ContactProblem:
             prescribed=prescribed,
             traction=None if area is None else raw["reaction"] / area[:, None],
             _recover=recover,
+            _assess=assess,
         )
 
 
@@ -574,7 +591,57 @@ class ReducedProblem:
         if num_threads is not None:
             num_threads = positive("num_threads", num_threads)
         raw = self._core.solve(*chosen, reaction, motion, num_threads)
-        return Solution(**_fields(raw))
+        return self._solution(raw)
+
+    def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
+        """All answers, where there may be several.
+
+        In the plane and with up to 12 contacts the statuses are exhausted, which finds
+        every answer and, where there is none, proves it: `Answers.complete`. It is
+        false where reactions are not determined (supports in excess), and for
+        other problems: those are solved from many starts, and what differs in
+        relative displacement is kept.
+
+        Parameters
+        ----------
+        restarts
+            Starts for a problem that is not exhausted.
+        seed
+            Of the random ones among them.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``restarts`` is not a positive integer.
+        """
+        restarts = positive("restarts", restarts)
+        exhausted = _core.answers(self._core)
+        if exhausted is not None:
+            found, complete = exhausted
+            return Answers([self._solution(raw) for raw in found], complete=complete)
+        contacts, d = self.q.shape
+        diagonal = (
+            np.asarray(self.W.diagonal(), float).reshape(contacts, d).mean(axis=1)
+        )
+        moved = np.linalg.norm(self.q, axis=1)
+        # The reaction that alone would move a contact as far as it lacks.
+        size = np.divide(moved, diagonal, where=diagonal > 0, out=np.zeros(contacts))
+        if self.rigid is not None:
+            size += np.abs(self.rigid[1]).max(initial=0.0) / contacts
+        return search(
+            lambda start: self.solve(tol=1e-12, max_iterations=1000, start=start),
+            size,
+            self.mu,
+            d,
+            restarts,
+            seed,
+        )
+
+    def _solution(self, raw: dict[str, Any]) -> Solution:
+        return Solution(**_fields(raw), _assess=self._assess)
+
+    def _assess(self, solution: Solution) -> str:
+        return _core.assess(self._core, solution.reaction)
 
 
 def _islands(W: Any, contacts: int, d: int) -> list[tuple[list[int], Array]]:

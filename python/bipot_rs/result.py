@@ -66,8 +66,6 @@ class Solution:
         Iterations, and their cost in products with ``W``.
     rigid_motion
         Amounts of the rigid motions of bodies held by contact alone, ``(k,)``.
-    unique
-        ``"proved"``, ``"others exist"`` or ``"unknown"``.
     history
         A row ``(work, residual)`` an iteration.
     bipotential_gap
@@ -88,11 +86,31 @@ class Solution:
     iterations: int
     work: float
     rigid_motion: Array | None = None
-    unique: str = "unknown"
     history: Array = field(default_factory=lambda: np.empty((0, 2)), repr=False)
     bipotential_gap: Array = field(default_factory=lambda: np.empty(0), repr=False)
     error_estimate: tuple[float, float] | None = None
     seconds: float = 0.0
+    _assess: Callable[[Solution], str] | None = field(default=None, repr=False)
+    _verdict: list[str] = field(default_factory=list, repr=False)
+
+    @property
+    def unique(self) -> str:
+        """Whether this answer is the only one, found out when first asked for.
+
+        ``"proved"``, ``"others exist"`` or ``"unknown"``, by the criteria of section 10
+        of ``docs/theory.md``. Some factorisations of the size of ``W``; ``"unknown"``
+        for what has not converged, or has lost its problem (it was read from a file,
+        or sent by another process, before this was asked for).
+        """
+        if not self._verdict:
+            if self._assess is None or not self.converged:
+                return "unknown"
+            self._verdict.append(self._assess(self))
+        return self._verdict[0]
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The problem stays where it is: it may be gigabytes.
+        return self.__dict__ | {"_assess": None}
 
     @property
     def converged(self) -> bool:
@@ -151,8 +169,7 @@ class Step(Solution):
         return self._kept["u"]
 
     def __getstate__(self) -> dict[str, Any]:
-        # The condensed problem stays where it is: it may be gigabytes.
-        return self.__dict__ | {"_recover": None}
+        return super().__getstate__() | {"_recover": None}
 
 
 class Result(Sequence[Step]):
@@ -313,18 +330,24 @@ class Result(Sequence[Step]):
 
 
 # What of a step is not written as it stands.
-_NOT_WRITTEN = {"load", "prescribed", "traction", "error_estimate", "_recover", "_kept"}
+_NOT_WRITTEN = {"load", "prescribed", "traction", "error_estimate"}
 
 
 def _record(step: Step, number: int) -> dict[str, Any]:
-    names = [f.name for f in fields(step) if f.name not in _NOT_WRITTEN]
-    record = {name: getattr(step, name) for name in names}
+    record = {name: getattr(step, name) for name in _written()}
     record["outcome"] = str(step.outcome)
     record["load"] = float(number + 1)
     record["displacement"] = step._kept.get("u")
+    # What has not been asked for is not worth a factorisation.
+    record["unique"] = step._verdict[0] if step._verdict else None
     if step.error_estimate is not None:
         record["error_estimate"] = np.asarray(step.error_estimate)
     return record
+
+
+def _written() -> list[str]:
+    names = (f.name for f in fields(Step) if not f.name.startswith("_"))
+    return [name for name in names if name not in _NOT_WRITTEN]
 
 
 def load(path: str | os.PathLike[str]) -> Result:
@@ -354,12 +377,12 @@ def load(path: str | os.PathLike[str]) -> Result:
 
 
 def _from_record(record: Mapping[str, Any], area: NDArray[Any] | None) -> Step:
-    names = {f.name for f in fields(Step)} - _NOT_WRITTEN
-    known = {name: value for name, value in record.items() if name in names}
+    known = {name: record[name] for name in _written() if name in record}
     known["outcome"] = Outcome(known["outcome"])
     if "error_estimate" in record:
         estimate = record["error_estimate"]
         known["error_estimate"] = (float(estimate[0]), float(estimate[1]))
     kept = {"u": record["displacement"]} if "displacement" in record else {}
     traction = None if area is None else known["reaction"] / area[:, None]
-    return Step(**known, traction=traction, _kept=kept)
+    verdict = [str(record["unique"])] if "unique" in record else []
+    return Step(**known, traction=traction, _kept=kept, _verdict=verdict)

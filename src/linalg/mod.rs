@@ -14,6 +14,7 @@ pub mod multifrontal;
 mod ordering;
 mod packed;
 mod quotient;
+pub mod signs;
 pub mod small;
 mod solves;
 pub mod symbolic;

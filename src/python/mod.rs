@@ -9,6 +9,7 @@ mod arrays;
 mod errors;
 mod interrupt;
 mod problem;
+mod several;
 mod solver;
 
 use pyo3::prelude::*;
@@ -17,6 +18,8 @@ use pyo3::prelude::*;
 mod _core {
     #[pymodule_export]
     use super::problem::{Condensed, Path};
+    #[pymodule_export]
+    use super::several::{answers, assess, assess_step};
     #[pymodule_export]
     use super::solver::{Reduced, project};
 

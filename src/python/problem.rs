@@ -29,7 +29,7 @@ type FreePart<'py> = (
 );
 
 #[derive(Clone)]
-enum Kind {
+pub(super) enum Kind {
     Two(Arc<condense::Condensed<2>>),
     Three(Arc<condense::Condensed<3>>),
 }
@@ -47,8 +47,8 @@ macro_rules! either {
 /// `K`, `B`, gap and friction, condensed onto the contact set.
 #[pyclass(frozen, module = "bipot_rs._core")]
 pub(super) struct Condensed {
-    kind: Kind,
-    num_threads: Option<usize>,
+    pub(super) kind: Kind,
+    pub(super) num_threads: Option<usize>,
 }
 
 /// A sparse matrix with indices as the core counts them.

@@ -148,16 +148,16 @@ pub(super) fn solution_dict<'py, const D: usize>(
 /// A reduced problem `v = W r + R a + q`, in the caller's numbering.
 #[pyclass(frozen, module = "bipot_rs._core")]
 pub(super) struct Reduced {
-    kind: Kind,
+    pub(super) kind: Kind,
 }
 
-enum Kind {
+pub(super) enum Kind {
     Two(Owned<2>),
     Three(Owned<3>),
 }
 
-struct Owned<const D: usize> {
-    compliance: Compliance<'static, D>,
+pub(super) struct Owned<const D: usize> {
+    pub(super) compliance: Compliance<'static, D>,
     q: Vec<[f64; D]>,
     mu: Vec<f64>,
     rigid: Rigid<D>,
@@ -194,7 +194,7 @@ impl<const D: usize> Owned<D> {
         Ok(made)
     }
 
-    fn problem(&self) -> Result<Problem<'_, D>, Error> {
+    pub(super) fn problem(&self) -> Result<Problem<'_, D>, Error> {
         Problem::new(&self.compliance, &self.q, &self.mu, &self.rigid)
     }
 

@@ -4,12 +4,16 @@
 pub mod anderson;
 pub mod auto;
 pub mod compliance_form;
+pub mod enumerate;
 pub mod gauss_seidel;
+pub mod index;
 pub mod linearisation;
 pub mod monitor;
+pub mod monotony;
 pub mod newton;
 pub mod refine;
 pub mod stiffness_form;
+pub mod uniqueness;
 pub mod uzawa;
 
 use std::sync::atomic::AtomicBool;
@@ -223,6 +227,24 @@ fn bilateral_start<const D: usize>(
         rigid,
         closed: start.closed.clone(),
     }))
+}
+
+/// A point that is known already, judged as any other; its work is that of judging.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn judged<const D: usize>(
+    problem: &Reduced<D>,
+    settings: &Settings,
+    r: &[[f64; D]],
+    a: &[f64],
+    stop: &AtomicBool,
+) -> Result<Solution<D>, Error> {
+    let mut monitor = Monitor::new(problem, settings, stop);
+    let v = problem.relative_displacement(r, a);
+    monitor.count(1.0);
+    monitor.look(r, &v, a, false)?;
+    Ok(finish(problem, settings, monitor, Outcome::Stalled))
 }
 
 /// Judges the best point afresh and puts everything into the caller's numbering.

@@ -25,7 +25,7 @@ RUST = (
 # Within a folder likewise; those named together do not know each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "binary exact small union",
+        "binary exact signs small union",
         "csc",
         "gmres least_squares packed",
         "dense ordering quotient",
@@ -44,13 +44,13 @@ RUST_SIBLINGS = {
         "condense",
     ),
     "solver": (
-        "anderson linearisation monitor",
+        "anderson enumerate index linearisation monitor monotony",
         "compliance_form",
         "stiffness_form",
-        "gauss_seidel newton uzawa",
+        "gauss_seidel newton uniqueness uzawa",
         "auto refine",
     ),
-    "python": ("errors arrays interrupt", "solver", "problem"),
+    "python": ("errors arrays interrupt", "solver", "problem", "several"),
 }
 # Word of the code: the only files that may hold it. An upgrade of a library, or
 # a review of what the compiler cannot check, then has few places to go.
@@ -65,7 +65,7 @@ PYTHON = (
     "_core",
     "export",
     "check result",
-    "errors",
+    "answers errors",
     "problem",
     "elasticity analytic",
     "fem __init__",

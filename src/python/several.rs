@@ -1,0 +1,109 @@
+//! One answer or several: what is known of their number, and all of them.
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::error::Error;
+use crate::python::arrays::{self, Matrix, Vector};
+use crate::python::interrupt;
+use crate::python::solver::solution_dict;
+use crate::python::{problem, solver};
+use crate::solver::enumerate;
+use crate::solver::uniqueness;
+use crate::solver::{Settings, judged};
+use crate::stepping::{State, reduced_step};
+
+/// The answers, and whether there is no other.
+type Answers<'py> = (Vec<Bound<'py, PyDict>>, bool);
+
+/// Every answer of a small plane problem, by exhausting the statuses.
+#[pyfunction]
+pub(super) fn answers<'py>(
+    py: Python<'py>,
+    problem: &solver::Reduced,
+) -> PyResult<Option<Answers<'py>>> {
+    let solver::Kind::Two(owned) = &problem.kind else {
+        return Ok(None);
+    };
+    let reduced = owned.problem()?;
+    if reduced.contacts() > enumerate::MOST_CONTACTS {
+        return Ok(None);
+    }
+    let (all, complete) = interrupt::run(py, Some(1), |stop| {
+        let found = enumerate::answers(&reduced, stop)?;
+        let as_solution =
+            |(r, a): &(Vec<_>, Vec<_>)| judged(&reduced, &Settings::default(), r, a, stop);
+        let all: Result<Vec<_>, Error> = found.answers.iter().map(as_solution).collect();
+        Ok((all?, found.complete))
+    })?;
+    let dicts = all.iter().map(|solution| solution_dict(py, solution));
+    Ok(Some((dicts.collect::<PyResult<_>>()?, complete)))
+}
+
+/// What is known of the number of answers, from one of them.
+#[pyfunction]
+#[pyo3(signature = (problem, reaction, num_threads=None))]
+pub(super) fn assess(
+    py: Python<'_>,
+    problem: &solver::Reduced,
+    reaction: Matrix<'_>,
+    num_threads: Option<usize>,
+) -> PyResult<&'static str> {
+    let verdict = match &problem.kind {
+        solver::Kind::Two(owned) => {
+            let r = owned.compliance.gather(arrays::rows::<2>(&reaction)?);
+            interrupt::run(py, num_threads, |stop| {
+                uniqueness::assess_plane(&owned.problem()?, &r, stop)
+            })?
+        }
+        solver::Kind::Three(owned) => {
+            let r = owned.compliance.gather(arrays::rows::<3>(&reaction)?);
+            interrupt::run(py, num_threads, |stop| {
+                uniqueness::assess(&owned.problem()?, &r, stop)
+            })?
+        }
+    };
+    Ok(verdict.name())
+}
+
+/// The same for a step of a load path: total loads, and the total relative
+/// displacement that the step before left.
+#[pyfunction]
+#[pyo3(signature = (problem, load, prescribed, before, reaction))]
+pub(super) fn assess_step(
+    py: Python<'_>,
+    problem: &problem::Condensed,
+    load: Vector<'_>,
+    prescribed: Vector<'_>,
+    before: Option<Matrix<'_>>,
+    reaction: Matrix<'_>,
+) -> PyResult<&'static str> {
+    let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
+    let verdict = match &problem.kind {
+        problem::Kind::Two(inner) => {
+            let state = before.as_ref().map(left).transpose()?;
+            let r = inner.compliance().gather(arrays::rows::<2>(&reaction)?);
+            interrupt::run(py, problem.num_threads, |stop| {
+                let reduced = reduced_step(inner, load, prescribed, state.as_ref())?;
+                uniqueness::assess_plane(&reduced, &r, stop)
+            })?
+        }
+        problem::Kind::Three(inner) => {
+            let state = before.as_ref().map(left).transpose()?;
+            let r = inner.compliance().gather(arrays::rows::<3>(&reaction)?);
+            interrupt::run(py, problem.num_threads, |stop| {
+                let reduced = reduced_step(inner, load, prescribed, state.as_ref())?;
+                uniqueness::assess(&reduced, &r, stop)
+            })?
+        }
+    };
+    Ok(verdict.name())
+}
+
+/// As much of the state before a step as its reduced problem asks for.
+fn left<const D: usize>(before: &Matrix<'_>) -> PyResult<State<D>> {
+    Ok(State {
+        relative_displacement: arrays::rows(before)?.to_vec(),
+        ..State::default()
+    })
+}

@@ -1,0 +1,474 @@
+//! Every answer of a small plane problem, or the proof that there is none, by
+//! exhausting the statuses: open, stick, slip one way, slip the other.
+//!
+//! With all statuses chosen the law is a linear system. Contacts are decided one
+//! after the other, depth first, on a tableau of scaled variables whose rows are
+//! affine functions of the reactions of contacts still undecided: a decision
+//! eliminates one contact, and what it leaves serves all leaves below it. A pivot
+//! that is small now may be good later, so equations and unknowns wait, the
+//! balance of bodies held by contact alone and their rigid motions from the
+//! start, until a pivot is safe.
+//!
+//! A branch is cut where a test of a decided contact fails for every reaction
+//! that undecided ones may have. Reactions lie in their cones, so a test
+//! `c + Σ (l_n r_n + l_t r_t) ≥ 0` fails for all of them if `c < 0` and every
+//! `l_n + μ |l_t| ≤ 0`: nothing else is assumed of the contacts below.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::error::Error;
+use crate::problem::reduced::Reduced;
+use crate::problem::residual::Certificate;
+
+/// Up to this many contacts, 4¹² leaves, all answers take seconds.
+pub const MOST_CONTACTS: usize = 12;
+
+/// A pivot this large beside its column is taken at once: it magnifies rounding
+/// by a hundred at the most.
+const SAFE_PIVOT: f64 = 1e-2;
+
+/// Below this beside blocks of mean diagonal one, entries are rounding.
+const RANK: f64 = 1e-12;
+
+/// A test fails when it is missed by more than this times the largest value in
+/// sight, over the weakest pivot: above the rounding of some thirty eliminations.
+const ROUNDING: f64 = 1e-12;
+
+/// Reactions and displacements this near beside their size are one answer, and
+/// a residual between what rounding leaves and this decides nothing.
+const SAME: f64 = 1e-9;
+
+/// η that an answer is held to, or its rounding floor.
+const TOLERANCE: f64 = 1e-12;
+
+/// Nodes of the tree between two looks at the stop flag.
+const LOOK: usize = 4096;
+
+/// What exhausting the statuses found.
+#[derive(Clone, Debug)]
+pub struct Enumeration {
+    /// Reactions, in the order of positions, and rigid motions.
+    pub answers: Vec<(Vec<[f64; 2]>, Vec<f64>)>,
+    /// Whether no other answer exists. False where a choice of statuses leaves a
+    /// family of reactions undetermined, or misses an answer by about rounding.
+    pub complete: bool,
+}
+
+/// All answers of a plane problem of up to [`MOST_CONTACTS`] contacts.
+///
+/// None of them with `complete` is the proof that the problem has no answer.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn answers(problem: &Reduced<2>, stop: &AtomicBool) -> Result<Enumeration, Error> {
+    let mut search = Search::new(problem, stop);
+    if problem.contradiction.is_none() {
+        search.visit(0)?;
+    }
+    Ok(search.found)
+}
+
+/// A status with its side, `s` of `r_t = −s μ r_n`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Label {
+    Open,
+    Stick,
+    Slip(f64),
+}
+
+/// Without friction a pressed contact has one status, and nothing to decide about
+/// its slip.
+const SMOOTH: [Label; 2] = [Label::Open, Label::Slip(1.0)];
+const ROUGH: [Label; 4] = [
+    Label::Open,
+    Label::Stick,
+    Label::Slip(1.0),
+    Label::Slip(-1.0),
+];
+
+const NOWHERE: usize = usize::MAX;
+
+/// Affine functions of unknowns, one a row.
+///
+/// Unknowns are `r_n, r_t` of each contact and the amounts of rigid motions; rows
+/// begin as `v_n, v_t` of each contact and the balance of forces.
+#[derive(Clone, Debug, Default)]
+struct Tableau {
+    height: usize,
+    /// Column by column: the constants, then one column for each of `unknowns`.
+    entries: Vec<f64>,
+    unknowns: Vec<usize>,
+    /// The column of an unknown that has one.
+    place: Vec<usize>,
+    /// The row that gives an unknown, once one is solved for it.
+    row_of: Vec<usize>,
+    /// Rows that must vanish, and the unknowns to solve them for.
+    equations: Vec<usize>,
+    waiting: Vec<usize>,
+    /// Smallest pivot so far, beside its column and one.
+    weakest: f64,
+}
+
+impl Tableau {
+    fn new(problem: &Reduced<2>) -> Self {
+        let contacts = problem.contacts();
+        let scaling = &problem.scaling;
+        let height = 2 * contacts + scaling.modes.len();
+        let mut entries = vec![0.0; height * (height + 1)];
+        let (constants, columns) = entries.split_at_mut(height);
+        for (i, free) in problem.q.iter().enumerate() {
+            for k in 0..2 {
+                constants[2 * i + k] = free[k] * scaling.to_v[i];
+            }
+            for j in 0..contacts {
+                let w = problem.compliance.pair(i, j) * (scaling.to_v[i] / scaling.to_r[j]);
+                for k in 0..2 {
+                    for l in 0..2 {
+                        columns[(2 * j + l) * height + 2 * i + k] = w[(k, l)];
+                    }
+                }
+            }
+        }
+        constants[2 * contacts..].copy_from_slice(&scaling.load);
+        for (c, mode) in scaling.modes.iter().enumerate() {
+            let place = 2 * contacts + c;
+            for (i, &motion) in mode.as_flattened().iter().enumerate() {
+                columns[place * height + i] = motion;
+                columns[i * height + place] = motion;
+            }
+        }
+        let border: Vec<usize> = (2 * contacts..height).collect();
+        Self {
+            height,
+            entries,
+            unknowns: (0..height).collect(),
+            place: (1..=height).collect(),
+            row_of: vec![NOWHERE; height],
+            equations: border.clone(),
+            waiting: border,
+            weakest: 1.0,
+        }
+    }
+
+    /// `*self = other.clone()` in the memory at hand.
+    fn copy_from(&mut self, other: &Self) {
+        self.height = other.height;
+        self.entries.clone_from(&other.entries);
+        self.unknowns.clone_from(&other.unknowns);
+        self.place.clone_from(&other.place);
+        self.row_of.clone_from(&other.row_of);
+        self.equations.clone_from(&other.equations);
+        self.waiting.clone_from(&other.waiting);
+        self.weakest = other.weakest;
+    }
+
+    fn constants(&self) -> &[f64] {
+        &self.entries[..self.height]
+    }
+
+    /// Largest constant.
+    fn size(&self) -> f64 {
+        largest(self.constants())
+    }
+
+    fn column(&self, place: usize) -> &[f64] {
+        &self.entries[place * self.height..(place + 1) * self.height]
+    }
+
+    /// Brings a column to the end, whence it can be taken.
+    fn last(&mut self, unknown: usize) {
+        let (place, last) = (self.place[unknown], self.unknowns.len());
+        if place < last {
+            let (head, tail) = self.entries.split_at_mut(last * self.height);
+            head[place * self.height..(place + 1) * self.height].swap_with_slice(tail);
+            self.unknowns.swap(place - 1, last - 1);
+            self.place[self.unknowns[place - 1]] = place;
+            self.place[unknown] = last;
+        }
+    }
+
+    /// Takes the column of an unknown out: it is zero, or given by another.
+    fn remove(&mut self, unknown: usize) {
+        self.last(unknown);
+        self.unknowns.pop();
+        self.entries
+            .truncate((self.unknowns.len() + 1) * self.height);
+    }
+
+    /// Chooses the status of a contact.
+    fn decide(&mut self, contact: usize, label: Label, mu: f64) {
+        let (n, t) = (2 * contact, 2 * contact + 1);
+        match label {
+            Label::Open => {
+                self.remove(n);
+                self.remove(t);
+            }
+            Label::Stick => {
+                self.equations.extend([n, t]);
+                self.waiting.extend([n, t]);
+            }
+            Label::Slip(side) => {
+                let (to, from) = (self.place[n] * self.height, self.place[t] * self.height);
+                for i in 0..self.height {
+                    self.entries[to + i] -= side * mu * self.entries[from + i];
+                }
+                self.remove(t);
+                self.equations.push(n);
+                self.waiting.push(n);
+            }
+        }
+    }
+
+    /// Solves equations that wait for unknowns that wait, as long as a pivot is
+    /// at least `share` of its column, and more than rounding.
+    fn reduce(&mut self, share: f64) {
+        while !self.waiting.is_empty() {
+            let mut best = (0.0, 0, 0, 0.0);
+            for (k, &unknown) in self.waiting.iter().enumerate() {
+                let column = self.column(self.place[unknown]);
+                let whole = largest(column).max(RANK);
+                for (e, &row) in self.equations.iter().enumerate() {
+                    let pivot = column[row].abs();
+                    if pivot > RANK && pivot / whole > best.0 {
+                        best = (pivot / whole, e, k, pivot / whole.max(1.0));
+                    }
+                }
+            }
+            let (quality, equation, unknown, pivot) = best;
+            if quality == 0.0 || quality < share {
+                return;
+            }
+            self.weakest = self.weakest.min(pivot);
+            let row = self.equations.swap_remove(equation);
+            let unknown = self.waiting.swap_remove(unknown);
+            self.pivot(row, unknown);
+        }
+    }
+
+    /// Solves the equation of a row for an unknown, whose value the row then is.
+    fn pivot(&mut self, row: usize, unknown: usize) {
+        self.last(unknown);
+        let last = self.unknowns.len();
+        let (others, pivots) = self.entries.split_at_mut(last * self.height);
+        let pivot = pivots[row];
+        for column in others.chunks_exact_mut(self.height) {
+            let factor = column[row] / pivot;
+            if factor != 0.0 {
+                for (value, p) in column.iter_mut().zip(&*pivots) {
+                    *value -= factor * p;
+                }
+            }
+            column[row] = -factor;
+        }
+        self.entries.truncate(last * self.height);
+        self.unknowns.pop();
+        self.row_of[unknown] = row;
+    }
+
+    /// Values of all unknowns with every status chosen; `None` where they are not
+    /// determined.
+    fn solve(&self, labels: &[Label], mu: &[f64]) -> Option<Vec<f64>> {
+        let mut tableau = self.clone();
+        for (contact, (&label, &mu)) in labels.iter().zip(mu).enumerate() {
+            tableau.decide(contact, label, mu);
+        }
+        tableau.reduce(0.0);
+        if !tableau.waiting.is_empty() {
+            return None;
+        }
+        let constants = tableau.constants();
+        let of_row = |&row: &usize| if row == NOWHERE { 0.0 } else { constants[row] };
+        let mut x: Vec<f64> = tableau.row_of.iter().map(of_row).collect();
+        for (i, label) in labels.iter().enumerate() {
+            if let Label::Slip(side) = label {
+                x[2 * i + 1] = -side * mu[i] * x[2 * i];
+            }
+        }
+        Some(x)
+    }
+
+    /// All rows at a point.
+    fn at(&self, x: &[f64]) -> Vec<f64> {
+        let mut rows = self.constants().to_vec();
+        for (c, &unknown) in self.unknowns.iter().enumerate() {
+            for (value, entry) in rows.iter_mut().zip(self.column(c + 1)) {
+                *value += x[unknown] * entry;
+            }
+        }
+        rows
+    }
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0_f64, |m, x| m.max(x.abs()))
+}
+
+/// A test of the law, `Σ share · row ≥ 0` over two rows.
+type Test = [(usize, f64); 2];
+
+struct Search<'p> {
+    problem: &'p Reduced<'p, 2>,
+    stop: &'p AtomicBool,
+    /// The tableau with as many contacts decided as its place says.
+    levels: Vec<Tableau>,
+    labels: Vec<Label>,
+    visited: usize,
+    /// Scaled `(r̂, v̂)` of the answers so far.
+    points: Vec<Vec<f64>>,
+    found: Enumeration,
+}
+
+impl<'p> Search<'p> {
+    fn new(problem: &'p Reduced<'p, 2>, stop: &'p AtomicBool) -> Self {
+        let mut levels = vec![Tableau::default(); problem.contacts() + 1];
+        levels[0] = Tableau::new(problem);
+        Self {
+            problem,
+            stop,
+            levels,
+            labels: Vec::with_capacity(problem.contacts()),
+            visited: 0,
+            points: Vec::new(),
+            found: Enumeration {
+                answers: Vec::new(),
+                complete: true,
+            },
+        }
+    }
+
+    fn visit(&mut self, depth: usize) -> Result<(), Error> {
+        self.visited += 1;
+        if self.visited.is_multiple_of(LOOK) && self.stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        if depth == self.problem.contacts() {
+            self.leaf();
+            return Ok(());
+        }
+        let mu = self.problem.mu[depth];
+        let choices: &[Label] = if mu > 0.0 { &ROUGH } else { &SMOOTH };
+        for &label in choices {
+            let (above, below) = self.levels.split_at_mut(depth + 1);
+            below[0].copy_from(&above[depth]);
+            below[0].decide(depth, label, mu);
+            below[0].reduce(SAFE_PIVOT);
+            self.labels.push(label);
+            let tableau = &self.levels[depth + 1];
+            let slack = ROUNDING * tableau.size() / tableau.weakest;
+            if !self.fails(depth + 1, slack, 0.0) {
+                self.visit(depth + 1)?;
+            }
+            self.labels.pop();
+        }
+        Ok(())
+    }
+
+    /// Whether a test of a decided contact, or an equation, fails whatever the
+    /// undecided contacts carry; entries up to `rounding` count as zero.
+    fn fails(&self, depth: usize, slack: f64, rounding: f64) -> bool {
+        let contacts = self.problem.contacts();
+        let tableau = &self.levels[depth];
+        let nothing = |value: f64| value.abs() <= rounding;
+        let equation_fails = |&row: &usize| {
+            let columns = 1..=tableau.unknowns.len();
+            tableau.constants()[row].abs() > slack.max(SAME * tableau.size())
+                && columns.into_iter().all(|c| nothing(tableau.column(c)[row]))
+        };
+        let test_fails = |test: Test| {
+            let value = |column: &[f64]| -> f64 {
+                test.iter().map(|&(row, share)| share * column[row]).sum()
+            };
+            let of = |unknown: usize| value(tableau.column(tableau.place[unknown]));
+            value(tableau.constants()) < -slack
+                // What waits may have any sign, what is undecided lies in its cone.
+                && tableau.waiting.iter().all(|&unknown| nothing(of(unknown)))
+                && (depth..contacts).all(|contact| {
+                    let (along, across) = (of(2 * contact), of(2 * contact + 1));
+                    let best = along + self.problem.mu[contact] * across.abs();
+                    best < -RANK || (along == 0.0 && across == 0.0)
+                })
+        };
+        let tests = |contact| self.tests(tableau, contact).into_iter().flatten();
+        tableau.equations.iter().any(equation_fails) || (0..depth).flat_map(tests).any(test_fails)
+    }
+
+    /// The inequalities of a decided contact, as far as its unknowns are solved for.
+    fn tests(&self, tableau: &Tableau, contact: usize) -> [Option<Test>; 2] {
+        let (n, t) = (2 * contact, 2 * contact + 1);
+        let mu = self.problem.mu[contact];
+        let (normal, tangent) = (tableau.row_of[n], tableau.row_of[t]);
+        match self.labels[contact] {
+            Label::Open => [Some([(n, 1.0), (n, 0.0)]), None],
+            Label::Stick if normal == NOWHERE || tangent == NOWHERE => [None, None],
+            // Together they say r_n ≥ 0 as well.
+            Label::Stick => [-1.0, 1.0].map(|side| Some([(normal, mu), (tangent, side)])),
+            Label::Slip(side) => [
+                (normal != NOWHERE).then_some([(normal, 1.0), (normal, 0.0)]),
+                (mu > 0.0).then_some([(t, side), (t, 0.0)]),
+            ],
+        }
+    }
+
+    /// All statuses chosen.
+    fn leaf(&mut self) {
+        let depth = self.labels.len();
+        let tableau = &mut self.levels[depth];
+        tableau.reduce(0.0);
+        let size = tableau.size();
+        if !tableau.waiting.is_empty() {
+            // Equations that depend on each other: they contradict each other, or
+            // a test fails for all they allow, or nothing is proved here.
+            let constants = tableau.constants();
+            let contradict = |&row: &usize| constants[row].abs() > SAME * size;
+            if !tableau.equations.iter().any(contradict) && !self.fails(depth, SAME * size, RANK) {
+                self.found.complete = false;
+            }
+            return;
+        }
+        let slack = ROUNDING * size / tableau.weakest;
+        if !self.fails(depth, slack, 0.0) {
+            self.confirm();
+        }
+    }
+
+    /// Solves the chosen statuses afresh, and has the answer judged.
+    fn confirm(&mut self) {
+        let problem = self.problem;
+        let root = &self.levels[0];
+        let Some(mut x) = root.solve(&self.labels, &problem.mu) else {
+            return; // a leaf has seen that there is a solution
+        };
+        // One step of refinement: what is left of the equations at x.
+        let mut rest = root.clone();
+        rest.entries[..root.height].copy_from_slice(&root.at(&x));
+        if let Some(correction) = rest.solve(&self.labels, &problem.mu) {
+            for (x, dx) in x.iter_mut().zip(correction) {
+                *x += dx;
+            }
+        }
+        let scaling = &problem.scaling;
+        let contacts = problem.contacts();
+        let r: Vec<[f64; 2]> = (0..contacts)
+            .map(|i| [x[2 * i], x[2 * i + 1]].map(|c| c / scaling.to_r[i]))
+            .collect();
+        let a = scaling.rigid_from_scaled(&x[2 * contacts..]);
+        let certificate = Certificate::new(problem, &r, &a);
+        if !certificate.converged(TOLERANCE) {
+            self.found.complete &= certificate.residual > SAME;
+            return;
+        }
+        let mut point = x;
+        for (v, s) in certificate.v.iter().zip(&scaling.to_v) {
+            point.extend(v.map(|c| c * s));
+        }
+        // At a border between statuses one answer comes by two names.
+        let same = |other: &Vec<f64>| {
+            let apart = point.iter().zip(other).map(|(x, y)| (x - y).abs());
+            apart.fold(0.0, f64::max) <= SAME * largest(&point)
+        };
+        if !self.points.iter().any(same) {
+            self.points.push(point);
+            self.found.answers.push((r, a));
+        }
+    }
+}

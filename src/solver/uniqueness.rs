@@ -1,0 +1,104 @@
+//! Whether an answer is the only one: a proof that it is, a proof that it is
+//! not, or neither.
+
+use std::ops::Range;
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::problem::reduced::Reduced;
+use crate::solver::enumerate;
+use crate::solver::index::index;
+use crate::solver::monotony::Monotony;
+
+/// What is known of the number of answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unique {
+    Proved,
+    OthersExist,
+    Unknown,
+}
+
+impl Unique {
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Proved => "proved",
+            Self::OthersExist => "others exist",
+            Self::Unknown => "unknown",
+        }
+    }
+}
+
+/// Up to this many plane contacts, 4⁶ leaves in milliseconds, statuses are
+/// exhausted where both criteria are silent.
+const FEW: usize = 6;
+
+/// Whether the answer `r`, in the order of positions, is the only one.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn assess<const D: usize>(
+    problem: &Reduced<D>,
+    r: &[[f64; D]],
+    stop: &AtomicBool,
+) -> Result<Unique, Error> {
+    if !problem.rigid.modes.is_empty() || problem.contradiction.is_some() {
+        return Ok(Unique::Unknown);
+    }
+    let v = problem.relative_displacement(r, &[]);
+    let mut verdict = Unique::Proved;
+    for island in problem.compliance.islands() {
+        match assess_island(problem, island.nodes.clone(), r, &v, stop)? {
+            Unique::Proved => {}
+            // The other islands may stay as they are.
+            Unique::OthersExist => return Ok(Unique::OthersExist),
+            Unique::Unknown => verdict = Unique::Unknown,
+        }
+    }
+    Ok(verdict)
+}
+
+/// [`assess`] in the plane, where few contacts can be exhausted.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn assess_plane(
+    problem: &Reduced<2>,
+    r: &[[f64; 2]],
+    stop: &AtomicBool,
+) -> Result<Unique, Error> {
+    let verdict = assess(problem, r, stop)?;
+    if verdict != Unique::Unknown || problem.contacts() > FEW {
+        return Ok(verdict);
+    }
+    let all = enumerate::answers(problem, stop)?;
+    Ok(match (all.answers.len(), all.complete) {
+        (2.., _) => Unique::OthersExist,
+        (1, true) => Unique::Proved,
+        _ => Unique::Unknown,
+    })
+}
+
+fn assess_island<const D: usize>(
+    problem: &Reduced<D>,
+    nodes: Range<usize>,
+    r: &[[f64; D]],
+    v: &[[f64; D]],
+    stop: &AtomicBool,
+) -> Result<Unique, Error> {
+    let Some(monotony) = Monotony::new(problem, nodes.clone()) else {
+        return Ok(Unique::Unknown);
+    };
+    if !monotony.definite(stop)? {
+        return Ok(Unique::Unknown);
+    }
+    if monotony.holds(stop)? {
+        return Ok(Unique::Proved);
+    }
+    let index = index(problem, nodes, r, v, stop)?;
+    Ok(if index == Some(-1.0) {
+        Unique::OthersExist
+    } else {
+        Unique::Unknown
+    })
+}
