@@ -73,6 +73,29 @@ pub fn reduced_step<'a, const D: usize>(
     Reduced::new(problem.compliance(), &q, problem.mu(), &free.rigid)
 }
 
+/// `v` of reactions by way of `u` and `K` itself, where `W` may have lost digits.
+///
+/// # Errors
+/// Wrong loads.
+pub fn evaluate<const D: usize>(
+    problem: &Condensed<D>,
+    reduced: &Reduced<D>,
+    (load, prescribed): (&[f64], &[f64]),
+    state: Option<&State<D>>,
+    r: Vec<[f64; D]>,
+    rigid: Vec<f64>,
+) -> Result<Point<D>, Error> {
+    let compliance = problem.compliance();
+    let u = problem.displacement(load, prescribed, &compliance.scatter(&r), &rigid)?;
+    let v = incremental(&problem.relative_displacement(&u), state);
+    Ok(Point {
+        v: compliance.gather(&v),
+        imbalance: scaled_imbalance(reduced, &r),
+        r,
+        rigid,
+    })
+}
+
 impl<const D: usize> LoadPath<D> {
     /// Continues from a state.
     #[must_use]
@@ -84,26 +107,6 @@ impl<const D: usize> LoadPath<D> {
     #[must_use]
     pub fn state(&self) -> Option<&State<D>> {
         self.state.as_ref()
-    }
-
-    /// `v` of reactions by way of `u` and `K` itself, where `W` may have lost digits.
-    fn evaluate(
-        &self,
-        problem: &Condensed<D>,
-        reduced: &Reduced<D>,
-        (load, prescribed): (&[f64], &[f64]),
-        r: Vec<[f64; D]>,
-        rigid: Vec<f64>,
-    ) -> Result<Point<D>, Error> {
-        let compliance = problem.compliance();
-        let u = problem.displacement(load, prescribed, &compliance.scatter(&r), &rigid)?;
-        let v = incremental(&problem.relative_displacement(&u), self.state.as_ref());
-        Ok(Point {
-            v: compliance.gather(&v),
-            imbalance: scaled_imbalance(reduced, &r),
-            r,
-            rigid,
-        })
     }
 
     /// Takes one step to the total loads; commits it if it converged.
@@ -138,8 +141,9 @@ impl<const D: usize> LoadPath<D> {
             });
         let mut solution = solver::solve(&reduced, settings, &start, stop)?;
         if solution.outcome == Outcome::Converged && problem.stats().cond_s > ILL_CONDITIONED {
-            let evaluate =
-                |r, rigid| self.evaluate(problem, &reduced, (load, prescribed), r, rigid);
+            let loads = (load, prescribed);
+            let state = self.state.as_ref();
+            let evaluate = |r, rigid| evaluate(problem, &reduced, loads, state, r, rigid);
             solution.refine(&reduced, settings, evaluate, stop)?;
         }
         let slip = solution.relative_displacement.clone();

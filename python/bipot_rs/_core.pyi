@@ -3,6 +3,7 @@
 Arrays are C-ordered; nodes are rows ``(n_c, d)``, components normal first.
 """
 
+from collections.abc import Callable
 from typing import Any, Final, final
 
 import numpy as np
@@ -16,6 +17,8 @@ __all__ = [
     "assess",
     "assess_step",
     "build_profile",
+    "forward_errors",
+    "forward_errors_of_step",
     "project",
 ]
 
@@ -104,6 +107,7 @@ class Reduced:
         reaction: _Floats | None,
         rigid: _Floats | None,
         num_threads: int | None,
+        callback: Callable[[int, float, float], object] | None = None,
     ) -> dict[str, Any]: ...
 
 def answers(
@@ -126,3 +130,24 @@ def assess_step(
     reaction: _Floats,
 ) -> str:
     """The same for a step, from the relative displacement that the step before left."""
+
+def forward_errors(
+    problem: Reduced,
+    reaction: _Floats,
+    rigid: _Floats,
+    num_threads: int | None = None,
+) -> tuple[float, float] | None:
+    """Relative forward errors of reaction and relative displacement.
+
+    By one further Newton correction; ``None`` where that is not determined.
+    """
+
+def forward_errors_of_step(
+    problem: Condensed,
+    load: _Floats,
+    prescribed: _Floats,
+    before: _Floats | None,
+    reaction: _Floats,
+    rigid: _Floats,
+) -> tuple[float, float] | None:
+    """The same for a step, judged by ``K``."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs import _core
+from bipot_rs import _core, check
 from bipot_rs.answers import Answers, search
 from bipot_rs.check import (
     Array,
@@ -276,7 +277,9 @@ class ContactProblem:
             ``(len(fixed),)`` or ``(steps, len(fixed))``; missing is zero. Where one of the
             two has several rows and the other one, the one is repeated.
         method
-            ``"auto"``, ``"gauss_seidel"`` or ``"uzawa"`` ([dSF91, 79-81]).
+            ``"auto"``, or one of those it is compared with: ``"newton"``,
+            ``"gauss_seidel"``, ``"nesterov"``, ``"uzawa"`` (one projection,
+            [dSF91, 79-81]), ``"uzawa_two_projection"`` ([dSF91, 82-87]).
         tol
             Residual η to reach; rounding may allow no less than `Solution.tolerance`.
         max_iterations, max_seconds
@@ -313,11 +316,6 @@ class ContactProblem:
             seconds["recover"] += time.perf_counter() - began
             return u
 
-        def assess(
-            load: Array, prescribed: Array, last: Array | None, step: Solution
-        ) -> str:
-            return _core.assess_step(self._core, load, prescribed, last, step.reaction)
-
         last = None if before is None else before.relative_displacement
 
         def result(success: bool, message: str) -> Result:
@@ -346,7 +344,7 @@ class ContactProblem:
                 force,
                 motion,
                 partial(recover, force, motion),
-                partial(assess, force, motion, last),
+                _StepProblem(self._core, force, motion, last),
             )
             if not step.converged:
                 message = f"step {k}: {step.message}"
@@ -364,7 +362,7 @@ class ContactProblem:
         load: Array,
         prescribed: Array,
         recover: Callable[[Step], Array],
-        assess: Callable[[Solution], str],
+        inquiry: _StepProblem,
     ) -> Step:
         area = self._contacts["area"]
         return Step(
@@ -374,7 +372,28 @@ class ContactProblem:
             prescribed=prescribed,
             traction=None if area is None else raw["reaction"] / area[:, None],
             _recover=recover,
-            _assess=assess,
+            _problem=inquiry,
+        )
+
+
+@dataclass(frozen=True)
+class _StepProblem:
+    """The problem of one step, for what is found out of its solution when asked for."""
+
+    core: _core.Condensed
+    load: Array
+    prescribed: Array
+    before: Array | None
+
+    def unique(self, step: Solution, /) -> str:
+        return _core.assess_step(
+            self.core, self.load, self.prescribed, self.before, step.reaction
+        )
+
+    def error_estimate(self, step: Solution, /) -> tuple[float, float] | None:
+        motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
+        return _core.forward_errors_of_step(
+            self.core, self.load, self.prescribed, self.before, step.reaction, motion
         )
 
 
@@ -410,6 +429,7 @@ def _fields(raw: dict[str, Any]) -> dict[str, Any]:
     return {name: raw[name] for name in taken} | {
         "outcome": Outcome(raw["outcome"]),
         "rigid_motion": rigid if len(rigid) else None,
+        "stats": {"bytes_beside_W": raw["bytes_beside"]},
     }
 
 
@@ -566,6 +586,7 @@ class ReducedProblem:
         start: Solution | ArrayLike | None = None,
         *,
         num_threads: int | None = None,
+        callback: Callable[[int, float, float], object] | None = None,
     ) -> Solution:
         """Solve; what happened is `Solution.outcome`, whatever it was.
 
@@ -575,8 +596,15 @@ class ReducedProblem:
             As in `ContactProblem.solve`.
         start
             A `Solution`, or reactions ``(n_c, d)``, to start from.
+        num_threads
+            As in `ContactProblem`.
+        callback
+            Called as ``callback(iterations, work, residual)`` about twenty times a
+            second, with the smallest residual so far; an exception from it ends the
+            solve and comes back.
         """
         chosen = settings(method, tol, max_iterations, max_seconds)
+        check.callback("callback", callback)
         reaction, motion = None, None
         if isinstance(start, Solution):
             reaction = floats("start", start.reaction, shape=self.q.shape)
@@ -590,7 +618,7 @@ class ReducedProblem:
             reaction = floats("start", start, shape=self.q.shape)
         if num_threads is not None:
             num_threads = positive("num_threads", num_threads)
-        raw = self._core.solve(*chosen, reaction, motion, num_threads)
+        raw = self._core.solve(*chosen, reaction, motion, num_threads, callback)
         return self._solution(raw)
 
     def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
@@ -638,10 +666,22 @@ class ReducedProblem:
         )
 
     def _solution(self, raw: dict[str, Any]) -> Solution:
-        return Solution(**_fields(raw), _assess=self._assess)
+        return Solution(**_fields(raw), _problem=_ReducedInquiry(self._core))
 
-    def _assess(self, solution: Solution) -> str:
-        return _core.assess(self._core, solution.reaction)
+
+@dataclass(frozen=True)
+class _ReducedInquiry:
+    """A reduced problem, for what is found out of its solution when asked for."""
+
+    core: _core.Reduced
+
+    def unique(self, solution: Solution, /) -> str:
+        return _core.assess(self.core, solution.reaction)
+
+    def error_estimate(self, solution: Solution, /) -> tuple[float, float] | None:
+        motion = solution.rigid_motion
+        rigid = np.empty(0) if motion is None else motion
+        return _core.forward_errors(self.core, solution.reaction, rigid)
 
 
 def _islands(W: Any, contacts: int, d: int) -> list[tuple[list[int], Array]]:

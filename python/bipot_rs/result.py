@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import IntEnum, StrEnum
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,16 @@ _ADVICE = {
 }
 
 
+class Inquiry(Protocol):
+    """The problem behind a solution, for what is found out when asked for."""
+
+    def unique(self, solution: Any, /) -> str:
+        """Whether the solution is the only one."""
+
+    def error_estimate(self, solution: Any, /) -> tuple[float, float] | None:
+        """Its relative forward errors."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
     """The answer of one contact problem, or the best point that was reached.
@@ -71,10 +81,11 @@ class Solution:
     bipotential_gap
         ``r·v + mu r_n |v_t|`` of each contact in units of work, ``(n_c,)``: zero
         exactly on the law, (10).
-    error_estimate
-        Relative forward errors of reaction and relative displacement, or ``None``.
     seconds
         Time taken.
+    stats
+        ``bytes_beside_W``: what the solver held beside ``W``, its inverse or, of an
+        asymmetric one, its transpose; 0 for neither.
     """
 
     reaction: Array
@@ -88,10 +99,31 @@ class Solution:
     rigid_motion: Array | None = None
     history: Array = field(default_factory=lambda: np.empty((0, 2)), repr=False)
     bipotential_gap: Array = field(default_factory=lambda: np.empty(0), repr=False)
-    error_estimate: tuple[float, float] | None = None
     seconds: float = 0.0
-    _assess: Callable[[Solution], str] | None = field(default=None, repr=False)
-    _verdict: list[str] = field(default_factory=list, repr=False)
+    stats: Mapping[str, int] = field(default_factory=dict, repr=False)
+    _problem: Inquiry | None = field(default=None, repr=False)
+    _known: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def _ask(self, name: str, unknown: Any) -> Any:
+        if name not in self._known:
+            if self._problem is None or not self.converged:
+                return unknown
+            self._known[name] = getattr(self._problem, name)(self)
+        return self._known[name]
+
+    @property
+    def error_estimate(self) -> tuple[float, float] | None:
+        """Relative errors of reaction and relative displacement, as far as they go.
+
+        ``‖r - r*‖ / ‖r*‖`` and ``‖v - v*‖ / ‖v*‖`` by one further Newton correction (19),
+        with ``v`` from sums in twice the precision (of ``K`` where there is one), found
+        out when first asked for: about one factorisation of the closed contacts.
+        ``None`` where it is not determined (reactions of redundant supports), for what
+        has not converged, or has lost its problem (it was read from a file, or sent
+        by another process, before this was asked for).
+        """
+        estimate: tuple[float, float] | None = self._ask("error_estimate", None)
+        return estimate
 
     @property
     def unique(self) -> str:
@@ -102,15 +134,11 @@ class Solution:
         for what has not converged, or has lost its problem (it was read from a file,
         or sent by another process, before this was asked for).
         """
-        if not self._verdict:
-            if self._assess is None or not self.converged:
-                return "unknown"
-            self._verdict.append(self._assess(self))
-        return self._verdict[0]
+        return str(self._ask("unique", "unknown"))
 
     def __getstate__(self) -> dict[str, Any]:
         # The problem stays where it is: it may be gigabytes.
-        return self.__dict__ | {"_assess": None}
+        return self.__dict__ | {"_problem": None}
 
     @property
     def converged(self) -> bool:
@@ -330,7 +358,7 @@ class Result(Sequence[Step]):
 
 
 # What of a step is not written as it stands.
-_NOT_WRITTEN = {"load", "prescribed", "traction", "error_estimate"}
+_NOT_WRITTEN = {"load", "prescribed", "traction", "stats"}
 
 
 def _record(step: Step, number: int) -> dict[str, Any]:
@@ -339,9 +367,10 @@ def _record(step: Step, number: int) -> dict[str, Any]:
     record["load"] = float(number + 1)
     record["displacement"] = step._kept.get("u")
     # What has not been asked for is not worth a factorisation.
-    record["unique"] = step._verdict[0] if step._verdict else None
-    if step.error_estimate is not None:
-        record["error_estimate"] = np.asarray(step.error_estimate)
+    record["unique"] = step._known.get("unique")
+    estimate = step._known.get("error_estimate")
+    if estimate is not None:
+        record["error_estimate"] = np.asarray(estimate)
     return record
 
 
@@ -379,10 +408,12 @@ def load(path: str | os.PathLike[str]) -> Result:
 def _from_record(record: Mapping[str, Any], area: NDArray[Any] | None) -> Step:
     known = {name: record[name] for name in _written() if name in record}
     known["outcome"] = Outcome(known["outcome"])
+    asked: dict[str, Any] = {}
     if "error_estimate" in record:
         estimate = record["error_estimate"]
-        known["error_estimate"] = (float(estimate[0]), float(estimate[1]))
+        asked["error_estimate"] = (float(estimate[0]), float(estimate[1]))
+    if "unique" in record:
+        asked["unique"] = str(record["unique"])
     kept = {"u": record["displacement"]} if "displacement" in record else {}
     traction = None if area is None else known["reaction"] / area[:, None]
-    verdict = [str(record["unique"])] if "unique" in record else []
-    return Step(**known, traction=traction, _kept=kept, _verdict=verdict)
+    return Step(**known, traction=traction, _kept=kept, _known=asked)

@@ -143,12 +143,18 @@ impl<'a, const D: usize> Compliance<'a, D> {
         out
     }
 
-    /// Bytes held by matrices, transposes and inverses.
+    /// Bytes held by the matrices.
     #[must_use]
     pub fn bytes(&self) -> usize {
+        8 * self.islands.iter().map(|i| i.matrix.len()).sum::<usize>()
+    }
+
+    /// Bytes held beside them, by transposes and inverses.
+    #[must_use]
+    pub fn bytes_beside(&self) -> usize {
         let of_island = |i: &Island| {
             let inverse = i.inverse.get().and_then(Option::as_ref);
-            i.matrix.len() + i.transpose.as_ref().map_or(0, Vec::len) + inverse.map_or(0, Vec::len)
+            i.transpose.as_ref().map_or(0, Vec::len) + inverse.map_or(0, Vec::len)
         };
         8 * self.islands.iter().map(of_island).sum::<usize>()
     }

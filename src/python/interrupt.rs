@@ -22,9 +22,26 @@ pub(super) fn run<T: Send>(
     num_threads: Option<usize>,
     work: impl FnOnce(&AtomicBool) -> Result<T, Error> + Send,
 ) -> PyResult<T> {
+    watch(py, num_threads, &|_| Ok(()), work)
+}
+
+/// [`run`], with `tell` called as often as signals are looked for; an exception
+/// from it stops the work as a signal does.
+///
+/// # Errors
+/// What `work` returns, or the exception of the signal or of `tell`.
+pub(super) fn watch<T: Send>(
+    py: Python<'_>,
+    num_threads: Option<usize>,
+    tell: &(dyn Fn(Python<'_>) -> PyResult<()> + Sync),
+    work: impl FnOnce(&AtomicBool) -> Result<T, Error> + Send,
+) -> PyResult<T> {
     let pool = threads::pool(threads::count(num_threads))?;
     let stop = AtomicBool::new(false);
-    let look = |py: Python<'_>| py.check_signals();
+    let look = |py: Python<'_>| {
+        py.check_signals()?;
+        tell(py)
+    };
     let mut signal = None;
     let result = py.detach(|| {
         // A worker of the pool does the work: a thread of its own would cost a

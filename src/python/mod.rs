@@ -7,6 +7,7 @@
 
 mod arrays;
 mod errors;
+mod estimate;
 mod interrupt;
 mod problem;
 mod several;
@@ -16,6 +17,8 @@ use pyo3::prelude::*;
 
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::estimate::{forward_errors, forward_errors_of_step};
     #[pymodule_export]
     use super::problem::{Condensed, Path};
     #[pymodule_export]

@@ -25,14 +25,13 @@ pub(super) fn answers<'py>(
     let solver::Kind::Two(owned) = &problem.kind else {
         return Ok(None);
     };
-    let reduced = owned.problem()?;
-    if reduced.contacts() > enumerate::MOST_CONTACTS {
+    if owned.contacts() > enumerate::MOST_CONTACTS {
         return Ok(None);
     }
-    let (all, complete) = interrupt::run(py, Some(1), |stop| {
-        let found = enumerate::answers(&reduced, stop)?;
+    let (all, complete) = owned.run(py, Some(1), None, |reduced, stop, _| {
+        let found = enumerate::answers(reduced, stop)?;
         let as_solution =
-            |(r, a): &(Vec<_>, Vec<_>)| judged(&reduced, &Settings::default(), r, a, stop);
+            |(r, a): &(Vec<_>, Vec<_>)| judged(reduced, &Settings::default(), r, a, stop);
         let all: Result<Vec<_>, Error> = found.answers.iter().map(as_solution).collect();
         Ok((all?, found.complete))
     })?;
@@ -51,15 +50,15 @@ pub(super) fn assess(
 ) -> PyResult<&'static str> {
     let verdict = match &problem.kind {
         solver::Kind::Two(owned) => {
-            let r = owned.compliance.gather(arrays::rows::<2>(&reaction)?);
-            interrupt::run(py, num_threads, |stop| {
-                uniqueness::assess_plane(&owned.problem()?, &r, stop)
+            let r = arrays::rows::<2>(&reaction)?;
+            owned.run(py, num_threads, None, |problem, stop, _| {
+                uniqueness::assess_plane(problem, &problem.compliance.gather(r), stop)
             })?
         }
         solver::Kind::Three(owned) => {
-            let r = owned.compliance.gather(arrays::rows::<3>(&reaction)?);
-            interrupt::run(py, num_threads, |stop| {
-                uniqueness::assess(&owned.problem()?, &r, stop)
+            let r = arrays::rows::<3>(&reaction)?;
+            owned.run(py, num_threads, None, |problem, stop, _| {
+                uniqueness::assess(problem, &problem.compliance.gather(r), stop)
             })?
         }
     };
@@ -101,7 +100,7 @@ pub(super) fn assess_step(
 }
 
 /// As much of the state before a step as its reduced problem asks for.
-fn left<const D: usize>(before: &Matrix<'_>) -> PyResult<State<D>> {
+pub(super) fn left<const D: usize>(before: &Matrix<'_>) -> PyResult<State<D>> {
     Ok(State {
         relative_displacement: arrays::rows(before)?.to_vec(),
         ..State::default()

@@ -1,8 +1,9 @@
 //! `project` and the reduced problem.
 
 use std::borrow::Cow;
+use std::sync::atomic::AtomicBool;
 
-use numpy::{PyArray1, PyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -12,9 +13,10 @@ use crate::error::Error;
 use crate::law::cone;
 use crate::problem::compliance::Compliance;
 use crate::problem::reduced::{Reduced as Problem, Rigid};
-use crate::problem::residual::Certificate;
+use crate::problem::residual::{Certificate, best_motion};
 use crate::python::arrays::{self, Matrix, Vector};
 use crate::python::interrupt;
+use crate::solver::monitor::Progress;
 use crate::solver::{self, Method, Settings, Solution, Start};
 
 /// Nodes a task: few enough to balance, enough to hide the cost of a task.
@@ -141,6 +143,7 @@ pub(super) fn solution_dict<'py, const D: usize>(
         "history",
         arrays::square(py, flat, solution.history.len(), 2)?,
     )?;
+    dict.set_item("bytes_beside", solution.bytes_beside)?;
     dict.set_item("seconds", solution.seconds)?;
     Ok(dict)
 }
@@ -156,8 +159,9 @@ pub(super) enum Kind {
     Three(Owned<3>),
 }
 
+/// A problem whose `W` stays where the caller has it.
 pub(super) struct Owned<const D: usize> {
-    pub(super) compliance: Compliance<'static, D>,
+    parts: Vec<(Vec<usize>, Py<PyArray1<f64>>)>,
     q: Vec<[f64; D]>,
     mu: Vec<f64>,
     rigid: Rigid<D>,
@@ -165,59 +169,98 @@ pub(super) struct Owned<const D: usize> {
 
 impl<const D: usize> Owned<D> {
     fn new(
-        parts: Vec<(Vec<usize>, Vec<f64>)>,
+        parts: Vec<(Vec<usize>, Py<PyArray1<f64>>)>,
         q: &Matrix<'_>,
         mu: &Vector<'_>,
         modes: &Matrix<'_>,
         load: &Vector<'_>,
     ) -> PyResult<Self> {
-        let owned = parts
-            .into_iter()
-            .map(|(nodes, matrix)| (nodes, Cow::Owned(matrix)));
-        let compliance = Compliance::new(owned.collect())?;
-        let columns = modes
-            .as_slice()?
-            .chunks_exact(D * compliance.contacts().max(1));
+        let q = arrays::rows::<D>(q)?.to_vec();
+        let columns = modes.as_slice()?.chunks_exact(D * q.len().max(1));
         let rigid = Rigid {
             modes: columns
                 .map(|column| column.as_chunks::<D>().0.to_vec())
                 .collect(),
             load: load.as_slice()?.to_vec(),
         };
-        let made = Self {
-            compliance,
-            q: arrays::rows::<D>(q)?.to_vec(),
+        Ok(Self {
+            parts,
+            q,
             mu: mu.as_slice()?.to_vec(),
             rigid,
-        };
-        made.problem()?; // the border: everything is checked here
-        Ok(made)
-    }
-
-    pub(super) fn problem(&self) -> Result<Problem<'_, D>, Error> {
-        Problem::new(&self.compliance, &self.q, &self.mu, &self.rigid)
-    }
-
-    fn start(&self, reaction: Option<&Matrix<'_>>, rigid: Vec<f64>) -> PyResult<Start<D>> {
-        let reaction = match reaction {
-            Some(array) => self.compliance.gather(arrays::rows::<D>(array)?),
-            None => Vec::new(),
-        };
-        Ok(Start {
-            reaction,
-            rigid,
-            closed: Vec::new(),
         })
     }
 
-    fn certificate(&self, r: &Matrix<'_>, a: Option<&[f64]>) -> PyResult<f64> {
-        let problem = self.problem()?;
-        let r = self.compliance.gather(arrays::rows::<D>(r)?);
-        let a = a.map_or_else(
-            || crate::problem::residual::best_motion(&problem, &r),
-            <[f64]>::to_vec,
-        );
-        Ok(Certificate::new(&problem, &r, &a).residual)
+    pub(super) fn contacts(&self) -> usize {
+        self.q.len()
+    }
+
+    /// Runs `work` off the interpreter's lock, on a `W` that is read in place and
+    /// checked anew: it may have been written to since the last time.
+    pub(super) fn run<T: Send>(
+        &self,
+        py: Python<'_>,
+        num_threads: Option<usize>,
+        callback: Option<&Py<PyAny>>,
+        work: impl FnOnce(&Problem<'_, D>, &AtomicBool, &Progress) -> Result<T, Error> + Send,
+    ) -> PyResult<T> {
+        let views = self
+            .parts
+            .iter()
+            .map(|(_, array)| array.bind(py).try_readonly())
+            .collect::<Result<Vec<_>, _>>()?;
+        let slices = views
+            .iter()
+            .map(|view| view.as_slice())
+            .collect::<Result<Vec<_>, _>>()?;
+        let progress = Progress::default();
+        let tell = |py: Python<'_>| {
+            callback.map_or(Ok(()), |callback| {
+                callback.call1(py, progress.read()).map(|_| ())
+            })
+        };
+        interrupt::watch(py, num_threads, &tell, |stop| {
+            let parts = self.parts.iter().zip(slices);
+            let parts = parts.map(|((nodes, _), slice)| (nodes.clone(), Cow::Borrowed(slice)));
+            let compliance = Compliance::new(parts.collect())?;
+            let problem = Problem::new(&compliance, &self.q, &self.mu, &self.rigid)?;
+            work(&problem, stop, &progress)
+        })
+    }
+
+    fn solve<'py>(
+        &self,
+        py: Python<'py>,
+        settings: &Settings,
+        (reaction, rigid): (Option<&Matrix<'_>>, Vec<f64>),
+        num_threads: Option<usize>,
+        callback: Option<&Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let reaction = reaction.map(arrays::rows::<D>).transpose()?;
+        let solved = self.run(py, num_threads, callback, |problem, stop, progress| {
+            let start = Start {
+                reaction: reaction.map_or_else(Vec::new, |r| problem.compliance.gather(r)),
+                rigid,
+                closed: Vec::new(),
+            };
+            solver::solve_watched(problem, settings, &start, stop, progress)
+        })?;
+        solution_dict(py, &solved)
+    }
+
+    fn certificate(&self, py: Python<'_>, r: &Matrix<'_>, a: Option<&[f64]>) -> PyResult<f64> {
+        let r = arrays::rows::<D>(r)?;
+        self.run(py, None, None, |problem, _, _| {
+            let r = problem.compliance.gather(r);
+            let a = a.map_or_else(|| best_motion(problem, &r), <[f64]>::to_vec);
+            Ok(Certificate::new(problem, &r, &a).residual)
+        })
+    }
+
+    fn asymmetry(&self, py: Python<'_>) -> PyResult<f64> {
+        self.run(py, None, None, |problem, _, _| {
+            Ok(problem.compliance.asymmetry())
+        })
     }
 }
 
@@ -226,43 +269,47 @@ impl Reduced {
     /// `parts` holds (contacts, dense row-major matrix) of every island.
     #[new]
     fn new(
-        parts: Vec<(Vec<usize>, Vector<'_>)>,
+        py: Python<'_>,
+        parts: Vec<(Vec<usize>, Py<PyArray1<f64>>)>,
         q: Matrix<'_>,
         mu: Vector<'_>,
         modes: Matrix<'_>,
         load: Vector<'_>,
     ) -> PyResult<Self> {
-        let copied = parts
-            .into_iter()
-            .map(|(nodes, matrix)| Ok((nodes, matrix.as_slice()?.to_vec())))
-            .collect::<PyResult<Vec<_>>>()?;
-        let kind = match q.as_array().ncols() {
-            2 => Kind::Two(Owned::new(copied, &q, &mu, &modes, &load)?),
-            _ => Kind::Three(Owned::new(copied, &q, &mu, &modes, &load)?),
+        let made = match q.as_array().ncols() {
+            2 => Kind::Two(Owned::new(parts, &q, &mu, &modes, &load)?),
+            _ => Kind::Three(Owned::new(parts, &q, &mu, &modes, &load)?),
         };
-        Ok(Self { kind })
+        let made = Self { kind: made };
+        made.asymmetry(py)?; // the border: everything is checked here
+        Ok(made)
     }
 
     /// Largest `|W_ij − W_ji|` over the largest entry.
     #[getter]
-    fn asymmetry(&self) -> f64 {
+    fn asymmetry(&self, py: Python<'_>) -> PyResult<f64> {
         match &self.kind {
-            Kind::Two(owned) => owned.compliance.asymmetry(),
-            Kind::Three(owned) => owned.compliance.asymmetry(),
+            Kind::Two(owned) => owned.asymmetry(py),
+            Kind::Three(owned) => owned.asymmetry(py),
         }
     }
 
     /// η at `(r, a)`; without `a`, at the rigid motion of least squares.
     #[pyo3(signature = (reaction, rigid=None))]
-    fn residual(&self, reaction: Matrix<'_>, rigid: Option<Vector<'_>>) -> PyResult<f64> {
+    fn residual(
+        &self,
+        py: Python<'_>,
+        reaction: Matrix<'_>,
+        rigid: Option<Vector<'_>>,
+    ) -> PyResult<f64> {
         let rigid = rigid.as_ref().map(|a| a.as_slice()).transpose()?;
         match &self.kind {
-            Kind::Two(owned) => owned.certificate(&reaction, rigid),
-            Kind::Three(owned) => owned.certificate(&reaction, rigid),
+            Kind::Two(owned) => owned.certificate(py, &reaction, rigid),
+            Kind::Three(owned) => owned.certificate(py, &reaction, rigid),
         }
     }
 
-    #[pyo3(signature = (method, tol, max_iterations, max_seconds, reaction, rigid, num_threads))]
+    #[pyo3(signature = (method, tol, max_iterations, max_seconds, reaction, rigid, num_threads, callback=None))]
     #[expect(
         clippy::too_many_arguments,
         reason = "the settings of one call from Python"
@@ -277,24 +324,15 @@ impl Reduced {
         reaction: Option<Matrix<'py>>,
         rigid: Option<Vector<'py>>,
         num_threads: Option<usize>,
+        callback: Option<Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let settings = settings(method, tol, max_iterations, max_seconds)?;
         let rigid = rigid.map_or(Ok(Vec::new()), |a| a.as_slice().map(<[f64]>::to_vec))?;
+        let start = (reaction.as_ref(), rigid);
+        let callback = callback.as_ref();
         match &self.kind {
-            Kind::Two(owned) => {
-                let start = owned.start(reaction.as_ref(), rigid)?;
-                let solved = interrupt::run(py, num_threads, |stop| {
-                    solver::solve(&owned.problem()?, &settings, &start, stop)
-                })?;
-                solution_dict(py, &solved)
-            }
-            Kind::Three(owned) => {
-                let start = owned.start(reaction.as_ref(), rigid)?;
-                let solved = interrupt::run(py, num_threads, |stop| {
-                    solver::solve(&owned.problem()?, &settings, &start, stop)
-                })?;
-                solution_dict(py, &solved)
-            }
+            Kind::Two(owned) => owned.solve(py, &settings, start, num_threads, callback),
+            Kind::Three(owned) => owned.solve(py, &settings, start, num_threads, callback),
         }
     }
 }

@@ -23,7 +23,7 @@ use crate::law::bipotential;
 use crate::law::cone::{Status, project};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::{Certificate, residual};
-use crate::solver::monitor::Monitor;
+use crate::solver::monitor::{Monitor, Progress};
 use crate::solver::uzawa::Variant;
 
 /// Which algorithm.
@@ -161,6 +161,8 @@ pub struct Solution<const D: usize> {
     pub work: f64,
     /// `(work, η)`, a row an iteration.
     pub history: Vec<(f64, f64)>,
+    /// Bytes that the solver holds beside `W`: a transpose, an inverse.
+    pub bytes_beside: usize,
     pub seconds: f64,
 }
 
@@ -177,8 +179,22 @@ pub fn solve<const D: usize>(
     start: &Start<D>,
     stop: &AtomicBool,
 ) -> Result<Solution<D>, Error> {
+    solve_watched(problem, settings, start, stop, &Progress::default())
+}
+
+/// [`solve`], while another thread may read how far it is.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_watched<const D: usize>(
+    problem: &Reduced<D>,
+    settings: &Settings,
+    start: &Start<D>,
+    stop: &AtomicBool,
+    progress: &Progress,
+) -> Result<Solution<D>, Error> {
     settings.validate()?;
-    let mut monitor = Monitor::new(problem, settings, stop);
+    let mut monitor = Monitor::new(problem, settings, stop, progress);
     if problem.contradiction.is_some() {
         return Ok(finish(problem, settings, monitor, Outcome::NoEquilibrium));
     }
@@ -240,7 +256,8 @@ pub fn judged<const D: usize>(
     a: &[f64],
     stop: &AtomicBool,
 ) -> Result<Solution<D>, Error> {
-    let mut monitor = Monitor::new(problem, settings, stop);
+    let progress = Progress::default();
+    let mut monitor = Monitor::new(problem, settings, stop, &progress);
     let v = problem.relative_displacement(r, a);
     monitor.count(1.0);
     monitor.look(r, &v, a, false)?;
@@ -313,6 +330,7 @@ impl<const D: usize> Solution<D> {
         self.residual = certificate.residual;
         self.tolerance = certificate.tolerance(settings.tol);
         self.floor = certificate.floor;
+        self.bytes_beside = whole.bytes_beside();
     }
 
     /// Refines a converged solution by a better evaluation of `v` than `W` gives;

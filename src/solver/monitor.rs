@@ -1,6 +1,6 @@
 //! Watches a solver: history, best point, limits, and the verdict.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use crate::error::Error;
@@ -24,12 +24,37 @@ pub enum Verdict {
     Stop(Outcome),
 }
 
+/// How far a solve is, for another thread to read at any time.
+#[derive(Debug, Default)]
+pub struct Progress {
+    iterations: AtomicUsize,
+    work: AtomicU64,
+    residual: AtomicU64,
+}
+
+impl Progress {
+    fn tell(&self, iterations: usize, work: f64, residual: f64) {
+        self.iterations.store(iterations, Ordering::Relaxed);
+        self.work.store(work.to_bits(), Ordering::Relaxed);
+        self.residual.store(residual.to_bits(), Ordering::Relaxed);
+    }
+
+    /// Iterations, work in products with `W`, and the smallest η so far.
+    #[must_use]
+    pub fn read(&self) -> (usize, f64, f64) {
+        let number = |value: &AtomicU64| f64::from_bits(value.load(Ordering::Relaxed));
+        let iterations = self.iterations.load(Ordering::Relaxed);
+        (iterations, number(&self.work), number(&self.residual))
+    }
+}
+
 /// Watches one solve.
 #[derive(Debug)]
 pub struct Monitor<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
     settings: &'p Settings,
     stop: &'p AtomicBool,
+    progress: &'p Progress,
     started: Instant,
     log: Log<D>,
     best: f64,
@@ -54,11 +79,17 @@ pub struct Log<const D: usize> {
 
 impl<'p, const D: usize> Monitor<'p, D> {
     #[must_use]
-    pub fn new(problem: &'p Reduced<'p, D>, settings: &'p Settings, stop: &'p AtomicBool) -> Self {
+    pub fn new(
+        problem: &'p Reduced<'p, D>,
+        settings: &'p Settings,
+        stop: &'p AtomicBool,
+        progress: &'p Progress,
+    ) -> Self {
         Self {
             problem,
             settings,
             stop,
+            progress,
             started: Instant::now(),
             log: Log {
                 best_reaction: vec![[0.0; D]; problem.contacts()],
@@ -117,6 +148,8 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.log.best_reaction.copy_from_slice(r);
             self.log.best_rigid.copy_from_slice(a);
         }
+        self.progress
+            .tell(self.log.iterations, self.log.work, self.best);
         if eta < 0.5 * self.halved {
             self.halved = eta;
             self.last_halved = self.log.iterations;

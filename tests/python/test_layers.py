@@ -50,7 +50,7 @@ RUST_SIBLINGS = {
         "gauss_seidel newton uniqueness uzawa",
         "auto refine",
     ),
-    "python": ("errors arrays interrupt", "solver", "problem", "several"),
+    "python": ("errors arrays interrupt", "solver", "problem", "several", "estimate"),
 }
 # Word of the code: the only files that may hold it. An upgrade of a library, or
 # a review of what the compiler cannot check, then has few places to go.

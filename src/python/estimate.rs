@@ -1,0 +1,82 @@
+//! What an answer is away from the exact one.
+
+use pyo3::prelude::*;
+
+use crate::error::Error;
+use crate::problem::reduced::Reduced;
+use crate::problem::residual::scaled_imbalance;
+use crate::python::arrays::{self, Matrix, Vector};
+use crate::python::several::left;
+use crate::python::{interrupt, problem, solver};
+use crate::solver::refine::{Point, forward_error};
+use crate::stepping::{evaluate, reduced_step};
+
+type Estimate = Option<(f64, f64)>;
+
+/// Relative forward errors of the reaction and of the relative displacement, by
+/// one further Newton correction.
+#[pyfunction]
+#[pyo3(signature = (problem, reaction, rigid, num_threads=None))]
+pub(super) fn forward_errors(
+    py: Python<'_>,
+    problem: &solver::Reduced,
+    reaction: Matrix<'_>,
+    rigid: Vector<'_>,
+    num_threads: Option<usize>,
+) -> PyResult<Estimate> {
+    fn of<const D: usize>(problem: &Reduced<D>, reaction: &[[f64; D]], rigid: &[f64]) -> Point<D> {
+        let r = problem.compliance.gather(reaction);
+        Point {
+            v: problem.exact_displacement(&r, rigid),
+            imbalance: scaled_imbalance(problem, &r),
+            r,
+            rigid: rigid.to_vec(),
+        }
+    }
+    let rigid = rigid.as_slice()?;
+    match &problem.kind {
+        solver::Kind::Two(owned) => {
+            let reaction = arrays::rows(&reaction)?;
+            owned.run(py, num_threads, None, |problem, stop, _| {
+                forward_error(problem, &of(problem, reaction, rigid), stop)
+            })
+        }
+        solver::Kind::Three(owned) => {
+            let reaction = arrays::rows(&reaction)?;
+            owned.run(py, num_threads, None, |problem, stop, _| {
+                forward_error(problem, &of(problem, reaction, rigid), stop)
+            })
+        }
+    }
+}
+
+/// The same for a step of a load path, judged by `K` itself: total loads, and the
+/// total relative displacement that the step before left.
+#[pyfunction]
+pub(super) fn forward_errors_of_step(
+    py: Python<'_>,
+    problem: &problem::Condensed,
+    load: Vector<'_>,
+    prescribed: Vector<'_>,
+    before: Option<Matrix<'_>>,
+    reaction: Matrix<'_>,
+    rigid: Vector<'_>,
+) -> PyResult<Estimate> {
+    let loads = (load.as_slice()?, prescribed.as_slice()?);
+    let rigid = rigid.as_slice()?;
+    macro_rules! of {
+        ($inner:expr) => {{
+            let state = before.as_ref().map(left).transpose()?;
+            let r = $inner.compliance().gather(arrays::rows(&reaction)?);
+            interrupt::run(py, problem.num_threads, |stop| -> Result<_, Error> {
+                let reduced = reduced_step($inner, loads.0, loads.1, state.as_ref())?;
+                let point = evaluate($inner, &reduced, loads, state.as_ref(), r, rigid.to_vec())?;
+                forward_error(&reduced, &point, stop)
+            })
+        }};
+    }
+    match &problem.kind {
+        problem::Kind::Two(inner) => of!(inner),
+        problem::Kind::Three(inner) => of!(inner),
+    }
+}
