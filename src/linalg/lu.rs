@@ -41,7 +41,9 @@ impl Lu {
     /// If `a` has not `n²` entries.
     pub fn new(a: Vec<f64>, n: usize, stop: &AtomicBool) -> Result<Option<Self>, Error> {
         assert_eq!(a.len(), n * n);
-        let size = a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        // A pivot is a sum of up to n terms as large as the largest entry.
+        #[expect(clippy::cast_precision_loss, reason = "an order")]
+        let rounding = n as f64 * f64::EPSILON * a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         let mut lu = Self {
             n,
             factors: a,
@@ -75,7 +77,7 @@ impl Lu {
                 tile.chunks_exact_mut(n).for_each(moved);
                 dense::lu_update(tile, panel, n, first);
             });
-            let flat = |k: usize| !(panel[(k - first) * n + k].abs() > f64::EPSILON * size);
+            let flat = |k: usize| !(panel[(k - first) * n + k].abs() > rounding);
             if (first..first + width).any(flat) {
                 return Ok(None);
             }

@@ -32,7 +32,7 @@ pub struct Point<const D: usize> {
 struct Correction<const D: usize> {
     r: Vec<[f64; D]>,
     rigid: Vec<f64>,
-    /// What it moves: `‖dr‖ / ‖r‖` and `‖dv‖ / ‖v‖`.
+    /// What it moves, beside what it leads to: `‖dr‖ / ‖r‖` and `‖dv‖ / ‖v‖`.
     moved: (f64, f64),
 }
 
@@ -109,9 +109,14 @@ fn correction<const D: usize>(
         .map(|(x, y)| x - y)
         .collect();
     problem.add_rigid(&da, &mut dv);
+    let corrected: Vec<[f64; D]> = dv
+        .iter()
+        .zip(&point.v)
+        .map(|(x, y)| std::array::from_fn(|k| x[k] + y[k]))
+        .collect();
     let moved = (
-        share(change.as_flattened(), point.r.as_flattened()),
-        share(dv.as_flattened(), point.v.as_flattened()),
+        share(change.as_flattened(), next.r.as_flattened()),
+        share(dv.as_flattened(), corrected.as_flattened()),
     );
     if !(moved.0.is_finite() && moved.1.is_finite()) {
         return Ok(None);
