@@ -9,7 +9,7 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::{merit, residual, scaled_imbalance};
-use crate::solver::compliance_form::{ComplianceForm, Solved};
+use crate::solver::compliance_form::{self, ComplianceForm, Solved};
 use crate::solver::linearisation::{Linearisation, factorisation_cost};
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::stiffness_form::StiffnessForm;
@@ -166,7 +166,7 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
         });
     let motions = problem.scaling.modes.len();
     let closed = D * (problem.contacts() - open) + motions;
-    let in_reactions = factorisation_cost(closed, whole);
+    let in_reactions = compliance_form::cost(closed, whole);
     // An inverse costs one and a half times an LU of all unknowns.
     let inverse = match problem.compliance.inverse_known() {
         Some(true) => 0.0,
