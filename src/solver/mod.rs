@@ -13,6 +13,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::law::bipotential;
 use crate::law::cone::{Status, project};
+use crate::problem::balance::{self, Balance};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::{Certificate, residual};
 use crate::solver::monitor::Monitor;
@@ -132,6 +133,9 @@ pub struct Solution<const D: usize> {
     /// Gap of the bipotential in joules, contact by contact.
     pub bipotential_gap: Vec<f64>,
     pub rigid_motion: Vec<f64>,
+    /// Rigid motion that the loads set free: proof of `NoEquilibrium`, a finding
+    /// where it did not converge; empty where there is none to tell.
+    pub free_motion: Vec<f64>,
     pub outcome: Outcome,
     pub residual: f64,
     pub tolerance: f64,
@@ -162,6 +166,13 @@ pub fn solve<const D: usize>(
     let mut monitor = Monitor::new(problem, settings, stop);
     if problem.contradiction.is_some() {
         return Ok(finish(problem, settings, monitor, Outcome::NoEquilibrium));
+    }
+    if let Balance::Impossible { motion } = balance::balance(problem) {
+        let nothing = finish(problem, settings, monitor, Outcome::NoEquilibrium);
+        return Ok(Solution {
+            free_motion: motion,
+            ..nothing
+        });
     }
     let opening = bilateral_start(problem, start, &mut monitor);
     let start = opening.as_ref().unwrap_or(start);
@@ -243,6 +254,7 @@ fn finish<const D: usize>(
         status: whole.scatter(&status),
         bipotential_gap: whole.scatter(&gap),
         rigid_motion: log.best_rigid,
+        free_motion: Vec::new(),
         outcome,
         residual: certificate.residual,
         tolerance: certificate.tolerance(settings.tol),
