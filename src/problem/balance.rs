@@ -34,8 +34,11 @@ pub enum Balance {
 /// leaves of loads that are found by condensation.
 const LEAST_WORK: f64 = 1e-9;
 
-/// Rigid motions are null vectors of the condensed stiffness, known to this,
-/// relative to the motion of a contact.
+/// Rounding of the motion of a contact, relative to the size of its rows.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
+/// Rigid motions are null vectors of the condensed stiffness, known to about
+/// this: a proof that can do so keeps clear of it.
 const KNOWN: f64 = 1e-13;
 
 /// Reactions so many times the loads are no answer to any solver: the rounding
@@ -44,11 +47,18 @@ const LARGEST_REACTION: f64 = WORST_FLOOR / (4.0 * f64::EPSILON);
 
 /// A contact that works against a motion by less than this, relative to what it
 /// could do, does not resist it.
-const AT_REST: f64 = 1e-10;
+const AT_REST: f64 = 1e-13;
 
-/// Rounds of a projection; about ten for each rigid motion are needed in the
-/// plane, several times that in space, where the cones are curved.
-const MOST_ROUNDS: usize = 1000;
+/// Rounds for each rigid motion in which the resistance is to be halved.
+const PATIENCE: usize = 10;
+
+/// Rounds of a projection for each rigid motion: about two are needed in the
+/// plane, up to twelve in space, where the cones are curved.
+const MOST_ROUNDS: usize = 50;
+
+/// A motion that opens contacts by less than this brings no other one out of
+/// them without undoing it.
+const LEAST_SLACK: f64 = 1e-6;
 
 /// Decides the cone programme, as far as rounding lets it be decided.
 ///
@@ -183,13 +193,19 @@ impl<const D: usize> Part<D> {
         at
     }
 
+    /// Whether the force opposite to a motion lies in the cone. Without friction
+    /// a contact that opens has `‖v_t‖ ≤ −μ v_n` too.
+    fn is_opposed(&self, contact: usize, v: &[f64; D]) -> bool {
+        v[0] < 0.0 && tangential_norm(v) <= -self.mu[contact] * v[0]
+    }
+
     /// The least work of a force of length 1 in the cone of a contact that moves
     /// by `v`: minus the distance of `v` from `K*_μ` where it lies outside.
     fn least_work(&self, contact: usize, v: &[f64; D]) -> f64 {
         let [normal, tangential] = self.edge[contact];
         let slip = tangential_norm(v);
-        if slip <= -self.mu[contact] * v[0] {
-            -v[0].hypot(slip) // the force opposite to the motion lies in the cone
+        if self.is_opposed(contact, v) {
+            -v[0].hypot(slip)
         } else {
             normal * v[0] - tangential * slip
         }
@@ -208,7 +224,7 @@ impl<const D: usize> Part<D> {
         let v = self.motion_at(contact, motion);
         let slip = tangential_norm(&v);
         let mut force = v;
-        if slip <= -self.mu[contact] * v[0] && v != [0.0; D] {
+        if self.is_opposed(contact, &v) {
             let length = v[0].hypot(slip);
             force.iter_mut().for_each(|c| *c /= -length);
         } else {
@@ -241,23 +257,31 @@ impl<const D: usize> Part<D> {
     /// A motion that proves that the loads cannot be balanced, if one is found.
     fn unresisted(&self) -> Option<Vec<f64>> {
         let size = norm(&self.load);
+        let balanced = |length: f64| !(length > LEAST_WORK * size);
+        let (mut least, mut motion) = (f64::INFINITY, None);
+        let (mut halved, mut rounds) = (f64::INFINITY, 0);
         let imbalance = shortest(&self.load, |s, length| {
-            if length <= LEAST_WORK * size {
-                return None; // balanced
+            let found = self.most_resisting(s).filter(|_| !balanced(length))?;
+            let resistance = -found.work / length;
+            if resistance < least {
+                least = resistance;
+                motion = Some(s.iter().map(|x| x / length).collect::<Vec<f64>>());
             }
-            let found = self.most_resisting(s)?;
-            (found.work < -AT_REST * length).then(|| self.column(&found))
+            rounds += 1;
+            if resistance < 0.5 * halved {
+                (halved, rounds) = (resistance, 0);
+            }
+            let goes_on = resistance > AT_REST && rounds <= PATIENCE * self.load.len();
+            goes_on.then(|| self.column(&found))
         });
-        let length = norm(&imbalance);
-        if !(length > LEAST_WORK * size) {
+        if balanced(norm(&imbalance)) {
             return None;
         }
-        let motion: Vec<f64> = imbalance.iter().map(|x| x / length).collect();
-        if self.proves(&motion) {
-            return Some(motion);
-        }
-        let lifted = self.lifted(motion)?;
-        self.proves(&lifted).then_some(lifted)
+        // Without any contact no round was made.
+        let motion = motion.unwrap_or_else(|| imbalance.iter().map(|x| x / size).collect());
+        let lifted = self.lifted(&motion);
+        let strict = lifted.filter(|lifted| self.proves(lifted));
+        strict.or_else(|| self.proves(&motion).then_some(motion))
     }
 
     /// Whether a motion of length about 1 is a proof, rounding counted: `m ≤
@@ -266,7 +290,8 @@ impl<const D: usize> Part<D> {
     fn proves(&self, motion: &[f64]) -> bool {
         let length = norm(motion);
         let distance = |i: usize| {
-            let slack = self.least_work(i, &self.motion_at(i, motion)) - KNOWN * self.size[i] * length;
+            let slack =
+                self.least_work(i, &self.motion_at(i, motion)) - ROUNDING * self.size[i] * length;
             (-slack).max(0.0).powi(2)
         };
         let distance = (0..self.size.len()).map(distance).sum::<f64>().sqrt();
@@ -276,13 +301,11 @@ impl<const D: usize> Part<D> {
     }
 
     /// A motion brought into `K*_μ` by a little of one that lies well inside.
-    fn lifted(&self, mut motion: Vec<f64>) -> Option<Vec<f64>> {
+    fn lifted(&self, motion: &[f64]) -> Option<Vec<f64>> {
         let (inside, slack) = self.inside()?;
-        let found = self.most_resisting(&motion)?;
-        let amount = (2.0 * KNOWN - found.work) / slack;
-        for (value, x) in motion.iter_mut().zip(&inside) {
-            *value += amount * x;
-        }
+        let found = self.most_resisting(motion)?;
+        let mut motion = motion.to_vec();
+        add(&mut motion, (2.0 * KNOWN - found.work) / slack, &inside);
         Some(motion)
     }
 
@@ -295,11 +318,14 @@ impl<const D: usize> Part<D> {
         let mut target = vec![0.0; k + 1];
         target[k] = -1.0;
         let mut opened = None;
-        let _ = shortest(&target, |s, _| {
+        let _ = shortest(&target, |s, bound| {
             let length = norm(&s[..k]);
-            let found = self.most_resisting(&s[..k])?;
-            // At the end the two are equal: half is enough.
-            if found.work > -0.5 * s[k] && found.work > AT_REST * length {
+            let found = self
+                .most_resisting(&s[..k])
+                .filter(|_| bound > LEAST_SLACK)?;
+            // The slack of the shortest point is its length, and −s_k that squared:
+            // half of it will do.
+            if found.work > -0.5 * s[k] && found.work > LEAST_SLACK * length {
                 let unit = s[..k].iter().map(|x| x / length).collect();
                 opened = Some((unit, found.work / length));
                 return None;
@@ -317,27 +343,28 @@ impl<const D: usize> Part<D> {
 ///
 /// Lawson and Hanson's active set with the columns unlimited: those in use are
 /// independent, and a column that comes in makes `s` shorter.
-fn shortest(
-    target: &[f64],
-    mut price: impl FnMut(&[f64], f64) -> Option<Vec<f64>>,
-) -> Vec<f64> {
+fn shortest(target: &[f64], mut price: impl FnMut(&[f64], f64) -> Option<Vec<f64>>) -> Vec<f64> {
     let mut columns: Vec<Vec<f64>> = Vec::new();
     let mut amounts: Vec<f64> = Vec::new();
     let mut s = target.to_vec();
-    for _ in 0..MOST_ROUNDS {
+    for _ in 0..MOST_ROUNDS * target.len() {
         let before = norm(&s);
         let Some(column) = price(&s, before) else {
             break;
         };
-        let (kept, kept_amounts) = (columns.clone(), amounts.clone());
         columns.push(column);
         amounts.push(0.0);
         fit(target, &mut columns, &mut amounts);
-        let next = combine(target, &columns, &amounts);
-        if !(norm(&next) < before) {
-            // Rounding: the point before was as good as can be had.
-            (columns, amounts) = (kept, kept_amounts);
-            s = combine(target, &columns, &amounts);
+        let mut next = combine(target, &columns, &amounts);
+        // At right angles to the columns to the rounding of its own length, not of
+        // the target's.
+        let views: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        let minus: Vec<f64> = next.iter().map(|x| -x).collect();
+        for (x, column) in least_squares::solve(&views, &minus).iter().zip(&columns) {
+            add(&mut next, *x, column);
+        }
+        // A column that resists by θ shortens by θ²: rounding hides it early.
+        if !(norm(&next) <= before * (1.0 + ROUNDING)) {
             break;
         }
         s = next;
@@ -379,9 +406,14 @@ fn fit(target: &[f64], columns: &mut Vec<Vec<f64>>, amounts: &mut Vec<f64>) {
 fn combine(target: &[f64], columns: &[Vec<f64>], amounts: &[f64]) -> Vec<f64> {
     let mut s = target.to_vec();
     for (column, x) in columns.iter().zip(amounts) {
-        for (value, c) in s.iter_mut().zip(column) {
-            *value += x * c;
-        }
+        add(&mut s, *x, column);
     }
     s
+}
+
+/// `s += x c`.
+fn add(s: &mut [f64], x: f64, column: &[f64]) {
+    for (value, c) in s.iter_mut().zip(column) {
+        *value += x * c;
+    }
 }
