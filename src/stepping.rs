@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::cone::Status;
+use crate::problem::balance;
 use crate::problem::condense::Condensed;
 use crate::problem::reduced::Reduced;
 use crate::solver::{self, Outcome, Settings, Solution, Start};
@@ -77,10 +78,10 @@ impl<const D: usize> LoadPath<D> {
         settings: &Settings,
         stop: &AtomicBool,
     ) -> Result<Step<D>, Error> {
-        let free = problem.free_part(load, prescribed)?;
+        let mut free = problem.free_part(load, prescribed)?;
         let q = incremental(&free.q, self.state.as_ref());
         let compliance = problem.compliance();
-        let reduced = Reduced::new(compliance, &q, problem.mu(), &free.rigid)?;
+        let mut reduced = Reduced::new(compliance, &q, problem.mu(), &free.rigid)?;
         if let Some((node, penetration)) = reduced.contradiction {
             return Err(Error::ContradictoryContact { node, penetration });
         }
@@ -97,6 +98,21 @@ impl<const D: usize> LoadPath<D> {
                     .collect(),
             });
         let mut solution = solver::solve(&reduced, settings, &start, stop)?;
+        if !solution.free_motion.is_empty() && solution.outcome == Outcome::NoEquilibrium {
+            // Loads that balance one another leave rounding, which nothing need carry.
+            reduced.load_rounding = problem.load_rounding(load, prescribed)?;
+            if !balance::works(&reduced, &solution.free_motion) {
+                let rounding = reduced.load_rounding;
+                for (e, &least) in free.rigid.load.iter_mut().zip(&rounding) {
+                    if e.abs() <= least {
+                        *e = 0.0;
+                    }
+                }
+                reduced = Reduced::new(compliance, &q, problem.mu(), &free.rigid)?;
+                reduced.load_rounding = rounding;
+                solution = solver::solve(&reduced, settings, &start, stop)?;
+            }
+        }
         let slip = solution.relative_displacement.clone();
         if let Some(state) = &self.state {
             for (v, before) in solution

@@ -69,37 +69,65 @@ const LEAST_SLACK: f64 = 1e-6;
 pub fn balance<const D: usize>(problem: &Reduced<D>) -> Balance {
     for modes in coupled(problem) {
         let part = Part::new(problem, &modes);
-        if let Some(motion) = part.unresisted() {
+        if let Some(found) = part.unresisted() {
             let mut scaled = vec![0.0; problem.scaling.modes.len()];
-            for (&mode, amount) in modes.iter().zip(motion) {
+            for (&mode, amount) in modes.iter().zip(found) {
                 scaled[mode] = amount;
             }
-            return Balance::Impossible {
-                motion: of_largest_one(problem, &scaled),
-            };
+            let motion = of_largest_one(problem, &scaled);
+            if works(problem, &motion) {
+                return Balance::Impossible { motion };
+            }
         }
     }
     Balance::Possible
 }
 
-/// Whether the loads work on a rigid motion `a` that no contact stops by its
-/// normal force alone: only friction then holds the bodies back.
+/// Whether the loads work on a rigid motion `a` beyond what rounding has made of them.
 #[must_use]
-pub fn held_by_friction_alone<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
+pub fn works<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
+    let rounding = problem.load_rounding.iter().zip(a);
+    let least: f64 = rounding.map(|(e, a)| e * a.abs()).sum();
+    dot_long(&problem.rigid.load, a) > least
+}
+
+/// How many times the deformation a rigid motion must be to be a body that
+/// slides away rather than one that has found its place.
+const RUNAWAY: f64 = 30.0;
+
+/// The direction of a rigid motion `a` at which an iteration on reactions `r`
+/// stopped short of an answer, if it tells why: the motion dwarfs the
+/// deformation, the loads work on it, and no normal force stops it. That friction
+/// cannot stop it either is not proved by this.
+#[must_use]
+pub fn runaway<const D: usize>(
+    problem: &Reduced<D>,
+    r: &[[f64; D]],
+    a: &[f64],
+) -> Option<Vec<f64>> {
     let scaling = &problem.scaling;
     let motion = scaling.rigid_to_scaled(a);
+    let length = norm(&motion);
+    let mut deformed = problem.relative_displacement(r, &[]);
+    for (v, scale) in deformed.iter_mut().zip(&scaling.to_v) {
+        v.iter_mut().for_each(|c| *c *= scale);
+    }
+    if !(length.is_finite() && length > RUNAWAY * norm(deformed.as_flattened())) {
+        return None;
+    }
+    let motion: Vec<f64> = motion.iter().map(|x| x / length).collect();
     let all: Vec<usize> = (0..motion.len()).collect();
     let part = Part::new(problem, &all);
-    let size = norm(&motion);
-    // A motion found by iteration is not exact: a thousandth into a contact is along it.
-    let opens = |i: usize| part.motion_at(i, &motion)[0] >= -1e-3 * part.size[i] * size;
+    // An iteration does not find a motion exactly: a thousandth into a contact is
+    // along it.
+    let opens = |i: usize| part.motion_at(i, &motion)[0] >= -1e-3 * part.size[i];
     let work = dot_long(&motion, &part.load);
-    work > LEAST_WORK * size * norm(&part.load) && (0..part.size.len()).all(opens)
+    let free = work > LEAST_WORK * norm(&part.load) && (0..part.size.len()).all(opens);
+    free.then(|| of_largest_one(problem, &motion))
 }
 
 /// The motion `a` of a scaled one, the largest motion of a contact being 1.
-#[must_use]
-pub fn of_largest_one<const D: usize>(problem: &Reduced<D>, scaled: &[f64]) -> Vec<f64> {
+fn of_largest_one<const D: usize>(problem: &Reduced<D>, scaled: &[f64]) -> Vec<f64> {
     let mut a = problem.scaling.rigid_from_scaled(scaled);
     let mut largest = 0.0_f64;
     for i in 0..problem.contacts() {

@@ -168,11 +168,9 @@ pub fn solve<const D: usize>(
         return Ok(finish(problem, settings, monitor, Outcome::NoEquilibrium));
     }
     if let Balance::Impossible { motion } = balance::balance(problem) {
-        let nothing = finish(problem, settings, monitor, Outcome::NoEquilibrium);
-        return Ok(Solution {
-            free_motion: motion,
-            ..nothing
-        });
+        let mut nothing = finish(problem, settings, monitor, Outcome::NoEquilibrium);
+        nothing.free_motion = motion;
+        return Ok(nothing);
     }
     let opening = bilateral_start(problem, start, &mut monitor);
     let start = opening.as_ref().unwrap_or(start);
@@ -181,7 +179,13 @@ pub fn solve<const D: usize>(
         Method::GaussSeidel => gauss_seidel::run(problem, start, &mut monitor)?,
         Method::Uzawa => uzawa::run(problem, start, &mut monitor)?,
     };
-    Ok(finish(problem, settings, monitor, outcome))
+    let last = monitor.last_rigid().to_vec();
+    let mut solution = finish(problem, settings, monitor, outcome);
+    if solution.outcome != Outcome::Converged && !last.is_empty() {
+        let r = problem.compliance.gather(&solution.reaction);
+        solution.free_motion = balance::runaway(problem, &r, &last).unwrap_or_default();
+    }
+    Ok(solution)
 }
 
 /// A bilateral start with a larger residual than this leaves most of the load
