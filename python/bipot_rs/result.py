@@ -66,6 +66,10 @@ class Solution:
         Iterations, and their cost in products with ``W``.
     rigid_motion
         Amounts of the rigid motions of bodies held by contact alone, ``(k,)``.
+    free_motion
+        Amounts of the rigid motion that the loads set free, ``(k,)``, where no answer
+        exists (a proof of it) or the bodies seem to slide away; else ``None``. Scaled
+        so that the contact that moves most moves by 1.
     unique
         ``"proved"``, ``"others exist"`` or ``"unknown"``.
     history
@@ -88,11 +92,13 @@ class Solution:
     iterations: int
     work: float
     rigid_motion: Array | None = None
+    free_motion: Array | None = None
     unique: str = "unknown"
     history: Array = field(default_factory=lambda: np.empty((0, 2)), repr=False)
     bipotential_gap: Array = field(default_factory=lambda: np.empty(0), repr=False)
     error_estimate: tuple[float, float] | None = None
     seconds: float = 0.0
+    _words: str = field(default="", repr=False)
 
     @property
     def converged(self) -> bool:
@@ -105,6 +111,15 @@ class Solution:
         judged = f"residual {self.residual:.1e}, held to {self.tolerance:.1e}"
         if self.converged:
             return f"converged in {self.iterations} iterations ({judged})"
+        if self.outcome is Outcome.NO_EQUILIBRIUM:
+            if not self._words:
+                return "no answer exists: a contact penetrates and nothing can move it"
+            return (
+                "no answer exists: the loads lie outside what contact can carry, "
+                f"nothing stops this motion: {self._words}"
+            )
+        if self._words:
+            return f"not converged, seems to slide away: {self._words} ({judged})"
         return f"not converged, {_ADVICE.get(self.outcome, self.outcome)} ({judged})"
 
 
@@ -313,7 +328,16 @@ class Result(Sequence[Step]):
 
 
 # What of a step is not written as it stands.
-_NOT_WRITTEN = {"load", "prescribed", "traction", "error_estimate", "_recover", "_kept"}
+_NOT_WRITTEN = {
+    "load",
+    "prescribed",
+    "traction",
+    "free_motion",
+    "error_estimate",
+    "_words",
+    "_recover",
+    "_kept",
+}
 
 
 def _record(step: Step, number: int) -> dict[str, Any]:
