@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from bipot_rs.check import Array
 
-# A field that a rigid motion meets to this, relative to its size, is one: motions
-# come from null vectors good to 1e-12 and from proofs good to 1e-9.
-_RIGID = 1e-6
+# Parts of a motion below this, relative to the whole, are not worth a word. Where the
+# loads pass the limit of friction by little, turning a proof by ω changes what it
+# proves by ω²: its direction is known to the root of rounding.
+_WORTH = 1e-4
 
 
 def at_contacts(modes: Array, amounts: Array, d: int) -> Array:
@@ -49,25 +50,19 @@ def describe(
         Names of the bodies that meet at each contact; each set of them moves as one.
     """
     length = np.linalg.norm(direction, axis=1)
-    moved = np.flatnonzero(length > _RIGID * length.max(initial=0.0))
+    moved = np.flatnonzero(length > _WORTH * length.max(initial=0.0))
     sets: dict[tuple[str, ...], list[int]] = {}
-    for i in moved:
-        sets.setdefault(bodies[i] if bodies else (), []).append(int(i))
+    for i in moved.tolist():
+        sets.setdefault(bodies[i] if bodies else (), []).append(i)
     said = []
     for names, members in sets.items():
         at = np.array(members)
         fields = [_sliding(direction[at], mu[at]), direction[at]]
-        known = points is not None and frame is not None
-        words = (
-            _rigid(fields, points[at], frame[at])
-            if points is not None and frame is not None
-            else None
-        )
-        said.append(
-            " against ".join(names)
-            + (", " if names else "")
-            + (words or _most_moved(fields[0], at, len(direction), known))
-        )
+        words = None
+        if points is not None and frame is not None:
+            words = _rigid(fields, points[at], frame[at])
+        words = words or _most_moved(fields[0], at, len(direction))
+        said.append(f"{' against '.join(names)}, {words}" if names else words)
     return "; ".join(said)
 
 
@@ -84,7 +79,7 @@ def _rigid(fields: Sequence[Array], points: Array, frame: Array) -> str | None:
         size = np.linalg.norm(field)
         there = np.einsum("id,ide->ie", field, frame)
         shift, turn, centre, misfit = _fit(there, points)
-        if size > _RIGID and misfit <= _RIGID * size:
+        if size > _WORTH and misfit <= _WORTH * size:
             return _named(shift, turn, centre, float(np.ptp(points, axis=0).max()))
     return None
 
@@ -95,7 +90,7 @@ def _fit(field: Array, points: Array) -> tuple[Array, Array, Array, float]:
     In the plane ω has one component, in space three.
     """
     count, d = points.shape
-    centre = points.mean(axis=0)
+    centre = np.asarray(points.mean(axis=0), np.float64)
     arm = points - centre
     reach = float(np.abs(arm).max(initial=0.0)) or 1.0
     columns = [np.tile(unit, (count, 1)) for unit in np.eye(d)]
@@ -104,7 +99,7 @@ def _fit(field: Array, points: Array) -> tuple[Array, Array, Array, float]:
     else:
         columns += [np.cross(unit, arm) / reach for unit in np.eye(3)]
     A = np.stack([c.ravel() for c in columns], axis=1)
-    x = np.linalg.lstsq(A, field.ravel(), rcond=None)[0]
+    x = np.asarray(np.linalg.lstsq(A, field.ravel(), rcond=None)[0], np.float64)
     misfit = float(np.linalg.norm(A @ x - field.ravel()))
     return x[:d], x[d:] / reach, centre, misfit
 
@@ -113,7 +108,7 @@ def _named(shift: Array, turn: Array, centre: Array, reach: float) -> str:
     """Words of ``v(x) = t + ω × (x - c)``; ``reach`` is the size of where it is seen."""
     d, rate = len(centre), float(np.linalg.norm(turn))
     axes = ", ".join("xyz"[:d])
-    if rate * reach <= _RIGID * float(np.linalg.norm(shift)):
+    if rate * reach <= _WORTH * float(np.linalg.norm(shift)):
         return f"translation along {_numbers(shift, True)} in ({axes})"
     if d == 2:
         place = centre + np.array([-shift[1], shift[0]]) / turn[0]
@@ -121,7 +116,7 @@ def _named(shift: Array, turn: Array, centre: Array, reach: float) -> str:
     place = centre + np.cross(turn, shift) / rate**2
     axis = f"an axis through {_numbers(place)} along {_numbers(turn, True)}"
     advance = float(shift @ turn) / rate**2
-    if abs(advance) <= _RIGID * max(reach, float(np.linalg.norm(place - centre))):
+    if abs(advance) <= _WORTH * max(reach, float(np.linalg.norm(place - centre))):
         return f"rotation about {axis}"
     return f"screw motion about {axis}, advancing by {advance:.4g} a radian"
 
@@ -129,21 +124,21 @@ def _named(shift: Array, turn: Array, centre: Array, reach: float) -> str:
 def _numbers(values: Array, unit: bool = False) -> str:
     """``(0.8, 0.6)``; of length 1 if asked, without the rounding of zeros."""
     values = values / np.linalg.norm(values) if unit else values
-    least = 1e-6 * np.abs(values).max(initial=0.0)
+    least = _WORTH * np.abs(values).max(initial=0.0)
     shown = [f"{0.0 if abs(x) <= least else x:.4g}" for x in values]
     return f"({', '.join(shown)})"
 
 
-def _most_moved(field: Array, contacts: NDArray[np.intp], count: int, known: bool) -> str:
+def _most_moved(field: Array, contacts: NDArray[np.intp], count: int) -> str:
     """Contacts and directions, where no rigid motion can be told."""
     axes = ", ".join(("n", "t1", "t2")[: field.shape[1]])
     length = np.linalg.norm(field, axis=1)
-    same = np.abs(field - field[0]).max(initial=0.0) <= _RIGID
-    if same and not known:
+    same = np.abs(field - field[0]).max(initial=0.0) <= _WORTH
+    if same:
         who = "every contact" if len(contacts) == count else _list(contacts)
         return f"{who} along {_numbers(field[0], True)} in ({axes})"
     # Largest first; those that move alike in the order of their numbers.
-    order = np.argsort(-np.round(length / length.max(), 6), kind="stable")[:3]
+    order = np.argsort(-np.round(length / length.max(), 4), kind="stable")[:3]
     most = [f"contact {contacts[i]} by {_numbers(field[i])}" for i in order]
     return f"{', '.join(most)} in ({axes}) most of all"
 
@@ -165,7 +160,7 @@ def name_all(fields: Array, axes: tuple[str, ...], dof: int) -> list[str]:
     for axis, unit in zip(axes, np.eye(fields.shape[2]), strict=False):
         shift = np.tile(unit, int(touched.sum())) / np.sqrt(touched.sum())
         # Rounding leaves 1e-8 of a translation that is free, a rotation most of it.
-        if np.linalg.norm(shift - span @ (span.T @ shift)) <= _RIGID:
+        if np.linalg.norm(shift - span @ (span.T @ shift)) <= 1e-6:
             words.append(f"translation along {axis}, degree of freedom {dof}")
     turns = len(fields) - len(words)
     return words + [f"rotation, degree of freedom {dof}"] * turns

@@ -427,8 +427,10 @@ def _fields(raw: dict[str, Any]) -> dict[str, Any]:
 
 
 def _opening(raw: dict[str, Any], mu: Array) -> Array:
-    """By how much of its slip a contact on the free motion opens: a proof lies in the
-    dual cone, what an iteration ran away along is a displacement."""
+    """By how much of its slip a contact opens on the free motion.
+
+    A proof lies in the dual cone; what an iteration ran away along is a displacement.
+    """
     return mu if raw["outcome"] == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
 
 

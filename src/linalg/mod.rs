@@ -8,6 +8,7 @@ pub mod csc;
 pub mod dense;
 pub mod least_squares;
 pub mod multifrontal;
+pub mod nonnegative;
 mod ordering;
 mod packed;
 mod quotient;

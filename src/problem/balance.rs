@@ -10,7 +10,7 @@
 //! non-negative amounts of generated columns: each round adds the one force in
 //! the cones that works hardest against `s`.
 
-use crate::linalg::least_squares;
+use crate::linalg::nonnegative::{add, shortest};
 use crate::linalg::small::{dot_long, norm, tangential_norm};
 use crate::linalg::union::Union;
 use crate::problem::reduced::Reduced;
@@ -51,10 +51,6 @@ const AT_REST: f64 = 1e-13;
 
 /// Rounds for each rigid motion in which the resistance is to be halved.
 const PATIENCE: usize = 10;
-
-/// Rounds of a projection for each rigid motion: about two are needed in the
-/// plane, up to twelve in space, where the cones are curved.
-const MOST_ROUNDS: usize = 50;
 
 /// A motion that opens contacts by less than this brings no other one out of
 /// them without undoing it.
@@ -110,7 +106,7 @@ pub fn runaway<const D: usize>(
     let length = norm(&motion);
     let mut deformed = problem.relative_displacement(r, &[]);
     for (v, scale) in deformed.iter_mut().zip(&scaling.to_v) {
-        v.iter_mut().for_each(|c| *c *= scale);
+        *v = v.map(|c| c * scale);
     }
     if !(length.is_finite() && length > RUNAWAY * norm(deformed.as_flattened())) {
         return None;
@@ -138,7 +134,7 @@ fn of_largest_one<const D: usize>(problem: &Reduced<D>, scaled: &[f64]) -> Vec<f
         largest = (0..D).map(at).fold(0.0_f64, f64::hypot).max(largest);
     }
     if largest.is_normal() {
-        a.iter_mut().for_each(|x| *x /= largest);
+        a = a.iter().map(|x| x / largest).collect();
     }
     a
 }
@@ -149,7 +145,7 @@ fn coupled<const D: usize>(problem: &Reduced<D>) -> Vec<Vec<usize>> {
     let modes = &problem.scaling.modes;
     let mut sets = Union::new(modes.len());
     for i in 0..problem.contacts() {
-        let mut felt = (0..modes.len()).filter(|&m| modes[m][i] != [0.0; D]);
+        let mut felt = (0..modes.len()).filter(|&m| modes[m][i].iter().any(|&c| c != 0.0));
         if let Some(first) = felt.next() {
             felt.for_each(|other| sets.join(first, other));
         }
@@ -254,7 +250,7 @@ impl<const D: usize> Part<D> {
         let mut force = v;
         if self.is_opposed(contact, &v) {
             let length = v[0].hypot(slip);
-            force.iter_mut().for_each(|c| *c /= -length);
+            force = force.map(|c| -c / length);
         } else {
             let [normal, tangential] = self.edge[contact];
             force[0] = normal;
@@ -363,85 +359,5 @@ impl<const D: usize> Part<D> {
             Some(column)
         });
         opened
-    }
-}
-
-/// The shortest `s = target + Σ x_j c_j`, `x_j ≥ 0`, over columns that `price`
-/// generates: given `s` and its length, one that makes it shorter, or `None`.
-///
-/// Lawson and Hanson's active set with the columns unlimited: those in use are
-/// independent, and a column that comes in makes `s` shorter.
-fn shortest(target: &[f64], mut price: impl FnMut(&[f64], f64) -> Option<Vec<f64>>) -> Vec<f64> {
-    let mut columns: Vec<Vec<f64>> = Vec::new();
-    let mut amounts: Vec<f64> = Vec::new();
-    let mut s = target.to_vec();
-    for _ in 0..MOST_ROUNDS * target.len() {
-        let before = norm(&s);
-        let Some(column) = price(&s, before) else {
-            break;
-        };
-        columns.push(column);
-        amounts.push(0.0);
-        fit(target, &mut columns, &mut amounts);
-        let mut next = combine(target, &columns, &amounts);
-        // At right angles to the columns to the rounding of its own length, not of
-        // the target's.
-        let views: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-        let minus: Vec<f64> = next.iter().map(|x| -x).collect();
-        for (x, column) in least_squares::solve(&views, &minus).iter().zip(&columns) {
-            add(&mut next, *x, column);
-        }
-        // A column that resists by θ shortens by θ²: rounding hides it early.
-        if !(norm(&next) <= before * (1.0 + ROUNDING)) {
-            break;
-        }
-        s = next;
-    }
-    s
-}
-
-/// Amounts of least squares, columns that would be pulled out taken away.
-fn fit(target: &[f64], columns: &mut Vec<Vec<f64>>, amounts: &mut Vec<f64>) {
-    while !columns.is_empty() {
-        let views: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
-        let minus = |s: Vec<f64>| s.into_iter().map(|x| -x).collect::<Vec<f64>>();
-        let mut goal = least_squares::solve(&views, &minus(target.to_vec()));
-        // Once more for what rounding left: s is small beside the target.
-        let rest = minus(combine(target, columns, &goal));
-        for (x, change) in goal.iter_mut().zip(least_squares::solve(&views, &rest)) {
-            *x += change;
-        }
-        // The share of the way to the goal at which the first amount is used up.
-        let mut share = 1.0;
-        let mut first = None;
-        for (j, (x, to)) in amounts.iter().zip(&goal).enumerate() {
-            if *to <= 0.0 && x / (x - to) < share {
-                (share, first) = (x / (x - to), Some(j));
-            }
-        }
-        for (x, to) in amounts.iter_mut().zip(&goal) {
-            *x += share * (to - *x);
-        }
-        let Some(first) = first.or_else(|| goal.iter().position(|x| *x <= 0.0)) else {
-            amounts.copy_from_slice(&goal);
-            return;
-        };
-        columns.remove(first);
-        amounts.remove(first);
-    }
-}
-
-fn combine(target: &[f64], columns: &[Vec<f64>], amounts: &[f64]) -> Vec<f64> {
-    let mut s = target.to_vec();
-    for (column, x) in columns.iter().zip(amounts) {
-        add(&mut s, *x, column);
-    }
-    s
-}
-
-/// `s += x c`.
-fn add(s: &mut [f64], x: f64, column: &[f64]) {
-    for (value, c) in s.iter_mut().zip(column) {
-        *value += x * c;
     }
 }

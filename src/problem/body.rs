@@ -303,6 +303,7 @@ impl Body {
     ///
     /// `K` itself is known to ε: a motion `d` that costs nothing is known to be one
     /// to the forces `ε |K||d|`, and these work on what the loads make of the body.
+    #[must_use]
     pub fn load_rounding(&self, force: &[f64]) -> Vec<f64> {
         let nothing = vec![0.0; self.dofs.len()];
         let force = self.scaled(force);

@@ -28,7 +28,7 @@ RUST_SIBLINGS = {
         "binary small union",
         "csc",
         "least_squares packed",
-        "dense ordering quotient",
+        "dense nonnegative ordering quotient",
         "tree",
         "symbolic",
         "multifrontal",
