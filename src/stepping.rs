@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::cone::Status;
+use crate::problem::balance;
 use crate::problem::condense::Condensed;
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::scaled_imbalance;
@@ -122,7 +123,7 @@ impl<const D: usize> LoadPath<D> {
         settings: &Settings,
         stop: &AtomicBool,
     ) -> Result<Step<D>, Error> {
-        let reduced = reduced_step(problem, load, prescribed, self.state.as_ref())?;
+        let mut reduced = reduced_step(problem, load, prescribed, self.state.as_ref())?;
         let compliance = problem.compliance();
         if let Some((node, penetration)) = reduced.contradiction {
             return Err(Error::ContradictoryContact { node, penetration });
@@ -140,6 +141,23 @@ impl<const D: usize> LoadPath<D> {
                     .collect(),
             });
         let mut solution = solver::solve(&reduced, settings, &start, stop)?;
+        if !solution.free_motion.is_empty() && solution.outcome == Outcome::NoEquilibrium {
+            // Loads that balance one another leave rounding, which nothing need carry.
+            reduced.load_rounding = problem.load_rounding(load, prescribed)?;
+            if !balance::works(&reduced, &solution.free_motion) {
+                let rounding = reduced.load_rounding;
+                let mut free = problem.free_part(load, prescribed)?;
+                let q = incremental(&free.q, self.state.as_ref());
+                for (e, &least) in free.rigid.load.iter_mut().zip(&rounding) {
+                    if e.abs() <= least {
+                        *e = 0.0;
+                    }
+                }
+                reduced = Reduced::new(compliance, &q, problem.mu(), &free.rigid)?;
+                reduced.load_rounding = rounding;
+                solution = solver::solve(&reduced, settings, &start, stop)?;
+            }
+        }
         if solution.outcome == Outcome::Converged && problem.stats().cond_s > ILL_CONDITIONED {
             let loads = (load, prescribed);
             let state = self.state.as_ref();

@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from bipot_rs.result import Result
 
 
@@ -16,18 +19,32 @@ class BipotError(Exception):
     result
         Everything up to the last good step of a load path; ``None`` where
         there was none to take.
+    direction
+        How each contact moves along the rigid motion that the loads set free,
+        ``(n_c, d)``, normal first, the largest of length 1; ``None`` where none was
+        found.
     """
 
-    def __init__(self, message: str, result: Result | None = None) -> None:
+    def __init__(
+        self,
+        message: str,
+        result: Result | None = None,
+        direction: NDArray[np.float64] | None = None,
+    ) -> None:
         super().__init__(message)
         self.result = result
+        self.direction = direction
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (*self.args, self.result)
+        return type(self), (*self.args, self.result, self.direction)
 
 
 class NoEquilibriumError(BipotError):
-    """The loads lie outside what contact can carry."""
+    """The loads lie outside what contact can carry.
+
+    ``direction`` then proves it: it lies in the dual cone of every contact, so that no
+    reaction works against it, and the loads work on it.
+    """
 
 
 class FloatingBodyError(BipotError):

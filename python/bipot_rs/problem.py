@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs import _core, check
+from bipot_rs import _core, check, motion
 from bipot_rs.answers import Answers, search
 from bipot_rs.check import (
     Array,
@@ -209,8 +209,8 @@ class ContactProblem:
         Directions are the axes ``x, y[, z]`` where ``frame`` is known, else those of the
         contacts, ``n, t1[, t2]``; the degree of freedom named is one that moves most.
         """
-        n, contacts, d = self._shape
-        _, modes, _ = self._core.free_part(np.zeros(n), np.zeros(len(self._fixed)))
+        _, contacts, d = self._shape
+        modes = self._modes()
         bodies, dofs = (
             self.stats["rigid_motion_bodies"],
             self.stats["rigid_motion_dofs"],
@@ -224,7 +224,7 @@ class ContactProblem:
         words: list[str] = []
         for body in dict.fromkeys(bodies):
             own = [k for k, b in enumerate(bodies) if b == body]
-            words += _name_motions(fields[own], axes, dofs[own[0]])
+            words += motion.name_all(fields[own], axes, dofs[own[0]])
         return tuple(words)
 
     def reduced(
@@ -294,7 +294,10 @@ class ContactProblem:
         TypeError, ValueError
             A wrong argument, named.
         NoEquilibriumError
-            Contacts contradict each other, so that no answer exists.
+            No answer exists: contacts contradict each other, or the loads on a body
+            that contact alone holds lie outside what friction and pressure can carry.
+            The message says how the body moves, and ``.direction (n_c, d)`` how each
+            contact does: a proof, no reaction works on it and the loads do.
         NotConvergedError
             A step did not converge. ``.result`` of these two holds the steps before.
         """
@@ -311,8 +314,8 @@ class ContactProblem:
 
         def recover(load: Array, prescribed: Array, step: Step) -> Array:
             began = time.perf_counter()
-            motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-            u = self._core.displacement(load, prescribed, step.reaction, motion)
+            rigid = np.empty(0) if step.rigid_motion is None else step.rigid_motion
+            u = self._core.displacement(load, prescribed, step.reaction, rigid)
             seconds["recover"] += time.perf_counter() - began
             return u
 
@@ -331,10 +334,10 @@ class ContactProblem:
             made.seconds = seconds  # filled further when displacements are asked for
             return made
 
-        for k, (force, motion) in enumerate(totals):
+        for k, (force, moved) in enumerate(totals):
             began = time.perf_counter()
             try:
-                raw = path.step(force, motion, *chosen)
+                raw = path.step(force, moved, *chosen)
             except NoEquilibriumError as error:
                 message = f"step {k}: {error}"
                 raise NoEquilibriumError(message, result(False, message)) from None
@@ -342,19 +345,58 @@ class ContactProblem:
             step = self._step(
                 raw,
                 force,
-                motion,
-                partial(recover, force, motion),
-                _StepProblem(self._core, force, motion, last),
+                moved,
+                partial(recover, force, moved),
+                _StepProblem(self._core, force, moved, last),
             )
             if not step.converged:
                 message = f"step {k}: {step.message}"
-                raise NotConvergedError(message, result(False, message))
+                none = step.outcome is Outcome.NO_EQUILIBRIUM
+                raise (NoEquilibriumError if none else NotConvergedError)(
+                    message, result(False, message), self._direction(step.free_motion)
+                )
             steps.append(step)
             last = step.relative_displacement
             if on_step is not None:
                 on_step(k, step)
         count = len(steps)
         return result(True, f"{count} step{'' if count == 1 else 's'} converged")
+
+    def _modes(self) -> Array:
+        """Rigid motions at the contacts, ``(k, d n_c)``."""
+        n = self._shape[0]
+        return self._core.free_part(np.zeros(n), np.zeros(len(self._fixed)))[1]
+
+    def _direction(self, amounts: Array | None) -> Array | None:
+        if amounts is None:
+            return None
+        return motion.at_contacts(self._modes(), amounts, self._shape[2])
+
+    def _words(self, raw: dict[str, Any]) -> str:
+        """The free motion in words, body by body."""
+        amounts = raw["free_motion"]
+        if not len(amounts):
+            return ""
+        _, contacts, d = self._shape
+        modes = self._modes()
+        felt = np.abs(modes.reshape(len(modes), contacts, d)).max(axis=2) > 0
+        stats = self.stats
+        owners = stats["rigid_motion_bodies"]
+        # A body is known by a degree of freedom that a motion of it moves most.
+        names: dict[int, str] = {}
+        for body, dof in zip(owners, stats["rigid_motion_dofs"], strict=True):
+            names.setdefault(body, f"the body of degree of freedom {dof}")
+        meeting = [
+            tuple(dict.fromkeys(names[owners[k]] for k in np.flatnonzero(felt[:, i])))
+            for i in range(contacts)
+        ]
+        return motion.describe(
+            motion.at_contacts(modes, amounts, d),
+            _opening(raw, self._mu),
+            points=self._contacts["x"],
+            frame=self._contacts["frame"],
+            bodies=meeting,
+        )
 
     def _step(
         self,
@@ -367,6 +409,7 @@ class ContactProblem:
         area = self._contacts["area"]
         return Step(
             **_fields(raw),
+            _words=self._words(raw),
             slip=raw["slip"],
             load=load,
             prescribed=prescribed,
@@ -397,20 +440,6 @@ class _StepProblem:
         )
 
 
-def _name_motions(fields: Array, axes: tuple[str, ...], dof: int) -> list[str]:
-    """Translations that lie in the span of some fields ``(k, n_c, d)``; the rest turn."""
-    touched = np.abs(fields).max(axis=(0, 2)) > 0
-    span, _ = np.linalg.qr(fields[:, touched].reshape(len(fields), -1).T)
-    words = []
-    for axis, unit in zip(axes, np.eye(fields.shape[2]), strict=False):
-        shift = np.tile(unit, int(touched.sum())) / np.sqrt(touched.sum())
-        # Rounding leaves 1e-8 of a translation that is free, a rotation most of it.
-        if np.linalg.norm(shift - span @ (span.T @ shift)) <= 1e-6:
-            words.append(f"translation along {axis}, degree of freedom {dof}")
-    turns = len(fields) - len(words)
-    return words + [f"rotation, degree of freedom {dof}"] * turns
-
-
 def _fields(raw: dict[str, Any]) -> dict[str, Any]:
     """What `Solution` takes of the core's answer."""
     taken = (
@@ -425,12 +454,21 @@ def _fields(raw: dict[str, Any]) -> dict[str, Any]:
         "bipotential_gap",
         "seconds",
     )
-    rigid = raw["rigid_motion"]
+    rigid, free = raw["rigid_motion"], raw["free_motion"]
     return {name: raw[name] for name in taken} | {
         "outcome": Outcome(raw["outcome"]),
         "rigid_motion": rigid if len(rigid) else None,
         "stats": {"bytes_beside_W": raw["bytes_beside"]},
+        "free_motion": free if len(free) else None,
     }
+
+
+def _opening(raw: dict[str, Any], mu: Array) -> Array:
+    """By how much of its slip a contact opens on the free motion.
+
+    A proof lies in the dual cone; what an iteration ran away along is a displacement.
+    """
+    return mu if raw["outcome"] == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
 
 
 def _state(start: Result | Step | None, contacts: int, d: int) -> Step | None:
@@ -574,8 +612,8 @@ class ReducedProblem:
         """
         reaction = floats("r", r, shape=self.q.shape)
         count = 0 if self.rigid is None else len(self.rigid[1])
-        motion = None if a is None else floats("a", a, shape=(count,))
-        return self._core.residual(reaction, motion)
+        rigid = None if a is None else floats("a", a, shape=(count,))
+        return self._core.residual(reaction, rigid)
 
     def solve(
         self,
@@ -605,20 +643,20 @@ class ReducedProblem:
         """
         chosen = settings(method, tol, max_iterations, max_seconds)
         check.callback("callback", callback)
-        reaction, motion = None, None
+        reaction, rigid = None, None
         if isinstance(start, Solution):
             reaction = floats("start", start.reaction, shape=self.q.shape)
-            motion = start.rigid_motion
+            rigid = start.rigid_motion
             count = 0 if self.rigid is None else len(self.rigid[1])
-            if motion is not None and len(motion) != count:
+            if rigid is not None and len(rigid) != count:
                 raise ValueError(
-                    f"start has {len(motion)} rigid motions, expected {count}"
+                    f"start has {len(rigid)} rigid motions, expected {count}"
                 )
         elif start is not None:
             reaction = floats("start", start, shape=self.q.shape)
         if num_threads is not None:
             num_threads = positive("num_threads", num_threads)
-        raw = self._core.solve(*chosen, reaction, motion, num_threads, callback)
+        raw = self._core.solve(*chosen, reaction, rigid, num_threads, callback)
         return self._solution(raw)
 
     def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
@@ -666,7 +704,14 @@ class ReducedProblem:
         )
 
     def _solution(self, raw: dict[str, Any]) -> Solution:
-        return Solution(**_fields(raw), _problem=_ReducedInquiry(self._core))
+        words = ""
+        if self.rigid is not None and len(raw["free_motion"]):
+            modes, amounts = self.rigid[0].T, raw["free_motion"]
+            direction = motion.at_contacts(modes, amounts, self.q.shape[1])
+            words = motion.describe(direction, _opening(raw, self.mu))
+        return Solution(
+            **_fields(raw), _words=words, _problem=_ReducedInquiry(self._core)
+        )
 
 
 @dataclass(frozen=True)
@@ -679,8 +724,8 @@ class _ReducedInquiry:
         return _core.assess(self.core, solution.reaction)
 
     def error_estimate(self, solution: Solution, /) -> tuple[float, float] | None:
-        motion = solution.rigid_motion
-        rigid = np.empty(0) if motion is None else motion
+        amounts = solution.rigid_motion
+        rigid = np.empty(0) if amounts is None else amounts
         return _core.forward_errors(self.core, solution.reaction, rigid)
 
 

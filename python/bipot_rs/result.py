@@ -76,6 +76,10 @@ class Solution:
         Iterations, and their cost in products with ``W``.
     rigid_motion
         Amounts of the rigid motions of bodies held by contact alone, ``(k,)``.
+    free_motion
+        Amounts of the rigid motion that the loads set free, ``(k,)``, where no answer
+        exists (a proof of it) or the bodies seem to slide away; else ``None``. Scaled
+        so that the contact that moves most moves by 1.
     history
         A row ``(work, residual)`` an iteration.
     bipotential_gap
@@ -97,12 +101,14 @@ class Solution:
     iterations: int
     work: float
     rigid_motion: Array | None = None
+    free_motion: Array | None = None
     history: Array = field(default_factory=lambda: np.empty((0, 2)), repr=False)
     bipotential_gap: Array = field(default_factory=lambda: np.empty(0), repr=False)
     seconds: float = 0.0
     stats: Mapping[str, int] = field(default_factory=dict, repr=False)
     _problem: Inquiry | None = field(default=None, repr=False)
     _known: dict[str, Any] = field(default_factory=dict, repr=False)
+    _words: str = field(default="", repr=False)
 
     def _ask(self, name: str, unknown: Any) -> Any:
         if name not in self._known:
@@ -151,6 +157,15 @@ class Solution:
         judged = f"residual {self.residual:.1e}, held to {self.tolerance:.1e}"
         if self.converged:
             return f"converged in {self.iterations} iterations ({judged})"
+        if self.outcome is Outcome.NO_EQUILIBRIUM:
+            if not self._words:
+                return "no answer exists: a contact penetrates and nothing can move it"
+            return (
+                "no answer exists: the loads lie outside what contact can carry, "
+                f"nothing stops this motion: {self._words}"
+            )
+        if self._words:
+            return f"not converged, seems to slide away: {self._words} ({judged})"
         return f"not converged, {_ADVICE.get(self.outcome, self.outcome)} ({judged})"
 
 
@@ -358,7 +373,7 @@ class Result(Sequence[Step]):
 
 
 # What of a step is not written as it stands.
-_NOT_WRITTEN = {"load", "prescribed", "traction", "stats"}
+_NOT_WRITTEN = {"load", "prescribed", "traction", "free_motion", "stats"}
 
 
 def _record(step: Step, number: int) -> dict[str, Any]:

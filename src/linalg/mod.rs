@@ -11,6 +11,7 @@ pub mod gmres;
 pub mod least_squares;
 pub mod lu;
 pub mod multifrontal;
+pub mod nonnegative;
 mod ordering;
 mod packed;
 mod quotient;

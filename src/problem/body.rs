@@ -335,6 +335,27 @@ impl Body {
         local
     }
 
+    /// What rounding may have made of `e`, a number each rigid motion.
+    ///
+    /// `K` itself is known to ε: a motion `d` that costs nothing is known to be one
+    /// to the forces `ε |K||d|`, and these work on what the loads make of the body.
+    #[must_use]
+    pub fn load_rounding(&self, force: &[f64]) -> Vec<f64> {
+        let nothing = vec![0.0; self.dofs.len()];
+        let force = self.scaled(force);
+        let mut forces: Vec<f64> = force.iter().map(|f| f.abs()).collect();
+        let deformed = self.response(&force, None, &[]);
+        self.stiffness.add_absolute_product(&deformed, &mut forces);
+        let of_motion = |k: usize| {
+            let mut amounts = vec![0.0; self.modes.len()];
+            amounts[k] = 1.0;
+            let motion = self.response(&nothing, None, &amounts);
+            let work = motion.iter().zip(&forces).map(|(d, f)| (d * f).abs());
+            16.0 * f64::EPSILON * work.sum::<f64>() / self.unit
+        };
+        (0..self.modes.len()).map(of_motion).collect()
+    }
+
     /// Adds this body's counts.
     pub fn add_to(&self, stats: &mut Stats) {
         let counts = self.factor.symbolic().counts();

@@ -303,6 +303,17 @@ impl<const D: usize> Condensed<D> {
         values.as_chunks::<D>().0.to_vec()
     }
 
+    /// What rounding may have made of the `e` of these loads, above which a proof
+    /// that nothing balances them must stand. Costs a solve each rigid motion.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`].
+    pub fn load_rounding(&self, load: &[f64], prescribed: &[f64]) -> Result<Vec<f64>, Error> {
+        let force = self.forces(load, prescribed)?;
+        let of_body = |body: &Body| body.load_rounding(&force);
+        Ok(self.bodies.iter().flat_map(of_body).collect())
+    }
+
     /// `f − K_fp u_p` at the free degrees of freedom.
     fn forces(&self, load: &[f64], prescribed: &[f64]) -> Result<Vec<f64>, Error> {
         check_length("load", load.len(), self.n)?;

@@ -1,5 +1,6 @@
 //! All contacts together, and no algorithm.
 
+pub mod balance;
 pub mod body;
 pub mod border;
 pub mod compliance;

@@ -24,6 +24,9 @@ pub struct Reduced<'a, const D: usize> {
     pub q: Vec<[f64; D]>,
     pub mu: Vec<f64>,
     pub rigid: Rigid<D>,
+    /// What rounding may have made of `e`, a number each rigid motion; empty
+    /// where `e` is taken as it is.
+    pub load_rounding: Vec<f64>,
     pub scaling: Scaling<D>,
     /// A contact that penetrates and that nothing can move, in the caller's
     /// numbering, and by how much: there is no answer then.
@@ -80,6 +83,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
             q,
             mu: compliance.gather(mu),
             rigid,
+            load_rounding: Vec::new(),
             scaling,
             contradiction,
         })

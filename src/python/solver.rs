@@ -128,6 +128,10 @@ pub(super) fn solution_dict<'py, const D: usize>(
         "rigid_motion",
         arrays::from_vec(py, solution.rigid_motion.clone()),
     )?;
+    dict.set_item(
+        "free_motion",
+        arrays::from_vec(py, solution.free_motion.clone()),
+    )?;
     dict.set_item("outcome", solution.outcome.name())?;
     dict.set_item("residual", solution.residual)?;
     dict.set_item("tolerance", solution.tolerance)?;

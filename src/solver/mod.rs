@@ -21,6 +21,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::law::bipotential;
 use crate::law::cone::{Status, project};
+use crate::problem::balance::{self, Balance};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::{Certificate, residual};
 use crate::solver::monitor::{Monitor, Progress};
@@ -151,6 +152,9 @@ pub struct Solution<const D: usize> {
     /// Gap of the bipotential in joules, contact by contact.
     pub bipotential_gap: Vec<f64>,
     pub rigid_motion: Vec<f64>,
+    /// Rigid motion that the loads set free: proof of `NoEquilibrium`, a finding
+    /// where it did not converge; empty where there is none to tell.
+    pub free_motion: Vec<f64>,
     pub outcome: Outcome,
     pub residual: f64,
     pub tolerance: f64,
@@ -198,6 +202,11 @@ pub fn solve_watched<const D: usize>(
     if problem.contradiction.is_some() {
         return Ok(finish(problem, settings, monitor, Outcome::NoEquilibrium));
     }
+    if let Balance::Impossible { motion } = balance::balance(problem) {
+        let mut nothing = finish(problem, settings, monitor, Outcome::NoEquilibrium);
+        nothing.free_motion = motion;
+        return Ok(nothing);
+    }
     let opening = bilateral_start(problem, start, &mut monitor)?;
     let start = opening.as_ref().unwrap_or(start);
     let outcome = match settings.method {
@@ -210,7 +219,13 @@ pub fn solve_watched<const D: usize>(
             uzawa::run(problem, Variant::TwoProjections, start, &mut monitor)?
         }
     };
-    Ok(finish(problem, settings, monitor, outcome))
+    let last = monitor.last_rigid().to_vec();
+    let mut solution = finish(problem, settings, monitor, outcome);
+    if solution.outcome != Outcome::Converged && !last.is_empty() {
+        let r = problem.compliance.gather(&solution.reaction);
+        solution.free_motion = balance::runaway(problem, &r, &last).unwrap_or_default();
+    }
+    Ok(solution)
 }
 
 /// A bilateral start with a larger residual than this leaves most of the load

@@ -57,6 +57,7 @@ pub struct Monitor<'p, const D: usize> {
     progress: &'p Progress,
     started: Instant,
     log: Log<D>,
+    last_rigid: Vec<f64>,
     best: f64,
     /// η when it was last halved, and when that was.
     halved: f64,
@@ -96,6 +97,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
                 best_rigid: vec![0.0; problem.rigid.modes.len()],
                 ..Log::default()
             },
+            last_rigid: Vec::new(),
             best: f64::INFINITY,
             halved: f64::INFINITY,
             last_halved: 0,
@@ -137,6 +139,8 @@ impl<'p, const D: usize> Monitor<'p, D> {
             return Err(Error::Interrupted);
         }
         self.log.iterations += usize::from(iterated);
+        self.last_rigid.clear();
+        self.last_rigid.extend_from_slice(a);
         let eta = residual::residual(self.problem, r, v, a);
         self.log.history.push((self.log.work, eta));
         if eta < self.best {
@@ -176,6 +180,12 @@ impl<'p, const D: usize> Monitor<'p, D> {
     pub fn measure_floor(&mut self, r: &[[f64; D]], a: &[f64]) {
         self.floor = Certificate::new(self.problem, r, a).floor;
         self.log.work += 2.0;
+    }
+
+    /// Rigid motion of the last point: it goes on growing where a body slides away.
+    #[must_use]
+    pub fn last_rigid(&self) -> &[f64] {
+        &self.last_rigid
     }
 
     fn limits(&self) -> Option<Outcome> {

@@ -183,16 +183,6 @@ def test_a6_block_on_an_incline_holds(share: float, dim: int) -> None:
     assert violation(r, v, mu, result.displacement[0]) <= 1e-9
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("share", [1.000001, 1.01])
-def test_a6_block_on_an_incline_slides(share: float, dim: int) -> None:
-    slope = math.atan(share * 0.6)
-    body = block((3, 2, 1) if dim == 3 else (3, 1), (3, 2, 2)[:dim], 1e3, 0.3)
-    load = body.weight([math.sin(slope), *[0.0] * (dim - 2), -math.cos(slope)])
-    with pytest.raises(bp.BipotError):
-        bp.solve(body.K, body.B, load, gap=body.gap, mu=0.6)
-
-
 def test_a6_smallest_force_that_holds() -> None:
     mu, weight, slope = 0.3, 7.0, math.radians(30)
     s, c = math.sin(slope), math.cos(slope)
@@ -207,8 +197,8 @@ def test_a6_smallest_force_that_holds() -> None:
     result = bp.solve(body.K, body.B, push(force), gap=body.gap, mu=mu, tol=TOL)
     pressed = result.reaction[0, :, 0].sum()
     assert pressed == pytest.approx(weight * c + force * s, rel=1e-10)
-    with pytest.raises(bp.BipotError):
-        bp.solve(body.K, body.B, push(least * 0.99), gap=body.gap, mu=mu)
+    with pytest.raises(bp.NoEquilibriumError):
+        bp.solve(body.K, body.B, push(least * (1 - 1e-6)), gap=body.gap, mu=mu)
 
 
 BAR = {"stiffness": 1000.0, "limit": 50.0}

@@ -1,0 +1,92 @@
+//! Least squares with non-negative amounts of columns that are generated on demand.
+
+use crate::linalg::least_squares;
+use crate::linalg::small::norm;
+
+/// Rounds for each component: about two are needed where the cone of the columns
+/// has flat sides, up to twelve where it is curved.
+const MOST_ROUNDS: usize = 50;
+
+/// The shortest `s = target + Σ x_j c_j`, `x_j ≥ 0`, over columns that `price`
+/// generates: given `s` and its length, one that makes it shorter, or `None`.
+///
+/// Lawson and Hanson's active set with the columns unlimited: those in use are
+/// independent, and a column that comes in makes `s` shorter.
+#[must_use]
+pub fn shortest(
+    target: &[f64],
+    mut price: impl FnMut(&[f64], f64) -> Option<Vec<f64>>,
+) -> Vec<f64> {
+    let mut columns: Vec<Vec<f64>> = Vec::new();
+    let mut amounts: Vec<f64> = Vec::new();
+    let mut s = target.to_vec();
+    for _ in 0..MOST_ROUNDS * target.len() {
+        let before = norm(&s);
+        let Some(column) = price(&s, before) else {
+            break;
+        };
+        columns.push(column);
+        amounts.push(0.0);
+        fit(target, &mut columns, &mut amounts);
+        let mut next = combine(target, &columns, &amounts);
+        // At right angles to the columns to the rounding of its own length, not of
+        // the target's.
+        let views: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        let minus: Vec<f64> = next.iter().map(|x| -x).collect();
+        for (x, column) in least_squares::solve(&views, &minus).iter().zip(&columns) {
+            add(&mut next, *x, column);
+        }
+        // A column that resists by θ shortens by θ²: rounding hides it early.
+        if !(norm(&next) <= before * (1.0 + 4.0 * f64::EPSILON)) {
+            break;
+        }
+        s = next;
+    }
+    s
+}
+
+/// Amounts of least squares, columns that would be pulled out taken away.
+fn fit(target: &[f64], columns: &mut Vec<Vec<f64>>, amounts: &mut Vec<f64>) {
+    while !columns.is_empty() {
+        let views: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+        let minus = |s: Vec<f64>| s.into_iter().map(|x| -x).collect::<Vec<f64>>();
+        let mut goal = least_squares::solve(&views, &minus(target.to_vec()));
+        // Once more for what rounding left: s is small beside the target.
+        let rest = minus(combine(target, columns, &goal));
+        for (x, change) in goal.iter_mut().zip(least_squares::solve(&views, &rest)) {
+            *x += change;
+        }
+        // The share of the way to the goal at which the first amount is used up.
+        let mut share = 1.0;
+        let mut first = None;
+        for (j, (x, to)) in amounts.iter().zip(&goal).enumerate() {
+            if *to <= 0.0 && x / (x - to) < share {
+                (share, first) = (x / (x - to), Some(j));
+            }
+        }
+        for (x, to) in amounts.iter_mut().zip(&goal) {
+            *x += share * (to - *x);
+        }
+        let Some(first) = first.or_else(|| goal.iter().position(|x| *x <= 0.0)) else {
+            amounts.copy_from_slice(&goal);
+            return;
+        };
+        columns.remove(first);
+        amounts.remove(first);
+    }
+}
+
+fn combine(target: &[f64], columns: &[Vec<f64>], amounts: &[f64]) -> Vec<f64> {
+    let mut s = target.to_vec();
+    for (column, x) in columns.iter().zip(amounts) {
+        add(&mut s, *x, column);
+    }
+    s
+}
+
+/// `s += x c`.
+pub fn add(s: &mut [f64], x: f64, column: &[f64]) {
+    for (value, c) in s.iter_mut().zip(column) {
+        *value += x * c;
+    }
+}

@@ -1,0 +1,363 @@
+//! Whether contact can balance the loads on bodies that nothing else holds.
+//!
+//! The cone programme: is there an `r ∈ K_μ` with `Rᵀ r + e = 0`? If not, some
+//! rigid motion `d` proves it: `R d ∈ K*_μ` and `e·d > 0`, for then
+//! `d·(Rᵀ r + e) > 0` whatever `r ∈ K_μ` is.
+//!
+//! In scaled variables, rigid motions being orthonormal there, the loads are
+//! projected onto the motions that no contact resists: the imbalance of least
+//! length, `s = R̂ᵀ r̂ + ê`, is that motion. `r̂` is built by least squares with
+//! non-negative amounts of generated columns: each round adds the one force in
+//! the cones that works hardest against `s`.
+
+use crate::linalg::nonnegative::{add, shortest};
+use crate::linalg::small::{dot_long, norm, tangential_norm};
+use crate::linalg::union::Union;
+use crate::problem::reduced::Reduced;
+use crate::problem::residual::WORST_FLOOR;
+
+/// What the cone programme says.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Balance {
+    /// Contact can balance the loads, or nothing shows that it cannot.
+    Possible,
+    /// It cannot: the loads work on a rigid motion that no contact resists.
+    Impossible {
+        /// Amounts `a` of the rigid motions, scaled so that the contact that
+        /// moves most moves by 1.
+        motion: Vec<f64>,
+    },
+}
+
+/// Loads out of balance by less than this share of them count as balanced: ten
+/// times what a solution is held to by default, and far above what rounding
+/// leaves of loads that are found by condensation.
+const LEAST_WORK: f64 = 1e-9;
+
+/// Rounding of the motion of a contact, relative to the size of its rows.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
+/// Rigid motions are null vectors of the condensed stiffness, known to about
+/// this: a proof that can do so keeps clear of it.
+const KNOWN: f64 = 1e-13;
+
+/// Reactions so many times the loads are no answer to any solver: the rounding
+/// of their balance, 4 ε of them, is above the floor that the judge believes in.
+const LARGEST_REACTION: f64 = WORST_FLOOR / (4.0 * f64::EPSILON);
+
+/// A contact that works against a motion by less than this, relative to what it
+/// could do, does not resist it.
+const AT_REST: f64 = 1e-13;
+
+/// Rounds for each rigid motion in which the resistance is to be halved.
+const PATIENCE: usize = 10;
+
+/// A motion that opens contacts by less than this brings no other one out of
+/// them without undoing it.
+const LEAST_SLACK: f64 = 1e-6;
+
+/// Decides the cone programme, as far as rounding lets it be decided.
+///
+/// `Impossible` is only said with a motion at hand that was checked: it lies in
+/// `K*_μ` at every contact, or so near to it that balance would take reactions
+/// above `1e9 ‖e‖`, and the loads work on it by more than `1e-9 ‖e‖`.
+#[must_use]
+pub fn balance<const D: usize>(problem: &Reduced<D>) -> Balance {
+    for modes in coupled(problem) {
+        let part = Part::new(problem, &modes);
+        if let Some(found) = part.unresisted() {
+            let mut scaled = vec![0.0; problem.scaling.modes.len()];
+            for (&mode, amount) in modes.iter().zip(found) {
+                scaled[mode] = amount;
+            }
+            let motion = of_largest_one(problem, &scaled);
+            if works(problem, &motion) {
+                return Balance::Impossible { motion };
+            }
+        }
+    }
+    Balance::Possible
+}
+
+/// Whether the loads work on a rigid motion `a` beyond what rounding has made of them.
+#[must_use]
+pub fn works<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
+    let rounding = problem.load_rounding.iter().zip(a);
+    let least: f64 = rounding.map(|(e, a)| e * a.abs()).sum();
+    dot_long(&problem.rigid.load, a) > least
+}
+
+/// How many times the deformation a rigid motion must be to be a body that
+/// slides away rather than one that has found its place.
+const RUNAWAY: f64 = 30.0;
+
+/// The direction of a rigid motion `a` at which an iteration on reactions `r`
+/// stopped short of an answer, if it tells why: the motion dwarfs the
+/// deformation, the loads work on it, and no normal force stops it. That friction
+/// cannot stop it either is not proved by this.
+#[must_use]
+pub fn runaway<const D: usize>(
+    problem: &Reduced<D>,
+    r: &[[f64; D]],
+    a: &[f64],
+) -> Option<Vec<f64>> {
+    let scaling = &problem.scaling;
+    let motion = scaling.rigid_to_scaled(a);
+    let length = norm(&motion);
+    let mut deformed = problem.relative_displacement(r, &[]);
+    for (v, scale) in deformed.iter_mut().zip(&scaling.to_v) {
+        *v = v.map(|c| c * scale);
+    }
+    if !(length.is_finite() && length > RUNAWAY * norm(deformed.as_flattened())) {
+        return None;
+    }
+    let motion: Vec<f64> = motion.iter().map(|x| x / length).collect();
+    let all: Vec<usize> = (0..motion.len()).collect();
+    let part = Part::new(problem, &all);
+    // An iteration does not find a motion exactly: a thousandth into a contact is
+    // along it.
+    let opens = |i: usize| part.motion_at(i, &motion)[0] >= -1e-3 * part.size[i];
+    let work = dot_long(&motion, &part.load);
+    let free = work > LEAST_WORK * norm(&part.load) && (0..part.size.len()).all(opens);
+    free.then(|| of_largest_one(problem, &motion))
+}
+
+/// The motion `a` of a scaled one, the largest motion of a contact being 1.
+fn of_largest_one<const D: usize>(problem: &Reduced<D>, scaled: &[f64]) -> Vec<f64> {
+    let mut a = problem.scaling.rigid_from_scaled(scaled);
+    let mut largest = 0.0_f64;
+    for i in 0..problem.contacts() {
+        let at = |k: usize| {
+            let of_mode = problem.rigid.modes.iter().zip(&a);
+            of_mode.map(|(mode, a)| mode[i][k] * a).sum::<f64>()
+        };
+        largest = (0..D).map(at).fold(0.0_f64, f64::hypot).max(largest);
+    }
+    if largest.is_normal() {
+        a = a.iter().map(|x| x / largest).collect();
+    }
+    a
+}
+
+/// Rigid motions in groups that share no contact: each balances by itself, and
+/// a light body beside a heavy one is judged by its own loads.
+fn coupled<const D: usize>(problem: &Reduced<D>) -> Vec<Vec<usize>> {
+    let modes = &problem.scaling.modes;
+    let mut sets = Union::new(modes.len());
+    for i in 0..problem.contacts() {
+        let mut felt = (0..modes.len()).filter(|&m| modes[m][i].iter().any(|&c| c != 0.0));
+        if let Some(first) = felt.next() {
+            felt.for_each(|other| sets.join(first, other));
+        }
+    }
+    let mut groups: Vec<(usize, Vec<usize>)> = Vec::new();
+    for mode in 0..modes.len() {
+        let leader = sets.leader(mode);
+        match groups.iter_mut().find(|(of, _)| *of == leader) {
+            Some((_, members)) => members.push(mode),
+            None => groups.push((leader, vec![mode])),
+        }
+    }
+    groups.into_iter().map(|(_, members)| members).collect()
+}
+
+/// Some rigid motions, and the contacts that feel them.
+struct Part<const D: usize> {
+    /// `R̂`, contact by contact, a motion each.
+    rows: Vec<[f64; D]>,
+    /// Frobenius norm of the rows of each contact.
+    size: Vec<f64>,
+    /// `(1, μ)/√(1 + μ²)`: the edge of the cone of each contact.
+    edge: Vec<[f64; 2]>,
+    mu: Vec<f64>,
+    load: Vec<f64>,
+}
+
+/// A force of length 1 in the cone of a contact, and its work on the motion.
+struct Resistance<const D: usize> {
+    contact: usize,
+    force: [f64; D],
+    /// Relative to the size of the contact's rows: negative where it resists.
+    work: f64,
+}
+
+impl<const D: usize> Part<D> {
+    fn new(problem: &Reduced<D>, modes: &[usize]) -> Self {
+        let scaling = &problem.scaling;
+        let mut part = Self {
+            rows: Vec::new(),
+            size: Vec::new(),
+            edge: Vec::new(),
+            mu: Vec::new(),
+            load: modes.iter().map(|&m| scaling.load[m]).collect(),
+        };
+        for (i, &mu) in problem.mu.iter().enumerate() {
+            let rows = modes.iter().map(|&m| scaling.modes[m][i]);
+            let size = rows.clone().flatten().map(|x| x * x).sum::<f64>().sqrt();
+            if size > 0.0 {
+                part.rows.extend(rows);
+                part.size.push(size);
+                let length = mu.hypot(1.0);
+                part.edge.push([1.0 / length, mu / length]);
+                part.mu.push(mu);
+            }
+        }
+        part
+    }
+
+    /// `(R̂ d)_i`.
+    fn motion_at(&self, contact: usize, motion: &[f64]) -> [f64; D] {
+        let k = self.load.len();
+        let mut at = [0.0; D];
+        for (row, d) in self.rows[k * contact..].iter().zip(motion) {
+            for (value, r) in at.iter_mut().zip(row) {
+                *value += r * d;
+            }
+        }
+        at
+    }
+
+    /// Whether the force opposite to a motion lies in the cone. Without friction
+    /// a contact that opens has `‖v_t‖ ≤ −μ v_n` too.
+    fn is_opposed(&self, contact: usize, v: &[f64; D]) -> bool {
+        v[0] < 0.0 && tangential_norm(v) <= -self.mu[contact] * v[0]
+    }
+
+    /// The least work of a force of length 1 in the cone of a contact that moves
+    /// by `v`: minus the distance of `v` from `K*_μ` where it lies outside.
+    fn least_work(&self, contact: usize, v: &[f64; D]) -> f64 {
+        let [normal, tangential] = self.edge[contact];
+        let slip = tangential_norm(v);
+        if self.is_opposed(contact, v) {
+            -v[0].hypot(slip)
+        } else {
+            normal * v[0] - tangential * slip
+        }
+    }
+
+    /// The contact, and its force, that resists a motion most.
+    fn most_resisting(&self, motion: &[f64]) -> Option<Resistance<D>> {
+        let mut worst: Option<(usize, f64)> = None;
+        for (i, size) in self.size.iter().enumerate() {
+            let work = self.least_work(i, &self.motion_at(i, motion)) / size;
+            if worst.is_none_or(|(_, least)| work < least) {
+                worst = Some((i, work));
+            }
+        }
+        let (contact, work) = worst?;
+        let v = self.motion_at(contact, motion);
+        let slip = tangential_norm(&v);
+        let mut force = v;
+        if self.is_opposed(contact, &v) {
+            let length = v[0].hypot(slip);
+            force = force.map(|c| -c / length);
+        } else {
+            let [normal, tangential] = self.edge[contact];
+            force[0] = normal;
+            let share = if slip > 0.0 { tangential / slip } else { 0.0 };
+            force[1..].iter_mut().for_each(|c| *c *= -share);
+            if slip == 0.0 {
+                force[1] = -tangential; // any direction will do
+            }
+        }
+        Some(Resistance {
+            contact,
+            force,
+            work,
+        })
+    }
+
+    /// `R̂ᵀ r̂` of one force, relative to the size of the contact's rows.
+    fn column(&self, resistance: &Resistance<D>) -> Vec<f64> {
+        let k = self.load.len();
+        let first = k * resistance.contact;
+        let of_row = |row: &[f64; D]| {
+            let work = row.iter().zip(&resistance.force);
+            work.map(|(r, f)| r * f).sum::<f64>() / self.size[resistance.contact]
+        };
+        self.rows[first..first + k].iter().map(of_row).collect()
+    }
+
+    /// A motion that proves that the loads cannot be balanced, if one is found.
+    fn unresisted(&self) -> Option<Vec<f64>> {
+        let size = norm(&self.load);
+        let balanced = |length: f64| !(length > LEAST_WORK * size);
+        let (mut least, mut motion) = (f64::INFINITY, None);
+        let (mut halved, mut rounds) = (f64::INFINITY, 0);
+        let imbalance = shortest(&self.load, |s, length| {
+            let found = self.most_resisting(s).filter(|_| !balanced(length))?;
+            let resistance = -found.work / length;
+            if resistance < least {
+                least = resistance;
+                motion = Some(s.iter().map(|x| x / length).collect::<Vec<f64>>());
+            }
+            rounds += 1;
+            if resistance < 0.5 * halved {
+                (halved, rounds) = (resistance, 0);
+            }
+            let goes_on = resistance > AT_REST && rounds <= PATIENCE * self.load.len();
+            goes_on.then(|| self.column(&found))
+        });
+        if balanced(norm(&imbalance)) {
+            return None;
+        }
+        // Without any contact no round was made.
+        let motion = motion.unwrap_or_else(|| imbalance.iter().map(|x| x / size).collect());
+        let lifted = self.lifted(&motion);
+        let strict = lifted.filter(|lifted| self.proves(lifted));
+        strict.or_else(|| self.proves(&motion).then_some(motion))
+    }
+
+    /// Whether a motion of length about 1 is a proof, rounding counted: `m ≤
+    /// −Σ (R̂ d)_i·r̂_i ≤ ‖δ‖ ‖r̂‖` for every reaction in the cones that balances
+    /// the loads, `m = ê·d` and `δ_i` the distance of `(R̂ d)_i` from `K*_μ`.
+    fn proves(&self, motion: &[f64]) -> bool {
+        let length = norm(motion);
+        let distance = |i: usize| {
+            let slack =
+                self.least_work(i, &self.motion_at(i, motion)) - ROUNDING * self.size[i] * length;
+            (-slack).max(0.0).powi(2)
+        };
+        let distance = (0..self.size.len()).map(distance).sum::<f64>().sqrt();
+        let work = dot_long(motion, &self.load);
+        let size = norm(&self.load) * length;
+        work > LEAST_WORK * size && work >= LARGEST_REACTION * distance * size
+    }
+
+    /// A motion brought into `K*_μ` by a little of one that lies well inside.
+    fn lifted(&self, motion: &[f64]) -> Option<Vec<f64>> {
+        let (inside, slack) = self.inside()?;
+        let found = self.most_resisting(motion)?;
+        let mut motion = motion.to_vec();
+        add(&mut motion, (2.0 * KNOWN - found.work) / slack, &inside);
+        Some(motion)
+    }
+
+    /// A motion of length 1 that opens every contact by more than friction
+    /// follows, `(R̂ d)_n > μ ‖(R̂ d)_t‖`, and by how much, relative to the size of
+    /// the contact's rows: the shortest point of the convex hull of the columns,
+    /// written as a projection with one more component.
+    fn inside(&self) -> Option<(Vec<f64>, f64)> {
+        let k = self.load.len();
+        let mut target = vec![0.0; k + 1];
+        target[k] = -1.0;
+        let mut opened = None;
+        let _ = shortest(&target, |s, bound| {
+            let length = norm(&s[..k]);
+            let found = self
+                .most_resisting(&s[..k])
+                .filter(|_| bound > LEAST_SLACK)?;
+            // The slack of the shortest point is its length, and −s_k that squared:
+            // half of it will do.
+            if found.work > -0.5 * s[k] && found.work > LEAST_SLACK * length {
+                let unit = s[..k].iter().map(|x| x / length).collect();
+                opened = Some((unit, found.work / length));
+                return None;
+            }
+            let mut column = self.column(&found);
+            column.push(1.0);
+            Some(column)
+        });
+        opened
+    }
+}

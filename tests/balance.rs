@@ -1,0 +1,357 @@
+//! Loads that contact cannot balance are refused with a proof, and no others.
+
+#![expect(
+    clippy::cast_precision_loss,
+    clippy::unwrap_used,
+    reason = "small counts; a helper of a test may fail"
+)]
+
+use std::borrow::Cow;
+use std::sync::atomic::AtomicBool;
+
+use bipot_rs::problem::balance::{Balance, balance};
+use bipot_rs::problem::compliance::Compliance;
+use bipot_rs::problem::reduced::{Reduced, Rigid};
+use bipot_rs::solver::{Outcome, Settings, Start, solve};
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+
+/// Contacts with rows `R` and friction μ, on supports of unequal compliance.
+struct Contacts<const D: usize> {
+    modes: Vec<Vec<[f64; D]>>,
+    mu: Vec<f64>,
+    compliance: Compliance<'static, D>,
+}
+
+/// Length without overflow, for oracles of our own.
+fn length(a: &[f64]) -> f64 {
+    a.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn tangential<const D: usize>(v: &[f64; D]) -> f64 {
+    length(&v[1..])
+}
+
+impl<const D: usize> Contacts<D> {
+    fn new(modes: Vec<Vec<[f64; D]>>, mu: Vec<f64>, seed: u64) -> Self {
+        let mut rng = StdRng::seed_from_u64(seed);
+        let contacts = mu.len();
+        let m = D * contacts;
+        let mut w = vec![0.0; m * m];
+        for i in 0..contacts {
+            let softness = 10.0_f64.powf(rng.random_range(-1.0..1.0));
+            (0..D).for_each(|k| w[(D * i + k) * (m + 1)] = softness);
+        }
+        Self {
+            modes,
+            mu,
+            compliance: Compliance::from_dense(contacts, Cow::Owned(w)).unwrap(),
+        }
+    }
+
+    /// Rows and friction from a seed. A free body has few: the cone of what they
+    /// balance is then far from everything.
+    fn random(contacts: usize, motions: usize, seed: u64) -> Self {
+        let mut rng = StdRng::seed_from_u64(seed);
+        let mut row = |_| std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+        let modes = (0..motions)
+            .map(|_| (0..contacts).map(&mut row).collect())
+            .collect();
+        let mu = (0..contacts).map(|_| match rng.random_range(0..5) {
+            0 => 0.0,
+            1 => 10.0,
+            _ => rng.random_range(0.05..1.5),
+        });
+        let mu = mu.collect();
+        Self::new(modes, mu, seed)
+    }
+
+    /// `R d` at a contact.
+    fn moved(&self, contact: usize, motion: &[f64]) -> [f64; D] {
+        std::array::from_fn(|k| {
+            let of_mode = self.modes.iter().zip(motion);
+            of_mode.map(|(mode, d)| mode[contact][k] * d).sum()
+        })
+    }
+
+    /// `−Rᵀ r`, the load that a reaction balances.
+    fn balanced_by(&self, r: &[[f64; D]]) -> Vec<f64> {
+        let of_mode = |mode: &Vec<[f64; D]>| {
+            let pairs = mode.as_flattened().iter().zip(r.as_flattened());
+            -pairs.map(|(m, x)| m * x).sum::<f64>()
+        };
+        self.modes.iter().map(of_mode).collect()
+    }
+
+    /// The contacts turned so that none resists a given motion: the normal row
+    /// changes sign where the motion would close the contact, and where friction
+    /// holds it the tangential rows shrink until it works `inside` times less
+    /// than the edge of `K*_μ` allows.
+    fn yield_to(&mut self, motion: &[f64], inside: f64) {
+        for i in 0..self.mu.len() {
+            let v = self.moved(i, motion);
+            let limit = self.mu[i] * tangential(&v);
+            let allowed = inside * v[0].abs();
+            let shrink = if limit > allowed {
+                allowed / limit
+            } else {
+                1.0
+            };
+            for mode in &mut self.modes {
+                mode[i][0] *= v[0].signum();
+                mode[i][1..].iter_mut().for_each(|c| *c *= shrink);
+            }
+        }
+    }
+
+    fn decide(&self, load: &[f64]) -> Balance {
+        let q = vec![[-1.0; D]; self.mu.len()];
+        let rigid = Rigid {
+            modes: self.modes.clone(),
+            load: load.to_vec(),
+        };
+        balance(&Reduced::new(&self.compliance, &q, &self.mu, &rigid).unwrap())
+    }
+
+    /// Whether a motion proves that a load cannot be balanced, judged by the
+    /// definition alone: `R d` within a `distance` of `K*_μ`, and `e·d > 0` beyond
+    /// rounding.
+    fn is_proof(&self, load: &[f64], motion: &[f64], distance: f64) -> bool {
+        let size = (0..self.mu.len())
+            .map(|i| length(&self.moved(i, motion)))
+            .fold(0.0, f64::max);
+        let inside = |i: usize| {
+            let v = self.moved(i, motion);
+            v[0] - self.mu[i] * tangential(&v) >= -distance * (1.0 + self.mu[i]) * size
+        };
+        let work: f64 = load.iter().zip(motion).map(|(e, d)| e * d).sum();
+        let terms: f64 = load.iter().zip(motion).map(|(e, d)| (e * d).abs()).sum();
+        (0..self.mu.len()).all(inside) && work > 1e-14 * terms
+    }
+}
+
+fn on_the_edge<const D: usize>(rng: &mut StdRng, mu: f64, share: f64) -> [f64; D] {
+    let mut r = [0.0; D];
+    r[0] = rng.random_range(0.0..1.0);
+    let angle: f64 = rng.random_range(0.0..std::f64::consts::TAU);
+    r[1] = mu
+        * share
+        * r[0]
+        * if D == 2 {
+            angle.cos().signum()
+        } else {
+            angle.cos()
+        };
+    if D == 3 {
+        r[2] = mu * share * r[0] * angle.sin();
+    }
+    r
+}
+
+fn balanced_loads_are_let_pass<const D: usize>(contacts: usize, motions: usize) {
+    for seed in 0..300 {
+        let case = Contacts::<D>::random(contacts, motions, seed);
+        let mut rng = StdRng::seed_from_u64(seed + 7);
+        for share in [0.0, 0.5, 1.0] {
+            // Some contacts pressed, to the edge of friction in the last round.
+            let r: Vec<[f64; D]> = case
+                .mu
+                .iter()
+                .map(|&mu| {
+                    if rng.random_bool(0.5) {
+                        on_the_edge(&mut rng, mu, share)
+                    } else {
+                        [0.0; D]
+                    }
+                })
+                .collect();
+            let load = case.balanced_by(&r);
+            assert_eq!(case.decide(&load), Balance::Possible, "seed {seed}");
+        }
+    }
+}
+
+#[test]
+fn a_load_that_some_reaction_balances_is_let_pass() {
+    for (contacts, motions) in PLANE {
+        balanced_loads_are_let_pass::<2>(contacts, motions);
+    }
+    for (contacts, motions) in SPACE {
+        balanced_loads_are_let_pass::<3>(contacts, motions);
+    }
+}
+
+fn unbalanced_loads_are_refused<const D: usize>(
+    contacts: usize,
+    motions: usize,
+    inside: f64,
+    shares: [f64; 3],
+    distance: f64,
+) {
+    for seed in 0..300 {
+        let mut case = Contacts::<D>::random(contacts, motions, seed);
+        let mut rng = StdRng::seed_from_u64(seed + 11);
+        let away: Vec<f64> = (0..motions).map(|_| rng.random_range(-1.0..1.0)).collect();
+        case.yield_to(&away, inside);
+        // Balanced by contact but for a part that works on that motion.
+        for share in shares {
+            let r: Vec<[f64; D]> = case
+                .mu
+                .iter()
+                .map(|&mu| on_the_edge(&mut rng, mu, 1.0))
+                .collect();
+            let mut load = case.balanced_by(&r);
+            let work: f64 = load.iter().zip(&away).map(|(e, d)| e * d).sum();
+            let size = length(&load).max(0.1) * length(&away);
+            // e·d is −r·(R d) ≤ 0 before, and share of ‖e‖‖d‖ after.
+            let missing = (share * size - work) / length(&away).powi(2);
+            for (e, d) in load.iter_mut().zip(&away) {
+                *e += missing * d;
+            }
+            match case.decide(&load) {
+                Balance::Impossible { motion } => {
+                    assert!(
+                        case.is_proof(&load, &motion, distance),
+                        "seed {seed}, share {share}"
+                    );
+                }
+                Balance::Possible => {
+                    panic!("undecided: seed {seed}, share {share}")
+                }
+            }
+        }
+    }
+}
+
+/// (contacts, rigid motions) in the plane and in space.
+const PLANE: [(usize, usize); 5] = [(1, 1), (2, 3), (5, 3), (40, 3), (12, 6)];
+const SPACE: [(usize, usize); 5] = [(1, 2), (3, 6), (8, 6), (60, 6), (20, 12)];
+
+#[test]
+fn a_load_beyond_the_limit_by_a_millionth_is_refused() {
+    // The proof keeps clear of the edge of K*_μ; 1e-12 is rounding of a dozen terms
+    // and of the change from scaled variables.
+    let shares = [1.0, 1e-2, 1e-6];
+    for (contacts, motions) in PLANE {
+        unbalanced_loads_are_refused::<2>(contacts, motions, 0.9, shares, 1e-12);
+    }
+    for (contacts, motions) in SPACE {
+        unbalanced_loads_are_refused::<3>(contacts, motions, 0.9, shares, 1e-12);
+    }
+}
+
+#[test]
+fn a_load_on_the_only_motion_that_contact_leaves_is_refused() {
+    // The motion lies on the edge of K*_μ at many contacts: any other closes one
+    // of them. The proof then rules out reactions up to 1e9 times the load, with
+    // distances up to 1e-9 of the work; scaling differs by 10 between contacts. In
+    // space rounding leaves such distances, and less work, at sixty contacts.
+    for (contacts, motions) in PLANE {
+        unbalanced_loads_are_refused::<2>(contacts, motions, 1.0, [1.0, 1e-2, 1e-3], 1e-8);
+    }
+    for (contacts, motions) in SPACE {
+        unbalanced_loads_are_refused::<3>(contacts, motions, 1.0, [1.0, 0.3, 0.1], 1e-8);
+    }
+}
+
+/// A block of width 2 and given height on a floor: `u_x, u_y` and rotation about
+/// the middle of its base, seen by contacts along that base.
+fn block(contacts: usize, mu: f64) -> Contacts<2> {
+    let place = |i: usize| 2.0 * i as f64 / (contacts - 1) as f64 - 1.0;
+    let along = |f: &dyn Fn(f64) -> [f64; 2]| (0..contacts).map(|i| f(place(i))).collect();
+    let modes = vec![
+        along(&|_| [0.0, 1.0]),
+        along(&|_| [1.0, 0.0]),
+        along(&|x| [x, 0.0]),
+    ];
+    Contacts::new(modes, vec![mu; contacts], 3)
+}
+
+#[test]
+fn statics_of_a_block_on_a_floor() {
+    let possible = |mu: f64, load: [f64; 3]| block(9, mu).decide(&load) == Balance::Possible;
+    for mu in [0.0, 0.3, 5.0, 100.0] {
+        assert!(possible(mu, [0.0, -1.0, 0.0]));
+        assert!(possible(mu, [0.0, 0.0, 0.0]));
+        assert!(possible(mu, [0.0, -1.0, 1.0 - 1e-6]), "within the base");
+        assert!(!possible(mu, [0.0, -1.0, 1.0 + 1e-6]), "tips");
+        assert!(!possible(mu, [0.0, 1e-6, 0.0]), "pulled up");
+        assert!(possible(mu, [mu * (1.0 - 1e-6), -1.0, 0.3]));
+        assert!(!possible(mu, [mu + 1e-6 * (1.0 + mu), -1.0, 0.3]), "slides");
+        // Rounding of a tangential load is no load.
+        assert!(possible(mu, [1e-17, -1.0, 0.0]));
+    }
+    // Along the floor only, where nothing presses: no reaction at all.
+    assert!(!possible(0.3, [1.0, 0.0, 0.0]));
+}
+
+#[test]
+fn the_motion_is_the_one_that_the_block_makes() {
+    let motion = |load: [f64; 3]| match block(9, 0.3).decide(&load) {
+        Balance::Impossible { motion } => motion,
+        Balance::Possible => panic!("{load:?}"),
+    };
+    let close = |found: Vec<f64>, expected: [f64; 3]| {
+        let miss: Vec<f64> = found.iter().zip(&expected).map(|(a, b)| a - b).collect();
+        // A proof keeps 1e-13 clear of the edge, and rounds.
+        assert!(length(&miss) <= 1e-10, "{found:?}");
+    };
+    // Slides along x and rises by μ, on the edge of K*_μ: lengths of 1.
+    let rise = 0.3_f64.hypot(1.0);
+    close(motion([0.301, -1.0, 0.2]), [1.0 / rise, 0.3 / rise, 0.0]);
+    // Turns about its left end, at x = -1, until the right end has moved by 1.
+    close(motion([0.1, -1.0, 1.1]), [0.0, 0.5, 0.5]);
+}
+
+#[test]
+fn a_light_body_is_judged_beside_a_heavy_one() {
+    // Contact 0 holds a heavy body, contact 1 a light one; two motions each.
+    let unit = |contact: usize, k: usize| {
+        let mut mode = vec![[0.0; 2]; 3];
+        mode[contact][k] = 1.0;
+        mode
+    };
+    let modes = vec![unit(0, 0), unit(0, 1), unit(1, 0), unit(1, 1)];
+    // Contact 2 feels no motion: it lies on a body that is held.
+    let case = Contacts::<2>::new(modes, vec![0.5, 0.5, 0.5], 1);
+    let heavy = [-1e12, 0.3e12];
+    let load = |light: [f64; 2]| [heavy[0], heavy[1], light[0], light[1]];
+    assert_eq!(case.decide(&load([-1.0, 0.499_999])), Balance::Possible);
+    match case.decide(&load([-1.0, 0.500_001])) {
+        Balance::Impossible { motion } => assert_eq!(motion[..2], [0.0, 0.0]),
+        Balance::Possible => panic!("the light body slides"),
+    }
+}
+
+#[test]
+fn units_that_differ_by_powers_of_two_change_no_bit() {
+    let mut case = Contacts::<3>::random(8, 6, 5);
+    let away = [0.3, -0.5, 0.7, 0.2, -0.9, 0.4];
+    case.yield_to(&away, 0.9);
+    let big = away.map(|d| 2.0_f64.powi(70) * d);
+    let first = case.decide(&away);
+    assert_ne!(first, Balance::Possible);
+    assert_eq!(case.decide(&big), first);
+}
+
+#[test]
+fn the_solver_refuses_before_it_iterates() {
+    let solved = |load: [f64; 3]| {
+        let case = block(5, 0.3);
+        let rigid = Rigid {
+            modes: case.modes.clone(),
+            load: load.to_vec(),
+        };
+        let q = vec![[0.0; 2]; 5];
+        let problem = Reduced::new(&case.compliance, &q, &case.mu, &rigid).unwrap();
+        let stop = AtomicBool::new(false);
+        solve(&problem, &Settings::default(), &Start::default(), &stop).unwrap()
+    };
+    let held = solved([0.29, -1.0, 0.0]);
+    assert_eq!(held.outcome, Outcome::Converged);
+    assert!(held.free_motion.is_empty());
+    let slides = solved([0.31, -1.0, 0.0]);
+    assert_eq!(slides.outcome, Outcome::NoEquilibrium);
+    assert_eq!((slides.iterations, slides.free_motion.len()), (0, 3));
+    assert!(slides.reaction.as_flattened().iter().all(|x| *x == 0.0));
+    assert!(slides.residual.is_finite() && slides.residual > slides.tolerance);
+}
