@@ -50,6 +50,11 @@ def describe(
         Names of the bodies that meet at each contact; each set of them moves as one.
     """
     length = np.linalg.norm(direction, axis=1)
+    # Where no answer was found by trying all statuses, the motion is what an
+    # iteration ran away along, and need not lie in the dual cone.
+    slack = direction[:, 0] - mu * np.linalg.norm(direction[:, 1:], axis=1)
+    if slack.min(initial=0.0) < -_WORTH:
+        mu = np.zeros_like(mu)
     moved = np.flatnonzero(length > _WORTH * length.max(initial=0.0))
     sets: dict[tuple[str, ...], list[int]] = {}
     for i in moved.tolist():

@@ -14,10 +14,12 @@
 //! `c + Σ (l_n r_n + l_t r_t) ≥ 0` fails for all of them if `c < 0` and every
 //! `l_n + μ |l_t| ≤ 0`: nothing else is assumed of the contacts below.
 
+use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
-use crate::problem::reduced::Reduced;
+use crate::problem::compliance::Compliance;
+use crate::problem::reduced::{Reduced, Rigid};
 use crate::problem::residual::Certificate;
 
 /// Up to this many contacts, 4¹² leaves, all answers take seconds.
@@ -66,6 +68,37 @@ pub fn answers(problem: &Reduced<2>, stop: &AtomicBool) -> Result<Enumeration, E
         search.visit(0)?;
     }
     Ok(search.found)
+}
+
+/// [`answers`] of a problem that may be plane and may have few contacts; nothing
+/// for another one.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn few<const D: usize>(
+    problem: &Reduced<D>,
+    stop: &AtomicBool,
+) -> Result<Option<Enumeration>, Error> {
+    if D != 2 || problem.contacts() > MOST_CONTACTS {
+        return Ok(None);
+    }
+    let plane = |nodes: &[[f64; D]]| nodes.iter().map(|x| [x[0], x[1]]).collect::<Vec<_>>();
+    let whole = &problem.compliance;
+    let dense = Cow::Owned(whole.to_dense());
+    let compliance = Compliance::<2>::from_dense(problem.contacts(), dense)?;
+    // The caller's numbering for the copy, ours for what comes back.
+    let modes = problem.rigid.modes.iter();
+    let rigid = Rigid {
+        modes: modes.map(|mode| plane(&whole.scatter(mode))).collect(),
+        load: problem.rigid.load.clone(),
+    };
+    let q = plane(&whole.scatter(&problem.q));
+    let copy = Reduced::new(&compliance, &q, &whole.scatter(&problem.mu), &rigid)?;
+    let mut found = answers(&copy, stop)?;
+    for (r, _) in &mut found.answers {
+        *r = whole.gather(r);
+    }
+    Ok(Some(found))
 }
 
 /// A status with its side, `s` of `r_t = −s μ r_n`.

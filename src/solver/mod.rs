@@ -221,11 +221,43 @@ pub fn solve_watched<const D: usize>(
     };
     let last = monitor.last_rigid().to_vec();
     let mut solution = finish(problem, settings, monitor, outcome);
+    if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
+        exhaust(problem, settings, &mut solution, stop)?;
+    }
     if solution.outcome != Outcome::Converged && !last.is_empty() {
         let r = problem.compliance.gather(&solution.reaction);
         solution.free_motion = balance::runaway(problem, &r, &last).unwrap_or_default();
     }
     Ok(solution)
+}
+
+/// Where every method has come to a stand and the contacts are few, their
+/// statuses are exhausted: that finds an answer, or proves that there is none.
+fn exhaust<const D: usize>(
+    problem: &Reduced<D>,
+    settings: &Settings,
+    solution: &mut Solution<D>,
+    stop: &AtomicBool,
+) -> Result<(), Error> {
+    let Some(found) = enumerate::few(problem, stop)? else {
+        return Ok(());
+    };
+    if found.complete && found.answers.is_empty() {
+        solution.outcome = Outcome::NoEquilibrium;
+    }
+    for (r, rigid) in found.answers {
+        let r: Vec<[f64; D]> = r
+            .iter()
+            .map(|r| std::array::from_fn(|k| r[k.min(1)]))
+            .collect();
+        let certificate = Certificate::new(problem, &r, &rigid);
+        if certificate.converged(settings.tol) {
+            solution.put(problem, settings, &r, rigid, &certificate);
+            solution.outcome = Outcome::Converged;
+            return Ok(());
+        }
+    }
+    Ok(())
 }
 
 /// A bilateral start with a larger residual than this leaves most of the load
