@@ -38,13 +38,13 @@ pub(super) fn forward_errors(
         solver::Kind::Two(owned) => {
             let reaction = arrays::rows(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
-                forward_error(problem, &of(problem, reaction, rigid), stop)
+                forward_error(problem, &of(problem, reaction, rigid), &[], stop)
             })
         }
         solver::Kind::Three(owned) => {
             let reaction = arrays::rows(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
-                forward_error(problem, &of(problem, reaction, rigid), stop)
+                forward_error(problem, &of(problem, reaction, rigid), &[], stop)
             })
         }
     }
@@ -71,7 +71,13 @@ pub(super) fn forward_errors_of_step(
             interrupt::run(py, problem.num_threads, |stop| -> Result<_, Error> {
                 let reduced = reduced_step($inner, loads.0, loads.1, state.as_ref())?;
                 let point = evaluate($inner, &reduced, loads, state.as_ref(), r, rigid.to_vec())?;
-                forward_error(&reduced, &point, stop)
+                // Of a step, the total is what is told: gaps are total anyway.
+                let mut total = Vec::new();
+                if let Some(state) = &state {
+                    total = $inner.compliance().gather(&state.relative_displacement);
+                    total.iter_mut().for_each(|v| v[0] = 0.0);
+                }
+                forward_error(&reduced, &point, &total, stop)
             })
         }};
     }

@@ -36,17 +36,19 @@ struct Correction<const D: usize> {
     moved: (f64, f64),
 }
 
-/// The relative forward errors of `r` and `v` at a point, `None` where the
-/// correction is not determined.
+/// The relative forward errors of `r` and of `v + before` at a point, `None`
+/// where the correction is not determined. `before` is what a step is added to,
+/// nothing for one that stands alone.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
 pub fn forward_error<const D: usize>(
     problem: &Reduced<D>,
     point: &Point<D>,
+    before: &[[f64; D]],
     stop: &AtomicBool,
 ) -> Result<Option<(f64, f64)>, Error> {
-    Ok(correction(problem, point, stop)?.map(|c| c.moved))
+    Ok(correction(problem, point, before, stop)?.map(|c| c.moved))
 }
 
 /// Corrects a point as long as that helps; `evaluate` makes a point of `(r, a)`.
@@ -61,7 +63,7 @@ pub fn refine<const D: usize>(
 ) -> Result<Point<D>, Error> {
     let mut last = f64::INFINITY;
     for _ in 0..MOST {
-        let Some(next) = correction(problem, &point, stop)? else {
+        let Some(next) = correction(problem, &point, &[], stop)? else {
             break;
         };
         let moved = next.moved.0.max(next.moved.1);
@@ -81,6 +83,7 @@ pub fn refine<const D: usize>(
 fn correction<const D: usize>(
     problem: &Reduced<D>,
     point: &Point<D>,
+    before: &[[f64; D]],
     stop: &AtomicBool,
 ) -> Result<Option<Correction<D>>, Error> {
     let law = Linearisation::new(problem, &point.r, &point.v);
@@ -109,11 +112,16 @@ fn correction<const D: usize>(
         .map(|(x, y)| x - y)
         .collect();
     problem.add_rigid(&da, &mut dv);
-    let corrected: Vec<[f64; D]> = dv
-        .iter()
-        .zip(&point.v)
-        .map(|(x, y)| std::array::from_fn(|k| x[k] + y[k]))
-        .collect();
+    let mut corrected = point.v.clone();
+    for addend in [dv.as_slice(), before] {
+        for (value, x) in corrected
+            .as_flattened_mut()
+            .iter_mut()
+            .zip(addend.as_flattened())
+        {
+            *value += x;
+        }
+    }
     let moved = (
         share(change.as_flattened(), next.r.as_flattened()),
         share(dv.as_flattened(), corrected.as_flattened()),
