@@ -75,7 +75,9 @@ pub(super) fn forward_errors_of_step(
                 let mut total = Vec::new();
                 if let Some(state) = &state {
                     total = $inner.compliance().gather(&state.relative_displacement);
-                    total.iter_mut().for_each(|v| v[0] = 0.0);
+                    for v in &mut total {
+                        v[0] = 0.0;
+                    }
                 }
                 forward_error(&reduced, &point, &total, stop)
             })
