@@ -242,7 +242,9 @@ fn exhaust<const D: usize>(
     let Some(found) = enumerate::few(problem, stop)? else {
         return Ok(());
     };
-    if found.complete && found.answers.is_empty() {
+    // With a definite W an answer exists whatever μ is: that none was found would be
+    // rounding. Only bodies that contact alone holds may have none.
+    if found.complete && found.answers.is_empty() && !problem.rigid.modes.is_empty() {
         solution.outcome = Outcome::NoEquilibrium;
     }
     for (r, rigid) in found.answers {
