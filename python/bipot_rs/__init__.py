@@ -19,7 +19,8 @@ from bipot_rs.errors import (
     NoEquilibriumError,
     NotConvergedError,
 )
-from bipot_rs.problem import ContactProblem, ReducedProblem, project, solve
+from bipot_rs.problem import ContactProblem, project, solve
+from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
 
 __all__ = [

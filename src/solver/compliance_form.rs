@@ -295,16 +295,8 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             let value = row.by_r * own + row.by_v * v;
             y.extend(&value.as_slice()[..row.width]);
         }
-        for mode in &scaling.modes {
-            let of_row = |row: &Row<D>| {
-                let own = &x[row.first..row.first + row.width];
-                own.iter()
-                    .zip(&mode[row.node])
-                    .map(|(x, m)| x * m)
-                    .sum::<f64>()
-            };
-            y.push(self.rows.iter().map(of_row).sum());
-        }
+        let own = scaling.modes.iter().map(|mode| balance(self, mode, x));
+        y.extend(own);
         Ok(y)
     }
 }

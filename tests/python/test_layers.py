@@ -66,6 +66,7 @@ PYTHON = (
     "export",
     "check result",
     "answers errors motion",
+    "reduced",
     "problem",
     "elasticity analytic",
     "fem __init__",

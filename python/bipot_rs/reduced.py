@@ -1,0 +1,266 @@
+"""The reduced problem, in the reactions alone, and what its solutions are made of."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs import _core, check, motion
+from bipot_rs.answers import Answers, search
+from bipot_rs.check import Array, csr, floats, friction, positive, settings
+from bipot_rs.result import Outcome, Solution
+
+
+class ReducedProblem:
+    """A contact problem in the reactions alone, ``v = W r + q`` (5).
+
+    Parameters
+    ----------
+    W
+        Compliance, ``(d n_c, d n_c)``, dense or sparse. It is used as given, never made
+        symmetric; ``asymmetry`` reports what it lacks.
+    q
+        Relative displacement without reactions, ``(n_c, d)``, normal first.
+    mu
+        Friction coefficient, a number or ``(n_c,)``.
+    rigid
+        ``(R (d n_c, k), e (k,))`` for bodies held by contact alone:
+        ``v = W r + R a + q`` with ``Rᵀ r + e = 0``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named.
+    NoEquilibriumError
+        A contact penetrates and nothing can move it.
+    FloatingBodyError
+        A column of ``R`` moves no contact.
+    """
+
+    def __init__(
+        self,
+        W: Any,
+        q: ArrayLike,
+        mu: ArrayLike,
+        *,
+        rigid: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> None:
+        free = floats("q", q, ndim=2)
+        contacts, d = free.shape
+        if d not in (2, 3):
+            raise ValueError(f"q has shape {free.shape}, expected (n_c, 2) or (n_c, 3)")
+        size = contacts * d
+        parts = _islands(W, contacts, d)
+        if rigid is None:
+            modes, force = np.empty((0, size)), np.empty(0)
+        else:
+            if not hasattr(rigid, "__len__") or len(rigid) != 2:
+                raise TypeError("rigid is not the pair (R, e)")
+            border = floats("R of rigid", rigid[0], ndim=2)
+            if border.shape[0] != size:
+                raise ValueError(
+                    f"R of rigid has shape {border.shape}, expected ({size}, k)"
+                )
+            force = floats("e of rigid", rigid[1], shape=(border.shape[1],))
+            modes = np.ascontiguousarray(border.T)
+        self.W = W
+        self.q = free
+        self.mu = friction(mu, contacts)
+        self.rigid = None if rigid is None else (modes.T, force)
+        self._core = _core.Reduced(parts, free, self.mu, modes, force)
+
+    @property
+    def asymmetry(self) -> float:
+        """Largest ``|W_ij - W_ji|`` over the largest entry of ``W``."""
+        return self._core.asymmetry
+
+    def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:
+        """η of (13) at the reactions ``r (n_c, d)``: the one certificate of every method.
+
+        With ``rigid`` and no ``a (k,)``, at the rigid motion of least squares.
+        """
+        reaction = floats("r", r, shape=self.q.shape)
+        count = 0 if self.rigid is None else len(self.rigid[1])
+        rigid = None if a is None else floats("a", a, shape=(count,))
+        return self._core.residual(reaction, rigid)
+
+    def solve(
+        self,
+        method: str = "auto",
+        tol: float = 1e-10,
+        max_iterations: int | None = None,
+        max_seconds: float | None = None,
+        start: Solution | ArrayLike | None = None,
+        *,
+        num_threads: int | None = None,
+        callback: Callable[[int, float, float], object] | None = None,
+    ) -> Solution:
+        """Solve; what happened is `Solution.outcome`, whatever it was.
+
+        Parameters
+        ----------
+        method, tol, max_iterations, max_seconds
+            As in `ContactProblem.solve`.
+        start
+            A `Solution`, or reactions ``(n_c, d)``, to start from.
+        num_threads
+            As in `ContactProblem`.
+        callback
+            Called as ``callback(iterations, work, residual)`` about twenty times a
+            second, with the smallest residual so far; an exception from it ends the
+            solve and comes back.
+        """
+        chosen = settings(method, tol, max_iterations, max_seconds)
+        check.callback("callback", callback)
+        reaction, rigid = None, None
+        if isinstance(start, Solution):
+            reaction = floats("start", start.reaction, shape=self.q.shape)
+            rigid = start.rigid_motion
+            count = 0 if self.rigid is None else len(self.rigid[1])
+            if rigid is not None and len(rigid) != count:
+                raise ValueError(
+                    f"start has {len(rigid)} rigid motions, expected {count}"
+                )
+        elif start is not None:
+            reaction = floats("start", start, shape=self.q.shape)
+        if num_threads is not None:
+            num_threads = positive("num_threads", num_threads)
+        raw = self._core.solve(*chosen, reaction, rigid, num_threads, callback)
+        return self._solution(raw)
+
+    def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
+        """All answers, where there may be several.
+
+        In the plane and with up to 12 contacts the statuses are exhausted, which finds
+        every answer and, where there is none, proves it: `Answers.complete`. It is
+        false where reactions are not determined (supports in excess), and for
+        other problems: those are solved from many starts, and what differs in
+        relative displacement is kept.
+
+        Parameters
+        ----------
+        restarts
+            Starts for a problem that is not exhausted.
+        seed
+            Of the random ones among them.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``restarts`` is not a positive integer.
+        """
+        restarts = positive("restarts", restarts)
+        exhausted = _core.answers(self._core)
+        if exhausted is not None:
+            found, complete = exhausted
+            return Answers([self._solution(raw) for raw in found], complete=complete)
+        contacts, d = self.q.shape
+        diagonal = (
+            np.asarray(self.W.diagonal(), float).reshape(contacts, d).mean(axis=1)
+        )
+        moved = np.linalg.norm(self.q, axis=1)
+        # The reaction that alone would move a contact as far as it lacks.
+        size = np.divide(moved, diagonal, where=diagonal > 0, out=np.zeros(contacts))
+        if self.rigid is not None:
+            size += np.abs(self.rigid[1]).max(initial=0.0) / contacts
+        return search(
+            lambda start: self.solve(tol=1e-12, max_iterations=1000, start=start),
+            size,
+            self.mu,
+            d,
+            restarts,
+            seed,
+        )
+
+    def _solution(self, raw: dict[str, Any]) -> Solution:
+        words = ""
+        if self.rigid is not None and len(raw["free_motion"]):
+            modes, amounts = self.rigid[0].T, raw["free_motion"]
+            direction = motion.at_contacts(modes, amounts, self.q.shape[1])
+            words = motion.describe(direction, opening(raw, self.mu))
+        return Solution(
+            **solution_fields(raw), _words=words, _problem=_ReducedInquiry(self._core)
+        )
+
+
+@dataclass(frozen=True)
+class _ReducedInquiry:
+    """A reduced problem, for what is found out of its solution when asked for."""
+
+    core: _core.Reduced
+
+    def unique(self, solution: Solution, /) -> str:
+        return _core.assess(self.core, solution.reaction)
+
+    def error_estimate(self, solution: Solution, /) -> tuple[float, float] | None:
+        amounts = solution.rigid_motion
+        rigid = np.empty(0) if amounts is None else amounts
+        return _core.forward_errors(self.core, solution.reaction, rigid)
+
+
+def _islands(W: Any, contacts: int, d: int) -> list[tuple[list[int], Array]]:
+    """Contacts and dense matrix, flat, of each independent part of ``W``."""
+    size = contacts * d
+    if not hasattr(W, "tocsr"):
+        dense = floats("W", W, ndim=2, finite=False, copy=False)
+        if dense.shape != (size, size):
+            raise ValueError(f"W has shape {dense.shape}, expected {(size, size)}")
+        return [(list(range(contacts)), dense.ravel())] if contacts else []
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    sparse = csr("W", W)
+    if sparse.shape != (size, size):
+        raise ValueError(f"W has shape {sparse.shape}, expected {(size, size)}")
+    whole = sparse.matrix
+    entries = coo_array(whole)
+    graph = coo_array(
+        (np.ones(entries.nnz), (entries.row // d, entries.col // d)),
+        shape=(contacts, contacts),
+    )
+    count, label = connected_components(graph.tocsr(), directed=False)
+    order = np.argsort(label, kind="stable")
+    bounds = np.searchsorted(label[order], np.arange(count + 1))
+    parts = []
+    for begin, end in itertools.pairwise(bounds):
+        nodes = order[begin:end]
+        rows = (d * nodes[:, None] + np.arange(d)).ravel()
+        block = whole[rows][:, rows].toarray().astype(np.float64)
+        parts.append(([int(i) for i in nodes], np.ascontiguousarray(block).ravel()))
+    return parts
+
+
+def solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
+    """What `Solution` takes of the core's answer."""
+    taken = (
+        "reaction",
+        "relative_displacement",
+        "status",
+        "residual",
+        "tolerance",
+        "iterations",
+        "work",
+        "history",
+        "bipotential_gap",
+        "seconds",
+    )
+    rigid, free = raw["rigid_motion"], raw["free_motion"]
+    return {name: raw[name] for name in taken} | {
+        "outcome": Outcome(raw["outcome"]),
+        "rigid_motion": rigid if len(rigid) else None,
+        "stats": {"bytes_beside_W": raw["bytes_beside"]},
+        "free_motion": free if len(free) else None,
+    }
+
+
+def opening(raw: dict[str, Any], mu: Array) -> Array:
+    """By how much of its slip a contact opens on the free motion.
+
+    A proof lies in the dual cone; what an iteration ran away along is a displacement.
+    """
+    return mu if raw["outcome"] == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
