@@ -40,7 +40,7 @@ fn grid(side: usize) -> (Vec<f64>, Vec<[f64; 3]>) {
     let place = |i: usize| [(i / 3 / side) as f64, (i / 3 % side) as f64];
     let fading = |i: usize, j: usize| {
         let ([a, b], [c, d]) = (place(i), place(j));
-        (-(a - c).hypot(b - d) / 3.0).exp()
+        (-(a - c).hypot(b - d)).exp()
     };
     let w = (0..m * m).map(|k| fading(k / m, k % m) * OWN[k / m % 3][k % m % 3]);
     let mut rng = StdRng::seed_from_u64(4);
