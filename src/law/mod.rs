@@ -5,3 +5,4 @@ pub mod bipotential;
 pub mod cone;
 pub mod frame;
 pub mod one_node;
+mod sliding;

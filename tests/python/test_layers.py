@@ -34,7 +34,7 @@ RUST_SIBLINGS = {
         "multifrontal",
         "solves",
     ),
-    "law": ("frame cone", "alart_curnier bipotential one_node"),
+    "law": ("frame cone sliding", "alart_curnier bipotential one_node"),
     "problem": (
         "border memory null_space sparse stats",
         "compliance",

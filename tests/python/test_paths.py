@@ -1,0 +1,178 @@
+"""Load paths: cycles without drift, the balance of energy, every method's history."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+
+import bipot_rs as bp
+from bars import BAR, bar_problem, lost, pulled
+from bipot_rs import analytic
+from contacts import K1, SMALL, TOL, one_node
+from oracle import Problem, answers
+
+Array = NDArray[np.float64]
+METHODS = (
+    "auto",
+    "newton",
+    "gauss_seidel",
+    "nesterov",
+    "uzawa",
+    "uzawa_two_projection",
+)
+SLIP = bp.Status.SLIP
+
+
+def test_a11_a_thousand_cycles_do_not_drift() -> None:
+    cycles = 1000
+    problem, load = bar_problem()
+    ends = np.array([30.0] + [-30.0, 30.0] * cycles)
+    result = problem.solve(pulled(load, ends), tol=1e-13)
+    u = result.displacement[:, -1]
+    np.testing.assert_allclose(u, 0.009 * np.sign(ends), rtol=1e-10)
+    assert lost(result)[1:].sum() == pytest.approx(361.25, rel=1e-9)
+    # From the tenth cycle to the last nothing but rounding may add up: errors of
+    # 1e-13, a step, in a direction of their own each.
+    assert np.ptp(np.abs(u[20:])) <= 1e-12 * 0.009 * math.sqrt(2 * cycles)
+
+
+def test_a11_work_of_aligned_steps_is_what_friction_takes() -> None:
+    problem, load = bar_problem()
+    # Steps of q h: every limit of a node is met at the end of a step.
+    half = np.arange(30.0, -30.0, -2.5)
+    ends = np.concatenate([half, -half, [30.0]])
+    result = problem.solve(pulled(load, ends), tol=1e-13)
+    force, u = ends, result.displacement[:, -1]
+    work = ((force[1:] + force[:-1]) / 2 * np.diff(u)).sum()
+    exact = analytic.bar_cycle_dissipation(30.0, **BAR, element=0.05)
+    # Forces are held to η = 1e-13, and terms of either sign come to about the result.
+    assert work == pytest.approx(exact, rel=1e-13)
+
+
+def random_path(steps: int) -> tuple[Any, Array]:
+    """A smooth path of three coupled contacts that open, stick and slip."""
+    rng = np.random.default_rng(20)
+    root = rng.normal(size=(9, 9))
+    K = root @ root.T + 4 * np.eye(9)
+    waves = rng.normal(size=(3, 9))
+    time = np.linspace(0, 6, steps + 1)[1:]
+    turns = np.column_stack([np.sin(time), 1 - np.cos(time), np.sin(2 * time)])
+    path = 3 * turns @ waves
+    path[:, ::3] -= 2 * np.sin(time[:, None] / 2)
+    B = sparse.eye_array(9, format="csr")
+    K = (K + K.T) / 2
+    return bp.solve(K, B, path, gap=np.zeros(3), mu=0.4, tol=TOL), (K, path)
+
+
+def energy_balance(steps: int) -> tuple[float, float, float]:
+    """Work, what is missing of it beside the energy and friction, and that in steps.
+
+    The last is the same with the mean reaction of each step, for which nothing may
+    be missing: `Δ(uᵀ K u)/2 = (f + f')/2·Δu + (r + r')/2·Δv`.
+    """
+    result, (K, path) = random_path(steps)
+    f = np.vstack([np.zeros(9), path])
+    u = np.vstack([np.zeros(9), result.displacement])
+    r = np.concatenate([np.zeros((1, 3, 3)), result.reaction])
+    du = np.diff(u, axis=0)
+    work = ((f[1:] + f[:-1]) / 2 * du).sum()
+    stored = u[-1] @ K @ u[-1] / 2
+    mean = ((r[1:] + r[:-1]) / 2).reshape(steps, 9)
+    # Friction never gives work back, but for η = 1e-12 of forces and slips.
+    assert np.all(lost(result) >= -1e-11 * abs(work))
+    assert set(np.unique(result.status)) == {0, 1, 2}, "the path must show every status"
+    return work, work - stored - lost(result).sum(), work - stored + (mean * du).sum()
+
+
+def test_h20_energy_balance_of_a_random_path() -> None:
+    missing = []
+    for steps in (100, 200, 400, 800):
+        work, step_error, rounding = energy_balance(steps)
+        # K u = f + Bᵀ r holds to rounding, whatever the error of r: ε times a condition
+        # of about 10 a step, and errors of 800 steps.
+        assert abs(rounding) <= 1e-12 * work
+        missing.append(step_error / work)
+    orders = np.log2(np.array(missing[:-1]) / missing[1:])
+    # Friction by its value at the end of each step, backward Euler: of first order,
+    # but for the places of status changes within their steps.
+    assert orders[1:] == pytest.approx(1, abs=0.15)
+    assert 0 < missing[-1] < 0.002
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("path", "u_t", "r_t"),
+    [
+        ([[-1, 0], [-1, 0.4]], 0.0, -0.4),
+        ([[-0.25, 0.1], [-0.5, 0.2], [-1, 0.4]], 0.0, -0.4),
+        ([[0, 0.4], [-1, 0.4]], 0.4, 0.0),
+    ],
+)
+def test_a5_path_dependence_by_every_method(
+    path: list[list[float]], u_t: float, r_t: float, method: str
+) -> None:
+    result = one_node(path, 0.5, stiffness=np.eye(2), method=method)
+    np.testing.assert_allclose(result.displacement[-1], [0, u_t], atol=SMALL)
+    np.testing.assert_allclose(result.reaction[-1, 0], [1, r_t], atol=SMALL)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("steps", [8, 32])
+def test_a12_rotating_load_by_every_method(steps: int, method: str) -> None:
+    k, limit, force = 2.0, 0.5, 0.8
+    radius, loss = analytic.rotating_load(k, force, limit, steps)
+    angle = np.arange(1, 3 * steps + 1) * 2 * math.pi / steps
+    load = np.column_stack(
+        [np.full_like(angle, -1.0), force * np.cos(angle), force * np.sin(angle)]
+    )
+    result = one_node(load, 0.5, stiffness=np.diag([3.0, k, k]), method=method)
+    # The transient shrinks by a fixed factor a radian: at the end of the third turn
+    # it is below 1e-8 (as for one method at every number of steps).
+    last = np.linalg.norm(result.displacement[-1, 1:])
+    assert last == pytest.approx(radius, rel=1e-8)
+    assert lost(result)[-steps:].sum() == pytest.approx(loss, rel=1e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("W", "r", "v"),
+    [
+        (
+            np.diag([1.0, 2.0, 5.0]),
+            [1, -0.38002548, -0.12482241],
+            [0, 0.83994904, 0.27588797],
+        ),
+        (
+            np.array([[1.0, 0.2, -0.1], [0.2, 2, 0.5], [-0.1, 0.5, 5]]),
+            [1.07652377, -0.42297689, -0.08071613],
+            [0, 0.92899290, 0.17727851],
+        ),
+    ],
+)
+def test_a14_anisotropic_slip_by_every_method(
+    W: Array, r: list[float], v: list[float], method: str
+) -> None:
+    reduced = bp.ReducedProblem(W, np.array([[-1.0, 1.6, 0.9]]), 0.4)
+    solution = reduced.solve(method=method, tol=TOL)
+    assert solution.converged, solution.message
+    assert solution.status[0] == SLIP
+    # Eight decimals are printed.
+    np.testing.assert_allclose(solution.reaction[0], r, atol=1e-8)
+    np.testing.assert_allclose(solution.relative_displacement[0], v, atol=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_h25_released_contact_remembers_nothing_by_every_method(method: str) -> None:
+    path = np.array([[-1.0, 1.5], [1.0, 1.5], [-1.0, -0.2]])
+    result = one_node(path, 0.3, method=method)
+    np.testing.assert_array_equal(result.reaction[1, 0], 0)
+    free = np.linalg.solve(K1, path[1])
+    np.testing.assert_allclose(result.displacement[1], free, atol=SMALL)
+    # Back in contact, slip counts from where the last step left the node.
+    W = np.linalg.inv(K1)
+    (only,) = answers(Problem(W, (W @ path[2] - [0.0, free[1]])[None], 0.3))
+    np.testing.assert_allclose(result.reaction[2], only.r, atol=SMALL)
+    np.testing.assert_allclose(result.slip[2, 0], only.v[0, 1:], atol=SMALL)
