@@ -41,7 +41,7 @@ impl<const D: usize> Certificate<D> {
     pub fn of(problem: &Reduced<D>, r: &[[f64; D]], v: Vec<[f64; D]>, a: &[f64]) -> Self {
         let mut status = vec![Status::Open; r.len()];
         let residual = judge(problem, r, &v, a, |i, s| status[i] = s);
-        let (plain, with_friction) = rounding_floors(problem, r, a);
+        let (plain, with_friction) = rounding_floors(problem, r, &v, a);
         Self {
             v,
             status,
@@ -258,10 +258,16 @@ fn linearised<const D: usize>(
     (columns, right)
 }
 
-/// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖ / max(‖r̂‖, ‖F(0)‖)`, the rounding of `F`, and
-/// the same for the balance of forces; then with what friction makes of it:
-/// where `r ≠ 0`, `ṽ_n` takes in the rounding of `v_t`, μ times.
-fn rounding_floors<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> (f64, f64) {
+/// The rounding of `F` over `max(‖r̂‖, ‖F(0)‖)`, and of the balance of forces: as
+/// far as `F` feels that of `v`; and the bound that η is held to,
+/// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖ / max(‖r̂‖, ‖F(0)‖)` with what friction makes of
+/// it: where `r ≠ 0`, `ṽ_n` takes in the rounding of `v_t`, μ times.
+fn rounding_floors<const D: usize>(
+    problem: &Reduced<D>,
+    r: &[[f64; D]],
+    v: &[[f64; D]],
+    a: &[f64],
+) -> (f64, f64) {
     let mut terms = vec![[0.0; D]; r.len()];
     problem.compliance.absolute_product(r, &mut terms);
     for (i, value) in terms.iter_mut().enumerate() {
@@ -281,7 +287,16 @@ fn rounding_floors<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f6
             0.0 // η is zero then, exactly
         }
     };
-    let plain = floor(&terms);
+    let mut felt = terms.clone();
+    for (i, value) in felt.iter_mut().enumerate() {
+        let r = r[i].map(|c| c * problem.scaling.to_r[i]);
+        let v = v[i].map(|c| c * problem.scaling.to_v[i]);
+        let share = feeling(&r, &v, problem.mu[i], unit * value[0]);
+        for (c, share) in value.iter_mut().zip(share) {
+            *c *= share;
+        }
+    }
+    let plain = floor(&felt);
     for (i, value) in terms.iter_mut().enumerate() {
         if r[i].iter().any(|&c| c != 0.0) {
             value[0] += problem.mu[i] * tangential_norm(value);
@@ -294,6 +309,24 @@ fn rounding_floors<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f6
     let forces = problem.scaling.reaction_norm(r) + norm(&problem.scaling.load);
     let balance = unit * ratio(forces, force_size(problem, r));
     (plain.max(balance), with_friction.max(balance))
+}
+
+/// What `F` of a contact feels of changes of the components of `v̂`, at the most:
+/// nothing where the contact is open by more than `rounding`, and little of the
+/// tangential ones where it slides far and presses little, for they only turn
+/// the direction of a small force.
+fn feeling<const D: usize>(r: &[f64; D], v: &[f64; D], mu: f64, rounding: f64) -> [f64; D] {
+    if r.iter().all(|&c| c == 0.0) && v[0] > rounding {
+        return [0.0; D];
+    }
+    let (projected, status) = bipotential::law_step(r, v, 1.0, mu);
+    let mut share = [1.0; D];
+    if status == Status::Slip {
+        let tau: [f64; D] = std::array::from_fn(|k| r[k] - v[k]);
+        let turned = tangential_norm(&projected) / tangential_norm(&tau).max(f64::MIN_POSITIVE);
+        share[1..].fill(turned.min(1.0));
+    }
+    share
 }
 
 /// A ratio that is zero when there is nothing to measure, and never NaN.

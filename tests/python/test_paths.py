@@ -52,19 +52,28 @@ def test_a11_work_of_aligned_steps_is_what_friction_takes() -> None:
     assert work == pytest.approx(exact, rel=1e-13)
 
 
-def random_path(steps: int) -> tuple[Any, Array]:
+def random_path(steps: int, end: float = 6.0) -> tuple[Any, Array]:
     """A smooth path of three coupled contacts that open, stick and slip."""
     rng = np.random.default_rng(20)
     root = rng.normal(size=(9, 9))
     K = root @ root.T + 4 * np.eye(9)
     waves = rng.normal(size=(3, 9))
-    time = np.linspace(0, 6, steps + 1)[1:]
+    time = np.linspace(0, end, steps + 1)[1:]
     turns = np.column_stack([np.sin(time), 1 - np.cos(time), np.sin(2 * time)])
     path = 3 * turns @ waves
     path[:, ::3] -= 2 * np.sin(time[:, None] / 2)
     B = sparse.eye_array(9, format="csr")
     K = (K + K.T) / 2
     return bp.solve(K, B, path, gap=np.zeros(3), mu=0.4, tol=TOL), (K, path)
+
+
+def test_a_path_that_closes_ends_without_forces() -> None:
+    # At its end loads are rounding beside the slip that the contacts remember.
+    result, (_, path) = random_path(50, 2 * math.pi)
+    assert result.success
+    # A load of 1e-15 of the largest, over a condition of K below 10.
+    assert np.abs(result.reaction[-1]).max() <= 1e-14 * np.abs(path).max()
+    assert np.abs(result.slip).max() > 1e-3
 
 
 def energy_balance(steps: int) -> tuple[float, float, float]:
