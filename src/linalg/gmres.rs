@@ -8,7 +8,7 @@ pub struct Found {
     pub x: Vec<f64>,
     /// Products with the matrix that it took.
     pub products: usize,
-    /// `‖b − A x‖ / ‖b‖`, by the recurrence.
+    /// `‖b − A x‖ / ‖b‖`, by the recurrence, and what rounding may have hidden from it.
     pub residual: f64,
 }
 
@@ -42,12 +42,14 @@ pub fn solve<E>(
     let mut rotations: Vec<(f64, f64)> = Vec::new();
     let mut right = vec![size];
     found.residual = 1.0;
+    let mut largest = 0.0_f64;
     while found.products < most && found.residual > tol {
         let mut direction = basis[basis.len() - 1].clone();
         precondition(&mut direction);
         let mut w = apply(&direction)?;
         found.products += 1;
         let before = norm(&w);
+        largest = largest.max(before);
         let mut column = vec![0.0; basis.len()];
         // Twice is enough for orthogonality to rounding.
         for _ in 0..2 {
@@ -89,6 +91,10 @@ pub fn solve<E>(
             *value -= solved * h;
         }
     }
+    // The recurrence does not see the rounding of the products, which is as large as
+    // the solution: where that has grown without bound, the matrix is singular.
+    let amounts = norm(&right[..triangle.len()]);
+    found.residual += 4.0 * f64::EPSILON * largest * amounts / size;
     for (y, q) in right.iter().zip(&basis).take(triangle.len()) {
         for (value, q) in found.x.iter_mut().zip(q) {
             *value += y * q;
