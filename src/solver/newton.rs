@@ -1,7 +1,7 @@
 //! Semismooth Newton of Alart and Curnier on the closed contacts, (19) and (20).
 //!
-//! The line search is monotone in the norm of what the judge measures, which is
-//! cheap because `v` is affine in `r`.
+//! The line search lowers the norm of what the judge measures, which is cheap
+//! because `v` is affine in `r`.
 
 use std::sync::atomic::AtomicBool;
 
@@ -20,6 +20,10 @@ const MOST_STEPS: usize = 40;
 
 /// Halvings of a step at the most.
 const MOST_HALVINGS: usize = 12;
+
+/// A step may be worse than the last point, but not than the worst of so many:
+/// where statuses change to and fro, one that insists on less each time stops short.
+const MEMORY: usize = 4;
 
 /// An iterative solution of a step is asked to leave so much of what the step
 /// is to gain, between these bounds.
@@ -82,8 +86,10 @@ pub fn run<const D: usize>(
     let mut rigid = rigid.to_vec();
     let mut v = problem.relative_displacement(&r, &rigid);
     monitor.count(1.0);
-    let mut here = merit(problem, &r, &v);
-    let mut moved = false;
+    // Merits of the last points, and the best point with its merit.
+    let mut recent = vec![merit(problem, &r, &v)];
+    let started = recent[0];
+    let mut best = (started, r.clone(), rigid.clone());
     for _ in 0..MOST_STEPS {
         let law = Linearisation::new(problem, &r, &v);
         let eta = residual(problem, &r, &v, &rigid);
@@ -98,6 +104,11 @@ pub fn run<const D: usize>(
         };
         let to_v = problem.relative_displacement(&to.r, &to.rigid);
         monitor.count(1.0);
+        let bar = recent
+            .iter()
+            .rev()
+            .take(MEMORY)
+            .fold(0.0_f64, |m, &x| m.max(x));
         let mut share = 1.0;
         let accepted = (0..MOST_HALVINGS).find_map(|_| {
             let next_r = between(&r, &to.r, share);
@@ -108,7 +119,7 @@ pub fn run<const D: usize>(
                 .map(|(x, y)| x + share * (y - x))
                 .collect();
             let there = merit(problem, &next_r, &next_v);
-            if there <= (1.0 - 1e-4 * share) * here {
+            if there <= (1.0 - 1e-4 * share) * bar {
                 return Some((next_r, next_v, next_rigid, there));
             }
             share *= 0.5;
@@ -117,13 +128,16 @@ pub fn run<const D: usize>(
         let Some((next_r, next_v, next_rigid, there)) = accepted else {
             break;
         };
-        (r, v, rigid, here) = (next_r, next_v, next_rigid, there);
-        moved = true;
+        (r, v, rigid) = (next_r, next_v, next_rigid);
+        recent.push(there);
+        if there < best.0 {
+            best = (there, r.clone(), rigid.clone());
+        }
         match monitor.look(&r, &v, &rigid, true)? {
             Verdict::Stop(outcome) => return Ok(End::Stop(outcome)),
             Verdict::Refresh => {
                 v = problem.relative_displacement(&r, &rigid);
-                here = merit(problem, &r, &v);
+                recent = vec![merit(problem, &r, &v)];
             }
             Verdict::Continue => {}
         }
@@ -131,7 +145,8 @@ pub fn run<const D: usize>(
             break; // creeping: sweeps do better
         }
     }
-    Ok(if moved {
+    let (reached, r, rigid) = best;
+    Ok(if reached < started {
         End::Better(r, rigid)
     } else {
         End::Stalled
