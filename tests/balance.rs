@@ -9,6 +9,8 @@
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
+use std::sync::atomic::AtomicBool;
+
 use bipot_rs::problem::balance::{Balance, balance};
 use bipot_rs::problem::compliance::Compliance;
 use bipot_rs::problem::reduced::{Reduced, Rigid};
@@ -109,7 +111,10 @@ impl<const D: usize> Contacts<D> {
             modes: self.modes.clone(),
             load: load.to_vec(),
         };
-        balance(&Reduced::new(&self.compliance, &q, &self.mu, &rigid).unwrap())
+        balance(
+            &Reduced::new(&self.compliance, &q, &self.mu, &rigid).unwrap(),
+            &AtomicBool::new(false),
+        )
     }
 
     /// Whether a motion proves that a load cannot be balanced, judged by the

@@ -160,8 +160,9 @@ class ReducedProblem:
             found, complete = exhausted
             return Answers([self._solution(raw) for raw in found], complete=complete)
         contacts, d = self.q.shape
+        whole = self.W if hasattr(self.W, "diagonal") else np.asarray(self.W)
         diagonal = (
-            np.asarray(self.W.diagonal(), float).reshape(contacts, d).mean(axis=1)
+            np.asarray(whole.diagonal(), float).reshape(contacts, d).mean(axis=1)
         )
         moved = np.linalg.norm(self.q, axis=1)
         # The reaction that alone would move a contact as far as it lacks.

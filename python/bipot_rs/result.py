@@ -159,14 +159,23 @@ class Solution:
             return f"converged in {self.iterations} iterations ({judged})"
         if self.outcome is Outcome.NO_EQUILIBRIUM:
             if not self._words:
-                return "no answer exists: a contact penetrates and nothing can move it"
+                return (
+                    "no answer exists: contacts contradict each other, or one penetrates "
+                    "that nothing can move"
+                )
             return (
                 "no answer exists: the loads lie outside what contact can carry, "
                 f"nothing stops this motion: {self._words}"
             )
         if self._words:
             return f"not converged, seems to slide away: {self._words} ({judged})"
-        return f"not converged, {_ADVICE.get(self.outcome, self.outcome)} ({judged})"
+        why = _ADVICE.get(self.outcome, str(self.outcome))
+        if self.outcome is Outcome.STALLED and self.residual <= self.tolerance:
+            why = (
+                "the residual is met but says nothing: a contact penetrates, reactions "
+                "dwarf the loads, or rounding hides what is left"
+            )
+        return f"not converged, {why} ({judged})"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

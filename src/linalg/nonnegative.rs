@@ -7,6 +7,9 @@ use crate::linalg::small::norm;
 /// has flat sides, up to twelve where it is curved.
 const MOST_ROUNDS: usize = 50;
 
+/// Operations, about a second's, after which the best so far must do.
+const MOST_OPERATIONS: usize = 1 << 30;
+
 /// The shortest `s = target + Σ x_j c_j`, `x_j ≥ 0`, over columns that `price`
 /// generates: given `s` and its length, one that makes it shorter, or `None`.
 ///
@@ -20,7 +23,12 @@ pub fn shortest(
     let mut columns: Vec<Vec<f64>> = Vec::new();
     let mut amounts: Vec<f64> = Vec::new();
     let mut s = target.to_vec();
+    let mut spent = 0;
     for _ in 0..MOST_ROUNDS * target.len() {
+        spent += target.len() * columns.len().pow(2);
+        if spent > MOST_OPERATIONS {
+            break;
+        }
         let before = norm(&s);
         let Some(column) = price(&s, before) else {
             break;

@@ -10,6 +10,8 @@
 //! non-negative amounts of generated columns: each round adds the one force in
 //! the cones that works hardest against `s`.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use crate::linalg::nonnegative::{add, shortest};
 use crate::linalg::small::{dot_long, norm, tangential_norm};
 use crate::linalg::union::Union;
@@ -62,10 +64,13 @@ const LEAST_SLACK: f64 = 1e-6;
 /// `K*_μ` at every contact, or so near to it that balance would take reactions
 /// above `1e9 ‖e‖`, and the loads work on it by more than `1e-9 ‖e‖`.
 #[must_use]
-pub fn balance<const D: usize>(problem: &Reduced<D>) -> Balance {
+pub fn balance<const D: usize>(problem: &Reduced<D>, stop: &AtomicBool) -> Balance {
     for modes in coupled(problem) {
+        if stop.load(Ordering::Relaxed) {
+            break;
+        }
         let part = Part::new(problem, &modes);
-        if let Some(found) = part.unresisted() {
+        if let Some(found) = part.unresisted(stop) {
             let mut scaled = vec![0.0; problem.scaling.modes.len()];
             for (&mode, amount) in modes.iter().zip(found) {
                 scaled[mode] = amount;
@@ -279,12 +284,15 @@ impl<const D: usize> Part<D> {
     }
 
     /// A motion that proves that the loads cannot be balanced, if one is found.
-    fn unresisted(&self) -> Option<Vec<f64>> {
+    fn unresisted(&self, stop: &AtomicBool) -> Option<Vec<f64>> {
         let size = norm(&self.load);
         let balanced = |length: f64| !(length > LEAST_WORK * size);
         let (mut least, mut motion) = (f64::INFINITY, None);
         let (mut halved, mut rounds) = (f64::INFINITY, 0);
         let imbalance = shortest(&self.load, |s, length| {
+            if stop.load(Ordering::Relaxed) {
+                return None;
+            }
             let found = self.most_resisting(s).filter(|_| !balanced(length))?;
             let resistance = -found.work / length;
             if resistance < least {

@@ -14,6 +14,14 @@ use crate::problem::reduced::Reduced;
 /// A rounding floor above this is not convergence.
 pub const WORST_FLOOR: f64 = 1e-6;
 
+/// What may be left of the free displacement of closed contacts. Where two
+/// reactions undo each other, as between walls that overlap, both grow until η, which
+/// is relative to them, is small whatever is left.
+const WORST_LEFT: f64 = 1e-6;
+
+/// Penetration, in tolerances, that goes with an η within them for a moderate μ.
+const DEEPEST: f64 = 10.0;
+
 /// What a fresh evaluation says of a point `(r, a)`.
 #[derive(Clone, Debug)]
 pub struct Certificate<const D: usize> {
@@ -25,8 +33,12 @@ pub struct Certificate<const D: usize> {
     pub residual: f64,
     /// What rounding alone may leave of η, `WORST_FLOOR` at the most.
     pub floor: f64,
-    /// Whether the rounding of `v` leaves η a meaning.
+    /// Whether η has a meaning: the rounding of `v` leaves it one, and reactions do
+    /// not dwarf what is left of the displacement that they are to undo.
     pub sound: bool,
+    /// `‖(v̂_n)₋‖` over `max(‖r̂‖, ‖F(0)‖)`, as far as it is not rounding. A large μ
+    /// hides it from η, where a sliding contact counts `v_n/√(1 + μ²)`.
+    penetration: f64,
 }
 
 impl<const D: usize> Certificate<D> {
@@ -41,13 +53,19 @@ impl<const D: usize> Certificate<D> {
     pub fn of(problem: &Reduced<D>, r: &[[f64; D]], v: Vec<[f64; D]>, a: &[f64]) -> Self {
         let mut status = vec![Status::Open; r.len()];
         let residual = judge(problem, r, &v, a, |i, s| status[i] = s);
-        let (plain, with_friction) = rounding_floors(problem, r, &v, a);
+        let rounding = Rounding::new(problem, r, &v, a);
+        let whole = size(problem, r, a);
+        let left = law_norm(problem, r, &v, |_, _| ()).max(rounding.felt);
+        let below = v.iter().zip(&problem.scaling.to_v);
+        let below: Vec<f64> = below.map(|(v, s)| (-v[0] * s).max(0.0)).collect();
         Self {
             v,
             status,
             residual,
-            floor: with_friction.min(WORST_FLOOR),
-            sound: plain <= WORST_FLOOR,
+            floor: rounding.floor(rounding.bound, whole).min(WORST_FLOOR),
+            sound: rounding.floor(rounding.felt, whole) <= WORST_FLOOR
+                && left <= WORST_LEFT * undone(problem, r, a),
+            penetration: ratio((norm(&below) - rounding.normal).max(0.0), whole),
         }
     }
 
@@ -60,7 +78,8 @@ impl<const D: usize> Certificate<D> {
     /// Whether this point is an answer.
     #[must_use]
     pub fn converged(&self, tol: f64) -> bool {
-        self.sound && self.residual <= self.tolerance(tol)
+        let tolerance = self.tolerance(tol);
+        self.sound && self.residual <= tolerance && self.penetration <= DEEPEST * tolerance
     }
 }
 
@@ -258,57 +277,83 @@ fn linearised<const D: usize>(
     (columns, right)
 }
 
-/// The rounding of `F` over `max(‖r̂‖, ‖F(0)‖)`, and of the balance of forces: as
-/// far as `F` feels that of `v`; and the bound that η is held to,
-/// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖ / max(‖r̂‖, ‖F(0)‖)` with what friction makes of
-/// it: where `r ≠ 0`, `ṽ_n` takes in the rounding of `v_t`, μ times.
-fn rounding_floors<const D: usize>(
-    problem: &Reduced<D>,
-    r: &[[f64; D]],
-    v: &[[f64; D]],
-    a: &[f64],
-) -> (f64, f64) {
-    let mut terms = vec![[0.0; D]; r.len()];
-    problem.compliance.absolute_product(r, &mut terms);
-    for (i, value) in terms.iter_mut().enumerate() {
-        for k in 0..D {
-            value[k] += problem.q[i][k].abs();
-            let rigid = problem.rigid.modes.iter().zip(a);
-            value[k] += rigid.map(|(mode, a)| (mode[i][k] * a).abs()).sum::<f64>();
-            value[k] *= problem.scaling.to_v[i];
+/// Length of the free displacement `q̂ + R̂ â` of contacts with a reaction; infinite
+/// where there is nothing to undo.
+fn undone<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 {
+    let mut free = vec![[0.0; D]; r.len()];
+    problem.add_rest(a, &mut free);
+    for ((v, r), s) in free.iter_mut().zip(r).zip(&problem.scaling.to_v) {
+        let closed = r.iter().any(|&c| c != 0.0);
+        *v = v.map(|c| if closed { c * s } else { 0.0 });
+    }
+    let length = norm(free.as_flattened());
+    if length > 0.0 { length } else { f64::INFINITY }
+}
+
+/// What rounding may have made of `F`, absolutely.
+struct Rounding {
+    /// `4 ε ‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖`, as far as `F` feels it.
+    felt: f64,
+    /// The same of normal components, felt or not.
+    normal: f64,
+    /// The whole, with what friction makes of it: where `r ≠ 0`, `ṽ_n` takes in
+    /// the rounding of `v_t`, μ times.
+    bound: f64,
+    /// Of the balance of forces, relative to them.
+    balance: f64,
+}
+
+impl Rounding {
+    fn new<const D: usize>(
+        problem: &Reduced<D>,
+        r: &[[f64; D]],
+        v: &[[f64; D]],
+        a: &[f64],
+    ) -> Self {
+        let mut terms = vec![[0.0; D]; r.len()];
+        problem.compliance.absolute_product(r, &mut terms);
+        for (i, value) in terms.iter_mut().enumerate() {
+            for k in 0..D {
+                value[k] += problem.q[i][k].abs();
+                let rigid = problem.rigid.modes.iter().zip(a);
+                value[k] += rigid.map(|(mode, a)| (mode[i][k] * a).abs()).sum::<f64>();
+                value[k] *= 4.0 * f64::EPSILON * problem.scaling.to_v[i];
+            }
+        }
+        let normal: Vec<f64> = terms.iter().map(|value| value[0]).collect();
+        let mut felt = terms.clone();
+        for (i, value) in felt.iter_mut().enumerate() {
+            let r = r[i].map(|c| c * problem.scaling.to_r[i]);
+            let v = v[i].map(|c| c * problem.scaling.to_v[i]);
+            let share = feeling(&r, &v, problem.mu[i], value[0]);
+            for (c, share) in value.iter_mut().zip(share) {
+                *c *= share;
+            }
+        }
+        for (i, value) in terms.iter_mut().enumerate() {
+            if r[i].iter().any(|&c| c != 0.0) {
+                value[0] += problem.mu[i] * tangential_norm(value);
+            }
+        }
+        let mut balance = 0.0;
+        if !problem.rigid.modes.is_empty() {
+            let forces = problem.scaling.reaction_norm(r) + norm(&problem.scaling.load);
+            balance = 4.0 * f64::EPSILON * ratio(forces, force_size(problem, r));
+        }
+        Self {
+            felt: norm(felt.as_flattened()),
+            normal: norm(&normal),
+            bound: norm(terms.as_flattened()),
+            balance,
         }
     }
-    let unit = 4.0 * f64::EPSILON;
-    let whole = size(problem, r, a);
-    let floor = |terms: &[[f64; D]]| {
-        if whole > 0.0 {
-            unit * norm(terms.as_flattened()) / whole
-        } else {
-            0.0 // η is zero then, exactly
-        }
-    };
-    let mut felt = terms.clone();
-    for (i, value) in felt.iter_mut().enumerate() {
-        let r = r[i].map(|c| c * problem.scaling.to_r[i]);
-        let v = v[i].map(|c| c * problem.scaling.to_v[i]);
-        let share = feeling(&r, &v, problem.mu[i], unit * value[0]);
-        for (c, share) in value.iter_mut().zip(share) {
-            *c *= share;
-        }
+
+    /// What an absolute rounding makes of η, whose denominator is `whole`.
+    fn floor(&self, absolute: f64, whole: f64) -> f64 {
+        // η is zero where there is nothing to measure, exactly.
+        let law = if whole > 0.0 { absolute / whole } else { 0.0 };
+        law.max(self.balance)
     }
-    let plain = floor(&felt);
-    for (i, value) in terms.iter_mut().enumerate() {
-        if r[i].iter().any(|&c| c != 0.0) {
-            value[0] += problem.mu[i] * tangential_norm(value);
-        }
-    }
-    let with_friction = floor(&terms);
-    if problem.rigid.modes.is_empty() {
-        return (plain, with_friction);
-    }
-    let forces = problem.scaling.reaction_norm(r) + norm(&problem.scaling.load);
-    let balance = unit * ratio(forces, force_size(problem, r));
-    (plain.max(balance), with_friction.max(balance))
 }
 
 /// What `F` of a contact feels of changes of the components of `v̂`, at the most:

@@ -18,6 +18,7 @@ use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
+use crate::linalg::dense;
 use crate::problem::compliance::Compliance;
 use crate::problem::reduced::{Reduced, Rigid};
 use crate::problem::residual::Certificate;
@@ -66,6 +67,12 @@ pub fn answers(problem: &Reduced<2>, stop: &AtomicBool) -> Result<Enumeration, E
     let mut search = Search::new(problem, stop);
     if problem.contradiction.is_none() {
         search.visit(0)?;
+        // With a definite W there is an answer: that none was found is rounding.
+        if search.found.answers.is_empty() && problem.rigid.modes.is_empty() {
+            let mut whole = problem.compliance.to_dense();
+            let order = 2 * problem.contacts();
+            search.found.complete &= dense::cholesky(&mut whole, order, stop)?.is_some();
+        }
     }
     Ok(search.found)
 }

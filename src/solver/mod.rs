@@ -17,10 +17,12 @@ pub mod uniqueness;
 pub mod uzawa;
 
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use crate::error::Error;
 use crate::law::bipotential;
 use crate::law::cone::{Status, project};
+use crate::linalg::small::tangential_norm;
 use crate::problem::balance::{self, Balance};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::{Certificate, residual};
@@ -202,7 +204,7 @@ pub fn solve_watched<const D: usize>(
     if problem.contradiction.is_some() {
         return Ok(finish(problem, settings, monitor, Outcome::NoEquilibrium));
     }
-    if let Balance::Impossible { motion } = balance::balance(problem) {
+    if let Balance::Impossible { motion } = balance::balance(problem, stop) {
         let mut nothing = finish(problem, settings, monitor, Outcome::NoEquilibrium);
         nothing.free_motion = motion;
         return Ok(nothing);
@@ -221,6 +223,11 @@ pub fn solve_watched<const D: usize>(
     };
     let last = monitor.last_rigid().to_vec();
     let mut solution = finish(problem, settings, monitor, outcome);
+    if matches!(solution.outcome, Outcome::Stalled | Outcome::IterationLimit)
+        && overlap(problem, &problem.compliance.gather(&solution.reaction))
+    {
+        solution.outcome = Outcome::NoEquilibrium;
+    }
     if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
         exhaust(problem, settings, &mut solution, stop)?;
     }
@@ -231,6 +238,38 @@ pub fn solve_watched<const D: usize>(
     Ok(solution)
 }
 
+/// Whether the normal reactions at which an iteration ended prove that contacts
+/// contradict each other: they push against one another and nothing else,
+/// `W d = 0`, `Rᵀ d = 0`, while `d·q < 0`. No displacement opens all of them, for
+/// `d·v` is that product whatever the reactions are, and a sum of `d_n v_n ≥ 0`.
+fn overlap<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> bool {
+    /// Beside blocks of mean diagonal one, below this the rounding of a sum.
+    const NOTHING: f64 = 1e-9;
+    let scaling = &problem.scaling;
+    let d: Vec<[f64; D]> = r
+        .iter()
+        .map(|r| std::array::from_fn(|k| if k == 0 { r[0] } else { 0.0 }))
+        .collect();
+    let length = scaling.reaction_norm(&d);
+    let mut moved = vec![[0.0; D]; r.len()];
+    problem.compliance.product(&d, &mut moved);
+    let (mut motion, mut work, mut size) = (0.0_f64, 0.0, 0.0_f64);
+    for (i, (d, q)) in d.iter().zip(&problem.q).enumerate() {
+        motion = motion.hypot(tangential_norm(&moved[i]).hypot(moved[i][0]) * scaling.to_v[i]);
+        let free = q[0] * scaling.to_v[i];
+        work += d[0] * scaling.to_r[i] * free;
+        if d[0] > 0.0 {
+            size = size.hypot(free);
+        }
+    }
+    let balanced = scaling.modes.iter().all(|mode| {
+        let terms = mode.iter().zip(&d).zip(&scaling.to_r);
+        let sum: f64 = terms.map(|((m, d), s)| m[0] * d[0] * s).sum();
+        sum.abs() <= NOTHING * length
+    });
+    length > 0.0 && motion <= NOTHING * length && balanced && work < -1e-6 * size * length
+}
+
 /// Where every method has come to a stand and the contacts are few, their
 /// statuses are exhausted: that finds an answer, or proves that there is none.
 fn exhaust<const D: usize>(
@@ -239,9 +278,16 @@ fn exhaust<const D: usize>(
     solution: &mut Solution<D>,
     stop: &AtomicBool,
 ) -> Result<(), Error> {
+    /// Contacts whose statuses are exhausted in milliseconds, whatever time is left.
+    const QUICK: usize = 7;
+    let started = Instant::now();
+    if settings.max_seconds.is_finite() && problem.contacts() > QUICK {
+        return Ok(());
+    }
     let Some(found) = enumerate::few(problem, stop)? else {
         return Ok(());
     };
+    solution.seconds += started.elapsed().as_secs_f64();
     // With a definite W an answer exists whatever μ is: that none was found would be
     // rounding. Only bodies that contact alone holds may have none.
     if found.complete && found.answers.is_empty() && !problem.rigid.modes.is_empty() {
@@ -382,8 +428,9 @@ impl<const D: usize> Solution<D> {
         self.bytes_beside = whole.bytes_beside();
     }
 
-    /// Refines a converged solution by a better evaluation of `v` than `W` gives;
-    /// it is kept where the refined point is an answer by that evaluation.
+    /// Refines a converged solution by a better evaluation of `v` than `W` gives,
+    /// which judges it from then on: the better of the point and the refined one, if
+    /// one of them is an answer, else it has stalled.
     ///
     /// # Errors
     /// What `evaluate` returns, and [`Error::Interrupted`].
@@ -396,11 +443,24 @@ impl<const D: usize> Solution<D> {
     ) -> Result<(), Error> {
         let start = problem.compliance.gather(&self.reaction);
         let point = evaluate(start, self.rigid_motion.clone())?;
-        let point = refine::refine(problem, point, evaluate, stop)?;
-        let certificate = Certificate::of(problem, &point.r, point.v, &point.rigid);
-        if certificate.converged(settings.tol) {
-            self.put(problem, settings, &point.r, point.rigid, &certificate);
-        }
+        let refined = refine::refine(problem, point.clone(), evaluate, stop)?;
+        let judged = [refined, point].map(|point| {
+            let certificate = Certificate::of(problem, &point.r, point.v, &point.rigid);
+            (certificate, point.r, point.rigid)
+        });
+        let [refined, as_it_was] = judged;
+        let answers = |judged: &(Certificate<D>, _, _)| judged.0.converged(settings.tol);
+        let better = match (answers(&refined), answers(&as_it_was)) {
+            (true, true) if as_it_was.0.residual < refined.0.residual => as_it_was,
+            (true, _) => refined,
+            (false, true) => as_it_was,
+            (false, false) => {
+                self.outcome = Outcome::Stalled;
+                refined
+            }
+        };
+        let (certificate, r, rigid) = better;
+        self.put(problem, settings, &r, rigid, &certificate);
         Ok(())
     }
 }

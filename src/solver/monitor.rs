@@ -65,6 +65,8 @@ pub struct Monitor<'p, const D: usize> {
     last_better: usize,
     /// η that rounding allows, as last measured.
     floor: f64,
+    /// η of the last point that claimed to be an answer and was none.
+    refuted: f64,
 }
 
 /// What is left of a solve.
@@ -103,6 +105,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             last_halved: 0,
             last_better: 0,
             floor: 0.0,
+            refuted: f64::INFINITY,
         }
     }
 
@@ -143,6 +146,25 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.last_rigid.extend_from_slice(a);
         let eta = residual::residual(self.problem, r, v, a);
         self.log.history.push((self.log.work, eta));
+        let at_rest = self.log.iterations >= self.last_halved + REST;
+        let claims = eta <= self.settings.tol || (eta <= self.floor && at_rest);
+        if claims && eta <= 0.5 * self.refuted {
+            let fresh = Certificate::new(self.problem, r, a);
+            self.log.work += 2.0;
+            self.floor = fresh.floor;
+            let converged = fresh.converged(self.settings.tol);
+            if converged || fresh.residual < self.best {
+                self.best = fresh.residual;
+                self.log.best_reaction.copy_from_slice(r);
+                self.log.best_rigid.copy_from_slice(a);
+            }
+            if converged {
+                return Ok(Verdict::Stop(Outcome::Converged));
+            }
+            // The running v flattered, or η does: it is asked again at half of it.
+            self.refuted = eta;
+            return Ok(self.limits().map_or(Verdict::Refresh, Verdict::Stop));
+        }
         if eta < self.best {
             // A better point by less than a tenth of a percent is none for patience.
             if eta < 0.999 * self.best {
@@ -157,20 +179,6 @@ impl<'p, const D: usize> Monitor<'p, D> {
         if eta < 0.5 * self.halved {
             self.halved = eta;
             self.last_halved = self.log.iterations;
-        }
-        let at_rest = self.log.iterations >= self.last_halved + REST;
-        if eta <= self.settings.tol || (eta <= self.floor && at_rest) {
-            let fresh = Certificate::new(self.problem, r, a);
-            self.log.work += 2.0;
-            self.floor = fresh.floor;
-            self.log.best_reaction.copy_from_slice(r);
-            self.log.best_rigid.copy_from_slice(a);
-            if fresh.converged(self.settings.tol) {
-                return Ok(Verdict::Stop(Outcome::Converged));
-            }
-            // The running v flattered: what is best is judged by the fresh one.
-            self.best = fresh.residual;
-            return Ok(self.limits().map_or(Verdict::Refresh, Verdict::Stop));
         }
         Ok(self.limits().map_or(Verdict::Continue, Verdict::Stop))
     }

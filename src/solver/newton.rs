@@ -182,11 +182,13 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
     let motions = problem.scaling.modes.len();
     let closed = D * (problem.contacts() - open) + motions;
     let in_reactions = compliance_form::cost(closed, whole);
-    // An inverse costs one and a half times an LU of all unknowns.
-    let inverse = match problem.compliance.inverse_known() {
-        Some(true) => 0.0,
-        Some(false) => f64::INFINITY,
-        None => 1.5 * factorisation_cost(whole, whole) / SHARED_BY,
+    // An inverse costs one and a half times an LU of all unknowns. Its share is
+    // charged when it is at hand too: what is decided must not depend on what was
+    // solved before.
+    let inverse = if problem.compliance.inverse_known() == Some(false) {
+        f64::INFINITY
+    } else {
+        1.5 * factorisation_cost(whole, whole) / SHARED_BY
     };
     let free = D * open + (D - 1) * slip + motions;
     let in_displacements = factorisation_cost(free, whole) + 2.0 + inverse;

@@ -14,7 +14,7 @@ use crate::solver::newton;
 const FORCING: f64 = 1e-4;
 
 /// Corrections at the most.
-const MOST: usize = 6;
+const MOST: usize = 12;
 
 /// A point with everything that belongs to it.
 #[derive(Clone, Debug)]

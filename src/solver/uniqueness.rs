@@ -73,9 +73,28 @@ pub fn assess_plane(
     }
     let all = enumerate::answers(problem, stop)?;
     Ok(match (all.answers.len(), all.complete) {
-        (2.., _) => Unique::OthersExist,
+        (2.., _) if apart(problem, &all.answers) => Unique::OthersExist,
         (1, true) => Unique::Proved,
         _ => Unique::Unknown,
+    })
+}
+
+/// Two answers nearer than this, beside their size, may be one that a condition of
+/// ten digits has split.
+const APART: f64 = 1e-6;
+
+/// Whether some two answers differ by more than rounding can make of one.
+fn apart(problem: &Reduced<2>, answers: &[(Vec<[f64; 2]>, Vec<f64>)]) -> bool {
+    let scaling = &problem.scaling;
+    let first = &answers[0].0;
+    answers[1..].iter().any(|(r, _)| {
+        let change: Vec<[f64; 2]> = r
+            .iter()
+            .zip(first)
+            .map(|(x, y)| [x[0] - y[0], x[1] - y[1]])
+            .collect();
+        let size = scaling.reaction_norm(r).max(scaling.reaction_norm(first));
+        scaling.reaction_norm(&change) > APART * size
     })
 }
 
