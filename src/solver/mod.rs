@@ -390,6 +390,9 @@ fn finish<const D: usize>(
     solution
 }
 
+/// Error of the reactions above which a refined solution is none.
+const WORST_REACTION: f64 = 1e-6;
+
 impl<const D: usize> Solution<D> {
     /// Puts a judged point here, in the caller's numbering.
     fn put(
@@ -444,17 +447,20 @@ impl<const D: usize> Solution<D> {
         let start = problem.compliance.gather(&self.reaction);
         let point = evaluate(start, self.rigid_motion.clone())?;
         let refined = refine::refine(problem, point.clone(), evaluate, stop)?;
+        let forward = refine::forward_error(problem, &refined, &[], stop)?;
         let judged = [refined, point].map(|point| {
             let certificate = Certificate::of(problem, &point.r, point.v, &point.rigid);
             (certificate, point.r, point.rigid)
         });
         let [refined, as_it_was] = judged;
         let answers = |judged: &(Certificate<D>, _, _)| judged.0.converged(settings.tol);
+        // η is relative to what soft supports give way: where it is met and another
+        // correction still moves the reactions, it says nothing of them.
+        let settled = forward.is_none_or(|(of_r, _)| of_r <= WORST_REACTION);
         let better = match (answers(&refined), answers(&as_it_was)) {
-            (true, true) if as_it_was.0.residual < refined.0.residual => as_it_was,
-            (true, _) => refined,
-            (false, true) => as_it_was,
-            (false, false) => {
+            (true, _) if settled => refined,
+            (false, true) if settled => as_it_was,
+            _ => {
                 self.outcome = Outcome::Stalled;
                 refined
             }

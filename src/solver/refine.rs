@@ -16,6 +16,9 @@ const FORCING: f64 = 1e-4;
 /// Corrections at the most.
 const MOST: usize = 12;
 
+/// Corrections below this change no status but that of a contact at a border.
+const SETTLED: f64 = 1e-6;
+
 /// A point with everything that belongs to it.
 #[derive(Clone, Debug)]
 pub struct Point<const D: usize> {
@@ -67,15 +70,13 @@ pub fn refine<const D: usize>(
             break;
         };
         let moved = next.moved.0.max(next.moved.1);
-        // Corrections that have stopped falling are rounding, or no help.
-        if !(moved < 0.5 * last) {
+        // Below this, corrections that have stopped falling are rounding; above it
+        // statuses may still change.
+        if moved <= f64::EPSILON || (moved < SETTLED && moved > 0.5 * last) {
             break;
         }
         last = moved;
         point = evaluate(next.r, next.rigid)?;
-        if moved <= f64::EPSILON {
-            break;
-        }
     }
     Ok(point)
 }
