@@ -1,11 +1,7 @@
 //! The solvers on problems made from seeds: one answer by every method, one
 //! judge, the same bits on any number of threads, work that is pinned.
 
-#![expect(
-    clippy::cast_precision_loss,
-    clippy::unwrap_used,
-    reason = "small counts; a helper of a test may fail"
-)]
+#![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
 #[path = "common/cases.rs"]
 mod cases;
