@@ -300,8 +300,9 @@ fn gmres_never_claims_to_reach_what_a_singular_matrix_cannot() {
         // The last row is the sum of the others, to the bit; the right side is 1/√n of
         // its length away from what such a matrix reaches.
         let mut a = matrix(n, false, &mut rng);
-        a.iter_mut()
-            .for_each(|value| *value = (*value * 1024.0).round());
+        for value in &mut a {
+            *value = (*value * 1024.0).round();
+        }
         let (rows, last) = a.split_at_mut((n - 1) * n);
         for (j, value) in last.iter_mut().enumerate() {
             *value = rows.iter().skip(j).step_by(n).sum();
@@ -337,7 +338,9 @@ fn sums_that_cancel_keep_what_is_left() {
         terms.push(rest);
         terms.shuffle(&mut rng);
         let mut sum = Sum::default();
-        terms.iter().for_each(|&x| sum.add(x));
+        for x in terms {
+            sum.add(x);
+        }
         // [ORO05, proposition 4.5]: ε |s| + (n ε)² Σ|x|, with Σ|x| below 60 · 2^40.
         let bound = EPS * rest.abs() + (61.0 * EPS).powi(2) * 60.0 * 2.0_f64.powi(40);
         assert!((sum.value() - rest).abs() <= bound);

@@ -73,32 +73,6 @@ def test_a1_no_equilibrium_beyond_the_limit(dim: int) -> None:
         bp.solve(body.K, body.B, load, gap=body.gap, mu=0.4)
 
 
-@pytest.mark.parametrize("mu", [0.0, 0.5])
-@pytest.mark.parametrize("nu", [0.0, 0.3, 0.49, 0.4999])
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a2_oedometer(dim: int, nu: float, mu: float) -> None:
-    body = block((2, 1) if dim == 2 else (2, 1, 1), (4, 3, 3)[:dim], 1.0, nu)
-    walls = [
-        body.dofs(axis, value, axis)
-        for axis in range(dim - 1)
-        for value in (0.0, body.basis.mesh.p[axis].max())
-    ]
-    load = body.traction(dim - 1, 1.0, [0.0] * (dim - 1) + [-1.0])
-    fixed = np.unique(np.concatenate(walls))
-    result: Any = bp.solve(
-        body.K, body.B, load, gap=body.gap, mu=mu, fixed=fixed, area=body.area, tol=TOL
-    )
-    # K spans 1/(1 - 2ν): its rounding comes back in u, and η of r in both.
-    accuracy = 1e-9 + 1e-12 / (1 - 2 * nu)
-    np.testing.assert_allclose(result.traction[0, :, 0], 1.0, rtol=accuracy)
-    np.testing.assert_allclose(result.traction[0, :, 1:], 0.0, atol=accuracy)
-    height = body.basis.mesh.p[-1]
-    expected = analytic.oedometer(height, 1.0, 1.0, nu)
-    u = result.displacement[0][body.basis.nodal_dofs]
-    np.testing.assert_allclose(u[-1], expected, atol=accuracy)
-    np.testing.assert_allclose(u[:-1], 0.0, atol=accuracy)
-
-
 def listed_branches() -> dict[tuple[float, float], list[tuple[str, list[float]]]]:
     listed: dict[tuple[float, float], list[tuple[str, list[float]]]] = {}
     with (DATA / "one_contact_branches.csv").open() as file:

@@ -1,0 +1,140 @@
+"""`error_estimate` against the true error, and where there is none to give."""
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+
+import bipot_rs as bp
+from bodies import block
+from oracle import Problem
+from pressed import MU, cube, free, square
+from smoothing import follow
+
+Array = NDArray[np.float64]
+# Each stops where it is told to: what it leaves is an error of the size of tol.
+# Newton's last step, in "auto", leaves a square of that.
+SLOW = ("gauss_seidel", "nesterov", "uzawa", "uzawa_two_projection")
+
+
+def away(solution: Any, r: Array, v: Array) -> tuple[float, float]:
+    """Relative errors, as the estimate defines them."""
+    pairs = (solution.reaction, r), (solution.relative_displacement, v)
+    of_r, of_v = (np.linalg.norm(x - y) / np.linalg.norm(y) for x, y in pairs)
+    return float(of_r), float(of_v)
+
+
+def within_three(solution: Any, r: Array, v: Array) -> None:
+    assert solution.converged
+    assert solution.error_estimate is not None
+    for estimate, true in zip(
+        solution.error_estimate, away(solution, r, v), strict=True
+    ):
+        assert true > 1e-12  # well above the rounding of what it is compared with
+        assert true / 3 <= estimate <= 3 * true
+
+
+@pytest.mark.parametrize("tol", [1e-4, 1e-8])
+@pytest.mark.parametrize("method", SLOW)
+@pytest.mark.parametrize("problem", [cube, square, free])
+def test_true_to_a_factor_of_three(
+    problem: Callable[[], bp.ReducedProblem], method: str, tol: float
+) -> None:
+    reduced = problem()
+    solution = reduced.solve(method, tol)
+    refined = reduced.solve(tol=1e-14)
+    assert refined.residual <= 1e-14
+    within_three(solution, refined.reaction, refined.relative_displacement)
+    # By a route that shares nothing with the package.
+    exact = follow(Problem(reduced.W, reduced.q, MU, reduced.rigid))
+    within_three(solution, exact.r, exact.v)
+    # A correction of what is exact to rounding is rounding: W has a condition of
+    # about a hundred.
+    assert max(refined.error_estimate or [1.0]) <= 1e-13
+
+
+@pytest.mark.parametrize("tol", [1e-2, 1e-4])
+@pytest.mark.parametrize("method", ["auto", "newton"])
+def test_of_methods_that_end_with_newton(method: str, tol: float) -> None:
+    solution, refined = cube().solve(method, tol), cube().solve(tol=1e-14)
+    within_three(solution, refined.reaction, refined.relative_displacement)
+
+
+@pytest.mark.parametrize("tol", [1e-4, 1e-8])
+@pytest.mark.parametrize("held", [True, False])
+def test_of_the_steps_of_a_path(held: bool, tol: float) -> None:
+    body = block((2.0, 1.0), (5, 3), 100.0, 0.3)
+    fixed = np.concatenate([body.dofs(1, 1.0, k) for k in (0, 1)]) if held else None
+    problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=MU, fixed=fixed)
+    down, side = body.weight([0.0, -1.0]), body.traction(0, 2.0, [0.12, 0.0])
+    path = np.stack([down + side, 1.2 * down - side / 2, 1.1 * down + side])
+    result = problem.solve(path, method="uzawa", tol=tol)
+    before = None
+    for load, step in zip(path, result, strict=True):
+        # The answer of this step from where the one before it really ended.
+        exact = problem.solve(load, tol=1e-14, start=before)[0]
+        within_three(step, exact.reaction, exact.relative_displacement)
+        before = step
+
+
+def redundant_bar() -> tuple[Any, Any, Array]:
+    # H8: three supports of a bar (v, θ, w along them); two would do.
+    rows = [[[1.0, x, 0.0], [0.0, 0.0, 1.0]] for x in (-1.0, 0.0, 1.0)]
+    B = sparse.csr_array(np.vstack(rows))
+    return 1e-3 * np.eye(3), B, np.array([-1.0, 0.0, 0.1])
+
+
+def test_none_where_reactions_are_not_determined() -> None:
+    # H7: the same contact twice.
+    W, q = np.array([[0.5, 0.1], [0.1, 1.0]]), np.array([[-1.0, 0.7]])
+    assert bp.ReducedProblem(W, q, MU).solve().error_estimate is not None
+    twice = bp.ReducedProblem(np.tile(W, (2, 2)), np.tile(q, (2, 1)), MU).solve()
+    assert twice.converged
+    assert twice.error_estimate is None
+    K, B, load = redundant_bar()
+    bar = bp.solve(K, B, load, gap=np.zeros(3), mu=MU)[0]
+    assert bar.converged
+    assert bar.error_estimate is None
+
+
+def test_none_for_what_has_not_converged() -> None:
+    cut = cube().solve("uzawa", 1e-10, max_iterations=2)
+    assert not cut.converged
+    assert cut.error_estimate is None
+
+
+def two_steps() -> bp.Result:
+    body = block((2.0, 1.0), (4, 2), 100.0, 0.3)
+    fixed = np.concatenate([body.dofs(1, 1.0, k) for k in (0, 1)])
+    load = body.weight([0.3, -1.0])
+    path = np.stack([load, 1.2 * load])
+    return bp.solve(
+        body.K, body.B, path, gap=body.gap, mu=MU, fixed=fixed, method="uzawa"
+    )
+
+
+def test_kept_where_it_was_asked_for(tmp_path: Path) -> None:
+    result = two_steps()
+    asked = result[1].error_estimate
+    assert asked is not None
+    sent = pickle.loads(pickle.dumps(result))
+    result.save(tmp_path / "result.h5")
+    read = bp.load(tmp_path / "result.h5")
+    for copy in (sent, read):
+        assert copy[0].error_estimate is None
+        assert copy[1].error_estimate == asked
+    # Where the problem is at hand it may still be asked for.
+    assert result[0].error_estimate is not None
+    assert pickle.loads(pickle.dumps(result))[0].error_estimate is not None
+
+    solution = cube().solve("uzawa")
+    assert pickle.loads(pickle.dumps(solution)).error_estimate is None
+    assert solution.error_estimate is not None
+    assert (
+        pickle.loads(pickle.dumps(solution)).error_estimate == solution.error_estimate
+    )

@@ -1,0 +1,189 @@
+"""Every method on the same problem, and what can be asked of one while it runs."""
+
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from pressed import cube
+
+Array = NDArray[np.float64]
+METHODS = (
+    "auto",
+    "newton",
+    "gauss_seidel",
+    "nesterov",
+    "uzawa",
+    "uzawa_two_projection",
+)
+TOL = 1e-12
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_one_answer(method: str) -> None:
+    reference = cube().solve("gauss_seidel", tol=1e-14)
+    assert set(reference.status.tolist()) == {0, 1, 2}
+    solution = cube().solve(method, tol=TOL)
+    assert solution.converged
+    assert np.array_equal(solution.status, reference.status)
+    for name in ("reaction", "relative_displacement"):
+        found, expected = getattr(solution, name), getattr(reference, name)
+        # η, and the condition of W, about a hundred.
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * size)
+    # No method but Newton's holds a matrix beside W.
+    beside = {0, cube().W.nbytes} if method in ("auto", "newton") else {0}
+    assert solution.stats["bytes_beside_W"] in beside
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_history(method: str) -> None:
+    solution = cube().solve(method, tol=TOL)
+    work, residual = solution.history.T
+    # A row for the start, which is r = 0, of residual one by definition.
+    assert len(work) == solution.iterations + 1
+    assert residual[0] == 1.0
+    assert 0 <= work[0] <= 1
+    assert np.all(np.diff(work) > 0)
+    # The end is judged anew, at a cost.
+    assert work[-1] < solution.work <= work[-1] + 2
+    assert residual[-1] <= solution.tolerance
+    assert residual[:-1].min() > TOL
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_near_start_takes_fewer_iterations(method: str) -> None:
+    before, after = cube().solve(method, tol=TOL), cube(0.01)
+    cold = after.solve(method, tol=TOL)
+    for start in (before, before.reaction):
+        warm = after.solve(method, tol=TOL, start=start)
+        assert warm.converged
+        assert warm.iterations < cold.iterations
+    # The answer itself is a start that needs nothing.
+    done = after.solve(method, tol=TOL, start=cold)
+    assert done.iterations == 0
+    np.testing.assert_array_equal(done.reaction, cold.reaction)
+
+
+def endless() -> bp.ReducedProblem:
+    """More contacts than a soft body has motions: no reaction is the only one."""
+    rng = np.random.default_rng(7)
+    columns = rng.normal(size=(600, 40)) * np.logspace(0, -6, 40)
+    q = rng.normal(size=(200, 3)) - [1.0, 0.0, 0.0]
+    return bp.ReducedProblem(columns @ columns.T, q, 0.5)
+
+
+def test_callback_is_told_how_far_it_is() -> None:
+    told: list[tuple[int, float, float]] = []
+    limited = {"max_seconds": 1.0, "max_iterations": 10**9}
+    solution = endless().solve(
+        "uzawa", 1e-13, **limited, callback=lambda *now: told.append(now)
+    )
+    assert str(solution.outcome) == "time_limit"
+    # At most twenty a second, fewer on a machine that is busy elsewhere.
+    assert 2 <= len(told) <= 20 * solution.seconds + 1
+    for iterations, work, residual in told:
+        assert (type(iterations), type(work), type(residual)) == (int, float, float)
+    for (i, work, residual), (later, more, less) in pairwise(told):
+        assert i <= later
+        assert work <= more
+        assert residual >= less
+    assert told[-1][0] <= solution.iterations
+    assert told[-1][2] >= 0.99 * solution.residual
+
+
+def test_an_exception_of_the_callback_ends_the_solve() -> None:
+    class EnoughError(Exception):
+        pass
+
+    told = []
+
+    def callback(iterations: int, _work: float, _residual: float) -> None:
+        told.append(iterations)
+        if len(told) == 3:
+            raise EnoughError
+
+    problem = endless()
+    with pytest.raises(EnoughError):
+        # Without limits but the patience of the method, it would go on for minutes.
+        problem.solve("uzawa", 1e-13, callback=callback, max_iterations=10**9)
+    assert len(told) == 3
+    # The problem is as good as before.
+    assert problem.solve(max_iterations=1).iterations == 1
+    with pytest.raises(TypeError, match="callback"):
+        problem.solve(callback=3)  # type: ignore[arg-type]
+
+
+INTERRUPTED = """
+import os, signal, threading, time
+import numpy as np
+import bipot_rs as bp
+
+def pressed(n, pull):
+    x = np.stack(np.meshgrid(np.arange(n), np.arange(n)), -1).reshape(-1, 2)
+    near = 1 / np.sqrt(((x[:, None] - x) ** 2).sum(-1) + 1.0)
+    W = np.kron(near, np.eye(3)) + np.eye(3 * n * n) / 2
+    q = np.zeros((n * n, 3))
+    q[:, 0], q[:, 1] = -1, pull * np.linspace(0, 1, n * n)
+    return bp.ReducedProblem(W, q, 0.5)
+
+def fire():
+    sent.append(time.perf_counter())
+    os.kill(os.getpid(), signal.SIGINT)
+
+for problem, method in (pressed(26, 0.12), "newton"), (pressed(32, 0.4), "auto"):
+    beside, late = problem.solve(method, 1e-12).stats["bytes_beside_W"], []
+    for delay in (0.05, 0.15, 0.4, 0.9):
+        sent = []
+        threading.Timer(delay, fire).start()
+        try:
+            while True:
+                problem.solve(method, 1e-12)
+        except KeyboardInterrupt:
+            late.append(time.perf_counter() - sent[0])
+    print(beside, max(late))
+"""
+
+
+def test_ctrl_c_ends_a_large_solve() -> None:
+    # Of order 2028 with nearly all contacts sticking, where W is inverted, and of
+    # order 3072, where GMRES and sweeps take seconds.
+    ended = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED],
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    (inverse, first), (none, second) = (x.split() for x in ended.stdout.splitlines())
+    assert (int(inverse), int(none)) == (8 * 2028**2, 0)
+    # Signals are looked for every 0.05 s, and work stops within a block of a
+    # factorisation or a product. A machine shared with other jobs may lose a second.
+    assert max(float(first), float(second)) < 1.5
+
+
+def test_compliance_is_read_where_it_is() -> None:
+    given = cube()
+    W = given.W.copy()
+    problem = bp.ReducedProblem(W, given.q, given.mu)
+    assert problem.W is W
+    solution = problem.solve(tol=TOL)
+    before = problem.residual(solution.reaction)
+    assert before <= TOL
+    W *= 2
+    assert problem.residual(solution.reaction) > 1e-2
+    # Half the force for the same displacement; η of both and the condition of W.
+    halved = problem.solve(tol=TOL).reaction * 2
+    size = np.abs(solution.reaction).max()
+    np.testing.assert_allclose(halved, solution.reaction, rtol=0, atol=1e-9 * size)
+    W /= 2
+    assert problem.residual(solution.reaction) == before
+    W[4, 7] = np.nan
+    for ask in (problem.solve, lambda: problem.residual(solution.reaction)):
+        with pytest.raises(ValueError, match=r"W is not finite at row 4, column 7"):
+            ask()
