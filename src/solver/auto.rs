@@ -38,6 +38,9 @@ const MOST_SWEEPS: usize = 1280;
 /// Failures of Newton after which momentum is tried too.
 const FAILURES: usize = 3;
 
+/// The failure after which a body held by contact alone starts again from nothing.
+const COLD: usize = 2;
+
 /// What Newton or momentum must leave of η for sweeps to go on from where they
 /// ended: sweeps that were on their way to the statuses lose it otherwise.
 const GAIN: f64 = 0.3;
@@ -105,6 +108,11 @@ pub fn run<const D: usize>(
                 }
             }
             End::Stalled => {}
+        }
+        if failure == COLD && !problem.rigid.modes.is_empty() && start.closed.is_empty() {
+            // The bilateral start may lie beside a minimum of the merit that is no
+            // answer: sweeps are given one chance from nothing.
+            point = sweeper.start(&Start::default(), monitor);
         }
         if failure >= FAILURES {
             let from = Start {
