@@ -14,7 +14,8 @@ use bipot_rs::law::cone::Status;
 use bipot_rs::problem::compliance::Compliance;
 use bipot_rs::problem::reduced::{Reduced, Rigid};
 use bipot_rs::problem::residual::Certificate;
-use bipot_rs::solver::{Method, Outcome, Settings, Start, solve};
+use bipot_rs::solver::monitor::Progress;
+use bipot_rs::solver::{Method, Outcome, Settings, Start, solve, solve_watched};
 use cases::{Case, compliance, difference};
 
 /// Newton too, which has nothing beside it here: it may come to a stand where μ is
@@ -90,6 +91,34 @@ fn what_is_returned_is_what_was_judged() {
             .windows(2)
             .all(|pair| pair[0].0 <= pair[1].0)
     );
+}
+
+#[test]
+fn progress_is_told() {
+    let progress = Progress::default();
+    assert_eq!(progress.read(), (0, 0.0, f64::INFINITY));
+    let case = Case::<3>::floating(12, 0.4, 0.7, 1);
+    for (name, method) in Method::NAMES {
+        let settings = Settings {
+            method,
+            ..Settings::default()
+        };
+        let stop = AtomicBool::new(false);
+        let problem = case.problem();
+        let solution =
+            solve_watched(&problem, &settings, &Start::default(), &stop, &progress).unwrap();
+        let (iterations, work, residual) = progress.read();
+        assert_eq!(iterations, solution.iterations, "{name}");
+        // Two products judge the end; η before and after differs by rounding.
+        assert!(
+            work <= solution.work && solution.work <= work + 2.0,
+            "{name}"
+        );
+        assert!(
+            (residual - solution.residual).abs() <= solution.floor,
+            "{name}"
+        );
+    }
 }
 
 #[test]

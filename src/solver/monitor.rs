@@ -25,11 +25,24 @@ pub enum Verdict {
 }
 
 /// How far a solve is, for another thread to read at any time.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Progress {
     iterations: AtomicUsize,
     work: AtomicU64,
     residual: AtomicU64,
+}
+
+impl Default for Progress {
+    /// Nothing has been looked at: a residual of zero would read as an answer.
+    fn default() -> Self {
+        let progress = Self {
+            iterations: AtomicUsize::new(0),
+            work: AtomicU64::new(0),
+            residual: AtomicU64::new(0),
+        };
+        progress.tell(0, 0.0, f64::INFINITY);
+        progress
+    }
 }
 
 impl Progress {
