@@ -9,8 +9,6 @@
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
-use std::sync::atomic::AtomicBool;
-
 use bipot_rs::problem::balance::{Balance, balance};
 use bipot_rs::problem::compliance::Compliance;
 use bipot_rs::problem::reduced::{Reduced, Rigid};

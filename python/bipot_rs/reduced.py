@@ -23,7 +23,8 @@ class ReducedProblem:
     ----------
     W
         Compliance, ``(d n_c, d n_c)``, dense or sparse. It is used as given, never made
-        symmetric; ``asymmetry`` reports what it lacks.
+        symmetric; ``asymmetry`` reports what it lacks. A C-ordered array of float64 is
+        read where it lies, at every call, and not copied.
     q
         Relative displacement without reactions, ``(n_c, d)``, normal first.
     mu
@@ -112,8 +113,8 @@ class ReducedProblem:
             As in `ContactProblem`.
         callback
             Called as ``callback(iterations, work, residual)`` about twenty times a
-            second, with the smallest residual so far; an exception from it ends the
-            solve and comes back.
+            second, with the smallest residual so far, infinite before there is one; an
+            exception from it ends the solve and comes back.
         """
         chosen = settings(method, tol, max_iterations, max_seconds)
         check.callback("callback", callback)

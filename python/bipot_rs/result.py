@@ -123,7 +123,8 @@ class Solution:
 
         ``‖r - r*‖ / ‖r*‖`` and ``‖v - v*‖ / ‖v*‖`` by one further Newton correction (19),
         with ``v`` from sums in twice the precision (of ``K`` where there is one), found
-        out when first asked for: about one factorisation of the closed contacts.
+        out when first asked for: about one factorisation of the closed contacts. Where
+        all contacts stick, ``v`` is rounding, and so is what is said of it.
         ``None`` where it is not determined (reactions of redundant supports), for what
         has not converged, or has lost its problem (it was read from a file, or sent
         by another process, before this was asked for).

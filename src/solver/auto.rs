@@ -22,6 +22,7 @@
 
 use crate::error::Error;
 use crate::problem::reduced::Reduced;
+use crate::solver::enumerate;
 use crate::solver::gauss_seidel::Sweeper;
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::newton::{self, End};
@@ -40,6 +41,9 @@ const FAILURES: usize = 3;
 
 /// The failure after which a body held by contact alone starts again from nothing.
 const COLD: usize = 2;
+
+/// Plane contacts whose statuses are exhausted in milliseconds.
+const FEW: usize = 6;
 
 /// What Newton or momentum must leave of η for sweeps to go on from where they
 /// ended: sweeps that were on their way to the statuses lose it otherwise.
@@ -113,6 +117,18 @@ pub fn run<const D: usize>(
             // The bilateral start may lie beside a minimum of the merit that is no
             // answer: sweeps are given one chance from nothing.
             point = sweeper.start(&Start::default(), monitor);
+        }
+        if failure == FAILURES
+            && problem.contacts() <= FEW
+            && let Some(found) = enumerate::few(problem, monitor.stop())?
+        {
+            for (r, rigid) in found.answers {
+                let v = problem.relative_displacement(&r, &rigid);
+                monitor.count(1.0);
+                if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
+                    return Ok(outcome);
+                }
+            }
         }
         if failure >= FAILURES {
             let from = Start {

@@ -77,15 +77,22 @@ pub fn answers(problem: &Reduced<2>, stop: &AtomicBool) -> Result<Enumeration, E
     Ok(search.found)
 }
 
-/// [`answers`] of a problem that may be plane and may have few contacts; nothing
-/// for another one.
+/// [`Enumeration`] in the type of a problem that is known to be plane only here.
+#[derive(Clone, Debug)]
+pub struct Few<const D: usize> {
+    pub answers: Vec<(Vec<[f64; D]>, Vec<f64>)>,
+    pub complete: bool,
+}
+
+/// [`answers`] of a problem that may be plane and may have few contacts, in its
+/// own positions; nothing for another one.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
 pub fn few<const D: usize>(
     problem: &Reduced<D>,
     stop: &AtomicBool,
-) -> Result<Option<Enumeration>, Error> {
+) -> Result<Option<Few<D>>, Error> {
     if D != 2 || problem.contacts() > MOST_CONTACTS {
         return Ok(None);
     }
@@ -101,11 +108,16 @@ pub fn few<const D: usize>(
     };
     let q = plane(&whole.scatter(&problem.q));
     let copy = Reduced::new(&compliance, &q, &whole.scatter(&problem.mu), &rigid)?;
-    let mut found = answers(&copy, stop)?;
-    for (r, _) in &mut found.answers {
-        *r = whole.gather(r);
-    }
-    Ok(Some(found))
+    let found = answers(&copy, stop)?;
+    let own = |(r, rigid): (Vec<[f64; 2]>, Vec<f64>)| {
+        let r = whole.gather(&r);
+        let r = r.iter().map(|r| std::array::from_fn(|k| r[k.min(1)]));
+        (r.collect(), rigid)
+    };
+    Ok(Some(Few {
+        answers: found.answers.into_iter().map(own).collect(),
+        complete: found.complete,
+    }))
 }
 
 /// A status with its side, `s` of `r_t = −s μ r_n`.

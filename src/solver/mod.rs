@@ -294,10 +294,6 @@ fn exhaust<const D: usize>(
         solution.outcome = Outcome::NoEquilibrium;
     }
     for (r, rigid) in found.answers {
-        let r: Vec<[f64; D]> = r
-            .iter()
-            .map(|r| std::array::from_fn(|k| r[k.min(1)]))
-            .collect();
         let certificate = Certificate::new(problem, &r, &rigid);
         if certificate.converged(settings.tol) {
             solution.put(problem, settings, &r, rigid, &certificate);
