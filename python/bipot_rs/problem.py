@@ -434,17 +434,9 @@ class _StepProblem:
 
     def error_estimate(self, step: Solution, /) -> tuple[float, float] | None:
         motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-        found = _core.forward_errors_of_step(
+        return _core.forward_errors_of_step(
             self.core, self.load, self.prescribed, self.before, step.reaction, motion
         )
-        if found is None or self.before is None:
-            return found
-        # The core knows what the step adds; a step tells its total.
-        total = step.relative_displacement
-        added = total.copy()
-        added[:, 1:] -= self.before[:, 1:]
-        sizes = np.linalg.norm(added), np.linalg.norm(total)
-        return found[0], found[1] * float(sizes[0] / sizes[1]) if sizes[1] else 0.0
 
 
 def _state(start: Result | Step | None, contacts: int, d: int) -> Step | None:

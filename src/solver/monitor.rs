@@ -159,6 +159,8 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.last_rigid.extend_from_slice(a);
         let eta = residual::residual(self.problem, r, v, a);
         self.log.history.push((self.log.work, eta));
+        let best = self.best.min(eta);
+        self.progress.tell(self.log.iterations, self.log.work, best);
         let at_rest = self.log.iterations >= self.last_halved + REST;
         let claims = eta <= self.settings.tol || (eta <= self.floor && at_rest);
         if claims && eta <= 0.5 * self.refuted {
@@ -187,8 +189,6 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.log.best_reaction.copy_from_slice(r);
             self.log.best_rigid.copy_from_slice(a);
         }
-        self.progress
-            .tell(self.log.iterations, self.log.work, self.best);
         if eta < 0.5 * self.halved {
             self.halved = eta;
             self.last_halved = self.log.iterations;
