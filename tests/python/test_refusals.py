@@ -1,0 +1,115 @@
+"""What must never be called an answer, however small the residual is."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+
+Array = NDArray[np.float64]
+METHODS = (
+    "auto",
+    "newton",
+    "gauss_seidel",
+    "nesterov",
+    "uzawa",
+    "uzawa_two_projection",
+)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("method", METHODS)
+def test_walls_that_overlap_have_no_answer(dim: int, method: str) -> None:
+    # One node between two walls that are closer than nothing: the two reactions
+    # push against each other and grow, and η, relative to them, vanishes.
+    B = np.vstack([np.eye(dim), -np.eye(dim)])
+    problem = bp.ContactProblem(np.eye(dim), B, gap=[-1, -1], mu=0.3)
+    load = [0.2, *[0.1] * (dim - 1)]
+    with pytest.raises(bp.BipotError) as raised:
+        problem.solve(load, method=method, max_iterations=20_000)
+    if method == "auto":
+        assert isinstance(raised.value, bp.NoEquilibriumError)
+        assert "contradict each other" in str(raised.value)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_walls_that_leave_room_are_solved(method: str) -> None:
+    B = np.vstack([np.eye(2), -np.eye(2)])
+    problem = bp.ContactProblem(np.eye(2), B, gap=[0.5, -0.2], mu=0.3)
+    result = problem.solve([0.0, 0.0], method=method)
+    # The second wall pushes the node by 0.2: r_n = 0.2 with K = 1.
+    assert result.reaction[0, 1, 0] == pytest.approx(0.2, rel=1e-9)
+
+
+@pytest.mark.parametrize("mu", [1e6, 1e9, 1e300])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_large_mu_hides_no_penetration(mu: float, method: str) -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        root = rng.normal(size=(4, 4))
+        W, q = root @ root.T + np.eye(4), rng.normal(size=(2, 2))
+        problem = bp.ReducedProblem((W + W.T) / 2, q, [0.5, mu])
+        start = np.column_stack([np.abs(rng.normal(size=2)), np.zeros(2)])
+        solution = problem.solve(method, start=start, max_iterations=2000)
+        if solution.converged:
+            # Held to 1e-6 at the worst, ten times that of penetration, and a
+            # condition of W below 100.
+            deepest = -solution.relative_displacement[:, 0].min(initial=0.0)
+            assert deepest <= 1e-3 * np.abs(q).max()
+
+
+def test_soft_supports_lose_no_digit_unsaid() -> None:
+    # A stiff chain on springs of 1e-9: W is dominated by the springs, and the local
+    # part of it is rounding. The law is checked on u from K in extended precision.
+    rng = np.random.default_rng(3)
+    for soft in (1e-7, 1e-9):
+        n = 12
+        K = np.diag(np.full(n, 2.0)) - np.eye(n, k=2) - np.eye(n, k=-2)
+        K[[0, 1, -2, -1], [0, 1, -2, -1]] = 1.0
+        K[[0, 1], [0, 1]] += soft
+        f, gap = rng.normal(size=n), rng.uniform(0, 0.1, 3)
+        f[2::4] -= 1.0
+        B = np.zeros((6, n))
+        B[range(6), [2, 3, 6, 7, 10, 11]] = 1.0
+        result = bp.ContactProblem(K, B, gap=gap, mu=0.3).solve(f)
+        step = result[0]
+        force = f.astype(np.longdouble) + B.T @ step.reaction.ravel()
+        u = np.zeros(n, np.longdouble)
+        for _ in range(30):
+            rest = np.asarray(force - K.astype(np.longdouble) @ u, float)
+            u += np.linalg.solve(K, rest)
+        v = np.asarray((B @ u).reshape(3, 2), float)
+        v[:, 0] += gap
+        closed = step.status > 0
+        # What the reactions leave open or pushed in, beside gaps of 0.1: ε of a
+        # motion of 1/soft.
+        assert np.abs(v[closed, 0]).max(initial=0.0) <= 1e-15 / soft
+        stuck = step.status == bp.Status.STICK
+        assert np.abs(v[stuck, 1]).max(initial=0.0) <= 1e-15 / soft
+
+
+def test_the_same_problem_solved_again_gives_the_same_bits() -> None:
+    rng = np.random.default_rng(4)
+    n = 240
+    root = rng.normal(size=(n, n))
+    K = root @ root.T / n + np.eye(n)
+    problem = bp.ContactProblem((K + K.T) / 2, np.eye(n), gap=np.zeros(n // 3), mu=0.4)
+    load = rng.normal(size=n)
+    load[::3] -= 1.0
+    path = np.array([load, 1.1 * load, 0.9 * load])
+    # An inverse that the first path leaves behind decides nothing in the second.
+    first, second = problem.solve(path), problem.solve(path)
+    np.testing.assert_array_equal(first.reaction, second.reaction)
+    np.testing.assert_array_equal(first.iterations, second.iterations)
+
+
+def test_a_time_limit_is_kept_where_statuses_could_be_exhausted() -> None:
+    # Plane, twelve contacts, a slider on a spring: feasible, and without an answer.
+    n = 12
+    K = np.zeros((2 * n, 2 * n))
+    for i in range(n):
+        K[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [[1, 1], [1, 1]]
+    problem = bp.ContactProblem(K, np.eye(2 * n), gap=np.zeros(n), mu=2.0)
+    with pytest.raises(bp.BipotError) as raised:
+        problem.solve(np.tile([-1.0, -2.5], n), max_seconds=0.5)
+    assert raised.value.result is not None
