@@ -7,6 +7,7 @@ pub mod compliance;
 pub mod condense;
 pub mod memory;
 mod null_space;
+pub mod overlap;
 pub mod reduced;
 pub mod residual;
 pub mod sparse;

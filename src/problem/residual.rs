@@ -14,7 +14,8 @@ use crate::problem::reduced::Reduced;
 /// A rounding floor above this is not convergence.
 pub const WORST_FLOOR: f64 = 1e-6;
 
-/// What may be left of the free displacement of closed contacts. Where two
+/// What may be left of the free displacement of closed contacts, or the wish where
+/// that is larger. Where two
 /// reactions undo each other, as between walls that overlap, both grow until η, which
 /// is relative to them, is small whatever is left.
 const WORST_LEFT: f64 = 1e-6;
@@ -33,9 +34,10 @@ pub struct Certificate<const D: usize> {
     pub residual: f64,
     /// What rounding alone may leave of η, `WORST_FLOOR` at the most.
     pub floor: f64,
-    /// Whether η has a meaning: the rounding of `v` leaves it one, and reactions do
-    /// not dwarf what is left of the displacement that they are to undo.
+    /// Whether the rounding of `v` leaves η a meaning.
     pub sound: bool,
+    /// `‖F‖` over the displacement that the reactions are to undo.
+    left: f64,
     /// `‖(v̂_n)₋‖` over `max(‖r̂‖, ‖F(0)‖)`, as far as it is not rounding. A large μ
     /// hides it from η, where a sliding contact counts `v_n/√(1 + μ²)`.
     penetration: f64,
@@ -55,7 +57,8 @@ impl<const D: usize> Certificate<D> {
         let residual = judge(problem, r, &v, a, |i, s| status[i] = s);
         let rounding = Rounding::new(problem, r, &v, a);
         let whole = size(problem, r, a);
-        let left = law_norm(problem, r, &v, |_, _| ()).max(rounding.felt);
+        let undone = undone(problem, r, a);
+        let left = law_norm(problem, r, &v, |_, _| ()) / undone;
         let below = v.iter().zip(&problem.scaling.to_v);
         let below: Vec<f64> = below.map(|(v, s)| (-v[0] * s).max(0.0)).collect();
         Self {
@@ -64,7 +67,8 @@ impl<const D: usize> Certificate<D> {
             residual,
             floor: rounding.floor(rounding.bound, whole).min(WORST_FLOOR),
             sound: rounding.floor(rounding.felt, whole) <= WORST_FLOOR
-                && left <= WORST_LEFT * undone(problem, r, a),
+                && rounding.felt <= WORST_LEFT * undone,
+            left,
             penetration: ratio((norm(&below) - rounding.normal).max(0.0), whole),
         }
     }
@@ -79,7 +83,10 @@ impl<const D: usize> Certificate<D> {
     #[must_use]
     pub fn converged(&self, tol: f64) -> bool {
         let tolerance = self.tolerance(tol);
-        self.sound && self.residual <= tolerance && self.penetration <= DEEPEST * tolerance
+        self.sound
+            && self.residual <= tolerance
+            && self.left <= WORST_LEFT.max(tol)
+            && self.penetration <= DEEPEST * tolerance
     }
 }
 

@@ -40,7 +40,7 @@ RUST_SIBLINGS = {
         "compliance",
         "reduced",
         "residual",
-        "balance body",
+        "balance body overlap",
         "condense",
     ),
     "solver": (
@@ -49,6 +49,7 @@ RUST_SIBLINGS = {
         "stiffness_form",
         "gauss_seidel newton uniqueness uzawa",
         "auto refine",
+        "solution",
     ),
     "python": ("errors arrays interrupt", "solver", "problem", "several", "estimate"),
 }

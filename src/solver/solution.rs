@@ -1,0 +1,175 @@
+//! What a solver returns: a point in the caller's numbering, judged afresh.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::law::bipotential;
+use crate::law::cone::Status;
+use crate::problem::reduced::Reduced;
+use crate::problem::residual::Certificate;
+use crate::solver::Settings;
+use crate::solver::monitor::Monitor;
+use crate::solver::refine;
+
+/// Why a solver stopped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Outcome {
+    Converged,
+    #[default]
+    Stalled,
+    IterationLimit,
+    TimeLimit,
+    NoEquilibrium,
+}
+
+impl Outcome {
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Converged => "converged",
+            Self::Stalled => "stalled",
+            Self::IterationLimit => "iteration_limit",
+            Self::TimeLimit => "time_limit",
+            Self::NoEquilibrium => "no_equilibrium",
+        }
+    }
+}
+
+/// The answer of a solver, or the best it reached, in the caller's numbering.
+#[derive(Clone, Debug, Default)]
+pub struct Solution<const D: usize> {
+    pub reaction: Vec<[f64; D]>,
+    pub relative_displacement: Vec<[f64; D]>,
+    pub status: Vec<Status>,
+    /// Gap of the bipotential in joules, contact by contact.
+    pub bipotential_gap: Vec<f64>,
+    pub rigid_motion: Vec<f64>,
+    /// Rigid motion that the loads set free: proof of `NoEquilibrium`, a finding
+    /// where it did not converge; empty where there is none to tell.
+    pub free_motion: Vec<f64>,
+    pub outcome: Outcome,
+    pub residual: f64,
+    pub tolerance: f64,
+    /// Rounding floor of the residual.
+    pub floor: f64,
+    pub iterations: usize,
+    /// In products with `W`.
+    pub work: f64,
+    /// `(work, η)`, a row an iteration.
+    pub history: Vec<(f64, f64)>,
+    /// Bytes that the solver holds beside `W`: a transpose, an inverse.
+    pub bytes_beside: usize,
+    pub seconds: f64,
+}
+
+/// Judges the best point afresh and puts everything into the caller's numbering.
+pub(super) fn finish<const D: usize>(
+    problem: &Reduced<D>,
+    settings: &Settings,
+    monitor: Monitor<D>,
+    outcome: Outcome,
+) -> Solution<D> {
+    let log = monitor.into_log();
+    let certificate = Certificate::new(problem, &log.best_reaction, &log.best_rigid);
+    let mut solution = Solution {
+        outcome: match (certificate.converged(settings.tol), outcome) {
+            (true, _) => Outcome::Converged,
+            (false, Outcome::Converged) => Outcome::Stalled,
+            (false, other) => other,
+        },
+        iterations: log.iterations,
+        work: log.work,
+        history: log.history,
+        seconds: log.seconds,
+        ..Solution::default()
+    };
+    solution.put(
+        problem,
+        settings,
+        &log.best_reaction,
+        log.best_rigid,
+        &certificate,
+    );
+    solution
+}
+
+/// Error of the reactions above which a refined solution is none.
+const WORST_REACTION: f64 = 1e-6;
+
+impl<const D: usize> Solution<D> {
+    /// Puts a judged point here, in the caller's numbering.
+    pub(super) fn put(
+        &mut self,
+        problem: &Reduced<D>,
+        settings: &Settings,
+        r: &[[f64; D]],
+        rigid: Vec<f64>,
+        certificate: &Certificate<D>,
+    ) {
+        let nodes = r.iter().zip(&certificate.v).zip(&problem.mu);
+        let gap: Vec<f64> = nodes
+            .map(|((r, v), &mu)| bipotential::gap(r, v, mu))
+            .collect();
+        // r = 0 is open, whatever rounding makes of r̂ − ṽ̂ at a grazing contact.
+        let status: Vec<Status> = r
+            .iter()
+            .zip(&certificate.status)
+            .map(|(r, &s)| {
+                if r.iter().all(|&c| c == 0.0) {
+                    Status::Open
+                } else {
+                    s
+                }
+            })
+            .collect();
+        let whole = problem.compliance;
+        self.reaction = whole.scatter(r);
+        self.relative_displacement = whole.scatter(&certificate.v);
+        self.status = whole.scatter(&status);
+        self.bipotential_gap = whole.scatter(&gap);
+        self.rigid_motion = rigid;
+        self.residual = certificate.residual;
+        self.tolerance = certificate.tolerance(settings.tol);
+        self.floor = certificate.floor;
+        self.bytes_beside = whole.bytes_beside();
+    }
+
+    /// Refines a converged solution by a better evaluation of `v` than `W` gives,
+    /// which judges it from then on: the better of the point and the refined one, if
+    /// one of them is an answer, else it has stalled.
+    ///
+    /// # Errors
+    /// What `evaluate` returns, and [`Error::Interrupted`].
+    pub fn refine(
+        &mut self,
+        problem: &Reduced<D>,
+        settings: &Settings,
+        evaluate: impl Fn(Vec<[f64; D]>, Vec<f64>) -> Result<refine::Point<D>, Error>,
+        stop: &AtomicBool,
+    ) -> Result<(), Error> {
+        let start = problem.compliance.gather(&self.reaction);
+        let point = evaluate(start, self.rigid_motion.clone())?;
+        let refined = refine::refine(problem, point.clone(), evaluate, stop)?;
+        let forward = refine::forward_error(problem, &refined, &[], stop)?;
+        let judged = [refined, point].map(|point| {
+            let certificate = Certificate::of(problem, &point.r, point.v, &point.rigid);
+            (certificate, point.r, point.rigid)
+        });
+        let [refined, as_it_was] = judged;
+        let answers = |judged: &(Certificate<D>, _, _)| judged.0.converged(settings.tol);
+        // η is relative to what soft supports give way: where it is met and another
+        // correction still moves the reactions, it says nothing of them.
+        let settled = forward.is_none_or(|(of_r, _)| of_r <= WORST_REACTION);
+        let better = match (answers(&refined), answers(&as_it_was)) {
+            (true, _) if settled => refined,
+            (false, true) if settled => as_it_was,
+            _ => {
+                self.outcome = Outcome::Stalled;
+                refined
+            }
+        };
+        let (certificate, r, rigid) = better;
+        self.put(problem, settings, &r, rigid, &certificate);
+        Ok(())
+    }
+}
