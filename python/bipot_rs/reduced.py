@@ -162,9 +162,7 @@ class ReducedProblem:
             return Answers([self._solution(raw) for raw in found], complete=complete)
         contacts, d = self.q.shape
         whole = self.W if hasattr(self.W, "diagonal") else np.asarray(self.W)
-        diagonal = (
-            np.asarray(whole.diagonal(), float).reshape(contacts, d).mean(axis=1)
-        )
+        diagonal = np.asarray(whole.diagonal(), float).reshape(contacts, d).mean(axis=1)
         moved = np.linalg.norm(self.q, axis=1)
         # The reaction that alone would move a contact as far as it lacks.
         size = np.divide(moved, diagonal, where=diagonal > 0, out=np.zeros(contacts))
