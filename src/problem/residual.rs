@@ -54,11 +54,11 @@ impl<const D: usize> Certificate<D> {
     #[must_use]
     pub fn of(problem: &Reduced<D>, r: &[[f64; D]], v: Vec<[f64; D]>, a: &[f64]) -> Self {
         let mut status = vec![Status::Open; r.len()];
-        let residual = judge(problem, r, &v, a, |i, s| status[i] = s);
-        let rounding = Rounding::new(problem, r, &v, a);
+        let law = law_norm(problem, r, &v, |i, s| status[i] = s);
         let whole = size(problem, r, a);
+        let residual = relative(problem, r, law, whole);
+        let rounding = Rounding::new(problem, r, &v, a);
         let undone = undone(problem, r, a);
-        let left = law_norm(problem, r, &v, |_, _| ()) / undone;
         let below = v.iter().zip(&problem.scaling.to_v);
         let below: Vec<f64> = below.map(|(v, s)| (-v[0] * s).max(0.0)).collect();
         Self {
@@ -68,7 +68,7 @@ impl<const D: usize> Certificate<D> {
             floor: rounding.floor(rounding.bound, whole).min(WORST_FLOOR),
             sound: rounding.floor(rounding.felt, whole) <= WORST_FLOOR
                 && rounding.felt <= WORST_LEFT * undone,
-            left,
+            left: law / undone,
             penetration: ratio((norm(&below) - rounding.normal).max(0.0), whole),
         }
     }
@@ -98,7 +98,8 @@ pub fn residual<const D: usize>(
     v: &[[f64; D]],
     a: &[f64],
 ) -> f64 {
-    judge(problem, r, v, a, |_, _| ())
+    let law = law_norm(problem, r, v, |_, _| ());
+    relative(problem, r, law, size(problem, r, a))
 }
 
 /// `‖(F, R̂ᵀ r̂ + ê)‖`, no ratio: what a line search lowers. The ratio η would
@@ -109,14 +110,9 @@ pub fn merit<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]
     law_norm(problem, r, v, |_, _| ()).hypot(imbalance)
 }
 
-fn judge<const D: usize>(
-    problem: &Reduced<D>,
-    r: &[[f64; D]],
-    v: &[[f64; D]],
-    a: &[f64],
-    report: impl FnMut(usize, Status),
-) -> f64 {
-    let law = ratio(law_norm(problem, r, v, report), size(problem, r, a));
+/// η from `‖F(r)‖` and what it is relative to.
+fn relative<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], law: f64, whole: f64) -> f64 {
+    let law = ratio(law, whole);
     if problem.rigid.modes.is_empty() {
         return law;
     }

@@ -23,7 +23,7 @@
 use crate::error::Error;
 use crate::problem::reduced::Reduced;
 use crate::solver::enumerate;
-use crate::solver::gauss_seidel::Sweeper;
+use crate::solver::gauss_seidel::{Point, Sweeper};
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::newton::{self, End};
 use crate::solver::uzawa::{self, Burst};
@@ -105,12 +105,7 @@ pub fn run<const D: usize>(
         let rigid = sweeper.rigid_motion(&point);
         match newton::run(problem, &point.r, &rigid, monitor)? {
             End::Stop(outcome) => return Ok(outcome),
-            End::Better(r, rigid) => {
-                let end = sweeper.point(r, &rigid);
-                if sweeper.residual(&end) <= GAIN * sweeper.residual(&point) {
-                    point = end;
-                }
-            }
+            End::Better(r, rigid) => point = further(&sweeper, point, r, &rigid),
             End::Stalled => {}
         }
         if failure == COLD && !problem.rigid.modes.is_empty() && start.closed.is_empty() {
@@ -138,12 +133,7 @@ pub fn run<const D: usize>(
             };
             match uzawa::burst(problem, &from, monitor, burst)? {
                 Burst::Stop(outcome) => return Ok(outcome),
-                Burst::Spent(r, rigid) => {
-                    let end = sweeper.point(r, &rigid);
-                    if sweeper.residual(&end) <= GAIN * sweeper.residual(&point) {
-                        point = end;
-                    }
-                }
+                Burst::Spent(r, rigid) => point = further(&sweeper, point, r, &rigid),
             }
             burst = (2 * burst).min(MOST_BURST);
         }
@@ -151,4 +141,19 @@ pub fn run<const D: usize>(
         next = (2 * next).min(MOST_SWEEPS);
     }
     Ok(Outcome::Stalled)
+}
+
+/// Where sweeps go on: from `(r, a)`, at which another method ended, if it gained.
+fn further<const D: usize>(
+    sweeper: &Sweeper<D>,
+    point: Point<D>,
+    r: Vec<[f64; D]>,
+    rigid: &[f64],
+) -> Point<D> {
+    let end = sweeper.point(r, rigid);
+    if sweeper.residual(&end) <= GAIN * sweeper.residual(&point) {
+        end
+    } else {
+        point
+    }
 }
