@@ -9,17 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
+from methods import METHODS
 from pressed import cube
 
 Array = NDArray[np.float64]
-METHODS = (
-    "auto",
-    "newton",
-    "gauss_seidel",
-    "nesterov",
-    "uzawa",
-    "uzawa_two_projection",
-)
 TOL = 1e-12
 
 

@@ -12,17 +12,10 @@ import bipot_rs as bp
 from bars import BAR, bar_problem, lost, pulled
 from bipot_rs import analytic
 from contacts import K1, SMALL, TOL, one_node
+from methods import METHODS
 from oracle import Problem, answers
 
 Array = NDArray[np.float64]
-METHODS = (
-    "auto",
-    "newton",
-    "gauss_seidel",
-    "nesterov",
-    "uzawa",
-    "uzawa_two_projection",
-)
 SLIP = bp.Status.SLIP
 
 

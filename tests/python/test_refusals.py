@@ -5,16 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
+from methods import METHODS
 
 Array = NDArray[np.float64]
-METHODS = (
-    "auto",
-    "newton",
-    "gauss_seidel",
-    "nesterov",
-    "uzawa",
-    "uzawa_two_projection",
-)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
