@@ -87,7 +87,7 @@ class Reduced:
 
     def __new__(
         cls,
-        parts: list[tuple[list[int], _Floats]],
+        parts: list[tuple[list[int], _Floats, tuple[list[int], list[int]] | None]],
         q: _Floats,
         mu: _Floats,
         modes: _Floats,

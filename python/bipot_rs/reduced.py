@@ -203,14 +203,22 @@ class _ReducedInquiry:
         return _core.forward_errors(self.core, solution.reaction, rigid)
 
 
-def _islands(W: Any, contacts: int, d: int) -> list[tuple[list[int], Array]]:
-    """Contacts and dense matrix, flat, of each independent part of ``W``."""
+# An island of so many contacts, of whose blocks at most such a share is not zero,
+# stays sparse: below, products with a dense matrix take less time.
+_SPARSE_CONTACTS = 64
+_SPARSE_SHARE = 1 / 6
+
+_Part = tuple[list[int], Array, tuple[list[int], list[int]] | None]
+
+
+def _islands(W: Any, contacts: int, d: int) -> list[_Part]:
+    """Contacts, values and, where sparse, pattern of each independent part of ``W``."""
     size = contacts * d
     if not hasattr(W, "tocsr"):
         dense = floats("W", W, ndim=2, finite=False, copy=False)
         if dense.shape != (size, size):
             raise ValueError(f"W has shape {dense.shape}, expected {(size, size)}")
-        return [(list(range(contacts)), dense.ravel())] if contacts else []
+        return [(list(range(contacts)), dense.ravel(), None)] if contacts else []
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -222,16 +230,24 @@ def _islands(W: Any, contacts: int, d: int) -> list[tuple[list[int], Array]]:
     graph = coo_array(
         (np.ones(entries.nnz), (entries.row // d, entries.col // d)),
         shape=(contacts, contacts),
-    )
-    count, label = connected_components(graph.tocsr(), directed=False)
+    ).tocsr()
+    count, label = connected_components(graph, directed=False)
     order = np.argsort(label, kind="stable")
     bounds = np.searchsorted(label[order], np.arange(count + 1))
     parts = []
     for begin, end in itertools.pairwise(bounds):
         nodes = order[begin:end]
         rows = (d * nodes[:, None] + np.arange(d)).ravel()
-        block = whole[rows][:, rows].toarray().astype(np.float64)
-        parts.append(([int(i) for i in nodes], np.ascontiguousarray(block).ravel()))
+        block = whole[rows][:, rows].astype(np.float64)
+        blocks = graph[nodes][:, nodes].nnz
+        names = [int(i) for i in nodes]
+        if len(nodes) >= _SPARSE_CONTACTS and blocks <= _SPARSE_SHARE * len(nodes) ** 2:
+            stored = block.tobsr(blocksize=(d, d))
+            pattern = stored.indptr.tolist(), stored.indices.tolist()
+            parts.append((names, np.ascontiguousarray(stored.data).ravel(), pattern))
+        else:
+            dense = np.ascontiguousarray(block.toarray())
+            parts.append((names, dense.ravel(), None))
     return parts
 
 

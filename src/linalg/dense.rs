@@ -643,6 +643,47 @@ pub fn lu_solve_transposed(factors: &[f64], n: usize, b: &mut [f64]) {
     solve_unit_upper_triangular_in_place(factors.transpose(), b, Par::Seq);
 }
 
+/// What the pivots of a front, factored by [`lu_panel`] with its rows exchanged in
+/// `upper` too, do to the rest: `U₁₂ = L₁₁⁻¹ F₁₂`, `L₂₁ᵀ = U₁₁⁻ᵀ F₂₁ᵀ` and
+/// `F₂₂ ← F₂₂ − L₂₁ U₁₂`.
+///
+/// # Panics
+/// If a slice has not the length its matrix needs.
+pub fn lu_front(pivots: &[f64], np: usize, upper: &mut [f64], lower: &mut [f64], rest: &mut [f64]) {
+    if np == 0 || rest.is_empty() {
+        return;
+    }
+    let nu = upper.len() / np;
+    let pivots = MatRef::from_column_major_slice(pivots, np, np);
+    let mut upper = MatMut::from_column_major_slice_mut(upper, np, nu);
+    let mut lower = MatMut::from_column_major_slice_mut(lower, np, nu);
+    let rest = MatMut::from_column_major_slice_mut(rest, nu, nu);
+    solve_unit_lower_triangular_in_place(pivots, upper.rb_mut(), Par::Seq);
+    solve_lower_triangular_in_place(pivots.transpose(), lower.rb_mut(), Par::Seq);
+    let left = lower.as_ref().transpose();
+    faer_matmul(rest, Accum::Add, left, upper.as_ref(), -1.0, Par::Seq);
+}
+
+/// `b ← L⁻¹ b` for the factors of an LU, `L` with a unit diagonal.
+///
+/// # Panics
+/// If a slice has not the length its matrix needs.
+pub fn lu_solve_lower(factors: &[f64], n: usize, b: &mut [f64]) {
+    let factors = MatRef::from_column_major_slice(factors, n, n);
+    let b = MatMut::from_column_major_slice_mut(b, n, 1);
+    solve_unit_lower_triangular_in_place(factors, b, Par::Seq);
+}
+
+/// `b ← U⁻¹ b` for the factors of an LU.
+///
+/// # Panics
+/// If a slice has not the length its matrix needs.
+pub fn lu_solve_upper(factors: &[f64], n: usize, b: &mut [f64]) {
+    let factors = MatRef::from_column_major_slice(factors, n, n);
+    let b = MatMut::from_column_major_slice_mut(b, n, 1);
+    solve_upper_triangular_in_place(factors, b, Par::Seq);
+}
+
 /// `a ← a − s b`, as far as `a` goes.
 fn subtract(a: &mut [f64], s: f64, b: &[f64]) {
     for (a, b) in a.iter_mut().zip(b) {

@@ -4,6 +4,7 @@
 //! symmetric matrix, stop at the kept unknowns, and what is left there is `S`.
 
 pub mod binary;
+pub mod blocks;
 pub mod csc;
 pub mod dense;
 pub mod exact;
@@ -18,6 +19,7 @@ mod quotient;
 pub mod signs;
 pub mod small;
 mod solves;
+pub mod sparse_lu;
 pub mod symbolic;
 mod tree;
 pub mod union;

@@ -18,7 +18,7 @@ use crate::linalg::exact::Sum;
 use crate::linalg::union::Union;
 use crate::problem::body::{Body, Row};
 use crate::problem::border::{check_finite, check_length};
-use crate::problem::compliance::Compliance;
+use crate::problem::compliance::{Compliance, Part};
 use crate::problem::memory;
 use crate::problem::reduced::{Reduced, Rigid};
 use crate::problem::sparse::{self, Owned, Rows};
@@ -398,7 +398,7 @@ fn assemble<const D: usize>(
             add_body::<D>(&mut bodies[b], &place, m, &mut matrix);
         }
         mirror(&mut matrix, m);
-        parts.push((nodes, Cow::Owned(matrix)));
+        parts.push((nodes, Part::Dense(Cow::Owned(matrix))));
     }
     Compliance::new(parts)
 }

@@ -5,6 +5,7 @@ pub mod body;
 pub mod border;
 pub mod compliance;
 pub mod condense;
+pub mod island;
 pub mod memory;
 mod null_space;
 pub mod overlap;

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -11,7 +11,8 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::law::cone;
-use crate::problem::compliance::Compliance;
+use crate::linalg::blocks::Blocks;
+use crate::problem::compliance::{Compliance, Part};
 use crate::problem::reduced::{Reduced as Problem, Rigid};
 use crate::problem::residual::{Certificate, best_motion};
 use crate::python::arrays::{self, Matrix, Vector};
@@ -163,9 +164,24 @@ pub(super) enum Kind {
     Three(Owned<3>),
 }
 
-/// A problem whose `W` stays where the caller has it.
+/// Contacts of an island, the values of its `W`, and where it is sparse the first
+/// block of each row and the column of each block.
+type Given = (
+    Vec<usize>,
+    Py<PyArray1<f64>>,
+    Option<(Vec<usize>, Vec<usize>)>,
+);
+
+/// An island's part of `W`.
+enum Stored<const D: usize> {
+    /// Read where the caller has it.
+    Dense(Py<PyArray1<f64>>),
+    Sparse(Blocks<D>),
+}
+
+/// A problem whose dense `W` stays where the caller has it.
 pub(super) struct Owned<const D: usize> {
-    parts: Vec<(Vec<usize>, Py<PyArray1<f64>>)>,
+    parts: Vec<(Vec<usize>, Stored<D>)>,
     q: Vec<[f64; D]>,
     mu: Vec<f64>,
     rigid: Rigid<D>,
@@ -173,7 +189,8 @@ pub(super) struct Owned<const D: usize> {
 
 impl<const D: usize> Owned<D> {
     fn new(
-        parts: Vec<(Vec<usize>, Py<PyArray1<f64>>)>,
+        py: Python<'_>,
+        given: Vec<Given>,
         q: &Matrix<'_>,
         mu: &Vector<'_>,
         modes: &Matrix<'_>,
@@ -187,6 +204,18 @@ impl<const D: usize> Owned<D> {
                 .collect(),
             load: load.as_slice()?.to_vec(),
         };
+        let mut parts = Vec::with_capacity(given.len());
+        for (nodes, values, pattern) in given {
+            let stored = match pattern {
+                None => Stored::Dense(values),
+                Some((start, column)) => {
+                    let values = values.bind(py).try_readonly()?;
+                    let made = Blocks::new(&start, &column, values.as_slice()?);
+                    Stored::Sparse(made?)
+                }
+            };
+            parts.push((nodes, stored));
+        }
         Ok(Self {
             parts,
             q,
@@ -208,15 +237,23 @@ impl<const D: usize> Owned<D> {
         callback: Option<&Py<PyAny>>,
         work: impl FnOnce(&Problem<'_, D>, &AtomicBool, &Progress) -> Result<T, Error> + Send,
     ) -> PyResult<T> {
-        let views = self
-            .parts
-            .iter()
-            .map(|(_, array)| array.bind(py).try_readonly())
-            .collect::<Result<Vec<_>, _>>()?;
-        let slices = views
-            .iter()
-            .map(|view| view.as_slice())
-            .collect::<Result<Vec<_>, _>>()?;
+        let view = |stored: &Stored<D>| -> PyResult<Option<PyReadonlyArray1<f64>>> {
+            match stored {
+                Stored::Dense(array) => Ok(Some(array.bind(py).try_readonly()?)),
+                Stored::Sparse(_) => Ok(None),
+            }
+        };
+        let views = self.parts.iter().map(|(_, stored)| view(stored));
+        let views = views.collect::<PyResult<Vec<_>>>()?;
+        let mut parts = Vec::with_capacity(self.parts.len());
+        for ((nodes, stored), view) in self.parts.iter().zip(&views) {
+            let part = match (stored, view) {
+                (Stored::Sparse(blocks), _) => Part::Sparse(Cow::Borrowed(blocks)),
+                (_, Some(view)) => Part::Dense(Cow::Borrowed(view.as_slice()?)),
+                (_, None) => continue,
+            };
+            parts.push((nodes.clone(), part));
+        }
         let progress = Progress::default();
         let tell = |py: Python<'_>| {
             callback.map_or(Ok(()), |callback| {
@@ -224,9 +261,7 @@ impl<const D: usize> Owned<D> {
             })
         };
         interrupt::watch(py, num_threads, &tell, |stop| {
-            let parts = self.parts.iter().zip(slices);
-            let parts = parts.map(|((nodes, _), slice)| (nodes.clone(), Cow::Borrowed(slice)));
-            let compliance = Compliance::new(parts.collect())?;
+            let compliance = Compliance::new(parts)?;
             let problem = Problem::new(&compliance, &self.q, &self.mu, &self.rigid)?;
             work(&problem, stop, &progress)
         })
@@ -270,19 +305,20 @@ impl<const D: usize> Owned<D> {
 
 #[pymethods]
 impl Reduced {
-    /// `parts` holds (contacts, dense row-major matrix) of every island.
+    /// `parts` holds (contacts, values, pattern) of every island: a dense row-major
+    /// matrix without a pattern, or blocks with (first block of a row, columns).
     #[new]
     fn new(
         py: Python<'_>,
-        parts: Vec<(Vec<usize>, Py<PyArray1<f64>>)>,
+        parts: Vec<Given>,
         q: Matrix<'_>,
         mu: Vector<'_>,
         modes: Matrix<'_>,
         load: Vector<'_>,
     ) -> PyResult<Self> {
         let made = match q.as_array().ncols() {
-            2 => Kind::Two(Owned::new(parts, &q, &mu, &modes, &load)?),
-            _ => Kind::Three(Owned::new(parts, &q, &mu, &modes, &load)?),
+            2 => Kind::Two(Owned::new(py, parts, &q, &mu, &modes, &load)?),
+            _ => Kind::Three(Owned::new(py, parts, &q, &mu, &modes, &load)?),
         };
         let made = Self { kind: made };
         made.asymmetry(py)?; // the border: everything is checked here

@@ -1,0 +1,195 @@
+//! Sparse matrices of `D × D` blocks, one row and one column of blocks a contact.
+//!
+//! The pattern is symmetric and holds the diagonal: what is missing of it is
+//! stored as zeros, so that rows lead to columns without a second copy.
+
+use std::ops::Range;
+
+use crate::error::Error;
+use crate::linalg::small::{Block, Vector};
+
+/// A square matrix of blocks, row by row, columns increasing in each row.
+#[derive(Clone, Debug)]
+pub struct Blocks<const D: usize> {
+    start: Vec<usize>,
+    column: Vec<usize>,
+    /// Position of the block `(j, i)` beside that of `(i, j)`.
+    mirror: Vec<usize>,
+    /// Position of the diagonal block of each row.
+    diagonal: Vec<usize>,
+    values: Vec<Block<D>>,
+}
+
+impl<const D: usize> Blocks<D> {
+    /// From the blocks of each row, row-major: row `i` holds columns
+    /// `column[start[i]..start[i + 1]]`. A pair that comes twice is summed.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::SparseStructure`] or [`Error::IndexRange`] for
+    /// arrays that do not fit together, [`Error::EntryNotFinite`].
+    pub fn new(start: &[usize], column: &[usize], values: &[f64]) -> Result<Self, Error> {
+        let n = start.len().saturating_sub(1);
+        check(start, column, values.len() / (D * D))?;
+        let mut pattern: Vec<Vec<usize>> = (0..n).map(|i| vec![i]).collect();
+        for i in 0..n {
+            for &j in &column[start[i]..start[i + 1]] {
+                pattern[i].push(j);
+                pattern[j].push(i);
+            }
+        }
+        let mut this = Self {
+            start: vec![0],
+            column: Vec::with_capacity(2 * column.len()),
+            mirror: Vec::new(),
+            diagonal: Vec::with_capacity(n),
+            values: Vec::new(),
+        };
+        for (i, mut row) in pattern.into_iter().enumerate() {
+            row.sort_unstable();
+            row.dedup();
+            let own = row.partition_point(|&j| j < i);
+            this.diagonal.push(this.column.len() + own);
+            this.column.extend(row);
+            this.start.push(this.column.len());
+        }
+        // Rows are walked in order, so the partners of a row come up in its order.
+        let mut cursor = this.start.clone();
+        for i in 0..n {
+            for at in this.row(i) {
+                let j = this.column[at];
+                this.mirror.push(cursor[j]);
+                cursor[j] += 1;
+            }
+        }
+        this.values = vec![Block::zeros(); this.column.len()];
+        for i in 0..n {
+            for at in start[i]..start[i + 1] {
+                let block: Block<D> = Block::from_row_slice(&values[at * D * D..(at + 1) * D * D]);
+                if let Some(k) = block.iter().position(|w| !w.is_finite()) {
+                    return Err(Error::EntryNotFinite {
+                        what: "W",
+                        row: D * i + k % D,
+                        column: D * column[at] + k / D,
+                        value: block.as_slice()[k],
+                    });
+                }
+                let place = this.position(i, column[at]);
+                if let Some(place) = place {
+                    this.values[place] += block;
+                }
+            }
+        }
+        Ok(this)
+    }
+
+    /// The same pattern with other values, `of(i, j, W_ij)`.
+    #[must_use]
+    pub fn map(&self, of: impl Fn(usize, usize, &Block<D>) -> Block<D>) -> Self {
+        let mut other = self.clone();
+        for i in 0..self.rows() {
+            for at in self.row(i) {
+                other.values[at] = of(i, self.column[at], &self.values[at]);
+            }
+        }
+        other
+    }
+
+    /// Rows of blocks.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.diagonal.len()
+    }
+
+    /// Blocks stored, with those that make the pattern symmetric.
+    #[must_use]
+    pub fn stored(&self) -> usize {
+        self.values.len()
+    }
+
+    fn row(&self, i: usize) -> Range<usize> {
+        self.start[i]..self.start[i + 1]
+    }
+
+    fn position(&self, i: usize, j: usize) -> Option<usize> {
+        let row = self.row(i);
+        let found = self.column[row.clone()].binary_search(&j);
+        found.ok().map(|at| row.start + at)
+    }
+
+    /// The block `(i, j)`, zero where none is stored.
+    #[must_use]
+    pub fn at(&self, i: usize, j: usize) -> Block<D> {
+        self.position(i, j)
+            .map_or_else(Block::zeros, |at| self.values[at])
+    }
+
+    #[must_use]
+    pub fn diagonal(&self, i: usize) -> &Block<D> {
+        &self.values[self.diagonal[i]]
+    }
+
+    /// Columns and blocks of row `i`.
+    pub fn in_row(&self, i: usize) -> impl Iterator<Item = (usize, &Block<D>)> {
+        self.row(i).map(|at| (self.column[at], &self.values[at]))
+    }
+
+    /// Rows and blocks of column `i`.
+    pub fn in_column(&self, i: usize) -> impl Iterator<Item = (usize, &Block<D>)> {
+        self.row(i)
+            .map(|at| (self.column[at], &self.values[self.mirror[at]]))
+    }
+
+    /// Row `i` of the product with `x`.
+    #[must_use]
+    pub fn row_product(&self, i: usize, x: &[[f64; D]]) -> [f64; D] {
+        let terms = self.in_row(i).map(|(j, block)| block * Vector::from(x[j]));
+        terms.sum::<Vector<D>>().into()
+    }
+
+    /// Whether the matrix is symmetric to the bit.
+    #[must_use]
+    pub fn is_symmetric(&self) -> bool {
+        let same = |at: usize| self.values[at] == self.values[self.mirror[at]].transpose();
+        (0..self.values.len()).all(same)
+    }
+
+    /// Largest difference between an entry and its mirror image.
+    #[must_use]
+    pub fn asymmetry(&self) -> f64 {
+        let of = |at: usize| (self.values[at] - self.values[self.mirror[at]].transpose()).amax();
+        (0..self.values.len()).map(of).fold(0.0, f64::max)
+    }
+
+    /// Largest entry.
+    #[must_use]
+    pub fn largest(&self) -> f64 {
+        self.values.iter().map(Block::amax).fold(0.0, f64::max)
+    }
+}
+
+fn check(start: &[usize], column: &[usize], blocks: usize) -> Result<(), Error> {
+    let n = start.len().saturating_sub(1);
+    if column.len() != blocks {
+        return Err(Error::Shape {
+            what: "blocks of W",
+            expected: column.len(),
+            found: blocks,
+        });
+    }
+    let last = start.last().copied().unwrap_or_default();
+    if start.first().is_some_and(|&first| first != 0) || last != column.len() {
+        return Err(Error::SparseStructure { what: "W", row: 0 });
+    }
+    if let Some(row) = (0..n).find(|&i| start[i] > start[i + 1]) {
+        return Err(Error::SparseStructure { what: "W", row });
+    }
+    match column.iter().position(|&j| j >= n) {
+        Some(position) => Err(Error::IndexRange {
+            what: "column indices of W",
+            position,
+            found: column[position],
+            limit: n,
+        }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,252 @@
+//! LU of a sparse matrix of blocks with a symmetric pattern, front by front.
+//!
+//! The tree of fronts is that of the pattern, ordered once for all matrices that
+//! have it. Rows are exchanged within the pivots of a front only: fill stays what
+//! was counted, and a matrix that would need more is called singular.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::error::Error;
+use crate::linalg::blocks::Blocks;
+use crate::linalg::csc::Symmetric;
+use crate::linalg::dense;
+use crate::linalg::symbolic::{Counts, Front, Options, Symbolic};
+
+/// The order of elimination of a pattern, and its fronts.
+#[derive(Debug)]
+pub struct Analysis {
+    symbolic: Symbolic,
+    order: usize,
+}
+
+impl Analysis {
+    /// # Errors
+    /// [`Error::IndexRange`] for a matrix that 32-bit indices cannot number.
+    pub fn new<const D: usize>(blocks: &Blocks<D>) -> Result<Self, Error> {
+        let order = D * blocks.rows();
+        let mut start = vec![0];
+        let mut rows = Vec::with_capacity(D * D * blocks.stored());
+        for unknown in 0..order {
+            let columns = blocks.in_row(unknown / D);
+            rows.extend(columns.flat_map(|(j, _)| D * j..D * (j + 1)));
+            start.push(rows.len());
+        }
+        let values = vec![1.0; rows.len()];
+        let pattern = Symmetric::new(order, &start, &rows, &values)?;
+        Ok(Self {
+            symbolic: Symbolic::analyse(&pattern, &[], &Options::default())?,
+            order,
+        })
+    }
+
+    /// What a symmetric factorisation would cost; an LU costs twice as much.
+    #[must_use]
+    pub fn counts(&self) -> &Counts {
+        self.symbolic.counts()
+    }
+}
+
+/// A front that has been eliminated, by columns.
+#[derive(Debug)]
+struct Eliminated {
+    /// `L₁₁` below the diagonal, its unit diagonal left out, and `U₁₁`.
+    pivots: Vec<f64>,
+    /// Row of the front that stands at each place.
+    rows: Vec<usize>,
+    /// `U₁₂ = L₁₁⁻¹ P F₁₂`.
+    upper: Vec<f64>,
+    /// `L₂₁ᵀ = U₁₁⁻ᵀ F₂₁ᵀ`.
+    lower: Vec<f64>,
+}
+
+/// The factors of a matrix.
+#[derive(Debug)]
+pub struct SparseLu<'s> {
+    analysis: &'s Analysis,
+    fronts: Vec<Eliminated>,
+}
+
+impl<'s> SparseLu<'s> {
+    /// Factors a matrix of the pattern analysed; nothing where a pivot is zero to
+    /// rounding beside the largest entry.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] when `stop` is raised.
+    ///
+    /// # Panics
+    /// If the matrix has not the order analysed.
+    pub fn new<const D: usize>(
+        analysis: &'s Analysis,
+        matrix: &Blocks<D>,
+        stop: &AtomicBool,
+    ) -> Result<Option<Self>, Error> {
+        assert_eq!(analysis.order, D * matrix.rows());
+        let symbolic = &analysis.symbolic;
+        let largest = matrix.largest();
+        // Place of each unknown in the front at hand.
+        let mut place = vec![0; analysis.order];
+        let mut updates: Vec<Vec<f64>> = vec![Vec::new(); symbolic.fronts.len()];
+        let mut children: Vec<Vec<usize>> = vec![Vec::new(); symbolic.fronts.len()];
+        let mut fronts = Vec::with_capacity(symbolic.fronts.len());
+        for (f, front) in symbolic.fronts.iter().enumerate() {
+            if stop.load(Ordering::Relaxed) {
+                return Err(Error::Interrupted);
+            }
+            for (at, unknown) in unknowns(symbolic, front).enumerate() {
+                place[unknown] = at;
+            }
+            let (np, nu) = (front.np, front.nu);
+            let mut own = Eliminated {
+                pivots: vec![0.0; np * np],
+                rows: Vec::new(),
+                upper: vec![0.0; np * nu],
+                lower: vec![0.0; np * nu],
+            };
+            let mut update = vec![0.0; nu * nu];
+            own.gather(symbolic, front, matrix, &place);
+            for child in std::mem::take(&mut children[f]) {
+                let of_child = &symbolic.fronts[child];
+                let places: Vec<usize> = unknowns(symbolic, of_child)
+                    .skip(of_child.np)
+                    .map(|unknown| place[unknown])
+                    .collect();
+                own.add(
+                    &mut update,
+                    np,
+                    &places,
+                    &std::mem::take(&mut updates[child]),
+                );
+            }
+            own.rows = dense::lu_panel(&mut own.pivots, np, 0).0;
+            // A pivot is a sum of up to as many terms as its front has rows.
+            #[expect(clippy::cast_precision_loss, reason = "an order")]
+            let rounding = (np + nu) as f64 * f64::EPSILON * largest;
+            if (0..np).any(|k| !(own.pivots[k * (np + 1)].abs() > rounding)) {
+                return Ok(None);
+            }
+            permute(&mut own.upper, np, &own.rows);
+            dense::lu_front(&own.pivots, np, &mut own.upper, &mut own.lower, &mut update);
+            if let Some(parent) = front.parent {
+                children[parent].push(f);
+                updates[f] = update;
+            }
+            fronts.push(own);
+        }
+        Ok(Some(Self { analysis, fronts }))
+    }
+
+    /// `b ← A⁻¹ b`.
+    ///
+    /// # Panics
+    /// If `b` has not as many entries as the matrix has rows.
+    pub fn solve(&self, b: &mut [f64]) {
+        assert_eq!(b.len(), self.analysis.order);
+        let symbolic = &self.analysis.symbolic;
+        let list = || symbolic.fronts.iter().zip(&self.fronts);
+        let mut x: Vec<f64> = symbolic.old.iter().map(|&i| b[i as usize]).collect();
+        for (front, own) in list() {
+            let np = front.np;
+            let first = &mut x[front.first..front.first + np];
+            permute(first, np, &own.rows);
+            dense::lu_solve_lower(&own.pivots, np, first);
+            let first = first.to_vec();
+            for (row, at) in beyond(symbolic, front).zip(own.lower.chunks_exact(np)) {
+                x[row] -= dot(at, &first);
+            }
+        }
+        for (front, own) in list().rev() {
+            let np = front.np;
+            let mut first = x[front.first..front.first + np].to_vec();
+            for (row, column) in beyond(symbolic, front).zip(own.upper.chunks_exact(np)) {
+                for (value, u) in first.iter_mut().zip(column) {
+                    *value -= u * x[row];
+                }
+            }
+            dense::lu_solve_upper(&own.pivots, np, &mut first);
+            x[front.first..front.first + np].copy_from_slice(&first);
+        }
+        for (&i, value) in symbolic.old.iter().zip(x) {
+            b[i as usize] = value;
+        }
+    }
+}
+
+impl Eliminated {
+    /// Takes the entries of the pivots' rows and columns.
+    fn gather<const D: usize>(
+        &mut self,
+        symbolic: &Symbolic,
+        front: &Front,
+        matrix: &Blocks<D>,
+        place: &[usize],
+    ) {
+        let np = front.np;
+        for at in 0..np {
+            let unknown = symbolic.old[front.first + at] as usize;
+            let (node, k) = (unknown / D, unknown % D);
+            for (other, block) in matrix.in_row(node) {
+                for l in 0..D {
+                    let column = D * other + l;
+                    if (symbolic.new[column] as usize) < front.first {
+                        continue;
+                    }
+                    match place[column].checked_sub(np) {
+                        None => self.pivots[place[column] * np + at] = block[(k, l)],
+                        Some(column) => self.upper[column * np + at] = block[(k, l)],
+                    }
+                }
+            }
+            for (other, block) in matrix.in_column(node) {
+                for l in 0..D {
+                    let row = D * other + l;
+                    if symbolic.new[row] as usize >= front.first + np {
+                        self.lower[(place[row] - np) * np + at] = block[(l, k)];
+                    }
+                }
+            }
+        }
+    }
+
+    /// Adds the update of a child, whose rows have these places.
+    fn add(&mut self, update: &mut [f64], np: usize, places: &[usize], values: &[f64]) {
+        let nu = self.upper.len() / np.max(1);
+        for (&column, values) in places.iter().zip(values.chunks_exact(places.len().max(1))) {
+            for (&row, &value) in places.iter().zip(values) {
+                let at = match (row.checked_sub(np), column.checked_sub(np)) {
+                    (None, None) => &mut self.pivots[column * np + row],
+                    (None, Some(column)) => &mut self.upper[column * np + row],
+                    (Some(row), None) => &mut self.lower[row * np + column],
+                    (Some(row), Some(column)) => &mut update[column * nu + row],
+                };
+                *at += value;
+            }
+        }
+    }
+}
+
+/// Places in the elimination order of the rows that a front updates.
+fn beyond<'s>(symbolic: &'s Symbolic, front: &'s Front) -> impl Iterator<Item = usize> + 's {
+    let runs = symbolic.runs_of(front).iter();
+    runs.flat_map(|run| run.start as usize..(run.start + run.len) as usize)
+}
+
+/// The caller's unknowns of a front: its pivots, then the rows that it updates.
+fn unknowns<'s>(symbolic: &'s Symbolic, front: &'s Front) -> impl Iterator<Item = usize> + 's {
+    let pivots = front.first..front.first + front.np;
+    let all = pivots.chain(beyond(symbolic, front));
+    all.map(|place| symbolic.old[place] as usize)
+}
+
+/// Brings the rows of columns of length `n` into an order.
+fn permute(columns: &mut [f64], n: usize, rows: &[usize]) {
+    for column in columns.chunks_exact_mut(n.max(1)) {
+        let old = column.to_vec();
+        for (value, &row) in column.iter_mut().zip(rows) {
+            *value = old[row];
+        }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}

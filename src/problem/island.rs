@@ -1,0 +1,420 @@
+//! Contacts that feel each other: their part of `W`, dense, or sparse where the
+//! caller's `W` is.
+//!
+//! Everything here is in positions within the island. Dense rows are contiguous;
+//! an asymmetric matrix keeps its transpose beside it for the columns of a sweep.
+
+use std::borrow::Cow;
+use std::ops::Range;
+use std::sync::OnceLock;
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::linalg::binary::{exponent, times_two_to};
+use crate::linalg::blocks::Blocks;
+use crate::linalg::dense;
+use crate::linalg::exact::{self, Sum};
+use crate::linalg::small::{Block, Vector, dot_long};
+use crate::problem::memory;
+
+/// Below this many rows a product is not worth a second thread.
+const PARALLEL_ROWS: usize = 768;
+
+/// The part of `W` that an island is made of.
+#[derive(Clone, Debug)]
+pub enum Part<'a, const D: usize> {
+    /// Row-major, of order `D` times the contacts.
+    Dense(Cow<'a, [f64]>),
+    Sparse(Cow<'a, Blocks<D>>),
+}
+
+/// Contacts that feel each other.
+#[derive(Clone, Debug)]
+pub struct Island<'a, const D: usize> {
+    /// Their positions in the whole.
+    pub nodes: Range<usize>,
+    part: Part<'a, D>,
+    /// The transpose, where a dense matrix is not symmetric to the bit.
+    transpose: Option<Vec<f64>>,
+    /// The inverse, made when it is first asked for; nothing where there is none.
+    inverse: OnceLock<Option<Vec<f64>>>,
+}
+
+impl<'a, const D: usize> Island<'a, D> {
+    /// At the positions `nodes`, `caller` their numbers there.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for a matrix of the wrong size, [`Error::EntryNotFinite`]
+    /// for a NaN or an infinity.
+    pub fn new(nodes: Range<usize>, caller: &[usize], part: Part<'a, D>) -> Result<Self, Error> {
+        let m = D * nodes.len();
+        let mut transpose = None;
+        let (found, expected) = match &part {
+            Part::Dense(matrix) => (matrix.len(), m * m),
+            Part::Sparse(blocks) => (D * blocks.rows(), m),
+        };
+        if found != expected {
+            return Err(Error::Shape {
+                what: "W",
+                expected,
+                found,
+            });
+        }
+        if let Part::Dense(matrix) = &part {
+            if let Some(at) = matrix.iter().position(|c| !c.is_finite()) {
+                let caller = |k: usize| D * caller[k / D] + k % D;
+                return Err(Error::EntryNotFinite {
+                    what: "W",
+                    row: caller(at / m),
+                    column: caller(at % m),
+                    value: matrix[at],
+                });
+            }
+            transpose = asymmetric_transpose(matrix, m);
+        }
+        Ok(Self {
+            nodes,
+            part,
+            transpose,
+            inverse: OnceLock::new(),
+        })
+    }
+
+    /// Unknowns.
+    fn order(&self) -> usize {
+        D * self.nodes.len()
+    }
+
+    /// Its blocks, where it is sparse.
+    #[must_use]
+    pub fn blocks(&self) -> Option<&Blocks<D>> {
+        match &self.part {
+            Part::Dense(_) => None,
+            Part::Sparse(blocks) => Some(blocks),
+        }
+    }
+
+    /// Entries that a product reads.
+    #[must_use]
+    pub fn entries(&self) -> usize {
+        match &self.part {
+            Part::Dense(matrix) => matrix.len(),
+            Part::Sparse(blocks) => D * D * blocks.stored(),
+        }
+    }
+
+    /// Bytes held beside `W`, by a transpose and an inverse.
+    #[must_use]
+    pub fn bytes_beside(&self) -> usize {
+        let inverse = self.inverse.get().and_then(Option::as_ref);
+        8 * (self.transpose.as_ref().map_or(0, Vec::len) + inverse.map_or(0, Vec::len))
+    }
+
+    #[must_use]
+    pub fn is_symmetric(&self) -> bool {
+        match &self.part {
+            Part::Dense(_) => self.transpose.is_none(),
+            Part::Sparse(blocks) => blocks.is_symmetric(),
+        }
+    }
+
+    /// Largest difference between an entry and its mirror image, and largest entry.
+    #[must_use]
+    pub fn asymmetry(&self) -> (f64, f64) {
+        match &self.part {
+            Part::Sparse(blocks) => (blocks.asymmetry(), blocks.largest()),
+            Part::Dense(matrix) => {
+                let pairs = self.transpose.iter().flat_map(|t| matrix.iter().zip(t));
+                let apart = pairs.fold(0.0_f64, |m, (a, b)| m.max((a - b).abs()));
+                (apart, matrix.iter().fold(0.0, |m: f64, a| m.max(a.abs())))
+            }
+        }
+    }
+
+    /// The block by which the reaction at one contact moves another.
+    #[must_use]
+    pub fn pair(&self, moved: usize, pushed: usize) -> Block<D> {
+        match &self.part {
+            Part::Dense(matrix) => self.block_of(matrix, moved, pushed),
+            Part::Sparse(blocks) => blocks.at(moved, pushed),
+        }
+    }
+
+    fn block_of(&self, matrix: &[f64], moved: usize, pushed: usize) -> Block<D> {
+        let m = self.order();
+        let (row, column) = (D * moved, D * pushed);
+        Block::from_fn(|i, j| matrix[(row + i) * m + column + j])
+    }
+
+    /// Whether any reaction moves a contact along its normal.
+    #[must_use]
+    pub fn moves(&self, contact: usize) -> bool {
+        match &self.part {
+            Part::Dense(matrix) => self.row(matrix, contact, 0).iter().any(|&w| w != 0.0),
+            Part::Sparse(blocks) => {
+                let mut row = blocks.in_row(contact);
+                row.any(|(_, w)| w.row(0).iter().any(|&w| w != 0.0))
+            }
+        }
+    }
+
+    fn row<'m>(&self, matrix: &'m [f64], contact: usize, k: usize) -> &'m [f64] {
+        let m = self.order();
+        &matrix[(D * contact + k) * m..][..m]
+    }
+
+    /// `y = W r`.
+    pub fn product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
+        match &self.part {
+            Part::Dense(matrix) => {
+                self.each_row(matrix, y, |row| dot_long(row, r.as_flattened()));
+            }
+            Part::Sparse(blocks) => each(y, |i| blocks.row_product(i, r)),
+        }
+    }
+
+    /// One contact's part of `W r`.
+    #[must_use]
+    pub fn product_at(&self, contact: usize, r: &[[f64; D]]) -> [f64; D] {
+        match &self.part {
+            Part::Dense(matrix) => {
+                std::array::from_fn(|k| dot_long(self.row(matrix, contact, k), r.as_flattened()))
+            }
+            Part::Sparse(blocks) => blocks.row_product(contact, r),
+        }
+    }
+
+    /// Component `k` of a contact's part of `W r`, in twice the precision.
+    #[must_use]
+    pub fn exact_row(&self, contact: usize, k: usize, r: &[[f64; D]]) -> Sum {
+        match &self.part {
+            Part::Dense(matrix) => exact::dot(self.row(matrix, contact, k), r.as_flattened()),
+            Part::Sparse(blocks) => {
+                let mut sum = Sum::default();
+                for (j, block) in blocks.in_row(contact) {
+                    for (l, r) in r[j].iter().enumerate() {
+                        sum.add_product(block[(k, l)], *r);
+                    }
+                }
+                sum
+            }
+        }
+    }
+
+    /// `y = |W| |r|`.
+    pub fn absolute_product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
+        match &self.part {
+            Part::Dense(matrix) => self.each_row(matrix, y, |row| {
+                let terms = row.iter().zip(r.as_flattened());
+                terms.map(|(w, x)| (w * x).abs()).sum()
+            }),
+            Part::Sparse(blocks) => each(y, |i| {
+                let sizes = |(j, w): (usize, &Block<D>)| w.abs() * Vector::from(r[j]).abs();
+                blocks.in_row(i).map(sizes).sum::<Vector<D>>().into()
+            }),
+        }
+    }
+
+    /// Every row by one thread from left to right: the bits do not depend on
+    /// the number of threads.
+    fn each_row(&self, matrix: &[f64], y: &mut [[f64; D]], of_row: impl Fn(&[f64]) -> f64 + Sync) {
+        let m = self.order().max(1);
+        let out = y.as_flattened_mut();
+        if m < PARALLEL_ROWS {
+            for (value, row) in out.iter_mut().zip(matrix.chunks_exact(m)) {
+                *value = of_row(row);
+            }
+        } else {
+            out.par_iter_mut()
+                .with_min_len(64)
+                .zip(matrix.par_chunks_exact(m))
+                .for_each(|(value, row)| *value = of_row(row));
+        }
+    }
+
+    /// `y += W_{·i} dr`: the effect of one reaction on every contact.
+    pub fn add_column(&self, contact: usize, dr: &[f64; D], y: &mut [[f64; D]]) {
+        let matrix = match &self.part {
+            Part::Dense(matrix) => matrix,
+            Part::Sparse(blocks) => {
+                for (i, block) in blocks.in_column(contact) {
+                    let dv = block * Vector::from(*dr);
+                    for (value, dv) in y[i].iter_mut().zip(dv.iter()) {
+                        *value += dv;
+                    }
+                }
+                return;
+            }
+        };
+        let columns = self.transpose.as_deref().unwrap_or(matrix);
+        let out = y.as_flattened_mut();
+        let column = |k: usize| self.row(columns, contact, k);
+        if D == 2 {
+            for ((value, a), b) in out.iter_mut().zip(column(0)).zip(column(1)) {
+                *value += a * dr[0] + b * dr[1];
+            }
+        } else {
+            let three = column(0).iter().zip(column(1)).zip(column(2));
+            for (value, ((a, b), c)) in out.iter_mut().zip(three) {
+                *value += a * dr[0] + b * dr[1] + c * dr[2];
+            }
+        }
+    }
+
+    /// `y += W dr` for some components of the reactions only: the part of the
+    /// product that belongs to their columns, and no more memory read than that.
+    pub fn add_columns(&self, parts: Range<usize>, dr: &[[f64; D]], y: &mut [[f64; D]]) {
+        /// Entries of `y` that a task holds in the cache while columns go by.
+        const ROWS: usize = 256;
+        let matrix = match &self.part {
+            Part::Dense(matrix) => matrix,
+            Part::Sparse(blocks) => {
+                for (i, value) in y.iter_mut().enumerate() {
+                    for (j, block) in blocks.in_row(i) {
+                        for (k, value) in value.iter_mut().enumerate() {
+                            let terms = parts.clone().map(|l| block[(k, l)] * dr[j][l]);
+                            *value += terms.sum::<f64>();
+                        }
+                    }
+                }
+                return;
+            }
+        };
+        let m = self.order();
+        let columns = self.transpose.as_deref().unwrap_or(matrix);
+        let of_rows = |(task, out): (usize, &mut [f64])| {
+            let rows = task * ROWS..task * ROWS + out.len();
+            for (contact, dr) in dr.iter().enumerate() {
+                for k in parts.clone().filter(|&k| dr[k] != 0.0) {
+                    let column = &self.row(columns, contact, k)[rows.clone()];
+                    for (value, w) in out.iter_mut().zip(column) {
+                        *value += w * dr[k];
+                    }
+                }
+            }
+        };
+        let out = y.as_flattened_mut();
+        if m < PARALLEL_ROWS {
+            out.chunks_mut(ROWS).enumerate().for_each(of_rows);
+        } else {
+            out.par_chunks_mut(ROWS).enumerate().for_each(of_rows);
+        }
+    }
+
+    /// Whether the inverse is at hand, or known not to be had: that of a sparse
+    /// matrix would be dense.
+    #[must_use]
+    pub fn inverse_known(&self) -> Option<bool> {
+        if !self.is_symmetric() || self.blocks().is_some() {
+            return Some(false);
+        }
+        self.inverse.get().map(Option::is_some)
+    }
+
+    /// Makes the inverse where it is not known whether there is one.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn make_inverse(&self, stop: &AtomicBool) -> Result<(), Error> {
+        if let (None, Part::Dense(matrix)) = (self.inverse_known(), &self.part) {
+            let made = inverse(matrix, self.order(), stop)?;
+            self.inverse.get_or_init(|| made);
+        }
+        Ok(())
+    }
+
+    /// The inverse; empty where it was not made.
+    fn inverse(&self) -> &[f64] {
+        let made = self.inverse.get().and_then(Option::as_deref);
+        made.unwrap_or(&[])
+    }
+
+    /// `y = W⁻¹ x`, with the inverse that was made.
+    pub fn inverse_product(&self, x: &[[f64; D]], y: &mut [[f64; D]]) {
+        self.each_row(self.inverse(), y, |row| dot_long(row, x.as_flattened()));
+    }
+
+    /// A block of the inverse that was made.
+    #[must_use]
+    pub fn inverse_pair(&self, moved: usize, pushed: usize) -> Block<D> {
+        self.block_of(self.inverse(), moved, pushed)
+    }
+}
+
+/// `y_i = of(i)`, by several threads where there are many.
+fn each<const D: usize>(y: &mut [[f64; D]], of: impl Fn(usize) -> [f64; D] + Sync) {
+    /// A row of blocks is a microsecond's work at the most.
+    const PARALLEL: usize = 4096;
+    if y.len() < PARALLEL {
+        y.iter_mut().enumerate().for_each(|(i, y)| *y = of(i));
+    } else {
+        let rows = y.par_iter_mut().with_min_len(PARALLEL / 8).enumerate();
+        rows.for_each(|(i, y)| *y = of(i));
+    }
+}
+
+/// The transpose of a row-major matrix, or nothing where it equals the matrix.
+fn asymmetric_transpose(matrix: &[f64], m: usize) -> Option<Vec<f64>> {
+    /// Rows and columns looked at together: both sides of the diagonal stay in
+    /// the cache.
+    const TILE: usize = 32;
+    #[expect(clippy::float_cmp, reason = "symmetric to the bit is what is asked")]
+    let same = |i: usize, j: usize| matrix[i * m + j] == matrix[j * m + i];
+    let tile_is_symmetric = |i: usize, j: usize| {
+        let rows = i..(i + TILE).min(m);
+        rows.clone()
+            .all(|a| (j..(j + TILE).min(a)).all(|b| same(a, b)))
+    };
+    let tiles = (0..m).step_by(TILE);
+    if tiles
+        .clone()
+        .all(|i| (0..=i).step_by(TILE).all(|j| tile_is_symmetric(i, j)))
+    {
+        return None;
+    }
+    let mut transpose = vec![0.0; m * m];
+    for (i, j) in tiles.flat_map(|i| (0..m).step_by(TILE).map(move |j| (i, j))) {
+        for a in i..(i + TILE).min(m) {
+            for b in j..(j + TILE).min(m) {
+                transpose[b * m + a] = matrix[a * m + b];
+            }
+        }
+    }
+    Some(transpose)
+}
+
+/// An inverse whose matrix has a condition above this, with its diagonal scaled
+/// to one, is mostly rounding.
+const WORST_CONDITION: f64 = 1e10;
+
+/// The inverse of a symmetric positive definite matrix; nothing for another.
+fn inverse(matrix: &[f64], m: usize, stop: &AtomicBool) -> Result<Option<Vec<f64>>, Error> {
+    if memory::check("the inverse of W", 3 * 8 * (m as u128).pow(2)).is_err() {
+        return Ok(None); // steps are taken without it
+    }
+    let diagonal: Vec<f64> = (0..m).map(|i| matrix[i * (m + 1)]).collect();
+    // A power of two leaves no trace: bits are those of any other unit.
+    let unit = -exponent(diagonal.iter().fold(0.0_f64, |a, &b| a.max(b)));
+    let mut factor: Vec<f64> = matrix.iter().map(|&w| times_two_to(w, unit)).collect();
+    if dense::cholesky(&mut factor, m, stop)?.is_some() {
+        return Ok(None);
+    }
+    let mut inverse = dense::zeros(m * m);
+    dense::inverse_from_cholesky(&factor, m, &mut inverse, stop)?;
+    for t in &mut inverse {
+        *t = times_two_to(*t, unit);
+    }
+    let root: Vec<f64> = diagonal.iter().map(|w| w.sqrt()).collect();
+    let norm = |a: &[f64], scale: &dyn Fn(f64, f64) -> f64| {
+        let of_row = |(row, &s): (&[f64], &f64)| {
+            let terms = row.iter().zip(&root);
+            terms.map(|(a, &t)| scale(a.abs(), s * t)).sum::<f64>()
+        };
+        let rows = a.chunks_exact(m.max(1)).zip(&root).map(of_row);
+        rows.fold(0.0_f64, f64::max)
+    };
+    let condition = norm(matrix, &|a, s| a / s) * norm(&inverse, &|a, s| a * s);
+    Ok((condition <= WORST_CONDITION).then_some(inverse))
+}

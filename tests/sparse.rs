@@ -1,0 +1,239 @@
+//! Sparse matrices of blocks, and their LU front by front.
+
+#![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
+
+use std::sync::atomic::AtomicBool;
+
+use bipot_rs::error::Error;
+use bipot_rs::linalg::blocks::Blocks;
+use bipot_rs::linalg::lu::Lu;
+use bipot_rs::linalg::small::{Block, norm};
+use bipot_rs::linalg::sparse_lu::{Analysis, SparseLu};
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+
+/// Pairs of rows and columns of a matrix, in any order.
+struct Triplets<const D: usize> {
+    rows: Vec<Vec<(usize, Block<D>)>>,
+}
+
+impl<const D: usize> Triplets<D> {
+    /// A grid whose neighbours are coupled, one way or both, with a diagonal that
+    /// outweighs the rest `weight` times.
+    fn grid(side: usize, weight: f64, rng: &mut StdRng) -> Self {
+        let mut rows = vec![Vec::new(); side * side];
+        let mut random = || Block::<D>::from_fn(|_, _| rng.random_range(-1.0..1.0));
+        for i in 0..side * side {
+            let mut near = Vec::new();
+            if i % side > 0 {
+                near.push(i - 1);
+            }
+            if i >= side {
+                near.push(i - side);
+            }
+            for j in near {
+                rows[i].push((j, random()));
+                if (i + j) % 3 > 0 {
+                    rows[j].push((i, random()));
+                }
+            }
+            rows[i].push((i, random() + Block::identity() * weight));
+        }
+        Self { rows }
+    }
+
+    fn blocks(&self) -> Blocks<D> {
+        let mut start = vec![0];
+        let (mut column, mut values) = (Vec::new(), Vec::new());
+        for row in &self.rows {
+            for (j, block) in row {
+                column.push(*j);
+                values.extend(block.transpose().as_slice()); // by rows
+            }
+            start.push(column.len());
+        }
+        Blocks::new(&start, &column, &values).unwrap()
+    }
+
+    fn dense(&self) -> Vec<f64> {
+        let n = D * self.rows.len();
+        let mut dense = vec![0.0; n * n];
+        for (i, row) in self.rows.iter().enumerate() {
+            for (j, block) in row {
+                for k in 0..D {
+                    for l in 0..D {
+                        dense[(D * i + k) * n + D * j + l] += block[(k, l)];
+                    }
+                }
+            }
+        }
+        dense
+    }
+}
+
+fn solved<const D: usize>(matrix: &Blocks<D>, b: &[f64]) -> Option<Vec<f64>> {
+    let analysis = Analysis::new(matrix).unwrap();
+    let lu = SparseLu::new(&analysis, matrix, &AtomicBool::new(false)).unwrap()?;
+    let mut x = b.to_vec();
+    lu.solve(&mut x);
+    Some(x)
+}
+
+fn agrees<const D: usize>(case: &Triplets<D>, rng: &mut StdRng) {
+    let n = D * case.rows.len();
+    let b: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
+    let found = solved(&case.blocks(), &b).unwrap();
+    let dense = case.dense();
+    let left: Vec<f64> = dense
+        .chunks_exact(n.max(1))
+        .zip(&b)
+        .map(|(row, b)| b - row.iter().zip(&found).map(|(a, x)| a * x).sum::<f64>())
+        .collect();
+    // Pivots grow by less than ten beside such diagonals; a sum of n terms adds √n.
+    #[expect(clippy::cast_precision_loss, reason = "an order")]
+    let rounding = 10.0 * (n as f64).sqrt() * f64::EPSILON * norm(&dense) * norm(&found);
+    assert!(norm(&left) <= rounding, "{} > {rounding}", norm(&left));
+}
+
+#[test]
+fn solutions_leave_a_residual_of_rounding() {
+    let mut rng = StdRng::seed_from_u64(1);
+    for side in [1, 2, 3, 7, 20] {
+        agrees(&Triplets::<2>::grid(side, 4.0, &mut rng), &mut rng);
+        agrees(&Triplets::<3>::grid(side, 4.0, &mut rng), &mut rng);
+    }
+}
+
+#[test]
+fn rows_are_exchanged_where_a_diagonal_is_zero() {
+    let mut rng = StdRng::seed_from_u64(2);
+    let mut case = Triplets::<2>::grid(6, 4.0, &mut rng);
+    for row in &mut case.rows {
+        let (_, own) = row.last_mut().unwrap();
+        *own = Block::<2>::new(0.0, 4.0, 4.0, 0.0);
+    }
+    agrees(&case, &mut rng);
+}
+
+#[test]
+fn pieces_that_do_not_touch_and_nothing_at_all() {
+    let mut rng = StdRng::seed_from_u64(3);
+    let mut case = Triplets::<3>::grid(4, 4.0, &mut rng);
+    for (i, row) in case.rows.iter_mut().enumerate() {
+        row.retain(|(j, _)| i / 4 == j / 4);
+    }
+    agrees(&case, &mut rng);
+    agrees(&Triplets::<3> { rows: Vec::new() }, &mut rng);
+}
+
+#[test]
+fn a_singular_matrix_has_no_factors() {
+    let mut rng = StdRng::seed_from_u64(4);
+    let mut case = Triplets::<3>::grid(5, 4.0, &mut rng);
+    case.rows[7].clear();
+    assert!(solved(&case.blocks(), &[1.0; 75]).is_none());
+    // A row that is the sum of two others, up to rounding.
+    let mut case = Triplets::<2>::grid(3, 4.0, &mut rng);
+    let sum = case.rows[3].iter().chain(&case.rows[4]).copied().collect();
+    case.rows[5] = sum;
+    assert!(solved(&case.blocks(), &[1.0; 18]).is_none());
+}
+
+#[test]
+fn rows_columns_and_mirror_images_are_those_of_the_dense_matrix() {
+    let mut rng = StdRng::seed_from_u64(5);
+    let case = Triplets::<3>::grid(4, 4.0, &mut rng);
+    let (blocks, dense) = (case.blocks(), case.dense());
+    let entry = |i: usize, j: usize| dense[i * 48 + j];
+    let block = |i: usize, j: usize| Block::<3>::from_fn(|k, l| entry(3 * i + k, 3 * j + l));
+    for i in 0..16 {
+        assert_eq!(blocks.diagonal(i), &block(i, i));
+        for j in 0..16 {
+            assert_eq!(blocks.at(i, j), block(i, j));
+        }
+        for (j, found) in blocks.in_row(i) {
+            assert_eq!(found, &block(i, j));
+        }
+        for (j, found) in blocks.in_column(i) {
+            assert_eq!(found, &block(j, i));
+        }
+    }
+    let pairs = (0..48).flat_map(|i| (0..48).map(move |j| (i, j)));
+    let apart = pairs.map(|(i, j)| (entry(i, j) - entry(j, i)).abs());
+    assert!((blocks.asymmetry() - apart.fold(0.0, f64::max)).abs() <= 0.0);
+    assert!(!blocks.is_symmetric());
+    let sum = &|i: usize, j: usize| block(i, j) + block(j, i).transpose();
+    let symmetric = Triplets::<3> {
+        rows: (0..16)
+            .map(|i| (0..16).map(move |j| (j, sum(i, j))))
+            .map(Iterator::collect)
+            .collect(),
+    };
+    assert!(symmetric.blocks().is_symmetric());
+}
+
+#[test]
+fn broken_patterns_are_named() {
+    let ones = [1.0; 8];
+    let refused = |start: &[usize], column: &[usize], values: &[f64]| {
+        Blocks::<2>::new(start, column, values).unwrap_err()
+    };
+    let error = refused(&[0, 1, 2], &[0, 2], &ones);
+    assert!(matches!(
+        error,
+        Error::IndexRange {
+            found: 2,
+            limit: 2,
+            ..
+        }
+    ));
+    let error = refused(&[0, 2, 1], &[0], &ones[..4]);
+    assert!(
+        matches!(error, Error::SparseStructure { row: 1, .. }),
+        "{error}"
+    );
+    let error = refused(&[0, 1, 2], &[0, 1], &ones[..4]);
+    assert!(matches!(
+        error,
+        Error::Shape {
+            expected: 2,
+            found: 1,
+            ..
+        }
+    ));
+    let mut values = ones;
+    values[6] = f64::NAN;
+    let error = refused(&[0, 1, 2], &[0, 1], &values);
+    assert!(matches!(
+        error,
+        Error::EntryNotFinite {
+            row: 3,
+            column: 2,
+            ..
+        }
+    ));
+}
+
+#[test]
+fn stops_when_it_is_asked_to() {
+    let mut rng = StdRng::seed_from_u64(6);
+    let blocks = Triplets::<2>::grid(3, 4.0, &mut rng).blocks();
+    let analysis = Analysis::new(&blocks).unwrap();
+    let stopped = SparseLu::new(&analysis, &blocks, &AtomicBool::new(true));
+    assert!(matches!(stopped, Err(Error::Interrupted)));
+}
+
+#[test]
+fn agrees_with_the_dense_factors() {
+    let mut rng = StdRng::seed_from_u64(7);
+    let case = Triplets::<2>::grid(8, 6.0, &mut rng);
+    let b: Vec<f64> = (0..128).map(f64::from).collect();
+    let lu = Lu::new(case.dense(), 128, &AtomicBool::new(false))
+        .unwrap()
+        .unwrap();
+    let mut dense = b.clone();
+    lu.solve(&mut dense);
+    let sparse = solved(&case.blocks(), &b).unwrap();
+    let apart: Vec<f64> = dense.iter().zip(&sparse).map(|(a, b)| a - b).collect();
+    // Diagonals of 6 beside rows of 8 entries below one: condition below 100.
+    assert!(norm(&apart) <= 100.0 * 128.0 * f64::EPSILON * norm(&dense));
+}
