@@ -30,26 +30,50 @@ impl<const D: usize> Blocks<D> {
     pub fn new(start: &[usize], column: &[usize], values: &[f64]) -> Result<Self, Error> {
         let n = start.len().saturating_sub(1);
         check(start, column, values.len() / (D * D))?;
+        let (of_rows, _) = values.as_chunks::<D>();
+        for (row, values) in of_rows.iter().enumerate() {
+            if let Some(k) = values.iter().position(|w| !w.is_finite()) {
+                let at = row / D;
+                return Err(Error::EntryNotFinite {
+                    what: "W",
+                    row: D * start[1..].partition_point(|&end| end <= at) + row % D,
+                    column: D * column[at] + k,
+                    value: values[k],
+                });
+            }
+        }
+        let block = |at: usize| Block::from_fn(|k, l| of_rows[D * at + k][l]);
+        Ok(Self::from_rows(n, |i, add| {
+            for (&j, at) in column[start[i]..start[i + 1]].iter().zip(start[i]..) {
+                add(j, block(at));
+            }
+        }))
+    }
+
+    /// From the blocks of `n` rows: `row(i, add)` calls `add(j, block)` for those of
+    /// row `i`, the same at each call, which are two.
+    #[must_use]
+    pub fn from_rows(n: usize, row: impl Fn(usize, &mut dyn FnMut(usize, Block<D>))) -> Self {
         let mut pattern: Vec<Vec<usize>> = (0..n).map(|i| vec![i]).collect();
         for i in 0..n {
-            for &j in &column[start[i]..start[i + 1]] {
+            row(i, &mut |j, _| {
                 pattern[i].push(j);
                 pattern[j].push(i);
-            }
+            });
         }
         let mut this = Self {
             start: vec![0],
-            column: Vec::with_capacity(2 * column.len()),
+            column: Vec::new(),
             mirror: Vec::new(),
             diagonal: Vec::with_capacity(n),
             values: Vec::new(),
         };
-        for (i, mut row) in pattern.into_iter().enumerate() {
-            row.sort_unstable();
-            row.dedup();
-            let own = row.partition_point(|&j| j < i);
+        for (i, mut columns) in pattern.into_iter().enumerate() {
+            columns.sort_unstable();
+            columns.dedup();
+            let own = columns.partition_point(|&j| j < i);
             this.diagonal.push(this.column.len() + own);
-            this.column.extend(row);
+            this.column.extend(columns);
             this.start.push(this.column.len());
         }
         // Rows are walked in order, so the partners of a row come up in its order.
@@ -63,23 +87,13 @@ impl<const D: usize> Blocks<D> {
         }
         this.values = vec![Block::zeros(); this.column.len()];
         for i in 0..n {
-            for at in start[i]..start[i + 1] {
-                let block: Block<D> = Block::from_row_slice(&values[at * D * D..(at + 1) * D * D]);
-                if let Some(k) = block.iter().position(|w| !w.is_finite()) {
-                    return Err(Error::EntryNotFinite {
-                        what: "W",
-                        row: D * i + k % D,
-                        column: D * column[at] + k / D,
-                        value: block.as_slice()[k],
-                    });
+            row(i, &mut |j, block| {
+                if let Some(at) = this.position(i, j) {
+                    this.values[at] += block;
                 }
-                let place = this.position(i, column[at]);
-                if let Some(place) = place {
-                    this.values[place] += block;
-                }
-            }
+            });
         }
-        Ok(this)
+        this
     }
 
     /// The same pattern with other values, `of(i, j, W_ij)`.

@@ -5,26 +5,38 @@
 
 use std::borrow::Cow;
 use std::ops::Range;
+use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
 use crate::error::Error;
+use crate::linalg::blocks::Blocks;
 use crate::linalg::exact::Sum;
 use crate::linalg::small::Block;
+use crate::linalg::sparse_lu::Analysis;
 pub use crate::problem::island::{Island, Part};
 
 /// Below this many rows a product is not worth a second thread.
 const PARALLEL_ROWS: usize = 768;
 
 /// `W` over all contacts, island by island.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Compliance<'a, const D: usize> {
     islands: Vec<Island<'a, D>>,
     /// Caller's number of the contact at each position.
     order: Vec<usize>,
     /// Island of each position.
     island_of: Vec<usize>,
+    /// Where some of it is sparse: the whole in blocks, made when first asked for.
+    whole: OnceLock<Whole<D>>,
+}
+
+/// All of a `W` in blocks, and how matrices of its pattern are eliminated.
+#[derive(Debug)]
+pub struct Whole<const D: usize> {
+    pub blocks: Blocks<D>,
+    pub analysis: Analysis,
 }
 
 impl<'a, const D: usize> Compliance<'a, D> {
@@ -47,6 +59,7 @@ impl<'a, const D: usize> Compliance<'a, D> {
             islands,
             order,
             island_of,
+            whole: OnceLock::new(),
         })
     }
 
@@ -72,6 +85,26 @@ impl<'a, const D: usize> Compliance<'a, D> {
     #[must_use]
     pub fn is_sparse(&self) -> bool {
         self.islands.iter().any(|island| island.blocks().is_some())
+    }
+
+    /// All of `W` in blocks, where some of it is sparse.
+    ///
+    /// # Errors
+    /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
+    pub fn whole(&self) -> Result<Option<&Whole<D>>, Error> {
+        if !self.is_sparse() {
+            return Ok(None);
+        }
+        if self.whole.get().is_none() {
+            let row = |position: usize, add: &mut dyn FnMut(usize, Block<D>)| {
+                let (island, contact) = self.find(position);
+                island.row_blocks(contact, &mut |j, w| add(island.nodes.start + j, w));
+            };
+            let blocks = Blocks::from_rows(self.contacts(), row);
+            let analysis = Analysis::new(&blocks)?;
+            self.whole.get_or_init(|| Whole { blocks, analysis });
+        }
+        Ok(self.whole.get())
     }
 
     /// Entries that a product reads.

@@ -142,6 +142,18 @@ impl<'a, const D: usize> Island<'a, D> {
         }
     }
 
+    /// Calls `add(j, block)` for every block of a contact's row.
+    pub fn row_blocks(&self, contact: usize, add: &mut dyn FnMut(usize, Block<D>)) {
+        match &self.part {
+            Part::Dense(_) => {
+                for other in 0..self.nodes.len() {
+                    add(other, self.pair(contact, other));
+                }
+            }
+            Part::Sparse(blocks) => blocks.in_row(contact).for_each(|(j, w)| add(j, *w)),
+        }
+    }
+
     fn block_of(&self, matrix: &[f64], moved: usize, pushed: usize) -> Block<D> {
         let m = self.order();
         let (row, column) = (D * moved, D * pushed);

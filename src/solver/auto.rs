@@ -26,6 +26,7 @@ use crate::solver::enumerate;
 use crate::solver::gauss_seidel::{Point, Sweeper};
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::newton::{self, End};
+use crate::solver::proximal;
 use crate::solver::uzawa::{self, Burst};
 use crate::solver::{Outcome, Start};
 
@@ -41,6 +42,9 @@ const FAILURES: usize = 3;
 
 /// The failure after which a body held by contact alone starts again from nothing.
 const COLD: usize = 2;
+
+const PROXIMAL: usize = 2;
+const OUTER: usize = 60;
 
 /// Plane contacts whose statuses are exhausted in milliseconds.
 const FEW: usize = 6;
@@ -123,6 +127,13 @@ pub fn run<const D: usize>(
                 if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
                     return Ok(outcome);
                 }
+            }
+        }
+        if failure == PROXIMAL {
+            let rigid = sweeper.rigid_motion(&point);
+            match proximal::burst(problem, &point.r, &rigid, monitor, OUTER)? {
+                Burst::Stop(outcome) => return Ok(outcome),
+                Burst::Spent(r, rigid) => point = further(&sweeper, point, r, &rigid),
             }
         }
         if failure >= FAILURES {

@@ -1,6 +1,6 @@
 //! One Newton step (19) in the reactions: rows of the closed contacts and the
-//! balance of forces, solved by LU, or by GMRES with the blocks of the contacts
-//! where it is large.
+//! balance of forces, solved by LU, by GMRES with the blocks of the contacts where
+//! it is large, or by a sparse LU where `W` is sparse.
 //!
 //! Unknowns are `r̂` of the closed contacts and `â`. A frictionless contact has
 //! one unknown, an open one none.
@@ -15,6 +15,8 @@ use crate::linalg::dense;
 use crate::linalg::gmres;
 use crate::linalg::lu::Lu;
 use crate::linalg::small::{Block, Vector};
+use crate::linalg::sparse_lu::SparseLu;
+use crate::problem::compliance::Whole;
 use crate::problem::reduced::Reduced;
 use crate::solver::linearisation::{Linearisation, factorisation_cost};
 
@@ -27,9 +29,24 @@ const LARGE: usize = 1000;
 const PRODUCTS: f64 = 40.0;
 const MOST_PRODUCTS: usize = 200;
 
-/// What a step with `n` unknowns costs, in products with a `W` of order `m`.
+/// Operations of a sparse LU that take as long as one of a sparse product: fronts
+/// are small, but they lie in the cache.
+const SPARSE_SPEED: f64 = 2.0;
+
+/// What sparse factors may leave of the right side: their rows are exchanged
+/// within fronts only, and a few products mend what that costs.
+const LEFT: f64 = 1e-10;
+const MENDING: usize = 5;
+
+/// What a step with `n` unknowns costs, in products with `W`.
 #[must_use]
-pub fn cost(n: usize, m: usize) -> f64 {
+pub fn cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
+    match problem.compliance.whole() {
+        Ok(Some(whole)) => return sparse_cost(whole),
+        Ok(None) => {}
+        Err(_) => return f64::INFINITY,
+    }
+    let m = D * problem.contacts();
     let direct = factorisation_cost(n, m);
     if n <= LARGE {
         return direct;
@@ -37,6 +54,14 @@ pub fn cost(n: usize, m: usize) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "orders of matrices")]
     let share = n as f64 / m as f64;
     direct.min(PRODUCTS * share)
+}
+
+fn sparse_cost<const D: usize>(whole: &Whole<D>) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let product = (D * D * whole.blocks.stored()) as f64;
+    // An LU does twice what a symmetric factorisation does; a product, two
+    // operations an entry.
+    whole.analysis.counts().flops / (SPARSE_SPEED * product)
 }
 
 /// Rows of one closed contact.
@@ -58,6 +83,8 @@ pub struct ComplianceForm<'p, const D: usize> {
     rows: Vec<Row<D>>,
     /// Unknowns of the contacts; those of the rigid motions follow.
     contact: usize,
+    /// What is added to the diagonal of the scaled `W`.
+    shift: f64,
 }
 
 /// A solved system: the next `(r, a)`.
@@ -91,6 +118,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             problem,
             rows,
             contact: first,
+            shift: law.shift,
         }
     }
 
@@ -116,8 +144,22 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
     ) -> Result<Option<Solved<D>>, Error> {
         let n = self.order();
         let mut x = self.right(r, imbalance, count);
+        if let Some(whole) = self.problem.compliance.whole()? {
+            count(sparse_cost(whole));
+            let Some(factors) = Inner::factors(self, whole, stop)? else {
+                return Ok(None);
+            };
+            let factors = Preconditioner::new(self, factors)?;
+            let apply = |x: &[f64]| self.apply(x, stop);
+            let precondition = |x: &mut [f64]| factors.apply(self, x);
+            let found = gmres::solve(apply, precondition, &x, LEFT, MENDING)?;
+            #[expect(clippy::cast_precision_loss, reason = "a few")]
+            count(found.products as f64);
+            let finite = found.x.iter().all(|c| c.is_finite());
+            return Ok(finite.then(|| self.moved(r, rigid, &found.x)));
+        }
         if n > LARGE {
-            let blocks = Blocks::new(self)?;
+            let blocks = Preconditioner::new(self, Inner::contacts(self))?;
             let apply = |x: &[f64]| self.apply(x, stop);
             let precondition = |x: &mut [f64]| blocks.apply(self, x);
             let found = gmres::solve(apply, precondition, &x, tol, MOST_PRODUCTS)?;
@@ -193,7 +235,8 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
                 }
                 for i in 0..row.width {
                     for j in 0..row.width {
-                        out[i * n + row.first + j] += row.by_r[(i, j)];
+                        out[i * n + row.first + j] +=
+                            row.by_r[(i, j)] + self.shift * row.by_v[(i, j)];
                     }
                 }
                 for (c, mode) in modes.iter().enumerate() {
@@ -292,7 +335,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             for k in 0..row.width {
                 own[k] = x[row.first + k];
             }
-            let value = row.by_r * own + row.by_v * v;
+            let value = row.by_r * own + row.by_v * (v + own * self.shift);
             y.extend(&value.as_slice()[..row.width]);
         }
         let own = scaling.modes.iter().map(|mode| balance(self, mode, x));
@@ -301,31 +344,111 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
     }
 }
 
-/// Inverses of the contacts' own blocks, and what they make of the border.
-struct Blocks<const D: usize> {
-    inverse: Vec<Block<D>>,
+/// Rows and columns of the contacts, solved more or less well.
+enum Inner<'w, const D: usize> {
+    /// By the inverses of the contacts' own blocks.
+    Contacts(Vec<Block<D>>),
+    /// By the factors of all.
+    Factors(SparseLu<'w>),
+}
+
+impl<'w, const D: usize> Inner<'w, D> {
+    fn contacts(system: &ComplianceForm<D>) -> Self {
+        let scaling = &system.problem.scaling;
+        let inverse = system.rows.iter().map(|row| {
+            let w = system.problem.compliance.block(row.node);
+            let scale = scaling.to_v[row.node] / scaling.to_r[row.node];
+            let own = row.own(&(w * scale), system.shift);
+            own.try_inverse().unwrap_or_else(Block::identity)
+        });
+        Self::Contacts(inverse.collect())
+    }
+
+    fn factors(
+        system: &ComplianceForm<D>,
+        whole: &'w Whole<D>,
+        stop: &AtomicBool,
+    ) -> Result<Option<Self>, Error> {
+        let scaling = &system.problem.scaling;
+        let mut rows: Vec<Option<&Row<D>>> = vec![None; system.problem.contacts()];
+        for row in &system.rows {
+            rows[row.node] = Some(row);
+        }
+        let matrix = whole.blocks.map(|i, j, w| {
+            let scale = scaling.to_v[i] / scaling.to_r[j];
+            match rows[i] {
+                Some(row) if i == j => row.own(&(w * scale), system.shift),
+                Some(row) => row.of_others(&(w * scale)),
+                None if i == j => Block::identity(),
+                None => Block::zeros(),
+            }
+        });
+        let factors = SparseLu::new(&whole.analysis, &matrix, stop)?;
+        Ok(factors.map(Self::Factors))
+    }
+
+    fn solve(&self, system: &ComplianceForm<D>, x: &mut [f64]) {
+        let places = |row: &Row<D>| row.first..row.first + row.width;
+        match self {
+            Self::Contacts(inverse) => {
+                for (row, inverse) in system.rows.iter().zip(inverse) {
+                    let own = &mut x[places(row)];
+                    let mut value = Vector::<D>::zeros();
+                    value.as_mut_slice()[..row.width].copy_from_slice(own);
+                    let solved = inverse * value;
+                    own.copy_from_slice(&solved.as_slice()[..row.width]);
+                }
+            }
+            Self::Factors(factors) => {
+                let mut all = vec![0.0; D * system.problem.contacts()];
+                for row in &system.rows {
+                    all[D * row.node..][..row.width].copy_from_slice(&x[places(row)]);
+                }
+                factors.solve(&mut all);
+                for row in &system.rows {
+                    x[places(row)].copy_from_slice(&all[D * row.node..][..row.width]);
+                }
+            }
+        }
+    }
+}
+
+impl<const D: usize> Row<D> {
+    /// Its block of a column of `Ŵ` that is not its own.
+    fn of_others(&self, w: &Block<D>) -> Block<D> {
+        let mut block = self.by_v * w;
+        for k in self.width..D {
+            block.fill_row(k, 0.0);
+        }
+        block
+    }
+
+    /// Its own block; what is no unknown stays as it is.
+    fn own(&self, w: &Block<D>, shift: f64) -> Block<D> {
+        let mut block = self.by_r + self.by_v * (w + Block::identity() * shift);
+        for k in self.width..D {
+            block.fill_row(k, 0.0);
+            block.fill_column(k, 0.0);
+            block[(k, k)] = 1.0;
+        }
+        block
+    }
+}
+
+/// What solves the contacts, and what it makes of the border.
+struct Preconditioner<'w, const D: usize> {
+    inner: Inner<'w, D>,
     /// `D⁻¹ C`, `C` the columns of `â`, one a rigid motion.
     border: Vec<Vec<f64>>,
     /// `R̂ᵀ D⁻¹ C`, factored.
     balance: Option<Lu>,
 }
 
-impl<const D: usize> Blocks<D> {
-    fn new(system: &ComplianceForm<D>) -> Result<Self, Error> {
+impl<'w, const D: usize> Preconditioner<'w, D> {
+    fn new(system: &ComplianceForm<D>, inner: Inner<'w, D>) -> Result<Self, Error> {
         let scaling = &system.problem.scaling;
-        let inverse = system.rows.iter().map(|row| {
-            let w = system.problem.compliance.block(row.node);
-            let scale = scaling.to_v[row.node] / scaling.to_r[row.node];
-            let mut block = row.by_r + row.by_v * w * scale;
-            for k in row.width..D {
-                block.fill_row(k, 0.0);
-                block.fill_column(k, 0.0);
-                block[(k, k)] = 1.0;
-            }
-            block.try_inverse().unwrap_or_else(Block::identity)
-        });
-        let mut blocks = Self {
-            inverse: inverse.collect(),
+        let mut this = Self {
+            inner,
             border: Vec::new(),
             balance: None,
         };
@@ -336,40 +459,27 @@ impl<const D: usize> Blocks<D> {
                 column[row.first..row.first + row.width]
                     .copy_from_slice(&motion.as_slice()[..row.width]);
             }
-            for (k, row) in system.rows.iter().enumerate() {
-                blocks.solve(row, k, &mut column);
-            }
-            blocks.border.push(column);
+            this.inner.solve(system, &mut column);
+            this.border.push(column);
         }
         if !scaling.modes.is_empty() {
             let rows = scaling.modes.iter();
             let matrix = rows.flat_map(|mode| {
                 let along = |column: &Vec<f64>| balance(system, mode, column);
-                blocks.border.iter().map(along).collect::<Vec<_>>()
+                this.border.iter().map(along).collect::<Vec<_>>()
             });
             let matrix: Vec<f64> = matrix.collect();
             let never = AtomicBool::new(false);
-            blocks.balance = Lu::new(matrix, scaling.modes.len(), &never)?;
+            this.balance = Lu::new(matrix, scaling.modes.len(), &never)?;
         }
-        Ok(blocks)
-    }
-
-    /// The block of the `k`-th contact, in place.
-    fn solve(&self, row: &Row<D>, k: usize, x: &mut [f64]) {
-        let own = &mut x[row.first..row.first + row.width];
-        let mut value = Vector::<D>::zeros();
-        value.as_mut_slice()[..row.width].copy_from_slice(own);
-        let solved = self.inverse[k] * value;
-        own.copy_from_slice(&solved.as_slice()[..row.width]);
+        Ok(this)
     }
 
     fn apply(&self, system: &ComplianceForm<D>, x: &mut [f64]) {
-        for (k, row) in system.rows.iter().enumerate() {
-            self.solve(row, k, x);
-        }
+        let (contact, amounts) = x.split_at_mut(system.contact);
+        self.inner.solve(system, contact);
         let Some(lu) = &self.balance else { return };
         let modes = &system.problem.scaling.modes;
-        let (contact, amounts) = x.split_at_mut(system.contact);
         for (amount, mode) in amounts.iter_mut().zip(modes) {
             *amount = balance(system, mode, contact) - *amount;
         }

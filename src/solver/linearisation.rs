@@ -21,6 +21,8 @@ pub fn factorisation_cost(n: usize, m: usize) -> f64 {
 #[derive(Debug)]
 pub struct Linearisation<const D: usize> {
     pub at: Vec<Linearised<D>>,
+    /// The `α` of `dv = (Ŵ + α) dr + …`: zero but for a proximal step.
+    pub shift: f64,
 }
 
 impl<const D: usize> Linearisation<D> {
@@ -41,6 +43,7 @@ impl<const D: usize> Linearisation<D> {
         };
         Self {
             at: (0..r.len()).map(of_node).collect(),
+            shift: 0.0,
         }
     }
 
@@ -72,6 +75,7 @@ impl<const D: usize> Linearisation<D> {
         };
         Self {
             at: (0..r.len()).map(of_node).collect(),
+            shift: 0.0,
         }
     }
 }

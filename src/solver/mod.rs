@@ -11,6 +11,7 @@ pub mod linearisation;
 pub mod monitor;
 pub mod monotony;
 pub mod newton;
+pub mod proximal;
 pub mod refine;
 pub mod solution;
 pub mod stiffness_form;

@@ -3,6 +3,7 @@
 //! The line search lowers the norm of what the judge measures, which is cheap
 //! because `v` is affine in `r`.
 
+use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
@@ -82,16 +83,81 @@ pub fn run<const D: usize>(
     rigid: &[f64],
     monitor: &mut Monitor<D>,
 ) -> Result<End<D>, Error> {
+    run_near(problem, &Near::nothing(), r, rigid, 0.0, monitor)
+}
+
+/// The problem with `α (r̂ − ĉ)` added to `v̂`: whose matrix is not singular, and
+/// whose answer is `c` where `c` is an answer.
+#[derive(Clone, Debug)]
+pub struct Near<const D: usize> {
+    /// `α`.
+    pub shift: f64,
+    /// `c`; what it is does not matter where `α` is zero.
+    pub centre: Vec<[f64; D]>,
+}
+
+impl<const D: usize> Near<D> {
+    /// The problem itself.
+    #[must_use]
+    pub fn nothing() -> Self {
+        Self {
+            shift: 0.0,
+            centre: Vec::new(),
+        }
+    }
+
+    /// The `v` of the changed problem at `r`, from that of the problem.
+    fn felt<'v>(
+        &self,
+        problem: &Reduced<D>,
+        r: &[[f64; D]],
+        v: &'v [[f64; D]],
+    ) -> Cow<'v, [[f64; D]]> {
+        if self.shift == 0.0 {
+            return Cow::Borrowed(v);
+        }
+        let scaling = &problem.scaling;
+        let felt = |i: usize| {
+            let factor = self.shift * scaling.to_r[i] / scaling.to_v[i];
+            std::array::from_fn(|k| v[i][k] + factor * (r[i][k] - self.centre[i][k]))
+        };
+        Cow::Owned((0..v.len()).map(felt).collect())
+    }
+
+    /// Its merit at `r`.
+    #[must_use]
+    pub fn merit(&self, problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> f64 {
+        merit(problem, r, &self.felt(problem, r, v))
+    }
+}
+
+/// [`run`] on a problem near by, until its merit is at most `enough`.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn run_near<const D: usize>(
+    problem: &Reduced<D>,
+    near: &Near<D>,
+    r: &[[f64; D]],
+    rigid: &[f64],
+    enough: f64,
+    monitor: &mut Monitor<D>,
+) -> Result<End<D>, Error> {
     let mut r = r.to_vec();
     let mut rigid = rigid.to_vec();
     let mut v = problem.relative_displacement(&r, &rigid);
     monitor.count(1.0);
     // Merits of the last points, and the best point with its merit.
-    let mut recent = vec![merit(problem, &r, &v)];
+    let mut recent = vec![near.merit(problem, &r, &v)];
     let started = recent[0];
     let mut best = (started, r.clone(), rigid.clone());
     for _ in 0..MOST_STEPS {
-        let law = Linearisation::new(problem, &r, &v);
+        if best.0 <= enough && near.shift > 0.0 {
+            break;
+        }
+        let felt = near.felt(problem, &r, &v);
+        let mut law = Linearisation::new(problem, &r, &felt);
+        law.shift = near.shift;
         let eta = residual(problem, &r, &v, &rigid);
         let forcing = (FORCING * monitor.wish() / eta).clamp(LEAST_FORCING, MOST_FORCING);
         let imbalance = scaled_imbalance(problem, &r);
@@ -118,7 +184,7 @@ pub fn run<const D: usize>(
                 .zip(&to.rigid)
                 .map(|(x, y)| x + share * (y - x))
                 .collect();
-            let there = merit(problem, &next_r, &next_v);
+            let there = near.merit(problem, &next_r, &next_v);
             if there <= (1.0 - 1e-4 * share) * bar {
                 return Some((next_r, next_v, next_rigid, there));
             }
@@ -137,7 +203,7 @@ pub fn run<const D: usize>(
             Verdict::Stop(outcome) => return Ok(End::Stop(outcome)),
             Verdict::Refresh => {
                 v = problem.relative_displacement(&r, &rigid);
-                recent = vec![merit(problem, &r, &v)];
+                recent = vec![near.merit(problem, &r, &v)];
             }
             Verdict::Continue => {}
         }
@@ -181,7 +247,7 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
         });
     let motions = problem.scaling.modes.len();
     let closed = D * (problem.contacts() - open) + motions;
-    let in_reactions = compliance_form::cost(closed, whole);
+    let in_reactions = compliance_form::cost(problem, closed);
     // An inverse costs one and a half times an LU of all unknowns. Its share is
     // charged when it is at hand too: what is decided must not depend on what was
     // solved before.
@@ -212,7 +278,7 @@ pub fn solve<const D: usize>(
     count: &mut impl FnMut(f64),
     stop: &AtomicBool,
 ) -> Result<Option<Solved<D>>, Error> {
-    if step_cost(problem, law).1 {
+    if law.shift == 0.0 && step_cost(problem, law).1 {
         if problem.compliance.inverse_known().is_none() {
             let whole = D * problem.contacts();
             count(1.5 * factorisation_cost(whole, whole));
@@ -245,6 +311,7 @@ pub fn held_at<const D: usize>(
     if !in_displacements
         && problem.rigid.modes.is_empty()
         && problem.compliance.is_symmetric()
+        && !problem.compliance.is_sparse()
         && let Some(solved) =
             ComplianceForm::new(problem, &law).solve_definite(&cold, &mut count, stop)?
     {

@@ -1,0 +1,89 @@
+//! Proximal points, with Newton inside: for supports in excess, where the matrix
+//! of Newton is singular because reactions are not determined.
+//!
+//! Each outer iteration solves the problem with `α (r̂ − ĉ)` added to `v̂`, `c` the
+//! point it starts from [R76]. Its matrix `Ŵ + α` has an inverse, its answer is
+//! near, and an answer of the problem is one of it. `α` falls as long as Newton
+//! follows, which makes the outer iteration converge faster than linearly, and
+//! rises, at each failure in a row by more, where it does not.
+
+use crate::error::Error;
+use crate::problem::reduced::Reduced;
+use crate::problem::residual::merit;
+use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::newton::{self, End, Near};
+use crate::solver::uzawa::Burst;
+
+/// `α` at first, in units of a contact's own compliance.
+const FIRST: f64 = 0.1;
+
+/// What `α` is multiplied by after a success.
+const FALL: f64 = 0.2;
+
+/// What it is multiplied by after a failure, and what that factor is after each
+/// further one; two successes in a row forget it. A fixed factor comes back for
+/// ever to the same two values of `α` on flows of 7000 grains.
+const RISE: f64 = 5.0;
+const STEEPEST: f64 = 1e4;
+
+/// Between these `α` neither drowns in rounding nor holds the point still.
+const LEAST: f64 = 1e-13;
+const MOST: f64 = 1.0;
+
+/// What an outer iteration leaves of the merit it began with.
+const ENOUGH: f64 = 0.05;
+
+/// Outer iterations from `(r, a)`, until the monitor stops them or so many
+/// iterations of Newton are spent.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn burst<const D: usize>(
+    problem: &Reduced<D>,
+    r: &[[f64; D]],
+    rigid: &[f64],
+    monitor: &mut Monitor<D>,
+    outer: usize,
+) -> Result<Burst<D>, Error> {
+    let (mut r, mut rigid) = (r.to_vec(), rigid.to_vec());
+    let (mut alpha, mut rise, mut successes) = (FIRST, RISE, 0);
+    let mut v = problem.relative_displacement(&r, &rigid);
+    monitor.count(1.0);
+    let mut left = merit(problem, &r, &v);
+    for _ in 0..outer {
+        let near = Near {
+            shift: alpha,
+            centre: r.clone(),
+        };
+        let enough = ENOUGH * left;
+        let (next, next_rigid) =
+            match newton::run_near(problem, &near, &r, &rigid, enough, monitor)? {
+                End::Stop(outcome) => return Ok(Burst::Stop(outcome)),
+                End::Better(next, next_rigid) => (next, next_rigid),
+                End::Stalled => (r.clone(), rigid.clone()),
+            };
+        let next_v = problem.relative_displacement(&next, &next_rigid);
+        monitor.count(1.0);
+        let there = merit(problem, &next, &next_v);
+        if near.merit(problem, &next, &next_v) <= enough {
+            successes += 1;
+            if successes >= 2 {
+                rise = RISE;
+            }
+            alpha = (FALL * alpha).max(LEAST);
+            (r, rigid, v, left) = (next, next_rigid, next_v, there);
+        } else {
+            successes = 0;
+            alpha = (rise * alpha).min(MOST);
+            rise = (rise * RISE).min(STEEPEST);
+            if there < left {
+                (r, rigid, v, left) = (next, next_rigid, next_v, there);
+            }
+        }
+        monitor.measure_floor(&r, &rigid);
+        if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
+            return Ok(Burst::Stop(outcome));
+        }
+    }
+    Ok(Burst::Spent(r, rigid))
+}
