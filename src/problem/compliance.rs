@@ -28,7 +28,7 @@ pub struct Compliance<'a, const D: usize> {
     order: Vec<usize>,
     /// Island of each position.
     island_of: Vec<usize>,
-    /// Where some of it is sparse: the whole in blocks, made when first asked for.
+    /// Where it is sparse: the whole in blocks, made when first asked for.
     whole: OnceLock<Whole<D>>,
 }
 
@@ -81,13 +81,20 @@ impl<'a, const D: usize> Compliance<'a, D> {
         &self.islands
     }
 
-    /// Whether some of `W` is sparse.
+    /// Whether so much of `W` is zero that matrices of its pattern are eliminated
+    /// as sparse ones.
     #[must_use]
     pub fn is_sparse(&self) -> bool {
-        self.islands.iter().any(|island| island.blocks().is_some())
+        /// Below, a dense LU takes less time than the walk over fronts.
+        const CONTACTS: usize = 64;
+        const SHARE: usize = 6;
+        let n = self.contacts();
+        let mut islands = self.islands.iter();
+        islands.any(|island| island.blocks().is_some())
+            || n >= CONTACTS && SHARE * self.entries() <= (D * n).pow(2)
     }
 
-    /// All of `W` in blocks, where some of it is sparse.
+    /// All of `W` in blocks, where it is sparse.
     ///
     /// # Errors
     /// [`Error::IndexRange`] for more entries than 32-bit indices can number.

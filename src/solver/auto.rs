@@ -26,8 +26,7 @@ use crate::solver::enumerate;
 use crate::solver::gauss_seidel::{Point, Sweeper};
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::newton::{self, End};
-use crate::solver::proximal;
-use crate::solver::uzawa::{self, Burst};
+use crate::solver::proximal::{self, Attempt};
 use crate::solver::{Outcome, Start};
 
 /// Sweeps before Newton is tried, at first and at least.
@@ -37,25 +36,20 @@ const FIRST_SWEEPS: usize = 5;
 const NEXT_SWEEPS: usize = 20;
 const MOST_SWEEPS: usize = 1280;
 
-/// Failures of Newton after which momentum is tried too.
-const FAILURES: usize = 3;
-
 /// The failure after which a body held by contact alone starts again from nothing.
 const COLD: usize = 2;
 
+/// The failure from which on proximal points come before the next sweeps.
 const PROXIMAL: usize = 2;
-const OUTER: usize = 60;
 
-/// Plane contacts whose statuses are exhausted in milliseconds.
+/// Plane contacts whose statuses are exhausted in milliseconds, and the failure
+/// after which they are.
 const FEW: usize = 6;
+const EXHAUST: usize = 3;
 
-/// What Newton or momentum must leave of η for sweeps to go on from where they
+/// What Newton or proximal points must leave of η for sweeps to go on from where they
 /// ended: sweeps that were on their way to the statuses lose it otherwise.
 const GAIN: f64 = 0.3;
-
-/// Iterations of its first burst; doubled at each next one.
-const FIRST_BURST: usize = 100;
-const MOST_BURST: usize = 6400;
 
 /// Runs until the monitor stops it.
 ///
@@ -89,7 +83,7 @@ pub fn run<const D: usize>(
     } else {
         0
     };
-    let (mut next, mut burst) = (NEXT_SWEEPS, FIRST_BURST);
+    let mut next = NEXT_SWEEPS;
     for failure in 1.. {
         if let Some(outcome) = sweeper.run(&mut point, monitor, sweeps)? {
             return Ok(outcome);
@@ -117,7 +111,7 @@ pub fn run<const D: usize>(
             // answer: sweeps are given one chance from nothing.
             point = sweeper.start(&Start::default(), monitor);
         }
-        if failure == FAILURES
+        if failure == EXHAUST
             && problem.contacts() <= FEW
             && let Some(found) = enumerate::few(problem, monitor.stop())?
         {
@@ -129,24 +123,12 @@ pub fn run<const D: usize>(
                 }
             }
         }
-        if failure == PROXIMAL {
+        if failure >= PROXIMAL {
             let rigid = sweeper.rigid_motion(&point);
-            match proximal::burst(problem, &point.r, &rigid, monitor, OUTER)? {
-                Burst::Stop(outcome) => return Ok(outcome),
-                Burst::Spent(r, rigid) => point = further(&sweeper, point, r, &rigid),
+            match proximal::attempt(problem, &point.r, &rigid, monitor, failure - PROXIMAL)? {
+                Attempt::Stop(outcome) => return Ok(outcome),
+                Attempt::Spent(r, rigid) => point = further(&sweeper, point, r, &rigid),
             }
-        }
-        if failure >= FAILURES {
-            let from = Start {
-                rigid: sweeper.rigid_motion(&point),
-                reaction: point.r.clone(),
-                closed: Vec::new(),
-            };
-            match uzawa::burst(problem, &from, monitor, burst)? {
-                Burst::Stop(outcome) => return Ok(outcome),
-                Burst::Spent(r, rigid) => point = further(&sweeper, point, r, &rigid),
-            }
-            burst = (2 * burst).min(MOST_BURST);
         }
         sweeps = next;
         next = (2 * next).min(MOST_SWEEPS);

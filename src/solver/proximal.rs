@@ -10,12 +10,13 @@
 use crate::error::Error;
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::merit;
+use crate::solver::Outcome;
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::newton::{self, End, Near};
-use crate::solver::uzawa::Burst;
 
-/// `α` at first, in units of a contact's own compliance.
-const FIRST: f64 = 0.1;
+/// `α` at first, in units of a contact's own compliance; each further attempt takes
+/// the next. With one value alone 2 of 150 assemblies of rigid bodies are not solved.
+const FIRST: [f64; 3] = [0.1, 1.0, 0.01];
 
 /// What `α` is multiplied by after a success.
 const FALL: f64 = 0.2;
@@ -33,24 +34,35 @@ const MOST: f64 = 1.0;
 /// What an outer iteration leaves of the merit it began with.
 const ENOUGH: f64 = 0.05;
 
-/// Outer iterations from `(r, a)`, until the monitor stops them or so many
-/// iterations of Newton are spent.
+/// Outer iterations of an attempt.
+const OUTER: usize = 60;
+
+/// How an attempt ended.
+#[derive(Debug)]
+pub enum Attempt<const D: usize> {
+    /// The monitor stopped it.
+    Stop(Outcome),
+    /// Its iterations are spent; `(r, a)` is the last point.
+    Spent(Vec<[f64; D]>, Vec<f64>),
+}
+
+/// The `number`-th attempt, from `(r, a)`.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
-pub fn burst<const D: usize>(
+pub fn attempt<const D: usize>(
     problem: &Reduced<D>,
     r: &[[f64; D]],
     rigid: &[f64],
     monitor: &mut Monitor<D>,
-    outer: usize,
-) -> Result<Burst<D>, Error> {
+    number: usize,
+) -> Result<Attempt<D>, Error> {
     let (mut r, mut rigid) = (r.to_vec(), rigid.to_vec());
-    let (mut alpha, mut rise, mut successes) = (FIRST, RISE, 0);
+    let (mut alpha, mut rise, mut successes) = (FIRST[number % FIRST.len()], RISE, 0);
     let mut v = problem.relative_displacement(&r, &rigid);
     monitor.count(1.0);
     let mut left = merit(problem, &r, &v);
-    for _ in 0..outer {
+    for _ in 0..OUTER {
         let near = Near {
             shift: alpha,
             centre: r.clone(),
@@ -58,7 +70,7 @@ pub fn burst<const D: usize>(
         let enough = ENOUGH * left;
         let (next, next_rigid) =
             match newton::run_near(problem, &near, &r, &rigid, enough, monitor)? {
-                End::Stop(outcome) => return Ok(Burst::Stop(outcome)),
+                End::Stop(outcome) => return Ok(Attempt::Stop(outcome)),
                 End::Better(next, next_rigid) => (next, next_rigid),
                 End::Stalled => (r.clone(), rigid.clone()),
             };
@@ -82,8 +94,8 @@ pub fn burst<const D: usize>(
         }
         monitor.measure_floor(&r, &rigid);
         if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
-            return Ok(Burst::Stop(outcome));
+            return Ok(Attempt::Stop(outcome));
         }
     }
-    Ok(Burst::Spent(r, rigid))
+    Ok(Attempt::Spent(r, rigid))
 }

@@ -93,37 +93,6 @@ pub fn run<const D: usize>(
     }
 }
 
-/// `count` iterations from `(r, a)`, unless the monitor stops them before; the
-/// point they end at.
-///
-/// # Errors
-/// [`Error::Interrupted`].
-pub fn burst<const D: usize>(
-    problem: &Reduced<D>,
-    start: &Start<D>,
-    monitor: &mut Monitor<D>,
-    count: usize,
-) -> Result<Burst<D>, Error> {
-    let mut map = Map::new(problem, Variant::Momentum, start);
-    let mut point = map.start(start);
-    monitor.count(1.0);
-    let outcome = map.iterate(&mut point, monitor, count)?;
-    let rigid = map.rigid(&point);
-    Ok(match outcome {
-        Some(outcome) => Burst::Stop(outcome),
-        None => Burst::Spent(point.r, rigid),
-    })
-}
-
-/// How a burst ended.
-#[derive(Debug)]
-pub enum Burst<const D: usize> {
-    /// The monitor stopped it.
-    Stop(Outcome),
-    /// Its iterations are spent; `(r, a)` is the last point.
-    Spent(Vec<[f64; D]>, Vec<f64>),
-}
-
 /// The map of one problem, with its step and the rigid motions.
 struct Map<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
