@@ -202,8 +202,8 @@ this page; the tests compute the same numbers and hold each to its bound.
 The difference is the largest over all numbers of a quantity, relative to the largest
 of them, which is the one printed. `<` stands before a bound that the tests assert where
 only rounding and the residual that the solver is held to are left; `≤` before the
-difference itself, rounded up to one digit, where a mesh or the digits of a source
-make it.
+difference itself, rounded up to one digit, where it comes from a mesh or from the
+digits of a source.
 
 Sources: [J85] and the paper's equations are in [theory.md](theory.md); *closed form*
 means that it is derived in `bipot_rs.analytic` or in the test of that number;
