@@ -23,17 +23,19 @@ SIZES, FINE = [0.2, 0.1, 0.05], [0.025]
 
 @cache
 def line(
-    h: float, upper: float = 1.0, lower: float = np.inf, a: float = 1.0
-) -> tuple[Profile, float, float]:
-    """Two half-planes, moduli `upper` and `lower` (inf: rigid), pressed on each other.
+    h: float,
+    moduli: tuple[float, float] = (1.0, np.inf),
+    radius: float = 250 * np.pi,
+    force: float = 1e-3 / (1 - NU**2),
+) -> tuple[Profile, float]:
+    """Two half-planes (inf: rigid), pressed on each other; as given, a = 1.
 
-    Without friction, half of them, x >= 0. `a` is the half-width that the load gives,
-    after the profile the force, and the half-width by the second moment: a²/4 is the
-    mean of x² under a half ellipse.
+    Without friction, half of them, x >= 0. After the profile the half-width by the
+    second moment: a²/4 is the mean of x² under a half ellipse.
     """
-    e_star = analytic.contact_modulus(upper, NU, lower, NU if np.isfinite(lower) else 0)
-    force = 1e-3 * e_star * a
-    radius = np.pi * e_star * a**2 / (4 * force)
+    upper, lower = moduli
+    e_star = analytic.contact_modulus(upper, NU, lower, NU)
+    a, p0 = analytic.hertz_line(force, radius, e_star)
     side, up = a * grid(h, 1.6, FAR), a * grid(h, 1.0, FAR)
     bodies = [body("upper", [side, up], upper, NU)]
     supports = [fem.Support("upper", "left", [0])]
@@ -53,18 +55,17 @@ def line(
     load = model.traction("upper", "top", [0, -force / 2 / side[-1]])
     result: Any = model.problem().solve(load)
     x, r = model.points[:, 0], result.reaction[0]
-    width, p0 = analytic.hertz_line(force, radius, e_star)
     expected = np.zeros_like(r)
-    expected[:, 0] = analytic.hertz_pressure(x, width, p0)
+    expected[:, 0] = analytic.hertz_pressure(x, a, p0)
     moment = 2 * float(np.sqrt(r[:, 0] @ x**2 / r[:, 0].sum()))
-    return Profile(x, model.area, result.traction[0], expected), force, moment
+    return Profile(x, model.area, result.traction[0], expected), moment
 
 
 def a7(fine: bool = False) -> list[Refinement]:
     """A rigid cylinder on a half-plane, without friction."""
     sizes, source = SIZES + FINE * fine, "Hertz, [J85, ch. 4]"
     found = [line(h) for h in sizes]
-    profiles, widths = [f[0] for f in found], [(1.0, f[2]) for f in found]
+    profiles, widths = [f[0] for f in found], [(1.0, f[1]) for f in found]
     axis = [p.on_axis(0) for p in profiles]
     return [
         # The axis sees the edges by their means only.

@@ -122,13 +122,11 @@ def counted(names: list[str]) -> list[str]:
 
 def p2() -> list[Row]:
     """Steel cylinder on an aluminium block, half-planes of both; N and mm."""
-    profile, force, width = line(SIZES[-1], 210e3, 70e3, 6.2146)
-    # Forces go by 1/1000 of E* a in there; all that follows is linear in force.
-    ratio = 35e3 / force
+    profile, width = line(SIZES[-1], (210e3, 70e3), 50.0, 35e3)
     _, peak = profile.on_axis(0)
     return [
         near("half-width [mm]", NAFEMS, 6.21, width, 2e-3),
-        near("peak pressure [MPa]", NAFEMS, 3585.37, peak * ratio, 2e-3),
+        near("peak pressure [MPa]", NAFEMS, 3585.37, peak, 2e-3),
     ]
 
 
