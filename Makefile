@@ -69,6 +69,10 @@ bench: $(STAMP) ## the tables of benches/README.md
 	$(PY) benches/speed_against_error.py
 	$(PY) benches/beside_peers.py
 
+.PHONY: verification
+verification: $(STAMP) ## docs/verification.md: answers known from elsewhere, beside ours
+	$(PY) tests/python/verification.py
+
 .PHONY: picture
 picture: $(STAMP) ## the picture of the README
 	$(PY) examples/readme_picture.py

@@ -247,16 +247,18 @@ class Touch(_Table):
 
 
 class Amplitude(_Table):
-    """Factor of each load step: a table, or sin(2π k/period) from k = 0 on."""
+    """Factor of each load step k = 0, 1, …: a table, sin(2π k/period), (k + 1)/steps."""
 
     table: Annotated[list[float], Field(min_length=1)] | None = None
-    wave: Literal["sine"] | None = None
+    wave: Literal["sine", "ramp"] | None = None
     period: Annotated[float, Field(gt=0)] | None = None
 
     def values(self, steps: int) -> Floats:
         """Factors ``(steps,)``."""
         if self.table is not None:
             return np.array(self.table)
+        if self.wave == "ramp":
+            return np.arange(1.0, steps + 1) / steps
         turns = np.arange(steps) / (self.period or 1.0)
         factors: Floats = np.sin(2 * np.pi * turns)
         return factors
@@ -392,8 +394,10 @@ def _path_inconsistencies(scene: Scene) -> list[str]:
         place = f"path.amplitude.{name}"
         if (amplitude.table is None) == (amplitude.wave is None):
             found.append(f"{place}: should be a list of factors or a wave")
-        elif amplitude.wave is not None and amplitude.period is None:
-            found.append(f"{place}: a wave needs its period")
+        elif amplitude.wave == "sine" and amplitude.period is None:
+            found.append(f"{place}: a sine needs its period")
+        elif amplitude.wave == "ramp" and amplitude.period is not None:
+            found.append(f"{place}: a ramp has no period")
         elif amplitude.wave is not None and path.steps is None:
             found.append(f"path.steps: is missing, and the wave {name} has no end")
         elif amplitude.table is not None and len(amplitude.table) != path.count():

@@ -105,7 +105,7 @@ def test_units_of_a_reduced_problem() -> None:
     assert other.residual == one.residual
 
 
-def test_rotation_of_the_scene() -> None:
+def test_h15_rotation_of_the_scene() -> None:
     body, fixed, path = pressed_cube()
     one = solve(body, fixed, path)
     turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
@@ -151,7 +151,7 @@ def test_rotation_of_the_tangents() -> None:
     np.testing.assert_allclose(back, one.reaction, rtol=0, atol=1e-11 * size)
 
 
-def test_renumbering() -> None:
+def test_h15_renumbering() -> None:
     body, fixed, path = pressed_cube()
     one = solve(body, fixed, path)
     rng = np.random.default_rng(4)

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 SLIP = bp.Status.SLIP
 
 
-def test_a11_a_thousand_cycles_do_not_drift() -> None:
+def test_h19_a_thousand_cycles_do_not_drift() -> None:
     cycles = 1000
     problem, load = bar_problem()
     ends = np.array([30.0] + [-30.0, 30.0] * cycles)
@@ -32,7 +32,7 @@ def test_a11_a_thousand_cycles_do_not_drift() -> None:
     assert np.ptp(np.abs(u[20:])) <= 1e-12 * 0.009 * math.sqrt(2 * cycles)
 
 
-def test_a11_work_of_aligned_steps_is_what_friction_takes() -> None:
+def test_h20_work_of_aligned_steps_is_what_friction_takes() -> None:
     problem, load = bar_problem()
     # Steps of q h: every limit of a node is met at the end of a step.
     half = np.arange(30.0, -30.0, -2.5)
@@ -113,7 +113,7 @@ def test_h20_energy_balance_of_a_random_path() -> None:
         ([[0, 0.4], [-1, 0.4]], 0.4, 0.0),
     ],
 )
-def test_a5_path_dependence_by_every_method(
+def test_h21_path_dependence_by_every_method(
     path: list[list[float]], u_t: float, r_t: float, method: str
 ) -> None:
     result = one_node(path, 0.5, stiffness=np.eye(2), method=method)
@@ -154,7 +154,7 @@ def test_a12_rotating_load_by_every_method(steps: int, method: str) -> None:
         ),
     ],
 )
-def test_a14_anisotropic_slip_by_every_method(
+def test_h24_anisotropic_slip_by_every_method(
     W: Array, r: list[float], v: list[float], method: str
 ) -> None:
     reduced = bp.ReducedProblem(W, np.array([[-1.0, 1.6, 0.9]]), 0.4)

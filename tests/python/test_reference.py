@@ -214,7 +214,7 @@ def test_a11_bar_cycles_do_not_drift() -> None:
     np.testing.assert_allclose(per_cycle, 0.36125, rtol=1e-10)
 
 
-def test_a12_rotating_load() -> None:
+def test_h22_rotating_load_step_by_step() -> None:
     k, limit, force, turns = 2.0, 0.5, 0.8, 3
     errors = []
     for steps in (8, 16, 32, 64, 128, 256, 512):

@@ -139,6 +139,7 @@ def test_shipped_names() -> None:
         "cattaneo_mindlin",
         "cyclic_cube",
         "pressed_block",
+        "raous_plate",
         "sheared_cube",
         "two_blocks",
     ]
@@ -153,6 +154,7 @@ def test_shipped_names() -> None:
         ("cattaneo_mindlin", 40, 50720, 241, 2),
         ("two_blocks", 8, 2430, 81, 2),
         ("cyclic_cube", 9, 3000, 100, 41),
+        ("raous_plate", 32, 2178, 32, 5),
     ],
 )
 def test_size_of_shipped_scenes(
@@ -181,6 +183,16 @@ def test_cyclic_path() -> None:
         rtol=0,
         atol=0.025 * 4 * np.pi * 2.3e-16,
     )
+
+
+def test_a_ramp_takes_any_number_of_steps() -> None:
+    for steps in (1, 4):
+        read = scene.read("raous_plate", ["mesh.n=2", f"path.steps={steps}"])
+        case = scene.assemble(read, scene.bodies(read))
+        # Quarters are exact in binary.
+        np.testing.assert_array_equal(case.parameter, np.arange(1, steps + 1) / steps)
+        assert case.load is not None
+        np.testing.assert_array_equal(case.load[0] * steps, case.load[-1])
 
 
 def test_graded_grid() -> None:
@@ -256,6 +268,14 @@ def test_graded_grid() -> None:
         (
             ["path.amplitude.shear={wave='sine', period=20.0}"],
             ["path.steps: is missing, and the wave shear has no end"],
+        ),
+        (
+            ["path.amplitude.shear={wave='sine'}", "path.steps=2"],
+            ["path.amplitude.shear: a sine needs its period"],
+        ),
+        (
+            ["path.amplitude.shear={wave='ramp', period=2.0}", "path.steps=2"],
+            ["path.amplitude.shear: a ramp has no period"],
         ),
     ],
 )
