@@ -20,6 +20,15 @@ pub use crate::problem::island::{Island, Part};
 /// Below this many rows a product is not worth a second thread.
 const PARALLEL_ROWS: usize = 768;
 
+/// Whether a matrix of so many blocks and contacts is better kept, and eliminated,
+/// as a sparse one: a walk over fronts, and rows of blocks, take longer a number.
+#[must_use]
+pub fn is_sparse(blocks: usize, contacts: usize) -> bool {
+    const CONTACTS: usize = 64;
+    const SHARE: usize = 6;
+    contacts >= CONTACTS && SHARE * blocks <= contacts * contacts
+}
+
 /// `W` over all contacts, island by island.
 #[derive(Debug)]
 pub struct Compliance<'a, const D: usize> {
@@ -85,13 +94,9 @@ impl<'a, const D: usize> Compliance<'a, D> {
     /// as sparse ones.
     #[must_use]
     pub fn is_sparse(&self) -> bool {
-        /// Below, a dense LU takes less time than the walk over fronts.
-        const CONTACTS: usize = 64;
-        const SHARE: usize = 6;
-        let n = self.contacts();
         let mut islands = self.islands.iter();
         islands.any(|island| island.blocks().is_some())
-            || n >= CONTACTS && SHARE * self.entries() <= (D * n).pow(2)
+            || is_sparse(self.entries() / (D * D), self.contacts())
     }
 
     /// All of `W` in blocks, where it is sparse.

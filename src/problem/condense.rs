@@ -13,12 +13,14 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use crate::error::Error;
+use crate::linalg::blocks::Blocks;
 use crate::linalg::csc::Symmetric;
 use crate::linalg::exact::Sum;
+use crate::linalg::small::Block;
 use crate::linalg::union::Union;
 use crate::problem::body::{Body, Row};
 use crate::problem::border::{check_finite, check_length};
-use crate::problem::compliance::{Compliance, Part};
+use crate::problem::compliance::{Compliance, Part, is_sparse};
 use crate::problem::memory;
 use crate::problem::reduced::{Reduced, Rigid};
 use crate::problem::sparse::{self, Owned, Rows};
@@ -375,32 +377,121 @@ fn place_of_row(contact: Rows, row: usize, position: &[Option<usize>]) -> bool {
         .any(|(j, value)| value != 0.0 && position[j].is_none())
 }
 
-/// `W = Σ B_c (S + α R Rᵀ)⁻¹ B_cᵀ`, island by island.
+/// `W = Σ B_c (S + α R Rᵀ)⁻¹ B_cᵀ`, island by island: sparse where many bodies
+/// have a few contacts each.
 fn assemble<const D: usize>(
     contacts: usize,
     bodies: &mut [Body],
 ) -> Result<Compliance<'static, D>, Error> {
     let islands = islands::<D>(contacts, bodies);
-    let bytes: u128 = islands
+    // Pairs of contacts that share a body; a pair that shares two is counted twice.
+    let pairs = |members: &[usize]| -> usize {
+        let of_body = members
+            .iter()
+            .map(|&b| touched::<D>(&bodies[b]).len().pow(2));
+        of_body.sum()
+    };
+    let counted = islands
         .iter()
-        .map(|(nodes, _)| 8 * ((D * nodes.len()) as u128).pow(2))
-        .sum();
-    memory::check("the compliance W", bytes)?;
+        .map(|(nodes, members)| (pairs(members), nodes.len()));
+    let stored = counted.map(|(pairs, n)| if is_sparse(pairs, n) { pairs } else { n * n });
+    let stored: Vec<usize> = stored.collect();
+    let blocks: u128 = stored.iter().map(|&blocks| blocks as u128).sum();
+    memory::check("the compliance W", 8 * (D * D) as u128 * blocks)?;
     let mut parts = Vec::with_capacity(islands.len());
     let mut place = vec![0; contacts];
-    for (nodes, members) in islands {
-        for (k, &node) in nodes.iter().enumerate() {
-            place[node] = k;
-        }
-        let m = D * nodes.len();
-        let mut matrix = vec![0.0; m * m];
-        for &b in &members {
-            add_body::<D>(&mut bodies[b], &place, m, &mut matrix);
-        }
-        mirror(&mut matrix, m);
-        parts.push((nodes, Part::Dense(Cow::Owned(matrix))));
+    for ((nodes, members), stored) in islands.into_iter().zip(stored) {
+        let n = nodes.len();
+        let part = if let [body] = members[..] {
+            Part::Dense(Cow::Owned(of_body::<D>(
+                &mut bodies[body],
+                &nodes,
+                &mut place,
+            )))
+        } else {
+            let mut shares = Vec::with_capacity(members.len());
+            for &b in &members {
+                let own = touched::<D>(&bodies[b]);
+                let matrix = of_body::<D>(&mut bodies[b], &own, &mut place);
+                shares.push((own, matrix));
+            }
+            for (k, &node) in nodes.iter().enumerate() {
+                place[node] = k;
+            }
+            for node in shares.iter_mut().flat_map(|(own, _)| own) {
+                *node = place[*node];
+            }
+            if stored < n * n {
+                Part::Sparse(Cow::Owned(sparse_sum(n, &shares)))
+            } else {
+                Part::Dense(Cow::Owned(dense_sum::<D>(n, &shares)))
+            }
+        };
+        parts.push((nodes, part));
     }
     Compliance::new(parts)
+}
+
+/// Contacts that a body has rows of, ascending.
+fn touched<const D: usize>(body: &Body) -> Vec<usize> {
+    let mut contacts: Vec<usize> = body.rows().iter().map(|row| row.row / D).collect();
+    contacts.sort_unstable();
+    contacts.dedup();
+    contacts
+}
+
+/// The whole share of one body in `W`, among the contacts named.
+fn of_body<const D: usize>(body: &mut Body, contacts: &[usize], place: &mut [usize]) -> Vec<f64> {
+    for (k, &node) in contacts.iter().enumerate() {
+        place[node] = k;
+    }
+    let m = D * contacts.len();
+    let mut matrix = vec![0.0; m * m];
+    add_body::<D>(body, place, m, &mut matrix);
+    mirror(&mut matrix, m);
+    matrix
+}
+
+/// Contacts and matrix of each body, contacts by their place among `n`.
+type Shares = [(Vec<usize>, Vec<f64>)];
+
+fn dense_sum<const D: usize>(n: usize, shares: &Shares) -> Vec<f64> {
+    let m = D * n;
+    let mut sum = vec![0.0; m * m];
+    for (own, matrix) in shares {
+        let order = D * own.len();
+        for (i, row) in matrix.chunks_exact(order.max(1)).enumerate() {
+            let out = &mut sum[(D * own[i / D] + i % D) * m..][..m];
+            for (values, &node) in row.as_chunks::<D>().0.iter().zip(own) {
+                for (value, w) in out[D * node..][..D].iter_mut().zip(values) {
+                    *value += w;
+                }
+            }
+        }
+    }
+    sum
+}
+
+fn sparse_sum<const D: usize>(n: usize, shares: &Shares) -> Blocks<D> {
+    // The bodies of each contact, with its place in each.
+    let mut of_contact: Vec<Vec<(usize, usize)>> = vec![Vec::new(); n];
+    for (b, (own, _)) in shares.iter().enumerate() {
+        for (k, &node) in own.iter().enumerate() {
+            of_contact[node].push((b, k));
+        }
+    }
+    Blocks::from_rows(n, |i, add| {
+        for &(b, k) in &of_contact[i] {
+            let (own, matrix) = &shares[b];
+            let m = D * own.len();
+            for (l, &node) in own.iter().enumerate() {
+                add(
+                    node,
+                    Block::from_fn(|x, y| matrix[(D * k + x) * m + D * l + y]),
+                );
+            }
+        }
+    })
 }
 
 /// Adds `B_c (S + α R Rᵀ)⁻¹ B_cᵀ` of one body to the upper triangle of an island.

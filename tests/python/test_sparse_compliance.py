@@ -1,0 +1,103 @@
+"""W where most of it is zero: never made dense, and the same answers."""
+
+import resource
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from disks import wall
+
+TOL = 1e-10
+
+
+def reduced(n: int, mu: float = 0.4) -> tuple[bp.ReducedProblem, bp.ReducedProblem]:
+    """The wall with a sparse and with a dense W."""
+    M, B, load = wall(n)
+    inverse = sparse.diags_array(1 / M.diagonal())
+    W, q = (B @ inverse @ B.T).tocsr(), (B @ (inverse @ load)).reshape(-1, 2)
+    return bp.ReducedProblem(W, q, mu), bp.ReducedProblem(W.toarray(), q, mu)
+
+
+def test_the_dense_problem_judges_the_answer_of_the_sparse_one() -> None:
+    thin, thick = reduced(9)
+    assert thin.W.shape[0] > 3 * 81, "reactions are to be undetermined"
+    solution = thin.solve(tol=TOL)
+    assert solution.converged
+    # Two sums of the same products in another order.
+    assert thick.residual(solution.reaction) <= 1.01 * TOL
+    assert solution.stats["bytes_beside_W"] == 0
+
+
+def test_bodies_with_few_contacts_each_condense_to_a_sparse_compliance() -> None:
+    M, B, load = wall(9)
+    contacts = B.shape[0] // 2
+    problem = bp.ContactProblem(M, B, gap=np.zeros(contacts), mu=0.4)
+    expected = (B @ sparse.diags_array(1 / M.diagonal()) @ B.T).toarray()
+    # Sums of four products, of numbers of order one.
+    np.testing.assert_allclose(problem.compliance, expected, rtol=0, atol=1e-14)
+    assert problem.stats["bytes_compliance"] < expected.nbytes / 6
+    result = problem.solve(load, tol=TOL)
+    thin, _ = reduced(9)
+    assert thin.residual(result.reaction[0]) <= 1.01 * TOL
+    left = M @ result.displacement[0] - load - B.T @ result.reaction[0].ravel()
+    np.testing.assert_allclose(left, 0, atol=1e-12 * np.abs(load).max())
+
+
+@pytest.mark.parametrize("method", ["auto", "gauss_seidel", "nesterov"])
+def test_same_bits_for_any_number_of_threads(method: str) -> None:
+    problem, _ = reduced(9)
+    one, two = (
+        problem.solve(method, tol=1e-6, num_threads=n, max_iterations=300)
+        for n in (1, 2)
+    )
+    assert np.array_equal(one.reaction, two.reaction)
+    assert one.work == two.work
+
+
+@pytest.mark.parametrize("method", ["auto", "newton", "uzawa"])
+def test_several_islands_and_a_matrix_that_is_not_symmetric(method: str) -> None:
+    rng = np.random.default_rng(1)
+    # Chains of ten contacts, coupled by a tenth, one way more than the other.
+    n = 120
+    blocks = rng.uniform(-0.05, 0.05, (n, n, 3, 3))
+    i, j = np.indices((n, n))
+    blocks[(abs(i - j) > 1) | (i // 10 != j // 10)] = 0
+    blocks[range(n), range(n)] += np.eye(3) + 0.1 * np.diag([0, 1, 2])
+    W = blocks.transpose(0, 2, 1, 3).reshape(3 * n, 3 * n)
+    q = rng.normal(size=(n, 3))
+    thin, thick = (bp.ReducedProblem(A, q, 0.3) for A in (sparse.coo_array(W), W))
+    assert thin.asymmetry == pytest.approx(thick.asymmetry, rel=1e-15)
+    assert thin.asymmetry > 0.01
+    solutions = [p.solve(method, tol=1e-12) for p in (thin, thick)]
+    assert all(s.converged for s in solutions)
+    # The condition of W is below two.
+    first, second = (s.reaction for s in solutions)
+    np.testing.assert_allclose(first, second, rtol=0, atol=1e-11 * abs(second).max())
+    assert np.array_equal(solutions[0].status, solutions[1].status)
+
+
+def test_twenty_thousand_contacts_take_megabytes() -> None:
+    n = 20_000
+    couple = sparse.diags_array(
+        [np.full(3 * n - 3, 0.2), np.full(3 * n, 1.0), np.full(3 * n - 3, 0.2)],
+        offsets=[-3, 0, 3],
+    )
+    q = np.random.default_rng(2).normal(size=(n, 3))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    problem = bp.ReducedProblem(couple.tocsr(), q, 0.5)
+    solution = problem.solve(tol=TOL)
+    assert solution.converged
+    v = (couple @ solution.reaction.ravel()).reshape(n, 3) + q
+    np.testing.assert_allclose(v, solution.relative_displacement, atol=1e-13)
+    grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+    # A dense W is 29 GB; three blocks a row, and vectors, are some tens of megabytes.
+    assert grown < 1e9
+
+
+def test_an_entry_that_is_not_a_number_is_named() -> None:
+    W = sparse.diags_array(np.ones(300)).tolil()
+    W[7, 4] = np.inf
+    with pytest.raises(ValueError, match="W is inf at row 7, column 4"):
+        bp.ReducedProblem(W.tocsr(), np.zeros((100, 3)), 0.3)
