@@ -29,7 +29,7 @@ from bipot_rs.export import _aside
 from bipot_rs.global_problem import GlobalProblem
 from bipot_rs.problem import ContactProblem
 from bipot_rs.reduced import ReducedProblem
-from bipot_rs.result import Result, Solution, Step
+from bipot_rs.result import Result, Solution
 
 __all__ = [
     "GlobalProblem",
@@ -69,6 +69,12 @@ class Vectors(NamedTuple):
     multiplier: Array | None = None
 
 
+def require() -> None:
+    """Import what files need: better missing, or slow, before any work than within."""
+    import h5py  # noqa: F401
+    import scipy.sparse.csgraph  # noqa: F401
+
+
 def read(path: Path_) -> ReducedProblem | GlobalProblem:
     """The problem of a file: a `ReducedProblem` for a local one, or a `GlobalProblem`.
 
@@ -104,9 +110,13 @@ def read_guesses(path: Path_) -> list[Vectors]:
         if "guesses" not in file.names("/"):
             return []
         count = file.number("/guesses/number_of_guesses")
-        numbers = [str(k + 1) for k in range(max(min(count, len(file.names("/guesses"))), 0))]
+        numbers = [
+            str(k + 1) for k in range(max(min(count, len(file.names("/guesses"))), 0))
+        ]
         if count != len(numbers):
-            raise _Fault(f"/guesses/number_of_guesses is {count}, but {len(numbers)} are there")
+            raise _Fault(
+                f"/guesses/number_of_guesses is {count}, but {len(numbers)} are there"
+            )
         file.expect("/guesses", ("number_of_guesses", *numbers))
         return [_vectors(file, f"/guesses/{k}") for k in numbers]
 
@@ -255,9 +265,7 @@ def write_path(
                 "the path where it was solved"
             )
         reduced = problem.reduced(step.load, step.prescribed, start=before)
-        u = step.relative_displacement.copy()
-        if before is not None:
-            u[:, 1:] -= before.relative_displacement[:, 1:]
+        u = np.column_stack([step.relative_displacement[:, 0], step.slip])
         path = base.with_name(f"{base.name}-{k:04d}.hdf5")
         title = f"{given.get('title', base.name)}, step {k + 1} of {len(result)}"
         words = _words(base.name, reduced, step) | given | {"title": title}
@@ -283,8 +291,8 @@ class _File:
         here = self.names("/")
         forms = [form for form in ("local", "global") if f"fclib_{form}" in here]
         if len(forms) != 1:
-            both = "both /fclib_local and /fclib_global, expected one of them"
-            raise _Fault(f"has {both}" if forms else "has neither " + both[5:34])
+            found = "both are there" if forms else "neither is there"
+            raise _Fault(f"/fclib_local or /fclib_global is expected, {found}")
         self.expect("/", (f"fclib_{forms[0]}",), ("solution", "guesses"))
         return forms[0]
 
@@ -562,12 +570,15 @@ def _stored(
         raise TypeError(
             f"{what} is a {type(known).__name__}, expected a Solution or Vectors"
         )
-    whole = isinstance(problem, GlobalProblem)
-    shape = problem.w.shape if whole else problem.q.shape
+    if isinstance(problem, GlobalProblem):
+        shape, n, count = problem.w.shape, len(problem.f), None
+    else:
+        shape, n = problem.q.shape, None
+        count = None if problem.rigid is None else len(problem.rigid[1])
     if isinstance(known, Solution):
-        v = problem.velocity(known) if whole else None
-        # The rigid motions of a global problem are ours, not of its file.
-        multiplier = None if whole else known.rigid_motion
+        v = problem.velocity(known) if isinstance(problem, GlobalProblem) else None
+        # Rigid motions that condensation finds in M are no part of the file's problem.
+        multiplier = None if count is None else known.rigid_motion
         known = Vectors(known.relative_displacement, known.reaction, v, multiplier)
 
     def vector(name: str, value: ArrayLike | None, length: int | None) -> Array | None:
@@ -577,12 +588,11 @@ def _stored(
             raise ValueError(f"{name} of {what} is there, but the problem has none")
         return floats(f"{name} of {what}", value, shape=(length,))
 
-    rigid = None if whole else problem.rigid
     return Vectors(
         floats(f"u of {what}", known.u, shape=shape),
         floats(f"r of {what}", known.r, shape=shape),
-        vector("v", known.v, len(problem.f) if whole else None),
-        vector("multiplier", known.multiplier, None if rigid is None else len(rigid[1])),
+        vector("v", known.v, n),
+        vector("multiplier", known.multiplier, count),
     )
 
 
@@ -632,19 +642,20 @@ def _write_matrix(group: Any, matrix: Any) -> None:
 
     if not issparse(matrix):
         full = np.asarray(matrix, np.float64)
-        rows, columns = full.shape
-        p = columns * np.arange(rows + 1)
-        i = np.tile(np.arange(columns), rows)
-        storage, x = _ROWS, full.ravel()
+        shape, storage, x = full.shape, _ROWS, full.ravel()
+        p = shape[1] * np.arange(shape[0] + 1)
+        i = np.tile(np.arange(shape[1]), shape[0])
     elif matrix.format == "coo":
-        storage, p, i, x = matrix.nnz, matrix.col, matrix.row, matrix.data
+        shape, storage = matrix.shape, matrix.nnz
+        p, i, x = matrix.col, matrix.row, matrix.data
     else:
         if matrix.format not in ("csc", "csr"):
             matrix = csr_array(matrix)
-        storage = _COLUMNS if matrix.format == "csc" else _ROWS
-        p, i, x = matrix.indptr, matrix.indices, matrix.data
-    sizes = {"m": matrix.shape[0], "n": matrix.shape[1], "nzmax": len(x)}
-    for name, value in sizes.items():
+        shape, storage = matrix.shape, _COLUMNS if matrix.format == "csc" else _ROWS
+        # SciPy may hold room for more.
+        used = int(matrix.indptr[-1])
+        p, i, x = matrix.indptr, matrix.indices[:used], matrix.data[:used]
+    for name, value in {"m": shape[0], "n": shape[1], "nzmax": len(x)}.items():
         group[name] = _int32(value)
     group["nz"] = np.array([storage], np.int32)
     group["p"] = np.asarray(p, np.int32)

@@ -154,11 +154,11 @@ class GlobalProblem:
         TypeError, ValueError
             A wrong argument, named.
         """
-        if isinstance(solution, Solution):
-            reaction, rigid = solution.reaction, solution.rigid_motion
-        else:
-            reaction, rigid = solution, None
-        r = floats("solution", reaction, shape=self.w.shape)
+        known = solution if isinstance(solution, Solution) else None
+        r = floats(
+            "solution", known.reaction if known else solution, shape=self.w.shape
+        )
+        rigid = known.rigid_motion if known else None
         free = self.reduced().rigid
         count = 0 if free is None else len(free[1])
         amounts = np.empty(0) if rigid is None else rigid
@@ -265,7 +265,9 @@ def _condition(matrix: Any, factor: Any) -> float:
         return 1.0
     size = abs(matrix)
     unit = np.sqrt(np.abs(matrix.diagonal()))
-    largest = np.sqrt(np.maximum(size.max(axis=0).toarray(), size.max(axis=1).toarray()))
+    largest = np.sqrt(
+        np.maximum(size.max(axis=0).toarray(), size.max(axis=1).toarray())
+    )
     unit = np.where(unit > 0, unit, largest.ravel())
     # The norm by rows of D M⁻¹ G, G = diag(|M| D⁻¹ 1), as that by columns of its
     # transpose.
