@@ -465,7 +465,8 @@ def _opened(path: Path_) -> Iterator[_File]:
     with file:
         try:
             yield _File(file, Path(name).stat().st_size)
-        except _Fault as fault:
+        except ValueError as fault:
+            # Ours, or that of the problem made of it: numbers that cannot be scaled.
             raise ValueError(f"{name}: {fault}") from None
         except (OSError, RuntimeError, KeyError, TypeError, OverflowError) as error:
             # What HDF5 says of a damaged file; numbers and names are checked above.

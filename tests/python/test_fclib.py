@@ -99,6 +99,8 @@ def test_what_lies_beside_the_problem() -> None:
 
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False, width=64)
+# A problem of numbers further apart is refused: it cannot be scaled.
+SOME = st.just(0.0) | st.floats(1e-60, 1e60) | st.floats(-1e60, -1e-60)
 
 
 @st.composite
@@ -154,13 +156,12 @@ def test_problems_come_back_bit_for_bit(
     target = tmp_path_factory.mktemp("files") / "a.hdf5"
 
     def vector(*shape: int) -> Array:
-        array: Array = data.draw(hnp.arrays(np.float64, shape, elements=NUMBERS))
+        array: Array = data.draw(hnp.arrays(np.float64, shape, elements=SOME))
         return array
 
-    mu = data.draw(hnp.arrays(np.float64, contacts, elements=st.floats(0, 1e300)))
+    mu = data.draw(hnp.arrays(np.float64, contacts, elements=st.floats(0, 1e60)))
     u, r = vector(contacts, d), vector(contacts, d)
     if data.draw(st.booleans()):
-        # Sums of repeated entries may overflow, which no problem may.
         square = sparse.csc_array(np.diag(vector(size)))
         problem: Any = bp.ReducedProblem(square, vector(contacts, d), mu)
         stored = fclib.Vectors(u, r)
@@ -566,6 +567,12 @@ def test_wrong_guesses_are_named(change: Change, said: str, tmp_path: Path) -> N
         change(file)
     with pytest.raises(ValueError, match=said):
         fclib.read_guesses(target)
+
+
+def test_numbers_that_no_problem_can_have(tmp_path: Path) -> None:
+    """Fine as numbers, refused as a problem: with the path all the same."""
+    tiny = edit(LOCAL + "/vectors/q", lambda q: 1e-307 * q / np.abs(q).max())
+    assert "W and q cannot be scaled" in said_of("nespheres_10", tiny, tmp_path)
 
 
 def test_what_is_no_file(tmp_path: Path) -> None:
