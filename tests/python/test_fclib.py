@@ -571,8 +571,10 @@ def test_wrong_guesses_are_named(change: Change, said: str, tmp_path: Path) -> N
 
 def test_numbers_that_no_problem_can_have(tmp_path: Path) -> None:
     """Fine as numbers, refused as a problem: with the path all the same."""
-    tiny = edit(LOCAL + "/vectors/q", lambda q: 1e-307 * q / np.abs(q).max())
-    assert "W and q cannot be scaled" in said_of("nespheres_10", tiny, tmp_path)
+    large = edit(LOCAL + "/W/x", lambda x: 1e300 * x)
+    small = edit(LOCAL + "/vectors/q", lambda q: 1e-300 * q)
+    said = said_of("nespheres_10", several(large, small), tmp_path)
+    assert "W and q cannot be scaled" in said
 
 
 def test_what_is_no_file(tmp_path: Path) -> None:
