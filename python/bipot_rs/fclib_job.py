@@ -83,6 +83,7 @@ def _solve(
     row = {"file": name} | dict.fromkeys(
         ("contacts", "dim", "outcome", "residual", "iterations", "work")
     )
+    asymmetry = None
     began = perf_counter()
     try:
         problem = fclib.read(name)
@@ -90,6 +91,7 @@ def _solve(
             problem.w if isinstance(problem, fclib.GlobalProblem) else problem.q
         ).shape
         row |= {"contacts": contacts, "dim": dim}
+        asymmetry = _finite(problem.asymmetry)
         answer = problem.solve(method, tol, max_seconds=max_seconds)
         row |= {
             "outcome": str(answer.outcome),
@@ -106,7 +108,7 @@ def _solve(
             message = f"{name}: {message}"
         row["outcome"] = UNREADABLE
     row["seconds"] = round(perf_counter() - began, 6)
-    return row | {"message": message}
+    return row | {"asymmetry": asymmetry, "message": message}
 
 
 def _finite(number: float) -> float | None:
@@ -127,7 +129,10 @@ def _line(row: dict[str, Any], width: int) -> str:
         for key, (form, space) in known.items()
     ]
     start = f"{row['file']:<{width}} {size:>10}  {row['outcome']:<15}"
-    return " ".join([start, *cells, f"{row['seconds']:9.3f} s"])
+    line = " ".join([start, *cells, f"{row['seconds']:9.3f} s"])
+    # Measured matrices lack up to 1e-3; beyond that it is another kind of problem.
+    uneven = (row["asymmetry"] or 0.0) > 1e-2
+    return line + (f", asymmetric by {row['asymmetry']:.2g}" if uneven else "")
 
 
 def _summary(rows: list[dict[str, Any]]) -> None:

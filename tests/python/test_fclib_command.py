@@ -79,6 +79,9 @@ def test_all_files_are_solved_and_told() -> None:
 def test_people_get_lines_and_a_summary() -> None:
     run = bipot(GOOD, str(path("d2_fcp00031")), status=0)
     first, second, *summary = run.stdout.splitlines()
+    assert "asymmetric" not in first + second
+    told = bipot(str(path("fe_cube_h8_9c")), status=0).stdout
+    assert "asymmetric by 0.22" in told.splitlines()[0]
     assert first.startswith(GOOD)
     assert "3 × 3D" in first
     assert "11 × 2D" in second
