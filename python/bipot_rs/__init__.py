@@ -8,10 +8,12 @@ discretisation, with a residual that proves it::
     result = problem.solve(load)
 
 `ContactProblem`, `solve`, `ReducedProblem` and `project` are the ways in;
-`Result` and `Solution` what comes out. Only NumPy is imported here, SciPy and
+`Result` and `Solution` what comes out; `fclib` reads and writes the problems of that
+collection. Only NumPy is imported here, SciPy and
 the rest by the functions that need them.
 """
 
+from bipot_rs import fclib
 from bipot_rs.answers import Answers
 from bipot_rs.errors import (
     BipotError,
@@ -36,6 +38,7 @@ __all__ = [
     "Solution",
     "Status",
     "Step",
+    "fclib",
     "load",
     "project",
     "solve",

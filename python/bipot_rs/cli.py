@@ -26,7 +26,9 @@ class _App(typer.Typer):
         try:
             return command.main(arguments, prog_name="bipot", standalone_mode=False)
         except TyperException as error:
-            job = Job(None, as_json="--json" in arguments)
+            # The lines of `fclib` are its files, and there is none to tell of.
+            as_json = "--json" in arguments and arguments[0] != "fclib"
+            job = Job(None, as_json=as_json)
             return job.end(BAD_INPUT, error.format_message())
 
 
@@ -62,18 +64,48 @@ def run(
     plot: Annotated[
         bool, typer.Option("--plot", help="Write tractions.png as well.")
     ] = False,
+    export: Annotated[
+        bool,
+        typer.Option("--fclib", help="Write problem-0000.hdf5, … for other solvers."),
+    ] = False,
 ) -> None:
     """Solve a scene: a table of load steps, result.h5, result.pvd for ParaView."""
     job = Job(scene, as_json=json)
     folder = Path("out") / Path(scene).stem if out is None else out
     try:
-        status = job.run(settings or [], folder, method, tol, plot=plot)
+        status = job.run(settings or [], folder, method, tol, plot=plot, fclib=export)
     except BrokenPipeError:
-        # The reader has gone (`| head`). What is still buffered has no place to go,
-        # and typer would leave with 1, which says that no answer exists.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = BAD_INPUT
+        status = _reader_gone()
     raise typer.Exit(status)
+
+
+@app.command()
+def fclib(
+    files: Annotated[list[str], typer.Argument(metavar="FILE...", help="HDF5 files.")],
+    method: Annotated[str, typer.Option(help="Contact solver.")] = "auto",
+    tol: Annotated[float, typer.Option(help="Residual to reach.")] = 1e-10,
+    max_seconds: Annotated[
+        float | None, typer.Option(help="Limit of the solver, for each file.")
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="One JSON object a line on standard output.")
+    ] = False,
+) -> None:
+    """Solve problems of the FCLIB collection: a line a file, and a summary."""
+    from bipot_rs import fclib_job
+
+    try:
+        status = fclib_job.run(files, method, tol, max_seconds, as_json=json)
+    except BrokenPipeError:
+        status = _reader_gone()
+    raise typer.Exit(status)
+
+
+def _reader_gone() -> int:
+    # The reader has gone (`| head`). What is still buffered has no place to go,
+    # and typer would leave with 1, which says that no answer exists.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return BAD_INPUT
 
 
 @app.command()

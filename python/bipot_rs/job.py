@@ -13,6 +13,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
+    from bipot_rs.problem import ContactProblem
     from bipot_rs.result import Step
     from bipot_rs.scene import Case
     from bipot_rs.schema import Scene
@@ -31,6 +32,7 @@ class Job:
         self.seconds = dict.fromkeys(PHASES, 0.0)
         self.scene: Scene | None = None
         self.case: Case | None = None
+        self.problem: ContactProblem | None = None
         # Load steps reached: what is told of each, and the step. Pairs, so that an
         # interrupt between the two cannot tear them apart.
         self.reached: list[tuple[dict[str, Any], Step]] = []
@@ -43,6 +45,7 @@ class Job:
         tol: float | None,
         *,
         plot: bool,
+        fclib: bool = False,
     ) -> int:
         """Go from the scene to the files; returns the exit status."""
         try:
@@ -57,6 +60,8 @@ class Job:
                     self._write(
                         self.case, draft, message, complete=code == SOLVED, plot=plot
                     )
+                    if fclib:
+                        self._write_problems(draft, message)
                     _replace(draft, folder)
                     if code != SOLVED:
                         message += f" (load steps in {folder}: {len(self.reached)})"
@@ -105,7 +110,7 @@ class Job:
                 with self._phase("assemble", progress):
                     self.case = case = assemble(scene, meshed)
                 with self._phase("condense", progress):
-                    problem = case.model.problem()
+                    self.problem = problem = case.model.problem()
 
                 def on_step(k: int, step: Step) -> None:
                     row = _row(k, float(case.parameter[k]), step)
@@ -197,6 +202,31 @@ class Job:
                     folder / "tractions.png", contacts, steps, title=title, units=units
                 )
 
+    def _write_problems(self, folder: Path, message: str) -> None:
+        """Write the problem of each step for other solvers."""
+        from importlib.metadata import version
+
+        from bipot_rs.fclib import write_path
+        from bipot_rs.result import Result
+
+        if self.problem is None or self.scene is None or self.case is None:
+            return
+        result = Result(
+            [step for _, step in self.reached],
+            contacts={},
+            shape=self.case.model.points.shape,
+            success=True,
+            message=message,
+        )
+        units = self.scene.units.model_dump().items()
+        info = {
+            "title": self.scene.title,
+            "description": f"scene {self.name} of bipot_rs {version('bipot-rs')}; "
+            + ", ".join(f"{quantity} in {unit}" for quantity, unit in units),
+        }
+        with self._phase("write"):
+            write_path(folder / "problem", self.problem, result, info=info)
+
     def _print_table(self, folder: Path) -> None:
         from rich.console import Console
         from rich.table import Table
@@ -219,7 +249,9 @@ class Job:
             else ""
         )
         console.print(size + times, highlight=False, soft_wrap=True)
-        names = sorted(path.name for path in _ours(folder) if path.suffix != ".vtu")
+        names = sorted(
+            path.name for path in _ours(folder) if path.suffix not in (".vtu", ".hdf5")
+        )
         console.print(f"{folder}: {', '.join(names)}", highlight=False, soft_wrap=True)
 
 
@@ -345,8 +377,9 @@ def _replace(draft: Path, folder: Path) -> None:
 def _ours(folder: Path) -> list[Path]:
     """Files that a run writes; whatever else a folder holds is not ours to touch."""
     named = ("result.h5", "result.pvd", "steps.csv", "tractions.png")
-    series = (p for p in folder.glob("result_*.vtu") if p.stem[7:].isdigit())
-    return [path for path in map(folder.joinpath, named) if path.exists()] + [*series]
+    series = [p for p in folder.glob("result_*.vtu") if p.stem[7:].isdigit()]
+    series += [p for p in folder.glob("problem-*.hdf5") if p.stem[8:].isdigit()]
+    return [path for path in map(folder.joinpath, named) if path.exists()] + series
 
 
 def _line(**values: Any) -> None:

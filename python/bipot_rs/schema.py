@@ -54,7 +54,7 @@ Vector = Annotated[list[float], Field(min_length=2, max_length=3)]
 
 
 class Units(_Table):
-    """Names of units, for pictures only."""
+    """Names of units, for pictures and exported problems; nothing is converted."""
 
     length: str = ""
     force: str = ""

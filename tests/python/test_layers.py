@@ -69,15 +69,22 @@ PYTHON = (
     "answers errors motion",
     "reduced",
     "problem",
+    "global_problem",
+    "fclib",
     "elasticity analytic",
     "fem __init__",
     "schema",
     "scene plot",
     "job",
+    "fclib_job",
     "cli",
     "__main__",
 )
-PYTHON_NAMES = {"meshio": ("export",), "skfem": ("elasticity",), "h5py": ("export",)}
+PYTHON_NAMES = {
+    "meshio": ("export",),
+    "skfem": ("elasticity",),
+    "h5py": ("export", "fclib"),
+}
 
 
 def python_violations(

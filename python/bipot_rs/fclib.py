@@ -1,0 +1,671 @@
+"""Files of FCLIB, the collection of frictional contact problems: HDF5 in and out.
+
+The local form is the reduced problem (5), the global one `GlobalProblem`; both are
+normal first, as here. A group ``/fclib_local`` holds ``spacedim``, the matrix ``W`` and
+``vectors/{q, mu}``, ``/fclib_global`` the matrices ``M`` and ``H`` and
+``vectors/{f, w, mu}``. A matrix is ``m, n, nz, nzmax, p, i, x``: ``nz >= 0`` triplets (rows
+``i``, columns ``p``), -1 compressed columns, -2 compressed rows. Answers and starts lie
+beside them in ``/solution`` and ``/guesses``.
+
+Of the optional parts, ``V``, ``R`` and ``s`` of the local form (``u = W r + V λ + q`` with
+``Vᵀ r + R λ + s = 0``) are the ``rigid`` of `ReducedProblem` where ``R`` is zero, and are
+written for it. Any other ``R``, and the constraints ``G``, ``b`` of the global form, are
+refused by name.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.check import Array, floats
+from bipot_rs.export import _aside
+from bipot_rs.global_problem import GlobalProblem
+from bipot_rs.problem import ContactProblem
+from bipot_rs.reduced import ReducedProblem
+from bipot_rs.result import Result, Solution
+
+__all__ = [
+    "GlobalProblem",
+    "Vectors",
+    "read",
+    "read_guesses",
+    "read_info",
+    "read_solution",
+    "write",
+    "write_path",
+]
+
+Path_ = str | os.PathLike[str]
+_TRIPLETS, _COLUMNS, _ROWS = 0, -1, -2
+_INFO = ("title", "description", "math_info")
+# A deflated file holds at most about a thousand times its size; what claims more is
+# damaged, and would be filled with zeros until memory ends.
+_INFLATION = 2000
+
+
+class Vectors(NamedTuple):
+    """A solution or a guess as a file holds it.
+
+    Attributes
+    ----------
+    u, r
+        Relative displacement (in dynamics, velocity) and reaction, ``(n_c, d)``.
+    v
+        Of the global form, ``(n,)``; ``None`` where there is none.
+    multiplier
+        λ, the file's ``l``, ``(p,)``: the amounts of rigid motions. ``None`` without.
+    """
+
+    u: Array
+    r: Array
+    v: Array | None = None
+    multiplier: Array | None = None
+
+
+def require() -> None:
+    """Import what files need: better missing, or slow, before any work than within."""
+    import h5py  # noqa: F401
+    import scipy.sparse.csgraph  # noqa: F401
+
+
+def read(path: Path_) -> ReducedProblem | GlobalProblem:
+    """The problem of a file: a `ReducedProblem` for a local one, or a `GlobalProblem`.
+
+    Matrices stay sparse, in the storage and order of the file.
+
+    Raises
+    ------
+    OSError
+        There is no such file, or it may not be read.
+    ValueError
+        It is not HDF5, or not FCLIB; the message gives the full name of the group or
+        dataset that is missing, wrong, or unknown.
+    MemoryError
+        It does not fit.
+    """
+    with _opened(path) as file:
+        if file.form() == "local":
+            q, mu, W, rigid = _read_local(file)
+            return ReducedProblem(W, q, mu, rigid=rigid)
+        M, H, f, w, mu = _read_global(file)
+        return GlobalProblem(M, H, f, w, mu)
+
+
+def read_solution(path: Path_) -> Vectors | None:
+    """The ``/solution`` of a file, ``None`` where there is none; raises as `read`."""
+    with _opened(path) as file:
+        return _vectors(file, "/solution") if "solution" in file.names("/") else None
+
+
+def read_guesses(path: Path_) -> list[Vectors]:
+    """The ``/guesses`` of a file, none where there are none; raises as `read`."""
+    with _opened(path) as file:
+        if "guesses" not in file.names("/"):
+            return []
+        count = file.number("/guesses/number_of_guesses")
+        numbers = [
+            str(k + 1) for k in range(max(min(count, len(file.names("/guesses"))), 0))
+        ]
+        if count != len(numbers):
+            raise _Fault(
+                f"/guesses/number_of_guesses is {count}, but {len(numbers)} are there"
+            )
+        file.expect("/guesses", ("number_of_guesses", *numbers))
+        return [_vectors(file, f"/guesses/{k}") for k in numbers]
+
+
+def read_info(path: Path_) -> dict[str, str]:
+    """``title``, ``description`` and ``math_info``, those that there are."""
+    with _opened(path) as file:
+        group = f"/fclib_{file.form()}"
+        if "info" not in file.names(group):
+            return {}
+        known = file.names(f"{group}/info")
+        return {k: file.text(f"{group}/info/{k}") for k in _INFO if k in known}
+
+
+def write(
+    path: Path_,
+    problem: ReducedProblem | GlobalProblem,
+    solution: Solution | Vectors | None = None,
+    *,
+    guesses: Sequence[Solution | Vectors] = (),
+    info: Mapping[str, str] | None = None,
+) -> None:
+    """Write a problem, and what is known of its answer, to a file.
+
+    Matrices keep their storage: SciPy's COO as triplets, CSC, and CSR, entry by entry;
+    other sparse ones and dense ones are written as CSR, the dense ones with all their
+    entries, zeros included. Numbers come back bit for bit.
+
+    Parameters
+    ----------
+    path
+        File to write or to replace.
+    solution
+        Goes to ``/solution``; a `Solution` that has not converged is the last of the
+        guesses instead.
+    guesses
+        Starts, for ``/guesses``.
+    info
+        ``title``, ``description``, ``math_info``. What is not given tells the name of the
+        file, this program and its version, and the residual η reached.
+
+    Raises
+    ------
+    TypeError, ValueError
+        An argument of the wrong kind or shape, or with more entries than the 32-bit
+        numbers of the format count.
+    OSError
+        The file cannot be written; an earlier one is intact.
+    """
+    import h5py
+
+    if not isinstance(problem, (ReducedProblem, GlobalProblem)):
+        raise TypeError(
+            f"problem is a {type(problem).__name__}, expected a ReducedProblem or a "
+            "GlobalProblem: ContactProblem.reduced gives one, write_path a whole path"
+        )
+    unknown = sorted(set(info or {}) - set(_INFO))
+    if unknown:
+        raise ValueError(f"info has {unknown[0]!r}, expected {', '.join(_INFO)}")
+    stored = [_stored(f"guesses[{k}]", problem, g) for k, g in enumerate(guesses)]
+    answer = None if solution is None else _stored("solution", problem, solution)
+    words = _words(Path(path).stem, problem, solution) | dict(info or {})
+    if isinstance(solution, Solution) and not solution.converged and answer is not None:
+        stored.append(answer)
+        answer = None
+    with _aside(path) as draft, h5py.File(draft, "w") as file:
+        if isinstance(problem, GlobalProblem):
+            group = file.create_group("fclib_global")
+            group["spacedim"] = _int32(problem.w.shape[1])
+            _write_matrix(group.create_group("M"), problem.M)
+            _write_matrix(group.create_group("H"), problem.H)
+            named = {"f": problem.f, "w": problem.w, "mu": problem.mu}
+        else:
+            group = file.create_group("fclib_local")
+            group["spacedim"] = _int32(problem.q.shape[1])
+            _write_matrix(group.create_group("W"), problem.W)
+            named = {"q": problem.q, "mu": problem.mu}
+            if problem.rigid is not None:
+                modes, named["s"] = problem.rigid
+                count = len(named["s"])
+                _write_matrix(group.create_group("V"), modes)
+                _write_matrix(group.create_group("R"), _zero(count))
+        vectors = group.create_group("vectors")
+        for name, array in named.items():
+            vectors[name] = array.ravel()
+        told = group.create_group("info")
+        for name, text in words.items():
+            # Fixed length, ended by a zero: what the C library reads.
+            told[name] = np.bytes_(text.encode() + b"\0")
+        if answer is not None:
+            _write_vectors(file.create_group("solution"), answer)
+        if stored:
+            group = file.create_group("guesses")
+            group["number_of_guesses"] = _int32(len(stored))
+            for k, guess in enumerate(stored):
+                _write_vectors(group.create_group(str(k + 1)), guess)
+
+
+def write_path(
+    stem: Path_,
+    problem: ContactProblem,
+    result: Result,
+    *,
+    info: Mapping[str, str] | None = None,
+) -> list[Path]:
+    """Write each step of a load path as a local problem with its solution.
+
+    The slip history of the steps before is folded into ``q``, (22), so that each file
+    stands alone.
+
+    Parameters
+    ----------
+    stem
+        ``DIR/NAME`` for ``DIR/NAME-0000.hdf5`` and so on.
+    problem, result
+        A problem, and what its `ContactProblem.solve` returned.
+    info
+        As in `write`, the same for all steps; ``title`` is followed by the step.
+
+    Returns
+    -------
+    paths
+        The files, in order.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As in `write`; the loads of the result are not known (it was read from a file).
+    MemoryError
+        The dense ``W`` does not fit.
+    OSError
+        A file cannot be written.
+    """
+    if not isinstance(problem, ContactProblem):
+        raise TypeError(
+            f"problem is a {type(problem).__name__}, expected a ContactProblem"
+        )
+    if not isinstance(result, Result):
+        raise TypeError(f"result is a {type(result).__name__}, expected a Result")
+    before = result.start
+    base, given, paths = Path(stem), dict(info or {}), []
+    for k, step in enumerate(result):
+        if step.load is None:
+            raise ValueError(
+                "the loads of the result are not known: it was read from a file. Write "
+                "the path where it was solved"
+            )
+        reduced = problem.reduced(step.load, step.prescribed, start=before)
+        u = np.column_stack([step.relative_displacement[:, 0], step.slip])
+        path = base.with_name(f"{base.name}-{k:04d}.hdf5")
+        title = f"{given.get('title', base.name)}, step {k + 1} of {len(result)}"
+        words = _words(base.name, reduced, step) | given | {"title": title}
+        answer = Vectors(u, step.reaction, None, step.rigid_motion)
+        write(path, reduced, answer, info=words)
+        paths.append(path)
+        before = step
+    return paths
+
+
+class _Fault(ValueError):
+    """What is wrong with the content of a file, without its path."""
+
+
+class _File:
+    """An open file; everything is looked up by its full name."""
+
+    def __init__(self, file: Any, size: int) -> None:
+        self.file, self.size = file, size
+
+    def form(self) -> str:
+        """``local`` or ``global``."""
+        here = self.names("/")
+        forms = [form for form in ("local", "global") if f"fclib_{form}" in here]
+        if len(forms) != 1:
+            found = "both are there" if forms else "neither is there"
+            raise _Fault(f"/fclib_local or /fclib_global is expected, {found}")
+        self.expect("/", (f"fclib_{forms[0]}",), ("solution", "guesses"))
+        return forms[0]
+
+    def names(self, group: str) -> list[str]:
+        """Members of a group."""
+        import h5py
+
+        item = self.file.get(group)
+        if item is None:
+            raise _Fault(f"{group} is missing")
+        if not isinstance(item, h5py.Group):
+            raise _Fault(f"{group} is a dataset, expected a group")
+        return list(item)
+
+    def expect(
+        self, group: str, needed: Collection[str], optional: Collection[str] = ()
+    ) -> None:
+        """Check that a group has what it needs, and nothing unknown."""
+        here = self.names(group)
+        below = group.rstrip("/")
+        for name in needed:
+            if name not in here:
+                raise _Fault(f"{below}/{name} is missing")
+        for name in here:
+            if name not in needed and name not in optional:
+                raise _Fault(f"{below}/{name} is no part of the format")
+
+    def _data(self, name: str, kinds: str, expected: str) -> NDArray[Any]:
+        import h5py
+
+        item = self.file.get(name)
+        if item is None:
+            raise _Fault(f"{name} is missing")
+        if not isinstance(item, h5py.Dataset):
+            raise _Fault(f"{name} is a group, expected a dataset")
+        if item.dtype.kind not in kinds or item.size is None:
+            raise _Fault(f"{name} holds {item.dtype}, expected {expected}")
+        if item.nbytes > _INFLATION * self.size:
+            raise _Fault(f"{name} has {item.size} entries, more than its file can hold")
+        return np.asarray(item[()])
+
+    def number(self, name: str) -> int:
+        """One integer, alone or as an array of one."""
+        found = self._data(name, "iu", "an integer")
+        if found.size != 1:
+            raise _Fault(f"{name} has {found.size} entries, expected one")
+        return int(found.ravel()[0])
+
+    def integers(self, name: str) -> NDArray[Any]:
+        """A vector of integers."""
+        return self._vector(name, self._data(name, "iu", "integers"))
+
+    def floats(self, name: str, length: int | None = None) -> Array:
+        """A vector of finite numbers."""
+        found = self._vector(name, self._data(name, "iuf", "real numbers"))
+        if length is not None and len(found) != length:
+            raise _Fault(f"{name} has {len(found)} entries, expected {length}")
+        with np.errstate(over="ignore"):
+            numbers = found.astype(np.float64)
+        if not np.isfinite(numbers).all():
+            at = int(np.argmin(np.isfinite(numbers)))
+            raise _Fault(
+                f"{name} is {numbers[at]} at position {at}, expected finite numbers"
+            )
+        return numbers
+
+    def friction(self, name: str, length: int) -> Array:
+        """Friction coefficients."""
+        mu = self.floats(name, length)
+        if (mu < 0).any():
+            at = int(np.argmax(mu < 0))
+            raise _Fault(
+                f"{name} is {mu[at]} at position {at}, expected zero or positive"
+            )
+        return mu
+
+    def text(self, name: str) -> str:
+        """A string, of whatever length and code it was written in."""
+        found = self._data(name, "SO", "text").ravel()
+        if found.size != 1 or not isinstance(found[0], (bytes, str)):
+            raise _Fault(f"{name} is not one text")
+        raw = found[0]
+        text = raw if isinstance(raw, str) else raw.decode("utf-8", errors="replace")
+        return text.rstrip("\0")
+
+    def shape(self, name: str) -> tuple[int, int]:
+        """Rows and columns of a matrix."""
+        self.expect(
+            name,
+            ("m", "n", "nz", "nzmax", "p", "i", "x"),
+            ("comment", "conditioning", "determinant", "rank"),
+        )
+        rows, columns = self.number(f"{name}/m"), self.number(f"{name}/n")
+        for letter, value in (("m", rows), ("n", columns)):
+            if value < 0:
+                raise _Fault(f"{name}/{letter} is {value}, expected zero or more")
+        return rows, columns
+
+    def matrix(self, name: str) -> Any:
+        """A matrix in the storage of the file; its shape is checked before."""
+        from scipy.sparse import coo_array, csc_array, csr_array
+
+        rows, columns = shape = self.shape(name)
+        storage, room = self.number(f"{name}/nz"), self.number(f"{name}/nzmax")
+        if storage < _ROWS:
+            raise _Fault(
+                f"{name}/nz is {storage}, expected the number of triplets, or -1 for "
+                "compressed columns, or -2 for compressed rows"
+            )
+        p, i = self.integers(f"{name}/p"), self.integers(f"{name}/i")
+        x = self.floats(f"{name}/x")
+        if storage >= _TRIPLETS:
+            count = storage
+            lengths = {"p": len(p)}
+        else:
+            pointers = 1 + (columns if storage == _COLUMNS else rows)
+            if len(p) != pointers:
+                raise _Fault(f"{name}/p has {len(p)} entries, expected {pointers}")
+            if p[0] != 0 or (np.diff(p.astype(np.int64)) < 0).any():
+                raise _Fault(f"{name}/p does not rise from 0")
+            count = int(p[-1])
+            lengths = {}
+        if count > room:
+            raise _Fault(f"{name}/nzmax is {room}, expected {count} or more")
+        # Room that is not used may be there or not.
+        for letter, length in (lengths | {"i": len(i), "x": len(x)}).items():
+            if length not in (count, room):
+                raise _Fault(f"{name}/{letter} has {length} entries, expected {count}")
+        i, x = i[:count], x[:count]
+        if storage >= _TRIPLETS:
+            p = p[:count]
+            _inside(f"{name}/i", i, rows)
+            _inside(f"{name}/p", p, columns)
+            return coo_array((x, (i, p)), shape=shape)
+        _inside(f"{name}/i", i, rows if storage == _COLUMNS else columns)
+        kind = csc_array if storage == _COLUMNS else csr_array
+        return kind((x, i, p), shape=shape)
+
+    def _vector(self, name: str, found: NDArray[Any]) -> NDArray[Any]:
+        if found.ndim != 1:
+            raise _Fault(f"{name} has {found.ndim} dimensions, expected 1")
+        return found
+
+
+def _inside(name: str, found: NDArray[Any], limit: int) -> None:
+    outside = (found < 0) | (found >= limit)
+    if outside.any():
+        at = int(np.argmax(outside))
+        raise _Fault(
+            f"{name} is {found[at]} at position {at}, expected 0 to {limit - 1}"
+        )
+
+
+@contextmanager
+def _opened(path: Path_) -> Iterator[_File]:
+    """The file, with its path before every complaint about its content."""
+    import h5py
+
+    name = os.fspath(path)
+    if not Path(name).is_file():
+        # h5py tells a folder from a missing file by a number in a long sentence.
+        kind = IsADirectoryError if Path(name).is_dir() else FileNotFoundError
+        raise kind(f"{name} is not a file")
+    try:
+        file = h5py.File(name, "r")
+    except PermissionError:
+        raise
+    except OSError as error:
+        raise ValueError(f"{name} cannot be read as HDF5: {error}") from None
+    with file:
+        try:
+            yield _File(file, Path(name).stat().st_size)
+        except ValueError as fault:
+            # Ours, or that of the problem made of it: numbers that cannot be scaled.
+            raise ValueError(f"{name}: {fault}") from None
+        except (OSError, RuntimeError, KeyError, TypeError, OverflowError) as error:
+            # What HDF5 says of a damaged file; numbers and names are checked above.
+            raise ValueError(f"{name} is damaged: {error}") from None
+
+
+def _read_local(file: _File) -> tuple[Array, Array, Any, tuple[Array, Array] | None]:
+    group = "/fclib_local"
+    file.expect(group, ("spacedim", "W", "vectors"), ("V", "R", "info"))
+    size, d = _sizes(file)
+    here = file.names(group)
+    constrained = "V" in here
+    if constrained != ("R" in here):
+        raise _Fault(f"{group}/{'R' if constrained else 'V'} is missing")
+    file.expect(f"{group}/vectors", ("q", "mu", "s") if constrained else ("q", "mu"))
+    q = file.floats(f"{group}/vectors/q", size).reshape(-1, d)
+    mu = file.friction(f"{group}/vectors/mu", size // d)
+    if not constrained:
+        return q, mu, file.matrix(f"{group}/W"), None
+    rows, count = file.shape(f"{group}/V")
+    if rows != size:
+        raise _Fault(f"{group}/V/m is {rows}, expected {size}")
+    if file.shape(f"{group}/R") != (count, count):
+        raise _Fault(
+            f"{group}/R is {file.shape(f'{group}/R')}, expected {(count, count)}"
+        )
+    s = file.floats(f"{group}/vectors/s", count)
+    if file.matrix(f"{group}/R").tocsr().count_nonzero():
+        raise _Fault(
+            f"{group}/R is not zero: constraints with a compliance of their own are not "
+            "supported, only rigid motions"
+        )
+    W, V = file.matrix(f"{group}/W"), file.matrix(f"{group}/V").toarray()
+    return q, mu, W, (V, s) if count else None
+
+
+def _read_global(file: _File) -> tuple[Any, Any, Array, Array, Array]:
+    group = "/fclib_global"
+    file.expect(group, ("spacedim", "M", "H", "vectors"), ("G", "info"))
+    size, d = _sizes(file)
+    n = file.shape(f"{group}/M")[0]
+    file.expect(f"{group}/vectors", ("f", "w", "mu"), ("b",))
+    if "G" in file.names(group):
+        if file.shape(f"{group}/G")[1]:
+            raise _Fault(
+                f"{group}/G is not empty: equality constraints are not supported"
+            )
+    elif "b" in file.names(f"{group}/vectors"):
+        raise _Fault(f"{group}/vectors/b is there, but {group}/G is missing")
+    f = file.floats(f"{group}/vectors/f", n)
+    w = file.floats(f"{group}/vectors/w", size).reshape(-1, d)
+    mu = file.friction(f"{group}/vectors/mu", size // d)
+    return file.matrix(f"{group}/M"), file.matrix(f"{group}/H"), f, w, mu
+
+
+def _sizes(file: _File) -> tuple[int, int]:
+    """Components of all contacts and of one, ``d n_c`` and ``d``, of either form."""
+    group = f"/fclib_{file.form()}"
+    d = file.number(f"{group}/spacedim")
+    if d not in (2, 3):
+        raise _Fault(f"{group}/spacedim is {d}, expected 2 or 3")
+    square = f"{group}/{'W' if group.endswith('local') else 'M'}"
+    rows, columns = file.shape(square)
+    if rows != columns:
+        raise _Fault(f"{square}/n is {columns}, expected {rows} as {square}/m")
+    size, name = rows, f"{square}/m"
+    if group.endswith("global"):
+        height, size = file.shape(f"{group}/H")
+        name = f"{group}/H/n"
+        if height != rows:
+            raise _Fault(f"{group}/H/m is {height}, expected {rows} as {square}/m")
+    if size % d:
+        raise _Fault(f"{name} is {size}, expected a multiple of {group}/spacedim, {d}")
+    return size, d
+
+
+def _vectors(file: _File, group: str) -> Vectors:
+    form = f"/fclib_{file.form()}"
+    size, d = _sizes(file)
+    file.expect(group, ("u", "r"), ("v", "l"))
+    here = file.names(group)
+    u = file.floats(f"{group}/u", size).reshape(-1, d)
+    r = file.floats(f"{group}/r", size).reshape(-1, d)
+    v = multiplier = None
+    if "v" in here:
+        if form.endswith("local"):
+            raise _Fault(f"{group}/v is there, but {form} has no v")
+        v = file.floats(f"{group}/v", file.shape(f"{form}/M")[0])
+    if "l" in here:
+        constraint = f"{form}/{'V' if form.endswith('local') else 'G'}"
+        if constraint[-1] not in file.names(form):
+            raise _Fault(f"{group}/l is there, but {constraint} is missing")
+        multiplier = file.floats(f"{group}/l", file.shape(constraint)[1])
+    return Vectors(u, r, v, multiplier)
+
+
+def _stored(
+    what: str, problem: ReducedProblem | GlobalProblem, known: Solution | Vectors
+) -> Vectors:
+    """What is written of a solution or guess, checked against its problem."""
+    if not isinstance(known, (Solution, Vectors)):
+        raise TypeError(
+            f"{what} is a {type(known).__name__}, expected a Solution or Vectors"
+        )
+    if isinstance(problem, GlobalProblem):
+        shape, n, count = problem.w.shape, len(problem.f), None
+    else:
+        shape, n = problem.q.shape, None
+        count = None if problem.rigid is None else len(problem.rigid[1])
+    if isinstance(known, Solution):
+        v = problem.velocity(known) if isinstance(problem, GlobalProblem) else None
+        # Rigid motions that condensation finds in M are no part of the file's problem.
+        multiplier = None if count is None else known.rigid_motion
+        known = Vectors(known.relative_displacement, known.reaction, v, multiplier)
+
+    def vector(name: str, value: ArrayLike | None, length: int | None) -> Array | None:
+        if value is None:
+            return None
+        if length is None:
+            raise ValueError(f"{name} of {what} is there, but the problem has none")
+        return floats(f"{name} of {what}", value, shape=(length,))
+
+    return Vectors(
+        floats(f"u of {what}", known.u, shape=shape),
+        floats(f"r of {what}", known.r, shape=shape),
+        vector("v", known.v, n),
+        vector("multiplier", known.multiplier, count),
+    )
+
+
+def _words(
+    title: str,
+    problem: ReducedProblem | GlobalProblem,
+    solution: Solution | Vectors | None,
+) -> dict[str, str]:
+    """What ``info`` says where the caller does not."""
+    from importlib.metadata import version
+
+    form = "M v = H r + f, u = H^T v + w" if isinstance(problem, GlobalProblem) else ""
+    told = [f"asymmetry {problem.asymmetry:.1e}"]
+    if isinstance(solution, Solution):
+        amounts = None if isinstance(problem, GlobalProblem) else solution.rigid_motion
+        eta = problem.residual(solution.reaction, amounts)
+        told += [
+            f"residual eta {eta:.1e}: natural map of node-scaled variables, relative",
+            f"outcome {solution.outcome}",
+        ]
+    return {
+        "title": title,
+        "description": f"written by bipot_rs {version('bipot-rs')}: "
+        + (form or "u = W r + q")
+        + ", normal first",
+        "math_info": "; ".join(told),
+    }
+
+
+def _int32(value: int) -> NDArray[np.int32]:
+    if value > np.iinfo(np.int32).max:
+        raise ValueError(
+            f"a matrix of the problem counts {value} entries or rows, and the format "
+            "32-bit numbers"
+        )
+    return np.array([value], np.int32)
+
+
+def _zero(count: int) -> Any:
+    from scipy.sparse import csc_array
+
+    return csc_array((count, count))
+
+
+def _write_matrix(group: Any, matrix: Any) -> None:
+    from scipy.sparse import csr_array, issparse
+
+    if not issparse(matrix):
+        full = np.asarray(matrix, np.float64)
+        shape, storage, x = full.shape, _ROWS, full.ravel()
+        p = shape[1] * np.arange(shape[0] + 1)
+        i = np.tile(np.arange(shape[1]), shape[0])
+    elif matrix.format == "coo":
+        shape, storage = matrix.shape, matrix.nnz
+        p, i, x = matrix.col, matrix.row, matrix.data
+    else:
+        if matrix.format not in ("csc", "csr"):
+            matrix = csr_array(matrix)
+        shape, storage = matrix.shape, _COLUMNS if matrix.format == "csc" else _ROWS
+        # SciPy may hold room for more.
+        used = int(matrix.indptr[-1])
+        p, i, x = matrix.indptr, matrix.indices[:used], matrix.data[:used]
+    for name, value in {"m": shape[0], "n": shape[1], "nzmax": len(x)}.items():
+        group[name] = _int32(value)
+    group["nz"] = np.array([storage], np.int32)
+    group["p"] = np.asarray(p, np.int32)
+    group["i"] = np.asarray(i, np.int32)
+    group["x"] = np.asarray(x, np.float64)
+
+
+def _write_vectors(group: Any, known: Vectors) -> None:
+    named = {"v": known.v, "l": known.multiplier, "u": known.u, "r": known.r}
+    for name, array in named.items():
+        if array is not None:
+            group[name] = np.ravel(array)

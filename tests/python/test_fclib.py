@@ -1,0 +1,644 @@
+"""FCLIB files: what they hold is what is read, and what is written is what was given."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
+from scipy import sparse
+
+import bipot_rs as bp
+import pressed
+from bipot_rs import fclib
+from bodies import block
+from collection import FILES, datasets, dense, path
+from conditions import violation
+
+Array = NDArray[np.float64]
+
+
+def as_dense(matrix: Any) -> Array:
+    return np.asarray(matrix.toarray() if sparse.issparse(matrix) else matrix)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_is_read_as_it_is(name: str) -> None:
+    known, problem = FILES[name], fclib.read(path(name))
+    group = f"fclib_{known.form}"
+    with h5py.File(path(name)) as file:
+        vectors = {k: v[:] for k, v in file[group]["vectors"].items()}
+        letters = "W" if known.form == "local" else "MH"
+        matrices = {k: dense(file[group], k) for k in letters}
+    if isinstance(problem, fclib.GlobalProblem):
+        assert known.form == "global"
+        assert as_dense(problem.M).shape == (known.n, known.n)
+        assert problem.w.shape == (known.contacts, known.d)
+    else:
+        assert known.form == "local"
+        assert problem.q.shape == (known.contacts, known.d)
+        assert problem.rigid is None
+    for letter, matrix in matrices.items():
+        ours = getattr(problem, letter)
+        assert sparse.issparse(ours)
+        np.testing.assert_array_equal(as_dense(ours), matrix)
+    for letter, vector in vectors.items():
+        np.testing.assert_array_equal(getattr(problem, letter).ravel(), vector)
+
+
+@pytest.mark.parametrize("name", [n for n, k in FILES.items() if k.form == "local"])
+def test_local_problems_are_solved(name: str) -> None:
+    problem = fclib.read(path(name))
+    assert isinstance(problem, bp.ReducedProblem)
+    solution = problem.solve(tol=1e-12)
+    assert solution.converged
+    W, r = as_dense(problem.W), solution.reaction
+    v = W @ r.ravel() + problem.q.ravel()
+    size = np.abs(W) @ np.abs(r.ravel()) + np.abs(problem.q.ravel())
+    # Sums of at most 27 terms, in another order.
+    difference = np.abs(v - solution.relative_displacement.ravel())
+    assert difference.max() <= 27 * np.finfo(float).eps * size.max()
+    # η = 1e-12 relative to the whole; scales of contacts differ by 1e2 at most.
+    assert violation(r, v.reshape(r.shape), problem.mu, problem.q) <= 1e-9
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_written_anew_is_the_same(name: str, tmp_path: Path) -> None:
+    """Every number of problem and answers, in the storage and order of the file."""
+    problem, copy = fclib.read(path(name)), tmp_path / "copy.hdf5"
+    solution, guesses = fclib.read_solution(path(name)), fclib.read_guesses(path(name))
+    info = fclib.read_info(path(name))
+    fclib.write(copy, problem, solution, guesses=guesses, info=info)
+    before, after = datasets(path(name)), datasets(copy)
+    assert before.keys() == after.keys()
+    for key, array in before.items():
+        if key.endswith("/nzmax"):
+            continue  # room that is not used is not written
+        assert after[key].dtype == array.dtype
+        assert after[key].tobytes() == array.tobytes(), key
+    assert fclib.read_info(copy) == info
+
+
+def test_what_lies_beside_the_problem() -> None:
+    found = fclib.read_solution(path("box_stacks_i0122_82"))
+    assert found is not None
+    assert found.u.shape == found.r.shape == (82, 3)
+    assert found.v is not None
+    assert found.v.shape == (450,)
+    (guess,) = fclib.read_guesses(path("box_stacks_i0122_82"))
+    assert guess.r.shape == (82, 3)
+    assert fclib.read_info(path("box_stacks_i0122_82"))["title"] == "Box_stacks"
+    assert fclib.read_solution(path("nespheres_10")) is None
+    assert fclib.read_guesses(path("nespheres_10")) == []
+
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False, width=64)
+# A problem of numbers further apart is refused: it cannot be scaled.
+SOME = st.just(0.0) | st.floats(1e-60, 1e60) | st.floats(-1e60, -1e-60)
+
+
+@st.composite
+def matrices(draw: st.DrawFn, rows: int, columns: int) -> Any:
+    """Triplets with repeats, or compressed with unsorted and repeated indices."""
+    count = draw(st.integers(0, 2 * rows * columns))
+    i = draw(hnp.arrays(np.int32, count, elements=st.integers(0, rows - 1)))
+    p = draw(hnp.arrays(np.int32, count, elements=st.integers(0, columns - 1)))
+    x = draw(hnp.arrays(np.float64, count, elements=NUMBERS))
+    kind = draw(st.sampled_from(["coo", "csc", "csr"]))
+    if kind == "coo":
+        return sparse.coo_array((x, (i, p)), shape=(rows, columns))
+    major = columns if kind == "csc" else rows
+    cuts = draw(hnp.arrays(np.int32, major - 1, elements=st.integers(0, count)))
+    pointers = np.concatenate([[0], np.sort(cuts), [count]]).astype(np.int32)
+    build = sparse.csc_array if kind == "csc" else sparse.csr_array
+    return build((x, i if kind == "csc" else p, pointers), shape=(rows, columns))
+
+
+def parts(matrix: Any) -> tuple[bytes, ...]:
+    """Kind, indices and bits."""
+    kind = matrix.format
+    places = (
+        (matrix.row, matrix.col) if kind == "coo" else (matrix.indptr, matrix.indices)
+    )
+    return (
+        kind.encode(),
+        *(np.asarray(place, np.int64).tobytes() for place in places),
+        matrix.data.tobytes(),
+    )
+
+
+@settings(max_examples=60)
+@given(data=st.data())
+def test_matrices_come_back_bit_for_bit(data: st.DataObject) -> None:
+    rows, columns = data.draw(st.integers(1, 5)), data.draw(st.integers(1, 5))
+    matrix = data.draw(matrices(rows, columns))
+    before = parts(matrix)
+    with h5py.File("a", "w", driver="core", backing_store=False) as file:
+        fclib._write_matrix(file.create_group("W"), matrix)
+        found = fclib._File(file, 10**6).matrix("/W")
+    assert parts(found) == before == parts(matrix)
+    assert found.shape == matrix.shape
+
+
+@settings(max_examples=25)
+@given(data=st.data())
+def test_problems_come_back_bit_for_bit(
+    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    d, contacts = data.draw(st.sampled_from([2, 3])), data.draw(st.integers(1, 3))
+    size = d * contacts
+    target = tmp_path_factory.mktemp("files") / "a.hdf5"
+
+    def vector(*shape: int) -> Array:
+        array: Array = data.draw(hnp.arrays(np.float64, shape, elements=SOME))
+        return array
+
+    mu = data.draw(hnp.arrays(np.float64, contacts, elements=st.floats(0, 1e60)))
+    u, r = vector(contacts, d), vector(contacts, d)
+    if data.draw(st.booleans()):
+        square = sparse.csc_array(np.diag(vector(size)))
+        problem: Any = bp.ReducedProblem(square, vector(contacts, d), mu)
+        stored = fclib.Vectors(u, r)
+        names: tuple[str, ...] = ("q", "mu")
+    else:
+        n = data.draw(st.integers(1, 4))
+        problem = fclib.GlobalProblem(
+            sparse.coo_array(np.diag(vector(n))),
+            sparse.csr_array(vector(n, size)),
+            vector(n),
+            vector(contacts, d),
+            mu,
+        )
+        stored = fclib.Vectors(u, r, vector(n))
+        names = ("f", "w", "mu")
+    fclib.write(target, problem, stored, guesses=[stored, stored], info={"title": "µ"})
+    found = fclib.read(target)
+    assert type(found) is type(problem)
+    for name in names:
+        assert getattr(found, name).tobytes() == getattr(problem, name).tobytes()
+        assert getattr(found, name).shape == getattr(problem, name).shape
+    for name in ("W",) if len(names) == 2 else ("M", "H"):
+        assert parts(getattr(found, name)) == parts(getattr(problem, name))
+    answer = fclib.read_solution(target)
+    assert answer is not None
+    for known in (answer, *fclib.read_guesses(target)):
+        for given_, back in zip(stored, known, strict=True):
+            assert (given_ is None) == (back is None)
+            assert given_ is None or given_.tobytes() == back.tobytes()
+    assert len(fclib.read_guesses(target)) == 2
+    assert fclib.read_info(target)["title"] == "µ"
+
+
+def test_a_dense_matrix_is_written_whole(tmp_path: Path) -> None:
+    problem = pressed.square()
+    assert isinstance(problem.W, np.ndarray)
+    fclib.write(tmp_path / "a.hdf5", problem)
+    found = fclib.read(tmp_path / "a.hdf5")
+    assert isinstance(found, bp.ReducedProblem)
+    assert found.W.format == "csr"
+    assert found.W.nnz == problem.W.size
+    assert found.W.toarray().tobytes() == problem.W.tobytes()
+
+
+@pytest.mark.parametrize("make", [pressed.square, pressed.cube, pressed.free])
+def test_our_problems_go_out_with_their_answers(
+    make: Callable[[], bp.ReducedProblem], tmp_path: Path
+) -> None:
+    problem, target = make(), tmp_path / "a.hdf5"
+    solution = problem.solve(tol=1e-12)
+    fclib.write(target, problem, solution)
+    found, stored = fclib.read(target), fclib.read_solution(target)
+    assert isinstance(found, bp.ReducedProblem)
+    assert stored is not None
+    assert stored.r.tobytes() == solution.reaction.tobytes()
+    assert stored.u.tobytes() == solution.relative_displacement.tobytes()
+    # The same numbers in the same order.
+    eta = found.residual(stored.r, stored.multiplier)
+    assert eta == problem.residual(solution.reaction, solution.rigid_motion) <= 1e-12
+    if problem.rigid is None:
+        assert stored.multiplier is None
+    else:
+        assert found.rigid is not None
+        assert stored.multiplier is not None
+        for ours, theirs in zip(problem.rigid, found.rigid, strict=True):
+            assert np.array_equal(ours, theirs)
+        # The format's two equations, Vᵀ r + R λ + s = 0 and u = W r + V λ + q.
+        V, s = found.rigid
+        force = V.T @ stored.r.ravel() + s
+        # Held to 1e-12 in an orthonormal basis; R has few columns of order one.
+        assert np.abs(force).max() <= 1e-11 * np.abs(s).max()
+        u = found.W @ stored.r.ravel() + V @ stored.multiplier + found.q.ravel()
+        # Rounding of sums of the size of the free motion.
+        size = np.abs(V @ stored.multiplier).max() + np.abs(found.q).max()
+        assert np.abs(u - stored.u.ravel()).max() <= 1e-12 * size
+    info = fclib.read_info(target)
+    assert info["title"] == "a"
+    assert "bipot_rs" in info["description"]
+    assert f"residual eta {eta:.1e}" in info["math_info"]
+
+
+def test_text_is_what_a_c_program_reads(tmp_path: Path) -> None:
+    """Fixed length and ended by a zero, as in the files of the collection."""
+    fclib.write(tmp_path / "a.hdf5", pressed.square(), info={"title": "it"})
+    with h5py.File(tmp_path / "a.hdf5") as file:
+        kind = file["fclib_local/info/title"].id.get_type()
+        assert not kind.is_variable_str()
+        assert kind.get_size() == len("it") + 1
+        assert file["fclib_local/spacedim"].dtype == np.int32
+        assert file["fclib_local/spacedim"].shape == (1,)
+
+
+def test_what_has_not_converged_is_a_guess(tmp_path: Path) -> None:
+    problem = pressed.cube()
+    solution = problem.solve("uzawa", tol=1e-12, max_iterations=2)
+    assert not solution.converged
+    fclib.write(tmp_path / "a.hdf5", problem, solution)
+    assert fclib.read_solution(tmp_path / "a.hdf5") is None
+    (guess,) = fclib.read_guesses(tmp_path / "a.hdf5")
+    assert guess.r.tobytes() == solution.reaction.tobytes()
+    assert "iteration_limit" in fclib.read_info(tmp_path / "a.hdf5")["math_info"]
+
+
+def test_a_global_solution_brings_its_velocity(tmp_path: Path) -> None:
+    problem = fclib.read(path("rods_2_3c"))
+    assert isinstance(problem, fclib.GlobalProblem)
+    solution = problem.solve()
+    fclib.write(tmp_path / "a.hdf5", problem, solution)
+    stored = fclib.read_solution(tmp_path / "a.hdf5")
+    assert stored is not None
+    assert stored.v is not None
+    assert stored.v.tobytes() == problem.velocity(solution).tobytes()
+
+
+def test_each_step_of_a_path_stands_alone(tmp_path: Path) -> None:
+    body = block((2.0, 1.0), (6, 3), 100.0, 0.3)
+    fixed = np.concatenate([body.dofs(1, 1.0, component) for component in (0, 1)])
+    problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=0.3, fixed=fixed)
+    half = fixed.size // 2
+    moved = [np.repeat(m, half) for m in ([0, -5e-3], [6e-3, -5e-3], [2e-3, -4e-3])]
+    result = problem.solve(prescribed=np.array(moved), tol=1e-12)
+    written = fclib.write_path(tmp_path / "way", problem, result)
+    assert [p.name for p in written] == [f"way-000{k}.hdf5" for k in range(3)]
+    slip = np.zeros((len(body.gap), 1))
+    for step, file in zip(result, written, strict=True):
+        found, stored = fclib.read(file), fclib.read_solution(file)
+        assert stored is not None
+        # v of the file is that of the step: its tangential part is the slip in it.
+        np.testing.assert_array_equal(stored.u[:, 1:], step.slip)
+        slip += step.slip
+        # Increments of the path add up to its total; a few roundings.
+        total = step.relative_displacement[:, 1:]
+        assert np.abs(slip - total).max() <= 1e-15 * np.abs(result.slip).max()
+        answer = found.solve(tol=1e-12)
+        # K, which judges the path, and W, which judges the file, differ by cond S ε.
+        size = np.abs(step.reaction).max()
+        assert np.abs(answer.reaction - step.reaction).max() <= 1e-9 * size
+        assert found.residual(stored.r) <= 1e-11
+    assert fclib.read_info(written[1])["title"] == "way, step 2 of 3"
+    # From the second step on: the same files.
+    again = problem.solve(prescribed=np.array(moved[1:]), start=result[0], tol=1e-12)
+    for k, file in enumerate(fclib.write_path(tmp_path / "on", problem, again)):
+        other, before = fclib.read(file), fclib.read(written[k + 1])
+        assert isinstance(other, bp.ReducedProblem)
+        assert isinstance(before, bp.ReducedProblem)
+        assert other.q.tobytes() == before.q.tobytes()
+    result.save(tmp_path / "a.h5")
+    with pytest.raises(ValueError, match="loads of the result are not known"):
+        fclib.write_path(tmp_path / "no", problem, bp.load(tmp_path / "a.h5"))
+
+
+def test_a_failed_write_leaves_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, target = pressed.square(), tmp_path / "a.hdf5"
+    fclib.write(target, problem)
+    before = target.read_bytes()
+
+    def full(*_: object) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(fclib, "_write_vectors", full)
+    with pytest.raises(OSError, match="no space left"):
+        fclib.write(target, problem, problem.solve())
+    assert target.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.hdf5"]
+
+
+Change = Callable[[h5py.File], None]
+
+
+def without(name: str) -> Change:
+    return lambda file: file.__delitem__(name)
+
+
+def put(name: str, value: Any) -> Change:
+    def change(file: h5py.File) -> None:
+        if name in file:
+            del file[name]
+        file[name] = value
+
+    return change
+
+
+def edit(name: str, change: Callable[[NDArray[Any]], Any]) -> Change:
+    return lambda file: put(name, change(file[name][()]))(file)
+
+
+def spoil(at: int, value: float) -> Callable[[NDArray[Any]], NDArray[Any]]:
+    def change(array: NDArray[Any]) -> NDArray[Any]:
+        array[at] = value
+        return array
+
+    return change
+
+
+def shorter(array: NDArray[Any]) -> NDArray[Any]:
+    return array[:-1]
+
+
+def said_of(source: str, change: Change, folder: Path) -> str:
+    """What `read` says of a file that was altered."""
+    target = folder / "altered.hdf5"
+    shutil.copyfile(path(source), target)
+    with h5py.File(target, "r+") as file:
+        change(file)
+    with pytest.raises(ValueError, match=r"altered\.hdf5") as caught:
+        fclib.read(target)
+    return str(caught.value)
+
+
+ALL = [
+    (source, name)
+    for source in ("nespheres_10", "rods_2_3c")
+    for name in datasets(path(source))
+    if "/info/" not in name
+]
+
+
+@pytest.mark.parametrize(("source", "name"), ALL)
+def test_what_is_missing_or_of_the_wrong_kind_is_named(
+    source: str, name: str, tmp_path: Path
+) -> None:
+    assert f"{name} is missing" in said_of(source, without(name), tmp_path)
+    assert f"{name} holds" in said_of(source, put(name, b"text"), tmp_path)
+    group = said_of(
+        source, lambda f: (without(name)(f), f.create_group(name))[0], tmp_path
+    )
+    assert f"{name} is a group" in group
+    if len(datasets(path(source))[name]) > 1:
+        # A length is wrong against others: they are named together, or it is.
+        short = said_of(source, edit(name, shorter), tmp_path)
+        assert f"{name} has" in short or f"{name.rpartition('/')[0]}/" in short
+        huge = said_of(
+            source,
+            lambda f: (without(name)(f), f.create_dataset(name, (2**36,), "i4"))[0],
+            tmp_path,
+        )
+        assert f"{name} has {2**36} entries, more than" in huge or "holds" in huge
+
+
+LOCAL, GLOBAL = "/fclib_local", "/fclib_global"
+
+
+@pytest.mark.parametrize(
+    ("source", "change", "said"),
+    [
+        ("nespheres_10", without(LOCAL), "/fclib_local or /fclib_global is expected"),
+        ("nespheres_10", put(GLOBAL + "/a", 1), "both are there"),
+        ("nespheres_10", put("/more", 1), "/more is no part of the format"),
+        ("nespheres_10", put(LOCAL + "/X", 1), "/fclib_local/X is no part"),
+        ("nespheres_10", put(LOCAL + "/W/y", 1), "/fclib_local/W/y is no part"),
+        ("nespheres_10", put(LOCAL + "/vectors/b", [1.0]), "/vectors/b is no part"),
+        ("nespheres_10", put(LOCAL + "/spacedim", [4]), "/spacedim is 4, expected 2"),
+        ("nespheres_10", put(LOCAL + "/spacedim", [2]), "/W/m is 27, expected a mult"),
+        ("nespheres_10", put(LOCAL + "/W/n", [28]), "/W/n is 28, expected 27"),
+        ("nespheres_10", put(LOCAL + "/W/m", [-1]), "/W/m is -1, expected zero"),
+        ("nespheres_10", put(LOCAL + "/W/nz", [-3]), "/W/nz is -3, expected"),
+        ("nespheres_10", put(LOCAL + "/W/nzmax", [1]), "/W/nzmax is 1, expected 121"),
+        (
+            "nespheres_10",
+            edit(LOCAL + "/W/i", spoil(3, 27)),
+            "/W/i is 27 at position 3",
+        ),
+        (
+            "nespheres_10",
+            edit(LOCAL + "/W/i", spoil(3, -1)),
+            "/W/i is -1 at position 3",
+        ),
+        ("nespheres_10", edit(LOCAL + "/W/p", spoil(0, 1)), "/W/p does not rise"),
+        ("nespheres_10", edit(LOCAL + "/W/p", spoil(3, 999)), "/W/p does not rise"),
+        (
+            "nespheres_10",
+            edit(LOCAL + "/W/x", spoil(7, np.nan)),
+            "/W/x is nan at positi",
+        ),
+        ("nespheres_10", edit(LOCAL + "/W/x", shorter), "/W/x has 120 entries, expec"),
+        ("nespheres_10", edit(LOCAL + "/W/p", shorter), "/W/p has 27 entries, expec"),
+        (
+            "nespheres_10",
+            edit(LOCAL + "/vectors/q", spoil(7, np.inf)),
+            "/fclib_local/vectors/q is inf at position 7",
+        ),
+        (
+            "nespheres_10",
+            edit(LOCAL + "/vectors/mu", spoil(2, -0.1)),
+            "/fclib_local/vectors/mu is -0.1 at position 2",
+        ),
+        (
+            "nespheres_10",
+            edit(LOCAL + "/vectors/mu", shorter),
+            "/fclib_local/vectors/mu has 8 entries, expected 9",
+        ),
+        (
+            "nespheres_10",
+            edit(LOCAL + "/vectors/q", lambda q: q.reshape(-1, 3)),
+            "/fclib_local/vectors/q has 2 dimensions",
+        ),
+        ("fe_cube_h8_9c", edit(GLOBAL + "/M/i", spoil(5, 162)), "/M/i is 162 at"),
+        ("fe_cube_h8_9c", edit(GLOBAL + "/M/p", spoil(5, -1)), "/M/p is -1 at"),
+        ("fe_cube_h8_9c", put(GLOBAL + "/H/nz", [406]), "/H/nzmax is 405, exp"),
+        ("fe_cube_h8_9c", put(GLOBAL + "/H/m", [161]), "/H/m is 161, expected 162"),
+        ("fe_cube_h8_9c", put(GLOBAL + "/H/n", [26]), "/H/n is 26, expected a multi"),
+        ("fe_cube_h8_9c", put(GLOBAL + "/vectors/b", [1.0]), "/fclib_global/G is miss"),
+        ("fe_cube_h8_9c", edit(GLOBAL + "/vectors/f", shorter), "/vectors/f has 161"),
+    ],
+)
+def test_what_is_wrong_is_named(
+    source: str, change: Change, said: str, tmp_path: Path
+) -> None:
+    assert said in said_of(source, change, tmp_path)
+
+
+def matrix_of(name: str, rows: int, columns: int, x: list[float]) -> Change:
+    """Put a matrix whose entries lie in its first row."""
+
+    def change(file: h5py.File) -> None:
+        matrix = sparse.coo_array(
+            (x, (np.zeros(len(x), int), np.arange(len(x)))), shape=(rows, columns)
+        )
+        fclib._write_matrix(file.create_group(name), matrix)
+
+    return change
+
+
+def several(*changes: Change) -> Change:
+    def change(file: h5py.File) -> None:
+        for one in changes:
+            one(file)
+
+    return change
+
+
+def test_constraints_are_refused_or_rigid_motions(tmp_path: Path) -> None:
+    V, s = (
+        matrix_of("/fclib_local/V", 27, 1, [1.0]),
+        put("/fclib_local/vectors/s", [2.0]),
+    )
+    R = "/fclib_local/R"
+    said = said_of("nespheres_10", several(V, s), tmp_path)
+    assert "/fclib_local/R is missing" in said
+    said = said_of("nespheres_10", several(V, matrix_of(R, 1, 1, [])), tmp_path)
+    assert "/fclib_local/vectors/s is missing" in said
+    said = said_of("nespheres_10", several(V, s, matrix_of(R, 1, 1, [1.0])), tmp_path)
+    assert "/fclib_local/R is not zero" in said
+    said = said_of("nespheres_10", several(V, s, matrix_of(R, 2, 2, [])), tmp_path)
+    assert "/fclib_local/R is (2, 2), expected (1, 1)" in said
+    G = matrix_of("/fclib_global/G", 54, 1, [1.0])
+    b = put("/fclib_global/vectors/b", [0.0])
+    said = said_of("rods_2_3c", several(G, b), tmp_path)
+    assert "/fclib_global/G is not empty" in said
+    # What is there and empty says nothing.
+    target = tmp_path / "a.hdf5"
+    shutil.copyfile(path("rods_2_3c"), target)
+    with h5py.File(target, "r+") as file:
+        matrix_of("/fclib_global/G", 54, 0, [])(file)
+        file["/fclib_global/vectors/b"] = np.empty(0)
+    assert isinstance(fclib.read(target), fclib.GlobalProblem)
+    shutil.copyfile(path("nespheres_10"), target)
+    with h5py.File(target, "r+") as file:
+        several(V, s, matrix_of(R, 1, 1, []))(file)
+    found = fclib.read(target)
+    assert isinstance(found, bp.ReducedProblem)
+    assert found.rigid is not None
+    assert found.rigid[0][0, 0] == 1.0
+    np.testing.assert_array_equal(found.rigid[1], [2.0])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (without("/solution/r"), "/solution/r is missing"),
+        (edit("/solution/u", shorter), "/solution/u has 245 entries, expected 246"),
+        (edit("/solution/v", spoil(0, np.nan)), "/solution/v is nan at position 0"),
+        (put("/solution/l", [1.0]), "/fclib_global/G is missing"),
+        (put("/solution/z", [1.0]), "/solution/z is no part of the format"),
+    ],
+)
+def test_a_wrong_solution_is_named(change: Change, said: str, tmp_path: Path) -> None:
+    target = tmp_path / "a.hdf5"
+    shutil.copyfile(path("box_stacks_i0122_82"), target)
+    with h5py.File(target, "r+") as file:
+        change(file)
+    with pytest.raises(ValueError, match=said):
+        fclib.read_solution(target)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (without("/guesses/number_of_guesses"), "number_of_guesses is missing"),
+        (put("/guesses/number_of_guesses", [2]), "/guesses/2 is missing"),
+        (put("/guesses/number_of_guesses", [0]), "/guesses/1 is no part"),
+        (put("/guesses/number_of_guesses", [-1]), "number_of_guesses is -1"),
+        (put("/guesses/number_of_guesses", [2**30]), "number_of_guesses is 1073741824"),
+        (edit("/guesses/1/u", shorter), "/guesses/1/u has 245 entries"),
+    ],
+)
+def test_wrong_guesses_are_named(change: Change, said: str, tmp_path: Path) -> None:
+    target = tmp_path / "a.hdf5"
+    shutil.copyfile(path("box_stacks_i0122_82"), target)
+    with h5py.File(target, "r+") as file:
+        change(file)
+    with pytest.raises(ValueError, match=said):
+        fclib.read_guesses(target)
+
+
+def test_numbers_that_no_problem_can_have(tmp_path: Path) -> None:
+    """Fine as numbers, refused as a problem: with the path all the same."""
+    large = edit(LOCAL + "/W/x", lambda x: 1e300 * x)
+    small = edit(LOCAL + "/vectors/q", lambda q: 1e-300 * q)
+    said = said_of("nespheres_10", several(large, small), tmp_path)
+    assert "W and q cannot be scaled" in said
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="none"):
+        fclib.read(tmp_path / "none.hdf5")
+    with pytest.raises(IsADirectoryError):
+        fclib.read(tmp_path)
+    (tmp_path / "a").write_text("text")
+    with pytest.raises(ValueError, match="cannot be read as HDF5"):
+        fclib.read(tmp_path / "a")
+    whole = path("nespheres_10").read_bytes()
+    (tmp_path / "b").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ValueError, match="b cannot be read as HDF5"):
+        fclib.read(tmp_path / "b")
+
+
+def test_room_that_is_not_used_is_not_read(tmp_path: Path) -> None:
+    """Arrays of nzmax entries of which nz, or the last pointer, say how many count."""
+    target = tmp_path / "a.hdf5"
+    for source, name in (
+        ("nespheres_10", LOCAL + "/W"),
+        ("fe_cube_h8_9c", GLOBAL + "/M"),
+    ):
+        shutil.copyfile(path(source), target)
+        with h5py.File(target, "r+") as file:
+            room = int(file[name]["nzmax"][0]) + 5
+            put(name + "/nzmax", [room])(file)
+            for letter in ("i", "p", "x") if "global" in name else ("i", "x"):
+                whole = np.concatenate([file[name][letter][:], np.full(5, 10**6)])
+                put(f"{name}/{letter}", whole)(file)
+        ours, theirs = fclib.read(target), fclib.read(path(source))
+        letter = name[-1]
+        assert parts(getattr(ours, letter)) == parts(getattr(theirs, letter))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "said"),
+    [
+        ({"problem": None}, TypeError, "problem is a NoneType"),
+        ({"solution": 3}, TypeError, "solution is a int, expected a Solution"),
+        ({"guesses": [3]}, TypeError, r"guesses\[0\] is a int"),
+        ({"info": {"name": "x"}}, ValueError, "info has 'name', expected title"),
+        (
+            {"solution": fclib.Vectors(np.zeros((1, 2)), np.zeros((1, 2)))},
+            ValueError,
+            "u of solution has shape",
+        ),
+        (
+            {"solution": fclib.Vectors(np.zeros((7, 2)), np.full((7, 2), np.nan))},
+            ValueError,
+            "r of solution is nan",
+        ),
+        (
+            {"solution": fclib.Vectors(np.zeros((7, 2)), np.zeros((7, 2)), np.ones(2))},
+            ValueError,
+            "v of solution is there, but the problem has none",
+        ),
+    ],
+)
+def test_wrong_arguments(
+    arguments: dict[str, Any], error: type[Exception], said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(error, match=said):
+        fclib.write(
+            **({"path": tmp_path / "a.hdf5", "problem": pressed.square()} | arguments)
+        )
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,224 @@
+"""`bipot fclib`: a line a file, a summary, and the worst of the exit statuses."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+import pressed
+from bipot_rs import fclib, fclib_job
+from collection import FILES, path
+from methods import METHODS
+
+BIPOT = [sys.executable, "-m", "bipot_rs", "fclib"]
+KEYS = [
+    *("file", "contacts", "dim", "outcome"),
+    *("residual", "iterations", "work", "seconds"),
+]
+GOOD = str(path("rods_2_3c__local"))
+
+
+def bipot(*arguments: str, status: int) -> subprocess.CompletedProcess[str]:
+    run = subprocess.run(
+        [*BIPOT, *arguments], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert run.returncode == status, run.stderr
+    assert "Traceback" not in run.stderr
+    return run
+
+
+def rows(output: str) -> list[dict[str, Any]]:
+    """Every line is an object of JSON as the standard has it."""
+
+    def refuse(word: str) -> None:
+        raise AssertionError(f"{word} is no JSON")
+
+    return [json.loads(line, parse_constant=refuse) for line in output.splitlines()]
+
+
+@pytest.fixture
+def stuck(tmp_path: Path) -> str:
+    """A file without an answer: what nothing can move penetrates."""
+    problem = bp.ReducedProblem(np.diag([1.0, 1.0, 0.0, 0.0]), [[-1.0, 0.0]] * 2, 0.3)
+    fclib.write(tmp_path / "stuck.hdf5", problem)
+    return str(tmp_path / "stuck.hdf5")
+
+
+@pytest.fixture
+def floating(tmp_path: Path) -> str:
+    """A file whose second unknown nothing holds."""
+    problem = fclib.GlobalProblem(
+        np.diag([1.0, 0.0]), [[1.0, 0.0], [0.0, 0.0]], [0.0, 1.0], [[1.0, 0.0]], 0.3
+    )
+    fclib.write(tmp_path / "floating.hdf5", problem)
+    return str(tmp_path / "floating.hdf5")
+
+
+def test_all_files_are_solved_and_told() -> None:
+    files = [str(path(name)) for name in FILES]
+    run = bipot(*files, "--json", status=0)
+    assert run.stderr == ""
+    told = rows(run.stdout)
+    assert [row["file"] for row in told] == files
+    for row, known in zip(told, FILES.values(), strict=True):
+        assert list(row)[: len(KEYS)] == KEYS
+        assert (row["contacts"], row["dim"]) == (known.contacts, known.d)
+        assert row["outcome"] == "converged"
+        # The default of tol; the rounding floor of these files is below it.
+        assert 0 <= row["residual"] <= 1e-10
+        assert row["work"] > 0
+        assert row["seconds"] > 0
+
+
+def test_people_get_lines_and_a_summary() -> None:
+    run = bipot(GOOD, str(path("d2_fcp00031")), status=0)
+    first, second, *summary = run.stdout.splitlines()
+    assert "asymmetric" not in first + second
+    told = bipot(str(path("fe_cube_h8_9c")), status=0).stdout
+    assert "asymmetric by 0.22" in told.splitlines()[0]
+    assert first.startswith(GOOD)
+    assert "3 × 3D" in first
+    assert "11 × 2D" in second
+    assert "converged" in second
+    text = "\n".join(summary)
+    for word in ("outcome", "files", "worst residual", "median work", "all"):
+        assert word in text
+
+
+def test_a_bad_file_stops_no_other(tmp_path: Path, stuck: str) -> None:
+    broken = tmp_path / "broken.hdf5"
+    broken.write_bytes(b"not HDF5")
+    missing = str(tmp_path / "missing.hdf5")
+    run = bipot("--json", str(broken), missing, stuck, GOOD, status=2)
+    told = rows(run.stdout)
+    outcomes = ["unreadable", "unreadable", "no_equilibrium", "converged"]
+    assert [row["outcome"] for row in told] == outcomes
+    assert all(told[0][key] is None for key in KEYS[1:3] + KEYS[4:7])
+    assert "HDF5" in told[0]["message"]
+    assert "broken.hdf5" in run.stderr
+    assert "missing.hdf5" in run.stderr
+    table = bipot(str(broken), GOOD, status=2).stdout
+    assert "unreadable" in table
+    assert GOOD in table
+
+
+def test_exit_status_is_the_worst(
+    tmp_path: Path, stuck: str, floating: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """2 over 3 over 1 over 0, in whatever order the files come."""
+    slow = tmp_path / "slow.hdf5"
+    fclib.write(slow, pressed.cube())
+    missing = str(tmp_path / "missing.hdf5")
+
+    def status(*files: str) -> int:
+        # No method is through within a nanosecond.
+        return fclib_job.run(files, "uzawa", 1e-12, 1e-9, as_json=True)
+
+    # Refused by geometry before the clock is asked.
+    assert status(stuck) == status(floating) == 1
+    assert status(str(slow)) == 3
+    assert status(stuck, str(slow)) == status(str(slow), stuck) == 3
+    assert status(missing, str(slow), stuck) == status(stuck, missing) == 2
+    outcomes = {row["outcome"] for row in rows(capsys.readouterr().out)}
+    assert outcomes == {"no_equilibrium", "time_limit", "unreadable"}
+
+
+def test_indefinite_matrix_is_a_bad_file(tmp_path: Path) -> None:
+    problem = fclib.GlobalProblem(
+        np.diag([1.0, -1.0]), np.eye(2), [0.0, 0.0], [[1.0, 0.0]], 0.3
+    )
+    fclib.write(tmp_path / "a.hdf5", problem)
+    (row,) = rows(bipot("--json", str(tmp_path / "a.hdf5"), status=2).stdout)
+    assert row["outcome"] == "unreadable"
+    assert "indefinite" in row["message"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--method", "best", GOOD), METHODS),
+        (("--tol", "0", GOOD), ("tol is 0",)),
+        (("--max-seconds", "-1", GOOD), ("max_seconds is -1",)),
+        (("--tol", "small", GOOD), ("--tol",)),
+        ((), ("FILE",)),
+        (("--nonsense", GOOD), ("--nonsense",)),
+    ],
+)
+@pytest.mark.parametrize("as_json", [(), ("--json",)])
+def test_wrong_settings(
+    arguments: tuple[str, ...], said: tuple[str, ...], as_json: tuple[str, ...]
+) -> None:
+    run = bipot(*arguments, *as_json, status=2)
+    for word in said:
+        assert word in run.stderr
+    assert run.stdout == ""
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_is_there(method: str) -> None:
+    run = bipot("--method", method, "--tol", "1e-6", "--json", GOOD, status=0)
+    (row,) = rows(run.stdout)
+    assert row["residual"] <= 1e-6
+
+
+def test_interrupt(tmp_path: Path) -> None:
+    # Some milliseconds each: the signal comes long before the last.
+    process = subprocess.Popen(
+        [*BIPOT, "--json", *[GOOD] * 5000],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert errors == "bipot: interrupted\n"
+    assert all(row["outcome"] == "converged" for row in rows(output))
+
+
+def test_reader_that_goes_away() -> None:
+    process = subprocess.Popen(
+        [*BIPOT, *[GOOD] * 500],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.readline()
+    process.stdout.close()
+    assert process.wait(timeout=60) == 2
+    assert "Traceback" not in process.stderr.read()
+    process.stderr.close()
+
+
+def test_scene_goes_out_as_problems(tmp_path: Path) -> None:
+    """Others, and we, solve each load step from its file alone."""
+    run = [sys.executable, "-m", "bipot_rs", "run", "sheared_cube", "--set=mesh.n=3"]
+    subprocess.run([*run, "--fclib"], cwd=tmp_path, check=True, capture_output=True)
+    out = tmp_path / "out" / "sheared_cube"
+    written = sorted(out.glob("*.hdf5"))
+    assert [p.name for p in written] == ["problem-0000.hdf5", "problem-0001.hdf5"]
+    told = rows(bipot("--json", "--tol", "1e-12", *map(str, written), status=0).stdout)
+    result = bp.load(out / "result.h5")
+    for step, row, file in zip(result, told, written, strict=True):
+        assert row["contacts"] == len(step.reaction)
+        answer = fclib.read(file).solve(tol=1e-12)
+        # The scene is held to 1e-10, times the condition of W of some tens.
+        size = np.abs(step.reaction).max()
+        assert np.abs(answer.reaction - step.reaction).max() <= 1e-7 * size
+        info = fclib.read_info(file)
+        assert "sheared_cube" in info["description"]
+        assert "mm" in info["description"]
+    # A run without them leaves none of an earlier one behind.
+    subprocess.run(run, cwd=tmp_path, check=True, capture_output=True)
+    assert list(out.glob("*.hdf5")) == []
