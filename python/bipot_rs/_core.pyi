@@ -52,6 +52,8 @@ class Condensed:
         """Counts and seconds of the condensation."""
     def compliance(self) -> _Floats:
         """`W`, dense."""
+    def sparse_compliance(self) -> tuple[list[int], list[int], _Floats] | None:
+        """`W` in blocks where it is sparse."""
     def free_part(
         self, load: _Floats, prescribed: _Floats
     ) -> tuple[_Floats, _Floats, _Floats]:

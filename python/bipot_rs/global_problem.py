@@ -18,9 +18,8 @@ from bipot_rs.result import Solution
 # Relative to √|M_ii M_jj|, which no change of units moves. `ContactProblem` refuses
 # ten times as much, so that what is symmetric here is symmetric there.
 SYMMETRIC = 1e-11
-# Bytes above which W is made without ever being dense, and the right sides solved at
-# a time then.
-DENSE, COLUMNS = 2**28, 64
+# Right sides solved at a time: W is made without ever being dense.
+COLUMNS = 64
 
 
 class GlobalProblem:
@@ -174,28 +173,17 @@ class _Symmetric:
     """Condensed as any stiffness is."""
 
     def __init__(self, mass: Any, contact: Any, f: Array, w: Array, mu: Array) -> None:
-        self._all = mass, contact, f, w, mu
+        self._f = f
         self._problem = ContactProblem(
             mass, contact.T, gap=w, mu=mu, dim=w.shape[1] or None
         )
         self.stats = self._problem.stats
 
     def reduced(self) -> ReducedProblem:
-        mass, contact, f, w, mu = self._all
-        if 8 * w.size**2 > DENSE and not self._problem.rigid_motions:
-            # Many bodies: few of them meet, and most of a dense W would be zero.
-            return _Lu(mass, contact, f, w, mu).reduced()
-        problem = self._problem.reduced(f)
-        whole = problem.W
-        if 4 * np.count_nonzero(whole) > whole.size:
-            return problem
-        from scipy.sparse import csr_array
-
-        return ReducedProblem(csr_array(whole), problem.q, mu, rigid=problem.rigid)
+        return self._problem.reduced(self._f)
 
     def velocity(self, r: Array, amounts: Array) -> Array:
-        f = self._all[2]
-        return self._problem._core.displacement(f, np.empty(0), r, amounts)
+        return self._problem._core.displacement(self._f, np.empty(0), r, amounts)
 
 
 class _Lu:

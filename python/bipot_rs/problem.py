@@ -234,6 +234,8 @@ class ContactProblem:
     ) -> ReducedProblem:
         """The reduced problem (5) of one step, from the unloaded state or from ``start``.
 
+        Its ``W`` is sparse where separate bodies make most of it zero.
+
         Parameters
         ----------
         load, prescribed
@@ -252,7 +254,15 @@ class ContactProblem:
         if before is not None:
             q[:, 1:] -= before.relative_displacement[:, 1:]
         rigid = (np.ascontiguousarray(modes.T), force) if len(force) else None
-        return ReducedProblem(self.compliance, q, self._mu, rigid=rigid)
+        blocks = self._core.sparse_compliance()
+        if blocks is None:
+            return ReducedProblem(self.compliance, q, self._mu, rigid=rigid)
+        from scipy.sparse import bsr_array
+
+        start, columns, values = blocks
+        entries = values.reshape(-1, d, d), columns, start
+        W = bsr_array(entries, shape=(d * contacts, d * contacts)).tocsr()
+        return ReducedProblem(W, q, self._mu, rigid=rigid)
 
     def solve(
         self,

@@ -20,6 +20,9 @@ pub use crate::problem::island::{Island, Part};
 /// Below this many rows a product is not worth a second thread.
 const PARALLEL_ROWS: usize = 768;
 
+/// First block of each row, columns, and entries.
+pub type BlockRows = (Vec<usize>, Vec<usize>, Vec<f64>);
+
 /// Whether a matrix of so many blocks and contacts is better kept, and eliminated,
 /// as a sparse one: a walk over fronts, and rows of blocks, take longer a number.
 #[must_use]
@@ -303,6 +306,30 @@ impl<'a, const D: usize> Compliance<'a, D> {
     #[must_use]
     pub fn inverse_pair(&self, moved: usize, pushed: usize) -> Block<D> {
         self.block_of(Island::inverse_pair, moved, pushed)
+    }
+
+    /// Where it is sparse, its blocks in the caller's numbering: the first of each row,
+    /// columns, and entries, row-major.
+    ///
+    /// # Errors
+    /// As [`Compliance::whole`].
+    pub fn rows_of_blocks(&self) -> Result<Option<BlockRows>, Error> {
+        let Some(whole) = self.whole()? else {
+            return Ok(None);
+        };
+        let mut place = vec![0; self.order.len()];
+        for (position, &node) in self.order.iter().enumerate() {
+            place[node] = position;
+        }
+        let (mut start, mut column, mut values) = (vec![0], Vec::new(), Vec::new());
+        for &position in &place {
+            for (other, block) in whole.blocks.in_row(position) {
+                column.push(self.order[other]);
+                values.extend(block.transpose().iter());
+            }
+            start.push(column.len());
+        }
+        Ok(Some((start, column, values)))
     }
 
     /// The whole matrix in the caller's numbering, row-major.

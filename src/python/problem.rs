@@ -132,6 +132,17 @@ impl Condensed {
         arrays::square(py, dense, n, n)
     }
 
+    /// `W` in blocks where it is sparse: the first block of each row, the column of
+    /// each, and their entries, row-major.
+    #[expect(clippy::type_complexity, reason = "the arrays of one sparse matrix")]
+    fn sparse_compliance<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<Option<(Vec<usize>, Vec<usize>, Bound<'py, PyArray1<f64>>)>> {
+        let blocks = either!(&self.kind, inner => inner.compliance().rows_of_blocks()?);
+        Ok(blocks.map(|(start, column, values)| (start, column, arrays::from_vec(py, values))))
+    }
+
     /// `q` with the whole gap, the columns of `R` as rows, and `e`.
     fn free_part<'py>(
         &self,

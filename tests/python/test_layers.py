@@ -26,17 +26,18 @@ RUST = (
 RUST_SIBLINGS = {
     "linalg": (
         "binary exact signs small union",
-        "csc",
+        "blocks csc",
         "gmres least_squares packed",
         "dense nonnegative ordering quotient",
         "lu tree",
         "symbolic",
-        "multifrontal",
+        "multifrontal sparse_lu",
         "solves",
     ),
     "law": ("frame cone sliding", "alart_curnier bipotential one_node"),
     "problem": (
         "border memory null_space sparse stats",
+        "island",
         "compliance",
         "reduced",
         "residual",
@@ -48,6 +49,7 @@ RUST_SIBLINGS = {
         "compliance_form",
         "stiffness_form",
         "gauss_seidel newton uniqueness uzawa",
+        "proximal",
         "auto refine",
         "solution",
     ),
