@@ -115,9 +115,10 @@ def summary() -> str:
     for name, study in STUDIES.items():
         for case, rows in read(name).items():
             solved = [r for r in rows if r.outcome == "converged"]
-            over = f"{rows[0].parameter:g} … {rows[-1].parameter:g}"
-            if name == "poisson":
-                over = over.replace(" … ", ", then ")
+            ends = sorted(r.parameter for r in solved)
+            over = f"{ends[0]:g} … {ends[-1]:g}"
+            refused = [f"{r.parameter:g}" for r in rows if r.outcome != "converged"]
+            over += ", refused at " + ", ".join(refused) if refused else ""
             errors = [
                 largest(getattr(r, f"error_{symbol}") for r in solved)
                 for symbol in "rvu"
@@ -159,11 +160,13 @@ def draw(name: str) -> None:
     *errors, work = panels
     # Wong's colours; the marks say the same again.
     styles = {"r": ("#D55E00", "o"), "v": ("#009E73", "^"), "u": ("#0072B2", "s")}
-    least = min(r.parameter for x in cases.values() for r in x if r.parameter > 0)
+    values = [r.parameter for rows in cases.values() for r in rows]
+    least, most = min(x for x in values if x > 0), max(values)
+    # Zero has a place of its own on an axis of powers of ten.
+    zero = least / 30
     lines = iter(("-", "--", ":", "-."))
     for panel, (case, rows) in zip(errors, cases.items(), strict=True):
-        # Zero has a place of its own on an axis of powers of ten.
-        x = np.array([r.parameter or least / 10 for r in rows])
+        x = np.array([r.parameter or zero for r in rows])
         for symbol, (colour, mark) in styles.items():
             error = np.array([getattr(r, f"error_{symbol}") for r in rows])
             bound = np.array([getattr(r, f"bound_{symbol}") for r in rows])
@@ -181,11 +184,11 @@ def draw(name: str) -> None:
     work.set_ylim(bottom=1, top=max(20, 2 * work.get_ylim()[1]))
     for panel in panels:
         panel.set_xscale("log")
-        if any(r.parameter == 0 for x in cases.values() for r in x):
-            ticks = 10.0 ** np.arange(np.log10(least), 9, 4)
-            panel.set_xticks([least / 10, *ticks])
-            labels = [f"$10^{{{round(np.log10(t))}}}$" for t in ticks]
-            panel.set_xticklabels(["0", *labels])
+        if 0 in values:
+            first, last = round(np.log10(least)), round(np.log10(most))
+            powers = range(first, last + 1, 4 if last - first > 8 else 1)
+            labels = [f"$10^{{{k}}}$" for k in powers]
+            panel.set_xticks([zero, *(10.0**k for k in powers)], ["0", *labels])
             panel.minorticks_off()
         panel.grid(color="0.9", lw=0.5)
         panel.set_axisbelow(True)

@@ -16,6 +16,8 @@ TOL = 1e-14
 NAN = float("nan")
 # `LoadPath` corrects by K what W has lost more than this of, in ε.
 CORRECTED = 1e5
+# Violations of the law below this are what η and the condition of W leave.
+LAWFUL = 1e-12
 # Contacts above which W is not made a second time, for bounds.
 LARGE = 3000
 
@@ -118,7 +120,8 @@ def row(
     if closed is not None:
         work = replace(work, **named("error", against(found, closed, case)))
     if not exactly:
-        return replace(work, statuses_right=bool(agree))
+        # A wrong status breaks the law by what it takes a contact to change it.
+        return replace(work, statuses_right=bool(agree and work.law <= LAWFUL))
     right = exact.solve(case, step.status, step.slip)
     own = right.errors(*found)
     if closed is None and twin is not None:

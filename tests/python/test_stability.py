@@ -12,7 +12,7 @@ import pytest
 import stability
 from studies import blocks, contrast, exact, friction, gaps, poisson, size, slender
 from studies import steps as load_steps
-from studies.measure import CORRECTED, Answer, Row, against, bounds, row, solved
+from studies.measure import CORRECTED, LAWFUL, Answer, Row, against, bounds, row, solved
 
 import bipot_rs as bp
 
@@ -249,6 +249,10 @@ def test_the_tables_keep_the_bounds(name: str) -> None:
         solved_rows = [x for x in rows if x.outcome == "converged"]
         assert all(x.statuses_right for x in solved_rows)
         assert all(not stability.share(x) > 1 for x in solved_rows)
+        # Where nothing exact is known, the law and equilibrium in extended precision.
+        assert all(
+            x.law <= LAWFUL for x in solved_rows if np.isnan(x.bound_r + x.bound_v)
+        )
 
 
 def test_a_row_says_how_an_answer_is_refused() -> None:
