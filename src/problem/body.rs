@@ -102,9 +102,9 @@ impl Body {
         let schur = factor.schur();
         let mut cholesky = schur.to_vec();
         let mut size = one_norm(schur, m);
-        // The energy of a unit motion of the whole body is off by this, at the most.
-        let entries: f64 = stiffness.values.iter().map(|a| a.abs()).sum();
-        let rounding = 8.0 * f64::EPSILON * entries;
+        // Of a unit motion of the whole body, what independent roundings of the
+        // entries make of the energy; a sum of sizes would doubt large bodies.
+        let rounding = 8.0 * f64::EPSILON * norm(&stiffness.values);
         let pivots = |l: &[f64]| {
             (0..m).all(|i| {
                 let doubt = SAFE.max(rounding * scale[i] * scale[i]);

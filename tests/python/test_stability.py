@@ -39,8 +39,8 @@ def held(rows: Iterable[Row]) -> Iterator[Row]:
 def test_poisson_towards_a_half() -> None:
     for found in held(poisson.rows([0.2, 1e-2, 1e-4, 1e-7])):
         # K holds (1 - 2ν)⁻¹ beside terms of order one and rounds them away: u follows
-        # that. 20 and 0.2 are of the bodies, their cells and what they are made of.
-        allowed = 1e-14 + 20 * EPS / (2 * found.parameter)
+        # that, with the factor of all these bounds.
+        allowed = 1e-14 + stability.CONSTANT * EPS / (2 * found.parameter)
         assert found.error_u <= allowed
         # Normal reactions of the column are statics, whatever ν is.
         if found.case == "column":
