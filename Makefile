@@ -68,6 +68,7 @@ bench: $(STAMP) ## the tables of benches/README.md
 	$(PY) benches/kernels.py
 	$(PY) benches/speed_against_error.py
 	$(PY) benches/beside_peers.py
+	$(PY) benches/stability.py
 
 .PHONY: verification
 verification: $(STAMP) ## docs/verification.md: answers known from elsewhere, beside ours

@@ -12,8 +12,8 @@ use crate::problem::residual::scaled_imbalance;
 use crate::solver::refine::Point;
 use crate::solver::{self, Outcome, Settings, Solution, Start};
 
-/// Above this condition of `S`, `W` has lost the digits that the judge asks for:
-/// the last step is then taken with `v` from `K`.
+/// Where `W` may be off by more than so many ε it has lost the digits that the
+/// judge asks for: the last step is then taken with `v` from `K`.
 const ILL_CONDITIONED: f64 = 1e5;
 
 /// What a step leaves behind.
@@ -158,7 +158,8 @@ impl<const D: usize> LoadPath<D> {
                 solution = solver::solve(&reduced, settings, &start, stop)?;
             }
         }
-        if solution.outcome == Outcome::Converged && problem.stats().cond_s > ILL_CONDITIONED {
+        if solution.outcome == Outcome::Converged && problem.stats().amplification > ILL_CONDITIONED
+        {
             let loads = (load, prescribed);
             let state = self.state.as_ref();
             let evaluate = |r, rigid| evaluate(problem, &reduced, loads, state, r, rigid);

@@ -29,7 +29,8 @@ pub struct Row {
 const NULL: f64 = 1e-13;
 
 /// A pivot above this, relative to the diagonal of `K`, leaves no doubt that a
-/// matrix is definite; below it the eigenvalues are looked at.
+/// matrix is definite; below it the eigenvalues are looked at. Where the contact
+/// set is soft and the rest is stiff, the rounding of the stiff part may exceed it.
 const SAFE: f64 = 1e-9;
 
 /// One body.
@@ -52,6 +53,7 @@ pub struct Body {
     modes: Vec<Vec<f64>>,
     inverse: Vec<f64>,
     condition: f64,
+    amplification: f64,
 }
 
 impl Body {
@@ -100,7 +102,15 @@ impl Body {
         let schur = factor.schur();
         let mut cholesky = schur.to_vec();
         let mut size = one_norm(schur, m);
-        let pivots = |l: &[f64]| (0..m).all(|i| (l[i * (m + 1)] * scale[i]).powi(2) > SAFE);
+        // Of a unit motion of the whole body, what independent roundings of the
+        // entries make of the energy; a sum of sizes would doubt large bodies.
+        let rounding = 8.0 * f64::EPSILON * norm(&stiffness.values);
+        let pivots = |l: &[f64]| {
+            (0..m).all(|i| {
+                let doubt = SAFE.max(rounding * scale[i] * scale[i]);
+                (l[i * (m + 1)] * scale[i]).powi(2) > doubt
+            })
+        };
         let definite = dense::cholesky(&mut cholesky, m, stop)?.is_none() && pivots(&cholesky);
         let mut modes = Vec::new();
         if !definite {
@@ -138,7 +148,10 @@ impl Body {
         }
         let mut inverse = vec![0.0; m * m];
         dense::inverse_from_cholesky(&cholesky, m, &mut inverse, stop)?;
-        let condition = size * one_norm(&inverse, m);
+        let flexible = one_norm(&inverse, m);
+        let condition = size * flexible;
+        let stiffest = kept.iter().map(|&i| diagonal[i]).fold(0.0, f64::max);
+        let amplification = condition.max(stiffest * flexible);
         Ok(Self {
             dofs,
             stiffness,
@@ -150,6 +163,7 @@ impl Body {
             modes,
             inverse,
             condition,
+            amplification,
         })
     }
 
@@ -173,6 +187,13 @@ impl Body {
     #[must_use]
     pub fn condition(&self) -> f64 {
         self.condition
+    }
+
+    /// What the error of `W` may be, in ε: the condition, or more where `S` is a
+    /// small difference of large entries of `K`, as with flat elements at the contact.
+    #[must_use]
+    pub fn amplification(&self) -> f64 {
+        self.amplification
     }
 
     /// `(S + α R Rᵀ)⁻¹ / unit`, given away with that unit: it is needed once.

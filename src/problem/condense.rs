@@ -118,7 +118,9 @@ impl<const D: usize> Condensed<D> {
         stats.seconds_compliance = started.elapsed().as_secs_f64();
         stats.bodies = bodies.len();
         stats.islands = compliance.islands().len();
-        stats.cond_s = bodies.iter().map(Body::condition).fold(0.0, f64::max);
+        let most = |of: fn(&Body) -> f64| bodies.iter().map(of).fold(0.0, f64::max);
+        stats.cond_s = most(Body::condition);
+        stats.amplification = most(Body::amplification);
 
         let touched = |row: usize| place_of_row(given.contact, row, &position);
         let motions = bodies

@@ -11,6 +11,8 @@ pub struct Stats {
     pub bodies: usize,
     pub islands: usize,
     pub cond_s: f64,
+    /// Relative error that `W` may have, in ε; at least `cond_s`.
+    pub amplification: f64,
     pub ordering: &'static str,
     pub seconds_order: f64,
     pub seconds_symbolic: f64,

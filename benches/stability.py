@@ -1,0 +1,219 @@
+"""Errors and work over the whole range of one parameter, beside what rounding allows.
+
+python benches/stability.py [--study NAME] [--draw]
+
+Writes ``stability_NAME.csv`` and ``stability_NAME.png`` beside this file, shown in
+``docs/stability.md``; with ``--draw`` only the figures, from the CSV files. All of it
+takes about five minutes and 4 GB.
+"""
+
+import argparse
+import csv
+import dataclasses
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from studies import contrast, friction, gaps, poisson, size, slender, steps
+from studies.measure import COLUMNS, Row
+
+HERE = Path(__file__).parent
+PAGE = HERE.parent / "docs" / "stability.md"
+MARK = "<!-- table by benches/stability.py -->"
+# Errors below this are drawn there.
+FOOT = 1e-17
+# What the bounds, of first order and without constants, are multiplied by: K's
+# entries are sums over four cells or eight, W's of some hundred terms, and roundings
+# add up as the square root of their number.
+CONSTANT = 4.0
+
+
+class Study(NamedTuple):
+    """Its rows, and what the axis says."""
+
+    rows: Callable[[], Iterator[Row]]
+    axis: str
+
+
+STUDIES = {
+    "poisson": Study(poisson.rows, "1/2 - ν"),
+    "contrast": Study(contrast.rows, "E above / E below"),
+    "friction": Study(friction.rows, "friction coefficient μ"),
+    "gaps": Study(gaps.rows, "gap / size"),
+    "slender": Study(slender.slender, "length / height"),
+    "needles": Study(slender.needles, "width / height of the cells at the contact"),
+    "steps": Study(steps.rows, "load of a step / load"),
+    "size": Study(size.rows, "contacts"),
+}
+
+
+def table(name: str) -> Path:
+    """The CSV file of a study."""
+    return HERE / f"stability_{name}.csv"
+
+
+def run(name: str) -> None:
+    """Measure a study."""
+    began = time.perf_counter()
+    with table(name).open("w", newline="") as file:
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow(COLUMNS)
+        for row in STUDIES[name].rows():
+            out.writerow(cell(x) for x in dataclasses.astuple(row))
+            print(f"{name}: {row.case}, {row.parameter:g}: {told(row)}", flush=True)
+    print(f"{name}: {time.perf_counter() - began:.1f} s")
+
+
+def cell(x: object) -> str:
+    """Three digits: the others are chance."""
+    return f"{x:.3g}" if isinstance(x, float) else str(x)
+
+
+def told(row: Row) -> str:
+    """A row in a line."""
+    if row.outcome != "converged":
+        return row.outcome
+    return (
+        f"r {row.error_r:.0e}, v {row.error_v:.0e}, u {row.error_u:.0e}, "
+        f"{share(row):.2f} of the bound, "
+        f"statuses {'right' if row.statuses_right else 'WRONG'}, "
+        f"{row.products:.0f} products"
+    )
+
+
+def share(row: Row) -> float:
+    """Of its bound, what the worst of the three errors is; NaN where none is known."""
+    pairs = (
+        (row.error_r, row.bound_r),
+        (row.error_v, row.bound_v),
+        (row.error_u, row.bound_u),
+    )
+    found = [e / (CONSTANT * b) for e, b in pairs if e == e and b == b and b + e > 0]
+    return max(found, default=float("nan"))
+
+
+def read(name: str) -> dict[str, list[Row]]:
+    """Rows of each case of a study."""
+    kinds = {f.name: f.type for f in dataclasses.fields(Row)}
+    cases: dict[str, list[Row]] = {}
+    with table(name).open() as file:
+        for line in csv.DictReader(file):
+            values = {
+                k: x == "True" if kinds[k] is bool else kinds[k](x)  # type: ignore[operator]
+                for k, x in line.items()
+            }
+            cases.setdefault(line["case"], []).append(Row(**values))
+    return cases
+
+
+def summary() -> str:
+    """What the page says of each case, a table."""
+    head = "| study | case | over | r | v | u | of the bound | products |"
+    lines = [head, "|" + "---|" * head.count(" | ") + "---|"]
+    for name, study in STUDIES.items():
+        for case, rows in read(name).items():
+            solved = [r for r in rows if r.outcome == "converged"]
+            ends = sorted(r.parameter for r in solved)
+            over = f"{ends[0]:g} … {ends[-1]:g}"
+            refused = [f"{r.parameter:g}" for r in rows if r.outcome != "converged"]
+            over += ", refused at " + ", ".join(refused) if refused else ""
+            errors = [
+                largest(getattr(r, f"error_{symbol}") for r in solved)
+                for symbol in "rvu"
+            ]
+            products = sorted(r.products for r in solved)
+            work = f"{products[0]:.0f} … {products[-1]:.0f}"
+            worst = largest(map(share, solved))
+            of = "" if worst != worst else f"{worst:.2f}"
+            told = ["" if e != e else f"{e:.0e}" for e in errors]
+            cells = [name, case, f"{study.axis}: {over}", *told, of, work]
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def largest(values: Iterable[float]) -> float:
+    """Of those that are numbers; NaN of none."""
+    return max((x for x in values if x == x), default=float("nan"))
+
+
+def write_page() -> None:
+    """Put the table into the page."""
+    text = PAGE.read_text(encoding="utf-8")
+    head, _, rest = text.partition(MARK)
+    _, _, tail = rest.partition(MARK)
+    PAGE.write_text(f"{head}{MARK}\n{summary()}{MARK}{tail}", encoding="utf-8")
+
+
+def draw(name: str) -> None:
+    """A panel of errors and bounds a case, and one of the work."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    cases = read(name)
+    plt.rcParams.update({"font.size": 8, "axes.titlesize": 9})
+    width = 2.6 * (len(cases) + 1)
+    figure, panels = plt.subplots(1, len(cases) + 1, figsize=(width, 2.7))
+    *errors, work = panels
+    # Wong's colours; the marks say the same again.
+    styles = {"r": ("#D55E00", "o"), "v": ("#009E73", "^"), "u": ("#0072B2", "s")}
+    values = [r.parameter for rows in cases.values() for r in rows]
+    least, most = min(x for x in values if x > 0), max(values)
+    # Zero has a place of its own on an axis of powers of ten.
+    zero = least / 30
+    lines = iter(("-", "--", ":", "-."))
+    for panel, (case, rows) in zip(errors, cases.items(), strict=True):
+        x = np.array([r.parameter or zero for r in rows])
+        for symbol, (colour, mark) in styles.items():
+            error = np.array([getattr(r, f"error_{symbol}") for r in rows])
+            bound = np.array([getattr(r, f"bound_{symbol}") for r in rows])
+            seen = np.isfinite(error)
+            if seen.any():
+                # What is nothing to double precision is drawn at the foot.
+                shown = np.maximum(error[seen], FOOT)
+                panel.plot(x[seen], shown, mark, color=colour, ms=3.5, label=symbol)
+                panel.plot(x, CONSTANT * bound, color=colour, lw=1, ls="--")
+        panel.set(yscale="log", title=case, xlabel=STUDIES[name].axis)
+        panel.set_ylim(bottom=FOOT / 2)
+        products = [r.products for r in rows]
+        work.plot(x, products, color="k", ls=next(lines), label=case)
+    work.set(yscale="log", title="products with W", xlabel=STUDIES[name].axis)
+    work.set_ylim(bottom=1, top=max(20, 2 * work.get_ylim()[1]))
+    for panel in panels:
+        panel.set_xscale("log")
+        if 0 in values:
+            first, last = round(np.log10(least)), round(np.log10(most))
+            powers = range(first, last + 1, 4 if last - first > 8 else 1)
+            labels = [f"$10^{{{k}}}$" for k in powers]
+            panel.set_xticks([zero, *(10.0**k for k in powers)], ["0", *labels])
+            panel.minorticks_off()
+        panel.grid(color="0.9", lw=0.5)
+        panel.set_axisbelow(True)
+        panel.spines[["top", "right"]].set_visible(False)
+    errors[0].set_ylabel("relative error; dashed: bound")
+    errors[0].legend(frameon=False, handletextpad=0.1)
+    if len(cases) > 1:
+        work.legend(frameon=False, fontsize=6.5)
+    figure.tight_layout()
+    figure.savefig(table(name).with_suffix(".png"), dpi=100)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Measure and draw."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--study", choices=STUDIES, action="append")
+    parser.add_argument("--draw", action="store_true", help="only draw")
+    chosen = parser.parse_args()
+    for name in chosen.study or STUDIES:
+        if not chosen.draw:
+            run(name)
+        draw(name)
+    write_page()
+
+
+if __name__ == "__main__":
+    main()

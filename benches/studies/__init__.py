@@ -1,0 +1,1 @@
+"""Stability studies: one parameter, its whole range, errors beside what rounding allows."""

@@ -1,0 +1,255 @@
+"""One solved case beside its exact answer: a row of a study's table."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from studies import exact
+from studies.exact import EPS, Array, Case, Exact
+
+# Asked of the solver: what its tolerance gives way to is rounding.
+TOL = 1e-14
+NAN = float("nan")
+# `LoadPath` corrects by K what W has lost more than this of, in ε.
+CORRECTED = 1e5
+# Violations of the law below this are what η and the condition of W leave.
+LAWFUL = 1e-12
+# Contacts above which W is not made a second time, for bounds.
+LARGE = 3000
+
+
+class Answer(NamedTuple):
+    """Reactions and relative displacements ``(n_c, d)``, displacements ``(n,)``."""
+
+    r: Array
+    v: Array
+    u: Array
+
+
+@dataclass(frozen=True)
+class Row:
+    """Errors beside their bounds, and the work, at one value of the parameter.
+
+    ``error_*`` is against the closed form, or the exact answer of the same body in
+    other units, whose K is rounded otherwise; ``own_*`` against the exact answer of
+    the matrices as they are. Both are relative to the largest r and u; v, which may
+    vanish, to the largest u or gap. ``bound_*`` is that of `bounds`, without a
+    constant. ``law`` is the largest violation of (1), (6) and (8). Where an answer
+    is refused `outcome` says how, and numbers are NaN.
+    """
+
+    case: str
+    parameter: float
+    unknowns: int
+    contacts: int
+    outcome: str = "converged"
+    error_r: float = NAN
+    error_v: float = NAN
+    error_u: float = NAN
+    own_r: float = NAN
+    own_v: float = NAN
+    own_u: float = NAN
+    bound_r: float = NAN
+    bound_v: float = NAN
+    bound_u: float = NAN
+    law: float = NAN
+    statuses_right: bool = False
+    iterations: int = 0
+    products: float = NAN
+    residual: float = NAN
+    cond_S: float = NAN
+    bytes: int = 0
+
+
+COLUMNS = tuple(field.name for field in fields(Row))
+
+
+def row(
+    name: str,
+    parameter: float,
+    case: Case,
+    closed: Answer | None = None,
+    *,
+    twin: tuple[Case, float] | None = None,
+    statuses: NDArray[np.int8] | None = None,
+    exactly: bool = True,
+    data: float = 0.0,
+) -> Row:
+    """Solve a case and compare.
+
+    Parameters
+    ----------
+    name, parameter
+        What the row is called.
+    case
+        The problem, of a path of one step.
+    closed
+        Its closed form, if there is one.
+    twin
+        Without one: the case in other units of force, and that unit.
+    statuses
+        Those of the closed form; without them the law's inequalities on the exact
+        answer tell whether the statuses are right.
+    exactly
+        Whether the exact answer is sought: not where contacts slide in space.
+    data
+        Relative error of the answer that comes from data other than K, B and loads.
+    """
+    sizes = (name, parameter, len(case.load), len(case.mu))
+    try:
+        problem, step = solved(case)
+    except bp.BipotError as error:
+        return Row(*sizes, outcome=type(error).__name__)
+    found = Answer(step.reaction, step.relative_displacement, step.displacement)
+    stats = problem.stats
+    at_island = 8 * case.gap.size**2 // max(stats["islands"], 1)
+    work = Row(
+        *sizes,
+        law=violation(case, found),
+        iterations=int(step.iterations),
+        products=float(step.work),
+        residual=float(step.residual),
+        cond_S=float(stats["cond_S"]),
+        bytes=int(stats["bytes_peak"] + at_island),
+    )
+    agree = statuses is None or np.array_equal(step.status, statuses)
+    if closed is not None:
+        work = replace(work, **named("error", against(found, closed, case)))
+    if not exactly:
+        # A wrong status breaks the law by what it takes a contact to change it.
+        return replace(work, statuses_right=bool(agree and work.law <= LAWFUL))
+    right = exact.solve(case, step.status, step.slip)
+    own = right.errors(*found)
+    if closed is None and twin is not None:
+        other, unit = twin
+        theirs = exact.solve(other, step.status, step.slip)
+        work = replace(
+            work, **named("error", against(found, answer(theirs, unit), case))
+        )
+    elif closed is None:
+        work = replace(work, **named("error", own))
+    return replace(
+        work,
+        statuses_right=bool(right.lawful and agree),
+        **named("own", own),
+        **named("bound", bounds(right, problem, work.residual, data)),
+    )
+
+
+def solved(case: Case) -> tuple[bp.ContactProblem, bp.Step]:
+    """The problem and its answer."""
+    dim = case.gap.shape[1]
+    problem = bp.ContactProblem(
+        case.K, case.B, gap=case.gap, mu=case.mu, fixed=case.fixed, dim=dim
+    )
+    return problem, problem.solve(case.load, case.prescribed, tol=TOL)[0]
+
+
+def named(prefix: str, values: tuple[float, float, float]) -> dict[str, float]:
+    """Fields of a row."""
+    return {f"{prefix}_{x}": y for x, y in zip("rvu", values, strict=True)}
+
+
+def answer(right: Exact, unit: float = 1.0) -> Answer:
+    """An exact answer, rounded, in units of force that are so many times as large."""
+    shape = right.case.gap.shape
+    r, v, u = (exact.to_floats(x) for x in (right.r, right.v, right.u))
+    return Answer(r.reshape(shape) / unit, v.reshape(shape), u)
+
+
+def bounds(
+    right: Exact, problem: bp.ContactProblem, residual: float, data: float = 0.0
+) -> tuple[float, float, float]:
+    """What rounding makes of r, v and u, to first order and for the worst signs.
+
+    Three things are rounded. Data: ``ε |A⁻¹| (|A||z| + |b|)`` of `Exact.condition`.
+    Reactions, from which v and u are then made: ``ε |W||r|``. And W, the inverse of
+    S, a difference of matrices of the size of the contact block of K: it is off by
+    ``W δS W``, ``|δS| ≤ ε max K_cc``, unless that is more than 1e5 ε of W, where the
+    answer is corrected by K itself. Besides, the law holds to the residual η of (13),
+    so that ``v_i`` is off by ``η ‖r̂‖ / D_i``; where a large μ lifts the floor of η
+    above the tolerance, it is v that is multiplied by μ, and the tolerance counts.
+    `data` is the relative error of other data.
+    """
+    case, contacts = right.case, len(right.case.mu)
+    if contacts > LARGE or not contacts:
+        return tuple(EPS * x for x in right.condition())  # type: ignore[return-value]
+    W, d = np.abs(problem.compliance), case.gap.shape[1]
+    r, u = np.abs(exact.to_floats(right.r)), np.abs(exact.to_floats(right.u))
+    of_r = W @ r
+    # 1 / D_i of (15), a number a component.
+    each = np.repeat(np.sqrt(W.diagonal().reshape(-1, d).sum(axis=1) / d), d)
+    passed = min(residual, TOL) / EPS * np.linalg.norm(r * each) * each
+    touched = np.unique(abs(case.B).indices)
+    stiffest = float(case.K.diagonal()[touched].max())
+    if stiffest * W.sum(axis=0).max() <= CORRECTED:
+        passed += stiffest * (W @ of_r)
+    size = float(u.max())
+    length = max(size, largest(case.gap))
+    at_r, at_v, at_u = right.condition(passed)
+    off = float(of_r.max())
+    return (
+        EPS * (1 + at_r) + data,
+        EPS * (1 + at_v + off / length),
+        EPS * (1 + at_u + off / size) + data,
+    )
+
+
+def violation(case: Case, found: Answer) -> float:
+    """Largest violation of equilibrium and of the law, in extended precision.
+
+    Of equilibrium beside ``|K||u|`` and the forces, of the law as by its textbook
+    inequalities, beside the largest r, and u or gap.
+    """
+    long = np.longdouble
+    u, r, v = (np.asarray(x, long) for x in (found.u, found.r, found.v))
+    free = np.setdiff1d(np.arange(len(u)), case.fixed)
+    push = long_product(case.B.T, r.ravel())
+    left = (case.load + push - long_product(case.K, u))[free]
+    size = largest(abs(case.K) @ np.abs(found.u)) + largest(case.load)
+    worst = largest(left) / (size or 1)
+    if not len(r):
+        return worst
+    r, v = r / (largest(r) or 1), v / (max(largest(u), largest(case.gap)) or 1)
+    r_t, v_t = np.sqrt((r[:, 1:] ** 2).sum(1)), np.sqrt((v[:, 1:] ** 2).sum(1))
+    power = np.abs((r[:, 1:] * v[:, 1:]).sum(1) + case.mu * r[:, 0] * v_t)
+    parts = [
+        -r[:, 0],
+        -v[:, 0],
+        (r_t - case.mu * r[:, 0]) / np.maximum(1, case.mu),
+        np.abs(r[:, 0] * v[:, 0]),
+        power / np.maximum(1, case.mu),
+    ]
+    return max(worst, *(float(x.max()) for x in parts))
+
+
+def long_product(A: Any, x: NDArray[np.longdouble]) -> NDArray[np.longdouble]:
+    """``A x`` of a sparse matrix in extended precision."""
+    A = A.tocoo()
+    out = np.zeros(A.shape[0], np.longdouble)
+    np.add.at(out, A.row, A.data.astype(np.longdouble) * x[A.col])
+    return out
+
+
+def against(found: Answer, closed: Answer, case: Case) -> tuple[float, float, float]:
+    """Errors against a closed form, relative as in `Row`."""
+    force, size = largest(closed.r), largest(closed.u)
+    length = max(size, largest(case.gap))
+    sizes = (force, length, size)
+    return tuple(  # type: ignore[return-value]
+        largest(x - y) / (z or 1) for x, y, z in zip(found, closed, sizes, strict=True)
+    )
+
+
+def largest(x: Any) -> float:
+    """Largest entry by size, 0 of none."""
+    return float(np.abs(x).max(initial=0))
+
+
+def powers(first: int, last: int, each: int = 1) -> Iterable[float]:
+    """Powers of ten, as decimals are read."""
+    return [float(f"1e{k}") for k in range(first, last + 1, each)]

@@ -1,0 +1,105 @@
+"""Contacts from none to many."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from problems import Problem
+from refine import refine
+from scipy import sparse
+
+from studies import blocks
+from studies.exact import Case
+from studies.measure import Row, largest, named, row, solved
+
+PLANE = [0, 1, 2, 3, 10, 30, 100, 300, 1000, 2000]
+SPACE = [2, 4, 8, 16, 32, 54]
+ISLANDS = [1, 10, 100]
+# Cells up, and contacts of an island.
+UP, EACH = 4, 100
+# Nodes a side above which an answer in space is not compared with an exact one.
+COMPARED = 16
+
+
+def rows(
+    plane: Iterable[int] = PLANE,
+    islands: Iterable[int] = ISLANDS,
+    space: Iterable[int] = SPACE,
+) -> Iterator[Row]:
+    """One block that sticks, one that slips too, many blocks; in space the same two."""
+    plane, space = list(plane), list(space)
+    for count in plane:
+        case, twin = blocks.twins(partial(strip, count))
+        yield row("plane, one block", count, case, twin=twin)
+    whole = None
+    for count in islands:
+        case, twin = blocks.twins(partial(many, count))
+        found = row("plane, blocks of 100", EACH * count, case, twin=twin)
+        # The blocks are alike, and so is what bounds each beside its own sizes.
+        whole = whole or found
+        limits = (whole.bound_r, whole.bound_v, whole.bound_u)
+        yield replace(found, **named("bound", limits))
+    for side in space:
+        grid = np.linspace(0, side - 1, side)
+        axes = [grid, grid, np.linspace(0, UP, UP + 1)]
+        case, closed = blocks.sheared(axes, 1.0, 0.2)
+        exactly = side <= COMPARED
+        yield row("space, sticking", side**2, case, closed, exactly=exactly)
+    for side in space:
+        grid = np.linspace(0, side - 1, side)
+        axes = [grid, grid, np.linspace(0, UP, UP + 1)]
+        case = blocks.pressed(axes, 0.3, moved=(0.02, 0.01, -0.04))
+        found = row("space, slipping", side**2, case, exactly=False)
+        yield beside_reduced(found, case) if side <= COMPARED else found
+
+
+def strip(contacts: int, young: float) -> Case:
+    """So many contacts a length of one apart, in one block that slips at its ends."""
+    across = np.arange(max(contacts, 2), dtype=float)
+    axes = [across, np.linspace(0, UP, UP + 1)]
+    case = blocks.pressed(axes, 0.3, moved=(0.02, -0.04), young=young)
+    if contacts >= 2:
+        return case
+    # Fewer than a cell has: the rest of its nodes is free.
+    kept = 2 * contacts
+    return Case(
+        case.K,
+        case.B[:kept],
+        case.load,
+        case.gap[:contacts],
+        case.mu[:contacts],
+        case.fixed,
+        case.prescribed,
+    )
+
+
+def many(count: int, young: float) -> Case:
+    """Blocks on their own, each moved otherwise."""
+    one = strip(EACH, young)
+    moved = 1 + np.arange(count) / max(count, 1)
+    n = one.K.shape[0]
+    return Case(
+        sparse.block_diag([one.K] * count, format="csr"),
+        sparse.block_diag([one.B] * count, format="csr"),
+        np.tile(one.load, count),
+        np.tile(one.gap, (count, 1)),
+        np.tile(one.mu, count),
+        np.concatenate([one.fixed + n * k for k in range(count)]),
+        np.concatenate([one.prescribed * m for m in moved]),
+    )
+
+
+def beside_reduced(found: Row, case: Case) -> Row:
+    """With errors against the exact answer of ``v = W r + q``, W as it was made."""
+    problem, step = solved(case)
+    reduced = problem.reduced(case.load, case.prescribed)
+    given = Problem(found.case, reduced.W, reduced.q, case.mu)
+    right = refine(given, step.reaction, None, step.status)
+    v = float(np.abs(step.relative_displacement - right.v).max())
+    return replace(
+        found,
+        error_r=float(np.abs(step.reaction - right.r).max() / np.abs(right.r).max()),
+        error_v=v / largest(step.displacement),
+        statuses_right=right.trusted,
+    )

@@ -1,0 +1,261 @@
+"""The stability studies at a few values each: errors within their bounds, and why."""
+
+import csv
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import stability
+from studies import blocks, contrast, exact, friction, gaps, poisson, size, slender
+from studies import steps as load_steps
+from studies.measure import CORRECTED, LAWFUL, Answer, Row, against, bounds, row, solved
+
+import bipot_rs as bp
+
+EPS = float(np.finfo(float).eps)
+SLIP, STICK = bp.Status.SLIP, bp.Status.STICK
+
+
+def held(rows: Iterable[Row]) -> Iterator[Row]:
+    """Rows whose errors are within the bounds: what rounding makes, of worst signs.
+
+    The constant is that of the studies: K's entries are sums of four terms or eight.
+    """
+    for found in rows:
+        assert found.outcome == "converged", found
+        assert found.statuses_right, found
+        for symbol in "rvu":
+            error = getattr(found, f"error_{symbol}")
+            if np.isfinite(error):
+                bound = getattr(found, f"bound_{symbol}")
+                assert error <= stability.CONSTANT * bound, (symbol, found)
+        yield found
+
+
+def test_poisson_towards_a_half() -> None:
+    for found in held(poisson.rows([0.2, 1e-2, 1e-4, 1e-7])):
+        # K holds (1 - 2ν)⁻¹ beside terms of order one and rounds them away: u follows
+        # that, with the factor of all these bounds.
+        allowed = 1e-14 + stability.CONSTANT * EPS / (2 * found.parameter)
+        assert found.error_u <= allowed
+        # Normal reactions of the column are statics, whatever ν is.
+        if found.case == "column":
+            assert found.error_r <= 1e-14
+
+
+@pytest.mark.parametrize("value", [1e-12, 1e-6, 1e6, 1e9, 1e12])
+def test_contrast_of_two_bodies(value: float) -> None:
+    (found,) = held(x for x in contrast.rows([value]) if x.case == "touching")
+    # Each body is factorised on its own: its rigid motion is split off whatever the
+    # other's stiffness, and nothing of the contrast is left in the error.
+    assert max(found.error_r, found.error_v, found.error_u) <= 1e-14
+
+
+@pytest.mark.parametrize("value", [1e-12, 1e-6, 1e6, 1e9, 1e11])
+def test_contrast_within_one_body(value: float) -> None:
+    (found,) = held(x for x in contrast.rows([value]) if x.case == "bonded")
+    # Entries of the stiff half are rounded by ε E₂, as if springs of that size held
+    # its 16 cells to the ground, beside the modulus 1 of what really holds it.
+    allowed = 1e-14 + 16 * EPS * max(value, 1.0)
+    assert max(found.error_r, found.error_u) <= allowed
+
+
+def test_more_contrast_than_double_precision_holds_is_refused() -> None:
+    line = np.linspace(0, 1, 5)
+    case, _ = blocks.column([1.0, 1e16], 0.3, (line, line), bonded=True)
+    # The rounding of the stiff half, ε E₂, exceeds the modulus of the soft one.
+    with pytest.raises((bp.BipotError, ValueError)):
+        solved(case)
+
+
+def test_a_rigid_motion_is_seen_through_the_rounding_of_a_stiff_part() -> None:
+    line = np.linspace(0, 1, 5)
+    for value in (1e6, 1e8, 1e10):
+        case, _ = blocks.column([1.0, value], 0.3, (line, line), bonded=True)
+        problem, _ = solved(case)
+        assert problem.stats["rigid_motions"] == 1
+        assert problem.stats["cond_S"] < 100
+
+
+def test_friction_from_none_to_any() -> None:
+    found = list(held(friction.rows([0.0, 1e-8, 0.3, 10.0, 1e4, 1e8])))
+    for x in found:
+        # Nothing of μ is in the matrix of a contact that sticks, and where one slides
+        # r is of size one: no power of μ multiplies any error.
+        assert max(x.error_r, x.error_v, x.error_u) <= 1e-14
+
+
+def test_gaps_down_to_rounding() -> None:
+    for x in held(gaps.rows([1e-16, 1e-12, 1e-8, 1e-3])):
+        # All is in proportion to the gap; only a gap that is the difference of two
+        # coordinates has lost digits before it is given.
+        lost = EPS / x.parameter if x.case == "from coordinates" else 0.0
+        assert max(x.error_r, x.error_u) <= 1e-14 + lost
+
+
+def test_slender_bodies() -> None:
+    for x in held(slender.slender([1.0, 30.0, 1000.0])):
+        # One of the 32 cells is 32 EA/L stiff along the beam, which its end is 3EI/L³
+        # across: 128 (L/h)² times, and K's entries of the first size are rounded.
+        if x.case == "beam":
+            assert x.error_u <= 1e-13 + 128 * EPS * x.parameter**2
+
+
+def test_needles_at_the_contact() -> None:
+    for x in held(slender.needles([1.0, 100.0, 1e4, 1e6])):
+        # A flat cell is so much stiffer up than the block: S is what is left of that.
+        assert max(x.error_r, x.error_u) <= 1e-14 + 2 * EPS * x.parameter
+
+
+def test_what_flat_cells_take_from_w_comes_back() -> None:
+    lines = np.linspace(0, 1, 5), slender.layers(1e6)
+    case, closed = blocks.column([1.0], 0.3, lines)
+    problem, step = solved(case)
+    right = exact.solve(case, step.status, step.slip)
+    limit = stability.CONSTANT * bounds(right, problem, step.residual)[0]
+    by_w = problem.reduced(case.load).solve(tol=1e-14)
+    assert by_w.converged
+    # cond(S) is small, and still W holds only so many digits ...
+    assert problem.stats["cond_S"] < 100 < CORRECTED
+    assert np.abs(by_w.reaction - closed.r).max() > 100 * limit * closed.r.max()
+    # ... which the last step with K restores.
+    assert np.abs(step.reaction - closed.r).max() <= limit * closed.r.max()
+
+
+def test_steps_of_a_billionth_and_less() -> None:
+    found = list(held(load_steps.rows([1e-13, 1e-12, 1e-6, 1e-1])))
+    for x in found:
+        if x.case == "totals":
+            # The history adds the rounding of each step, not of each step's product.
+            assert max(x.error_v, x.error_u) <= 1e-13
+        else:
+            # The slip of a step is the difference of two totals.
+            assert x.error_v <= 1e-14 / x.parameter
+
+
+def test_contacts_from_none_to_many() -> None:
+    plane, islands, space = [0, 1, 2, 3, 30, 200], [3], [2, 6]
+    found = []
+    for x in size.rows(plane, islands, space):
+        if np.isfinite(x.bound_r):
+            found += held([x])
+        else:
+            # In space, with slip: beside the exact answer of W r + q. η is 1e-14.
+            assert x.statuses_right
+            assert x.error_r <= 1e-14 * x.cond_S
+            found.append(x)
+        assert x.law <= 1e-13
+    # A hundred times as many contacts take a few times as many products.
+    work = {x.contacts: x.products for x in found if x.case == "plane, one block"}
+    assert work[200] <= 10 * work[3]
+    # Blocks on their own need memory in proportion, one block in proportion to n².
+    one, ten = (x.bytes for x in size.rows([], [1, 10], []))
+    assert ten <= 12 * one
+
+
+# The exact answers themselves ----------------------------------------------
+
+
+def test_exact_answers_are_exact() -> None:
+    case, closed = friction.slider(0.5)
+    right = exact.solve(case, np.array([SLIP], np.int8), np.ones((1, 1)))
+    assert right.lawful
+    k, f = case.K.toarray(), [Fraction(x) for x in case.load]
+    k_c, k_t, mu = Fraction(k[0, 1]), Fraction(k[1, 1]), Fraction(0.5)
+    u_t = (f[1] + mu * f[0]) / (k_t + mu * k_c)
+    for found, value in ((right.u[1], u_t), (right.r[0], k_c * u_t - f[0])):
+        miss = abs(Fraction(found, 1 << exact.BITS) / value - 1)
+        assert miss <= exact.ENOUGH
+    assert np.abs(closed.u[1] - float(u_t)) <= 4 * EPS
+
+
+def test_wrong_statuses_are_seen() -> None:
+    case, _ = friction.slider(0.5)
+    assert not exact.solve(case, np.array([STICK], np.int8), np.zeros((1, 1))).lawful
+    assert not exact.solve(case, np.array([SLIP], np.int8), -np.ones((1, 1))).lawful
+
+
+def test_bounds_see_an_answer_that_is_off() -> None:
+    axes = [np.linspace(0, 2, 9), np.linspace(0, 1, 5)]
+    case = blocks.pressed(axes, 0.3)
+    problem, step = solved(case)
+    right = exact.solve(case, step.status, step.slip)
+    limits = bounds(right, problem, step.residual)
+    # Single precision of K is what double precision would be with 29 bits less.
+    single = replace(case, K=case.K.astype(np.float32).astype(float))
+    _, off = solved(single)
+    found = Answer(off.reaction, off.relative_displacement, off.displacement)
+    closed = Answer(step.reaction, step.relative_displacement, step.displacement)
+    errors = against(found, closed, case)
+    for error, bound in zip(errors, limits, strict=True):
+        assert error > 100 * stability.CONSTANT * bound
+
+
+def test_the_bound_of_data_is_reached() -> None:
+    """K with its last bits chosen against u moves u by a good part of the bound."""
+    case = poisson_block()
+    right = exact.solve(case, *statuses_of(case))
+    n = case.K.shape[0]
+    free = np.setdiff1d(np.arange(n), case.fixed)
+    u = exact.to_floats(right.u)
+    inverse = np.linalg.inv(right.A.toarray())[: len(free), : len(free)]
+    worst = int(np.argmax(np.abs(inverse) @ (abs(case.K[free]) @ np.abs(u))))
+    K = case.K.tocoo()
+    signs = np.zeros(n)
+    signs[free] = np.sign(inverse[worst])
+    against_u = np.sign(signs[K.row] * np.sign(u[K.col]))
+    # Roundings are independent for a program that computes each entry, (i, j) and
+    # (j, i) too; the exact answer does not mind an asymmetric K.
+    bent = K.copy()
+    bent.data = K.data * (1 + EPS * against_u * np.sign(K.data))
+    other = replace(case, K=bent.tocsr())
+    moved = exact.solve(other, *statuses_of(case))
+    change = np.abs(exact.to_floats(moved.u - right.u)).max() / np.abs(u).max()
+    data = EPS * right.condition()[2]
+    assert 0.2 * data <= change <= 2 * data
+
+
+def poisson_block() -> Any:
+    axes = [np.linspace(0, 2, 9), np.linspace(0, 1, 5)]
+    return blocks.pressed(axes, 0.4999)
+
+
+def statuses_of(case: Any) -> tuple[Any, Any]:
+    _, step = solved(case)
+    return step.status, step.slip
+
+
+# The page ------------------------------------------------------------------
+
+
+def test_the_page_shows_what_was_measured(repository: Path) -> None:
+    page = (repository / "docs" / "stability.md").read_text(encoding="utf-8")
+    assert stability.summary() in page
+    for name in stability.STUDIES:
+        picture = repository / "benches" / f"stability_{name}.png"
+        assert f"../benches/{picture.name}" in page
+        assert 5_000 < picture.stat().st_size < 80_000
+
+
+@pytest.mark.parametrize("name", stability.STUDIES)
+def test_the_tables_keep_the_bounds(name: str) -> None:
+    with stability.table(name).open() as file:
+        assert next(csv.reader(file)) == list(stability.COLUMNS)
+    for rows in stability.read(name).values():
+        solved_rows = [x for x in rows if x.outcome == "converged"]
+        assert all(x.statuses_right for x in solved_rows)
+        assert all(not stability.share(x) > 1 for x in solved_rows)
+        # Where nothing exact is known, the law and equilibrium in extended precision.
+        assert all(
+            x.law <= LAWFUL for x in solved_rows if np.isnan(x.bound_r + x.bound_v)
+        )
+
+
+def test_a_row_says_how_an_answer_is_refused() -> None:
+    line = np.linspace(0, 1, 5)
+    case, _ = blocks.column([1.0, 1e12], 0.3, (line, line), bonded=True)
+    assert row("bonded", 1e12, case).outcome == "FloatingBodyError"
