@@ -1,22 +1,16 @@
 //! The default method: sweeps find the statuses, Newton the digits, and where
-//! both come to a stand, Nesterov's momentum moves the point on.
+//! both come to a stand, proximal points move on.
 //!
 //! Its decisions count work, in products with `W`, and never time it, so that
 //! runs repeat bit for bit. What they were chosen by: median / mean products to
-//! η = 1e-10 on the sets of `benches/problems.py`, seeds 0–149, rigid 0–59.
+//! η = 1e-10 on the sets of `benches/problems.py`, seeds 0–149.
 //!
-//! | first sweeps | random | held | floating |
+//! | proximal points from failure | held | floating | rigid, unsolved |
 //! |---|---|---|---|
-//! | 3 | 8 / 9 | 15 / 93 | 30 / 227, one unsolved |
-//! | 5 | 10 / 9 | 17 / 55 | 28 / 97 |
-//! | 10 | 14 / 11 | 19 / 56 | 29 / 90 |
-//!
-//! | bursts from failure | held | floating | rigid, unsolved |
-//! |---|---|---|---|
-//! | 1 | 17 / 72 | 28 / 167 | 3 of 60 |
-//! | 2 | 17 / 55 | 28 / 97 | 4 |
-//! | 3 | 17 / 54 | 28 / 64 | 4 |
-//! | none | 17 / 39 | 28 / 44 | 14 |
+//! | 1 | 16 / 39 | 31 / 149 | 1 of 150 |
+//! | 2 | 16 / 30 | 31 / 122 | 0 |
+//! | 3 | 16 / 30 | 31 / 84 | 2 |
+//! | none | 16 / 30 | 31 / 46 | 30 |
 //!
 //! Without the rule of `GAIN` one floating body in four hundred is not solved.
 

@@ -1,0 +1,71 @@
+"""Supports in excess: W has no inverse, reactions are not determined, answers exist."""
+
+import numpy as np
+import problems
+import pytest
+
+import bipot_rs as bp
+from bipot_rs import fem
+from conditions import violation
+from disks import wall
+
+TOL = 1e-10
+
+
+# Of the first 150 seeds those that neither sweeps nor Newton's method solve within
+# 20,000 products with W, and some that they do.
+@pytest.mark.parametrize("seed", [0, 8, 10, 22, 26, 50, 55, 82, 93, 103, 137])
+def test_assemblies_of_rigid_bodies(seed: int) -> None:
+    given = problems.rigid(seed)
+    assert np.linalg.matrix_rank(given.W) < len(given.W)
+    solution = bp.ReducedProblem(given.W, given.q, given.mu).solve(tol=TOL)
+    assert solution.converged
+    assert solution.work < 20_000
+    r = solution.reaction
+    v = (given.W @ r.ravel()).reshape(r.shape) + given.q
+    # η bounds what each condition is missed by, in scaled variables; masses of one
+    # assembly differ by a hundred, and W by as much.
+    assert violation(r, v, given.mu, given.q) <= 1e3 * TOL
+
+
+def test_a_weight_on_sixty_supports_in_a_plane() -> None:
+    """Six unknowns carry sixty reactions: their sum and moment are determined."""
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(-1, 1, (2, 60))
+    H = np.zeros((60, 3, 6))
+    for k, axis in enumerate(np.roll(np.eye(3), 1, axis=0)):
+        H[:, k, :3] = axis
+        H[:, k, 3:] = np.cross(np.c_[x, y, np.full(60, -0.5)], axis)
+    whole = H.reshape(180, 6)
+    load = np.array([0.1, 0.0, -1.0, 0.0, 0.05, 0.02])
+    solution = bp.ReducedProblem(whole @ whole.T, (whole @ load).reshape(60, 3), 0.4)
+    answer = solution.solve(tol=1e-13)
+    assert answer.converged
+    # Nothing slips: the body is at rest and its loads in balance.
+    balance = whole.T @ answer.reaction.ravel() + load
+    np.testing.assert_allclose(balance, 0, atol=1e-12)
+
+
+def test_a_wall_of_rigid_disks() -> None:
+    M, B, load = wall(12)
+    problem = bp.ContactProblem(M, B, gap=np.zeros(B.shape[0] // 2), mu=0.4)
+    result = problem.solve(load, tol=TOL)
+    r, u = result.reaction[0], result.displacement[0]
+    left = M @ u - load - B.T @ r.ravel()
+    np.testing.assert_allclose(left, 0, atol=1e-12 * np.abs(load).max())
+    free = (B @ (load / M.diagonal())).reshape(r.shape)
+    # Masses differ by two, reactions and displacements by a hundred.
+    assert violation(r, (B @ u).reshape(r.shape), 0.4, free) <= 100 * TOL
+
+
+@pytest.mark.parametrize("nu", [0.3, 0.4999, 0.499999, 0.4999999])
+def test_work_does_not_grow_as_a_body_becomes_incompressible(nu: float) -> None:
+    """Sweeps alone need a number of products that grows as 1/(1 - 2ν)."""
+    axes = [np.linspace(0, 2, 9), np.linspace(0, 1, 5)]
+    body = fem.Body("a", fem.box(axes, "quadrilateral"), fem.Material(1.0, nu))
+    plane = fem.Contact("a", "bottom", 0.3, plane=((0, 0), (0, 1)))
+    model = fem.build([body], [plane], [fem.Support("a", "top", (0, 1))])
+    moved = model.prescribed([(0.004, -0.01)])
+    step = model.problem().solve(np.zeros(model.n), moved, tol=TOL)[0]
+    # Five sweeps and a few steps of Newton at 0.3, thirty proximal points at most.
+    assert step.work < 400
