@@ -12,7 +12,15 @@ from numpy.typing import ArrayLike
 
 from bipot_rs import _core, check, motion
 from bipot_rs.answers import Answers, search
-from bipot_rs.check import Array, csr, floats, friction, positive, settings
+from bipot_rs.check import (
+    Array,
+    csr,
+    floats,
+    friction,
+    integer,
+    positive,
+    settings,
+)
 from bipot_rs.result import Outcome, Solution
 
 
@@ -153,9 +161,10 @@ class ReducedProblem:
         Raises
         ------
         TypeError, ValueError
-            ``restarts`` is not a positive integer.
+            ``restarts`` is not a positive integer, or ``seed`` a negative one.
         """
         restarts = positive("restarts", restarts)
+        seed = integer("seed", seed, least=0)
         exhausted = _core.answers(self._core)
         if exhausted is not None:
             found, complete = exhausted

@@ -66,6 +66,7 @@ RUST_NAMES = {
 PYTHON = (
     "_core",
     "export",
+    "structure",
     "check result",
     "answers errors motion",
     "reduced",
