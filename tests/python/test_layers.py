@@ -68,7 +68,7 @@ PYTHON = (
     "export",
     "structure",
     "check result",
-    "answers errors motion",
+    "answers diagnosis errors motion",
     "reduced",
     "problem",
     "elasticity analytic",
