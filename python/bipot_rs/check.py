@@ -262,8 +262,8 @@ def settings(
     limit = (
         None if max_iterations is None else positive("max_iterations", max_iterations)
     )
-    seconds = None if max_seconds is None else _number("max_seconds", max_seconds)
-    return method, _number("tol", tol), limit, seconds
+    seconds = None if max_seconds is None else number("max_seconds", max_seconds)
+    return method, number("tol", tol), limit, seconds
 
 
 def callback(what: str, value: Any) -> None:
@@ -274,7 +274,10 @@ def callback(what: str, value: Any) -> None:
         )
 
 
-def _number(what: str, value: Any) -> float:
+def number(what: str, value: Any) -> float:
+    """A real number; an array without dimensions is one."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
     if isinstance(value, bool) or not isinstance(value, _REAL):
         raise TypeError(f"{what} is {shown(value)}, expected a number")
     try:
