@@ -54,7 +54,7 @@ def floats(
         if copy:
             array = np.array(found, dtype=np.float64, order="C")
         else:
-            array = np.ascontiguousarray(found, dtype=np.float64).reshape(found.shape)
+            array = np.require(found, np.float64, ["C", "A"]).reshape(found.shape)
     if shape is not None and array.shape != shape:
         raise ValueError(f"{what} has shape {array.shape}, expected {shape}")
     if ndim is not None and array.ndim != ndim:
@@ -92,7 +92,7 @@ def csr(what: str, value: Any) -> Csr:
         matrix = matrix.copy()
         matrix.sum_duplicates()
     with np.errstate(over="ignore"):
-        data = np.ascontiguousarray(matrix.data, dtype=np.float64)
+        data = np.require(matrix.data, np.float64, ["C", "A"])
     if not np.isfinite(data).all():
         at = int(np.argmin(np.isfinite(data)))
         row = int(np.searchsorted(matrix.indptr, at, side="right")) - 1
@@ -101,8 +101,8 @@ def csr(what: str, value: Any) -> Csr:
             "expected finite numbers"
         )
     parts = (
-        np.ascontiguousarray(matrix.indptr, dtype=np.int64),
-        np.ascontiguousarray(matrix.indices, dtype=np.int64),
+        np.require(matrix.indptr, np.int64, ["C", "A"]),
+        np.require(matrix.indices, np.int64, ["C", "A"]),
         data,
     )
     rows, columns = matrix.shape
