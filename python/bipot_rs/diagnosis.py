@@ -52,6 +52,12 @@ class Tried:
 
 def diagnose(tried: Tried, solution: Solution, v: Array) -> str:
     """What became of a solve that is no answer; ``v (n_c, d)`` is that of the step."""
+    # Where numbers near the ends of doubles are the fault, words are wanted too.
+    with np.errstate(all="ignore"):
+        return _sentence(tried, solution, v)
+
+
+def _sentence(tried: Tried, solution: Solution, v: Array) -> str:
     if solution.outcome is Outcome.NO_EQUILIBRIUM:
         return _contradiction(tried, solution, v)
     W = tried.W() if 0 < v.size <= _DENSE else None
@@ -187,7 +193,9 @@ def _of_compliance(tried: Tried, W: Array) -> Iterator[tuple[str, str]]:
         yield f"{cause}, mu ‖W_nt‖ ≥ W_nn with mu = {tried.mu[i]:.3g}", "a smaller mu"
     trace = W.diagonal().reshape(-1, d).mean(axis=1)
     root = np.sqrt(np.repeat(np.where(trace > 0, trace, 1.0), d))
-    scaled = W / np.outer(root, root)
+    scaled = W / root / root[:, None]
+    if not np.isfinite(scaled).all():
+        return
     values = np.linalg.eigvalsh((scaled + scaled.T) / 2)[::-1]
     rank = int((values > _ROUNDING * len(values) * max(values[0], 0.0)).sum())
     # What W leaves open, the rigid motions may determine.

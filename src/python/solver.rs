@@ -119,6 +119,16 @@ pub(super) fn solution_dict<'py, const D: usize>(
     py: Python<'py>,
     solution: &Solution<D>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let numbers = solution
+        .reaction
+        .iter()
+        .chain(&solution.relative_displacement);
+    if !numbers.flatten().all(|c| c.is_finite()) || solution.residual.is_nan() {
+        return Err(PyValueError::new_err(
+            "W r + q leaves the range of doubles: the entries of W differ by too much; \
+             choose units in which they do not",
+        ));
+    }
     let dict = PyDict::new(py);
     dict.set_item("reaction", arrays::from_rows(py, &solution.reaction)?)?;
     let v = arrays::from_rows(py, &solution.relative_displacement)?;
