@@ -97,7 +97,8 @@ class ContactProblem:
     dim
         Dimension, 2 or 3; needed only without contacts.
     num_threads
-        Threads, 1024 at the most; default ``BIPOT_NUM_THREADS``, ``RAYON_NUM_THREADS``, or all cores.
+        Threads, 1024 at the most; default ``BIPOT_NUM_THREADS``, ``RAYON_NUM_THREADS``,
+        or all cores.
     points
         Places of the contacts, ``(n_c, d)``, for results and files.
     frame
