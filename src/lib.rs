@@ -11,7 +11,7 @@
 //! reactions `r` alone is solved at each load step. Numbers in parentheses are
 //! equations of `docs/theory.md`, which also fixes signs and units.
 //!
-//! The layers, each using only those before it: [`error`], [`threads`],
+//! The layers, each using only those before it: [`error`], [`panics`], [`threads`],
 //! [`linalg`] (knows no mechanics), [`law`] (one contact), [`problem`] (all
 //! contacts, no algorithm), [`solver`] (algorithms on the reduced problem),
 //! [`stepping`] (the load path), and `python` behind the feature of that name.
@@ -19,6 +19,7 @@
 pub mod error;
 pub mod law;
 pub mod linalg;
+pub mod panics;
 pub mod problem;
 pub mod solver;
 pub mod stepping;

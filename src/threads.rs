@@ -37,11 +37,24 @@ pub fn count(asked: Option<usize>) -> usize {
         .unwrap_or(1)
 }
 
+/// More threads than any machine is good for; asked for many more, the operating
+/// system starts tens of thousands before it refuses.
+const MOST: usize = 1024;
+
 /// The pool of this process with `threads` workers, built at first use.
 ///
 /// # Errors
-/// [`Error::Threads`] when the operating system gives no threads.
+/// [`Error::Setting`] for more threads than 1024, [`Error::Threads`] when the operating
+/// system gives none.
 pub fn pool(threads: usize) -> Result<Arc<ThreadPool>, Error> {
+    if threads > MOST {
+        #[expect(clippy::cast_precision_loss, reason = "for a message")]
+        return Err(Error::Setting {
+            what: "num_threads",
+            found: threads as f64,
+            expected: "1 to 1024",
+        });
+    }
     let process = std::process::id();
     let mut pools = POOLS.lock().unwrap_or_else(PoisonError::into_inner);
     if pools.iter().any(|entry| entry.process != process) {

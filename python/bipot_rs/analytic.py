@@ -13,33 +13,75 @@ where they stand.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bipot_rs.check import floats, integer, number
+
 Array = NDArray[np.float64]
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def _within_range(function: Callable[P, T]) -> Callable[P, T]:
+    """Refuse arguments whose answer is no number: sizes multiply and divide here."""
+
+    @wraps(function)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            with np.errstate(all="ignore"):
+                answer = function(*args, **kwargs)
+                known = _finite(answer)
+        except (OverflowError, ZeroDivisionError):
+            known = False
+        if not known:
+            raise ValueError(
+                f"the answer of {function.__name__} leaves the range of doubles: "
+                "choose other units"
+            )
+        return answer
+
+    return checked
+
+
+def _finite(answer: Any) -> bool:
+    if isinstance(answer, (tuple, list)):
+        return all(_finite(part) for part in answer)
+    return isinstance(answer, str) or bool(np.isfinite(answer).all())
+
+
+def _numbers(**values: float) -> None:
+    for name, value in values.items():
+        if not math.isfinite(number(name, value)):
+            raise ValueError(f"{name} must be finite, found {value!r}")
 
 
 def _positive(**values: float) -> None:
     for name, value in values.items():
-        if not (math.isfinite(value) and value > 0):
+        found = number(name, value)
+        if not (math.isfinite(found) and found > 0):
             raise ValueError(f"{name} must be positive and finite, found {value!r}")
 
 
 def _friction(mu: float) -> None:
-    if not (math.isfinite(mu) and mu >= 0):
+    found = number("mu", mu)
+    if not (math.isfinite(found) and found >= 0):
         raise ValueError(f"mu must be finite and not negative, found {mu!r}")
 
 
-def _poisson(nu: float) -> None:
-    if not -1 < nu <= 0.5:
-        raise ValueError(f"nu must lie in (-1, 0.5], found {nu!r}")
+def _poisson(name: str, nu: float) -> None:
+    if not -1 < number(name, nu) <= 0.5:
+        raise ValueError(f"{name} must lie in (-1, 0.5], found {nu!r}")
 
 
 def _stick_ratio(force: float, tangential: float, mu: float) -> float:
     """1 - |Q|/(mu P), which every partial-slip formula is a power of."""
     _positive(force=force, mu=mu)
+    _numbers(tangential=tangential)
     if not abs(tangential) <= mu * force:
         raise ValueError(
             f"tangential must not exceed mu * force = {mu * force!r} in size, found {tangential!r}:"
@@ -48,14 +90,14 @@ def _stick_ratio(force: float, tangential: float, mu: float) -> float:
     return 1 - abs(tangential) / (mu * force)
 
 
-def _ellipse(distance: ArrayLike, half_width: float) -> Array:
+def _ellipse(x: Array, half_width: float) -> Array:
     """sqrt(1 - x²/a²) inside the contact, 0 outside and for a = 0."""
-    x = np.asarray(distance, dtype=float)
     if half_width == 0:
         return np.zeros_like(x)
     return np.asarray(np.sqrt(np.maximum(1 - (x / half_width) ** 2, 0.0)))
 
 
+@_within_range
 def contact_modulus(
     e1: float, nu1: float, e2: float = math.inf, nu2: float = 0.0
 ) -> float:
@@ -79,13 +121,14 @@ def contact_modulus(
         When a modulus is not positive or a ratio out of range.
     """
     _positive(e1=e1)
-    _poisson(nu1)
-    _poisson(nu2)
-    if not e2 > 0:
+    _poisson("nu1", nu1)
+    _poisson("nu2", nu2)
+    if not number("e2", e2) > 0:
         raise ValueError(f"e2 must be positive, found {e2!r}")
     return 1 / ((1 - nu1**2) / e1 + (1 - nu2**2) / e2)
 
 
+@_within_range
 def hertz_line(force: float, radius: float, e_star: float) -> tuple[float, float]:
     """Frictionless contact of a cylinder along a line, [J85, ch. 4].
 
@@ -109,6 +152,7 @@ def hertz_line(force: float, radius: float, e_star: float) -> tuple[float, float
     return a, 2 * force / (math.pi * a)
 
 
+@_within_range
 def hertz_sphere(
     force: float, radius: float, e_star: float
 ) -> tuple[float, float, float]:
@@ -131,6 +175,7 @@ def hertz_sphere(
     return a, a**2 / radius, 3 * force / (2 * math.pi * a**2)
 
 
+@_within_range
 def hertz_pressure(distance: ArrayLike, a: float, p0: float) -> Array:
     """Pressure `p0 sqrt(1 - x²/a²)` of `hertz_line` and `hertz_sphere`, 0 outside.
 
@@ -147,9 +192,11 @@ def hertz_pressure(distance: ArrayLike, a: float, p0: float) -> Array:
         Pressure, of the shape of `distance` [Pa].
     """
     _positive(a=a)
-    return p0 * _ellipse(distance, a)
+    _numbers(p0=p0)
+    return p0 * _ellipse(floats("distance", distance), a)
 
 
+@_within_range
 def partial_slip_traction(
     distance: ArrayLike, a: float, c: float, p0: float, mu: float
 ) -> Array:
@@ -175,11 +222,14 @@ def partial_slip_traction(
     """
     _positive(a=a)
     _friction(mu)
-    if not 0 <= c <= a:
+    _numbers(p0=p0)
+    if not 0 <= number("c", c) <= a:
         raise ValueError(f"c must lie between 0 and a = {a!r}, found {c!r}")
-    return mu * p0 * (_ellipse(distance, a) - c / a * _ellipse(distance, c))
+    x = floats("distance", distance)
+    return mu * p0 * (_ellipse(x, a) - c / a * _ellipse(x, c))
 
 
+@_within_range
 def cattaneo_mindlin_line(
     force: float, tangential: float, radius: float, e_star: float, mu: float
 ) -> tuple[float, float, float]:
@@ -224,6 +274,7 @@ class MindlinSphere(NamedTuple):
     """Relative tangential displacement of distant points, along the force [m]."""
 
 
+@_within_range
 def mindlin_sphere(
     force: float,
     tangential: float,
@@ -264,6 +315,7 @@ def mindlin_sphere(
     return MindlinSphere(a, a * ratio ** (1 / 3), p0, math.copysign(shift, tangential))
 
 
+@_within_range
 def sheared_patch(
     height: ArrayLike, pressure: float, shear: float, young: float
 ) -> tuple[Array, Array]:
@@ -289,10 +341,12 @@ def sheared_patch(
         `2 τ y/E`, `-p y/E`, each of the shape of `height` [m].
     """
     _positive(young=young)
-    y = np.asarray(height, dtype=float)
+    _numbers(pressure=pressure, shear=shear)
+    y = floats("height", height)
     return np.asarray(2 * shear * y / young), np.asarray(-pressure * y / young)
 
 
+@_within_range
 def oedometer(height: ArrayLike, pressure: float, young: float, nu: float) -> Array:
     """Vertical displacement of a pressed block between smooth rigid side walls.
 
@@ -312,11 +366,13 @@ def oedometer(height: ArrayLike, pressure: float, young: float, nu: float) -> Ar
         Displacement, of the shape of `height`, negative downwards [m].
     """
     _positive(young=young)
-    _poisson(nu)
-    y = np.asarray(height, dtype=float)
+    _poisson("nu", nu)
+    _numbers(pressure=pressure)
+    y = floats("height", height)
     return np.asarray(-pressure * y * (1 + nu) * (1 - 2 * nu) / (young * (1 - nu)))
 
 
+@_within_range
 def bar_end_displacement(loads: ArrayLike, stiffness: float, limit: float) -> Array:
     """End displacement of a bar on a frictional foundation over a load history.
 
@@ -341,9 +397,7 @@ def bar_end_displacement(loads: ArrayLike, stiffness: float, limit: float) -> Ar
         End displacement after each entry, (steps,) [m].
     """
     _positive(stiffness=stiffness, limit=limit)
-    path = np.asarray(loads, dtype=float)
-    if path.ndim != 1 or not np.all(np.isfinite(path)):
-        raise ValueError("loads must be a finite array of one dimension")
+    path = floats("loads", loads, ndim=1)
     scale = 1 / (2 * stiffness * limit)
     turns: list[tuple[float, float]] = []  # (load, displacement) of the open reversals
     load = shift = 0.0
@@ -371,6 +425,7 @@ def bar_end_displacement(loads: ArrayLike, stiffness: float, limit: float) -> Ar
     return out
 
 
+@_within_range
 def bar_cycle_dissipation(
     peak: float, stiffness: float, limit: float, element: float = 0.0
 ) -> float:
@@ -392,6 +447,7 @@ def bar_cycle_dissipation(
         `2 P₀³/(3 EA q) + P₀ q h²/(3 EA)` [J]: exact for both, the same every cycle.
     """
     _positive(peak=peak, stiffness=stiffness, limit=limit)
+    _numbers(element=element)
     if not element >= 0:
         raise ValueError(f"element must not be negative, found {element!r}")
     return 2 * peak**3 / (3 * stiffness * limit) + peak * limit * element**2 / (
@@ -410,6 +466,7 @@ class Branch(NamedTuple):
     """(r_n, r_t) [N]."""
 
 
+@_within_range
 def one_contact_branches(
     stiffness: ArrayLike, load: ArrayLike, mu: float
 ) -> list[Branch]:
@@ -440,8 +497,8 @@ def one_contact_branches(
         When the stiffness is not symmetric positive definite.
     """
     _friction(mu)
-    k = np.asarray(stiffness, dtype=float)
-    f_n, f_t = (float(x) for x in np.asarray(load, dtype=float))
+    k = floats("stiffness", stiffness, shape=(2, 2))
+    f_n, f_t = (float(x) for x in floats("load", load, shape=(2,)))
     k_n, k_c, k_t = float(k[0, 0]), float(k[0, 1]), float(k[1, 1])
     det = k_n * k_t - k_c * k_c
     if k[1, 0] != k_c or not (k_n > 0 and det > 0):
@@ -466,6 +523,7 @@ def one_contact_branches(
     return found
 
 
+@_within_range
 def rotating_load(
     stiffness: float, force: float, limit: float, steps: int | None = None
 ) -> tuple[float, float]:
@@ -496,14 +554,14 @@ def rotating_load(
     if steps is None:
         radius = math.sqrt(force**2 - limit**2) / stiffness
         return radius, 2 * math.pi * radius * limit
-    if steps < 3:
-        raise ValueError(f"steps must be at least 3, found {steps!r}")
+    steps = integer("steps", steps, least=3)
     half = math.pi / steps
     root = math.sqrt(force**2 - (limit * math.cos(half)) ** 2)
     radius = (root - limit * math.sin(half)) / stiffness
     return radius, 2 * steps * radius * math.sin(half) * limit
 
 
+@_within_range
 def flat_punch_pressure(
     x: ArrayLike, force: float, half_width: float, mu: float = 0.0, beta: float = 0.0
 ) -> Array:
@@ -536,7 +594,8 @@ def flat_punch_pressure(
     """
     _positive(force=force, half_width=half_width)
     _friction(mu)
-    s = np.asarray(x, dtype=float) / half_width
+    _numbers(beta=beta)
+    s = floats("x", x) / half_width
     if not np.all(np.abs(s) < 1):
         raise ValueError(f"x must lie inside the punch, |x| < {half_width!r}")
     g = math.atan(mu * beta) / math.pi

@@ -5,13 +5,20 @@ Each message names the argument, what was found and what was expected.
 
 from __future__ import annotations
 
+import numbers
 import operator
+from collections.abc import Sequence
 from typing import Any, NamedTuple, SupportsIndex, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bipot_rs import structure
+
 Array = NDArray[np.float64]
+
+# NumPy's and Python's numbers, fractions too; not its complex ones, nor its booleans.
+_REAL = numbers.Real
 
 
 class Csr(NamedTuple):
@@ -40,12 +47,14 @@ def floats(
         raise TypeError(
             f"{what} has entries of type {found.dtype}, expected real numbers"
         )
-    if np.ma.is_masked(value):
+    if np.ma.is_masked(value) or (isinstance(value, (list, tuple)) and _hides(value)):
         raise ValueError(f"{what} has masked entries, expected an array without a mask")
-    if copy:
-        array = np.array(found, dtype=np.float64, order="C")
-    else:
-        array = np.ascontiguousarray(found, dtype=np.float64).reshape(found.shape)
+    # What is too large for a double becomes infinite, and is refused as that below.
+    with np.errstate(over="ignore"):
+        if copy:
+            array = np.array(found, dtype=np.float64, order="C")
+        else:
+            array = np.require(found, np.float64, ["C", "A"]).reshape(found.shape)
     if shape is not None and array.shape != shape:
         raise ValueError(f"{what} has shape {array.shape}, expected {shape}")
     if ndim is not None and array.ndim != ndim:
@@ -56,6 +65,11 @@ def floats(
         where = f" at {place}" if at else ""
         raise ValueError(f"{what} is {array[at]}{where}, expected finite numbers")
     return array
+
+
+def _hides(rows: Sequence[Any]) -> bool:
+    """Whether a mask would be lost among rows that are put together."""
+    return any(isinstance(row, np.ma.MaskedArray) and row.mask.any() for row in rows)
 
 
 def csr(what: str, value: Any) -> Csr:
@@ -70,13 +84,15 @@ def csr(what: str, value: Any) -> Csr:
             )
         if value.ndim != 2:
             raise ValueError(f"{what} has {value.ndim} dimensions, expected 2")
+        structure.check(what, value)
         matrix = csr_array(value)
     else:
         matrix = csr_array(floats(what, value, ndim=2, finite=False, copy=False))
     if not matrix.has_canonical_format:
         matrix = matrix.copy()
         matrix.sum_duplicates()
-    data = np.ascontiguousarray(matrix.data, dtype=np.float64)
+    with np.errstate(over="ignore"):
+        data = np.require(matrix.data, np.float64, ["C", "A"])
     if not np.isfinite(data).all():
         at = int(np.argmin(np.isfinite(data)))
         row = int(np.searchsorted(matrix.indptr, at, side="right")) - 1
@@ -85,8 +101,8 @@ def csr(what: str, value: Any) -> Csr:
             "expected finite numbers"
         )
     parts = (
-        np.ascontiguousarray(matrix.indptr, dtype=np.int64),
-        np.ascontiguousarray(matrix.indices, dtype=np.int64),
+        np.require(matrix.indptr, np.int64, ["C", "A"]),
+        np.require(matrix.indices, np.int64, ["C", "A"]),
         data,
     )
     rows, columns = matrix.shape
@@ -141,21 +157,37 @@ def indices(what: str, value: ArrayLike | None, limit: int) -> NDArray[np.int64]
 
 def positive(what: str, value: Any) -> int:
     """An integer of 1 or more."""
-    if isinstance(value, (bool, np.bool_)):
-        raise TypeError(f"{what} is {value}, expected an integer")
+    return integer(what, value, least=1)
+
+
+def integer(what: str, value: Any, *, least: int) -> int:
+    """An integer of ``least`` or more."""
     try:
         number = operator.index(cast("SupportsIndex", value))
     except TypeError:
-        raise TypeError(f"{what} is {value!r}, expected an integer") from None
-    if not 1 <= number < 2**31:
-        raise ValueError(f"{what} is {number}, expected 1 or more, below 2**31")
+        number = None
+    if number is None or isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{what} is {shown(value)}, expected an integer")
+    if not least <= number < 2**31:
+        raise ValueError(
+            f"{what} is {shown(number)}, expected {least} or more, below 2**31"
+        )
     return number
+
+
+def shown(value: Any) -> str:
+    """What was found, on one line and short enough for a message."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # noqa: BLE001 - whatever is handed over must be refused in words
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 80 else f"{text[:76]} ..."
 
 
 def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Array) -> int:
     """``d`` from the rows of ``B``, or from ``dim`` where there are no contacts."""
-    if dim is not None and (not np.isscalar(dim) or dim not in (2, 3)):
-        raise ValueError(f"dim is {dim!r}, expected 2 or 3")
+    if dim is not None and (not isinstance(dim, _REAL) or dim not in (2, 3)):
+        raise ValueError(f"dim is {shown(dim)}, expected 2 or 3")
     if contacts == 0:
         if rows:
             raise ValueError(f"B has {rows} rows, expected none: gap has no contacts")
@@ -226,24 +258,31 @@ def settings(
 ) -> tuple[str, float, int | None, float | None]:
     """Settings of the solver, as the core takes them; it checks their ranges."""
     if not isinstance(method, str):
-        raise TypeError(f"method is {method!r}, expected a name")
+        raise TypeError(f"method is {shown(method)}, expected a name")
     limit = (
         None if max_iterations is None else positive("max_iterations", max_iterations)
     )
-    seconds = None if max_seconds is None else _number("max_seconds", max_seconds)
-    return method, _number("tol", tol), limit, seconds
+    seconds = None if max_seconds is None else number("max_seconds", max_seconds)
+    return method, number("tol", tol), limit, seconds
 
 
 def callback(what: str, value: Any) -> None:
     """Something to call, or nothing."""
     if value is not None and not callable(value):
-        raise TypeError(f"{what} is {value!r}, expected something to call, or None")
+        raise TypeError(
+            f"{what} is {shown(value)}, expected something to call, or None"
+        )
 
 
-def _number(what: str, value: Any) -> float:
-    if isinstance(value, (bool, str)) or not np.isscalar(value):
-        raise TypeError(f"{what} is {value!r}, expected a number")
+def number(what: str, value: Any) -> float:
+    """A real number; an array without dimensions is one."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, bool) or not isinstance(value, _REAL):
+        raise TypeError(f"{what} is {shown(value)}, expected a number")
     try:
-        return float(cast("float", value))
-    except (TypeError, ValueError):
-        raise TypeError(f"{what} is {value!r}, expected a number") from None
+        return float(value)
+    except OverflowError:
+        raise ValueError(
+            f"{what} is {shown(value)}, expected a number below 1e308"
+        ) from None

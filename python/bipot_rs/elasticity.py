@@ -15,6 +15,8 @@ import skfem
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
+from bipot_rs.check import floats, number
+
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 Field: TypeAlias = ArrayLike | Callable[[Floats], ArrayLike]
@@ -89,6 +91,8 @@ class Material:
     thickness: float = 1.0
 
     def __post_init__(self) -> None:
+        for name in ("young", "poisson", "thickness"):
+            number(name, getattr(self, name))
         if not (np.isfinite(self.young) and self.young > 0):
             raise ValueError(f"young is {self.young}, expected a finite number > 0")
         if not -1 < self.poisson < 0.5:
@@ -187,7 +191,10 @@ def box(axes: Sequence[ArrayLike], cell: str) -> Any:
         With boundaries ``left``/``right`` (x), ``bottom``/``top`` (last axis),
         and in 3D ``front``/``back`` (y).
     """
-    grids = [np.sort(np.asarray(axis, dtype=float)) for axis in axes]
+    grids = [
+        np.sort(floats(f"axis {k} of axes", axis, ndim=1))
+        for k, axis in enumerate(axes)
+    ]
     dim = 2 if cell in ("triangle", "quadrilateral") else 3
     if cell not in _CELLS or len(grids) != dim:
         raise ValueError(
@@ -274,13 +281,21 @@ def nodal_forces(body: Body, basis: Any, value: Field) -> Floats:
         a function of the places ``(d, cells, points)`` that returns either.
     """
     places = np.asarray(basis.global_coordinates())
-    density = np.asarray(value(places) if callable(value) else value, dtype=float)
+    what = f"force on body {body.name!r}"
+    density = floats(what, value(places) if callable(value) else value)
+    if density.shape[:1] != (body.dim,):
+        raise ValueError(
+            f"{what} has shape {density.shape}, expected {body.dim} components"
+        )
     if density.ndim == 1:
         density = density[:, None, None]
-    if density.shape[0] != body.dim or not np.isfinite(density).all():
+    if density.ndim > places.ndim or any(
+        found not in (1, wanted)
+        for found, wanted in zip(density.shape[::-1], places.shape[::-1], strict=False)
+    ):
         raise ValueError(
-            f"force on body {body.name!r} has shape {density.shape}, expected "
-            f"{body.dim} finite components"
+            f"{what} has shape {density.shape}, expected ({body.dim},) or "
+            f"{places.shape}"
         )
     density = np.broadcast_to(density, places.shape)
     forces = [body.depth * moment(basis, component) for component in density]

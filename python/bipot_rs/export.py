@@ -99,7 +99,7 @@ def read_result(
     """
     import h5py
 
-    with h5py.File(path, "r") as file:
+    with h5py.File(place(path), "r") as file:
         attributes = {name: _plain(value) for name, value in file.attrs.items()}
         if attributes.pop("format", None) != FORMAT:
             raise ValueError(f"{path} is not a result: its format is not {FORMAT!r}")
@@ -145,7 +145,7 @@ def write_series(
     """
     import meshio
 
-    index = Path(path)
+    index = place(path)
     places = _three(np.asarray(points, dtype=float))
     if cells is None:
         cells = [("vertex", np.arange(len(places))[:, None])]
@@ -173,10 +173,20 @@ def write_series(
             old.unlink()
 
 
+def place(path: Any) -> Path:
+    """A path, or a `TypeError` that says what was given for it."""
+    try:
+        return Path(os.fsdecode(path))
+    except TypeError:
+        raise TypeError(
+            f"path is a {type(path).__name__}, expected the name of a file"
+        ) from None
+
+
 @contextmanager
 def _aside(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Place to write ``path`` to; renamed on success, removed on failure."""
-    target = Path(path)
+    target = place(path)
     # The name keeps its suffix and differs between processes.
     draft = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
     try:

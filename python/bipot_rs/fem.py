@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
+from bipot_rs.check import floats, number
 from bipot_rs.elasticity import (
     FACES,
     Body,
@@ -199,6 +200,7 @@ class Model:
 
     def pressure(self, body: str, surface: str, value: float) -> Floats:
         """Consistent nodal forces ``(n,)`` of a pressure, positive inwards [Pa]."""
+        number("value", value)
         index = _index(self.bodies, body)
         basis = self.bodies[index].surface_basis(surface)
         return self._forces(index, basis, -value * np.asarray(basis.normals))
@@ -220,22 +222,34 @@ class Model:
         Raises
         ------
         ValueError
-            Two supports give different values to one degree of freedom.
+            Two supports give different values to one degree of freedom, or there are
+            not as many values as supports and their components.
         """
+        if len(values) != len(self.supports):
+            raise ValueError(
+                f"values are {len(values)}, expected one for each of the "
+                f"{len(self.supports)} supports"
+            )
+        known = [
+            floats(f"values of support {i}", given, shape=(len(support.components),))
+            for i, (support, given) in enumerate(
+                zip(self.supports, values, strict=True)
+            )
+        ]
         at = np.full(self.n, np.nan)
         for support, dofs, numbers in zip(
-            self.supports, self.support_dofs, values, strict=True
+            self.supports, self.support_dofs, known, strict=True
         ):
-            for row, k, number in zip(dofs, support.components, numbers, strict=True):
-                other = row[~np.isnan(at[row]) & (at[row] != number)]
+            for row, k, moved in zip(dofs, support.components, numbers, strict=True):
+                other = row[~np.isnan(at[row]) & (at[row] != moved)]
                 if other.size:
                     place = self.nodes[other[0] // self.dim]
                     raise ValueError(
-                        f"supports prescribe both {at[other[0]]:g} and {number:g} for "
+                        f"supports prescribe both {at[other[0]]:g} and {moved:g} for "
                         f"component {k} of the node at {_place(place)}, the second one "
                         f"on surface {support.surface!r} of body {support.body!r}"
                     )
-                at[row] = number
+                at[row] = moved
         return at[self.fixed]
 
 
@@ -321,8 +335,10 @@ def frames(normals: ArrayLike) -> Floats:
     The tangents are the coordinate axes, in their order, made orthogonal to the
     normal, leaving out the axis nearest to it: with n = z they are x and y.
     """
-    n = np.asarray(normals, dtype=float)
+    n = floats("normals", normals, ndim=2)
     dim = n.shape[1]
+    if dim not in (2, 3):
+        raise ValueError(f"normals has shape {n.shape}, expected (n_c, 2) or (n_c, 3)")
     length = np.linalg.norm(n, axis=1)
     if not np.all((length > 0) & np.isfinite(length)):
         raise ValueError("a normal has length zero or is not finite")
@@ -346,10 +362,10 @@ def _contact(
     bodies: Sequence[Body], offset: Sequence[int], contact: Contact
 ) -> tuple[Floats, Floats, Floats, Floats, Ints]:
     """Points, frames, gaps, areas and first degrees of freedom of one contact."""
-    if not (np.isfinite(contact.mu) and contact.mu >= 0):
+    what = f"mu of the contact on {contact.surface!r}"
+    if not (np.isfinite(number(what, contact.mu)) and contact.mu >= 0):
         raise ValueError(
-            f"mu of the contact on {contact.surface!r} is {contact.mu}, "
-            "expected a finite number, zero or positive"
+            f"{what} is {contact.mu}, expected a finite number, zero or positive"
         )
     b = _index(bodies, contact.body)
     body = bodies[b]
@@ -364,11 +380,14 @@ def _contact(
     points = body.points[nodes]
     first = offset[b] + body.dim * nodes
     if contact.plane is not None and contact.against is None:
-        point, normal = (np.asarray(a, dtype=float) for a in contact.plane)
+        what = f"plane of the contact on {contact.surface!r}"
+        if len(contact.plane) != 2:
+            raise ValueError(f"{what} is not a pair of a point and a normal")
+        point, normal = (floats(what, a) for a in contact.plane)
         if point.shape != (body.dim,) or normal.shape != (body.dim,):
             raise ValueError(
-                f"plane of the contact on {contact.surface!r} has shapes {point.shape} "
-                f"and {normal.shape}, expected ({body.dim},)"
+                f"{what} has shapes {point.shape} and {normal.shape}, expected "
+                f"({body.dim},)"
             )
         frame = frames(np.broadcast_to(normal, points.shape))
         partner = np.full(len(nodes), -1, dtype=np.int64)
@@ -388,7 +407,12 @@ def _contact(
             f"contact on {contact.surface!r} needs one obstacle, plane or against"
         )
     extra = contact.clearance
-    clearance = np.asarray(extra(points) if callable(extra) else extra, dtype=float)
+    what = f"clearance of the contact on {contact.surface!r}"
+    clearance = floats(what, extra(points) if callable(extra) else extra)
+    if clearance.shape not in ((), (1,), (len(nodes),)):
+        raise ValueError(
+            f"{what} has shape {clearance.shape}, expected a number or ({len(nodes)},)"
+        )
     gap = np.einsum("cd,cd->c", frame[:, 0], distance) + clearance
     return points, frame, gap, area, np.stack([first, partner], axis=1)
 

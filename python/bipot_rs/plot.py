@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs.check import floats
+
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -41,11 +43,17 @@ def tractions(
         Line on top.
     units
         Names of units by ``"length"``, ``"force"``, ``"stress"``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        What is missing or of the wrong shape, by its name.
     """
     from matplotlib.figure import Figure
 
     if not steps:
         raise ValueError("steps is empty, expected at least one load step")
+    contacts, steps = _checked(contacts, steps)
     names = dict(units or {})
     last = steps[-1]
     status = np.asarray(last["status"])
@@ -65,6 +73,31 @@ def tractions(
         _path(parts[1], contacts, steps, names)
     figure.suptitle(title, fontsize=13, fontweight="bold")
     figure.savefig(path, dpi=150)
+
+
+def _checked(
+    contacts: Arrays, steps: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, Floats], list[dict[str, Floats]]]:
+    def taken(
+        whose: str, given: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
+    ) -> dict[str, Floats]:
+        missing = [name for name in shapes if given.get(name) is None]
+        if missing:
+            raise ValueError(f"{whose} lacks {', '.join(missing)}")
+        return {
+            name: floats(f"{name} of {whose}", given[name], shape=shape)
+            for name, shape in shapes.items()
+        }
+
+    x = taken("contacts", contacts, {"x": np.asarray(contacts.get("x")).shape})["x"]
+    if x.ndim != 2 or x.shape[1] not in (2, 3) or not len(x):
+        raise ValueError(f"x of contacts has shape {x.shape}, expected (n_c, 2 or 3)")
+    n, d = x.shape
+    known = taken("contacts", contacts, {"area": (n,), "mu": (n,), "frame": (n, d, d)})
+    shapes: dict[str, tuple[int, ...]] = {"reaction": (n, d), "status": (n,)}
+    return known | {"x": x}, [
+        taken(f"step {k}", step, shapes) for k, step in enumerate(steps)
+    ]
 
 
 def _profile(

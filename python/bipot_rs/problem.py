@@ -25,6 +25,7 @@ from bipot_rs.check import (
     positive,
     settings,
 )
+from bipot_rs.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.reduced import ReducedProblem, opening, solution_fields
 from bipot_rs.result import Outcome, Result, Solution, Step
@@ -96,7 +97,8 @@ class ContactProblem:
     dim
         Dimension, 2 or 3; needed only without contacts.
     num_threads
-        Threads; default ``BIPOT_NUM_THREADS``, ``RAYON_NUM_THREADS``, or all cores.
+        Threads, 1024 at the most; default ``BIPOT_NUM_THREADS``, ``RAYON_NUM_THREADS``,
+        or all cores.
     points
         Places of the contacts, ``(n_c, d)``, for results and files.
     frame
@@ -356,7 +358,13 @@ class ContactProblem:
                 force,
                 moved,
                 partial(recover, force, moved),
-                _StepProblem(self._core, force, moved, last),
+                _StepProblem(
+                    self._core,
+                    force,
+                    moved,
+                    last,
+                    self._tried(method, chosen[3], force, moved, last),
+                ),
             )
             if not step.converged:
                 message = f"step {k}: {step.message}"
@@ -370,6 +378,32 @@ class ContactProblem:
                 on_step(k, step)
         count = len(steps)
         return result(True, f"{count} step{'' if count == 1 else 's'} converged")
+
+    def _tried(
+        self,
+        method: str,
+        max_seconds: float | None,
+        load: Array,
+        prescribed: Array,
+        before: Array | None,
+    ) -> Tried:
+        core = self._core
+
+        def several(step: Solution) -> bool:
+            asked = load, prescribed, before, step.reaction
+            near = step.residual <= NEAR
+            return near and _core.assess_step(core, *asked) == "others exist"
+
+        return Tried(
+            method=method,
+            max_seconds=max_seconds,
+            mu=self._mu,
+            W=core.compliance,
+            modes=lambda: self._modes().T,
+            several=several,
+            condition=lambda: float(core.stats["cond_S"]),
+            points=self._contacts["x"],
+        )
 
     def _modes(self) -> Array:
         """Rigid motions at the contacts, ``(k, d n_c)``."""
@@ -436,6 +470,7 @@ class _StepProblem:
     load: Array
     prescribed: Array
     before: Array | None
+    tried: Tried
 
     def unique(self, step: Solution, /) -> str:
         return _core.assess_step(
@@ -447,6 +482,11 @@ class _StepProblem:
         return _core.forward_errors_of_step(
             self.core, self.load, self.prescribed, self.before, step.reaction, motion
         )
+
+    def diagnosis(self, step: Any, /) -> str:
+        # The law of a step is on its slip, not on where the contact has been before.
+        v = np.column_stack([step.relative_displacement[:, 0], step.slip])
+        return diagnose(self.tried, step, v)
 
 
 def _state(start: Result | Step | None, contacts: int, d: int) -> Step | None:

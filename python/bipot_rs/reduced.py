@@ -12,7 +12,16 @@ from numpy.typing import ArrayLike
 
 from bipot_rs import _core, check, motion
 from bipot_rs.answers import Answers, search
-from bipot_rs.check import Array, csr, floats, friction, positive, settings
+from bipot_rs.check import (
+    Array,
+    csr,
+    floats,
+    friction,
+    integer,
+    positive,
+    settings,
+)
+from bipot_rs.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.result import Outcome, Solution
 
 
@@ -132,7 +141,7 @@ class ReducedProblem:
         if num_threads is not None:
             num_threads = positive("num_threads", num_threads)
         raw = self._core.solve(*chosen, reaction, rigid, num_threads, callback)
-        return self._solution(raw)
+        return self._solution(raw, method, chosen[3])
 
     def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
         """All answers, where there may be several.
@@ -153,13 +162,15 @@ class ReducedProblem:
         Raises
         ------
         TypeError, ValueError
-            ``restarts`` is not a positive integer.
+            ``restarts`` is not a positive integer, or ``seed`` a negative one.
         """
         restarts = positive("restarts", restarts)
+        seed = integer("seed", seed, least=0)
         exhausted = _core.answers(self._core)
         if exhausted is not None:
             found, complete = exhausted
-            return Answers([self._solution(raw) for raw in found], complete=complete)
+            known = [self._solution(raw, "auto") for raw in found]
+            return Answers(known, complete=complete)
         contacts, d = self.q.shape
         whole = self.W if hasattr(self.W, "diagonal") else np.asarray(self.W)
         diagonal = np.asarray(whole.diagonal(), float).reshape(contacts, d).mean(axis=1)
@@ -177,14 +188,40 @@ class ReducedProblem:
             seed,
         )
 
-    def _solution(self, raw: dict[str, Any]) -> Solution:
+    def _has_several(self, solution: Solution) -> bool:
+        exhausted = _core.answers(self._core)
+        if exhausted is not None and len(exhausted[0]) > 1:
+            return True
+        near = solution.residual <= NEAR
+        return near and _core.assess(self._core, solution.reaction) == "others exist"
+
+    def _solution(
+        self,
+        raw: dict[str, Any],
+        method: str,
+        max_seconds: float | None = None,
+    ) -> Solution:
         words = ""
         if self.rigid is not None and len(raw["free_motion"]):
             modes, amounts = self.rigid[0].T, raw["free_motion"]
             direction = motion.at_contacts(modes, amounts, self.q.shape[1])
             words = motion.describe(direction, opening(raw, self.mu))
+        tried = Tried(
+            method=method,
+            max_seconds=max_seconds,
+            mu=self.mu,
+            W=lambda: np.asarray(
+                self.W.toarray() if hasattr(self.W, "toarray") else self.W, float
+            ),
+            modes=lambda: (
+                np.zeros((self.q.size, 0)) if self.rigid is None else self.rigid[0]
+            ),
+            several=self._has_several,
+        )
         return Solution(
-            **solution_fields(raw), _words=words, _problem=_ReducedInquiry(self._core)
+            **solution_fields(raw),
+            _words=words,
+            _problem=_ReducedInquiry(self._core, tried),
         )
 
 
@@ -193,6 +230,7 @@ class _ReducedInquiry:
     """A reduced problem, for what is found out of its solution when asked for."""
 
     core: _core.Reduced
+    tried: Tried
 
     def unique(self, solution: Solution, /) -> str:
         return _core.assess(self.core, solution.reaction)
@@ -201,6 +239,9 @@ class _ReducedInquiry:
         amounts = solution.rigid_motion
         rigid = np.empty(0) if amounts is None else amounts
         return _core.forward_errors(self.core, solution.reaction, rigid)
+
+    def diagnosis(self, solution: Solution, /) -> str:
+        return diagnose(self.tried, solution, solution.relative_displacement)
 
 
 # An island of so many contacts, of whose blocks at most such a share is not zero,

@@ -34,9 +34,9 @@ class Outcome(StrEnum):
     NO_EQUILIBRIUM = "no_equilibrium"
 
 
-_ADVICE = {
-    Outcome.STALLED: "the residual has stopped falling: friction may be too high for this "
-    "method, or a body may slide away",
+# For what has lost its problem.
+_REASONS = {
+    Outcome.STALLED: "the residual stopped falling",
     Outcome.ITERATION_LIMIT: "max_iterations was reached",
     Outcome.TIME_LIMIT: "max_seconds was reached",
 }
@@ -50,6 +50,9 @@ class Inquiry(Protocol):
 
     def error_estimate(self, solution: Any, /) -> tuple[float, float] | None:
         """Its relative forward errors."""
+
+    def diagnosis(self, solution: Any, /) -> str:
+        """Why it is no answer, in a sentence."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,7 +157,11 @@ class Solution:
 
     @property
     def message(self) -> str:
-        """One sentence on how it ended."""
+        """One sentence on how it ended.
+
+        Where it did not converge: what was tried, the contact that misses the law by
+        most, the likely cause and what to do, found out when first asked for.
+        """
         judged = f"residual {self.residual:.1e}, held to {self.tolerance:.1e}"
         if self.converged:
             return f"converged in {self.iterations} iterations ({judged})"
@@ -162,21 +169,27 @@ class Solution:
             if not self._words:
                 return (
                     "no answer exists: contacts contradict each other, or one penetrates "
-                    "that nothing can move"
+                    f"that nothing can move{self._diagnosis()}"
                 )
             return (
                 "no answer exists: the loads lie outside what contact can carry, "
-                f"nothing stops this motion: {self._words}"
+                f"nothing stops this motion: {self._words}; add a support, or lower the "
+                "loads"
             )
         if self._words:
-            return f"not converged, seems to slide away: {self._words} ({judged})"
-        why = _ADVICE.get(self.outcome, str(self.outcome))
-        if self.outcome is Outcome.STALLED and self.residual <= self.tolerance:
-            why = (
-                "the residual is met but says nothing: a contact penetrates, reactions "
-                "dwarf the loads, or rounding hides what is left"
+            return (
+                f"not converged, seems to slide away: {self._words}; add a support, or "
+                f"lower the loads ({judged})"
             )
-        return f"not converged, {why} ({judged})"
+        reason = _REASONS.get(self.outcome, str(self.outcome))
+        return self._diagnosis() or f"not converged, {reason} ({judged})"
+
+    def _diagnosis(self) -> str:
+        if "diagnosis" not in self._known:
+            if self._problem is None:
+                return ""
+            self._known["diagnosis"] = self._problem.diagnosis(self)
+        return str(self._known["diagnosis"])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

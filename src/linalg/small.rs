@@ -45,6 +45,17 @@ pub fn norm(a: &[f64]) -> f64 {
     a.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
+/// The root of a sum of squares, or the largest of what was squared where the squares
+/// leave the range of doubles: what is not zero has a length.
+#[must_use]
+pub fn length(squares: f64, largest: f64) -> f64 {
+    if squares <= 1e-280 {
+        largest
+    } else {
+        squares.sqrt() // of a NaN too
+    }
+}
+
 /// `a · b` for long vectors, in eight running sums: the order is fixed, so the
 /// bits are, and the compiler can use wide registers.
 #[must_use]

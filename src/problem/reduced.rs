@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
-use crate::linalg::small::norm;
+use crate::linalg::small::{length, norm};
 use crate::problem::border::{check_finite, check_length};
 use crate::problem::compliance::Compliance;
 
@@ -267,8 +267,14 @@ impl<const D: usize> Scaling<D> {
     /// `‖r̂‖` of a reaction.
     #[must_use]
     pub fn reaction_norm(&self, r: &[[f64; D]]) -> f64 {
-        let squares = |(x, s): (&[f64; D], &f64)| x.iter().map(|c| (c * s).powi(2)).sum::<f64>();
-        r.iter().zip(&self.to_r).map(squares).sum::<f64>().sqrt()
+        let (mut squares, mut largest) = (0.0, 0.0_f64);
+        for (x, s) in r.iter().zip(&self.to_r) {
+            for c in x {
+                squares += (c * s).powi(2);
+                largest = largest.max((c * s).abs());
+            }
+        }
+        length(squares, largest)
     }
 }
 

@@ -8,7 +8,7 @@
 use crate::law::bipotential;
 use crate::law::cone::{Status, derivative};
 use crate::linalg::least_squares;
-use crate::linalg::small::{Vector, norm, tangential_norm};
+use crate::linalg::small::{Vector, length, norm, tangential_norm};
 use crate::problem::reduced::Reduced;
 
 /// A rounding floor above this is not convergence.
@@ -130,19 +130,18 @@ fn law_norm<const D: usize>(
     mut report: impl FnMut(usize, Status),
 ) -> f64 {
     let scaling = &problem.scaling;
-    let mut squares = 0.0;
+    let (mut squares, mut largest) = (0.0, 0.0_f64);
     for (i, (r, v)) in r.iter().zip(v).enumerate() {
         let r = r.map(|c| c * scaling.to_r[i]);
         let v = v.map(|c| c * scaling.to_v[i]);
         let (projected, status) = bipotential::law_step(&r, &v, 1.0, problem.mu[i]);
         report(i, status);
-        squares += r
-            .iter()
-            .zip(&projected)
-            .map(|(x, p)| (x - p).powi(2))
-            .sum::<f64>();
+        for (x, p) in r.iter().zip(&projected) {
+            squares += (x - p).powi(2);
+            largest = largest.max((x - p).abs());
+        }
     }
-    squares.sqrt()
+    length(squares, largest)
 }
 
 /// `max(‖r̂‖, ‖F(0)‖)`.
@@ -289,8 +288,8 @@ fn undone<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f6
         let closed = r.iter().any(|&c| c != 0.0);
         *v = v.map(|c| if closed { c * s } else { 0.0 });
     }
-    let length = norm(free.as_flattened());
-    if length > 0.0 { length } else { f64::INFINITY }
+    let undone = norm(free.as_flattened());
+    if undone > 0.0 { undone } else { f64::INFINITY }
 }
 
 /// What rounding may have made of `F`, absolutely.

@@ -6,6 +6,7 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use crate::error::Error;
 use crate::law::cone::Status;
 
 /// A C-contiguous vector of `f64`.
@@ -26,6 +27,29 @@ pub(super) fn rows<'a, const D: usize>(array: &'a Matrix<'_>) -> PyResult<&'a [[
             "an array of contacts has the wrong number of columns",
         ))
     }
+}
+
+/// [`rows`] of an array that must have one for each of `contacts`.
+pub(super) fn rows_of<'a, const D: usize>(
+    what: &'static str,
+    array: &'a Matrix<'_>,
+    contacts: usize,
+) -> PyResult<&'a [[f64; D]]> {
+    let rows = rows(array)?;
+    length(what, rows.len(), contacts)?;
+    Ok(rows)
+}
+
+/// Refuses an array of another length than what it belongs to.
+pub(super) fn length(what: &'static str, found: usize, expected: usize) -> Result<(), Error> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::Shape {
+        what,
+        expected,
+        found,
+    })
 }
 
 /// Indices as the core counts them.

@@ -1,12 +1,13 @@
 //! The one place where [`Error`] becomes an exception.
 
 use pyo3::exceptions::{
-    PyArithmeticError, PyKeyboardInterrupt, PyMemoryError, PyOSError, PyValueError,
+    PyArithmeticError, PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError,
 };
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
 use crate::error::Error;
+use crate::panics::Panicked;
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -31,6 +32,12 @@ impl From<Error> for PyErr {
             Error::Threads { .. } => PyOSError::new_err(text),
             Error::Interrupted => PyKeyboardInterrupt::new_err(text),
         }
+    }
+}
+
+impl From<Panicked> for PyErr {
+    fn from(panicked: Panicked) -> Self {
+        PyRuntimeError::new_err(panicked.to_string())
     }
 }
 

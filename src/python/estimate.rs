@@ -34,15 +34,16 @@ pub(super) fn forward_errors(
         }
     }
     let rigid = rigid.as_slice()?;
+    problem.check_motion(rigid)?;
     match &problem.kind {
         solver::Kind::Two(owned) => {
-            let reaction = arrays::rows(&reaction)?;
+            let reaction = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 forward_error(problem, &of(problem, reaction, rigid), &[], stop)
             })
         }
         solver::Kind::Three(owned) => {
-            let reaction = arrays::rows(&reaction)?;
+            let reaction = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 forward_error(problem, &of(problem, reaction, rigid), &[], stop)
             })
@@ -66,8 +67,11 @@ pub(super) fn forward_errors_of_step(
     let rigid = rigid.as_slice()?;
     macro_rules! of {
         ($inner:expr) => {{
-            let state = before.as_ref().map(left).transpose()?;
-            let r = $inner.compliance().gather(arrays::rows(&reaction)?);
+            let contacts = $inner.contacts();
+            let state = before.as_ref().map(|v| left(v, contacts)).transpose()?;
+            let reaction = arrays::rows_of("reaction", &reaction, contacts)?;
+            arrays::length("rigid_motion", rigid.len(), $inner.rigid_dofs().len())?;
+            let r = $inner.compliance().gather(reaction);
             interrupt::run(py, problem.num_threads, |stop| -> Result<_, Error> {
                 let reduced = reduced_step($inner, loads.0, loads.1, state.as_ref())?;
                 let point = evaluate($inner, &reduced, loads, state.as_ref(), r, rigid.to_vec())?;

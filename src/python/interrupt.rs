@@ -7,6 +7,7 @@ use std::time::Duration;
 use pyo3::prelude::*;
 
 use crate::error::Error;
+use crate::panics::caught;
 use crate::threads;
 
 /// How often the calling thread looks for a signal.
@@ -16,7 +17,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// calling thread looks for signals meanwhile and raises the flag it is given.
 ///
 /// # Errors
-/// What `work` returns, or the exception of the signal.
+/// What `work` returns, or the exception of the signal; of a panic a `RuntimeError`.
 pub(super) fn run<T: Send>(
     py: Python<'_>,
     num_threads: Option<usize>,
@@ -51,12 +52,12 @@ pub(super) fn watch<T: Send>(
             let stop = &stop;
             scope.spawn(move |_| {
                 // The receiver outlives this task.
-                let _ = done.send(work(stop));
+                let _ = done.send(caught(|| work(stop)));
             });
             loop {
                 match finished.recv_timeout(LOOK) {
                     Ok(result) => return Some(result),
-                    // A panic in the work: the scope passes it on.
+                    // Not sent: the task was never run.
                     Err(mpsc::RecvTimeoutError::Disconnected) => return None,
                     Err(mpsc::RecvTimeoutError::Timeout) => {}
                 }
@@ -71,7 +72,7 @@ pub(super) fn watch<T: Send>(
     });
     match (signal, result) {
         (Some(raised), _) => Err(raised),
-        (None, Some(result)) => Ok(result?),
+        (None, Some(result)) => Ok(result??),
         (None, None) => Err(Error::Interrupted.into()),
     }
 }

@@ -4,13 +4,13 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use numpy::{PyArray1, PyArray2};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::csc::Symmetric;
+use crate::panics::caught;
 use crate::problem::condense::{self, Given};
 use crate::problem::memory;
 use crate::problem::sparse::Rows;
@@ -127,7 +127,7 @@ impl Condensed {
         let (dense, n) = either!(&self.kind, inner => {
             let n = inner.contact_components();
             memory::check("the dense compliance W", 8 * (n as u128).pow(2))?;
-            (inner.compliance().to_dense(), n)
+            (caught(|| inner.compliance().to_dense())?, n)
         });
         arrays::square(py, dense, n, n)
     }
@@ -236,14 +236,18 @@ type StartArrays<'py> = (
 );
 
 /// A path from the state of a step, or from the unloaded bodies.
-fn load_path<const D: usize>(start: Option<&StartArrays<'_>>) -> PyResult<LoadPath<D>> {
+fn load_path<const D: usize>(
+    problem: &condense::Condensed<D>,
+    start: Option<&StartArrays<'_>>,
+) -> PyResult<LoadPath<D>> {
     match start {
-        Some(arrays) => Ok(LoadPath::from_state(state(arrays)?)),
+        Some(arrays) => Ok(LoadPath::from_state(state(problem, arrays)?)),
         None => Ok(LoadPath::default()),
     }
 }
 
 fn state<const D: usize>(
+    problem: &condense::Condensed<D>,
     (reaction, displacement, status, rigid): &StartArrays<'_>,
 ) -> PyResult<State<D>> {
     let status = status.as_slice()?.iter().map(|s| match s {
@@ -251,20 +255,16 @@ fn state<const D: usize>(
         2 => Status::Stick,
         _ => Status::Open,
     });
+    let contacts = problem.contacts();
     let state = State {
-        reaction: arrays::rows::<D>(reaction)?.to_vec(),
-        relative_displacement: arrays::rows::<D>(displacement)?.to_vec(),
+        reaction: arrays::rows_of("start", reaction, contacts)?.to_vec(),
+        relative_displacement: arrays::rows_of("start", displacement, contacts)?.to_vec(),
         status: status.collect(),
         rigid: rigid.as_slice()?.to_vec(),
     };
-    let contacts = state.status.len();
-    if state.reaction.len() == contacts && state.relative_displacement.len() == contacts {
-        Ok(state)
-    } else {
-        Err(PyValueError::new_err(
-            "start has arrays of different lengths",
-        ))
-    }
+    arrays::length("start", state.status.len(), contacts)?;
+    arrays::length("start", state.rigid.len(), problem.rigid_dofs().len())?;
+    Ok(state)
 }
 
 fn step_dict<'py, const D: usize>(py: Python<'py>, step: &Step<D>) -> PyResult<Bound<'py, PyDict>> {
@@ -280,8 +280,10 @@ impl Path {
     #[pyo3(signature = (problem, start=None))]
     fn new(problem: &Condensed, start: Option<StartArrays<'_>>) -> PyResult<Self> {
         let progress = match &problem.kind {
-            Kind::Two(inner) => Progress::Two(Arc::clone(inner), load_path(start.as_ref())?),
-            Kind::Three(inner) => Progress::Three(Arc::clone(inner), load_path(start.as_ref())?),
+            Kind::Two(inner) => Progress::Two(Arc::clone(inner), load_path(inner, start.as_ref())?),
+            Kind::Three(inner) => {
+                Progress::Three(Arc::clone(inner), load_path(inner, start.as_ref())?)
+            }
         };
         Ok(Self {
             progress,

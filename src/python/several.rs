@@ -50,13 +50,13 @@ pub(super) fn assess(
 ) -> PyResult<&'static str> {
     let verdict = match &problem.kind {
         solver::Kind::Two(owned) => {
-            let r = arrays::rows::<2>(&reaction)?;
+            let r = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 uniqueness::assess_plane(problem, &problem.compliance.gather(r), stop)
             })?
         }
         solver::Kind::Three(owned) => {
-            let r = arrays::rows::<3>(&reaction)?;
+            let r = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 uniqueness::assess(problem, &problem.compliance.gather(r), stop)
             })?
@@ -80,16 +80,20 @@ pub(super) fn assess_step(
     let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
     let verdict = match &problem.kind {
         problem::Kind::Two(inner) => {
-            let state = before.as_ref().map(left).transpose()?;
-            let r = inner.compliance().gather(arrays::rows::<2>(&reaction)?);
+            let contacts = inner.contacts();
+            let state = before.as_ref().map(|v| left(v, contacts)).transpose()?;
+            let reaction = arrays::rows_of("reaction", &reaction, contacts)?;
+            let r = inner.compliance().gather(reaction);
             interrupt::run(py, problem.num_threads, |stop| {
                 let reduced = reduced_step(inner, load, prescribed, state.as_ref())?;
                 uniqueness::assess_plane(&reduced, &r, stop)
             })?
         }
         problem::Kind::Three(inner) => {
-            let state = before.as_ref().map(left).transpose()?;
-            let r = inner.compliance().gather(arrays::rows::<3>(&reaction)?);
+            let contacts = inner.contacts();
+            let state = before.as_ref().map(|v| left(v, contacts)).transpose()?;
+            let reaction = arrays::rows_of("reaction", &reaction, contacts)?;
+            let r = inner.compliance().gather(reaction);
             interrupt::run(py, problem.num_threads, |stop| {
                 let reduced = reduced_step(inner, load, prescribed, state.as_ref())?;
                 uniqueness::assess(&reduced, &r, stop)
@@ -100,9 +104,9 @@ pub(super) fn assess_step(
 }
 
 /// As much of the state before a step as its reduced problem asks for.
-pub(super) fn left<const D: usize>(before: &Matrix<'_>) -> PyResult<State<D>> {
+pub(super) fn left<const D: usize>(before: &Matrix<'_>, contacts: usize) -> PyResult<State<D>> {
     Ok(State {
-        relative_displacement: arrays::rows(before)?.to_vec(),
+        relative_displacement: arrays::rows_of("before", before, contacts)?.to_vec(),
         ..State::default()
     })
 }

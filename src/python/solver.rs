@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use crate::error::Error;
 use crate::law::cone;
 use crate::linalg::blocks::Blocks;
+use crate::panics::caught;
 use crate::problem::compliance::{Compliance, Part};
 use crate::problem::reduced::{Reduced as Problem, Rigid};
 use crate::problem::residual::{Certificate, best_motion};
@@ -55,7 +56,7 @@ fn project_rows<'py, const D: usize>(
     let pool = crate::threads::pool(crate::threads::count(None))?;
     let mut out = vec![[0.0; D]; tau.len()];
     let mut status = vec![0_i8; tau.len()];
-    py.detach(|| {
+    let projected = py.detach(|| {
         let of_chunk = |chunk: usize, out: &mut [[f64; D]], status: &mut [i8]| {
             let first = chunk * NODES_A_TASK;
             for (k, (t, s)) in out.iter_mut().zip(status).enumerate() {
@@ -68,17 +69,20 @@ fn project_rows<'py, const D: usize>(
                 *s = found as i8;
             }
         };
-        if tau.len() <= NODES_A_TASK {
-            of_chunk(0, &mut out, &mut status);
-        } else {
-            pool.install(|| {
-                out.par_chunks_mut(NODES_A_TASK)
-                    .zip(status.par_chunks_mut(NODES_A_TASK))
-                    .enumerate()
-                    .for_each(|(chunk, (out, status))| of_chunk(chunk, out, status));
-            });
-        }
+        caught(|| {
+            if tau.len() <= NODES_A_TASK {
+                of_chunk(0, &mut out, &mut status);
+            } else {
+                pool.install(|| {
+                    out.par_chunks_mut(NODES_A_TASK)
+                        .zip(status.par_chunks_mut(NODES_A_TASK))
+                        .enumerate()
+                        .for_each(|(chunk, (out, status))| of_chunk(chunk, out, status));
+                });
+            }
+        })
     });
+    projected?;
     Ok((arrays::from_rows(py, &out)?, PyArray1::from_vec(py, status)))
 }
 
@@ -116,6 +120,16 @@ pub(super) fn solution_dict<'py, const D: usize>(
     py: Python<'py>,
     solution: &Solution<D>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let numbers = solution
+        .reaction
+        .iter()
+        .chain(&solution.relative_displacement);
+    if !numbers.flatten().all(|c| c.is_finite()) || solution.residual.is_nan() {
+        return Err(PyValueError::new_err(
+            "W r + q leaves the range of doubles: the entries of W differ by too much; \
+             choose units in which they do not",
+        ));
+    }
     let dict = PyDict::new(py);
     dict.set_item("reaction", arrays::from_rows(py, &solution.reaction)?)?;
     let v = arrays::from_rows(py, &solution.relative_displacement)?;
@@ -197,6 +211,11 @@ impl<const D: usize> Owned<D> {
         load: &Vector<'_>,
     ) -> PyResult<Self> {
         let q = arrays::rows::<D>(q)?.to_vec();
+        check_partition(&given, q.len())?;
+        let (count, size) = modes.as_array().dim();
+        if count > 0 {
+            arrays::length("R", size, D * q.len())?;
+        }
         let columns = modes.as_slice()?.chunks_exact(D * q.len().max(1));
         let rigid = Rigid {
             modes: columns
@@ -226,6 +245,10 @@ impl<const D: usize> Owned<D> {
 
     pub(super) fn contacts(&self) -> usize {
         self.q.len()
+    }
+
+    pub(super) fn reaction<'a>(&self, array: &'a Matrix<'_>) -> PyResult<&'a [[f64; D]]> {
+        arrays::rows_of("reaction", array, self.contacts())
     }
 
     /// Runs `work` off the interpreter's lock, on a `W` that is read in place and
@@ -275,7 +298,10 @@ impl<const D: usize> Owned<D> {
         num_threads: Option<usize>,
         callback: Option<&Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let reaction = reaction.map(arrays::rows::<D>).transpose()?;
+        let reaction = reaction.map(|r| self.reaction(r)).transpose()?;
+        if !rigid.is_empty() {
+            arrays::length("rigid_motion", rigid.len(), self.rigid.modes.len())?;
+        }
         let solved = self.run(py, num_threads, callback, |problem, stop, progress| {
             let start = Start {
                 reaction: reaction.map_or_else(Vec::new, |r| problem.compliance.gather(r)),
@@ -288,7 +314,10 @@ impl<const D: usize> Owned<D> {
     }
 
     fn certificate(&self, py: Python<'_>, r: &Matrix<'_>, a: Option<&[f64]>) -> PyResult<f64> {
-        let r = arrays::rows::<D>(r)?;
+        let r = self.reaction(r)?;
+        if let Some(a) = a {
+            arrays::length("rigid_motion", a.len(), self.rigid.modes.len())?;
+        }
         self.run(py, None, None, |problem, _, _| {
             let r = problem.compliance.gather(r);
             let a = a.map_or_else(|| best_motion(problem, &r), <[f64]>::to_vec);
@@ -300,6 +329,32 @@ impl<const D: usize> Owned<D> {
         self.run(py, None, None, |problem, _, _| {
             Ok(problem.compliance.asymmetry())
         })
+    }
+}
+
+/// Islands must hold every contact once: the core indexes by them.
+fn check_partition(parts: &[Given], contacts: usize) -> PyResult<()> {
+    let mut seen = vec![false; contacts];
+    for &i in parts.iter().flat_map(|(nodes, ..)| nodes) {
+        let first = seen.get_mut(i).map(|seen| !std::mem::replace(seen, true));
+        if first != Some(true) {
+            return Err(PyValueError::new_err(format!(
+                "W has contact {i} twice in its islands, or it is none of {contacts}"
+            )));
+        }
+    }
+    let found = seen.iter().filter(|&&seen| seen).count();
+    Ok(arrays::length("W", found, contacts)?)
+}
+
+impl Reduced {
+    /// Refuses amounts of rigid motions that are not as many as there are.
+    pub(super) fn check_motion(&self, rigid: &[f64]) -> PyResult<()> {
+        let expected = match &self.kind {
+            Kind::Two(owned) => owned.rigid.modes.len(),
+            Kind::Three(owned) => owned.rigid.modes.len(),
+        };
+        Ok(arrays::length("rigid_motion", rigid.len(), expected)?)
     }
 }
 

@@ -158,6 +158,12 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.last_rigid.clear();
         self.last_rigid.extend_from_slice(a);
         let eta = residual::residual(self.problem, r, v, a);
+        if let Some(nothing) = self.vanished(r, a) {
+            self.log.history.push((self.log.work, nothing.residual));
+            self.log.best_reaction.fill([0.0; D]);
+            self.log.best_rigid.copy_from_slice(a);
+            return Ok(Verdict::Stop(Outcome::Converged));
+        }
         self.log.history.push((self.log.work, eta));
         let best = self.best.min(eta);
         self.progress.tell(self.log.iterations, self.log.work, best);
@@ -194,6 +200,21 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.last_halved = self.log.iterations;
         }
         Ok(self.limits().map_or(Verdict::Continue, Verdict::Stop))
+    }
+
+    /// Where no reaction at all is an answer, η is relative to reactions that an
+    /// iteration shrinks from wherever it was started, until doubles end: long before
+    /// that they are none, and the answer is judged as that.
+    fn vanished(&mut self, r: &[[f64; D]], a: &[f64]) -> Option<Certificate<D>> {
+        /// In scaled variables, where what moves the contacts is of order one.
+        const NONE: f64 = 1e-100;
+        let size = self.problem.scaling.reaction_norm(r);
+        if size == 0.0 || size > NONE {
+            return None;
+        }
+        let nothing = Certificate::new(self.problem, &vec![[0.0; D]; r.len()], a);
+        self.log.work += 2.0;
+        nothing.converged(self.settings.tol).then_some(nothing)
     }
 
     /// Measures what rounding allows at `(r, a)`, for a residual that has

@@ -14,6 +14,7 @@ from rust_source import module, naming_violations, tree_violations, uses
 # From the module that knows nobody to the one that may know all.
 RUST = (
     "error",
+    "panics",
     "threads",
     "linalg",
     "law",
@@ -67,8 +68,9 @@ RUST_NAMES = {
 PYTHON = (
     "_core",
     "export",
+    "structure",
     "check result",
-    "answers errors motion",
+    "answers diagnosis errors motion",
     "reduced",
     "problem",
     "global_problem",

@@ -1,0 +1,327 @@
+"""The compiled core, called as nobody should call it: exceptions, and no panic.
+
+A panic would be an exception that `except Exception` does not catch. What comes back is
+an error of Python's own, or an answer.
+"""
+
+import itertools
+import random
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+
+import bipot_rs as bp
+from bipot_rs import _core
+
+Call = Callable[..., Any]
+
+EYE = (np.arange(5), np.arange(4), np.ones(4))
+GAP, MU = np.full((2, 2), -0.1), np.full(2, 0.3)
+LOAD, NONE = np.array([-1.0, 0.1, -1.0, 0.1]), np.zeros(0)
+ISLAND = [([0, 1], np.eye(4).ravel(), None)]
+MODES = np.ascontiguousarray(np.tile(np.eye(2), (1, 2)))
+
+
+def csr(pointer: Any, index: Any, values: Any) -> tuple[Any, ...]:
+    return np.array(pointer), np.array(index, np.int64), np.array(values, float)
+
+
+# Wrong for nearly every argument, in every way that fits through the types.
+ODD: list[Any] = [
+    None,
+    True,
+    -1,
+    0,
+    3,
+    2**63,
+    2**70,
+    1e300,
+    float("nan"),
+    "x",
+    "newton",
+    b"",
+    [],
+    (),
+    {},
+    object(),
+    1j,
+    *(np.zeros(shape) for shape in (0, 2, 3, 4, 5, 16, (0, 2), (0, 3), (2, 2), (3, 2))),
+    *(np.zeros(shape) for shape in ((2, 3), (1, 2), (2, 4), (2, 1), (4, 0), (2, 2, 2))),
+    np.full((2, 2), np.nan),
+    np.full((2, 2), 1e308),
+    np.full((2, 2), 5e-324),
+    np.full(2, np.nan),
+    np.full(2, -1.0),
+    np.full(4, np.inf),
+    np.zeros(2, np.int64),
+    np.array([0, 5]),
+    np.array([-1, 0]),
+    np.full(2, 9, np.int8),
+    np.asfortranarray(np.ones((2, 2))),
+    np.ones((4, 4))[::2, ::2],
+    *(
+        [(nodes, np.eye(4).ravel(), None)]
+        for nodes in ([0, 1], [0, 0], [0, 7], [1, 0], [2**40, 0])
+    ),
+    [([0], np.eye(2).ravel(), None)],
+    [([0, 1], np.full(16, np.nan), None)],
+    [([0, 1], np.zeros(16), None)],
+    [([0, 1], np.full(16, 1e308), None)],
+    [([], np.zeros(0), None), *ISLAND],
+    *(
+        # Blocks by rows, two of them on the diagonal, and what contradicts itself.
+        [([0, 1], np.tile(np.eye(2).ravel(), 2), pattern)]
+        for pattern in (
+            ([0, 1, 2], [0, 1]),
+            ([0, 1, 2], [0, 7]),
+            ([0, 1, 9], [0, 1]),
+            ([0, 2, 1], [0, 1]),
+            ([1, 1, 2], [0, 1]),
+            ([0, 1, 2], [0, 2**40]),
+            ([0, 2], [0, 1]),
+            ([0], []),
+            ([], []),
+            ([0, 1, 2], [0]),
+            ([0, 2, 2], [1, 1]),
+        )
+    ),
+    csr([0, 1, 2, 3, 9], range(4), np.ones(4)),
+    csr([0, 3, 2, 1, 4], range(4), np.ones(4)),
+    csr(range(5), [0, 1, 2, 9], np.ones(4)),
+    csr([0], [], []),
+    csr(np.zeros(0, np.int64), [], []),
+    csr([0, 1, 2, 3, 2**62], range(4), np.ones(4)),
+    csr([1, 1, 2, 3, 4], range(4), np.ones(4)),
+    csr(range(5), [1, 0, 3, 2], np.ones(4)),
+    *(
+        csr(range(5), range(4), np.full(4, x))
+        for x in (np.nan, -1.0, 0.0, 1e308, 1e-308)
+    ),
+    *(
+        (np.zeros((n, 2)), np.zeros((m, 2)), np.zeros(k, np.int8), np.zeros(j))
+        for n, m, k, j in ((2, 2, 2, 0), (3, 3, 3, 0), (2, 3, 2, 0), (2, 2, 2, 5))
+    ),
+    (np.full((2, 2), np.nan), np.zeros((2, 2)), np.full(2, 7, np.int8), np.ones(3)),
+]
+
+
+def entries() -> dict[str, tuple[Call, list[Any]]]:
+    """Every function of the core with arguments that are right."""
+    condensed = _core.Condensed(EYE, EYE, GAP, MU, np.zeros(0, np.int64), 2)
+    held = _core.Reduced(ISLAND, GAP, MU, np.zeros((0, 4)), NONE)
+    floating = _core.Reduced(ISLAND, GAP, MU, MODES, np.array([-1.0, 0.1]))
+    limits = ["auto", 1e-10, 50, 1.0]
+    settings = [*limits, None, None, 1]
+    return {
+        "project": (_core.project, [GAP, MU, None]),
+        "Condensed": (
+            lambda *a: _core.Condensed(*a, 1).compliance(),
+            [EYE, EYE, GAP, MU, np.zeros(0, np.int64)],
+        ),
+        "free_part": (condensed.free_part, [LOAD, NONE]),
+        "displacement": (condensed.displacement, [LOAD, NONE, GAP, NONE]),
+        "Path": (
+            lambda start: _core.Path(condensed, start).step(LOAD, NONE, *limits),
+            [None],
+        ),
+        "step": (lambda *a: _core.Path(condensed).step(*a), [LOAD, NONE, *limits]),
+        "Reduced": (
+            lambda *a: _core.Reduced(*a).solve(*settings),
+            [ISLAND, GAP, MU, MODES, np.array([-1.0, 0.1])],
+        ),
+        "residual": (held.residual, [GAP, None]),
+        "residual, floating": (floating.residual, [GAP, np.zeros(2)]),
+        "solve": (lambda *a: held.solve(*a, 1), [*limits, None, None]),
+        "solve, floating": (lambda *a: floating.solve(*a, 1), [*limits, GAP, NONE]),
+        "answers": (_core.answers, [held]),
+        "assess": (_core.assess, [held, GAP]),
+        "assess, floating": (_core.assess, [floating, GAP]),
+        "assess_step": (_core.assess_step, [condensed, LOAD, NONE, None, GAP]),
+        "forward_errors": (_core.forward_errors, [held, GAP, NONE]),
+        "forward_errors, floating": (
+            _core.forward_errors,
+            [floating, GAP, np.zeros(2)],
+        ),
+        "forward_errors_of_step": (
+            _core.forward_errors_of_step,
+            [condensed, LOAD, NONE, None, GAP, NONE],
+        ),
+    }
+
+
+ENTRIES = entries()
+
+
+def spoiled(good: list[Any]) -> Iterator[list[Any]]:
+    """Each argument by each odd one, then two at a time."""
+    for k, odd in itertools.product(range(len(good)), ODD):
+        yield [*good[:k], odd, *good[k + 1 :]]
+    choose = random.Random(len(good))
+    for _ in range(300):
+        args = list(good)
+        for k in choose.sample(range(len(good)), min(2, len(good))):
+            args[k] = choose.choice(ODD)
+        yield args
+
+
+def test_nothing_of_the_core_is_left_out() -> None:
+    called = {name.partition(",")[0] for name in ENTRIES}
+    public = {n for n in _core.__all__ if n != "build_profile"}
+    assert public <= called
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_no_panic(name: str) -> None:
+    call, good = ENTRIES[name]
+    call(*good)
+    failed = 0
+    for args in spoiled(good):
+        try:
+            call(*args)
+        except RuntimeError as error:
+            # A panic that was caught says so: there is a fault behind it.
+            pytest.fail(f"{args}: {error}")
+        except Exception:  # noqa: BLE001 - all that is left is BaseException
+            failed += 1
+    assert failed > 20
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: ENTRIES["residual"][0](np.zeros((3, 2))), "reaction has length 3"),
+        (lambda: ENTRIES["assess"][0](ENTRIES["assess"][1][0], GAP[:1]), "reaction"),
+        (
+            lambda: _core.Reduced(
+                [([0, 0], np.eye(4).ravel(), None)], GAP, MU, MODES, NONE
+            ),
+            "contact 0 twice",
+        ),
+        (lambda: ENTRIES["Path"][0](tuple(x[:1] for x in ODD[-1])), "start"),
+    ],
+)
+def test_what_would_read_beyond_an_array_is_said(call: Call, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        call()
+
+
+def chain(n: int) -> Any:
+    """A body of n unknowns in a row."""
+    ones = np.ones(n)
+    return sparse.dia_array(
+        (np.stack([-ones, 3 * ones, -ones]), [-1, 0, 1]), shape=(n, n)
+    ).tocsr()
+
+
+def test_a_dense_W_of_a_hundred_thousand_contacts() -> None:
+    """One body, every unknown in contact: S and W of 2e5 rows are 320 GB each."""
+    n = 200_000
+    eye = sparse.eye_array(n, format="csr")
+    with pytest.raises(MemoryError, match=r"needs \d{12,} bytes"):
+        bp.ContactProblem(chain(n), eye, gap=np.zeros(n // 2), mu=0.3)
+    # On bodies of their own there is no such W to be made, unless one asks for it.
+    apart = bp.ContactProblem(eye, eye, gap=np.zeros(n // 2), mu=0.3)
+    with pytest.raises(MemoryError, match=rf"needs {8 * n * n} bytes"):
+        _ = apart.compliance
+    assert apart.solve(-np.ones(n)).success
+
+
+COUNTED = """
+import resource, sys
+import numpy as np
+from scipy import sparse
+import bipot_rs as bp
+from bipot_rs import _core
+
+gigabyte = 2**30
+resource.setrlimit(resource.RLIMIT_AS, (3 * gigabyte, 3 * gigabyte))
+huge = np.lib.stride_tricks.as_strided(np.zeros(1), (2**31 + 4, 2), (0, 0))
+said = []
+for call in (
+    lambda: bp.project(huge, 0.3),
+    lambda: bp.ReducedProblem(np.eye(2), huge, 0.3),
+    lambda: bp.ReducedProblem(np.broadcast_to(0.0, (2**33, 2**33)), [[-1.0, 0]], 0.3),
+    lambda: bp.ContactProblem(np.broadcast_to(1.0, (2**17, 2**17)), np.eye(2),
+                              gap=[0.0], mu=0.3),
+    lambda: bp.ContactProblem(np.eye(2), np.eye(2), gap=np.broadcast_to(0.0, 2**40),
+                              mu=0.3),
+    lambda: bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.0], mu=0.3,
+                              fixed=np.broadcast_to(1, 2**40)),
+    lambda: bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.0], mu=0.3).solve(
+        np.broadcast_to(-1.0, (2**40, 2))),
+    lambda: bp.ReducedProblem(sparse.coo_array((2**31 + 2, 2**31 + 2)),
+                              [[-1.0, 0]], 0.3),
+):
+    try:
+        call()
+        said.append("answered")
+    except (MemoryError, ValueError) as error:
+        said.append(type(error).__name__)
+        assert str(error)
+print(*said)
+"""
+
+
+def test_absurd_sizes_are_refused_and_not_allocated() -> None:
+    # Arrays of no memory but more than 2^31 rows, in a process that has 3 GB.
+    ended = subprocess.run(
+        [sys.executable, "-c", COUNTED],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert set(ended.stdout.split()) == {"MemoryError", "ValueError"}
+
+
+def test_more_threads_than_a_machine_gives() -> None:
+    tiny = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3)
+    for many in (2**31 - 1, 10**6, 1025):
+        with pytest.raises(ValueError, match=f"num_threads is {many}, expected"):
+            tiny.solve(num_threads=many)
+        with pytest.raises(ValueError, match="num_threads"):
+            bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.0], mu=0.3, num_threads=many)
+    assert tiny.solve(num_threads=3).converged
+
+
+def numbers(x: Any) -> NDArray[Any]:
+    return np.asarray(x, float)
+
+
+@pytest.mark.parametrize("method", ["auto", "newton", "gauss_seidel", "nesterov"])
+def test_numbers_at_the_ends_of_doubles(method: str) -> None:
+    """No panic, no NaN, and no answer that is none, from entries of any size."""
+    rng, refused = np.random.default_rng(17), 0
+    sizes = (0.0, 5e-324, 1e-310, 1e-200, 1e-20, 1.0, 1e20, 1e200, 1e307)
+    for _ in range(300):
+        d = int(rng.integers(2, 4))
+        n = int(rng.integers(1, 4))
+        W = rng.normal(size=(n * d, n * d)) * rng.choice(sizes, size=(n * d, 1))
+        if rng.random() < 0.5:
+            W = np.abs(np.diag(W.diagonal()))
+        q = rng.normal(size=(n, d)) * rng.choice(sizes, size=(n, 1))
+        mu = np.minimum(np.abs(rng.normal(size=n)) * rng.choice(sizes, size=n), 1e308)
+        try:
+            problem = bp.ReducedProblem(W, q, mu)
+        except ValueError:
+            refused += 1  # the message asks for other units
+            continue
+        try:
+            solution = problem.solve(method, max_iterations=50)
+        except ValueError:
+            refused += 1  # so does this one, for products of W that overflow
+            continue
+        for found in (solution.reaction, solution.relative_displacement):
+            assert not np.isnan(numbers(found)).any()
+        assert not np.isnan(solution.residual)
+        if solution.converged:
+            assert np.isfinite(solution.reaction).all()
+        assert solution.message
+    assert refused < 200

@@ -1,0 +1,339 @@
+"""What is called converged holds by a judge that shares nothing with the certificate.
+
+And answers that are wrong as programs make them wrong are caught, by that judge and by
+`ReducedProblem.residual`: else neither would prove anything.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+import oracle
+from bodies import block
+from methods import METHODS
+from random_problems import KINDS, Given, random_problem
+from signorini_coulomb import Missed, inequalities, judge
+
+Array = NDArray[np.float64]
+
+# A claim holds η to its tolerance; each inequality is missed by at most a few times
+# that, (1 + μ) more where slip adds to penetration in ṽ_n. Penetration, which a large
+# μ hides from η, is held to ten times the tolerance by itself.
+FACTOR = 10.0
+# Every answer that is broken on purpose is off by a percent or more of its sizes.
+BROKEN = 1e-3
+
+
+def judged(given: Given, r: Array, a: Array | None = None) -> Missed:
+    return judge(given.W, given.q, given.mu, r, given.rigid, a)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_claim_is_confirmed(kind: str, d: int, method: str) -> None:
+    claims = 0
+    for seed in range(12):
+        problem = random_problem(kind, d, seed)
+        solution = problem.problem().solve(method, max_iterations=3000)
+        if not solution.converged:
+            continue
+        claims += 1
+        missed = judged(problem, solution.reaction, solution.rigid_motion)
+        allowed = FACTOR * (1 + problem.mu.max()) * solution.tolerance
+        assert missed.worst <= allowed, (seed, missed)
+    # Newton alone may stall on a few of them; the default on none.
+    assert claims >= (12 if method == "auto" else 6)
+
+
+@settings(max_examples=150, derandomize=True)
+@given(
+    kind=st.sampled_from(KINDS),
+    d=st.sampled_from([2, 3]),
+    seed=st.integers(0, 10**6),
+    method=st.sampled_from(METHODS),
+    friction=st.floats(0, 8),
+    digits=st.floats(3, 12),
+    start=st.one_of(st.none(), st.floats(-6, 6)),
+)
+def test_a_claim_from_anywhere_to_any_tolerance_is_confirmed(
+    kind: str,
+    d: int,
+    seed: int,
+    method: str,
+    friction: float,
+    digits: float,
+    start: float | None,
+) -> None:
+    made = random_problem(kind, d, seed)
+    problem = made._replace(mu=made.mu * 10**friction)
+    rng = np.random.default_rng(seed)
+    at = None if start is None else rng.normal(size=made.q.shape) * 10**start
+    solution = problem.problem().solve(
+        method, 10**-digits, max_iterations=400, start=at
+    )
+    if solution.converged:
+        missed = judged(problem, solution.reaction, solution.rigid_motion)
+        allowed = FACTOR * (1 + problem.mu.max()) * solution.tolerance
+        assert missed.worst <= min(allowed, 30 * FACTOR * solution.tolerance), missed
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_nothing_is_no_small_reaction(method: str) -> None:
+    # No reaction is an answer: η is then relative to what is left of the start, which
+    # shrinks until its squares are below the range of doubles.
+    for seed in (187203, 632323, 746802):
+        problem = random_problem("flat", 2, seed)
+        problem.q[:] = 0.0
+        start = np.random.default_rng(seed).normal(size=problem.q.shape)
+        solution = problem.problem().solve(method, start=start)
+        if solution.converged:
+            np.testing.assert_array_equal(solution.reaction, 0.0)
+            assert (solution.status == bp.Status.OPEN).all()
+    tiny = np.zeros_like(problem.q)
+    tiny[0] = 1e-170
+    assert problem.problem().residual(tiny) > 0.1
+
+
+def all_statuses(d: int) -> Given:
+    """Contacts that open, slip and stick, with blocks that are far from isotropic."""
+    for seed in range(200):
+        rng = np.random.default_rng([d, seed])
+        n = 6
+        root = rng.normal(size=(n * d, n * d)) / np.sqrt(n * d)
+        stretch = np.tile([1.0, 0.4, 2.0][:d], n)
+        W = (root @ root.T + 0.2 * np.eye(n * d)) * np.outer(stretch, stretch)
+        q = rng.normal(size=(n, d)) - np.eye(1, d)
+        problem = Given((W + W.T) / 2, q, np.full(n, 0.4), None)
+        solution = problem.problem().solve(tol=1e-13)
+        counts = np.bincount(solution.status, minlength=3)
+        if solution.converged and counts.min() >= 1 and counts[1] >= 2:
+            return problem
+    raise AssertionError("no such problem")
+
+
+def solved(given: Given) -> bp.Solution:
+    return given.problem().solve(tol=1e-13)
+
+
+def radial_return(given: Given) -> Array:
+    """Sweeps with one trial step at each contact and the friction cut back to its limit.
+
+    What a program does that takes W_tt for a multiple of the identity, and stops.
+    """
+    n, d = given.q.shape
+    r = np.zeros((n, d))
+    for _ in range(500):
+        for i in range(n):
+            rows = slice(i * d, i * d + d)
+            W = given.W[rows, rows]
+            v = (given.W[rows] @ r.ravel()) + given.q[i] - W @ r[i]
+            trial = -np.linalg.solve(W, v)
+            limit = given.mu[i] * max(trial[0], 0.0)
+            size = np.linalg.norm(trial[1:])
+            r[i, 0] = max(trial[0], 0.0)
+            r[i, 1:] = trial[1:] * (min(1.0, limit / size) if size > 0 else 1.0)
+    return r
+
+
+def wrong_mu(given: Given) -> Array:
+    return solved(given._replace(mu=0.8 * given.mu)).reaction
+
+
+def flipped_tangent(given: Given) -> Array:
+    return solved(given).reaction * np.append(1.0, -np.ones(given.q.shape[1] - 1))
+
+
+def one_flipped(given: Given) -> Array:
+    solution = solved(given)
+    r = solution.reaction.copy()
+    r[np.argmax(solution.status == bp.Status.SLIP), 1:] *= -1
+    return r
+
+
+def dropped_contact(given: Given) -> Array:
+    r = solved(given).reaction.copy()
+    r[np.argmax(r[:, 0])] = 0.0
+    return r
+
+
+def scaled(given: Given) -> Array:
+    return solved(given).reaction * 1.05
+
+
+def penetrating(given: Given) -> Array:
+    """Every contact that is open is left out, and one that should be closed."""
+    r = solved(given).reaction
+    keep = np.flatnonzero(r[:, 0] > 0)
+    gone = keep[np.argmin(r[keep, 0])]
+    d = given.q.shape[1]
+    rows = np.delete(np.arange(r.size).reshape(-1, d), gone, axis=0)
+    part = Given(
+        given.W[np.ix_(rows.ravel(), rows.ravel())],
+        np.delete(given.q, gone, axis=0),
+        np.delete(given.mu, gone),
+        None,
+    )
+    return np.insert(solved(part).reaction, gone, 0.0, axis=0)
+
+
+def stick_outside_the_cone(given: Given) -> Array:
+    """Every closed contact held, whatever friction that takes."""
+    closed = solved(given).reaction[:, 0] > 0
+    rows = np.repeat(closed, given.q.shape[1])
+    r = np.zeros(given.q.size)
+    r[rows] = -np.linalg.solve(given.W[np.ix_(rows, rows)], given.q.ravel()[rows])
+    return r.reshape(given.q.shape)
+
+
+def transposed(given: Given) -> Array:
+    """The two tangents, or the two components of the plane, mixed up."""
+    r = solved(given).reaction.copy()
+    r[:, [0, -1]] = r[:, [-1, 0]]
+    return r
+
+
+BREAKERS: dict[str, Callable[[Given], Array]] = {
+    f.__name__: f
+    for f in (
+        radial_return,
+        wrong_mu,
+        flipped_tangent,
+        one_flipped,
+        dropped_contact,
+        scaled,
+        penetrating,
+        stick_outside_the_cone,
+        transposed,
+    )
+}
+
+
+@pytest.mark.parametrize("how", BREAKERS)
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_broken_answer_is_caught(how: str, d: int) -> None:
+    given = all_statuses(d)
+    right, wrong = solved(given).reaction, BREAKERS[how](given)
+    # What the right one is found to miss is its tolerance and rounding.
+    assert judged(given, right).worst <= FACTOR * 1e-12
+    assert judged(given, wrong).worst > BROKEN
+    assert given.problem().residual(wrong) > BROKEN
+
+
+def test_each_inequality_is_found_by_itself() -> None:
+    """One contact, W = I, each part of the law missed by a tenth."""
+    one, still = np.ones(1), np.array([[-1.0, 0.0]])
+    cases = {
+        "penetration": ([[1.0, 0.0]], [[-0.1, 0.0]]),
+        "pull": ([[-0.1, 0.0]], [[0.0, 0.0]]),
+        "open_and_pressed": ([[1.0, 0.0]], [[0.1, 0.0]]),
+        "beyond_the_limit": ([[1.0, 0.6]], [[0.0, 0.0]]),
+        "slip_not_opposed": ([[1.0, 0.5]], [[0.0, 0.1]]),
+    }
+    for name, (r, v) in cases.items():
+        missed = inequalities(np.array(r), np.array(v), 0.5, one, still)
+        # The slip counts by the share of the force that lies the wrong way, 1 of 1.6.
+        expected = 0.1 / 1.6 if name == "slip_not_opposed" else 0.1
+        assert getattr(missed, name) == pytest.approx(expected, rel=1e-12)
+        # What pulls has no limit of friction to be within either: μ r_n < 0.
+        others = 0.5 * 0.1 if name == "pull" else 0.0
+        assert missed._replace(**{name: 0.0}).worst == pytest.approx(others, abs=1e-15)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_units_are_none_of_the_judges_business(d: int) -> None:
+    given = all_statuses(d)
+    r = wrong_mu(given)
+    before = judged(given, r).worst
+    # Lengths in other units by 1024, forces by 1/16. The root of 2^14 is a power of
+    # two, so that the bits are the same.
+    other = given._replace(W=given.W * 2.0**14, q=given.q * 2.0**10)
+    assert judged(other, r / 16).worst == before
+
+
+# Friction of the paths: the largest shear is just below what it holds as a whole.
+MU = 0.3
+
+
+def _path(d: int) -> tuple[Any, Array]:
+    """A block on a plane, pressed, sheared forth and back."""
+    body = block([2.0, 1.0, 1.0][:d], [5, 3, 2][:d], 10.0, 0.3)
+    top = 1.0
+    press = body.traction(d - 1, top, [0.0] * (d - 1) + [-1.0])
+    shear = body.traction(d - 1, top, [1.0] + [0.0] * (d - 1))
+    amounts = [(1.0, 0.0), (1.0, 0.25), (0.8, 0.1), (1.2, -0.33), (0.5, 0.0)]
+    return body, np.array([p * press + s * shear for p, s in amounts])
+
+
+@pytest.mark.parametrize("method", ["auto", "gauss_seidel", "nesterov"])
+@pytest.mark.parametrize("d", [2, 3])
+def test_every_step_of_a_path_is_confirmed_from_K_and_B(d: int, method: str) -> None:
+    body, loads = _path(d)
+    problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=MU)
+    result = problem.solve(loads, method=method, tol=1e-11)
+    seen = set(result.status.ravel().tolist())
+    assert seen >= {1, 2}
+    compliance = problem.compliance.diagonal().reshape(-1, d).mean(axis=1)
+    total, before = result.displacement, np.zeros(body.K.shape[0])
+    for k, u in enumerate(total):
+        r = result.reaction[k]
+        rest = body.K @ u - loads[k] - body.B.T @ r.ravel()
+        # η of the balance of a body that contact alone holds, and the rounding of K u.
+        assert np.abs(rest).max() <= 1e-10 * np.abs(loads[k]).max()
+        # Normal totals, tangential increments of the step.
+        v = (body.B @ u).reshape(-1, d)
+        v[:, 1:] = (body.B @ (u - before)).reshape(-1, d)[:, 1:]
+        free = np.abs(body.B @ u).max() * np.ones((len(v), d))
+        missed = inequalities(r, v, MU, compliance, free)
+        # η to 1e-11; u comes by way of K, whose condition is below 1e4.
+        assert missed.worst <= 1e-9, (k, missed)
+        before = u
+
+
+def test_total_slip_in_the_place_of_its_increment_is_caught() -> None:
+    body, loads = _path(2)
+    problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=MU)
+    result = problem.solve(loads)
+    first = result[2]
+    # The step as if nothing had slipped before, which is another problem.
+    forgot = problem.solve(loads[3])[0].reaction
+    right = problem.reduced(loads[3], start=first)
+    assert right.residual(result[3].reaction) <= 1e-9
+    assert right.residual(forgot) > BROKEN
+    assert right.rigid is not None
+    motion = forgot_motion(right, forgot)
+    missed = judge(right.W, right.q, right.mu, forgot, right.rigid, motion)
+    assert missed.worst > BROKEN
+
+
+def forgot_motion(problem: bp.ReducedProblem, r: Array) -> Array:
+    """The rigid motion that serves pressed contacts best, by least squares."""
+    assert problem.rigid is not None
+    R = problem.rigid[0]
+    v = (np.asarray(problem.W) @ r.ravel()) + problem.q.ravel()
+    rows = np.zeros(r.shape, bool)
+    rows[r[:, 0] > 0, 0] = True
+    rows[np.linalg.norm(r[:, 1:], axis=1) < 0.99 * MU * r[:, 0], 1:] = True
+    at = rows.ravel()
+    return np.asarray(np.linalg.lstsq(R[at], -v[at], rcond=None)[0])
+
+
+def test_the_oracle_and_the_judge_agree() -> None:
+    """Answers by exhausting the statuses, without the package, are answers here."""
+    for seed in range(6):
+        given = random_problem("held", 2, seed)
+        small = Given(given.W[:4, :4], given.q[:2], given.mu[:2], None)
+        if len(small.q) < 2:
+            continue
+        found = list(oracle.answers(oracle.Problem(small.W, small.q, small.mu)))
+        assert found
+        for answer in found:
+            # The oracle keeps what misses the law by 1e-10 of its sizes at the most.
+            assert judged(small, answer.r).worst <= 1e-9
+            assert small.problem().residual(answer.r) <= 1e-9

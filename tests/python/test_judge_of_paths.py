@@ -1,0 +1,114 @@
+"""Random load paths, judged from K and B alone: u anew, in extended precision."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from methods import METHODS
+from signorini_coulomb import inequalities
+
+Array = NDArray[np.float64]
+# As for a reduced problem, where the same judge finds at most ten times the tolerance;
+# v from K itself and v by way of W differ by the condition of S, below 1e4, times ε.
+FACTOR = 30.0
+
+
+class Given(NamedTuple):
+    K: Array
+    B: Array
+    gap: Array
+    mu: Array
+    fixed: NDArray[np.int64]
+    loads: Array
+    prescribed: Array
+
+
+def random_path(seed: int) -> Given:
+    """A held body, contacts on degrees of freedom of their own or shared."""
+    rng = np.random.default_rng(seed)
+    d, contacts = int(rng.integers(2, 4)), int(rng.integers(1, 6))
+    n = int(rng.integers(d + 2, 16))
+    root = rng.normal(size=(n, n)) / np.sqrt(n)
+    K = root @ root.T + 10 ** rng.uniform(-3, 0) * np.eye(n)
+    B = np.zeros((d * contacts, n))
+    if seed % 2:
+        for i in range(contacts):
+            basis, _ = np.linalg.qr(rng.normal(size=(d, d)))
+            B[d * i : d * i + d, rng.choice(n, d, replace=False)] = basis
+    else:
+        B[:] = rng.normal(size=B.shape) * (rng.random(B.shape) < 0.5)
+    fixed = rng.choice(n, int(rng.integers(0, 3)), replace=False)
+    steps = int(rng.integers(1, 5))
+    return Given(
+        (K + K.T) / 2,
+        B,
+        rng.uniform(-0.1, 0.3, contacts) * (rng.random(contacts) < 0.7),
+        rng.uniform(0, 0.8, contacts),
+        fixed,
+        rng.normal(size=(steps, n)),
+        0.1 * rng.normal(size=(steps, len(fixed))),
+    )
+
+
+def displacement(given: Given, force: Array, prescribed: Array) -> Array:
+    """u of K u = f at the free degrees of freedom, refined in extended precision."""
+    free = np.setdiff1d(np.arange(len(given.K)), given.fixed)
+    K, u = given.K.astype(np.longdouble), np.zeros(len(given.K), np.longdouble)
+    u[given.fixed] = prescribed
+    for _ in range(4):
+        rest = np.asarray((force - K @ u)[free], float)
+        u[free] += np.linalg.solve(given.K[np.ix_(free, free)], rest)
+    return np.asarray(u)
+
+
+def relative(given: Given, u: Array, before: Array) -> Array:
+    """The normal gap of the total, the slip of the step."""
+    v = (given.B @ u).reshape(len(given.gap), -1)
+    v[:, 1:] = (given.B @ (u - before)).reshape(v.shape)[:, 1:]
+    v[:, 0] += given.gap
+    return np.asarray(v, float)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_steps_of_random_paths(method: str) -> None:
+    judged = 0
+    for seed in range(50):
+        given = random_path(seed)
+        problem = bp.ContactProblem(
+            given.K, given.B, gap=given.gap, mu=given.mu, fixed=given.fixed
+        )
+        result: bp.Result | None
+        try:
+            result = problem.solve(
+                given.loads, given.prescribed, method=method, max_iterations=2000
+            )
+        except bp.BipotError as error:  # too many contacts for what can move
+            result = error.result
+        assert result is not None
+        shape = (len(given.gap), -1)
+        free = np.setdiff1d(np.arange(len(given.K)), given.fixed)
+        W = given.B[:, free] @ np.linalg.solve(
+            given.K[np.ix_(free, free)], given.B[:, free].T
+        )
+        compliance = W.diagonal().reshape(shape).mean(axis=1)
+        before = np.zeros(len(given.K), np.longdouble)
+
+        for k, step in enumerate(result):
+            force = given.B.T @ step.reaction.ravel()
+            u = displacement(given, given.loads[k] + force, given.prescribed[k])
+            unloaded = displacement(given, given.loads[k], given.prescribed[k])
+            missed = inequalities(
+                step.reaction,
+                relative(given, u, before),
+                given.mu,
+                compliance,
+                relative(given, unloaded, before),
+            )
+            assert missed.worst <= FACTOR * step.tolerance, (seed, k, missed)
+            judged += 1
+            before = u
+    # Half of the contacts are more than the body has motions, and contradict some loads.
+    assert judged >= 60
