@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 
 use bipot_rs::error::Error;
 use bipot_rs::law::cone::Status;
-use bipot_rs::problem::compliance::Compliance;
+use bipot_rs::problem::compliance::{Compliance, Part};
 use bipot_rs::problem::reduced::{Reduced, Rigid};
 use bipot_rs::problem::residual::Certificate;
 use bipot_rs::solver::monitor::Progress;
@@ -214,8 +214,11 @@ fn an_asymmetric_compliance_is_solved_as_it_is_given() {
 fn islands_are_solved_as_one_dense_problem_is() {
     let (first, second) = (compliance::<2>(4, 8), compliance::<2>(3, 9));
     let parts = vec![
-        (vec![0, 2, 4, 6], Cow::Borrowed(first.as_slice())),
-        (vec![1, 3, 5], Cow::Borrowed(second.as_slice())),
+        (
+            vec![0, 2, 4, 6],
+            Part::Dense(Cow::Borrowed(first.as_slice())),
+        ),
+        (vec![1, 3, 5], Part::Dense(Cow::Borrowed(second.as_slice()))),
     ];
     let islands = Compliance::<2>::new(parts).unwrap();
     let mut case = Case::<2>::held(7, 0.4, 8);
