@@ -19,6 +19,7 @@
 pub mod error;
 pub mod law;
 pub mod linalg;
+mod per_process;
 pub mod problem;
 pub mod solver;
 pub mod stepping;

@@ -6,11 +6,11 @@
 //! the better (`symbolic`).
 
 use std::ptr;
-use std::sync::{Mutex, PoisonError};
 
 use metis_sys as metis;
 
 use crate::error::Error;
+use crate::per_process::PerProcess;
 
 /// A graph in METIS's form: neighbours of vertex `v` are
 /// `neighbours[start[v]..start[v + 1]]`, both directions, no self loops.
@@ -76,7 +76,7 @@ impl Graph {
 
 /// METIS draws from libc's `rand`, one stream for the process: two calls at
 /// once would mix their draws and the same K would give other bits.
-static METIS: Mutex<()> = Mutex::new(());
+static METIS: PerProcess<()> = PerProcess::new();
 
 /// Nested dissection by METIS: `order[new] = old`. `None` when METIS fails or
 /// returns anything but a permutation.
@@ -95,7 +95,7 @@ pub(crate) fn by_metis(graph: &mut Graph) -> Option<Vec<u32>> {
     let mut inverse = vec![0_i32; n];
     let mut options = [0_i32; metis::METIS_NOPTIONS as usize];
     let status = {
-        let _one_at_a_time = METIS.lock().unwrap_or_else(PoisonError::into_inner);
+        let _one_at_a_time = METIS.lock()?;
         // SAFETY: `options` has METIS_NOPTIONS entries; `start` has n + 1
         // increasing entries, the last the length of `neighbours`, whose entries
         // are below n; `weight`, `order` and `inverse` have n entries. METIS

@@ -14,6 +14,7 @@ from rust_source import module, naming_violations, tree_violations, uses
 # From the module that knows nobody to the one that may know all.
 RUST = (
     "error",
+    "per_process",
     "threads",
     "linalg",
     "law",
@@ -63,7 +64,7 @@ RUST_NAMES = {
     "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
 }
 PYTHON = (
-    "_core",
+    "_core interrupts",
     "export",
     "check result",
     "answers errors motion",
@@ -72,7 +73,7 @@ PYTHON = (
     "elasticity analytic",
     "fem __init__",
     "schema",
-    "scene plot",
+    "resume scene plot",
     "job",
     "cli",
     "__main__",
