@@ -1,7 +1,7 @@
 """The command `bipot`: arguments to scene to files.
 
 Exit status: 0 solved, 1 no answer exists, 2 bad input, 3 not converged,
-130 interrupted. Everything heavy is imported by the command that needs it.
+130 interrupted, 143 likewise by SIGTERM. Everything heavy is imported by the command that needs it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import typer
 from typer.exceptions import TyperException
 
+from bipot_rs.interrupts import Interrupts
 from bipot_rs.job import BAD_INPUT, Job, complain
 
 
@@ -22,12 +23,17 @@ class _App(typer.Typer):
 
     def __call__(self, *args: Any, **_: Any) -> Any:
         arguments = [str(a) for a in (args[0] if args else sys.argv[1:])]
-        command = typer.main.get_command(self)
-        try:
-            return command.main(arguments, prog_name="bipot", standalone_mode=False)
-        except TyperException as error:
+        # Called without arguments, the command is all that its process does.
+        with Interrupts(last=not args) as interrupts:
             job = Job(None, as_json="--json" in arguments)
-            return job.end(BAD_INPUT, error.format_message())
+            try:
+                return typer.main.get_command(self).main(
+                    arguments, prog_name="bipot", standalone_mode=False, obj=interrupts
+                )
+            except TyperException as error:
+                return job.end(BAD_INPUT, error.format_message())
+            except (KeyboardInterrupt, typer.Abort):
+                return job.end(interrupts.status, "interrupted")
 
 
 app = _App(
@@ -40,6 +46,7 @@ app = _App(
 
 @app.command()
 def run(
+    context: typer.Context,
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="A shipped name or a TOML file.")
     ],
@@ -62,12 +69,21 @@ def run(
     plot: Annotated[
         bool, typer.Option("--plot", help="Write tractions.png as well.")
     ] = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume", help="Go on from an incomplete result.h5 of this run."
+        ),
+    ] = False,
 ) -> None:
-    """Solve a scene: a table of load steps, result.h5, result.pvd for ParaView."""
-    job = Job(scene, as_json=json)
+    """Solve a scene: a table of load steps, result.h5, result.pvd for ParaView.
+
+    Ctrl-C ends it with the load steps that are complete.
+    """
+    job = Job(scene, as_json=json, interrupts=context.obj)
     folder = Path("out") / Path(scene).stem if out is None else out
     try:
-        status = job.run(settings or [], folder, method, tol, plot=plot)
+        status = job.run(settings or [], folder, method, tol, plot=plot, resume=resume)
     except BrokenPipeError:
         # The reader has gone (`| head`). What is still buffered has no place to go,
         # and typer would leave with 1, which says that no answer exists.
