@@ -12,6 +12,7 @@ discretisation, with a residual that proves it::
 the rest by the functions that need them.
 """
 
+import bipot_rs.early  # noqa: F401
 from bipot_rs.answers import Answers
 from bipot_rs.errors import (
     BipotError,

@@ -15,7 +15,7 @@ import typer
 from typer.exceptions import TyperException
 
 from bipot_rs.interrupts import Interrupts
-from bipot_rs.job import BAD_INPUT, Job, complain
+from bipot_rs.job import BAD_INPUT, INTERRUPTED, Job, complain
 
 
 class _App(typer.Typer):
@@ -26,14 +26,22 @@ class _App(typer.Typer):
         # Called without arguments, the command is all that its process does.
         with Interrupts(last=not args) as interrupts:
             job = Job(None, as_json="--json" in arguments)
+            status: Any = INTERRUPTED
+            if arguments[:1] == ["run"]:
+                # It says itself from where on it can be stopped.
+                interrupts.hold()
             try:
-                return typer.main.get_command(self).main(
+                # Of an interrupt typer makes the status, without a word.
+                status = typer.main.get_command(self).main(
                     arguments, prog_name="bipot", standalone_mode=False, obj=interrupts
                 )
             except TyperException as error:
                 return job.end(BAD_INPUT, error.format_message())
             except (KeyboardInterrupt, typer.Abort):
+                pass
+            if interrupts.came is not None and not interrupts.told:
                 return job.end(interrupts.status, "interrupted")
+            return status
 
 
 app = _App(

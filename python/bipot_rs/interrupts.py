@@ -30,10 +30,13 @@ class Interrupts:
     ----------
     came
         Number of the first signal; ``None`` while there was none.
+    told
+        Whether the command has said how it ended.
     """
 
     def __init__(self, *, last: bool = False) -> None:
         self.came: int | None = None
+        self.told = False
         self._last = last
         self._held = False
         self._owed = False  # noted, or lost on the way, and not yet raised

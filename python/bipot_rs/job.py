@@ -62,9 +62,9 @@ class Job:
 
         A signal stops the work between imports and files; both are gone through.
         """
+        # An import that is torn apart leaves half a module behind.
+        self.interrupts.hold()
         try:
-            # An import that is torn apart leaves half a module behind.
-            self.interrupts.hold()
             from bipot_rs.export import require
             from bipot_rs.resume import earlier, stamps
             from bipot_rs.scene import read
@@ -104,6 +104,7 @@ class Job:
 
     def end(self, code: int, message: str) -> int:
         """Tell the outcome: the last line of --json, or a complaint if there is one."""
+        self.interrupts.told = True
         self.seconds["total"] = perf_counter() - self.started
         if self.as_json:
             model = self.case.model if self.case else None

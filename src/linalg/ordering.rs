@@ -78,6 +78,58 @@ impl Graph {
 /// once would mix their draws and the same K would give other bits.
 static METIS: PerProcess<()> = PerProcess::new();
 
+/// What the linker calls in place of METIS's `gk_sigtrap` and `gk_siguntrap`
+/// (`build.rs`): theirs, with the handlers put back that were there before.
+#[cfg(all(feature = "python", target_os = "linux"))]
+mod handlers {
+    use std::ffi::c_int;
+    use std::mem::MaybeUninit;
+    use std::ptr;
+
+    unsafe extern "C" {
+        fn __real_gk_sigtrap() -> c_int;
+        fn __real_gk_siguntrap() -> c_int;
+    }
+
+    /// Runs `call` and gives these signals the handlers back that they had.
+    fn keeping<const N: usize>(
+        signals: [c_int; N],
+        call: unsafe extern "C" fn() -> c_int,
+    ) -> c_int {
+        let before = signals.map(|signal| {
+            let mut action = MaybeUninit::<libc::sigaction>::uninit();
+            // SAFETY: asks for the action of a signal, into memory for one action,
+            // which is read only where it was written.
+            unsafe {
+                (libc::sigaction(signal, ptr::null(), action.as_mut_ptr()) == 0)
+                    .then(|| action.assume_init())
+            }
+        });
+        // SAFETY: METIS calls these two itself, in pairs, where it now calls us.
+        let done = unsafe { call() };
+        for (signal, action) in signals.into_iter().zip(&before) {
+            if let Some(action) = action {
+                // SAFETY: the action was the one of this signal until a moment ago.
+                unsafe { libc::sigaction(signal, action, ptr::null_mut()) };
+            }
+        }
+        done
+    }
+
+    // METIS keeps SIGABRT, by which it reports that memory has run out.
+    #[unsafe(no_mangle)]
+    extern "C" fn __wrap_gk_sigtrap() -> c_int {
+        keeping([libc::SIGTERM], __real_gk_sigtrap)
+    }
+
+    // It restores both by `signal`, which forgets the flags of a handler: of
+    // SIGABRT METIS's own is in place here, so that one it may restore.
+    #[unsafe(no_mangle)]
+    extern "C" fn __wrap_gk_siguntrap() -> c_int {
+        keeping([libc::SIGTERM], __real_gk_siguntrap)
+    }
+}
+
 /// Nested dissection by METIS: `order[new] = old`. `None` when METIS fails or
 /// returns anything but a permutation.
 pub(crate) fn by_metis(graph: &mut Graph) -> Option<Vec<u32>> {

@@ -64,7 +64,7 @@ RUST_NAMES = {
     "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
 }
 PYTHON = (
-    "_core interrupts",
+    "_core early interrupts",
     "export",
     "check result",
     "answers errors motion",
