@@ -13,7 +13,7 @@ use crate::per_process::PerProcess;
 
 /// More than any machine has cores: a slip of the keyboard that would fill the
 /// memory with stacks before the system refuses.
-pub const MOST: usize = 4096;
+pub const MOST: usize = 1024;
 
 struct Entry {
     threads: usize,
