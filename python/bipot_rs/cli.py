@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -92,11 +93,15 @@ def run(
     folder = Path("out") / Path(scene).stem if out is None else out
     try:
         status = job.run(settings or [], folder, method, tol, plot=plot, resume=resume)
-    except BrokenPipeError:
-        # The reader has gone (`| head`). What is still buffered has no place to go,
-        # and typer would leave with 1, which says that no answer exists.
+    except OSError as error:
+        # The reader has gone (`| head`), or the disk behind `> file` is full. What is
+        # still buffered has no place to go, and typer would leave with 1, which says
+        # that no answer exists.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = BAD_INPUT
+        if not isinstance(error, BrokenPipeError):
+            with suppress(OSError):
+                complain(f"cannot write to standard output: {error}")
     raise typer.Exit(status)
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import csv
+import fcntl
 import json
+import os
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TextIO
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
 
 SOLVED, NO_ANSWER, BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 1, 2, 3, 130
 RESULT = "result.h5"
+_DRAFT = ".bipot-"
 _NAMES = (RESULT, "result.pvd", "steps.csv", "tractions.png")
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
 
@@ -443,14 +447,40 @@ def _draft(folder: Path) -> Iterator[Path]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        _clear(folder)
         for path in map(folder.joinpath, _NAMES):
             if path.is_dir():
                 raise IsADirectoryError(f"{path} is a folder")
-        draft = tempfile.TemporaryDirectory(prefix=".bipot-", dir=folder)
+        draft = tempfile.TemporaryDirectory(prefix=_DRAFT, dir=folder)
     except OSError as error:
         raise OSError(f"cannot write to the folder {folder}: {error}") from error
-    with draft as name:
+    # Held as long as this process lives: another run knows by it that it does.
+    with draft as name, _locked(Path(name)):
         yield Path(name)
+
+
+@contextmanager
+def _locked(draft: Path) -> Iterator[bool]:
+    """Whether the draft could be locked; nobody else locks it meanwhile."""
+    handle = os.open(draft, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            # Someone holds it, or the file system knows no locks.
+            yield False
+        else:
+            yield True
+    finally:
+        os.close(handle)
+
+
+def _clear(folder: Path) -> None:
+    """Remove what killed runs were preparing."""
+    for draft in folder.glob(f"{_DRAFT}*"):
+        with suppress(OSError), _locked(draft) as abandoned:
+            if abandoned:
+                shutil.rmtree(draft)
 
 
 def _replace(draft: Path, folder: Path) -> None:
