@@ -6,6 +6,8 @@ scene's own ``mesh.n``: ``"n"``, ``"n/2"``, ``"6*n"``, ``"0.5/n"``.
 
 from __future__ import annotations
 
+import math
+import os
 import re
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
@@ -18,6 +20,8 @@ from bipot_rs.fem import FACES
 
 Floats = NDArray[np.float64]
 AXES = ("x", "y", "z")
+# Cells along an axis, and load steps: more are a slip of the pen.
+MOST = 1_000_000
 _DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
 
@@ -64,7 +68,7 @@ class Units(_Table):
 class Mesh(_Table):
     """Resolution, the one number that a study of convergence changes."""
 
-    n: Annotated[int, Field(gt=0)]
+    n: Annotated[int, Field(gt=0, le=MOST)]
 
 
 class Elastic(_Table):
@@ -265,7 +269,7 @@ class Amplitude(_Table):
 class LoadPath(_Table):
     """Load steps, from the unloaded state; each is one implicit increment."""
 
-    steps: Annotated[int, Field(gt=0)] | None = None
+    steps: Annotated[int, Field(gt=0, le=MOST)] | None = None
     parameter: str | None = None
     amplitude: dict[str, Annotated[Amplitude, _wrap("table")]] = Field(
         default_factory=dict
@@ -330,11 +334,15 @@ def inconsistencies(scene: Scene) -> list[str]:
         if (block.z is None) != (block.dim == 2):
             needs = "takes no z" if block.dim == 2 else "needs z"
             found.append(f"body.{name}: a {block.cell} {needs}")
+        sides = []
         for letter, axis in zip(AXES, (block.x, block.y, block.z), strict=True):
             try:
-                _ = axis and axis.grid(n)
+                if axis is not None:
+                    sides.append(len(axis.grid(n)))
             except ValueError as error:
                 found.append(f"body.{name}.{letter}: {error}")
+        if len(sides) == block.dim:
+            found += _too_large(name, math.prod(sides), block.dim, scene.path.count())
 
     def surface(path: str, on: str) -> None:
         body, dot, face = on.partition(".")
@@ -377,6 +385,24 @@ def inconsistencies(scene: Scene) -> list[str]:
     return found + _path_inconsistencies(scene)
 
 
+def _too_large(name: str, nodes: int, dim: int, steps: int) -> Iterator[str]:
+    """What no machine of this memory can hold, found before it is asked for."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    # Nodes of the cells around a node, a number and a column index for each component.
+    stiffness = nodes * dim * 3**dim * dim * 12
+    if stiffness > memory:
+        yield (
+            f"body.{name}: {nodes} nodes, whose stiffness alone takes {stiffness} bytes "
+            f"of the {memory} of this machine"
+        )
+    elif 2 * 8 * nodes * dim * steps > memory:
+        yield (
+            f"path: {steps} load steps of {nodes} nodes of body {name!r}, whose loads and "
+            f"displacements take {2 * 8 * nodes * dim * steps} bytes of the {memory} of "
+            "this machine"
+        )
+
+
 def _path_inconsistencies(scene: Scene) -> list[str]:
     found, path = [], scene.path
     used = {path.parameter}
@@ -414,10 +440,15 @@ def _of_n(expression: str, n: int | None) -> float:
         raise ValueError(f"{expression} needs mesh.n, which is missing")
     if match["over"]:
         return float(match["over"]) / n
-    return float(match["factor"] or 1) * n / float(match["divisor"] or 1)
+    divisor = float(match["divisor"] or 1)
+    if divisor == 0:
+        raise ValueError(f"{expression} divides by zero")
+    return float(match["factor"] or 1) * n / divisor
 
 
 def _whole(value: float, what: str, n: int | None) -> int:
+    if not value <= MOST:
+        raise ValueError(f"{what} gives {value:g} cells, more than {MOST}")
     count = round(value)
     # Quotients of decimal lengths are whole to rounding only.
     if count < 1 or abs(value - count) > 1e-9 * count:
@@ -432,8 +463,10 @@ def _grow(start: float, end: float, cell: float, ratio: float) -> list[float]:
     The last point is clipped to ``end``; where that leaves a last cell shorter
     than half of the one before, the two become one.
     """
-    points = [start]
+    points, first = [start], abs(cell)
     while (end - points[-1]) * cell > 0:
+        if len(points) > MOST:
+            raise ValueError(f"cells from {first:g} on are more than {MOST}")
         points.append(points[-1] + cell)
         cell *= ratio
     if len(points) > 1:
