@@ -22,6 +22,9 @@ Floats = NDArray[np.float64]
 AXES = ("x", "y", "z")
 # Cells along an axis, and load steps: more are a slip of the pen.
 MOST = 1_000_000
+# Lengths, moduli and forces beyond this, or below its inverse, overflow when a few of
+# them are multiplied; in no system of units are there such.
+LARGEST = 1e60
 _DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
 
@@ -100,13 +103,18 @@ class Axis(_Table):
 
     def grid(self, n: int | None) -> Floats:
         """Ascending grid points; `ValueError` says what does not fit."""
+        grid = self._points(n)
+        if len(grid) < 2 or not np.all(np.diff(grid) > 0):
+            raise ValueError(
+                "points should ascend, and no two may be one after rounding"
+            )
+        return grid
+
+    def _points(self, n: int | None) -> Floats:
         if self.points is not None:
             if self.model_fields_set != {"points"}:
                 raise ValueError("points stand alone, without other keys")
-            grid = np.array(self.points)
-            if not np.all(np.diff(grid) > 0):
-                raise ValueError("points should ascend")
-            return grid
+            return np.array(self.points)
         if self.start is None or self.end is None or self.start == self.end:
             raise ValueError("needs from and to, different, or points")
         if (self.cells is None) == (self.cell is None):
@@ -320,7 +328,9 @@ class Scene(_Table):
 
 def inconsistencies(scene: Scene) -> list[str]:
     """List what no table shows by itself: names, dimensions, grids, lengths."""
-    found: list[str] = []
+    found = list(_out_of_range(scene.model_dump(by_alias=True, exclude={"solver"})))
+    if found:
+        return found
     n = scene.mesh.n if scene.mesh else None
     dims = {name: block.dim for name, block in scene.body.items()}
     if len(set(dims.values())) > 1:
@@ -383,6 +393,23 @@ def inconsistencies(scene: Scene) -> list[str]:
         if contact.clearance.radius == 0:
             found.append(f"contact.{i}.clearance.radius: should not be zero")
     return found + _path_inconsistencies(scene)
+
+
+def _out_of_range(value: Any, path: str = "") -> Iterator[str]:
+    """Numbers that arithmetic cannot be trusted with."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _out_of_range(inner, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list):
+        for k, inner in enumerate(value):
+            yield from _out_of_range(inner, f"{path}.{k}")
+    elif isinstance(value, float) and not (
+        value == 0 or 1 / LARGEST <= abs(value) <= LARGEST
+    ):
+        yield (
+            f"{path}: is {value:g}, expected zero or a size from {1 / LARGEST:g} "
+            f"to {LARGEST:g}"
+        )
 
 
 def _too_large(name: str, nodes: int, dim: int, steps: int) -> Iterator[str]:
