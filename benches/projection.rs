@@ -31,7 +31,7 @@ fn of_dimension<const D: usize>(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group(format!("project {D}D"));
     group.throughput(Throughput::Elements(NODES as u64));
     group.sample_size(20);
-    for count in [1, threads::count(None)] {
+    for count in [1, threads::count(None).unwrap_or(1)] {
         let Ok(pool) = threads::pool(count) else {
             continue;
         };

@@ -96,7 +96,7 @@ fn product(criterion: &mut Criterion) {
         let compliance = Compliance::<3>::from_dense(q.len(), Cow::Borrowed(&w)).unwrap();
         let mut v = q.clone();
         group.throughput(Throughput::Bytes(8 * w.len() as u64));
-        for count in [1, threads::count(None)] {
+        for count in [1, threads::count(None).unwrap()] {
             let pool = threads::pool(count).unwrap();
             let name = BenchmarkId::new(format!("{count} threads"), q.len());
             group.bench_function(name, |bencher| {

@@ -118,6 +118,13 @@ pub enum Error {
         bytes: u128,
         available: u128,
     },
+    /// A number of threads that is none, or out of all proportion.
+    #[error("{what} is {found:?}, expected a whole number from 1 to {most}")]
+    ThreadCount {
+        what: &'static str,
+        found: String,
+        most: usize,
+    },
     /// The threads could not be started.
     #[error("the thread pool of {threads} threads could not be started")]
     Threads { threads: usize },

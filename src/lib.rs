@@ -20,6 +20,7 @@ pub mod error;
 pub mod law;
 pub mod linalg;
 pub mod panics;
+mod per_process;
 pub mod problem;
 pub mod solver;
 pub mod stepping;

@@ -1,65 +1,68 @@
 //! Our own pool of threads, one a process and a size.
 //!
 //! Rayon's global pool hangs for ever in a forked child: its workers exist only
-//! in the parent. Pools are therefore kept by process id; an inherited one is
-//! leaked, because dropping it would wait for threads that are not there.
+//! in the parent. Pools are therefore kept by process; an inherited one is
+//! never dropped, because that would wait for threads that are not there.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::error::Error;
+use crate::per_process::PerProcess;
+
+/// More than any machine has cores: a slip of the keyboard that would fill the
+/// memory with stacks before the system refuses.
+pub const MOST: usize = 1024;
 
 struct Entry {
-    process: u32,
     threads: usize,
     pool: Arc<ThreadPool>,
 }
 
-static POOLS: Mutex<Vec<Entry>> = Mutex::new(Vec::new());
+static POOLS: PerProcess<Entry> = PerProcess::new();
 
 /// The number of threads to use: `asked`, else `BIPOT_NUM_THREADS`, else
 /// `RAYON_NUM_THREADS`, else the cores this process may run on.
-#[must_use]
-pub fn count(asked: Option<usize>) -> usize {
-    let positive = |n: &usize| *n > 0;
-    let from = |name: &str| {
-        std::env::var(name)
-            .ok()
-            .and_then(|text| text.trim().parse().ok())
-            .filter(positive)
-    };
-    asked
-        .filter(positive)
-        .or_else(|| from("BIPOT_NUM_THREADS"))
-        .or_else(|| from("RAYON_NUM_THREADS"))
-        .or_else(|| std::thread::available_parallelism().ok().map(Into::into))
-        .unwrap_or(1)
+///
+/// An empty variable counts as missing, and so does 0 in `RAYON_NUM_THREADS`,
+/// which is how rayon spells its default.
+///
+/// # Errors
+/// [`Error::ThreadCount`] for what is not a number from 1 to [`MOST`].
+pub fn count(asked: Option<usize>) -> Result<usize, Error> {
+    if let Some(number) = asked {
+        return within("num_threads", &number.to_string());
+    }
+    for (name, default) in [("BIPOT_NUM_THREADS", ""), ("RAYON_NUM_THREADS", "0")] {
+        if let Some(text) = std::env::var_os(name) {
+            let text = text.to_string_lossy();
+            let text = text.trim();
+            if !text.is_empty() && text != default {
+                return within(name, text);
+            }
+        }
+    }
+    Ok(std::thread::available_parallelism().map_or(1, Into::into))
 }
 
-/// More threads than any machine is good for; asked for many more, the operating
-/// system starts tens of thousands before it refuses.
-const MOST: usize = 1024;
+fn within(what: &'static str, text: &str) -> Result<usize, Error> {
+    text.parse()
+        .ok()
+        .filter(|number| (1..=MOST).contains(number))
+        .ok_or_else(|| Error::ThreadCount {
+            what,
+            found: text.to_owned(),
+            most: MOST,
+        })
+}
 
 /// The pool of this process with `threads` workers, built at first use.
 ///
 /// # Errors
-/// [`Error::Setting`] for more threads than 1024, [`Error::Threads`] when the operating
-/// system gives none.
+/// [`Error::Threads`] when the operating system gives no threads.
 pub fn pool(threads: usize) -> Result<Arc<ThreadPool>, Error> {
-    if threads > MOST {
-        #[expect(clippy::cast_precision_loss, reason = "for a message")]
-        return Err(Error::Setting {
-            what: "num_threads",
-            found: threads as f64,
-            expected: "1 to 1024",
-        });
-    }
-    let process = std::process::id();
-    let mut pools = POOLS.lock().unwrap_or_else(PoisonError::into_inner);
-    if pools.iter().any(|entry| entry.process != process) {
-        std::mem::forget(std::mem::take(&mut *pools));
-    }
+    let mut pools = POOLS.lock().ok_or(Error::Threads { threads })?;
     if let Some(entry) = pools.iter().find(|entry| entry.threads == threads) {
         return Ok(Arc::clone(&entry.pool));
     }
@@ -70,7 +73,6 @@ pub fn pool(threads: usize) -> Result<Arc<ThreadPool>, Error> {
         .map(Arc::new)
         .map_err(|_| Error::Threads { threads })?;
     pools.push(Entry {
-        process,
         threads,
         pool: Arc::clone(&pool),
     });

@@ -13,6 +13,7 @@ collection. Only NumPy is imported here, SciPy and
 the rest by the functions that need them.
 """
 
+import bipot_rs.early  # noqa: F401
 from bipot_rs import fclib
 from bipot_rs.answers import Answers
 from bipot_rs.errors import (

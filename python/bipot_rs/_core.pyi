@@ -58,6 +58,8 @@ class Condensed:
         self, load: _Floats, prescribed: _Floats
     ) -> tuple[_Floats, _Floats, _Floats]:
         """`q` with the whole gap, the columns of `R` as rows, and `e`."""
+    def make_inverse(self) -> None:
+        """Makes the inverse of `W`, where there is one, before a step asks for it."""
     def displacement(
         self, load: _Floats, prescribed: _Floats, reaction: _Floats, rigid: _Floats
     ) -> _Floats:

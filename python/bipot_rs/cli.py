@@ -1,20 +1,23 @@
 """The command `bipot`: arguments to scene to files.
 
 Exit status: 0 solved, 1 no answer exists, 2 bad input, 3 not converged,
-130 interrupted. Everything heavy is imported by the command that needs it.
+130 interrupted, 143 likewise by SIGTERM. Everything heavy is imported by the command
+that needs it.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.exceptions import TyperException
 
-from bipot_rs.job import BAD_INPUT, Job, complain
+from bipot_rs.interrupts import Interrupts
+from bipot_rs.job import BAD_INPUT, INTERRUPTED, Job, complain
 
 
 class _App(typer.Typer):
@@ -22,14 +25,27 @@ class _App(typer.Typer):
 
     def __call__(self, *args: Any, **_: Any) -> Any:
         arguments = [str(a) for a in (args[0] if args else sys.argv[1:])]
-        command = typer.main.get_command(self)
-        try:
-            return command.main(arguments, prog_name="bipot", standalone_mode=False)
-        except TyperException as error:
+        # Called without arguments, the command is all that its process does.
+        with Interrupts(last=not args) as interrupts:
             # The lines of `fclib` are its files, and there is none to tell of.
             as_json = "--json" in arguments and arguments[0] != "fclib"
             job = Job(None, as_json=as_json)
-            return job.end(BAD_INPUT, error.format_message())
+            status: Any = INTERRUPTED
+            if arguments[:1] == ["run"]:
+                # It says itself from where on it can be stopped.
+                interrupts.hold()
+            try:
+                # Of an interrupt typer makes the status, without a word.
+                status = typer.main.get_command(self).main(
+                    arguments, prog_name="bipot", standalone_mode=False, obj=interrupts
+                )
+            except TyperException as error:
+                return job.end(BAD_INPUT, error.format_message())
+            except (KeyboardInterrupt, typer.Abort):
+                pass
+            if interrupts.came is not None and not interrupts.told:
+                return job.end(interrupts.status, "interrupted")
+            return status
 
 
 app = _App(
@@ -42,6 +58,7 @@ app = _App(
 
 @app.command()
 def run(
+    context: typer.Context,
     scene: Annotated[
         str, typer.Argument(metavar="SCENE", help="A shipped name or a TOML file.")
     ],
@@ -68,14 +85,25 @@ def run(
         bool,
         typer.Option("--fclib", help="Write problem-0000.hdf5, … for other solvers."),
     ] = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume", help="Go on from an incomplete result.h5 of this run."
+        ),
+    ] = False,
 ) -> None:
-    """Solve a scene: a table of load steps, result.h5, result.pvd for ParaView."""
-    job = Job(scene, as_json=json)
+    """Solve a scene: a table of load steps, result.h5, result.pvd for ParaView.
+
+    Ctrl-C ends it with the load steps that are complete.
+    """
+    job = Job(scene, as_json=json, interrupts=context.obj)
     folder = Path("out") / Path(scene).stem if out is None else out
     try:
-        status = job.run(settings or [], folder, method, tol, plot=plot, fclib=export)
-    except BrokenPipeError:
-        status = _reader_gone()
+        status = job.run(
+            settings or [], folder, method, tol, plot=plot, fclib=export, resume=resume
+        )
+    except OSError as error:
+        status = _output_gone(error)
     raise typer.Exit(status)
 
 
@@ -96,15 +124,21 @@ def fclib(
 
     try:
         status = fclib_job.run(files, method, tol, max_seconds, as_json=json)
-    except BrokenPipeError:
-        status = _reader_gone()
+    except OSError as error:
+        status = _output_gone(error)
     raise typer.Exit(status)
 
 
-def _reader_gone() -> int:
-    # The reader has gone (`| head`). What is still buffered has no place to go,
-    # and typer would leave with 1, which says that no answer exists.
+def _output_gone(error: OSError) -> int:
+    """The reader has gone (`| head`), or the disk behind `> file` is full.
+
+    What is still buffered has no place to go, and typer would leave with 1, which says
+    that no answer exists.
+    """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if not isinstance(error, BrokenPipeError):
+        with suppress(OSError):
+            complain(f"cannot write to standard output: {error}")
     return BAD_INPUT
 
 

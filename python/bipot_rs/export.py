@@ -1,16 +1,18 @@
 """Files of results: HDF5 to read back, PVD and VTU for ParaView.
 
 Every file is written aside and renamed when it is complete, so that a full disk
-or a kill leaves the earlier one as it was.
+or a kill leaves the earlier one as it was. Result files end in a checksum of what
+is before it: HDF5 itself reads flipped bits as other numbers.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -20,6 +22,11 @@ FORMAT = "bipot-result"
 VERSION = 1
 # Numbers of a step that are datasets, so that they can be read as columns.
 _SCALAR_DATASETS = ("residual", "load")
+# The last line of a file; HDF5 does not look behind its own end.
+_SEAL = b"\nbipot-seal "
+_SEAL_BYTES = len(_SEAL) + 2 * 16 + 1
+# Deflate packs no tighter than 1032 to 1: an array that claims more is damaged.
+_TIGHTEST = 1100
 
 
 def require() -> None:
@@ -62,23 +69,34 @@ def write_result(
     import h5py
 
     digits = max(4, len(str(max(len(steps) - 1, 0))))
-    with _aside(path) as draft, h5py.File(draft, "w") as file:
-        file.attrs.update(dict(attributes or {}))
-        file.attrs.update(format=FORMAT, version=VERSION, complete=bool(complete))
-        group = file.create_group("contacts")
-        for name, array in contacts.items():
-            if array is not None:
-                group[name] = array
-        group = file.create_group("steps")
-        for number, step in enumerate(steps):
-            one = group.create_group(f"{number:0{digits}d}")
-            for name, value in step.items():
-                if value is None:
-                    continue
-                if np.ndim(value) > 0 or name in _SCALAR_DATASETS:
-                    one[name] = value
-                else:
-                    one.attrs[name] = value
+    # HDF5 writes through Python's file: with one of its own, a full disk leaves it
+    # unable to close what it cannot write, and it brings the process down.
+    with _aside(path) as draft, draft.open("w+b") as raw:
+        with h5py.File(raw, "w") as file:
+            file.attrs.update(dict(attributes or {}))
+            file.attrs.update(format=FORMAT, version=VERSION, complete=bool(complete))
+            file.attrs["sealed"] = True
+            group = file.create_group("contacts")
+            for name, array in contacts.items():
+                if array is not None:
+                    group[name] = array
+            group = file.create_group("steps")
+            for number, step in enumerate(steps):
+                one = group.create_group(f"{number:0{digits}d}")
+                for name, value in step.items():
+                    if value is None:
+                        continue
+                    if np.ndim(value) > 0 or name in _SCALAR_DATASETS:
+                        one[name] = value
+                    else:
+                        one.attrs[name] = value
+        size = raw.seek(0, os.SEEK_END)
+        seal = _SEAL + _digest(raw, size) + b"\n"
+        raw.seek(size)
+        raw.write(seal)
+        raw.flush()
+        # Some file systems find out that they are full when the data leaves memory.
+        os.fsync(raw.fileno())
 
 
 def read_result(
@@ -94,28 +112,44 @@ def read_result(
 
     Raises
     ------
+    OSError
+        The file cannot be read.
     ValueError
-        The file is not a result, or of a later version of the format.
+        The file is not a result, damaged, or of a later version of the format.
     """
     import h5py
 
-    with h5py.File(place(path), "r") as file:
-        attributes = {name: _plain(value) for name, value in file.attrs.items()}
-        if attributes.pop("format", None) != FORMAT:
-            raise ValueError(f"{path} is not a result: its format is not {FORMAT!r}")
-        if attributes.get("version") != VERSION:
-            raise ValueError(
-                f"{path} has version {attributes.get('version')} of the format, "
-                f"expected {VERSION}"
-            )
-        contacts = {name: data[()] for name, data in file["contacts"].items()}
-        steps = []
-        # By number: as text, step 10000 would come before step 9999.
-        for name in sorted(file["steps"], key=int):
-            group = file["steps"][name]
-            step = {key: _plain(data[()]) for key, data in group.items()}
-            step.update({key: _plain(value) for key, value in group.attrs.items()})
-            steps.append(step)
+    source = place(path)
+    if source.exists() and not source.is_file():
+        raise OSError(f"{path} is not a file")
+    sealed = _sealed(source)
+    try:
+        with h5py.File(source, "r") as file:
+            attributes = {name: _plain(value) for name, value in file.attrs.items()}
+            if attributes.pop("format", None) != FORMAT:
+                raise ValueError(f"its format is not {FORMAT!r}")
+            if attributes.get("version") != VERSION:
+                raise ValueError(
+                    f"it has version {attributes.get('version')} of the format, "
+                    f"expected {VERSION}"
+                )
+            if attributes.pop("sealed", False) and not sealed:
+                raise ValueError("its end is missing")
+            limit = _TIGHTEST * source.stat().st_size
+            contacts = _arrays(file["contacts"], limit)
+            steps = []
+            # By number: as text, step 10000 would come before step 9999.
+            for name in sorted(file["steps"], key=int):
+                group = file["steps"][name]
+                step = {k: _plain(data) for k, data in _arrays(group, limit).items()}
+                step.update({key: _plain(value) for key, value in group.attrs.items()})
+                steps.append(step)
+    except OSError as error:
+        raise OSError(f"{path} cannot be read: {_sentence(error)}") from None
+    except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+        raise ValueError(
+            f"{path} is not a result that can be read: {_sentence(error)}"
+        ) from None
     return contacts, steps, attributes
 
 
@@ -201,6 +235,50 @@ def _three(array: NDArray[Any]) -> NDArray[Any]:
     if array.ndim == 2 and array.shape[1] == 2:
         return np.column_stack([array, np.zeros(len(array), array.dtype)])
     return np.ascontiguousarray(array)
+
+
+def _digest(file: BinaryIO, size: int) -> bytes:
+    """Checksum of the first ``size`` bytes, as text."""
+    file.seek(0)
+    digest = hashlib.blake2b(digest_size=16)
+    while size > 0 and (part := file.read(min(size, 2**20))):
+        digest.update(part)
+        size -= len(part)
+    return digest.hexdigest().encode()
+
+
+def _sealed(path: Path) -> bool:
+    """Whether the file ends in a checksum, and in the right one."""
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END) - _SEAL_BYTES
+        if size < 0:
+            return False
+        file.seek(size)
+        seal = file.read(_SEAL_BYTES)
+        if not seal.startswith(_SEAL):
+            return False
+        if seal != _SEAL + _digest(file, size) + b"\n":
+            raise ValueError(f"{path} is damaged: its checksum is another")
+    return True
+
+
+def _arrays(group: Any, limit: int) -> dict[str, NDArray[Any]]:
+    """Datasets of a group, none larger than ``limit`` bytes."""
+    found = {}
+    for name, data in group.items():
+        if data.nbytes > limit:
+            raise ValueError(
+                f"{data.name} claims {data.nbytes} bytes, more than a file of "
+                f"{limit // _TIGHTEST} bytes can hold"
+            )
+        found[name] = data[()]
+    return found
+
+
+def _sentence(error: Exception) -> str:
+    """What HDF5 says over several lines, in one."""
+    said = error.args[0] if error.args else error
+    return " ".join(str(said).split()) or type(error).__name__
 
 
 def _plain(value: Any) -> Any:

@@ -3,31 +3,46 @@
 from __future__ import annotations
 
 import csv
+import fcntl
 import json
+import os
+import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TextIO
 
+from bipot_rs.interrupts import Interrupts
+
 if TYPE_CHECKING:
     from bipot_rs.problem import ContactProblem
-    from bipot_rs.result import Step
+    from bipot_rs.result import Result, Step
     from bipot_rs.scene import Case
     from bipot_rs.schema import Scene
 
 SOLVED, NO_ANSWER, BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 1, 2, 3, 130
+RESULT = "result.h5"
+_DRAFT = ".bipot-"
+_NAMES = (RESULT, "result.pvd", "steps.csv", "tractions.png")
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
 
 
 class Job:
     """One run: its clock, what it has reached, and what it tells."""
 
-    def __init__(self, name: str | None, *, as_json: bool) -> None:
+    def __init__(
+        self,
+        name: str | None,
+        *,
+        as_json: bool,
+        interrupts: Interrupts | None = None,
+    ) -> None:
         self.name = name
         self.as_json = as_json
+        self.interrupts = Interrupts() if interrupts is None else interrupts
         self.started = perf_counter()
         self.seconds = dict.fromkeys(PHASES, 0.0)
         self.scene: Scene | None = None
@@ -36,6 +51,8 @@ class Job:
         # Load steps reached: what is told of each, and the step. Pairs, so that an
         # interrupt between the two cannot tear them apart.
         self.reached: list[tuple[dict[str, Any], Step]] = []
+        # How many of them an earlier run left.
+        self.resumed = 0
 
     def run(
         self,
@@ -46,35 +63,55 @@ class Job:
         *,
         plot: bool,
         fclib: bool = False,
+        resume: bool = False,
     ) -> int:
-        """Go from the scene to the files; returns the exit status."""
+        """Go from the scene to the files; returns the exit status.
+
+        A signal stops the work between imports and files; both are gone through.
+        """
+        # An import that is torn apart leaves half a module behind.
+        self.interrupts.hold()
         try:
             from bipot_rs.export import require
+            from bipot_rs.resume import earlier, stamps
             from bipot_rs.scene import read
 
             require()
-            self.scene = read(self.name or "", settings)
+            self.scene = scene = read(self.name or "", settings)
+            method = scene.solver.method if method is None else method
+            tol = scene.solver.tol if tol is None else tol
+            stamp = stamps(scene, method, tol)
+            done = None
+            if resume:
+                done = earlier(folder / RESULT, stamp, scene.path.count())
+                if done.success:
+                    return self._complete_already(folder, done)
             with _draft(folder) as draft:
-                code, message = self._attempt(self.scene, method, tol)
-                if self.case is not None:
-                    self._write(
-                        self.case, draft, message, complete=code == SOLVED, plot=plot
-                    )
-                    if fclib:
-                        self._write_problems(draft, message)
-                    _replace(draft, folder)
-                    if code != SOLVED:
-                        message += f" (load steps in {folder}: {len(self.reached)})"
+                code, message = self._attempt(scene, method, tol, folder, done)
+                code, message = self._keep(
+                    draft, folder, code, message, stamp, plot=plot, fclib=fclib
+                )
         except KeyboardInterrupt:
-            code, message = INTERRUPTED, "interrupted"
+            code, message = self.interrupts.status, "interrupted"
         except (ImportError, ValueError, OSError, MemoryError) as error:
             code, message = BAD_INPUT, str(error) or type(error).__name__
+            if self.interrupts.came is not None:
+                # Libraries turn an interrupt into errors of their own.
+                code, message = self.interrupts.status, "interrupted"
         if code == SOLVED and not self.as_json:
             self._print_table(folder)
         return self.end(code, message)
 
+    def _complete_already(self, folder: Path, done: Result) -> int:
+        self.reached = [({}, step) for step in done]
+        message = f"{folder / RESULT} is complete already, nothing to resume"
+        if not self.as_json:
+            complain(message)
+        return self.end(SOLVED, message)
+
     def end(self, code: int, message: str) -> int:
         """Tell the outcome: the last line of --json, or a complaint if there is one."""
+        self.interrupts.told = True
         self.seconds["total"] = perf_counter() - self.started
         if self.as_json:
             model = self.case.model if self.case else None
@@ -93,94 +130,131 @@ class Job:
         return code
 
     def _attempt(
-        self, scene: Scene, method: str | None, tol: float | None
+        self, scene: Scene, method: str, tol: float, folder: Path, done: Result | None
     ) -> tuple[int, str]:
         """Mesh, assemble, solve; the steps reached stay in `reached`."""
+        try:
+            try:
+                self.interrupts.release()
+                return self._solve(scene, method, tol, folder, done)
+            finally:
+                self.interrupts.hold()
+        except KeyboardInterrupt:
+            return self.interrupts.status, "interrupted"
+
+    def _solve(
+        self, scene: Scene, method: str, tol: float, folder: Path, done: Result | None
+    ) -> tuple[int, str]:
         from bipot_rs.errors import (
             FloatingBodyError,
             NoEquilibriumError,
             NotConvergedError,
         )
+        from bipot_rs.resume import same_contacts
         from bipot_rs.scene import assemble, bodies
 
+        first = 0 if done is None else len(done)
         try:
             with _Progress(scene.path.count(), quiet=self.as_json) as progress:
                 with self._phase("mesh", progress):
                     meshed = bodies(scene)
                 with self._phase("assemble", progress):
-                    self.case = case = assemble(scene, meshed)
+                    case = assemble(scene, meshed)
+                    if done is not None:
+                        same_contacts(folder / RESULT, done, _contacts(case))
+                        self.resumed = first
+                        self.reached = [
+                            (_row(k, float(case.parameter[k]), step), step)
+                            for k, step in enumerate(done)
+                        ]
+                        progress.skip(first)
+                    self.case = case
                 with self._phase("condense", progress):
                     self.problem = problem = case.model.problem()
 
-                def on_step(k: int, step: Step) -> None:
+                def on_step(local: int, step: Step) -> None:
+                    k = first + local
                     row = _row(k, float(case.parameter[k]), step)
                     self.reached.append((row, step))
                     if self.as_json:
                         _line(**row)
                     progress.step(row)
+                    self.interrupts.check()
 
                 with self._phase("solve", progress):
                     problem.solve(
-                        case.load,
-                        case.prescribed,
-                        method=scene.solver.method if method is None else method,
-                        tol=scene.solver.tol if tol is None else tol,
+                        None if case.load is None else case.load[first:],
+                        case.prescribed[first:],
+                        method=method,
+                        tol=tol,
                         max_iterations=scene.solver.max_iterations,
+                        start=done,
                         on_step=on_step,
                     )
         except (NoEquilibriumError, FloatingBodyError) as error:
-            return NO_ANSWER, str(error)
+            return NO_ANSWER, self._of_path(str(error))
         except NotConvergedError as error:
-            return NOT_CONVERGED, str(error)
-        except KeyboardInterrupt:
-            return INTERRUPTED, "interrupted"
+            return NOT_CONVERGED, self._of_path(str(error))
         return SOLVED, "solved"
+
+    def _of_path(self, message: str) -> str:
+        """The message with the step counted from the start of the path."""
+        here = len(self.reached)
+        local = f"step {here - self.resumed}: "
+        rest = message.removeprefix(local)
+        return message if rest == message else f"step {here}: {rest}"
 
     @contextmanager
     def _phase(self, name: str, progress: _Progress | None = None) -> Iterator[None]:
         if progress is not None:
             progress.phase(name)
+            self.interrupts.check()
         start = perf_counter()
         try:
             yield
         finally:
             self.seconds[name] += perf_counter() - start
 
-    def _write(
-        self, case: Case, folder: Path, message: str, *, complete: bool, plot: bool
-    ) -> None:
-        from bipot_rs.export import write_result, write_series
+    def _keep(
+        self,
+        draft: Path,
+        folder: Path,
+        code: int,
+        message: str,
+        stamp: Mapping[str, Any],
+        *,
+        plot: bool,
+        fclib: bool,
+    ) -> tuple[int, str]:
+        """Write what was reached, which decides how the run has ended."""
+        interrupted = code == self.interrupts.status
+        nothing_new = len(self.reached) == self.resumed
+        if interrupted and nothing_new and (folder / RESULT).exists():
+            # Whatever it holds is worth more.
+            return code, f"{message}, {folder / RESULT} is as it was"
+        if self.case is not None:
+            self._write_fields(self.case, draft, plot=plot)
+            if fclib:
+                self._write_problems(draft, message)
+        elif not interrupted:
+            return code, message
+        if code == SOLVED and self.interrupts.came is not None:
+            code, message = self.interrupts.status, "interrupted"
+        self._write_result(draft, message, stamp, complete=code == SOLVED)
+        _replace(draft, folder)
+        if code != SOLVED:
+            message += f" (load steps in {folder}: {len(self.reached)})"
+        return code, message
+
+    def _write_fields(self, case: Case, folder: Path, *, plot: bool) -> None:
+        """What is there to be looked at: the series, the table, the picture."""
+        from bipot_rs.export import write_series
 
         model = case.model
         with self._phase("recover"):
             for _, step in self.reached:
                 _ = step.displacement  # computed here, kept by the step
         with self._phase("write"):
-            # Fields of a step under their own names: `bipot_rs.load` takes them.
-            steps = [
-                {name: getattr(step, name) for name in _FIELDS}
-                | {
-                    "load": row["load"],
-                    "outcome": str(step.outcome),
-                    "displacement": step.displacement,
-                }
-                for row, step in self.reached
-            ]
-            contacts = {
-                "x": model.points,
-                "normal": model.frame[:, 0],
-                "area": model.area,
-                "gap": model.gap,
-                "mu": model.mu,
-                "frame": model.frame,
-            }
-            write_result(
-                folder / "result.h5",
-                contacts,
-                steps,
-                complete=complete,
-                attributes={"scene": self.name or "", "message": message},
-            )
             write_series(
                 folder / "result.pvd",
                 model.nodes,
@@ -194,12 +268,16 @@ class Job:
                 table = csv.DictWriter(file, _COLUMNS)
                 table.writeheader()
                 table.writerows(row for row, _ in self.reached)
-            if plot and steps and self.scene is not None:
+            if plot and self.reached and self.scene is not None:
                 from bipot_rs.plot import tractions
 
                 title, units = self.scene.title, self.scene.units.model_dump()
                 tractions(
-                    folder / "tractions.png", contacts, steps, title=title, units=units
+                    folder / "tractions.png",
+                    _contacts(case),
+                    self._steps(),
+                    title=title,
+                    units=units,
                 )
 
     def _write_problems(self, folder: Path, message: str) -> None:
@@ -226,6 +304,34 @@ class Job:
         }
         with self._phase("write"):
             write_path(folder / "problem", self.problem, result, info=info)
+
+    def _write_result(
+        self, folder: Path, message: str, stamp: Mapping[str, Any], *, complete: bool
+    ) -> None:
+        """What is there to be read back."""
+        from bipot_rs.export import write_result
+
+        with self._phase("write"):
+            write_result(
+                folder / RESULT,
+                {} if self.case is None else _contacts(self.case),
+                self._steps(),
+                complete=complete,
+                attributes={"scene": self.name or "", "message": message, **stamp},
+            )
+
+    def _steps(self) -> list[dict[str, Any]]:
+        """Fields of a step under their own names: `bipot_rs.load` takes them."""
+        return [
+            {name: getattr(step, name) for name in _FIELDS}
+            | {
+                "load": row["load"],
+                "outcome": str(step.outcome),
+                "displacement": step.displacement,
+            }
+            | dict(step.stats)
+            for row, step in self.reached
+        ]
 
     def _print_table(self, folder: Path) -> None:
         from rich.console import Console
@@ -282,6 +388,18 @@ _FIELDS = (
 )
 
 
+def _contacts(case: Case) -> dict[str, Any]:
+    model = case.model
+    return {
+        "x": model.points,
+        "normal": model.frame[:, 0],
+        "area": model.area,
+        "gap": model.gap,
+        "mu": model.mu,
+        "frame": model.frame,
+    }
+
+
 def _row(k: int, parameter: float, step: Step) -> dict[str, Any]:
     """Collect what is told of a load step: a line of --json, of the table, of steps.csv."""
     counts = [int((step.status == status).sum()) for status in (0, 1, 2)]
@@ -336,6 +454,11 @@ class _Progress:
         if self.bar is not None:
             self.bar.update(0, description=name)
 
+    def skip(self, steps: int) -> None:
+        """Begin after load steps that are done already."""
+        if self.bar is not None:
+            self.bar.advance(0, steps)
+
     def step(self, row: dict[str, Any]) -> None:
         """Tell that a load step is done."""
         if self.bar is not None:
@@ -357,11 +480,40 @@ def _draft(folder: Path) -> Iterator[Path]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        draft = tempfile.TemporaryDirectory(prefix=".bipot-", dir=folder)
+        _clear(folder)
+        for path in map(folder.joinpath, _NAMES):
+            if path.is_dir():
+                raise IsADirectoryError(f"{path} is a folder")
+        draft = tempfile.TemporaryDirectory(prefix=_DRAFT, dir=folder)
     except OSError as error:
         raise OSError(f"cannot write to the folder {folder}: {error}") from error
-    with draft as name:
+    # Held as long as this process lives: another run knows by it that it does.
+    with draft as name, _locked(Path(name)):
         yield Path(name)
+
+
+@contextmanager
+def _locked(draft: Path) -> Iterator[bool]:
+    """Whether the draft could be locked; nobody else locks it meanwhile."""
+    handle = os.open(draft, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            # Someone holds it, or the file system knows no locks.
+            yield False
+        else:
+            yield True
+    finally:
+        os.close(handle)
+
+
+def _clear(folder: Path) -> None:
+    """Remove what killed runs were preparing."""
+    for draft in folder.glob(f"{_DRAFT}*"):
+        with suppress(OSError), _locked(draft) as abandoned:
+            if abandoned:
+                shutil.rmtree(draft)
 
 
 def _replace(draft: Path, folder: Path) -> None:
@@ -376,10 +528,9 @@ def _replace(draft: Path, folder: Path) -> None:
 
 def _ours(folder: Path) -> list[Path]:
     """Files that a run writes; whatever else a folder holds is not ours to touch."""
-    named = ("result.h5", "result.pvd", "steps.csv", "tractions.png")
     series = [p for p in folder.glob("result_*.vtu") if p.stem[7:].isdigit()]
     series += [p for p in folder.glob("problem-*.hdf5") if p.stem[8:].isdigit()]
-    return [path for path in map(folder.joinpath, named) if path.exists()] + series
+    return [path for path in map(folder.joinpath, _NAMES) if path.exists()] + series
 
 
 def _line(**values: Any) -> None:

@@ -320,6 +320,9 @@ class ContactProblem:
         path = _core.Path(
             self._core, _start(start, contacts, d, self.stats["rigid_motions"])
         )
+        if before is not None and before.stats.get("bytes_beside_W", 0):
+            # The inverse of W was made in a step before, and counted as its work.
+            self._core.make_inverse()
         steps: list[Step] = []
         seconds = {"condense": self._seconds, "solve": 0.0, "recover": 0.0}
 

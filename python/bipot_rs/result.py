@@ -402,6 +402,7 @@ _NOT_WRITTEN = {"load", "prescribed", "traction", "free_motion", "stats"}
 def _record(step: Step, number: int) -> dict[str, Any]:
     record = {name: getattr(step, name) for name in _written()}
     record["outcome"] = str(step.outcome)
+    record |= step.stats
     record["load"] = float(number + 1)
     record["displacement"] = step._kept.get("u")
     # What has not been asked for is not worth a factorisation.
@@ -425,16 +426,24 @@ def load(path: str | os.PathLike[str]) -> Result:
     OSError
         The file cannot be read.
     ValueError
-        The file is not a result.
+        The file is not a result, or damaged.
     """
     contacts, records, attributes = export.read_result(path)
     area = contacts.get("area")
-    steps = [_from_record(record, area) for record in records]
+    shape = _shape(contacts, records)
+    steps = []
+    for k, record in enumerate(records):
+        try:
+            steps.append(_from_record(record, area, shape))
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise ValueError(
+                f"{path} is not a result that can be read: step {k}: {error}"
+            ) from None
     prefix = "seconds_"
     return Result(
         steps,
         contacts=contacts,
-        shape=steps[0].reaction.shape if steps else (len(contacts["gap"]), 0),
+        shape=shape,
         seconds={
             k[len(prefix) :]: v for k, v in attributes.items() if k.startswith(prefix)
         },
@@ -443,9 +452,58 @@ def load(path: str | os.PathLike[str]) -> Result:
     )
 
 
-def _from_record(record: Mapping[str, Any], area: NDArray[Any] | None) -> Step:
+def _shape(
+    contacts: Mapping[str, NDArray[Any]], records: Sequence[Mapping[str, Any]]
+) -> tuple[int, int]:
+    """``(n_c, d)``; zero for what the file does not tell."""
+    told = records[0].get("reaction") if records else contacts.get("x")
+    if told is not None and np.ndim(told) == 2:
+        return told.shape[0], told.shape[1]
+    return len(contacts.get("gap", ())), 0
+
+
+# What makes a step; the rest has a default.
+_NEEDED = {
+    "reaction",
+    "relative_displacement",
+    "slip",
+    "status",
+    "residual",
+    "tolerance",
+    "iterations",
+    "work",
+    "outcome",
+}
+
+
+def _from_record(
+    record: Mapping[str, Any], area: NDArray[Any] | None, shape: tuple[int, int]
+) -> Step:
+    contacts, d = shape
+    missing = _NEEDED - record.keys()
+    if missing:
+        raise ValueError(f"{', '.join(sorted(missing))} missing")
+    for name, expected in (
+        ("reaction", (contacts, d)),
+        ("relative_displacement", (contacts, d)),
+        ("slip", (contacts, max(d - 1, 0))),
+        ("status", (contacts,)),
+        ("residual", ()),
+        ("tolerance", ()),
+        ("iterations", ()),
+        ("work", ()),
+    ):
+        value = np.asarray(record[name])
+        if value.shape != expected:
+            raise ValueError(f"{name} has shape {value.shape}, expected {expected}")
+        if value.dtype.kind not in "if" or not np.isfinite(value).all():
+            raise ValueError(f"{name} holds something else than finite numbers")
+    status = record["status"]
+    if not np.isin(status, list(Status)).all():
+        raise ValueError("status holds something else than 0, 1 and 2")
     known = {name: record[name] for name in _written() if name in record}
     known["outcome"] = Outcome(known["outcome"])
+    known["stats"] = {k: int(record[k]) for k in ("bytes_beside_W",) if k in record}
     asked: dict[str, Any] = {}
     if "error_estimate" in record:
         estimate = record["error_estimate"]

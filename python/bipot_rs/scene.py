@@ -75,10 +75,10 @@ def text(name: str) -> str:
         There is no such scene and no such file.
     """
     path = _SHIPPED / f"{name}.toml" if name in shipped() else Path(name)
-    if not path.is_file():
-        known = ", ".join(shipped())
-        raise SceneError(name, [f"is neither a file nor one of {known}"])
     try:
+        if not path.is_file():
+            known = ", ".join(shipped())
+            raise SceneError(name, [f"is neither a file nor one of {known}"])
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(name, [f"cannot be read: {error}"]) from error
@@ -105,6 +105,8 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
         table = tomllib.loads(source)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(name, [f"is not TOML: {error}"]) from error
+    except RecursionError:
+        raise SceneError(name, ["is not TOML: it is nested too deeply"]) from None
     problems = [p for p in (_override(table, item) for item in settings) if p]
     try:
         scene = Scene.model_validate(table)
@@ -225,7 +227,7 @@ def _override(table: dict[str, Any], setting: str) -> str | None:
         return f"--set {setting}: should be KEY=VALUE"
     try:
         parsed = tomllib.loads(f"v = {value}")["v"]
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         parsed = value
     at: Any = table
     for depth, part in enumerate(parts):

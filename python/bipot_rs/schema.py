@@ -6,6 +6,8 @@ scene's own ``mesh.n``: ``"n"``, ``"n/2"``, ``"6*n"``, ``"0.5/n"``.
 
 from __future__ import annotations
 
+import math
+import os
 import re
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
@@ -18,6 +20,11 @@ from bipot_rs.fem import FACES
 
 Floats = NDArray[np.float64]
 AXES = ("x", "y", "z")
+# Cells along an axis, and load steps: more are a slip of the pen.
+MOST = 1_000_000
+# Lengths, moduli and forces beyond this, or below its inverse, overflow when a few of
+# them are multiplied; in no system of units are there such.
+LARGEST = 1e60
 _DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
 
@@ -64,7 +71,7 @@ class Units(_Table):
 class Mesh(_Table):
     """Resolution, the one number that a study of convergence changes."""
 
-    n: Annotated[int, Field(gt=0)]
+    n: Annotated[int, Field(gt=0, le=MOST)]
 
 
 class Elastic(_Table):
@@ -96,13 +103,18 @@ class Axis(_Table):
 
     def grid(self, n: int | None) -> Floats:
         """Ascending grid points; `ValueError` says what does not fit."""
+        grid = self._points(n)
+        if len(grid) < 2 or not np.all(np.diff(grid) > 0):
+            raise ValueError(
+                "points should ascend, and no two may be one after rounding"
+            )
+        return grid
+
+    def _points(self, n: int | None) -> Floats:
         if self.points is not None:
             if self.model_fields_set != {"points"}:
                 raise ValueError("points stand alone, without other keys")
-            grid = np.array(self.points)
-            if not np.all(np.diff(grid) > 0):
-                raise ValueError("points should ascend")
-            return grid
+            return np.array(self.points)
         if self.start is None or self.end is None or self.start == self.end:
             raise ValueError("needs from and to, different, or points")
         if (self.cells is None) == (self.cell is None):
@@ -267,7 +279,7 @@ class Amplitude(_Table):
 class LoadPath(_Table):
     """Load steps, from the unloaded state; each is one implicit increment."""
 
-    steps: Annotated[int, Field(gt=0)] | None = None
+    steps: Annotated[int, Field(gt=0, le=MOST)] | None = None
     parameter: str | None = None
     amplitude: dict[str, Annotated[Amplitude, _wrap("table")]] = Field(
         default_factory=dict
@@ -318,7 +330,9 @@ class Scene(_Table):
 
 def inconsistencies(scene: Scene) -> list[str]:
     """List what no table shows by itself: names, dimensions, grids, lengths."""
-    found: list[str] = []
+    found = list(_out_of_range(scene.model_dump(by_alias=True, exclude={"solver"})))
+    if found:
+        return found
     n = scene.mesh.n if scene.mesh else None
     dims = {name: block.dim for name, block in scene.body.items()}
     if len(set(dims.values())) > 1:
@@ -332,11 +346,15 @@ def inconsistencies(scene: Scene) -> list[str]:
         if (block.z is None) != (block.dim == 2):
             needs = "takes no z" if block.dim == 2 else "needs z"
             found.append(f"body.{name}: a {block.cell} {needs}")
+        sides = []
         for letter, axis in zip(AXES, (block.x, block.y, block.z), strict=True):
             try:
-                _ = axis and axis.grid(n)
+                if axis is not None:
+                    sides.append(len(axis.grid(n)))
             except ValueError as error:
                 found.append(f"body.{name}.{letter}: {error}")
+        if len(sides) == block.dim:
+            found += _too_large(name, math.prod(sides), block.dim, scene.path.count())
 
     def surface(path: str, on: str) -> None:
         body, dot, face = on.partition(".")
@@ -379,6 +397,41 @@ def inconsistencies(scene: Scene) -> list[str]:
     return found + _path_inconsistencies(scene)
 
 
+def _out_of_range(value: Any, path: str = "") -> Iterator[str]:
+    """Numbers that arithmetic cannot be trusted with."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _out_of_range(inner, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list):
+        for k, inner in enumerate(value):
+            yield from _out_of_range(inner, f"{path}.{k}")
+    elif isinstance(value, float) and not (
+        value == 0 or 1 / LARGEST <= abs(value) <= LARGEST
+    ):
+        yield (
+            f"{path}: is {value:g}, expected zero or a size from {1 / LARGEST:g} "
+            f"to {LARGEST:g}"
+        )
+
+
+def _too_large(name: str, nodes: int, dim: int, steps: int) -> Iterator[str]:
+    """What no machine of this memory can hold, found before it is asked for."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    # Nodes of the cells around a node, a number and a column index for each component.
+    stiffness = nodes * dim * 3**dim * dim * 12
+    if stiffness > memory:
+        yield (
+            f"body.{name}: {nodes} nodes, whose stiffness alone takes {stiffness} bytes "
+            f"of the {memory} of this machine"
+        )
+    elif 2 * 8 * nodes * dim * steps > memory:
+        yield (
+            f"path: {steps} load steps of {nodes} nodes of body {name!r}, whose loads and "
+            f"displacements take {2 * 8 * nodes * dim * steps} bytes of the {memory} of "
+            "this machine"
+        )
+
+
 def _path_inconsistencies(scene: Scene) -> list[str]:
     found, path = [], scene.path
     used = {path.parameter}
@@ -418,10 +471,15 @@ def _of_n(expression: str, n: int | None) -> float:
         raise ValueError(f"{expression} needs mesh.n, which is missing")
     if match["over"]:
         return float(match["over"]) / n
-    return float(match["factor"] or 1) * n / float(match["divisor"] or 1)
+    divisor = float(match["divisor"] or 1)
+    if divisor == 0:
+        raise ValueError(f"{expression} divides by zero")
+    return float(match["factor"] or 1) * n / divisor
 
 
 def _whole(value: float, what: str, n: int | None) -> int:
+    if not value <= MOST:
+        raise ValueError(f"{what} gives {value:g} cells, more than {MOST}")
     count = round(value)
     # Quotients of decimal lengths are whole to rounding only.
     if count < 1 or abs(value - count) > 1e-9 * count:
@@ -436,8 +494,10 @@ def _grow(start: float, end: float, cell: float, ratio: float) -> list[float]:
     The last point is clipped to ``end``; where that leaves a last cell shorter
     than half of the one before, the two become one.
     """
-    points = [start]
+    points, first = [start], abs(cell)
     while (end - points[-1]) * cell > 0:
+        if len(points) > MOST:
+            raise ValueError(f"cells from {first:g} on are more than {MOST}")
         points.append(points[-1] + cell)
         cell *= ratio
     if len(points) > 1:

@@ -6,11 +6,11 @@
 //! the better (`symbolic`).
 
 use std::ptr;
-use std::sync::{Mutex, PoisonError};
 
 use metis_sys as metis;
 
 use crate::error::Error;
+use crate::per_process::PerProcess;
 
 /// A graph in METIS's form: neighbours of vertex `v` are
 /// `neighbours[start[v]..start[v + 1]]`, both directions, no self loops.
@@ -76,7 +76,59 @@ impl Graph {
 
 /// METIS draws from libc's `rand`, one stream for the process: two calls at
 /// once would mix their draws and the same K would give other bits.
-static METIS: Mutex<()> = Mutex::new(());
+static METIS: PerProcess<()> = PerProcess::new();
+
+/// What the linker calls in place of METIS's `gk_sigtrap` and `gk_siguntrap`
+/// (`build.rs`): theirs, with the handlers put back that were there before.
+#[cfg(all(feature = "python", target_os = "linux"))]
+mod handlers {
+    use std::ffi::c_int;
+    use std::mem::MaybeUninit;
+    use std::ptr;
+
+    unsafe extern "C" {
+        fn __real_gk_sigtrap() -> c_int;
+        fn __real_gk_siguntrap() -> c_int;
+    }
+
+    /// Runs `call` and gives these signals the handlers back that they had.
+    fn keeping<const N: usize>(
+        signals: [c_int; N],
+        call: unsafe extern "C" fn() -> c_int,
+    ) -> c_int {
+        let before = signals.map(|signal| {
+            let mut action = MaybeUninit::<libc::sigaction>::uninit();
+            // SAFETY: asks for the action of a signal, into memory for one action,
+            // which is read only where it was written.
+            unsafe {
+                (libc::sigaction(signal, ptr::null(), action.as_mut_ptr()) == 0)
+                    .then(|| action.assume_init())
+            }
+        });
+        // SAFETY: METIS calls these two itself, in pairs, where it now calls us.
+        let done = unsafe { call() };
+        for (signal, action) in signals.into_iter().zip(&before) {
+            if let Some(action) = action {
+                // SAFETY: the action was the one of this signal until a moment ago.
+                unsafe { libc::sigaction(signal, action, ptr::null_mut()) };
+            }
+        }
+        done
+    }
+
+    // METIS keeps SIGABRT, by which it reports that memory has run out.
+    #[unsafe(no_mangle)]
+    extern "C" fn __wrap_gk_sigtrap() -> c_int {
+        keeping([libc::SIGTERM], __real_gk_sigtrap)
+    }
+
+    // It restores both by `signal`, which forgets the flags of a handler: of
+    // SIGABRT METIS's own is in place here, so that one it may restore.
+    #[unsafe(no_mangle)]
+    extern "C" fn __wrap_gk_siguntrap() -> c_int {
+        keeping([libc::SIGTERM], __real_gk_siguntrap)
+    }
+}
 
 /// Nested dissection by METIS: `order[new] = old`. `None` when METIS fails or
 /// returns anything but a permutation.
@@ -95,7 +147,7 @@ pub(crate) fn by_metis(graph: &mut Graph) -> Option<Vec<u32>> {
     let mut inverse = vec![0_i32; n];
     let mut options = [0_i32; metis::METIS_NOPTIONS as usize];
     let status = {
-        let _one_at_a_time = METIS.lock().unwrap_or_else(PoisonError::into_inner);
+        let _one_at_a_time = METIS.lock()?;
         // SAFETY: `options` has METIS_NOPTIONS entries; `start` has n + 1
         // increasing entries, the last the length of `neighbours`, whose entries
         // are below n; `weight`, `order` and `inverse` have n entries. METIS

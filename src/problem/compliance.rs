@@ -270,6 +270,13 @@ impl<'a, const D: usize> Compliance<'a, D> {
         }
     }
 
+    /// Whether an inverse may be tried: of a symmetric `W`, all of it dense. This does
+    /// not depend on what was solved before.
+    #[must_use]
+    pub fn may_have_inverse(&self) -> bool {
+        self.islands.iter().all(Island::may_have_inverse)
+    }
+
     /// Whether the inverse of `W` is at hand, or known not to be had.
     #[must_use]
     pub fn inverse_known(&self) -> Option<bool> {

@@ -315,11 +315,16 @@ impl<'a, const D: usize> Island<'a, D> {
         }
     }
 
-    /// Whether the inverse is at hand, or known not to be had: that of a sparse
-    /// matrix would be dense.
+    /// Whether an inverse may be tried; that of a sparse matrix would be dense.
+    #[must_use]
+    pub fn may_have_inverse(&self) -> bool {
+        self.blocks().is_none() && self.is_symmetric()
+    }
+
+    /// Whether the inverse is at hand, or known not to be had.
     #[must_use]
     pub fn inverse_known(&self) -> Option<bool> {
-        if !self.is_symmetric() || self.blocks().is_some() {
+        if !self.may_have_inverse() {
             return Some(false);
         }
         self.inverse.get().map(Option::is_some)

@@ -22,6 +22,7 @@ impl From<Error> for PyErr {
             | Error::Friction { .. }
             | Error::Setting { .. }
             | Error::Range { .. }
+            | Error::ThreadCount { .. }
             | Error::Asymmetric { .. }
             | Error::Indefinite { .. } => PyValueError::new_err(text),
             Error::FloatingBody { .. }

@@ -37,7 +37,7 @@ pub(super) fn watch<T: Send>(
     tell: &(dyn Fn(Python<'_>) -> PyResult<()> + Sync),
     work: impl FnOnce(&AtomicBool) -> Result<T, Error> + Send,
 ) -> PyResult<T> {
-    let pool = threads::pool(threads::count(num_threads))?;
+    let pool = threads::pool(threads::count(num_threads)?)?;
     let stop = AtomicBool::new(false);
     let look = |py: Python<'_>| {
         py.check_signals()?;

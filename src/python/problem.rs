@@ -163,6 +163,14 @@ impl Condensed {
         })
     }
 
+    /// Makes the inverse of `W`, where there is one, before a step asks for it.
+    fn make_inverse(&self, py: Python<'_>) -> PyResult<()> {
+        either!(&self.kind, inner => {
+            interrupt::run(py, self.num_threads, |stop| inner.compliance().make_inverse(stop))?
+        });
+        Ok(())
+    }
+
     /// `u` of all degrees of freedom.
     fn displacement<'py>(
         &self,

@@ -53,7 +53,7 @@ fn project_rows<'py, const D: usize>(
     if mu.len() != tau.len() || base.is_some_and(|b| b.len() != tau.len()) {
         return Err(PyValueError::new_err("tau, mu and base differ in length"));
     }
-    let pool = crate::threads::pool(crate::threads::count(None))?;
+    let pool = crate::threads::pool(crate::threads::count(None)?)?;
     let mut out = vec![[0.0; D]; tau.len()];
     let mut status = vec![0_i8; tau.len()];
     let projected = py.detach(|| {

@@ -14,7 +14,7 @@ from rust_source import module, naming_violations, tree_violations, uses
 # From the module that knows nobody to the one that may know all.
 RUST = (
     "error",
-    "panics",
+    "panics per_process",
     "threads",
     "linalg",
     "law",
@@ -66,7 +66,7 @@ RUST_NAMES = {
     "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
 }
 PYTHON = (
-    "_core",
+    "_core early interrupts",
     "export",
     "structure",
     "check result",
@@ -78,7 +78,7 @@ PYTHON = (
     "elasticity analytic",
     "fem __init__",
     "schema",
-    "scene plot",
+    "resume scene plot",
     "job",
     "fclib_job",
     "cli",

@@ -1,0 +1,144 @@
+"""Child processes that run `bipot`, or any code, with a fault at a chosen place."""
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import bipot_rs.cli
+import bipot_rs.resume
+import bipot_rs.scene
+from bipot_rs import export
+
+# Children start with what is loaded here, most of what a run takes.
+export.require()
+
+# The command in a new interpreter, hit where it is about to import a module.
+_AT_IMPORT = """
+import os, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), {number})
+sys.meta_path.insert(0, Finder())
+sys.argv = ["bipot", *sys.argv[1:]]
+from bipot_rs.cli import app
+sys.exit(app())
+"""
+
+
+def forked(
+    work: Callable[[], int | None], *, cwd: Path | None = None, seconds: float = 20
+) -> subprocess.CompletedProcess[str]:
+    """What ``work`` does in a forked child; its exit status, and no traceback.
+
+    A child that takes longer than ``seconds`` is a failure.
+    """
+    with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
+        with warnings.catch_warnings():
+            # That other threads are running is the point of some tests.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            child = os.fork()
+        if child == 0:
+            _become(work, out, err, cwd)
+        deadline = time.monotonic() + seconds
+        while (ended := os.waitpid(child, os.WNOHANG)) == (0, 0):
+            if time.monotonic() > deadline:
+                os.kill(child, signal.SIGKILL)
+                os.waitpid(child, 0)
+                raise AssertionError(f"the child hangs, for {seconds} s by now")
+            time.sleep(0.002)
+        out.seek(0)
+        err.seek(0)
+        status = os.waitstatus_to_exitcode(ended[1])
+        run = subprocess.CompletedProcess("forked", status, out.read(), err.read())
+    assert "Traceback" not in run.stderr, run.stderr
+    return run
+
+
+def _become(work: Callable[[], int | None], out: Any, err: Any, cwd: Any) -> None:
+    """Run ``work`` and end this process, past everything that pytest would do."""
+    status = 1
+    try:
+        os.dup2(out.fileno(), 1)
+        os.dup2(err.fileno(), 2)
+        sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
+        if cwd is not None:
+            os.chdir(cwd)
+        status = work() or 0
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except BaseException:  # noqa: BLE001 — the exception has nowhere else to go
+        import traceback
+
+        traceback.print_exc()
+        sys.stderr.flush()
+    finally:
+        os._exit(status)
+
+
+def bipot_with(
+    fault: Callable[..., object], before: str, *arguments: str, cwd: Path
+) -> subprocess.CompletedProcess[str]:
+    """`bipot` with ``fault`` called before every call of ``module:name``."""
+
+    def work() -> int:
+        module = importlib.import_module(before.partition(":")[0])
+        name = before.partition(":")[2]
+        original = getattr(module, name)
+
+        def faulty(*args: Any, **keywords: Any) -> Any:
+            fault(*args)
+            return original(*args, **keywords)
+
+        setattr(module, name, faulty)
+        sys.argv = ["bipot", *arguments]
+        return int(bipot_rs.cli.app() or 0)
+
+    return forked(work, cwd=cwd, seconds=60)
+
+
+def bipot(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """`bipot` without any fault."""
+    return bipot_with(lambda *_: None, "bipot_rs.scene:read", *arguments, cwd=cwd)
+
+
+def bipot_hit_at_import(
+    number: signal.Signals, module: str, *arguments: str, cwd: Path
+) -> subprocess.CompletedProcess[str]:
+    """`bipot` that gets a signal where it first imports ``module``."""
+    code = _AT_IMPORT.format(module=module, number=int(number))
+    return child(code, *arguments, cwd=cwd)
+
+
+def child(
+    code: str,
+    *arguments: str,
+    cwd: Path,
+    seconds: float = 60,
+    **environment: str,
+) -> subprocess.CompletedProcess[str]:
+    """Python code in a new interpreter, without a traceback on standard error."""
+    run = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=seconds,
+        env=os.environ | environment,
+    )
+    assert "Traceback" not in run.stderr, run.stderr
+    return run
+
+
+def strays(folder: Path) -> list[str]:
+    """What a run prepares its files in, and should have removed."""
+    return [path.name for path in folder.iterdir() if path.name.startswith(".")]

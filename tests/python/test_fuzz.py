@@ -1,0 +1,226 @@
+"""Readers under altered scenes and damaged files: a sentence, or what was meant."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import bipot_rs as bp
+from bars import bar_problem, pulled
+from bipot_rs.scene import SceneError, assemble, bodies, read, shipped, text
+from children import bipot
+from fuzzing import altered, document, survives_damage
+
+# Small enough to be solved some hundred times.
+SMALL = {"pressed_block": 4, "cattaneo_mindlin": 10, "two_blocks": 4}
+
+
+def small(name: str) -> dict[str, Any]:
+    table = tomllib.loads(text(name))
+    table["mesh"]["n"] = SMALL.get(name, 2)
+    return table
+
+
+def in_one_line(error: Exception, fate: str) -> str:
+    assert re.fullmatch(".+", str(error)), str(error)
+    return fate
+
+
+def check_scene(path: Path, table: dict[str, Any]) -> str:
+    """What becomes of a scene: ``refused``, ``no answer`` or ``solved``."""
+    path.write_text(document(table), encoding="utf-8")
+    try:
+        scene = read(str(path))
+    except SceneError as error:
+        for problem in error.problems:
+            # The path of a key comes first.
+            assert re.match(r"[\w.\U0001f980]+: .|is not TOML: ", problem), problem
+            assert "\n" not in problem
+        return "refused"
+    try:
+        case = assemble(scene, bodies(scene))
+    except SceneError as error:
+        return in_one_line(error, "refused")
+    if len(case.parameter) > 50 or case.model.n > 8000:
+        return "large"
+    try:
+        problem = case.model.problem()
+        result = problem.solve(
+            case.load,
+            case.prescribed,
+            method=scene.solver.method,
+            tol=scene.solver.tol,
+            max_iterations=2000,
+        )
+    except (ValueError, bp.BipotError) as error:
+        return in_one_line(error, "no answer")
+    assert np.isfinite(result.reaction).all()
+    assert np.isfinite(result.displacement).all()
+    assert (result.residual <= [step.tolerance for step in result]).all()
+    return "solved"
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("name", shipped())
+def test_altered_scenes(name: str, tmp_path: Path) -> None:
+    @settings(
+        max_examples=60,
+        suppress_health_check=[HealthCheck.too_slow],
+        derandomize=True,
+    )
+    @given(st.data())
+    def one(data: Any) -> None:
+        table = small(name)
+        for _ in range(data.draw(st.integers(1, 2))):
+            altered(data.draw, table)
+        check_scene(tmp_path / "scene.toml", table)
+
+    assert check_scene(tmp_path / "scene.toml", small(name)) == "solved"
+    one()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["mesh.n=1000000000"], "mesh.n: should be less than or equal to 1000000"),
+        (["mesh.n=100000"], "body.cube: 1000030000300001 nodes, whose stiffness alone"),
+        (["mesh.n=-3"], "mesh.n: should be greater than 0"),
+        (["mesh.n=nan"], "mesh.n: should be a valid integer"),
+        (["path.steps=1000000000"], "path.steps: should be less than or equal"),
+        (
+            ["path.steps=1000000", "mesh.n=40"],
+            "path: 1000000 load steps of 68921 nodes",
+        ),
+        (["body.cube.x.cells='n/0'"], "body.cube.x: n/0 divides by zero"),
+        (["body.cube.x.to=1e300"], "body.cube.x.to: is 1e+300, expected zero or"),
+        (["body.cube.x={from=0.0, to=1.0, cell=1e-12}"], "body.cube.x: cells from"),
+        (["material.steel.young=" + "[" * 100_000], "material.steel.young: should be"),
+        (["path" + ".a" * 10_000 + "=1"], "path.a: unknown key"),
+    ],
+)
+def test_absurd_sizes_are_refused_by_their_figures(
+    arguments: list[str], words: str, tmp_path: Path
+) -> None:
+    settings = [part for setting in arguments for part in ("--set", setting)]
+    run = bipot("run", "cyclic_cube", *settings, "--json", cwd=tmp_path)
+    assert (run.returncode, run.stderr) == (2, "")
+    (last,) = map(json.loads, run.stdout.splitlines())
+    assert words in last["message"]
+    assert last["seconds"]["mesh"] == 0
+    # What a run takes anyway, and not the gigabytes it was asked for.
+    assert last["peak_mb"] < 1000
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"\xff\xfe", b"\0" * 100, b"a = " + b"[" * 100_000, b"[mesh]\nn = 3\n" * 2],
+)
+def test_files_that_are_no_scene(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_bytes(content)
+    run = bipot("run", "scene.toml", cwd=tmp_path)
+    assert run.returncode == 2
+    assert run.stderr.startswith("bipot: scene 'scene.toml'")
+
+
+def result_file(folder: Path) -> tuple[Path, bp.Result]:
+    problem, load = bar_problem(6)
+    result = problem.solve(pulled(load, 30 * np.sin(np.arange(4.0))))
+    assert np.isfinite(result.displacement).all()
+    result.save(folder / "a.h5")
+    return folder / "a.h5", result
+
+
+@pytest.mark.timeout(120)
+def test_damaged_results(tmp_path: Path) -> None:
+    path, result = result_file(tmp_path)
+
+    def same(found: bp.Result) -> bool:
+        names = ("reaction", "relative_displacement", "slip", "status", "displacement")
+        return (
+            found.success == result.success
+            and found.message == result.message
+            and all(
+                np.array_equal(getattr(found, name), getattr(result, name))
+                for name in names
+            )
+        )
+
+    survives_damage(bp.load, same, path, count=200)
+
+
+def alien(path: Path, kind: str) -> None:
+    with h5py.File(path, "w") as file:
+        if kind == "empty":
+            return
+        if kind == "claims":
+            file["huge"] = 1.0
+        file.attrs.update(format="bipot-result", version=1, complete=True)
+        contacts = file.create_group("contacts")
+        steps = file.create_group("steps")
+        if kind == "names":
+            steps.create_group("first")
+        elif kind == "file in place of a group":
+            steps["0000"] = 1.0
+        elif kind == "nothing in a step":
+            steps.create_group("0000")
+        elif kind == "huge":
+            contacts.create_dataset("gap", shape=(10**12,), dtype="f8", chunks=(10**6,))
+        elif kind == "no steps":
+            del file["steps"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("empty", "its format is not 'bipot-result'"),
+        ("names", "invalid literal"),
+        ("file in place of a group", "has no attribute"),
+        ("nothing in a step", "step 0: .* missing"),
+        ("huge", "claims 8000000000000 bytes"),
+        ("no steps", "steps"),
+    ],
+)
+def test_other_files_of_hdf5(kind: str, words: str, tmp_path: Path) -> None:
+    alien(tmp_path / "b.h5", kind)
+    with pytest.raises(ValueError, match=words) as error:
+        bp.load(tmp_path / "b.h5")
+    assert "b.h5 is not a result that can be read" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("reaction", np.zeros((6, 3))),
+        ("reaction", np.full((6, 2), np.nan)),
+        ("reaction", np.array(["text"] * 6, dtype="S4")),
+        ("status", np.full(6, 3, np.int8)),
+        ("slip", np.zeros((6, 2))),
+        ("residual", np.inf),
+        ("residual", np.zeros(3)),
+    ],
+)
+def test_steps_that_are_none(name: str, value: object, tmp_path: Path) -> None:
+    path, _ = result_file(tmp_path)
+    with h5py.File(path, "r+") as file:
+        del file.attrs["sealed"]
+        del file[f"steps/0001/{name}"]
+        file[f"steps/0001/{name}"] = value
+    with pytest.raises(ValueError, match=f"a.h5 .*step 1: .*{name}"):
+        bp.load(path)
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        bp.load(tmp_path / "nothing.h5")
+    with pytest.raises(OSError, match="is not a file"):
+        bp.load(tmp_path)
+    with pytest.raises(OSError, match="is not a file"):
+        bp.load("/dev/zero")

@@ -1,0 +1,194 @@
+"""Ctrl-C and SIGTERM, at chosen places of a run: what is told and what is left."""
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bipot_rs import export
+from children import bipot, bipot_hit_at_import, bipot_with, child, strays
+
+STEPS = 8
+RUN = (
+    *("run", "cyclic_cube", "--set", "mesh.n=2", "--set", f"path.steps={STEPS}"),
+    *("--out", "here", "--json"),
+)
+INT, TERM = signal.SIGINT, signal.SIGTERM
+
+
+def left(cwd: Path) -> tuple[bool, int]:
+    """Whether `result.h5` says that it is complete, and how many steps it holds."""
+    assert strays(cwd / "here") == []
+    _, steps, attributes = export.read_result(cwd / "here" / "result.h5")
+    return attributes["complete"], len(steps)
+
+
+def hit(
+    number: signal.Signals, times: int = 1, pause: float = 0.0
+) -> Callable[..., None]:
+    """A fault: signals that this process sends itself."""
+
+    def fault(*_: object) -> None:
+        for k in range(times):
+            time.sleep(pause if k else 0.0)
+            os.kill(os.getpid(), number)
+
+    return fault
+
+
+@pytest.mark.parametrize(
+    ("before", "number"),
+    [
+        ("bipot_rs.export:require", INT),
+        ("bipot_rs.scene:read", TERM),
+        ("bipot_rs.scene:bodies", INT),
+        ("bipot_rs.scene:assemble", TERM),
+        ("bipot_rs._core:Condensed", INT),
+        ("bipot_rs._core:Path", TERM),
+    ],
+)
+def test_before_the_first_step(
+    before: str, number: signal.Signals, tmp_path: Path
+) -> None:
+    run = bipot_with(hit(number), before, *RUN, cwd=tmp_path)
+    assert run.returncode == 128 + number
+    assert run.stderr == ""
+    (last,) = map(json.loads, run.stdout.splitlines())
+    assert last["message"].startswith("interrupted")
+    assert left(tmp_path) == (False, 0)
+
+
+@pytest.mark.parametrize("number", [INT, TERM])
+def test_between_steps(number: signal.Signals, tmp_path: Path) -> None:
+
+    def fault(step: int, *_: object) -> None:
+        if step == 3:
+            os.kill(os.getpid(), number)
+
+    run = bipot_with(fault, "bipot_rs.job:_row", *RUN, cwd=tmp_path)
+    assert run.returncode == 128 + number
+    *steps, last = map(json.loads, run.stdout.splitlines())
+    assert [step["step"] for step in steps] == list(range(3))
+    assert last["steps"] == 3
+    assert left(tmp_path) == (False, 3)
+    names = {path.name for path in (tmp_path / "here").iterdir()}
+    assert {"result.pvd", "steps.csv", "result_0002.vtu"} <= names
+
+
+@pytest.mark.parametrize(
+    "before", ["bipot_rs.export:write_series", "bipot_rs.export:_three"]
+)
+def test_while_files_are_written(before: str, tmp_path: Path) -> None:
+    """All steps are there by then, and all files come whole."""
+    run = bipot_with(hit(INT), before, *RUN, cwd=tmp_path)
+    assert run.returncode == 130
+    assert left(tmp_path) == (False, STEPS)
+
+
+def test_after_the_last_file_the_run_has_ended(tmp_path: Path) -> None:
+    run = bipot_with(hit(INT), "bipot_rs.job:_replace", *RUN, cwd=tmp_path)
+    assert run.returncode == 0
+    assert left(tmp_path) == (True, STEPS)
+
+
+def test_an_earlier_result_gives_way_to_load_steps_only(tmp_path: Path) -> None:
+    whole = bipot(*RUN, cwd=tmp_path)
+    assert whole.returncode == 0
+    before = (tmp_path / "here" / "result.h5").read_bytes()
+    run = bipot_with(hit(INT), "bipot_rs.scene:bodies", *RUN, cwd=tmp_path)
+    assert run.returncode == 130
+    assert "is as it was" in json.loads(run.stdout)["message"]
+    assert (tmp_path / "here" / "result.h5").read_bytes() == before
+
+
+def test_who_asks_twice_does_not_wait_for_files(tmp_path: Path) -> None:
+    # Two signals within a second are one: some launchers send them so.
+    run = bipot_with(hit(INT, 2), "bipot_rs.export:write_series", *RUN, cwd=tmp_path)
+    assert (run.returncode, left(tmp_path)) == (130, (False, STEPS))
+    before = (tmp_path / "here" / "result.h5").read_bytes()
+    run = bipot_with(
+        hit(INT, 2, 1.1), "bipot_rs.export:write_series", *RUN, cwd=tmp_path
+    )
+    assert run.returncode == 130
+    assert json.loads(run.stdout.splitlines()[-1])["message"] == "interrupted"
+    assert strays(tmp_path / "here") == []
+    assert (tmp_path / "here" / "result.h5").read_bytes() == before
+
+
+def test_an_interrupt_that_python_cannot_raise(tmp_path: Path) -> None:
+    """In a finaliser: Python prints such an exception and goes on."""
+
+    class Hit:
+        def __del__(self) -> None:
+            os.kill(os.getpid(), INT)
+
+    run = bipot_with(lambda *_: Hit(), "bipot_rs.scene:bodies", *RUN, cwd=tmp_path)
+    assert (run.returncode, run.stderr) == (130, "")
+    assert left(tmp_path) == (False, 0)
+
+
+@pytest.mark.parametrize("module", ["numpy", "bipot_rs._core"])
+def test_while_the_package_loads(module: str, tmp_path: Path) -> None:
+    run = bipot_hit_at_import(INT, module, *RUN, cwd=tmp_path)
+    assert (run.returncode, run.stderr, run.stdout) == (130, "", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("module", "number"), [("h5py", TERM), ("skfem", INT), ("pydantic", INT)]
+)
+def test_while_libraries_load(
+    module: str, number: signal.Signals, tmp_path: Path
+) -> None:
+    run = bipot_hit_at_import(number, module, *RUN, cwd=tmp_path)
+    assert (run.returncode, run.stderr) == (128 + number, "")
+    assert left(tmp_path) == (False, 0)
+
+
+def test_the_package_as_a_library_leaves_signals_alone(tmp_path: Path) -> None:
+    code = """
+import signal
+before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
+import bipot_rs.cli
+try:
+    bipot_rs.cli.app(["scenes"])
+finally:
+    after = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
+    print(before == after)
+"""
+    run = child(code, cwd=tmp_path)
+    assert run.stdout.splitlines()[-1] == "True"
+
+
+def test_sigterm_while_metis_orders(tmp_path: Path) -> None:
+    """METIS takes SIGTERM for its own, and jumps from whatever thread gets it."""
+    code = """
+import os, signal, threading, time
+import numpy as np
+from scipy import sparse
+import bipot_rs as bp
+came = []
+signal.signal(signal.SIGTERM, lambda *_: came.append(1))
+n = 26
+line = sparse.diags_array([np.full(n - 1, -1.0), np.full(n, 2.0), np.full(n - 1, -1.0)],
+    offsets=[-1, 0, 1])
+K = sparse.kronsum(sparse.kronsum(line, line), line).tocsr() + sparse.eye_array(n**3) * 0.1
+B = sparse.eye_array(2, n**3, format="csr")
+done = False
+def send():
+    while not done:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.0005)
+sender = threading.Thread(target=send)
+sender.start()
+problem = bp.ContactProblem(K, B, gap=[0.0], mu=0.3)
+done = True
+sender.join()
+assert came and problem.stats["seconds_order"] > 0.02, problem.stats
+"""
+    run = child(code, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr

@@ -1,0 +1,206 @@
+"""Forks, threads, pools of processes, numbers of threads: no hang, and the same bits."""
+
+import multiprocessing
+import os
+import threading
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+
+import bipot_rs as bp
+from children import forked
+
+# A limit against hanging: each of these takes a second or two.
+pytestmark = pytest.mark.timeout(60)
+
+
+def cube(cells: int = 5, num_threads: int | None = None) -> bp.ContactProblem:
+    """A springy lattice on a plane: large enough for METIS and for several fronts."""
+    n = cells + 1
+    line = sparse.diags_array(
+        [np.full(n - 1, -1.0), np.full(n, 2.0), np.full(n - 1, -1.0)],
+        offsets=[-1, 0, 1],
+    )
+    lattice = sparse.kronsum(sparse.kronsum(line, line), line)
+    coupled = np.array([[2.0, 0.3, 0.1], [0.3, 1.5, 0.2], [0.1, 0.2, 1.0]])
+    K = sparse.csr_array(sparse.kron(lattice, coupled))
+    B = sparse.eye_array(3 * n * n, 3 * n**3, format="csr")
+    return bp.ContactProblem(K, B, gap=np.zeros(n * n), mu=0.3, num_threads=num_threads)
+
+
+def loads(n: int) -> NDArray[np.float64]:
+    rng = np.random.default_rng(3)
+    path = rng.normal(size=(2, n))
+    path[:, ::3] -= 1.0
+    return path
+
+
+def answer(num_threads: int | None = None, cells: int = 5) -> bytes:
+    """Every bit of a path of two steps."""
+    problem = cube(cells, num_threads)
+    result = problem.solve(loads(int(problem.stats["n"])))
+    return result.reaction.tobytes() + result.displacement.tobytes()
+
+
+@pytest.fixture(scope="module")
+def expected() -> bytes:
+    return answer()
+
+
+def check(expected: bytes) -> None:
+    assert answer() == expected
+
+
+@pytest.mark.parametrize("num_threads", [None, 1, 2, 3])
+def test_any_number_of_threads(num_threads: int | None, expected: bytes) -> None:
+    assert answer(num_threads) == expected
+
+
+def test_forked_child(expected: bytes) -> None:
+    """The workers of the parent's pool do not exist in the child."""
+    assert forked(lambda: check(expected)).returncode == 0
+
+
+def test_child_of_a_child_of_a_child(expected: bytes) -> None:
+    def descend(generations: int) -> None:
+        check(expected)
+        if generations:
+            below = forked(lambda: descend(generations - 1))
+            assert below.returncode == 0
+
+    assert forked(lambda: descend(3)).returncode == 0
+
+
+def test_a_problem_made_before_the_fork(expected: bytes) -> None:
+    problem = cube()
+    load = loads(int(problem.stats["n"]))
+    one = problem.solve(load[0])
+
+    def child() -> None:
+        both = problem.solve(load)
+        assert both.reaction.tobytes() + both.displacement.tobytes() == expected
+        second = problem.solve(load[1], start=one)
+        assert second.reaction[0].tobytes() == both.reaction[1].tobytes()
+
+    assert forked(child).returncode == 0
+
+
+def test_forks_while_threads_solve(expected: bytes) -> None:
+    """A fork copies the locks that other threads hold, and not those threads."""
+    done = threading.Event()
+    wrong: list[bool] = []
+
+    def work(cells: int, bits: bytes) -> None:
+        while not done.is_set():
+            wrong.append(answer(cells=cells) != bits)
+
+    seven = answer(cells=7)
+    workers = [
+        threading.Thread(target=work, args=(cells, bits))
+        for cells, bits in ((5, expected), (7, seven))
+    ]
+    for worker in workers:
+        worker.start()
+    try:
+        for k in range(12):
+            time.sleep(0.001 * k)  # another place in their work each time
+            assert forked(lambda: check(expected)).returncode == 0
+    finally:
+        done.set()
+        for worker in workers:
+            worker.join()
+    assert wrong
+    assert not any(wrong)
+
+
+def test_threads_with_problems_of_their_own(expected: bytes) -> None:
+    with ThreadPoolExecutor(4) as pool:
+        assert set(pool.map(answer, [None, 1, 2, None] * 3)) == {expected}
+
+
+def test_threads_that_share_a_problem(expected: bytes) -> None:
+    problem = cube()
+    load = loads(int(problem.stats["n"]))
+
+    def solve(_: int) -> bytes:
+        result = problem.solve(load)
+        return result.reaction.tobytes() + result.displacement.tobytes()
+
+    with ThreadPoolExecutor(4) as pool:
+        assert set(pool.map(solve, range(12))) == {expected}
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+@pytest.mark.parametrize("method", ["fork", "forkserver", "spawn"])
+def test_pool_of_processes(method: str, expected: bytes) -> None:
+    context = multiprocessing.get_context(method)
+    with ProcessPoolExecutor(2, mp_context=context) as pool:
+        found = list(pool.map(answer, [1, None, 2, 1], timeout=50))
+    assert set(found) == {expected}
+
+
+def workers() -> int:
+    """Threads of our pool in this process."""
+    tasks = Path("/proc/self/task").iterdir()
+    return sum((task / "comm").read_text().startswith("bipot-") for task in tasks)
+
+
+@pytest.mark.parametrize(
+    ("asked", "bipot", "rayon", "count"),
+    [
+        (3, "2", "1", 3),
+        (None, "2", "1", 2),
+        (None, " 2 ", None, 2),
+        (None, None, "3", 3),
+        (None, "", "3", 3),
+        (None, None, "0", len(os.sched_getaffinity(0))),
+        (None, None, None, len(os.sched_getaffinity(0))),
+    ],
+)
+def test_order_of_precedence(
+    asked: int | None,
+    bipot: str | None,
+    rayon: str | None,
+    count: int,
+    expected: bytes,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name, value in (("BIPOT_NUM_THREADS", bipot), ("RAYON_NUM_THREADS", rayon)):
+        monkeypatch.delenv(name, raising=False)
+        if value is not None:
+            monkeypatch.setenv(name, value)
+
+    def child() -> None:
+        assert workers() == 0, "the pool of the parent"
+        assert answer(asked) == expected
+        assert workers() == count
+
+    assert forked(child).returncode == 0
+
+
+@pytest.mark.parametrize("name", ["BIPOT_NUM_THREADS", "RAYON_NUM_THREADS"])
+@pytest.mark.parametrize("value", ["two", "-1", "1.5", "1e3", "1000000", "9" * 40])
+def test_numbers_of_threads_that_are_none(
+    name: str, value: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(name, value)
+    words = f'{name} is "{value}", expected a whole number from 1 to'
+    with pytest.raises(ValueError, match=words):
+        bp.project([[1.0, 0.0]], 0.3)
+    with pytest.raises(ValueError, match=words):
+        cube(2)
+
+
+def test_zero_threads_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BIPOT_NUM_THREADS", "0")
+    with pytest.raises(ValueError, match='BIPOT_NUM_THREADS is "0"'):
+        cube(2)
+    with pytest.raises(ValueError, match="num_threads is 0"):
+        cube(2, 0)
+    with pytest.raises(ValueError, match='num_threads is "5000"'):
+        cube(2, 5000)
