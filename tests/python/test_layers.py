@@ -14,7 +14,8 @@ from rust_source import module, naming_violations, tree_violations, uses
 # From the module that knows nobody to the one that may know all.
 RUST = (
     "error",
-    "panics per_process",
+    "panics",
+    "per_process",
     "threads",
     "linalg",
     "law",
