@@ -261,8 +261,8 @@ class ContactProblem:
             return ReducedProblem(self.compliance, q, self._mu, rigid=rigid)
         from scipy.sparse import bsr_array
 
-        start, columns, values = blocks
-        entries = values.reshape(-1, d, d), columns, start
+        first, columns, values = blocks
+        entries = values.reshape(-1, d, d), columns, first
         W = bsr_array(entries, shape=(d * contacts, d * contacts)).tocsr()
         return ReducedProblem(W, q, self._mu, rigid=rigid)
 

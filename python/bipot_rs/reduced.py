@@ -268,26 +268,34 @@ def _islands(W: Any, contacts: int, d: int) -> list[_Part]:
         raise ValueError(f"W has shape {sparse.shape}, expected {(size, size)}")
     whole = sparse.matrix
     entries = coo_array(whole)
-    graph = coo_array(
-        (np.ones(entries.nnz), (entries.row // d, entries.col // d)),
-        shape=(contacts, contacts),
-    ).tocsr()
+    row, column = entries.row // d, entries.col // d
+    graph = coo_array((np.ones(entries.nnz), (row, column)), (contacts, contacts))
     count, label = connected_components(graph, directed=False)
     order = np.argsort(label, kind="stable")
     bounds = np.searchsorted(label[order], np.arange(count + 1))
-    parts = []
-    for begin, end in itertools.pairwise(bounds):
-        nodes = order[begin:end]
-        rows = (d * nodes[:, None] + np.arange(d)).ravel()
-        block = whole[rows][:, rows].astype(np.float64)
-        blocks = graph[nodes][:, nodes].nnz
-        names = [int(i) for i in nodes]
-        if len(nodes) >= _SPARSE_CONTACTS and blocks <= _SPARSE_SHARE * len(nodes) ** 2:
+    place = np.empty(contacts, int)
+    place[order] = np.arange(contacts) - bounds[label[order]]
+    # Entries island by island, as places in it: slices of the whole would each
+    # walk over all of it.
+    sorted_by = np.argsort(label[row], kind="stable")
+    starts = np.searchsorted(label[row][sorted_by], np.arange(count + 1))
+    values = entries.data[sorted_by].astype(np.float64)
+    i = (d * place[row] + entries.row % d)[sorted_by]
+    j = (d * place[column] + entries.col % d)[sorted_by]
+    parts: list[_Part] = []
+    for k, (begin, end) in enumerate(itertools.pairwise(bounds.tolist())):
+        names, own = order[begin:end].tolist(), slice(starts[k], starts[k + 1])
+        n = end - begin
+        stored = None
+        if n >= _SPARSE_CONTACTS:
+            block = coo_array((values[own], (i[own], j[own])), (d * n, d * n))
             stored = block.tobsr(blocksize=(d, d))
+        if stored is not None and len(stored.indices) <= _SPARSE_SHARE * n**2:
             pattern = stored.indptr.tolist(), stored.indices.tolist()
             parts.append((names, np.ascontiguousarray(stored.data).ravel(), pattern))
         else:
-            dense = np.ascontiguousarray(block.toarray())
+            dense = np.zeros((d * n, d * n))
+            dense[i[own], j[own]] = values[own]
             parts.append((names, dense.ravel(), None))
     return parts
 
