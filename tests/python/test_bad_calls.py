@@ -68,6 +68,11 @@ def _reduced(call: Good, **options: Any) -> bp.ReducedProblem:
     return bp.ReducedProblem(call.W, call.q, call.mu, **options)
 
 
+def _global(call: Good, **spoiled: Any) -> bp.fclib.GlobalProblem:
+    given = {"M": call.K, "H": call.B.T, "f": call.load, "w": call.q, "mu": call.mu}
+    return bp.fclib.GlobalProblem(**(given | spoiled))
+
+
 # Each takes the good arguments and the spoiled one.
 Call = Callable[[Good, Any], Any]
 ARRAYS: dict[str, tuple[Call, Callable[[Good], Array]]] = {
@@ -99,6 +104,13 @@ ARRAYS: dict[str, tuple[Call, Callable[[Good], Array]]] = {
     ),
     "r": (lambda c, x: _reduced(c).residual(x), lambda c: c.q),
     "start": (lambda c, x: _reduced(c).solve(start=x), lambda c: c.q),
+    "M": (lambda c, x: _global(c, M=x), lambda c: c.K),
+    "H": (lambda c, x: _global(c, H=x), lambda c: c.B.T),
+    "f": (lambda c, x: _global(c, f=x), lambda c: c.load),
+    "w": (lambda c, x: _global(c, w=x), lambda c: c.q),
+    "mu   ": (lambda c, x: _global(c, mu=x), lambda c: c.mu),
+    "r ": (lambda c, x: _global(c).residual(x), lambda c: c.q),
+    "solution": (lambda c, x: _global(c).velocity(x), lambda c: c.q),
     "tau": (lambda c, x: bp.project(x, c.mu), lambda c: c.q),
     "mu  ": (lambda c, x: bp.project(c.q, x), lambda c: c.mu),
     "base": (lambda c, x: bp.project(c.q, c.mu, base=x), lambda c: c.q),
@@ -224,7 +236,7 @@ def test_a_spoiled_array(
         # What is too long may be found by what it is then too long for.
         named = argument
         if spoil in (_longer, _wider, _scalar_in_a_box):
-            named = rf"{argument.strip()}\b|\b(gap|q|W|B|K|mu|rigid|e of rigid)"
+            named = rf"{argument.strip()}\b|\b(gap|q|W|B|K|M|H|f|w|mu|rigid|e of rigid)"
             said = "shape|dimension|rows|columns|expected"
         refused(lambda: call(base, spoiled), named, said)
 

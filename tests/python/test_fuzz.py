@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import bipot_rs as bp
+import collection
 from bars import bar_problem, pulled
 from bipot_rs.scene import SceneError, assemble, bodies, read, shipped, text
 from children import bipot
@@ -153,6 +154,23 @@ def test_damaged_results(tmp_path: Path) -> None:
         )
 
     survives_damage(bp.load, same, path, count=200)
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("name", ["d2_fcp00031", "rods_2_3c"])
+def test_damaged_problems(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "problem.hdf5"
+    path.write_bytes(collection.path(name).read_bytes())
+
+    def same(found: bp.ReducedProblem | bp.fclib.GlobalProblem) -> bool:
+        """Other numbers make another problem, which must be solvable or refused."""
+        try:
+            solution = found.solve(max_iterations=20)
+        except (ValueError, bp.BipotError) as error:
+            return "\n" not in str(error)
+        return bool(np.isfinite(solution.reaction).all())
+
+    survives_damage(bp.fclib.read, same, path, count=100)
 
 
 def alien(path: Path, kind: str) -> None:
