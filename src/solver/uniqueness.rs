@@ -33,6 +33,10 @@ impl Unique {
 /// exhausted where both criteria are silent.
 const FEW: usize = 6;
 
+/// Unknowns of a sparse island above which nothing is proved: both criteria form
+/// dense matrices, which a sparse `W` was given to avoid.
+const LARGEST: usize = 3000;
+
 /// Whether the answer `r`, in the order of positions, is the only one.
 ///
 /// # Errors
@@ -48,6 +52,10 @@ pub fn assess<const D: usize>(
     let v = problem.relative_displacement(r, &[]);
     let mut verdict = Unique::Proved;
     for island in problem.compliance.islands() {
+        if island.blocks().is_some() && D * island.nodes.len() > LARGEST {
+            verdict = Unique::Unknown;
+            continue;
+        }
         match assess_island(problem, island.nodes.clone(), r, &v, stop)? {
             Unique::Proved => {}
             // The other islands may stay as they are.
