@@ -251,10 +251,10 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
     // An inverse costs one and a half times an LU of all unknowns. Its share is
     // charged when it is at hand too: what is decided must not depend on what was
     // solved before.
-    let inverse = if !problem.compliance.may_have_inverse() {
-        f64::INFINITY
-    } else {
+    let inverse = if problem.compliance.may_have_inverse() {
         1.5 * factorisation_cost(whole, whole) / SHARED_BY
+    } else {
+        f64::INFINITY
     };
     let free = D * open + (D - 1) * slip + motions;
     let in_displacements = factorisation_cost(free, whole) + 2.0 + inverse;
