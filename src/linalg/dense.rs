@@ -643,25 +643,39 @@ pub fn lu_solve_transposed(factors: &[f64], n: usize, b: &mut [f64]) {
     solve_unit_upper_triangular_in_place(factors.transpose(), b, Par::Seq);
 }
 
-/// What the pivots of a front, factored by [`lu_panel`] with its rows exchanged in
-/// `upper` too, do to the rest: `U₁₂ = L₁₁⁻¹ F₁₂`, `L₂₁ᵀ = U₁₁⁻ᵀ F₂₁ᵀ` and
-/// `F₂₂ ← F₂₂ − L₂₁ U₁₂`.
+/// `U₁₂ = L₁₁⁻¹ F₁₂` for columns of a front whose pivots are factored, its rows
+/// exchanged.
 ///
 /// # Panics
-/// If a slice has not the length its matrix needs.
-pub fn lu_front(pivots: &[f64], np: usize, upper: &mut [f64], lower: &mut [f64], rest: &mut [f64]) {
-    if np == 0 || rest.is_empty() {
-        return;
-    }
-    let nu = upper.len() / np;
+/// If a slice does not consist of whole columns.
+pub fn lu_upper(pivots: &[f64], np: usize, columns: &mut [f64]) {
     let pivots = MatRef::from_column_major_slice(pivots, np, np);
-    let mut upper = MatMut::from_column_major_slice_mut(upper, np, nu);
-    let mut lower = MatMut::from_column_major_slice_mut(lower, np, nu);
-    let rest = MatMut::from_column_major_slice_mut(rest, nu, nu);
-    solve_unit_lower_triangular_in_place(pivots, upper.rb_mut(), Par::Seq);
-    solve_lower_triangular_in_place(pivots.transpose(), lower.rb_mut(), Par::Seq);
-    let left = lower.as_ref().transpose();
-    faer_matmul(rest, Accum::Add, left, upper.as_ref(), -1.0, Par::Seq);
+    let count = columns.len() / np;
+    let columns = MatMut::from_column_major_slice_mut(columns, np, count);
+    solve_unit_lower_triangular_in_place(pivots, columns, Par::Seq);
+}
+
+/// `L₂₁ᵀ = U₁₁⁻ᵀ F₂₁ᵀ` for columns of it.
+///
+/// # Panics
+/// If a slice does not consist of whole columns.
+pub fn lu_lower(pivots: &[f64], np: usize, columns: &mut [f64]) {
+    let pivots = MatRef::from_column_major_slice(pivots, np, np);
+    let count = columns.len() / np;
+    let columns = MatMut::from_column_major_slice_mut(columns, np, count);
+    solve_lower_triangular_in_place(pivots.transpose(), columns, Par::Seq);
+}
+
+/// `F₂₂ ← F₂₂ − L₂₁ U₁₂` for columns of `F₂₂` and of `U₁₂`.
+///
+/// # Panics
+/// If a slice does not consist of whole columns.
+pub fn lu_rest(lower: &[f64], upper: &[f64], np: usize, rest: &mut [f64]) {
+    let (nu, count) = (lower.len() / np, upper.len() / np);
+    let lower = MatRef::from_column_major_slice(lower, np, nu);
+    let upper = MatRef::from_column_major_slice(upper, np, count);
+    let rest = MatMut::from_column_major_slice_mut(rest, nu, count);
+    faer_matmul(rest, Accum::Add, lower.transpose(), upper, -1.0, Par::Seq);
 }
 
 /// `b ← L⁻¹ b` for the factors of an LU, `L` with a unit diagonal.

@@ -44,45 +44,14 @@ impl Lu {
         // A pivot is a sum of up to n terms as large as the largest entry.
         #[expect(clippy::cast_precision_loss, reason = "an order")]
         let rounding = n as f64 * f64::EPSILON * a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-        let mut lu = Self {
+        let mut factors = a;
+        let found = factor(&mut factors, n, rounding, stop)?;
+        Ok(found.map(|(order, odd)| Self {
             n,
-            factors: a,
-            order: (0..n).collect(),
-            odd: false,
-        };
-        for first in (0..n).step_by(PANEL) {
-            if stop.load(Ordering::Relaxed) {
-                return Err(Error::Interrupted);
-            }
-            let width = PANEL.min(n - first);
-            let (left, right) = lu.factors.split_at_mut((first + width) * n);
-            let (done, panel) = left.split_at_mut(first * n);
-            let (rows, exchanges) = dense::lu_panel(panel, n, first);
-            lu.odd ^= exchanges % 2 == 1;
-            let moved = |column: &mut [f64]| {
-                let old = column[first..].to_vec();
-                for (value, &row) in column[first..].iter_mut().zip(&rows) {
-                    *value = old[row];
-                }
-            };
-            if rows.iter().enumerate().any(|(k, &row)| k != row) {
-                done.par_chunks_mut(n).with_min_len(TILE).for_each(moved);
-                let old = lu.order[first..].to_vec();
-                for (value, &row) in lu.order[first..].iter_mut().zip(&rows) {
-                    *value = old[row];
-                }
-            }
-            let panel = &*panel;
-            right.par_chunks_mut(TILE * n).for_each(|tile| {
-                tile.chunks_exact_mut(n).for_each(moved);
-                dense::lu_update(tile, panel, n, first);
-            });
-            let flat = |k: usize| !(panel[(k - first) * n + k].abs() > rounding);
-            if (first..first + width).any(flat) {
-                return Ok(None);
-            }
-        }
-        Ok(Some(lu))
+            factors,
+            order,
+            odd,
+        }))
     }
 
     /// Order of the matrix.
@@ -117,4 +86,55 @@ impl Lu {
             b[row] = value;
         }
     }
+}
+
+/// The order of rows, and whether it took an odd number of exchanges.
+type Exchanges = (Vec<usize>, bool);
+
+/// Factors a matrix of order `n` by columns, in place; nothing where a pivot is at
+/// most `rounding`.
+///
+/// # Errors
+/// [`Error::Interrupted`] when `stop` is raised.
+pub(crate) fn factor(
+    columns: &mut [f64],
+    n: usize,
+    rounding: f64,
+    stop: &AtomicBool,
+) -> Result<Option<Exchanges>, Error> {
+    let mut order: Vec<usize> = (0..n).collect();
+    let mut odd = false;
+    for first in (0..n).step_by(PANEL) {
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        let width = PANEL.min(n - first);
+        let (left, right) = columns.split_at_mut((first + width) * n);
+        let (done, panel) = left.split_at_mut(first * n);
+        let (rows, exchanges) = dense::lu_panel(panel, n, first);
+        odd ^= exchanges % 2 == 1;
+        let moved = |column: &mut [f64]| {
+            let old = column[first..].to_vec();
+            for (value, &row) in column[first..].iter_mut().zip(&rows) {
+                *value = old[row];
+            }
+        };
+        if rows.iter().enumerate().any(|(k, &row)| k != row) {
+            done.par_chunks_mut(n).with_min_len(TILE).for_each(moved);
+            let old = order[first..].to_vec();
+            for (value, &row) in order[first..].iter_mut().zip(&rows) {
+                *value = old[row];
+            }
+        }
+        let panel = &*panel;
+        right.par_chunks_mut(TILE * n).for_each(|tile| {
+            tile.chunks_exact_mut(n).for_each(moved);
+            dense::lu_update(tile, panel, n, first);
+        });
+        let flat = |k: usize| !(panel[(k - first) * n + k].abs() > rounding);
+        if (first..first + width).any(flat) {
+            return Ok(None);
+        }
+    }
+    Ok(Some((order, odd)))
 }

@@ -6,11 +6,17 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use rayon::prelude::*;
+
 use crate::error::Error;
 use crate::linalg::blocks::Blocks;
 use crate::linalg::csc::Symmetric;
 use crate::linalg::dense;
+use crate::linalg::lu;
 use crate::linalg::symbolic::{Counts, Front, Options, Symbolic};
+
+/// Columns that a thread works on together.
+const TILE: usize = 64;
 
 /// The order of elimination of a pattern, and its fronts.
 #[derive(Debug)]
@@ -117,15 +123,14 @@ impl<'s> SparseLu<'s> {
                     &std::mem::take(&mut updates[child]),
                 );
             }
-            own.rows = dense::lu_panel(&mut own.pivots, np, 0).0;
             // A pivot is a sum of up to as many terms as its front has rows.
             #[expect(clippy::cast_precision_loss, reason = "an order")]
             let rounding = (np + nu) as f64 * f64::EPSILON * largest;
-            if (0..np).any(|k| !(own.pivots[k * (np + 1)].abs() > rounding)) {
+            let Some((rows, _)) = lu::factor(&mut own.pivots, np, rounding, stop)? else {
                 return Ok(None);
-            }
-            permute(&mut own.upper, np, &own.rows);
-            dense::lu_front(&own.pivots, np, &mut own.upper, &mut own.lower, &mut update);
+            };
+            own.rows = rows;
+            own.eliminate(np, &mut update, stop)?;
             if let Some(parent) = front.parent {
                 children[parent].push(f);
                 updates[f] = update;
@@ -205,6 +210,36 @@ impl Eliminated {
                 }
             }
         }
+    }
+
+    /// What the pivots, factored, do to the rest, in tiles cut at fixed places.
+    fn eliminate(&mut self, np: usize, update: &mut [f64], stop: &AtomicBool) -> Result<(), Error> {
+        let Self {
+            pivots,
+            rows,
+            upper,
+            lower,
+        } = self;
+        let nu = upper.len() / np.max(1);
+        let tile = np * TILE;
+        upper.par_chunks_mut(tile).for_each(|columns| {
+            permute(columns, np, rows);
+            dense::lu_upper(pivots, np, columns);
+        });
+        lower
+            .par_chunks_mut(tile)
+            .for_each(|columns| dense::lu_lower(pivots, np, columns));
+        let tiles = update.par_chunks_mut(nu.max(1) * TILE);
+        let lower: &[f64] = lower;
+        tiles.zip(upper.par_chunks(tile)).for_each(|(rest, upper)| {
+            if !stop.load(Ordering::Relaxed) {
+                dense::lu_rest(lower, upper, np, rest);
+            }
+        });
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        Ok(())
     }
 
     /// Adds the update of a child, whose rows have these places.

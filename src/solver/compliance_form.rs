@@ -17,6 +17,7 @@ use crate::linalg::lu::Lu;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse_lu::SparseLu;
 use crate::problem::compliance::Whole;
+use crate::problem::memory;
 use crate::problem::reduced::Reduced;
 use crate::solver::linearisation::{Linearisation, factorisation_cost};
 
@@ -47,7 +48,7 @@ pub fn cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
         Err(_) => return f64::INFINITY,
     }
     let m = D * problem.contacts();
-    let direct = factorisation_cost(n, m);
+    let direct = factorisation_cost(problem, n);
     if n <= LARGE {
         return direct;
     }
@@ -145,6 +146,11 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         let n = self.order();
         let mut x = self.right(r, imbalance, count);
         if let Some(whole) = self.problem.compliance.whole()? {
+            // Both triangles, where one is counted.
+            let bytes = 2 * whole.analysis.counts().bytes_peak as u128;
+            if memory::check("the factors of W", bytes).is_err() {
+                return Ok(None); // sweeps need none
+            }
             count(sparse_cost(whole));
             let Some(factors) = Inner::factors(self, whole, stop)? else {
                 return Ok(None);
@@ -169,7 +175,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
                 return Ok(Some(self.moved(r, rigid, &found.x)));
             }
         }
-        count(factorisation_cost(n, D * self.problem.contacts()));
+        count(factorisation_cost(self.problem, n));
         let Some(lu) = Lu::new(self.matrix(), n, stop)? else {
             return Ok(None);
         };
@@ -191,7 +197,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         stop: &AtomicBool,
     ) -> Result<Option<Solved<D>>, Error> {
         let n = self.order();
-        count(0.5 * factorisation_cost(n, D * self.problem.contacts()));
+        count(0.5 * factorisation_cost(self.problem, n));
         let mut x = self.right(r, &[], count);
         let mut matrix = self.matrix();
         if dense::cholesky(&mut matrix, n, stop)?.is_some() {

@@ -9,12 +9,33 @@ use crate::problem::reduced::Reduced;
 /// that order, from the cache, which is about ten times faster a piece.
 const UNKNOWNS_A_PRODUCT: f64 = 30.0;
 
-/// What an LU of order `n` costs, in products with a `W` of order `m`.
+/// What a dense LU of order `n` costs, in products with `W`: as many entries as a
+/// product reads, where it skips most of them.
 #[must_use]
-pub fn factorisation_cost(n: usize, m: usize) -> f64 {
+pub fn factorisation_cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
+    let compliance = &problem.compliance;
+    let entries = if compliance.is_sparse() {
+        compliance.entries()
+    } else {
+        (D * problem.contacts()).pow(2)
+    };
     #[expect(clippy::cast_precision_loss, reason = "orders of matrices")]
-    let (n, m) = (n as f64, m.max(1) as f64);
-    n / UNKNOWNS_A_PRODUCT * (n / m).powi(2)
+    let (n, entries) = (n as f64, entries.max(1) as f64);
+    n.powi(3) / (UNKNOWNS_A_PRODUCT * entries)
+}
+
+/// What the inverses of all islands cost together, likewise: each one and a half
+/// times an LU of its order.
+#[must_use]
+pub fn inversion_cost<const D: usize>(problem: &Reduced<D>) -> f64 {
+    let compliance = &problem.compliance;
+    if !compliance.is_sparse() {
+        return 1.5 * factorisation_cost(problem, D * problem.contacts());
+    }
+    let islands = compliance.islands().iter();
+    islands
+        .map(|island| 1.5 * factorisation_cost(problem, D * island.nodes.len()))
+        .sum()
 }
 
 /// `by_r dr + by_v dv = −value` at every contact, scaled.

@@ -11,7 +11,7 @@ use crate::law::cone::Status;
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::{merit, residual, scaled_imbalance};
 use crate::solver::compliance_form::{self, ComplianceForm, Solved};
-use crate::solver::linearisation::{Linearisation, factorisation_cost};
+use crate::solver::linearisation::{Linearisation, factorisation_cost, inversion_cost};
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::stiffness_form::StiffnessForm;
 use crate::solver::{Outcome, Start};
@@ -236,7 +236,6 @@ const SHARED_BY: f64 = 3.0;
 /// cheaper in displacements than in reactions.
 #[must_use]
 pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -> (f64, bool) {
-    let whole = D * problem.contacts();
     let (open, slip) = law
         .at
         .iter()
@@ -252,12 +251,12 @@ pub fn step_cost<const D: usize>(problem: &Reduced<D>, law: &Linearisation<D>) -
     // charged when it is at hand too: what is decided must not depend on what was
     // solved before.
     let inverse = if problem.compliance.may_have_inverse() {
-        1.5 * factorisation_cost(whole, whole) / SHARED_BY
+        inversion_cost(problem) / SHARED_BY
     } else {
         f64::INFINITY
     };
     let free = D * open + (D - 1) * slip + motions;
-    let in_displacements = factorisation_cost(free, whole) + 2.0 + inverse;
+    let in_displacements = factorisation_cost(problem, free) + 2.0 + inverse;
     (
         in_reactions.min(in_displacements),
         in_displacements < in_reactions,
@@ -280,8 +279,7 @@ pub fn solve<const D: usize>(
 ) -> Result<Option<Solved<D>>, Error> {
     if law.shift == 0.0 && step_cost(problem, law).1 {
         if problem.compliance.inverse_known().is_none() {
-            let whole = D * problem.contacts();
-            count(1.5 * factorisation_cost(whole, whole));
+            count(inversion_cost(problem));
         }
         let form = StiffnessForm::new(problem, law);
         if let Some(solved) = form.solve((r, v, rigid), imbalance, count, stop)? {

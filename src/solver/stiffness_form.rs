@@ -108,7 +108,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
             x.push(-s - along(problem, mode, &known_r));
         }
         if n > 0 {
-            count(factorisation_cost(n, D * r.len()));
+            count(factorisation_cost(problem, n));
             let Some(lu) = Lu::new(self.matrix(&borders), n, stop)? else {
                 return Ok(None);
             };
