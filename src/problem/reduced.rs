@@ -197,7 +197,11 @@ impl<const D: usize> Scaling<D> {
         } else {
             0
         };
-        let force_exponent = displacement_exponent - compliance_exponent;
+        let force_exponent = if softest > 0.0 || force == 0.0 {
+            displacement_exponent - compliance_exponent
+        } else {
+            exponent(force) // no compliance ties forces to displacements
+        };
         let to_v: Vec<f64> = node
             .iter()
             .map(|&d| times_two_to(d, -displacement_exponent))

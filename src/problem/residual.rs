@@ -41,6 +41,9 @@ pub struct Certificate<const D: usize> {
     /// `‖(v̂_n)₋‖` over `max(‖r̂‖, ‖F(0)‖)`, as far as it is not rounding. A large μ
     /// hides it from η, where a sliding contact counts `v_n/√(1 + μ²)`.
     penetration: f64,
+    /// The same over `‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖` of normal components: where
+    /// `W_ii = 0`, no compliance makes reactions a measure of displacements.
+    depth: f64,
 }
 
 impl<const D: usize> Certificate<D> {
@@ -70,6 +73,7 @@ impl<const D: usize> Certificate<D> {
                 && rounding.felt <= WORST_LEFT * undone,
             left: law / undone,
             penetration: ratio((norm(&below) - rounding.normal).max(0.0), whole),
+            depth: ratio(norm(&below), rounding.normal / (4.0 * f64::EPSILON)),
         }
     }
 
@@ -87,6 +91,7 @@ impl<const D: usize> Certificate<D> {
             && self.residual <= tolerance
             && self.left <= WORST_LEFT.max(tol)
             && self.penetration <= DEEPEST * tolerance
+            && self.depth <= WORST_LEFT.max(DEEPEST * tol)
     }
 }
 
@@ -323,6 +328,14 @@ impl Rounding {
             }
         }
         let normal: Vec<f64> = terms.iter().map(|value| value[0]).collect();
+        // τ = r̂ − ṽ̂ rounds r̂ too. With W_ii near its mean that is counted already;
+        // a contact of rigid bodies has W_ii = 0, and reactions may grow until ṽ̂
+        // drowns in them.
+        for (i, value) in terms.iter_mut().enumerate() {
+            for (c, r) in value.iter_mut().zip(&r[i]) {
+                *c = c.max(4.0 * f64::EPSILON * (r * problem.scaling.to_r[i]).abs());
+            }
+        }
         let mut felt = terms.clone();
         for (i, value) in felt.iter_mut().enumerate() {
             let r = r[i].map(|c| c * problem.scaling.to_r[i]);

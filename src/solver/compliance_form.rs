@@ -152,19 +152,21 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
                 return Ok(None); // sweeps need none
             }
             count(sparse_cost(whole));
-            let Some(factors) = Inner::factors(self, whole, stop)? else {
+            if let Some(factors) = Inner::factors(self, whole, stop)? {
+                let factors = Preconditioner::new(self, factors)?;
+                let apply = |x: &[f64]| self.apply(x, stop);
+                let precondition = |x: &mut [f64]| factors.apply(self, x);
+                let found = gmres::solve(apply, precondition, &x, LEFT, MENDING)?;
+                #[expect(clippy::cast_precision_loss, reason = "a few")]
+                count(found.products as f64);
+                let finite = found.x.iter().all(|c| c.is_finite());
+                return Ok(finite.then(|| self.moved(r, rigid, &found.x)));
+            }
+            if n > LARGE {
                 return Ok(None);
-            };
-            let factors = Preconditioner::new(self, factors)?;
-            let apply = |x: &[f64]| self.apply(x, stop);
-            let precondition = |x: &mut [f64]| factors.apply(self, x);
-            let found = gmres::solve(apply, precondition, &x, LEFT, MENDING)?;
-            #[expect(clippy::cast_precision_loss, reason = "a few")]
-            count(found.products as f64);
-            let finite = found.x.iter().all(|c| c.is_finite());
-            return Ok(finite.then(|| self.moved(r, rigid, &found.x)));
-        }
-        if n > LARGE {
+            }
+            // Singular without the rigid motions, or but for their rounding.
+        } else if n > LARGE {
             let blocks = Preconditioner::new(self, Inner::contacts(self))?;
             let apply = |x: &[f64]| self.apply(x, stop);
             let precondition = |x: &mut [f64]| blocks.apply(self, x);

