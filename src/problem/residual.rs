@@ -164,13 +164,17 @@ fn size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 
         .max(problem.scaling.reaction_norm(r))
 }
 
-/// `‖ê‖`, or `‖r̂‖` where no load acts on the rigid motions.
+/// `‖ê‖`, or `‖r̂‖` where no load acts on the rigid motions; of loads so small
+/// beside the reactions that rounding alone would leave more, what it allows.
 fn force_size<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> f64 {
+    /// `4 ε ‖r̂‖` is below [`WORST_FLOOR`] of so much of `‖r̂‖`.
+    const LEAST: f64 = 1e-9;
     let load = norm(&problem.scaling.load);
+    let reactions = problem.scaling.reaction_norm(r);
     if load > 0.0 {
-        load
+        load.max(LEAST * reactions)
     } else {
-        problem.scaling.reaction_norm(r)
+        reactions
     }
 }
 

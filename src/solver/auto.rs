@@ -90,7 +90,9 @@ pub fn run<const D: usize>(
         let step = newton::step_cost(problem, &sweeper.law(&point)).0 as usize;
         if sweeps > 0 && step > sweeps {
             // Sweeps are given what two steps of Newton would cost before the first.
-            if let Some(outcome) = sweeper.run(&mut point, monitor, 2 * step - sweeps)? {
+            if let Some(outcome) =
+                sweeper.run(&mut point, monitor, step.saturating_mul(2) - sweeps)?
+            {
                 return Ok(outcome);
             }
         }

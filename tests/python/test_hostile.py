@@ -209,3 +209,14 @@ def test_work_beyond_the_range_of_doubles() -> None:
     solution = bp.ReducedProblem(1e-150 * np.eye(2), [[-1e150, 1e150]], 0.3).solve()
     assert np.isfinite(solution.bipotential_gap).all()
     assert np.isfinite(solution.history).all()
+
+
+@pytest.mark.parametrize("load", [1e-8, 1e-9, 1e-12, 1e-30, 0.0])
+def test_loads_that_drown_in_reactions(load: float) -> None:
+    """Two contacts pressed by their gaps, and hardly any load on a free motion."""
+    rigid = ([[0], [1], [0], [1]], [load])
+    problem = bp.ReducedProblem(np.eye(4), [[-1, 0], [-1, 0]], 0.3, rigid=rigid)
+    solution = problem.solve()
+    assert solution.converged
+    # The balance is met to the rounding of the reactions, which are one.
+    assert abs(solution.reaction[:, 1].sum() + load) <= 1e-15
