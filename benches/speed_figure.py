@@ -24,7 +24,7 @@ TITLES = {
     "floating": "held by contact alone",
     "random": "random matrices",
     "rigid": "rigid, redundant",
-    "scenes": "the five scenes",
+    "scenes": "the shipped scenes",
 }
 
 

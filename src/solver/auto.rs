@@ -33,8 +33,10 @@ const MOST_SWEEPS: usize = 1280;
 /// The failure after which a body held by contact alone starts again from nothing.
 const COLD: usize = 2;
 
-/// The failure from which on proximal points come before the next sweeps.
+/// The failure from which on proximal points come before the next sweeps, and that
+/// of bodies held by contact alone, which have started again from nothing before it.
 const PROXIMAL: usize = 2;
+const PROXIMAL_HELD: usize = 3;
 
 /// Plane contacts whose statuses are exhausted in milliseconds, and the failure
 /// after which they are.
@@ -78,6 +80,11 @@ pub fn run<const D: usize>(
         0
     };
     let mut next = NEXT_SWEEPS;
+    let proximal_from = if problem.rigid.modes.is_empty() {
+        PROXIMAL
+    } else {
+        PROXIMAL_HELD
+    };
     for failure in 1.. {
         if let Some(outcome) = sweeper.run(&mut point, monitor, sweeps)? {
             return Ok(outcome);
@@ -119,9 +126,9 @@ pub fn run<const D: usize>(
                 }
             }
         }
-        if failure >= PROXIMAL {
+        if failure >= proximal_from {
             let rigid = sweeper.rigid_motion(&point);
-            match proximal::attempt(problem, &point.r, &rigid, monitor, failure - PROXIMAL)? {
+            match proximal::attempt(problem, &point.r, &rigid, monitor, failure - proximal_from)? {
                 Attempt::Stop(outcome) => return Ok(outcome),
                 Attempt::Spent(r, rigid) => point = further(&sweeper, point, r, &rigid),
             }
