@@ -14,6 +14,7 @@ from bipot_rs.check import Array, csr, floats, friction
 from bipot_rs.problem import ContactProblem
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Solution
+from bipot_rs.words import counted
 
 # Relative to √|M_ii M_jj|, which no change of units moves. `ContactProblem` refuses
 # ten times as much, so that what is symmetric here is symmetric there.
@@ -163,7 +164,7 @@ class GlobalProblem:
         amounts = np.empty(0) if rigid is None else rigid
         if len(amounts) != count:
             raise ValueError(
-                f"solution has {len(amounts)} rigid motions, expected {count}: the "
+                f"solution has {counted(len(amounts), 'rigid motion')}, expected {count}: the "
                 "motion of bodies held by contact alone is part of a Solution"
             )
         return self._condensed.velocity(r, amounts)

@@ -20,9 +20,11 @@ from bipot_rs.check import (
     integer,
     positive,
     settings,
+    threads,
 )
 from bipot_rs.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.result import Outcome, Solution
+from bipot_rs.words import counted
 
 
 class ReducedProblem:
@@ -134,12 +136,12 @@ class ReducedProblem:
             count = 0 if self.rigid is None else len(self.rigid[1])
             if rigid is not None and len(rigid) != count:
                 raise ValueError(
-                    f"start has {len(rigid)} rigid motions, expected {count}"
+                    f"start has {counted(len(rigid), 'rigid motion')}, expected {count}"
                 )
         elif start is not None:
             reaction = floats("start", start, shape=self.q.shape)
         if num_threads is not None:
-            num_threads = positive("num_threads", num_threads)
+            num_threads = threads(num_threads)
         raw = self._core.solve(*chosen, reaction, rigid, num_threads, callback)
         return self._solution(raw, method, chosen[3])
 
