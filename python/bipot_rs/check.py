@@ -101,9 +101,10 @@ def csr(what: str, value: Any) -> Csr:
     if not np.isfinite(data).all():
         at = int(np.argmin(np.isfinite(data)))
         row = int(np.searchsorted(matrix.indptr, at, side="right")) - 1
+        # In the words of the core, which looks at dense matrices itself.
+        found = "NaN" if np.isnan(data[at]) else data[at]
         raise ValueError(
-            f"{what} is {data[at]} at row {row}, column {int(matrix.indices[at])}, "
-            "expected finite numbers"
+            f"{what} is not finite at row {row}, column {int(matrix.indices[at])}: {found}"
         )
     parts = (
         np.require(matrix.indptr, np.int64, ["C", "A"]),
@@ -231,6 +232,28 @@ def contact_array(
 ) -> Array | None:
     """An optional array of one row a contact."""
     return None if value is None else floats(what, value, shape=(contacts, d))
+
+
+# Axes that are written down have six digits or more.
+_TILT = 1e-6
+
+
+def frames(value: ArrayLike | None, contacts: int, d: int) -> Array | None:
+    """Optional local bases ``(n_c, d, d)``, orthonormal to 1e-6, of either hand."""
+    if value is None:
+        return None
+    found = floats("frame", value, shape=(contacts, d, d))
+    # What overflows is no unit vector either.
+    with np.errstate(over="ignore", invalid="ignore"):
+        lack = np.abs(found @ found.swapaxes(1, 2) - np.eye(d)).max(axis=(1, 2))
+    wrong = ~(lack <= _TILT)
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        raise ValueError(
+            f"frame of contact {at} has the rows {shown(found[at].tolist())}, expected "
+            f"unit vectors at right angles, to {_TILT:g}"
+        )
+    return found
 
 
 def loads(

@@ -619,7 +619,8 @@ def _words(
     from importlib.metadata import version
 
     form = "M v = H r + f, u = H^T v + w" if isinstance(problem, GlobalProblem) else ""
-    told = [f"asymmetry {problem.asymmetry:.1e}"]
+    size = "sqrt|M_ii M_jj|" if form else "the largest entry"
+    told = [f"asymmetry {problem.asymmetry:.1e} of {size}"]
     if isinstance(solution, Solution):
         amounts = None if isinstance(problem, GlobalProblem) else solution.rigid_motion
         eta = problem.residual(solution.reaction, amounts)

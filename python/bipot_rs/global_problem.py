@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Mapping
 from functools import cached_property
@@ -76,9 +77,10 @@ class GlobalProblem:
 
     @cached_property
     def asymmetry(self) -> float:
-        """Largest ``|M_ij - M_ji|`` over ``√|M_ii M_jj|``.
+        """Largest ``|M_ij - M_ji|`` over ``√|M_ii M_jj|``, free of units.
 
-        Over the larger of the two entries where a diagonal is zero.
+        Over the larger of the two entries where a diagonal is zero. Of ``W``,
+        `ReducedProblem.asymmetry`, another number: over the largest entry of all.
         """
         return _asymmetry(self._mass)
 
@@ -175,9 +177,14 @@ class _Symmetric:
 
     def __init__(self, mass: Any, contact: Any, f: Array, w: Array, mu: Array) -> None:
         self._f = f
-        self._problem = ContactProblem(
-            mass, contact.T, gap=w, mu=mu, dim=w.shape[1] or None
-        )
+        try:
+            self._problem = ContactProblem(
+                mass, contact.T, gap=w, mu=mu, dim=w.shape[1] or None
+            )
+        except ValueError as error:
+            # It knows the matrix as its stiffness.
+            told = re.sub(r"\b(stiffness )?K\b", "M", str(error))
+            raise ValueError(told) from None
         self.stats = self._problem.stats
 
     def reduced(self) -> ReducedProblem:

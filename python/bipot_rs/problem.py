@@ -19,6 +19,7 @@ from bipot_rs.check import (
     contact_array,
     csr,
     floats,
+    frames,
     friction,
     indices,
     loads,
@@ -103,7 +104,8 @@ class ContactProblem:
     points
         Places of the contacts, ``(n_c, d)``, for results and files.
     frame
-        Local bases ``(n_c, d, d)``, rows ``n, t1[, t2]``, for results and files.
+        Local bases ``(n_c, d, d)``, rows ``n, t1[, t2]``, for results and files:
+        unit vectors at right angles, to 1e-6, of either hand.
 
     Raises
     ------
@@ -160,9 +162,7 @@ class ContactProblem:
             )
         if num_threads is not None:
             num_threads = threads(num_threads)
-        bases = (
-            None if frame is None else floats("frame", frame, shape=(contacts, d, d))
-        )
+        bases = frames(frame, contacts, d)
         coefficients = friction(mu, contacts)
         self._contacts: dict[str, NDArray[Any] | None] = {
             "x": contact_array("points", points, contacts, d),

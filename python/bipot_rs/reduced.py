@@ -88,7 +88,11 @@ class ReducedProblem:
 
     @property
     def asymmetry(self) -> float:
-        """Largest ``|W_ij - W_ji|`` over the largest entry of ``W``."""
+        """Largest ``|W_ij - W_ji|`` over the largest entry of ``W``.
+
+        Of ``M``, `fclib.GlobalProblem.asymmetry`, another number: over ``√|M_ii M_jj|``,
+        entry by entry, since unknowns of a body may have different units.
+        """
         return self._core.asymmetry
 
     def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:

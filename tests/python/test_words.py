@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs.words import counted, printable
@@ -25,6 +26,14 @@ def test_messages_count_as_people_do() -> None:
     solution = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3).solve()
     assert solution.iterations == 1
     assert solution.message.startswith("converged in 1 iteration (")
+
+
+def test_dense_and_sparse_are_refused_in_the_same_words() -> None:
+    for wrong, told in ((np.nan, "NaN"), (-np.inf, "-inf")):
+        W = np.array([[1.0, wrong], [0.0, 1.0]])
+        for kind in (np.asarray, sparse.csr_array, sparse.coo_array):
+            with pytest.raises(ValueError, match=f"^W is not finite at .*1: {told}$"):
+                bp.ReducedProblem(kind(W), [[-1.0, 0.2]], 0.3)
 
 
 def test_a_solution_is_a_line() -> None:
