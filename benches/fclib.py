@@ -214,6 +214,8 @@ def main():
     methods = available(asked.methods.split(","))
     names = families(asked.data)
     paths = sorted([*asked.data.glob("*.hdf5"), *asked.data.glob("*.h5")])
+    if not paths:
+        parser.error(f"--data {asked.data} holds no .hdf5 or .h5 file")
     present = {path.stem for path in paths}
     lines = []
     with tempfile.TemporaryDirectory() as folder:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs import structure
+from bipot_rs.words import counted
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,9 @@ def floats(
     if shape is not None and array.shape != shape:
         raise ValueError(f"{what} has shape {array.shape}, expected {shape}")
     if ndim is not None and array.ndim != ndim:
-        raise ValueError(f"{what} has {array.ndim} dimensions, expected {ndim}")
+        raise ValueError(
+            f"{what} has {counted(array.ndim, 'dimension')}, expected {ndim}"
+        )
     if finite and not np.isfinite(array).all():
         at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         place = at[0] if len(at) == 1 else at
@@ -83,7 +86,9 @@ def csr(what: str, value: Any) -> Csr:
                 f"{what} has entries of type {value.dtype}, expected real numbers"
             )
         if value.ndim != 2:
-            raise ValueError(f"{what} has {value.ndim} dimensions, expected 2")
+            raise ValueError(
+                f"{what} has {counted(value.ndim, 'dimension')}, expected 2"
+            )
         structure.check(what, value)
         matrix = csr_array(value)
     else:
@@ -96,9 +101,10 @@ def csr(what: str, value: Any) -> Csr:
     if not np.isfinite(data).all():
         at = int(np.argmin(np.isfinite(data)))
         row = int(np.searchsorted(matrix.indptr, at, side="right")) - 1
+        # In the words of the core, which looks at dense matrices itself.
+        found = "NaN" if np.isnan(data[at]) else data[at]
         raise ValueError(
-            f"{what} is {data[at]} at row {row}, column {int(matrix.indices[at])}, "
-            "expected finite numbers"
+            f"{what} is not finite at row {row}, column {int(matrix.indices[at])}: {found}"
         )
     parts = (
         np.require(matrix.indptr, np.int64, ["C", "A"]),
@@ -138,7 +144,7 @@ def indices(what: str, value: ArrayLike | None, limit: int) -> NDArray[np.int64]
     if found.dtype.kind not in "iu":
         raise TypeError(f"{what} has entries of type {found.dtype}, expected integers")
     if found.ndim != 1:
-        raise ValueError(f"{what} has {found.ndim} dimensions, expected 1")
+        raise ValueError(f"{what} has {counted(found.ndim, 'dimension')}, expected 1")
     outside = (found < 0) | (found >= limit)
     if outside.any():
         at = int(np.argmax(outside))
@@ -160,18 +166,22 @@ def positive(what: str, value: Any) -> int:
     return integer(what, value, least=1)
 
 
-def integer(what: str, value: Any, *, least: int) -> int:
-    """An integer of ``least`` or more."""
+def threads(value: Any) -> int:
+    """A number of threads; the core holds what the environment says to the same range."""
+    return integer("num_threads", value, least=1, most=1024)
+
+
+def integer(what: str, value: Any, *, least: int, most: int | None = None) -> int:
+    """An integer of ``least`` or more, ``most`` at the most."""
     try:
         number = operator.index(cast("SupportsIndex", value))
     except TypeError:
         number = None
     if number is None or isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{what} is {shown(value)}, expected an integer")
-    if not least <= number < 2**31:
-        raise ValueError(
-            f"{what} is {shown(number)}, expected {least} or more, below 2**31"
-        )
+    if not least <= number <= (2**31 - 1 if most is None else most):
+        end = "or more, below 2**31" if most is None else f"to {most}"
+        raise ValueError(f"{what} is {shown(number)}, expected {least} {end}")
     return number
 
 
@@ -190,7 +200,9 @@ def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Array) -> int:
         raise ValueError(f"dim is {shown(dim)}, expected 2 or 3")
     if contacts == 0:
         if rows:
-            raise ValueError(f"B has {rows} rows, expected none: gap has no contacts")
+            raise ValueError(
+                f"B has {counted(rows, 'row')}, expected none: gap has no contacts"
+            )
         if gap.ndim == 2 and gap.shape[1] in (2, 3):
             dim = dim or gap.shape[1]
         if dim is None:
@@ -202,8 +214,8 @@ def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Array) -> int:
         return int(dim)
     if rows not in (2 * contacts, 3 * contacts):
         raise ValueError(
-            f"B has {rows} rows, expected {2 * contacts} or {3 * contacts}: "
-            f"2 or 3 for each of the {contacts} contacts of gap"
+            f"B has {counted(rows, 'row')}, expected {2 * contacts} or {3 * contacts}: "
+            f"2 or 3 for each of the {counted(contacts, 'contact')} of gap"
         )
     d = rows // contacts
     if dim is not None and dim != d:
@@ -220,6 +232,28 @@ def contact_array(
 ) -> Array | None:
     """An optional array of one row a contact."""
     return None if value is None else floats(what, value, shape=(contacts, d))
+
+
+# Axes that are written down have six digits or more.
+_TILT = 1e-6
+
+
+def frames(value: ArrayLike | None, contacts: int, d: int) -> Array | None:
+    """Optional local bases ``(n_c, d, d)``, orthonormal to 1e-6, of either hand."""
+    if value is None:
+        return None
+    found = floats("frame", value, shape=(contacts, d, d))
+    # What overflows is no unit vector either.
+    with np.errstate(over="ignore", invalid="ignore"):
+        lack = np.abs(found @ found.swapaxes(1, 2) - np.eye(d)).max(axis=(1, 2))
+    wrong = ~(lack <= _TILT)
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        raise ValueError(
+            f"frame of contact {at} has the rows {shown(found[at].tolist())}, expected "
+            f"unit vectors at right angles, to {_TILT:g}"
+        )
+    return found
 
 
 def loads(
@@ -244,7 +278,7 @@ def loads(
         steps = 0
     elif len(forces) != len(motions) and 1 not in (len(forces), len(motions)):
         raise ValueError(
-            f"prescribed has {len(motions)} steps but load has {len(forces)}: "
+            f"prescribed has {counted(len(motions), 'step')} but load has {len(forces)}: "
             "expected as many, or one of them with one"
         )
     return [

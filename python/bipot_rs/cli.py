@@ -25,6 +25,7 @@ class _App(typer.Typer):
 
     def __call__(self, *args: Any, **_: Any) -> Any:
         arguments = [str(a) for a in (args[0] if args else sys.argv[1:])]
+        _open_streams()
         # Called without arguments, the command is all that its process does.
         with Interrupts(last=not args) as interrupts:
             # The lines of `fclib` are its files, and there is none to tell of.
@@ -41,6 +42,12 @@ class _App(typer.Typer):
                 )
             except TyperException as error:
                 return job.end(BAD_INPUT, error.format_message())
+            except OSError as error:
+                return _output_gone(error)
+            except SystemExit:
+                # How libraries leave when the reader has gone (`| head`), with 1, which
+                # here says that no answer exists.
+                return BAD_INPUT
             except (KeyboardInterrupt, typer.Abort):
                 pass
             if interrupts.came is not None and not interrupts.told:
@@ -98,12 +105,9 @@ def run(
     """
     job = Job(scene, as_json=json, interrupts=context.obj)
     folder = Path("out") / Path(scene).stem if out is None else out
-    try:
-        status = job.run(
-            settings or [], folder, method, tol, plot=plot, fclib=export, resume=resume
-        )
-    except OSError as error:
-        status = _output_gone(error)
+    status = job.run(
+        settings or [], folder, method, tol, plot=plot, fclib=export, resume=resume
+    )
     raise typer.Exit(status)
 
 
@@ -119,26 +123,31 @@ def fclib(
         bool, typer.Option("--json", help="One JSON object a line on standard output.")
     ] = False,
 ) -> None:
-    """Solve problems of the FCLIB collection: a line a file, and a summary."""
+    """Solve problems of the FCLIB collection: a line a file, and a summary.
+
+    The asymmetry of a matrix is told where it is more than rounding, beyond 1e-11.
+    """
     from bipot_rs import fclib_job
 
-    try:
-        status = fclib_job.run(files, method, tol, max_seconds, as_json=json)
-    except OSError as error:
-        status = _output_gone(error)
-    raise typer.Exit(status)
+    raise typer.Exit(fclib_job.run(files, method, tol, max_seconds, as_json=json))
+
+
+def _open_streams() -> None:
+    """Give what the caller has closed (`>&-`) a place to write to.
+
+    The status still tells how it went. Else the next file that is opened would take
+    the number of a standard stream, and what libraries print would go into it.
+    """
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
 
 
 def _output_gone(error: OSError) -> int:
-    """The reader has gone (`| head`), or the disk behind `> file` is full.
-
-    What is still buffered has no place to go, and typer would leave with 1, which says
-    that no answer exists.
-    """
+    """The disk behind `> file` is full: what is still buffered has no place to go."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    if not isinstance(error, BrokenPipeError):
-        with suppress(OSError):
-            complain(f"cannot write to standard output: {error}")
+    with suppress(OSError):
+        complain(f"cannot write to standard output: {error}")
     return BAD_INPUT
 
 

@@ -11,6 +11,7 @@ import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
 from xml.etree import ElementTree as ET
@@ -31,8 +32,28 @@ _TIGHTEST = 1100
 
 def require() -> None:
     """Import what files need: better missing before a long solve than after it."""
-    import h5py  # noqa: F401
-    import meshio  # noqa: F401
+    library("h5py")
+    library("meshio")
+
+
+def library(name: str) -> Any:
+    """A library that files need, and nothing else does.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        It is not installed; the message names the extra that brings it.
+    """
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name != name:
+            raise
+        raise ModuleNotFoundError(
+            f"files need {name}, which is not installed: it comes with the extra io, "
+            "as in pip install '.[io]'",
+            name=name,
+        ) from None
 
 
 def write_result(
@@ -66,7 +87,7 @@ def write_result(
     OSError
         The file cannot be written; an earlier one is intact.
     """
-    import h5py
+    h5py = library("h5py")
 
     digits = max(4, len(str(max(len(steps) - 1, 0))))
     # HDF5 writes through Python's file: with one of its own, a full disk leaves it
@@ -117,7 +138,7 @@ def read_result(
     ValueError
         The file is not a result, damaged, or of a later version of the format.
     """
-    import h5py
+    h5py = library("h5py")
 
     source = place(path)
     if source.exists() and not source.is_file():
@@ -177,7 +198,7 @@ def write_series(
         fields, those of two components with a third that is zero; all else is
         left out. The time of a step is its number.
     """
-    import meshio
+    meshio = library("meshio")
 
     index = place(path)
     places = _three(np.asarray(points, dtype=float))
@@ -207,14 +228,27 @@ def write_series(
             old.unlink()
 
 
-def place(path: Any) -> Path:
+def place(path: Any, what: str = "path") -> Path:
     """A path, or a `TypeError` that says what was given for it."""
     try:
         return Path(os.fsdecode(path))
     except TypeError:
         raise TypeError(
-            f"path is a {type(path).__name__}, expected the name of a file"
+            f"{what} is a {type(path).__name__}, expected the name of a file"
         ) from None
+
+
+@contextmanager
+def writing(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Name the file in what the system says of it; of two names, the outer one.
+
+    What is written aside, or into a draft, has a name that nobody asked for.
+    """
+    try:
+        yield
+    except OSError as error:
+        cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+        raise type(cause)(f"cannot write {path}: {cause.strerror or cause}") from cause
 
 
 @contextmanager
@@ -224,8 +258,9 @@ def _aside(path: str | os.PathLike[str]) -> Iterator[Path]:
     # The name keeps its suffix and differs between processes.
     draft = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
     try:
-        yield draft
-        draft.replace(target)
+        with writing(target):
+            yield draft
+            draft.replace(target)
     finally:
         draft.unlink(missing_ok=True)
 

@@ -25,11 +25,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import Array, floats
-from bipot_rs.export import _aside
+from bipot_rs.export import _aside, library, place
 from bipot_rs.global_problem import GlobalProblem
 from bipot_rs.problem import ContactProblem
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Result, Solution
+from bipot_rs.words import counted
 
 __all__ = [
     "GlobalProblem",
@@ -71,7 +72,7 @@ class Vectors(NamedTuple):
 
 def require() -> None:
     """Import what files need: better missing, or slow, before any work than within."""
-    import h5py  # noqa: F401
+    library("h5py")
     import scipy.sparse.csgraph  # noqa: F401
 
 
@@ -166,8 +167,8 @@ def write(
     OSError
         The file cannot be written; an earlier one is intact.
     """
-    import h5py
-
+    h5py = library("h5py")
+    target = place(path)
     if not isinstance(problem, (ReducedProblem, GlobalProblem)):
         raise TypeError(
             f"problem is a {type(problem).__name__}, expected a ReducedProblem or a "
@@ -178,11 +179,16 @@ def write(
         raise ValueError(f"info has {unknown[0]!r}, expected {', '.join(_INFO)}")
     stored = [_stored(f"guesses[{k}]", problem, g) for k, g in enumerate(guesses)]
     answer = None if solution is None else _stored("solution", problem, solution)
-    words = _words(Path(path).stem, problem, solution) | dict(info or {})
+    words = _words(target.stem, problem, solution) | dict(info or {})
     if isinstance(solution, Solution) and not solution.converged and answer is not None:
         stored.append(answer)
         answer = None
-    with _aside(path) as draft, h5py.File(draft, "w") as file:
+    # Through Python's file, as in `export.write_result`.
+    with (
+        _aside(target) as draft,
+        draft.open("w+b") as raw,
+        h5py.File(raw, "w") as file,
+    ):
         if isinstance(problem, GlobalProblem):
             group = file.create_group("fclib_global")
             group["spacedim"] = _int32(problem.w.shape[1])
@@ -257,7 +263,7 @@ def write_path(
     if not isinstance(result, Result):
         raise TypeError(f"result is a {type(result).__name__}, expected a Result")
     before = result.start
-    base, given, paths = Path(stem), dict(info or {}), []
+    base, given, paths = place(stem, "stem"), dict(info or {}), []
     for k, step in enumerate(result):
         if step.load is None:
             raise ValueError(
@@ -331,7 +337,9 @@ class _File:
         if item.dtype.kind not in kinds or item.size is None:
             raise _Fault(f"{name} holds {item.dtype}, expected {expected}")
         if item.nbytes > _INFLATION * self.size:
-            raise _Fault(f"{name} has {item.size} entries, more than its file can hold")
+            raise _Fault(
+                f"{name} has {counted(item.size, 'entry')}, more than its file can hold"
+            )
         return np.asarray(item[()])
 
     def number(self, name: str) -> int:
@@ -349,7 +357,9 @@ class _File:
         """A vector of finite numbers."""
         found = self._vector(name, self._data(name, "iuf", "real numbers"))
         if length is not None and len(found) != length:
-            raise _Fault(f"{name} has {len(found)} entries, expected {length}")
+            raise _Fault(
+                f"{name} has {counted(len(found), 'entry')}, expected {length}"
+            )
         with np.errstate(over="ignore"):
             numbers = found.astype(np.float64)
         if not np.isfinite(numbers).all():
@@ -410,7 +420,9 @@ class _File:
         else:
             pointers = 1 + (columns if storage == _COLUMNS else rows)
             if len(p) != pointers:
-                raise _Fault(f"{name}/p has {len(p)} entries, expected {pointers}")
+                raise _Fault(
+                    f"{name}/p has {counted(len(p), 'entry')}, expected {pointers}"
+                )
             if p[0] != 0 or (np.diff(p.astype(np.int64)) < 0).any():
                 raise _Fault(f"{name}/p does not rise from 0")
             count = int(p[-1])
@@ -420,7 +432,9 @@ class _File:
         # Room that is not used may be there or not.
         for letter, length in (lengths | {"i": len(i), "x": len(x)}).items():
             if length not in (count, room):
-                raise _Fault(f"{name}/{letter} has {length} entries, expected {count}")
+                raise _Fault(
+                    f"{name}/{letter} has {counted(length, 'entry')}, expected {count}"
+                )
         i, x = i[:count], x[:count]
         if storage >= _TRIPLETS:
             p = p[:count]
@@ -433,7 +447,7 @@ class _File:
 
     def _vector(self, name: str, found: NDArray[Any]) -> NDArray[Any]:
         if found.ndim != 1:
-            raise _Fault(f"{name} has {found.ndim} dimensions, expected 1")
+            raise _Fault(f"{name} has {counted(found.ndim, 'dimension')}, expected 1")
         return found
 
 
@@ -449,9 +463,8 @@ def _inside(name: str, found: NDArray[Any], limit: int) -> None:
 @contextmanager
 def _opened(path: Path_) -> Iterator[_File]:
     """The file, with its path before every complaint about its content."""
-    import h5py
-
-    name = os.fspath(path)
+    h5py = library("h5py")
+    name = str(place(path))
     if not Path(name).is_file():
         # h5py tells a folder from a missing file by a number in a long sentence.
         kind = IsADirectoryError if Path(name).is_dir() else FileNotFoundError
@@ -606,7 +619,8 @@ def _words(
     from importlib.metadata import version
 
     form = "M v = H r + f, u = H^T v + w" if isinstance(problem, GlobalProblem) else ""
-    told = [f"asymmetry {problem.asymmetry:.1e}"]
+    size = "sqrt|M_ii M_jj|" if form else "the largest entry"
+    told = [f"asymmetry {problem.asymmetry:.1e} of {size}"]
     if isinstance(solution, Solution):
         amounts = None if isinstance(problem, GlobalProblem) else solution.rigid_motion
         eta = problem.residual(solution.reaction, amounts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from time import perf_counter
 from typing import Any
 
@@ -17,6 +17,7 @@ from bipot_rs.job import (
     SOLVED,
     complain,
 )
+from bipot_rs.words import counted, printable
 
 UNREADABLE = "unreadable"
 _STATUS = {
@@ -26,6 +27,11 @@ _STATUS = {
     "iteration_limit": NOT_CONVERGED,
     "time_limit": NOT_CONVERGED,
     UNREADABLE: BAD_INPUT,
+}
+# The matrix of a form, and what its asymmetry is relative to.
+_SIZES = {
+    "local": ("W", "its largest entry"),
+    "global": ("M", "√|M_ii M_jj|"),
 }
 # From the best to the worst.
 _ORDER = (SOLVED, NO_ANSWER, NOT_CONVERGED, BAD_INPUT)
@@ -43,16 +49,19 @@ def run(
     rows: list[dict[str, Any]] = []
     try:
         _check(method, tol, max_seconds)
-        width = max(len(name) for name in files)
+        width = max(len(printable(name)) for name in files)
         for name in files:
             row = _solve(name, method, tol, max_seconds)
             rows.append(row)
-            _print(json.dumps(row, allow_nan=False) if as_json else _line(row, width))
-            if row["outcome"] == UNREADABLE:
-                complain(row["message"])
+            _print(
+                json.dumps(row, allow_nan=False) if as_json else _line(row, width, tol)
+            )
+            # Lines of JSON have the sentence themselves.
+            if row["outcome"] == UNREADABLE or not (as_json or _solved(row)):
+                complain(_sentence(row))
         status = max((_STATUS[row["outcome"]] for row in rows), key=_ORDER.index)
     except KeyboardInterrupt:
-        complain("interrupted")
+        # What interrupts a command says so.
         status = INTERRUPTED
     except (ImportError, ValueError) as error:
         complain(str(error))
@@ -83,13 +92,14 @@ def _solve(
     row = {"file": name} | dict.fromkeys(
         ("contacts", "dim", "outcome", "residual", "iterations", "work")
     )
-    asymmetry = None
+    form = tolerance = asymmetry = None
     began = perf_counter()
     try:
         problem = fclib.read(name)
-        contacts, dim = (
-            problem.w if isinstance(problem, fclib.GlobalProblem) else problem.q
-        ).shape
+        if isinstance(problem, fclib.GlobalProblem):
+            form, (contacts, dim) = "global", problem.w.shape
+        else:
+            form, (contacts, dim) = "local", problem.q.shape
         row |= {"contacts": contacts, "dim": dim}
         asymmetry = _finite(problem.asymmetry)
         answer = problem.solve(method, tol, max_seconds=max_seconds)
@@ -99,6 +109,7 @@ def _solve(
             "iterations": answer.iterations,
             "work": _finite(answer.work),
         }
+        tolerance = _finite(answer.tolerance)
         message = answer.message
     except (NoEquilibriumError, FloatingBodyError) as error:
         row["outcome"], message = "no_equilibrium", f"{name}: {error}"
@@ -108,7 +119,12 @@ def _solve(
             message = f"{name}: {message}"
         row["outcome"] = UNREADABLE
     row["seconds"] = round(perf_counter() - began, 6)
-    return row | {"asymmetry": asymmetry, "message": message}
+    return row | {
+        "tolerance": tolerance,
+        "form": form,
+        "asymmetry": asymmetry,
+        "message": message,
+    }
 
 
 def _finite(number: float) -> float | None:
@@ -116,23 +132,38 @@ def _finite(number: float) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _line(row: dict[str, Any], width: int) -> str:
+def _solved(row: dict[str, Any]) -> bool:
+    return _STATUS[row["outcome"]] == SOLVED
+
+
+def _sentence(row: dict[str, Any]) -> str:
+    """What is said of a file on a line of its own."""
+    name, message = row["file"], row["message"]
+    return printable(message if name in message else f"{name}: {message}")
+
+
+def _line(row: dict[str, Any], width: int, tol: float) -> str:
     """A row for people; what is not known is left blank."""
+    from bipot_rs.global_problem import SYMMETRIC
+
     size = "" if row["contacts"] is None else f"{row['contacts']} × {row['dim']}D"
-    known = {
-        "residual": ("{:.1e}", 8),
-        "iterations": ("{} iterations", 18),
-        "work": ("work {:.0f}", 12),
+    known: dict[str, tuple[Callable[[Any], str], int]] = {
+        "residual": ("{:.1e}".format, 8),
+        "iterations": (lambda n: counted(n, "iteration"), 18),
+        "work": ("work {:.0f}".format, 12),
     }
     cells = [
-        ("" if row[key] is None else form.format(row[key])).rjust(space)
+        ("" if row[key] is None else form(row[key])).rjust(space)
         for key, (form, space) in known.items()
     ]
-    start = f"{row['file']:<{width}} {size:>10}  {row['outcome']:<15}"
+    start = f"{printable(row['file']):<{width}} {size:>10}  {row['outcome']:<15}"
     line = " ".join([start, *cells, f"{row['seconds']:9.3f} s"])
-    # Measured matrices lack up to 1e-3; beyond that it is another kind of problem.
-    uneven = (row["asymmetry"] or 0.0) > 1e-2
-    return line + (f", asymmetric by {row['asymmetry']:.2g}" if uneven else "")
+    if row["tolerance"] is not None and row["tolerance"] > tol:
+        line += f", held to {row['tolerance']:.1e} by rounding"
+    if (row["asymmetry"] or 0.0) > SYMMETRIC:
+        matrix, size = _SIZES[row["form"]]
+        line += f", {matrix} asymmetric by {row['asymmetry']:.2g} of {size}"
+    return line
 
 
 def _summary(rows: list[dict[str, Any]]) -> None:

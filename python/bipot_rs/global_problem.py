@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Mapping
 from functools import cached_property
@@ -14,6 +15,7 @@ from bipot_rs.check import Array, csr, floats, friction
 from bipot_rs.problem import ContactProblem
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Solution
+from bipot_rs.words import counted
 
 # Relative to √|M_ii M_jj|, which no change of units moves. `ContactProblem` refuses
 # ten times as much, so that what is symmetric here is symmetric there.
@@ -75,9 +77,10 @@ class GlobalProblem:
 
     @cached_property
     def asymmetry(self) -> float:
-        """Largest ``|M_ij - M_ji|`` over ``√|M_ii M_jj|``.
+        """Largest ``|M_ij - M_ji|`` over ``√|M_ii M_jj|``, free of units.
 
-        Over the larger of the two entries where a diagonal is zero.
+        Over the larger of the two entries where a diagonal is zero. Of ``W``,
+        `ReducedProblem.asymmetry`, another number: over the largest entry of all.
         """
         return _asymmetry(self._mass)
 
@@ -163,7 +166,7 @@ class GlobalProblem:
         amounts = np.empty(0) if rigid is None else rigid
         if len(amounts) != count:
             raise ValueError(
-                f"solution has {len(amounts)} rigid motions, expected {count}: the "
+                f"solution has {counted(len(amounts), 'rigid motion')}, expected {count}: the "
                 "motion of bodies held by contact alone is part of a Solution"
             )
         return self._condensed.velocity(r, amounts)
@@ -174,9 +177,14 @@ class _Symmetric:
 
     def __init__(self, mass: Any, contact: Any, f: Array, w: Array, mu: Array) -> None:
         self._f = f
-        self._problem = ContactProblem(
-            mass, contact.T, gap=w, mu=mu, dim=w.shape[1] or None
-        )
+        try:
+            self._problem = ContactProblem(
+                mass, contact.T, gap=w, mu=mu, dim=w.shape[1] or None
+            )
+        except ValueError as error:
+            # It knows the matrix as its stiffness.
+            told = re.sub(r"\b(stiffness )?K\b", "M", str(error))
+            raise ValueError(told) from None
         self.stats = self._problem.stats
 
     def reduced(self) -> ReducedProblem:

@@ -16,6 +16,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, TextIO
 
 from bipot_rs.interrupts import Interrupts
+from bipot_rs.words import counted
 
 if TYPE_CHECKING:
     from bipot_rs.problem import ContactProblem
@@ -45,6 +46,7 @@ class Job:
         self.interrupts = Interrupts() if interrupts is None else interrupts
         self.started = perf_counter()
         self.seconds = dict.fromkeys(PHASES, 0.0)
+        self.folder = Path()
         self.scene: Scene | None = None
         self.case: Case | None = None
         self.problem: ContactProblem | None = None
@@ -71,6 +73,7 @@ class Job:
         """
         # An import that is torn apart leaves half a module behind.
         self.interrupts.hold()
+        self.folder = folder
         try:
             from bipot_rs.export import require
             from bipot_rs.resume import earlier, stamps
@@ -248,23 +251,27 @@ class Job:
 
     def _write_fields(self, case: Case, folder: Path, *, plot: bool) -> None:
         """What is there to be looked at: the series, the table, the picture."""
-        from bipot_rs.export import write_series
+        from bipot_rs.export import write_series, writing
 
         model = case.model
         with self._phase("recover"):
             for _, step in self.reached:
                 _ = step.displacement  # computed here, kept by the step
         with self._phase("write"):
-            write_series(
-                folder / "result.pvd",
-                model.nodes,
-                model.cells,
-                (
-                    model.fields(step.displacement, step.reaction, step.status)
-                    for _, step in self.reached
-                ),
-            )
-            with (folder / "steps.csv").open("w", newline="", encoding="utf-8") as file:
+            with writing(self.folder / "result.pvd"):
+                write_series(
+                    folder / "result.pvd",
+                    model.nodes,
+                    model.cells,
+                    (
+                        model.fields(step.displacement, step.reaction, step.status)
+                        for _, step in self.reached
+                    ),
+                )
+            with (
+                writing(self.folder / "steps.csv"),
+                (folder / "steps.csv").open("w", newline="", encoding="utf-8") as file,
+            ):
                 table = csv.DictWriter(file, _COLUMNS)
                 table.writeheader()
                 table.writerows(row for row, _ in self.reached)
@@ -272,18 +279,20 @@ class Job:
                 from bipot_rs.plot import tractions
 
                 title, units = self.scene.title, self.scene.units.model_dump()
-                tractions(
-                    folder / "tractions.png",
-                    _contacts(case),
-                    self._steps(),
-                    title=title,
-                    units=units,
-                )
+                with writing(self.folder / "tractions.png"):
+                    tractions(
+                        folder / "tractions.png",
+                        _contacts(case),
+                        self._steps(),
+                        title=title,
+                        units=units,
+                    )
 
     def _write_problems(self, folder: Path, message: str) -> None:
         """Write the problem of each step for other solvers."""
         from importlib.metadata import version
 
+        from bipot_rs.export import writing
         from bipot_rs.fclib import write_path
         from bipot_rs.result import Result
 
@@ -302,16 +311,16 @@ class Job:
             "description": f"scene {self.name} of bipot_rs {version('bipot-rs')}; "
             + ", ".join(f"{quantity} in {unit}" for quantity, unit in units),
         }
-        with self._phase("write"):
+        with self._phase("write"), writing(self.folder / "problem-….hdf5"):
             write_path(folder / "problem", self.problem, result, info=info)
 
     def _write_result(
         self, folder: Path, message: str, stamp: Mapping[str, Any], *, complete: bool
     ) -> None:
         """What is there to be read back."""
-        from bipot_rs.export import write_result
+        from bipot_rs.export import write_result, writing
 
-        with self._phase("write"):
+        with self._phase("write"), writing(self.folder / RESULT):
             write_result(
                 folder / RESULT,
                 {} if self.case is None else _contacts(self.case),
@@ -350,14 +359,17 @@ class Job:
         )
         model = self.case.model if self.case else None
         size = (
-            f"{model.n} degrees of freedom, {len(model.gap)} contacts: "
+            f"{model.n} degrees of freedom, {counted(len(model.gap), 'contact')}: "
             if model
             else ""
         )
         console.print(size + times, highlight=False, soft_wrap=True)
-        names = sorted(
-            path.name for path in _ours(folder) if path.suffix not in (".vtu", ".hdf5")
-        )
+        # The pieces of the series are named by its index, result.pvd.
+        names = sorted(path.name for path in _ours(folder) if path.suffix != ".vtu")
+        problems = [name for name in names if name.endswith(".hdf5")]
+        if len(problems) > 2:
+            names = [name for name in names if name not in problems[1:-1]]
+            names.insert(names.index(problems[0]) + 1, "…")
         console.print(f"{folder}: {', '.join(names)}", highlight=False, soft_wrap=True)
 
 

@@ -19,16 +19,18 @@ from bipot_rs.check import (
     contact_array,
     csr,
     floats,
+    frames,
     friction,
     indices,
     loads,
-    positive,
     settings,
+    threads,
 )
 from bipot_rs.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.reduced import ReducedProblem, opening, solution_fields
 from bipot_rs.result import Outcome, Result, Solution, Step
+from bipot_rs.words import counted
 
 
 def project(
@@ -102,7 +104,8 @@ class ContactProblem:
     points
         Places of the contacts, ``(n_c, d)``, for results and files.
     frame
-        Local bases ``(n_c, d, d)``, rows ``n, t1[, t2]``, for results and files.
+        Local bases ``(n_c, d, d)``, rows ``n, t1[, t2]``, for results and files:
+        unit vectors at right angles, to 1e-6, of either hand.
 
     Raises
     ------
@@ -136,7 +139,8 @@ class ContactProblem:
             raise ValueError(f"K has shape {stiffness.shape}, expected a square matrix")
         if contact.shape[1] != n:
             raise ValueError(
-                f"B has shape {contact.shape}, expected {n} columns, as many as K has rows"
+                f"B has shape {contact.shape}, expected {counted(n, 'column')}, as many "
+                "as K has rows"
             )
         offsets = floats("gap", gap)
         if offsets.ndim not in (1, 2):
@@ -157,10 +161,8 @@ class ContactProblem:
                 f"area of contact {at} is {areas[at]}, expected a positive number"
             )
         if num_threads is not None:
-            num_threads = positive("num_threads", num_threads)
-        bases = (
-            None if frame is None else floats("frame", frame, shape=(contacts, d, d))
-        )
+            num_threads = threads(num_threads)
+        bases = frames(frame, contacts, d)
         coefficients = friction(mu, contacts)
         self._contacts: dict[str, NDArray[Any] | None] = {
             "x": contact_array("points", points, contacts, d),
@@ -249,7 +251,7 @@ class ContactProblem:
         steps = loads(load, prescribed, n, len(self._fixed))
         if len(steps) != 1:
             raise ValueError(
-                f"load and prescribed have {len(steps)} steps, expected one"
+                f"load and prescribed have {counted(len(steps), 'step')}, expected one"
             )
         q, modes, force = self._core.free_part(*steps[0])
         before = _state(start, contacts, d)
@@ -522,7 +524,7 @@ def _start(
     rigid = np.empty(0) if step.rigid_motion is None else step.rigid_motion
     if len(rigid) != motions:
         raise ValueError(
-            f"start has {len(rigid)} rigid motions, this problem {motions}"
+            f"start has {counted(len(rigid), 'rigid motion')}, this problem {motions}"
         )
     return step.reaction, step.relative_displacement, step.status, rigid
 

@@ -20,9 +20,11 @@ from bipot_rs.check import (
     integer,
     positive,
     settings,
+    threads,
 )
 from bipot_rs.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.result import Outcome, Solution
+from bipot_rs.words import counted
 
 
 class ReducedProblem:
@@ -86,7 +88,11 @@ class ReducedProblem:
 
     @property
     def asymmetry(self) -> float:
-        """Largest ``|W_ij - W_ji|`` over the largest entry of ``W``."""
+        """Largest ``|W_ij - W_ji|`` over the largest entry of ``W``.
+
+        Of ``M``, `fclib.GlobalProblem.asymmetry`, another number: over ``√|M_ii M_jj|``,
+        entry by entry, since unknowns of a body may have different units.
+        """
         return self._core.asymmetry
 
     def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:
@@ -134,12 +140,12 @@ class ReducedProblem:
             count = 0 if self.rigid is None else len(self.rigid[1])
             if rigid is not None and len(rigid) != count:
                 raise ValueError(
-                    f"start has {len(rigid)} rigid motions, expected {count}"
+                    f"start has {counted(len(rigid), 'rigid motion')}, expected {count}"
                 )
         elif start is not None:
             reaction = floats("start", start, shape=self.q.shape)
         if num_threads is not None:
-            num_threads = positive("num_threads", num_threads)
+            num_threads = threads(num_threads)
         raw = self._core.solve(*chosen, reaction, rigid, num_threads, callback)
         return self._solution(raw, method, chosen[3])
 

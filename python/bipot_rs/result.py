@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs import export
+from bipot_rs.words import counted
 
 Array = NDArray[np.float64]
 
@@ -55,7 +56,7 @@ class Inquiry(Protocol):
         """Why it is no answer, in a sentence."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Solution:
     """The answer of one contact problem, or the best point that was reached.
 
@@ -105,13 +106,22 @@ class Solution:
     work: float
     rigid_motion: Array | None = None
     free_motion: Array | None = None
-    history: Array = field(default_factory=lambda: np.empty((0, 2)), repr=False)
-    bipotential_gap: Array = field(default_factory=lambda: np.empty(0), repr=False)
+    history: Array = field(default_factory=lambda: np.empty((0, 2)))
+    bipotential_gap: Array = field(default_factory=lambda: np.empty(0))
     seconds: float = 0.0
-    stats: Mapping[str, int] = field(default_factory=dict, repr=False)
-    _problem: Inquiry | None = field(default=None, repr=False)
-    _known: dict[str, Any] = field(default_factory=dict, repr=False)
-    _words: str = field(default="", repr=False)
+    stats: Mapping[str, int] = field(default_factory=dict)
+    _problem: Inquiry | None = None
+    _known: dict[str, Any] = field(default_factory=dict)
+    _words: str = ""
+
+    def __repr__(self) -> str:
+        # What is told without asking: `message` may look for a cause first.
+        contacts = counted(len(self.status), "contact")
+        iterations = counted(self.iterations, "iteration")
+        return (
+            f"{type(self).__name__}({contacts}, {self.outcome} in {iterations}, "
+            f"residual {self.residual:.1e}, held to {self.tolerance:.1e})"
+        )
 
     def _ask(self, name: str, unknown: Any) -> Any:
         if name not in self._known:
@@ -164,7 +174,7 @@ class Solution:
         """
         judged = f"residual {self.residual:.1e}, held to {self.tolerance:.1e}"
         if self.converged:
-            return f"converged in {self.iterations} iterations ({judged})"
+            return f"converged in {counted(self.iterations, 'iteration')} ({judged})"
         if self.outcome is Outcome.NO_EQUILIBRIUM:
             if not self._words:
                 return (
@@ -192,7 +202,7 @@ class Solution:
         return str(self._known["diagnosis"])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Step(Solution):
     """One load step: a `Solution` with what belongs to a path.
 
@@ -209,11 +219,11 @@ class Step(Solution):
     """
 
     slip: Array
-    load: Array | None = field(default=None, repr=False)
-    prescribed: Array | None = field(default=None, repr=False)
-    traction: Array | None = field(default=None, repr=False)
-    _recover: Callable[[Step], Array] | None = field(default=None, repr=False)
-    _kept: dict[str, Array] = field(default_factory=dict, repr=False)
+    load: Array | None = None
+    prescribed: Array | None = None
+    traction: Array | None = None
+    _recover: Callable[[Step], Array] | None = None
+    _kept: dict[str, Array] = field(default_factory=dict)
 
     @property
     def displacement(self) -> Array:
@@ -288,7 +298,10 @@ class Result(Sequence[Step]):
 
     def __repr__(self) -> str:
         contacts = len(self.status[-1]) if self.steps else 0
-        return f"Result({len(self)} steps, {contacts} contacts, {self.message})"
+        return (
+            f"Result({counted(len(self), 'step')}, {counted(contacts, 'contact')}, "
+            f"{self.message})"
+        )
 
     def _stack(
         self, name: str, empty: tuple[int, ...], dtype: Any = np.float64

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from bipot_rs import export, result
 from bipot_rs.result import Result
 from bipot_rs.schema import Scene
+from bipot_rs.words import counted
 
 # Attribute of the file, and what it is called when it differs.
 _STAMPS = {
@@ -72,7 +73,7 @@ def earlier(path: Path, expected: Mapping[str, Any], count: int) -> Result:
     found = result.load(path)
     if len(found) > count:
         raise ValueError(
-            f"cannot resume {path}: it holds {len(found)} load steps of {count}"
+            f"cannot resume {path}: it holds {counted(len(found), 'load step')} of {count}"
         )
     return found
 
@@ -82,11 +83,16 @@ def same_contacts(
 ) -> None:
     """Refuse a file whose contacts are not, to the bit, those of this run.
 
+    A file without load steps, of a run that ended before it had contacts, holds
+    nothing that could differ.
+
     Raises
     ------
     ValueError
         Other versions of the libraries that mesh and assemble, most likely.
     """
+    if not len(found):
+        return
     for name, array in contacts.items():
         known = found.contacts.get(name)
         same = array is known or (

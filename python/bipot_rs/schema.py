@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from bipot_rs.fem import FACES
+from bipot_rs.words import counted
 
 Floats = NDArray[np.float64]
 AXES = ("x", "y", "z")
@@ -455,7 +456,8 @@ def _path_inconsistencies(scene: Scene) -> list[str]:
             found.append(f"path.steps: is missing, and the wave {name} has no end")
         elif amplitude.table is not None and len(amplitude.table) != path.count():
             found.append(
-                f"{place}: has {len(amplitude.table)} factors for {path.count()} steps"
+                f"{place}: has {counted(len(amplitude.table), 'factor')} for "
+                f"{counted(path.count(), 'step')}"
             )
         if name not in used:
             found.append(f"{place}: nothing uses it")

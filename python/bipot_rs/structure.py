@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from bipot_rs.words import counted
+
 
 def check(what: str, matrix: Any) -> None:
     """Refuse a sparse matrix whose arrays contradict its shape.
@@ -42,7 +44,7 @@ def check(what: str, matrix: Any) -> None:
 def _pointers(what: str, pointer: Any, indices: int, entries: int, major: int) -> None:
     if len(pointer) != major + 1:
         raise ValueError(
-            f"{what} has {len(pointer)} pointers to its rows, expected {major + 1}"
+            f"{what} has {counted(len(pointer), 'pointer')} to its rows, expected {major + 1}"
         )
     if pointer[0] != 0 or (np.diff(pointer) < 0).any():
         raise ValueError(
@@ -51,7 +53,7 @@ def _pointers(what: str, pointer: Any, indices: int, entries: int, major: int) -
         )
     if pointer[-1] > min(indices, entries):
         raise ValueError(
-            f"{what} has {min(indices, entries)} entries, its pointers to rows end at "
+            f"{what} has {counted(min(indices, entries), 'entry')}, its pointers to rows end at "
             f"{pointer[-1]}"
         )
 

@@ -248,7 +248,10 @@ def h14() -> list[Row]:
     return [
         exact("r in other units", BRANCHES, [[1.56, -0.78]] * 6, got, 1e-10),
         same(
-            "bits in units of powers of two", "", "equal", "equal" if bits else "other"
+            "bits in units of powers of two",
+            "the plain units",
+            "equal",
+            "equal" if bits else "other",
         ),
     ]
 
@@ -306,7 +309,7 @@ def h16() -> list[Row]:
         except ValueError as error:
             got = f"ValueError, {name}" if name in str(error).split() else str(error)
         shown = json.dumps(value).replace("NaN", "nan")
-        rows.append(same(f"{name} = {shown}", "", f"ValueError, {name}", got))
+        rows.append(same(f"{name} = {shown}", "contract", f"ValueError, {name}", got))
     return rows
 
 

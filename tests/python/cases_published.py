@@ -90,8 +90,8 @@ def p1() -> list[Row]:
     got = [bp.Status(int(s)).name.lower() for s in along(model, result.status[-1])]
     source = "independent program"
     others = [
-        exact(f"r in {steps} steps", "5 steps", r, along(m, other.reaction[-1]), 1e-9)
-        for steps in (1, 20)
+        exact(f"r in {word}", "5 steps", r, along(m, other.reaction[-1]), 1e-9)
+        for steps, word in ((1, "1 step"), (20, "20 steps"))
         for m, _, other in [plate(16, steps)]
     ]
     return [
@@ -106,7 +106,13 @@ def p1() -> list[Row]:
         near(
             "force at the held corner [N/m]", source, 1.04852021e5, balance.sum(), 1e-8
         ),
-        exact("both", "statics", 2e6, r[:, 0].sum() + balance.sum(), 1e-10),
+        exact(
+            "sum of r_n and force at the corner [N/m]",
+            "statics",
+            2e6,
+            r[:, 0].sum() + balance.sum(),
+            1e-10,
+        ),
         *others,
     ]
 

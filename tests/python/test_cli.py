@@ -280,6 +280,52 @@ def test_a_reader_that_leaves(tmp_path: Path) -> None:
         assert process.stderr.read() == ""
 
 
+SOLVE = ("run", "pressed_block", "--set", "mesh.n=4")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "closed", "status"),
+    [
+        (("scenes",), ">&-", 0),
+        ((*SOLVE,), ">&-", 0),
+        ((*SOLVE,), "2>&-", 0),
+        (("run", "nothing"), "2>&-", 2),
+        (("fclib", "nothing.hdf5"), ">&- 2>&-", 2),
+        (("--help",), ">/dev/full", 2),
+        (("scenes",), ">/dev/full", 2),
+        ((*SOLVE, "--json"), ">/dev/full", 2),
+        (("fclib", "nothing.hdf5"), ">/dev/full", 2),
+        # In a shell's words, so that the reader has gone before the first byte.
+        (("--help",), "> >(exec true)", 2),
+    ],
+)
+def test_standard_streams_that_take_nothing(
+    arguments: tuple[str, ...], closed: str, status: int, tmp_path: Path
+) -> None:
+    """The status says how it went, with a place to say more or without."""
+    wait = "sleep 0.2; " if "true" in closed else ""
+    run = subprocess.run(
+        ["bash", "-c", f'{{ {wait}exec "$@"; }} {closed}', "bash", *BIPOT, *arguments],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert run.returncode == status, run.stderr
+    assert "Traceback" not in run.stderr
+    if "/dev/full" in closed and arguments[0] != "fclib":
+        assert "cannot write to standard output" in run.stderr
+
+
+def test_problems_are_among_what_was_written(tmp_path: Path) -> None:
+    run = bipot("run", "sheared_cube", "--set=mesh.n=2", "--fclib", cwd=tmp_path)
+    last = run.stdout.splitlines()[-1]
+    assert "problem-0000.hdf5, problem-0001.hdf5, result.h5" in last
+    short = ("run", "cyclic_cube", "--set=mesh.n=2", "--set=path.steps=4", "--fclib")
+    last = bipot(*short, cwd=tmp_path).stdout.splitlines()[-1]
+    assert "problem-0000.hdf5, …, problem-0003.hdf5, result.h5" in last
+
+
 def test_read_only_folder(tmp_path: Path) -> None:
     closed = tmp_path / "closed"
     closed.mkdir()

@@ -258,6 +258,21 @@ class TestRanges:
         refused(problem, "fixed", [0.5], "integer")
         refused(problem, "fixed", [[0, 1]], "dimension|shape")
 
+    def test_frames(self) -> None:
+        """Bases that are none: zero, of another length, aslant, one of several."""
+        for wrong in (
+            np.zeros((2, 2)),
+            2 * np.eye(2),
+            [[1.0, 0.0], [0.1, 1.0]],
+            1e200 * np.eye(2),
+        ):
+            frame = np.array([np.eye(2), wrong])
+            with pytest.raises(ValueError, match=r"^frame of contact 1 has the rows"):
+                problem(frame=frame)
+        # Written down with seven digits, and of the other hand.
+        c, s = 0.8660254, 0.5000000
+        problem(frame=[[[c, s], [-s, c]], [[0.0, 1.0], [1.0, 0.0]]])
+
 
 class TestTypes:
     def test_boolean_mask(self) -> None:

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import resource
 import signal
 from collections.abc import Callable
@@ -51,7 +52,9 @@ def test_full_disk(size: int, earlier: dict[str, bytes], tmp_path: Path) -> None
     )
     assert (run.returncode, run.stderr) == (2, "")
     message = json.loads(run.stdout.splitlines()[-1])["message"]
-    assert os.strerror(errno.EFBIG) in message
+    # The name that was asked for, not that of the draft.
+    assert re.match(r"cannot write here/(result\.(pvd|h5)|steps\.csv): ", message)
+    assert message.endswith(os.strerror(errno.EFBIG))
     assert files(tmp_path) == earlier
     assert strays(tmp_path / "here") == []
 
@@ -75,7 +78,8 @@ def test_full_disk_under_result_save(tmp_path: Path) -> None:
 
     def save() -> None:
         full_after(len(before) // 2)()
-        with pytest.raises(OSError, match=os.strerror(errno.EFBIG)):
+        words = f"^cannot write {path}: {os.strerror(errno.EFBIG)}$"
+        with pytest.raises(OSError, match=words):
             result.save(path)
 
     # The child must come to its end: HDF5 left with a file that it can neither write
@@ -83,6 +87,23 @@ def test_full_disk_under_result_save(tmp_path: Path) -> None:
     assert forked(save).returncode == 0
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_full_disk_under_a_problem(tmp_path: Path) -> None:
+    problem = bp.ReducedProblem(np.eye(300), np.ones((100, 3)), 0.3)
+    path = tmp_path / "a.hdf5"
+    bp.fclib.write(path, problem)
+    before = path.read_bytes()
+
+    def write() -> None:
+        full_after(len(before) // 2)()
+        words = f"^cannot write {path}: {os.strerror(errno.EFBIG)}$"
+        with pytest.raises(OSError, match=words):
+            bp.fclib.write(path, problem)
+
+    assert forked(write).returncode == 0
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.hdf5"]
 
 
 @pytest.mark.parametrize(

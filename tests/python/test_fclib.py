@@ -1,6 +1,9 @@
 """FCLIB files: what they hold is what is read, and what is written is what was given."""
 
+import errno
+import os
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -642,3 +645,32 @@ def test_wrong_arguments(
             **({"path": tmp_path / "a.hdf5", "problem": pressed.square()} | arguments)
         )
     assert list(tmp_path.iterdir()) == []
+
+
+def test_names_of_files_are_told(tmp_path: Path) -> None:
+    problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3)
+    words = "path is a int, expected the name of a file"
+    with pytest.raises(TypeError, match=words):
+        fclib.write(3, problem)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=words):
+        fclib.read(3)  # type: ignore[arg-type]
+    missing = tmp_path / "none" / "a.hdf5"
+    with pytest.raises(FileNotFoundError) as refused:
+        fclib.write(missing, problem)
+    reason = os.strerror(errno.ENOENT)
+    assert str(refused.value) == f"cannot write {missing}: {reason}"
+
+
+def test_without_h5py_the_extra_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # None there is how Python is told that a module is not to be found.
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3)
+    for call in (
+        lambda: fclib.read(tmp_path / "a.hdf5"),
+        lambda: fclib.write(tmp_path / "a.hdf5", problem),
+        lambda: bp.load(tmp_path / "a.h5"),
+    ):
+        with pytest.raises(ModuleNotFoundError, match=r"h5py.*pip install '\.\[io\]'"):
+            call()

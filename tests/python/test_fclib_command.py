@@ -81,7 +81,9 @@ def test_people_get_lines_and_a_summary() -> None:
     first, second, *summary = run.stdout.splitlines()
     assert "asymmetric" not in first + second
     told = bipot(str(path("fe_cube_h8_9c")), status=0).stdout
-    assert "asymmetric by 0.22" in told.splitlines()[0]
+    assert "M asymmetric by 0.22 of √|M_ii M_jj|" in told.splitlines()[0]
+    told = bipot(str(path("fe_cube_h8_9c__local")), status=0).stdout
+    assert "W asymmetric by 0.16 of its largest entry" in told.splitlines()[0]
     assert first.startswith(GOOD)
     assert "3 × 3D" in first
     assert "11 × 2D" in second
@@ -89,6 +91,43 @@ def test_people_get_lines_and_a_summary() -> None:
     text = "\n".join(summary)
     for word in ("outcome", "files", "worst residual", "median work", "all"):
         assert word in text
+
+
+def test_what_is_not_solved_is_told_in_a_sentence(tmp_path: Path, stuck: str) -> None:
+    """One a file, beside the line of the table; lines of JSON have their own."""
+    slow = str(tmp_path / "slow.hdf5")
+    fclib.write(slow, pressed.cube())
+    short = ("--method", "uzawa", "--tol", "1e-12", "--max-seconds", "1e-9")
+    run = bipot(GOOD, stuck, slow, *short, status=3)
+    said = [line for line in run.stderr.splitlines() if GOOD not in line]
+    assert len(said) == 2
+    assert said[0].startswith(f"bipot: {stuck}: ")
+    assert said[1].startswith(f"bipot: {slow}: ")
+    assert "no answer exists" in said[0]
+    assert "max_seconds" in said[1]
+    assert bipot("--json", stuck, slow, *short, status=3).stderr == ""
+
+
+def test_what_a_line_was_held_to() -> None:
+    """Rounding of η may be more than the tolerance asked for: then it is told."""
+    tight = bipot("--tol", "1e-20", GOOD, status=0).stdout.splitlines()[0]
+    (row,) = rows(bipot("--tol", "1e-20", "--json", GOOD, status=0).stdout)
+    assert row["tolerance"] > 1e-20
+    assert f"held to {row['tolerance']:.1e} by rounding" in tight
+    loose = bipot("--tol", "1e-6", GOOD, status=0).stdout.splitlines()[0]
+    assert "held to" not in loose
+
+
+def test_a_name_is_one_line(tmp_path: Path) -> None:
+    """File names hold newlines, and bytes that are no text."""
+    odd = tmp_path / "a\nb\udcff.hdf5"
+    odd.write_bytes(Path(GOOD).read_bytes())
+    run = bipot(str(odd), str(tmp_path / "no\nfile"), status=2)
+    first, second, *_ = run.stdout.splitlines()
+    assert "a\\nb\\udcff.hdf5 " in first
+    assert "converged" in first
+    assert "no\\nfile " in second
+    assert run.stderr.count("\n") == 1
 
 
 def test_a_bad_file_stops_no_other(tmp_path: Path, stuck: str) -> None:
@@ -167,10 +206,12 @@ def test_every_method_is_there(method: str) -> None:
     assert row["residual"] <= 1e-6
 
 
-def test_interrupt(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("as_json", [True, False])
+def test_interrupt(number: signal.Signals, as_json: bool, tmp_path: Path) -> None:
     # Some milliseconds each: the signal comes long before the last.
     process = subprocess.Popen(
-        [*BIPOT, "--json", *[GOOD] * 5000],
+        [*BIPOT, *["--json"] * as_json, *[GOOD] * 5000],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -178,11 +219,14 @@ def test_interrupt(tmp_path: Path) -> None:
     )
     assert process.stdout is not None
     process.stdout.readline()
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     output, errors = process.communicate(timeout=60)
-    assert process.returncode == 130, errors
+    assert process.returncode == 128 + number, errors
     assert errors == "bipot: interrupted\n"
-    assert all(row["outcome"] == "converged" for row in rows(output))
+    if as_json:
+        assert all(row["outcome"] == "converged" for row in rows(output))
+    else:
+        assert "worst residual" in output
 
 
 def test_reader_that_goes_away() -> None:

@@ -67,7 +67,7 @@ RUST_NAMES = {
     "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
 }
 PYTHON = (
-    "_core early interrupts",
+    "_core early interrupts words",
     "export",
     "structure",
     "check result",

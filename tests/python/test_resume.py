@@ -190,6 +190,26 @@ def test_files_that_cannot_be_resumed(broken: Path) -> None:
     assert "nothing to resume" in refusal()
 
 
+@pytest.mark.parametrize("place", ["scene:bodies", "scene:assemble"])
+def test_a_file_without_contacts_is_resumed(
+    place: str, whole: Path, tmp_path: Path
+) -> None:
+    """Interrupted before assembly there is a result of no steps, and no contacts."""
+
+    def fault(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    begun = bipot_with(
+        fault, f"bipot_rs.{place}", *SCENE, "--out", "here", cwd=tmp_path
+    )
+    assert begun.returncode == 130
+    file = tmp_path / "here" / "result.h5"
+    assert len(bp.load(file)) == 0
+    run = bipot(*SCENE, "--out", "here", "--resume", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert content(file) == content(whole / "result.h5")
+
+
 def test_an_older_version_or_other_contacts(broken: Path) -> None:
     file = broken / "result.h5"
     for change, words in (

@@ -99,5 +99,5 @@ def test_twenty_thousand_contacts_take_megabytes() -> None:
 def test_an_entry_that_is_not_a_number_is_named() -> None:
     W = sparse.diags_array(np.ones(300)).tolil()
     W[7, 4] = np.inf
-    with pytest.raises(ValueError, match="W is inf at row 7, column 4"):
+    with pytest.raises(ValueError, match="W is not finite at row 7, column 4: inf"):
         bp.ReducedProblem(W.tocsr(), np.zeros((100, 3)), 0.3)

@@ -171,9 +171,10 @@ def page(*, fine: bool) -> str:
         head = ["case", "quantity", "source", "expected", "computed", "difference"]
         return table(head, rows)
 
+    approached = cases_plane.CASES | cases_space.CASES
     refined = [
         [i.upper(), *row]
-        for i, case in (cases_plane.CASES | cases_space.CASES).items()
+        for i, case in sorted(approached.items(), key=lambda pair: int(pair[0][1:]))
         for one in case(fine)
         for row in one.rows()
     ]
@@ -205,9 +206,30 @@ only rounding and the residual that the solver is held to are left; `≤` before
 difference itself, rounded up to one digit, where it comes from a mesh or from the
 digits of a source.
 
+Cases A have answers by analysis: closed forms, statics, enumerations. Cases P are
+published problems. Cases H are hard ones: degenerate geometry, several answers or none,
+extreme numbers. A7, A8, A9, A10 and A13 are approached by refinement, all other A are met
+exactly.
+
 Sources: [J85] and the paper's equations are in [theory.md](theory.md); *closed form*
 means that it is derived in `bipot_rs.analytic` or in the test of that number;
-*enumeration* tries every status of every contact.
+*enumeration* tries every status of every contact; *contract* is what the docstring
+promises; *5 steps* is the same program with the load in five steps.
+
+- *SSNV128*, *SSNV503 of code_aster*: tests of its validation manual,
+  [code-aster.org](https://www.code-aster.org). SSNV128 is the plate of Raous, Chabrand
+  and Lebon, 1988; the numbers are a mean of several codes by Feijóo, Barbosa and Zouain,
+  *Journal of Theoretical and Applied Mechanics*, which code_aster quotes with a tolerance
+  of 5 %. At the point E the source has 1.50e-5, where this program and the independent
+  one have 1.541e-5 on every mesh: it looks rounded, or read off a curve, and is 3 % off.
+- *independent program*: finite elements that share no code with these, bilinear cells,
+  full integration; its numbers are in
+  [data_reference](../tests/python/data_reference/README.md), as are the problems of
+  Siconos.
+- *NAFEMS, Konter 2006*: A. W. A. Konter, *Advanced Finite Element Contact Benchmarks*,
+  NAFEMS, benchmark 1.
+- *ANSYS VM63*: Static Hertz Contact Problem, *ANSYS Verification Manual*; its data, put
+  into Hertz's formulas.
 """
 
 REFINED = """\

@@ -1,0 +1,49 @@
+"""Numbers and names in a sentence, and where messages count."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from bipot_rs.words import counted, printable
+
+
+def test_one_is_no_plural() -> None:
+    assert counted(1, "iteration") == "1 iteration"
+    assert counted(0, "iteration") == "0 iterations"
+    assert counted(1, "entry") == "1 entry"
+    assert counted(2, "entry") == "2 entries"
+
+
+def test_names_stay_on_a_line() -> None:
+    assert printable("plain, é and 接触") == "plain, é and 接触"
+    assert printable("a\nb\tc\x1b[2J\udcff") == r"a\nb\tc\x1b[2J\udcff"
+
+
+def test_messages_count_as_people_do() -> None:
+    with pytest.raises(ValueError, match="q has 1 dimension, expected 2"):
+        bp.ReducedProblem(np.eye(2), [-1.0, 0.2], 0.3)
+    solution = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3).solve()
+    assert solution.iterations == 1
+    assert solution.message.startswith("converged in 1 iteration (")
+
+
+def test_dense_and_sparse_are_refused_in_the_same_words() -> None:
+    for wrong, told in ((np.nan, "NaN"), (-np.inf, "-inf")):
+        W = np.array([[1.0, wrong], [0.0, 1.0]])
+        for kind in (np.asarray, sparse.csr_array, sparse.coo_array):
+            with pytest.raises(ValueError, match=f"^W is not finite at .*1: {told}$"):
+                bp.ReducedProblem(kind(W), [[-1.0, 0.2]], 0.3)
+
+
+def test_a_solution_is_a_line() -> None:
+    """However many contacts it has, as a result is."""
+    problem = bp.ReducedProblem(np.eye(300), np.full((100, 3), -1.0), 0.3)
+    solution = problem.solve()
+    assert repr(solution) == (
+        f"Solution(100 contacts, converged in {counted(solution.iterations, 'iteration')}, "
+        f"residual {solution.residual:.1e}, held to 1.0e-10)"
+    )
+    result = bp.solve(np.eye(2), np.eye(2), gap=[-1.0], mu=0.3)
+    assert repr(result[0]).startswith("Step(1 contact, converged in ")
+    assert repr(result).startswith("Result(1 step, 1 contact, ")
