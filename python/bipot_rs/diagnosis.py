@@ -29,6 +29,7 @@ _NEGATIVE = 1e-6
 _UNCOUPLED = 1e-12
 # A motion softer by this than all others leaves a residual of 1e-10 no digits for them.
 _SOFT = 1e8
+_NEARLY_FREE = "a body is nearly free"
 # Below, doubles have fewer digits, and above, squares of a few have none.
 _SMALL, _LARGE = 1e-300, 1e300
 # From here on μ times the rounding of a displacement of order one is no small residual.
@@ -106,7 +107,7 @@ def _sentence(tried: Tried, solution: Solution, v: Array) -> str:
     if causes:
         named = ", and ".join(finding.cause for finding in causes)
         parts.append(f"likely cause: {named}")
-    cures = list(dict.fromkeys(_cures(tried, solution, causes)))
+    cures = list(dict.fromkeys(_cures(tried, solution, causes, v, scale)))
     return "; ".join([*parts, "try " + " or ".join(cures)])
 
 
@@ -235,6 +236,7 @@ def _findings(
     tried: Tried, solution: Solution, v: Array, W: Array | None
 ) -> Iterator[Finding]:
     """What is found wrong with the problem, the surest alone."""
+    soft = False
     if W is not None:
         scaled, root = _scaled(W, len(tried.mu))
         # Motions of the unit of each contact's own compliance, as in W.
@@ -248,11 +250,13 @@ def _findings(
             if sure is not None:
                 yield sure
                 return
-        yield from _of_compliance(tried, solution, W, scaled, modes)
+        for finding in _of_compliance(tried, solution, W, scaled, modes):
+            soft |= finding.cause.startswith(_NEARLY_FREE)
+            yield finding
     condition = tried.condition()
-    if condition > _SOFT:
+    if condition > _SOFT and not soft:
         yield Finding(
-            f"a body is nearly free, the condition of its stiffness is {condition:.0e}",
+            f"{_NEARLY_FREE}, the condition of its stiffness is {condition:.0e}",
             "a support for it",
         )
     if W is not None and solution.reaction.any() and tried.several(solution):
@@ -396,7 +400,7 @@ def _of_compliance(
         first = int(np.argmax(softer))
         if softer[first] > _SOFT and first < min(6, len(values) // 2):
             which = "one motion is" if first == 0 else f"{first + 1} motions are"
-            cause = f"a body is nearly free, {which} softer by {softer[first]:.0e}"
+            cause = f"{_NEARLY_FREE}, {which} softer by {softer[first]:.0e}"
             yield Finding(f"{cause} than all others", "a support for it")
 
 
@@ -432,7 +436,13 @@ def _trend(solution: Solution) -> str:
     return ", hardly falling" if gain < 1 else ", no longer falling"
 
 
-def _cures(tried: Tried, solution: Solution, causes: list[Finding]) -> Iterator[str]:
+def _cures(
+    tried: Tried,
+    solution: Solution,
+    causes: list[Finding],
+    v: Array,
+    scale: Array,
+) -> Iterator[str]:
     yield from (finding.cure for finding in causes if finding.cure)
     if not any(finding.alone for finding in causes):
         limit = {
@@ -447,6 +457,9 @@ def _cures(tried: Tried, solution: Solution, causes: list[Finding]) -> Iterator[
             yield "method='auto'"
         elif limit is None and not causes:
             yield "smaller load steps, or another start"
-    if solution.tolerance < solution.residual <= _FAR:
+    # η is relative to the reactions: it says little where they dwarf what they move.
+    missed = misses(solution.reaction, v, tried.mu, scale).max(initial=0.0)
+    moved = (np.linalg.norm(v, axis=1) / np.sqrt(scale)).max(initial=0.0)
+    if solution.tolerance < solution.residual <= _FAR and missed <= _FAR * moved:
         wish = 10.0 ** np.ceil(np.log10(solution.residual))
         yield f"tol={wish:.0e}, which this point meets"

@@ -164,7 +164,8 @@ class Solution:
         """
         judged = f"residual {self.residual:.1e}, held to {self.tolerance:.1e}"
         if self.converged:
-            return f"converged in {self.iterations} iterations ({judged})"
+            count = f"{self.iterations} iteration{'' if self.iterations == 1 else 's'}"
+            return f"converged in {count} ({judged})"
         if self.outcome is Outcome.NO_EQUILIBRIUM:
             if not self._words:
                 return (
