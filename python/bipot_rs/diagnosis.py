@@ -102,7 +102,9 @@ def _sentence(tried: Tried, solution: Solution, v: Array) -> str:
         causes = [finding for finding in found if finding.certain]
         if not causes:
             beside = ", and ".join(finding.cause for finding in found)
-            parts.append(f"likely cause: the limit{'' if found else ' alone'}")
+            # A W that was not looked at may have causes of its own.
+            alone = "" if found or W is None else " alone"
+            parts.append(f"likely cause: the limit{alone}")
             parts += [f"found besides: {beside}"] if found else []
     if causes:
         named = ", and ".join(finding.cause for finding in causes)

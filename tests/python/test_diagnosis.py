@@ -403,3 +403,15 @@ def test_a_message_outlives_its_problem() -> None:
 def test_no_contact_at_all_has_nothing_to_say() -> None:
     solution = bp.ReducedProblem(np.zeros((0, 0)), np.zeros((0, 2)), 0.3).solve()
     assert solution.message.startswith("converged")
+
+
+def test_contacts_without_fault_are_not_called_the_worst() -> None:
+    W, _ = held()
+    R = np.zeros((60, 1))
+    R[::3] = 1.0
+    # From no reactions and no motion: other methods start from a balanced point.
+    q = np.zeros((20, 3))
+    given = {"rigid": (R, np.array([-20.0])), "start": q, "max_iterations": None}
+    message = stopped(W, q, method="newton", max_seconds=1e-12, **given)
+    assert "worst" not in message
+    assert "each contact meets the law, the balance of forces is not met" in message
