@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TextIO
@@ -88,7 +89,7 @@ class Job:
             if resume:
                 done = earlier(folder / RESULT, stamp, scene.path.count())
                 if done.success:
-                    return self._complete_already(folder, done)
+                    return self._complete_already(folder, done, fclib=fclib)
             with _draft(folder) as draft:
                 code, message = self._attempt(scene, method, tol, folder, done)
                 code, message = self._keep(
@@ -105,9 +106,11 @@ class Job:
             self._print_table(folder)
         return self.end(code, message)
 
-    def _complete_already(self, folder: Path, done: Result) -> int:
+    def _complete_already(self, folder: Path, done: Result, *, fclib: bool) -> int:
         self.reached = [({}, step) for step in done]
         message = f"{folder / RESULT} is complete already, nothing to resume"
+        if fclib:
+            message += ": --fclib writes problems of what is solved, without --resume"
         if not self.as_json:
             complain(message)
         return self.end(SOLVED, message)
@@ -168,7 +171,7 @@ class Job:
                         self.resumed = first
                         self.reached = [
                             (_row(k, float(case.parameter[k]), step), step)
-                            for k, step in enumerate(done)
+                            for k, step in enumerate(_loaded(case, done))
                         ]
                         progress.skip(first)
                     self.case = case
@@ -536,6 +539,16 @@ def _replace(draft: Path, folder: Path) -> None:
     for old in _ours(folder):
         if old.name not in new:
             old.unlink()
+
+
+def _loaded(case: Case, done: Result) -> Iterator[Step]:
+    """Steps read from a file, which holds no loads, with those of the scene."""
+    import numpy as np
+
+    nothing = np.zeros(case.model.n)
+    for k, step in enumerate(done):
+        load = nothing if case.load is None else case.load[k]
+        yield replace(step, load=load, prescribed=case.prescribed[k])
 
 
 def _ours(folder: Path) -> list[Path]:

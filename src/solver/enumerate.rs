@@ -47,6 +47,10 @@ const TOLERANCE: f64 = 1e-12;
 /// Nodes of the tree between two looks at the stop flag.
 const LOOK: usize = 4096;
 
+/// Nodes that are visited at the most, seconds of work: bounds that cut off most of
+/// the tree where W is elastic cut off nothing where it is indefinite.
+const MOST_NODES: usize = 200_000;
+
 /// What exhausting the statuses found.
 #[derive(Clone, Debug)]
 pub struct Enumeration {
@@ -390,6 +394,10 @@ impl<'p> Search<'p> {
 
     fn visit(&mut self, depth: usize) -> Result<(), Error> {
         self.visited += 1;
+        if self.visited > MOST_NODES {
+            self.found.complete = false;
+            return Ok(());
+        }
         if self.visited.is_multiple_of(LOOK) && self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }

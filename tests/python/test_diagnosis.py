@@ -19,7 +19,10 @@ CAUSES = {
     "nearly free": r"a body is nearly free",
     "jam": r"friction that can jam contact",
     "several": r"several answers near by",
-    "limit": r"the limit alone",
+    "limit": r"likely cause: the limit",
+    "indefinite": r"W is not positive semidefinite",
+    "rounding": r"rounding, for the reactions meet the law",
+    "range": r"where doubles end",
     "slides": r"seems to slide away",
 }
 
@@ -56,7 +59,7 @@ def test_a_limit_and_nothing_else(method: str) -> None:
     order = [
         r"not converged: 1 iteration of " + repr(method),
         "reached max_iterations",
-        r"residual \d\.\de-\d+, still falling, held to 1\.0e-13",
+        r"residual \d\.\de-\d+, held to 1\.0e-13",
         r"worst at contact \d+, which",
         "likely cause",
         "try a larger max_iterations",
@@ -73,13 +76,43 @@ def test_a_time_limit() -> None:
     assert "try a larger max_seconds" in message
 
 
-def test_redundant_contacts() -> None:
-    rng = np.random.default_rng(1)
+def redundant(seed: int = 1) -> tuple[Array, Array]:
+    rng = np.random.default_rng(seed)
     columns = rng.normal(size=(60, 10))
-    message = stopped(columns @ columns.T, rng.normal(size=(20, 3)))
+    return columns @ columns.T, rng.normal(size=(20, 3))
+
+
+def test_redundant_contacts_are_no_cause_while_the_residual_falls() -> None:
+    W, q = redundant()
+    for limit in ({"max_iterations": 3}, {"max_seconds": 1e-9}):
+        message = stopped(W, q, method="auto", **limit)
+        assert names(message) == {"limit", "redundant"}
+        assert "found besides: redundant contacts, their 60 reaction" in message
+        assert "act in 10 independent ways only" in message
+        assert "fewer contacts" not in message
+    assert "try a larger max_seconds" in message
+
+
+def test_fewer_contacts_are_advised_where_the_default_stands_only() -> None:
+    W, q = redundant()
+    message = stopped(W, q, method="newton", max_iterations=300)
     assert names(message) == {"redundant"}
-    assert "their 60 reaction components act in 10 independent ways only" in message
-    assert "try fewer contacts" in message
+    assert message.endswith("try method='auto'")
+    # A tolerance that no point can have, and reactions that dwarf what they move.
+    message = stopped(W, q, method="auto", tol=1e-14, max_iterations=None)
+    assert "came to a stand" in message
+    assert names(message) == {"redundant"}
+    # η of 1e-12 is relative to those reactions: no looser tolerance is offered.
+    assert message.endswith("try fewer contacts")
+
+
+def test_what_single_precision_left_of_zero_is_redundant() -> None:
+    W, q = redundant()
+    single = W.astype(np.float32).astype(float)
+    assert np.linalg.eigvalsh(single)[0] < -1e-15 * np.abs(single).max() * 60
+    message = stopped(single, q, method="newton", max_iterations=1)
+    assert names(message) == {"redundant"}
+    assert "act in 10 independent ways only" in message
 
 
 def test_contacts_that_the_rigid_motions_determine_are_not_redundant() -> None:
@@ -99,34 +132,182 @@ def test_contacts_that_the_rigid_motions_determine_are_not_redundant() -> None:
 def test_a_body_that_is_nearly_free() -> None:
     W, q = held()
     push = np.tile([1.0, 0.0, 0.0], 20)
-    message = stopped(W + 1e10 * np.outer(push, push), q - [1e3, 0, 0])
-    assert names(message) == {"nearly free"}
+    soft, deep = W + 1e10 * np.outer(push, push), q - [1e3, 0, 0]
+    message = stopped(soft, deep)
+    assert names(message) == {"limit", "nearly free"}
     assert "one motion is softer by" in message
-    assert "try a support for it" in message
+    assert "a support" not in message
     # A hundred times softer than the rest is how bodies are.
     assert names(stopped(W + 1e2 * np.outer(push, push), q)) == {"limit"}
 
 
 def test_a_stiffness_that_is_nearly_free() -> None:
     K = np.diag([2.0, 2.0, 2.0, 2.0]) - np.eye(4, k=2) - np.eye(4, k=-2)
-    for soft, named in ((1e-10, {"nearly free"}), (0.1, {"limit"})):
+
+    def message(soft: float, count: int) -> str:
         weak = K - np.eye(4) * (1 - soft)
         problem = bp.ContactProblem(weak, np.eye(4), gap=np.zeros(2), mu=0.3)
         with pytest.raises(bp.NotConvergedError) as caught:
-            problem.solve([-1.0, 0.1, -1.0, 0.2], method="uzawa", max_iterations=1)
-        assert names(str(caught.value)) == named
+            problem.solve(
+                [-1.0, 0.1, -1.0, 0.2], method="uzawa", tol=1e-13, max_iterations=count
+            )
+        return str(caught.value)
+
+    assert names(message(0.1, 1)) == {"limit"}
+    assert names(message(1e-10, 1)) == {"limit", "nearly free"}
+    # Where it gains nothing more that is the cause, and is said once.
+    stood = message(1e-10, 300)
+    assert names(stood) == {"nearly free"}
+    assert stood.count("nearly free") == 1
+    assert "no longer falling" in stood
+    assert "try a support for it" in stood
 
 
 def test_friction_that_can_jam() -> None:
     W = np.array([[1.0, 0.9], [0.9, 1.0]])
-    message = stopped(W, [[-1.0, 2.0]], 3.0)
-    assert "jam" in names(message)
+    q = [[-0.12, 0.99]]
+    message = stopped(W, q, 3.0, method="newton", max_iterations=None)
+    assert names(message) == {"jam"}
     assert "friction that can jam contact 0, mu ‖W_nt‖ ≥ W_nn with mu = 3" in message
     assert "try a smaller mu" in message
     assert "jam" not in names(stopped(W, [[-1.0, 2.0]], 1.0))
     # Of several, the first is named and the others are counted.
     both = np.kron(np.eye(2), W) + 0.01
     assert "contact 0 and 1 more" in stopped(both, [[-1.0, 2.0]] * 2, 3.0)
+
+
+def test_coupling_that_is_rounding_jams_nothing() -> None:
+    W = np.eye(4)
+    W[0, 2] = W[2, 0] = 0.3
+    W[0, 1] = W[1, 0] = 1e-14
+    q, mu = [[-1.0, 0.3], [-1.0, 0.5]], 1e15
+    message = stopped(W, q, mu, method="nesterov", max_iterations=60)
+    assert names(message) == set()
+    # More of a method that has stopped gaining is no advice.
+    assert message.endswith("try method='auto'")
+
+
+def test_rounding_of_the_slip_under_a_huge_friction_coefficient() -> None:
+    root = np.random.default_rng(0).normal(size=(12, 12))
+    W = root @ root.T + np.eye(12)
+    q = np.tile([-1.0, 0.05, -0.1], (4, 1))
+    problem = bp.ReducedProblem(W, q, 1e14)
+    solution = problem.solve(max_iterations=500)
+    assert not solution.converged
+    assert names(solution.message) == {"rounding"}
+    assert re.search(r"mu = 1e\+14 times the \de-\d+ that rounding", solution.message)
+    # True: all contacts stick, W r = -q, which is solved by elimination.
+    stuck = np.linalg.solve(W, -q.ravel()).reshape(4, 3)
+    assert (stuck[:, 0] > 0).all()
+    # Rounding times the condition of W, about 1e2, with two digits to spare.
+    np.testing.assert_allclose(solution.reaction, stuck, atol=1e-12)
+    # The same answer with the mu that is advised.
+    smaller = bp.ReducedProblem(W, q, 1e3).solve()
+    assert smaller.converged
+    np.testing.assert_allclose(smaller.reaction, stuck, atol=1e-8)
+
+
+NEGATIVE = [
+    (-np.eye(4), "W_nn = -1 at contact 0", "try -W"),
+    (np.diag([1.0, 1, -1, 1]), "W_nn = -1 at contact 1", "try W = B K⁻¹ Bᵀ"),
+    (np.diag([1.0, 1, 1, -2]), "W_tt = -2 at contact 1", "try W = B K⁻¹ Bᵀ"),
+    (np.diag([1e-9, 1e-9, -1e-9, 1e-9]), "W_nn = -1e-09 at contact 1", "try W ="),
+    (
+        np.eye(4) + 2 * (np.eye(4, k=2) + np.eye(4, k=-2)),
+        "it has an eigenvalue -1 beside 3, the largest",
+        "try W = B K⁻¹ Bᵀ",
+    ),
+]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("W", "place", "cure"), NEGATIVE)
+def test_not_positive_semidefinite(
+    W: Array, place: str, cure: str, method: str
+) -> None:
+    """Named by its number, and no other cause with it."""
+    # Some of these have answers: before the first iteration none is found.
+    q = [[-1.0, 2.0], [-1.0, 0.5]]
+    message = stopped(W, q, method=method, max_seconds=1e-12, max_iterations=None)
+    assert names(message) == {"indefinite"}
+    assert place in message
+    assert cure in message
+    assert "max_seconds or" not in message
+    assert "method=" not in message
+
+
+@pytest.mark.parametrize("W", [-np.eye(4), np.diag([1.0, 1, -1, 1])])
+def test_where_the_default_stands_on_a_negative_w(W: Array) -> None:
+    solution = bp.ReducedProblem(W, [[-1.0, 0], [-1.0, 0.5]], 0.3).solve()
+    assert solution.outcome is bp.Outcome.STALLED
+    assert names(solution.message) == {"indefinite"}
+
+
+def test_a_semidefinite_w_is_not_called_indefinite() -> None:
+    W, q = redundant()
+    rounded = np.round(W, 9)
+    assert np.linalg.eigvalsh(rounded)[0] < 0
+    assert "indefinite" not in names(stopped(rounded, q, max_iterations=1))
+    # What W is along the rigid motions does not matter: R'r is given.
+    R = np.zeros((60, 1))
+    R[::3] = 1.0
+    pressed = R / 20
+    W, q = held()
+    turned = W - 60 * pressed @ pressed.T * 20
+    assert np.linalg.eigvalsh(turned)[0] < -1e-3
+    e = np.array([-20.0])
+    message = stopped(turned, q, rigid=(R, e), max_iterations=1)
+    assert "indefinite" not in names(message)
+
+
+def test_numbers_near_the_ends_of_doubles() -> None:
+    W, q = held()
+    message = stopped(W * 1e-300, q * 1e20, method="auto", max_iterations=300)
+    assert names(message) == {"range"}
+    assert "reactions, displacements over W, are above 1e+300" in message
+    message = stopped(W * 1e-310, q, method="auto", max_iterations=300)
+    assert "the largest entry of W is below 1e-300" in message
+    assert "try other units" in message
+
+
+def test_newton_without_a_step() -> None:
+    W, q = redundant()
+    message = stopped(W, q, method="newton", max_iterations=None)
+    assert "'newton' found no step from its start" in message
+    assert "0 iterations" not in message
+    assert "falling" not in message
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_stand_is_not_said_to_fall(method: str) -> None:
+    W, q = redundant()
+    solution = bp.ReducedProblem(W, q, 0.3).solve(method, 1e-14, max_iterations=8000)
+    if solution.outcome is bp.Outcome.STALLED:
+        assert "falling" not in solution.message
+    short = bp.ReducedProblem(W, q, 0.3).solve(method, 1e-14, max_iterations=3)
+    assert "falling" not in short.message
+
+
+def test_a_residual_that_is_met_at_a_limit_and_says_nothing() -> None:
+    B = np.vstack([np.eye(2), -np.eye(2)])
+    walls = bp.ReducedProblem(B @ B.T, [[-1.0, 0], [-1.0, 0]], 0.3)
+    solution = walls.solve("gauss_seidel", 1e-3, max_iterations=2000)
+    assert solution.outcome is bp.Outcome.ITERATION_LIMIT
+    assert solution.residual <= solution.tolerance
+    assert (
+        "reached max_iterations and met the residual, which says nothing here"
+        in solution.message
+    )
+    assert "limit" not in names(solution.message)
+
+
+def test_no_advice_in_circles() -> None:
+    W, q = redundant()
+    for method in METHODS:
+        problem = bp.ReducedProblem(W, q, 0.3)
+        message = problem.solve(method, 1e-14, max_iterations=50).message
+        assert "nesterov'" not in message.split("try ")[1]
+        assert ("method='auto'" in message) == (method != "auto")
 
 
 def test_several_answers() -> None:
@@ -222,3 +403,15 @@ def test_a_message_outlives_its_problem() -> None:
 def test_no_contact_at_all_has_nothing_to_say() -> None:
     solution = bp.ReducedProblem(np.zeros((0, 0)), np.zeros((0, 2)), 0.3).solve()
     assert solution.message.startswith("converged")
+
+
+def test_contacts_without_fault_are_not_called_the_worst() -> None:
+    W, _ = held()
+    R = np.zeros((60, 1))
+    R[::3] = 1.0
+    # From no reactions and no motion: other methods start from a balanced point.
+    q = np.zeros((20, 3))
+    given = {"rigid": (R, np.array([-20.0])), "start": q, "max_iterations": None}
+    message = stopped(W, q, method="newton", max_seconds=1e-12, **given)
+    assert "worst" not in message
+    assert "each contact meets the law, the balance of forces is not met" in message

@@ -141,6 +141,21 @@ def test_resumed_twice_to_the_same_files(whole: Path, broken: Path) -> None:
     assert columns(broken) == columns(whole)
 
 
+def test_problems_of_a_resumed_path(broken: Path) -> None:
+    run = bipot(*SCENE, "--out", "here", "--resume", "--fclib", cwd=broken.parent)
+    assert run.returncode == 0, run.stderr
+    files = sorted(broken.glob("problem-*.hdf5"))
+    assert len(files) == 9
+    for path, step in zip(files, bp.load(broken / "result.h5"), strict=True):
+        problem = bp.fclib.read(path)
+        assert isinstance(problem, bp.ReducedProblem)
+        # The scene's tolerance, and the rounding of W made anew.
+        assert problem.residual(step.reaction) <= 1.01 * step.tolerance + 1e-14
+    again = bipot(*SCENE, "--out", "here", "--resume", "--fclib", cwd=broken.parent)
+    assert again.returncode == 0
+    assert "without --resume" in again.stderr
+
+
 def test_complete_is_complete(whole: Path) -> None:
     before = (whole / "result.h5").read_bytes()
     run = bipot(*SCENE, "--out", "here", "--resume", cwd=whole.parent)
