@@ -47,8 +47,8 @@ const TOLERANCE: f64 = 1e-12;
 /// Nodes of the tree between two looks at the stop flag.
 const LOOK: usize = 4096;
 
-/// Nodes that are visited at the most, seconds of work: bounds that cut off most of
-/// the tree where W is elastic cut off nothing where it is indefinite.
+/// Nodes that a solver visits at the most, seconds of work: bounds that cut off most
+/// of the tree where W is elastic cut off nothing where it is indefinite.
 const MOST_NODES: usize = 200_000;
 
 /// What exhausting the statuses found.
@@ -68,7 +68,12 @@ pub struct Enumeration {
 /// # Errors
 /// [`Error::Interrupted`].
 pub fn answers(problem: &Reduced<2>, stop: &AtomicBool) -> Result<Enumeration, Error> {
-    let mut search = Search::new(problem, stop);
+    within(problem, usize::MAX, stop)
+}
+
+/// [`answers`], not complete where so many nodes of the tree are not enough.
+fn within(problem: &Reduced<2>, nodes: usize, stop: &AtomicBool) -> Result<Enumeration, Error> {
+    let mut search = Search::new(problem, nodes, stop);
     if problem.contradiction.is_none() {
         search.visit(0)?;
         // With a definite W there is an answer: that none was found is rounding.
@@ -112,7 +117,7 @@ pub fn few<const D: usize>(
     };
     let q = plane(&whole.scatter(&problem.q));
     let copy = Reduced::new(&compliance, &q, &whole.scatter(&problem.mu), &rigid)?;
-    let found = answers(&copy, stop)?;
+    let found = within(&copy, MOST_NODES, stop)?;
     let own = |(r, rigid): (Vec<[f64; 2]>, Vec<f64>)| {
         let r = whole.gather(&r);
         let r = r.iter().map(|r| std::array::from_fn(|k| r[k.min(1)]));
@@ -365,6 +370,8 @@ type Test = [(usize, f64); 2];
 struct Search<'p> {
     problem: &'p Reduced<'p, 2>,
     stop: &'p AtomicBool,
+    /// Nodes to visit at the most.
+    most: usize,
     /// The tableau with as many contacts decided as its place says.
     levels: Vec<Tableau>,
     labels: Vec<Label>,
@@ -375,12 +382,13 @@ struct Search<'p> {
 }
 
 impl<'p> Search<'p> {
-    fn new(problem: &'p Reduced<'p, 2>, stop: &'p AtomicBool) -> Self {
+    fn new(problem: &'p Reduced<'p, 2>, most: usize, stop: &'p AtomicBool) -> Self {
         let mut levels = vec![Tableau::default(); problem.contacts() + 1];
         levels[0] = Tableau::new(problem);
         Self {
             problem,
             stop,
+            most,
             levels,
             labels: Vec::with_capacity(problem.contacts()),
             visited: 0,
@@ -394,7 +402,7 @@ impl<'p> Search<'p> {
 
     fn visit(&mut self, depth: usize) -> Result<(), Error> {
         self.visited += 1;
-        if self.visited > MOST_NODES {
+        if self.visited > self.most {
             self.found.complete = false;
             return Ok(());
         }
