@@ -156,7 +156,7 @@ def draw(name: str) -> None:
     cases = read(name)
     plt.rcParams.update({"font.size": 8, "axes.titlesize": 9})
     width = 2.6 * (len(cases) + 1)
-    figure, panels = plt.subplots(1, len(cases) + 1, figsize=(width, 2.7))
+    figure, panels = plt.subplots(1, len(cases) + 1, figsize=(width, 3.0))
     *errors, work = panels
     # Wong's colours; the marks say the same again.
     styles = {"r": ("#D55E00", "o"), "v": ("#009E73", "^"), "u": ("#0072B2", "s")}
@@ -175,9 +175,11 @@ def draw(name: str) -> None:
                 # What is nothing to double precision is drawn at the foot.
                 shown = np.maximum(error[seen], FOOT)
                 panel.plot(x[seen], shown, mark, color=colour, ms=3.5, label=symbol)
-                panel.plot(x, CONSTANT * bound, color=colour, lw=1, ls="--")
+                # A bound of zero, of no contacts, has no place on this axis.
+                bound = np.where(bound > 0, CONSTANT * bound, np.nan)
+                panel.plot(x, bound, color=colour, lw=1, ls="--")
         panel.set(yscale="log", title=case, xlabel=STUDIES[name].axis)
-        panel.set_ylim(bottom=FOOT / 2)
+        panel.set_ylim(bottom=FOOT / 2, top=10 * panel.get_ylim()[1])
         products = [r.products for r in rows]
         work.plot(x, products, color="k", ls=next(lines), label=case)
     work.set(yscale="log", title="products with W", xlabel=STUDIES[name].axis)
@@ -186,7 +188,9 @@ def draw(name: str) -> None:
         panel.set_xscale("log")
         if 0 in values:
             first, last = round(np.log10(least)), round(np.log10(most))
-            powers = range(first, last + 1, 4 if last - first > 8 else 1)
+            step = 4 if last - first > 8 else 1
+            # Beside the place of zero there is none for another label.
+            powers = range(first + (step > 1) * step, last + 1, step)
             labels = [f"$10^{{{k}}}$" for k in powers]
             panel.set_xticks([zero, *(10.0**k for k in powers)], ["0", *labels])
             panel.minorticks_off()
@@ -194,10 +198,20 @@ def draw(name: str) -> None:
         panel.set_axisbelow(True)
         panel.spines[["top", "right"]].set_visible(False)
     errors[0].set_ylabel("relative error; dashed: bound")
-    errors[0].legend(frameon=False, handletextpad=0.1)
+    # Below the panels, where no mark can be taken for a point.
+    marks, symbols = errors[0].get_legend_handles_labels()
+    figure.legend(
+        marks, symbols, loc="lower left", ncols=3, frameon=False, handletextpad=0.1
+    )
     if len(cases) > 1:
-        work.legend(frameon=False, fontsize=6.5)
-    figure.tight_layout()
+        figure.legend(
+            *work.get_legend_handles_labels(),
+            loc="lower right",
+            ncols=len(cases),
+            frameon=False,
+            fontsize=7,
+        )
+    figure.tight_layout(rect=(0, 0.09, 1, 1))
     figure.savefig(table(name).with_suffix(".png"), dpi=100)
     plt.close(figure)
 
