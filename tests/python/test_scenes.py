@@ -249,7 +249,7 @@ def test_graded_grid() -> None:
         ),
         (
             ["path.amplitude.shear=[1.0]", "path.steps=3"],
-            ["path.amplitude.shear: has 1 factors for 3 steps"],
+            ["path.amplitude.shear: has 1 factor for 3 steps"],
         ),
         (["path.amplitude.wind=[1.0, 2.0]"], ["path.amplitude.wind: nothing uses it"]),
         (["path.parameter=wind"], ["path.parameter: there is no 'wind'"]),
