@@ -19,6 +19,7 @@ __all__ = [
     "build_profile",
     "forward_errors",
     "forward_errors_of_step",
+    "is_sparse",
     "project",
 ]
 
@@ -113,6 +114,9 @@ class Reduced:
         num_threads: int | None,
         callback: Callable[[int, float, float], object] | None = None,
     ) -> dict[str, Any]: ...
+
+def is_sparse(blocks: int, contacts: int) -> bool:
+    """Whether an island of so many blocks and contacts is kept sparse."""
 
 def answers(
     problem: Reduced,

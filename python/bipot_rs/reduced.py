@@ -250,11 +250,6 @@ class _ReducedInquiry:
         return diagnose(self.tried, solution, solution.relative_displacement)
 
 
-# An island of so many contacts, of whose blocks at most such a share is not zero,
-# stays sparse: below, products with a dense matrix take less time.
-_SPARSE_CONTACTS = 64
-_SPARSE_SHARE = 1 / 6
-
 _Part = tuple[list[int], Array, tuple[list[int], list[int]] | None]
 
 
@@ -276,7 +271,9 @@ def _islands(W: Any, contacts: int, d: int) -> list[_Part]:
     entries = coo_array(whole)
     row, column = entries.row // d, entries.col // d
     graph = coo_array((np.ones(entries.nnz), (row, column)), (contacts, contacts))
+    graph = graph.tocsr()
     count, label = connected_components(graph, directed=False)
+    blocks = np.bincount(label, weights=np.diff(graph.indptr), minlength=count)
     order = np.argsort(label, kind="stable")
     bounds = np.searchsorted(label[order], np.arange(count + 1))
     place = np.empty(contacts, int)
@@ -292,11 +289,9 @@ def _islands(W: Any, contacts: int, d: int) -> list[_Part]:
     for k, (begin, end) in enumerate(itertools.pairwise(bounds.tolist())):
         names, own = order[begin:end].tolist(), slice(starts[k], starts[k + 1])
         n = end - begin
-        stored = None
-        if n >= _SPARSE_CONTACTS:
+        if _core.is_sparse(int(blocks[k]), n):
             block = coo_array((values[own], (i[own], j[own])), (d * n, d * n))
             stored = block.tobsr(blocksize=(d, d))
-        if stored is not None and len(stored.indices) <= _SPARSE_SHARE * n**2:
             pattern = stored.indptr.tolist(), stored.indices.tolist()
             parts.append((names, np.ascontiguousarray(stored.data).ravel(), pattern))
         else:

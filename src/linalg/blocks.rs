@@ -15,8 +15,6 @@ pub struct Blocks<const D: usize> {
     column: Vec<usize>,
     /// Position of the block `(j, i)` beside that of `(i, j)`.
     mirror: Vec<usize>,
-    /// Position of the diagonal block of each row.
-    diagonal: Vec<usize>,
     values: Vec<Block<D>>,
 }
 
@@ -65,14 +63,11 @@ impl<const D: usize> Blocks<D> {
             start: vec![0],
             column: Vec::new(),
             mirror: Vec::new(),
-            diagonal: Vec::with_capacity(n),
             values: Vec::new(),
         };
-        for (i, mut columns) in pattern.into_iter().enumerate() {
+        for mut columns in pattern {
             columns.sort_unstable();
             columns.dedup();
-            let own = columns.partition_point(|&j| j < i);
-            this.diagonal.push(this.column.len() + own);
             this.column.extend(columns);
             this.start.push(this.column.len());
         }
@@ -111,7 +106,7 @@ impl<const D: usize> Blocks<D> {
     /// Rows of blocks.
     #[must_use]
     pub fn rows(&self) -> usize {
-        self.diagonal.len()
+        self.start.len() - 1
     }
 
     /// Blocks stored, with those that make the pattern symmetric.
@@ -135,11 +130,6 @@ impl<const D: usize> Blocks<D> {
     pub fn at(&self, i: usize, j: usize) -> Block<D> {
         self.position(i, j)
             .map_or_else(Block::zeros, |at| self.values[at])
-    }
-
-    #[must_use]
-    pub fn diagonal(&self, i: usize) -> &Block<D> {
-        &self.values[self.diagonal[i]]
     }
 
     /// Columns and blocks of row `i`.

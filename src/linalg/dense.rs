@@ -678,16 +678,6 @@ pub fn lu_rest(lower: &[f64], upper: &[f64], np: usize, rest: &mut [f64]) {
     faer_matmul(rest, Accum::Add, lower.transpose(), upper, -1.0, Par::Seq);
 }
 
-/// `b ← L⁻¹ b` for the factors of an LU, `L` with a unit diagonal.
-///
-/// # Panics
-/// If a slice has not the length its matrix needs.
-pub fn lu_solve_lower(factors: &[f64], n: usize, b: &mut [f64]) {
-    let factors = MatRef::from_column_major_slice(factors, n, n);
-    let b = MatMut::from_column_major_slice_mut(b, n, 1);
-    solve_unit_lower_triangular_in_place(factors, b, Par::Seq);
-}
-
 /// `b ← U⁻¹ b` for the factors of an LU.
 ///
 /// # Panics

@@ -113,18 +113,10 @@ pub(crate) fn factor(
         let (done, panel) = left.split_at_mut(first * n);
         let (rows, exchanges) = dense::lu_panel(panel, n, first);
         odd ^= exchanges % 2 == 1;
-        let moved = |column: &mut [f64]| {
-            let old = column[first..].to_vec();
-            for (value, &row) in column[first..].iter_mut().zip(&rows) {
-                *value = old[row];
-            }
-        };
+        let moved = |column: &mut [f64]| reorder(&mut column[first..], &rows);
         if rows.iter().enumerate().any(|(k, &row)| k != row) {
             done.par_chunks_mut(n).with_min_len(TILE).for_each(moved);
-            let old = order[first..].to_vec();
-            for (value, &row) in order[first..].iter_mut().zip(&rows) {
-                *value = old[row];
-            }
+            reorder(&mut order[first..], &rows);
         }
         let panel = &*panel;
         right.par_chunks_mut(TILE * n).for_each(|tile| {
@@ -137,4 +129,12 @@ pub(crate) fn factor(
         }
     }
     Ok(Some((order, odd)))
+}
+
+/// Brings values into the order of rows that [`factor`] found.
+pub(crate) fn reorder<T: Copy>(values: &mut [T], rows: &[usize]) {
+    let old = values.to_vec();
+    for (value, &row) in values.iter_mut().zip(rows) {
+        *value = old[row];
+    }
 }

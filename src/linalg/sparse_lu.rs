@@ -152,8 +152,8 @@ impl<'s> SparseLu<'s> {
         for (front, own) in list() {
             let np = front.np;
             let first = &mut x[front.first..front.first + np];
-            permute(first, np, &own.rows);
-            dense::lu_solve_lower(&own.pivots, np, first);
+            lu::reorder(first, &own.rows);
+            dense::lu_upper(&own.pivots, np, first);
             let first = first.to_vec();
             for (row, at) in beyond(symbolic, front).zip(own.lower.chunks_exact(np)) {
                 x[row] -= dot(at, &first);
@@ -223,7 +223,9 @@ impl Eliminated {
         let nu = upper.len() / np.max(1);
         let tile = np * TILE;
         upper.par_chunks_mut(tile).for_each(|columns| {
-            permute(columns, np, rows);
+            for column in columns.chunks_exact_mut(np) {
+                lu::reorder(column, rows);
+            }
             dense::lu_upper(pivots, np, columns);
         });
         lower
@@ -270,16 +272,6 @@ fn unknowns<'s>(symbolic: &'s Symbolic, front: &'s Front) -> impl Iterator<Item 
     let pivots = front.first..front.first + front.np;
     let all = pivots.chain(beyond(symbolic, front));
     all.map(|place| symbolic.old[place] as usize)
-}
-
-/// Brings the rows of columns of length `n` into an order.
-fn permute(columns: &mut [f64], n: usize, rows: &[usize]) {
-    for column in columns.chunks_exact_mut(n.max(1)) {
-        let old = column.to_vec();
-        for (value, &row) in column.iter_mut().zip(rows) {
-            *value = old[row];
-        }
-    }
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

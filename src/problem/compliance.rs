@@ -15,10 +15,8 @@ use crate::linalg::blocks::Blocks;
 use crate::linalg::exact::Sum;
 use crate::linalg::small::Block;
 use crate::linalg::sparse_lu::Analysis;
+use crate::problem::island::PARALLEL_ROWS;
 pub use crate::problem::island::{Island, Part};
-
-/// Below this many rows a product is not worth a second thread.
-const PARALLEL_ROWS: usize = 768;
 
 /// First block of each row, columns, and entries.
 pub type BlockRows = (Vec<usize>, Vec<usize>, Vec<f64>);
@@ -29,7 +27,7 @@ pub type BlockRows = (Vec<usize>, Vec<usize>, Vec<f64>);
 pub fn is_sparse(blocks: usize, contacts: usize) -> bool {
     const CONTACTS: usize = 64;
     const SHARE: usize = 6;
-    contacts >= CONTACTS && SHARE * blocks <= contacts * contacts
+    contacts >= CONTACTS && blocks.saturating_mul(SHARE) <= contacts.saturating_mul(contacts)
 }
 
 /// `W` over all contacts, island by island.

@@ -20,7 +20,7 @@ use crate::linalg::small::{Block, Vector, dot_long};
 use crate::problem::memory;
 
 /// Below this many rows a product is not worth a second thread.
-const PARALLEL_ROWS: usize = 768;
+pub(super) const PARALLEL_ROWS: usize = 768;
 
 /// The part of `W` that an island is made of.
 #[derive(Clone, Debug)]

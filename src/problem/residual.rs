@@ -14,10 +14,12 @@ use crate::problem::reduced::Reduced;
 /// A rounding floor above this is not convergence.
 pub const WORST_FLOOR: f64 = 1e-6;
 
+/// Of every term of a sum, what rounding may have made of it.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
 /// What may be left of the free displacement of closed contacts, or the wish where
-/// that is larger. Where two
-/// reactions undo each other, as between walls that overlap, both grow until η, which
-/// is relative to them, is small whatever is left.
+/// that is larger. Where two reactions undo each other, as between walls that
+/// overlap, both grow until η, which is relative to them, is small whatever is left.
 const WORST_LEFT: f64 = 1e-6;
 
 /// Penetration, in tolerances, that goes with an η within them for a moderate μ.
@@ -73,7 +75,7 @@ impl<const D: usize> Certificate<D> {
                 && rounding.felt <= WORST_LEFT * undone,
             left: law / undone,
             penetration: ratio((norm(&below) - rounding.normal).max(0.0), whole),
-            depth: ratio(norm(&below), rounding.normal / (4.0 * f64::EPSILON)),
+            depth: ratio(norm(&below), rounding.normal / ROUNDING),
         }
     }
 
@@ -328,7 +330,7 @@ impl Rounding {
                 value[k] += problem.q[i][k].abs();
                 let rigid = problem.rigid.modes.iter().zip(a);
                 value[k] += rigid.map(|(mode, a)| (mode[i][k] * a).abs()).sum::<f64>();
-                value[k] *= 4.0 * f64::EPSILON * problem.scaling.to_v[i];
+                value[k] *= ROUNDING * problem.scaling.to_v[i];
             }
         }
         let normal: Vec<f64> = terms.iter().map(|value| value[0]).collect();
@@ -337,7 +339,7 @@ impl Rounding {
         // drowns in them.
         for (i, value) in terms.iter_mut().enumerate() {
             for (c, r) in value.iter_mut().zip(&r[i]) {
-                *c = c.max(4.0 * f64::EPSILON * (r * problem.scaling.to_r[i]).abs());
+                *c = c.max(ROUNDING * (r * problem.scaling.to_r[i]).abs());
             }
         }
         let mut felt = terms.clone();
@@ -357,7 +359,7 @@ impl Rounding {
         let mut balance = 0.0;
         if !problem.rigid.modes.is_empty() {
             let forces = problem.scaling.reaction_norm(r) + norm(&problem.scaling.load);
-            balance = 4.0 * f64::EPSILON * ratio(forces, force_size(problem, r));
+            balance = ROUNDING * ratio(forces, force_size(problem, r));
         }
         Self {
             felt: norm(felt.as_flattened()),

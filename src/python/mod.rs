@@ -24,7 +24,7 @@ mod _core {
     #[pymodule_export]
     use super::several::{answers, assess, assess_step};
     #[pymodule_export]
-    use super::solver::{Reduced, project};
+    use super::solver::{Reduced, is_sparse, project};
 
     /// How this module was compiled: `"release"`, or `"debug"`, which is far slower.
     #[pymodule_export]

@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::law::cone;
 use crate::linalg::blocks::Blocks;
 use crate::panics::caught;
-use crate::problem::compliance::{Compliance, Part};
+use crate::problem::compliance::{self, Compliance, Part};
 use crate::problem::reduced::{Reduced as Problem, Rigid};
 use crate::problem::residual::{Certificate, best_motion};
 use crate::python::arrays::{self, Matrix, Vector};
@@ -165,6 +165,12 @@ pub(super) fn solution_dict<'py, const D: usize>(
     dict.set_item("bytes_beside", solution.bytes_beside)?;
     dict.set_item("seconds", solution.seconds)?;
     Ok(dict)
+}
+
+/// Whether an island of so many blocks and contacts is kept sparse.
+#[pyfunction]
+pub(super) fn is_sparse(blocks: usize, contacts: usize) -> bool {
+    compliance::is_sparse(blocks, contacts)
 }
 
 /// A reduced problem `v = W r + R a + q`, in the caller's numbering.

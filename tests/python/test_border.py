@@ -139,6 +139,7 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "residual, floating": (floating.residual, [GAP, np.zeros(2)]),
         "solve": (lambda *a: held.solve(*a, 1), [*limits, None, None]),
         "solve, floating": (lambda *a: floating.solve(*a, 1), [*limits, GAP, NONE]),
+        "is_sparse": (_core.is_sparse, [9, 3]),
         "answers": (_core.answers, [held]),
         "assess": (_core.assess, [held, GAP]),
         "assess, floating": (_core.assess, [floating, GAP]),

@@ -365,12 +365,18 @@ def shorter(array: NDArray[Any]) -> NDArray[Any]:
     return array[:-1]
 
 
-def said_of(source: str, change: Change, folder: Path) -> str:
-    """What `read` says of a file that was altered."""
+def altered(source: str, change: Change, folder: Path) -> Path:
+    """A copy of a file, changed."""
     target = folder / "altered.hdf5"
     shutil.copyfile(path(source), target)
     with h5py.File(target, "r+") as file:
         change(file)
+    return target
+
+
+def said_of(source: str, change: Change, folder: Path) -> str:
+    """What `read` says of a file that was altered."""
+    target = altered(source, change, folder)
     with pytest.raises(ValueError, match=r"altered\.hdf5") as caught:
         fclib.read(target)
     return str(caught.value)
@@ -544,12 +550,8 @@ def test_constraints_are_refused_or_rigid_motions(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_solution_is_named(change: Change, said: str, tmp_path: Path) -> None:
-    target = tmp_path / "a.hdf5"
-    shutil.copyfile(path("box_stacks_i0122_82"), target)
-    with h5py.File(target, "r+") as file:
-        change(file)
     with pytest.raises(ValueError, match=said):
-        fclib.read_solution(target)
+        fclib.read_solution(altered("box_stacks_i0122_82", change, tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -564,12 +566,8 @@ def test_a_wrong_solution_is_named(change: Change, said: str, tmp_path: Path) ->
     ],
 )
 def test_wrong_guesses_are_named(change: Change, said: str, tmp_path: Path) -> None:
-    target = tmp_path / "a.hdf5"
-    shutil.copyfile(path("box_stacks_i0122_82"), target)
-    with h5py.File(target, "r+") as file:
-        change(file)
     with pytest.raises(ValueError, match=said):
-        fclib.read_guesses(target)
+        fclib.read_guesses(altered("box_stacks_i0122_82", change, tmp_path))
 
 
 def test_numbers_that_no_problem_can_have(tmp_path: Path) -> None:
