@@ -112,12 +112,38 @@ pub enum Error {
     )]
     Range { softest: f64, free: f64 },
     /// More memory than the machine has.
-    #[error("{what} needs {bytes} bytes, more than the {available} this machine has free")]
+    #[error(
+        "{what} needs {bytes} bytes, more than the {available} this machine has free: a coarser \
+         mesh or fewer contact candidates need less, and so does giving all loads at once as \
+         `loads=`, which keeps no factor"
+    )]
     Memory {
         what: &'static str,
         bytes: u128,
         available: u128,
     },
+    /// More memory than the caller allows.
+    #[error(
+        "{what} needs {bytes} bytes, more than the {limit} of memory_limit: allow more, or give \
+         all loads at once as `loads=`, which keeps no factor"
+    )]
+    MemoryLimit {
+        what: &'static str,
+        bytes: u128,
+        limit: u128,
+    },
+    /// A displacement asked for after the factor was dropped.
+    #[error(
+        "displacements need the factor of K, which was dropped because all loads were known: \
+         leave `loads=` out to keep it"
+    )]
+    FactorDropped,
+    /// Loads that were not among those known when the factor was dropped.
+    #[error(
+        "load and prescribed are not among the loads given as `loads=`: the factor of K was \
+         dropped, and no others can be condensed"
+    )]
+    UnknownLoads,
     /// A number of threads that is none, or out of all proportion.
     #[error("{what} is {found:?}, expected a whole number from 1 to {most}")]
     ThreadCount {

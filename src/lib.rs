@@ -14,7 +14,8 @@
 //! The layers, each using only those before it: [`error`], [`panics`], [`threads`],
 //! [`linalg`] (knows no mechanics), [`law`] (one contact), [`problem`] (all
 //! contacts, no algorithm), [`solver`] (algorithms on the reduced problem),
-//! [`stepping`] (the load path), and `python` behind the feature of that name.
+//! [`stepping`] (the load path), [`working_set`] (the load path where far more
+//! contacts are candidates than close), and `python` behind the feature of that name.
 
 pub mod error;
 pub mod law;
@@ -25,6 +26,7 @@ pub mod problem;
 pub mod solver;
 pub mod stepping;
 pub mod threads;
+pub mod working_set;
 
 #[cfg(feature = "python")]
 mod python;

@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::problem::balance;
+use crate::problem::bodies::Loaded;
 use crate::problem::condense::Condensed;
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::scaled_imbalance;
@@ -87,7 +88,12 @@ pub fn evaluate<const D: usize>(
     rigid: Vec<f64>,
 ) -> Result<Point<D>, Error> {
     let compliance = problem.compliance();
-    let u = problem.displacement(load, prescribed, &compliance.scatter(&r), &rigid)?;
+    let u = problem.displacement(Loaded {
+        load,
+        prescribed,
+        reaction: &compliance.scatter(&r),
+        rigid: &rigid,
+    })?;
     let v = incremental(&problem.relative_displacement(&u), state);
     Ok(Point {
         v: compliance.gather(&v),
@@ -98,16 +104,16 @@ pub fn evaluate<const D: usize>(
 }
 
 impl<const D: usize> LoadPath<D> {
-    /// Continues from a state.
+    /// From a state, or from the unloaded bodies.
     #[must_use]
-    pub fn from_state(state: State<D>) -> Self {
-        Self { state: Some(state) }
+    pub fn new(state: Option<State<D>>) -> Self {
+        Self { state }
     }
 
     /// Where the path stands.
     #[must_use]
-    pub fn state(&self) -> Option<&State<D>> {
-        self.state.as_ref()
+    pub fn into_state(self) -> Option<State<D>> {
+        self.state
     }
 
     /// Takes one step to the total loads; commits it if it converged.
@@ -143,7 +149,7 @@ impl<const D: usize> LoadPath<D> {
         let mut solution = solver::solve(&reduced, settings, &start, stop)?;
         if !solution.free_motion.is_empty() && solution.outcome == Outcome::NoEquilibrium {
             // Loads that balance one another leave rounding, which nothing need carry.
-            reduced.load_rounding = problem.load_rounding(load, prescribed)?;
+            reduced.load_rounding = problem.bodies().load_rounding(load, prescribed)?;
             if !balance::works(&reduced, &solution.free_motion) {
                 let rounding = reduced.load_rounding;
                 let mut free = problem.free_part(load, prescribed)?;
@@ -158,8 +164,8 @@ impl<const D: usize> LoadPath<D> {
                 solution = solver::solve(&reduced, settings, &start, stop)?;
             }
         }
-        if solution.outcome == Outcome::Converged && problem.stats().amplification > ILL_CONDITIONED
-        {
+        let doubtful = problem.stats().amplification > ILL_CONDITIONED;
+        if solution.outcome == Outcome::Converged && doubtful && problem.stats().factor_kept {
             let loads = (load, prescribed);
             let state = self.state.as_ref();
             let evaluate = |r, rigid| evaluate(problem, &reduced, loads, state, r, rigid);

@@ -17,6 +17,7 @@ __all__ = [
     "assess",
     "assess_step",
     "build_profile",
+    "follow",
     "forward_errors",
     "forward_errors_of_step",
     "is_sparse",
@@ -47,6 +48,10 @@ class Condensed:
         mu: _Floats,
         fixed: _Indices,
         num_threads: int | None,
+        known: list[tuple[_Floats, _Floats]] | None = None,
+        memory_limit: int | None = None,
+        grow: bool | None = None,
+        before: Condensed | None = None,
     ) -> Condensed: ...
     @property
     def stats(self) -> dict[str, Any]:
@@ -61,10 +66,17 @@ class Condensed:
         """`q` with the whole gap, the columns of `R` as rows, and `e`."""
     def make_inverse(self) -> None:
         """Makes the inverse of `W`, where there is one, before a step asks for it."""
-    def displacement(
-        self, load: _Floats, prescribed: _Floats, reaction: _Floats, rigid: _Floats
+    def displacements(
+        self, states: list[tuple[_Floats, _Floats, _Floats, _Floats]]
     ) -> _Floats:
-        """`u` of all degrees of freedom."""
+        """`u` of all degrees of freedom, a row each state.
+
+        A state is total loads, prescribed displacements, reaction and rigid motion.
+        """
+    def modes(self) -> _Floats:
+        """What each rigid motion is at the contacts, a row each."""
+    def with_mu(self, mu: _Floats) -> Condensed:
+        """The same bodies and contacts with other friction coefficients."""
 
 @final
 class Path:
@@ -138,6 +150,20 @@ def assess_step(
     reaction: _Floats,
 ) -> str:
     """The same for a step, from the relative displacement that the step before left."""
+
+def follow(
+    paths: list[Path],
+    cases: list[list[tuple[_Floats, _Floats]]],
+    method: str,
+    tol: float,
+    max_iterations: int | None,
+    max_seconds: float | None,
+) -> list[tuple[list[dict[str, Any]], Exception | None]]:
+    """Takes several paths through their steps, side by side.
+
+    Of each the steps taken, of which the last may not have converged, and the exception
+    that ended it.
+    """
 
 def forward_errors(
     problem: Reduced,

@@ -191,7 +191,9 @@ class _Symmetric:
         return self._problem.reduced(self._f)
 
     def velocity(self, r: Array, amounts: Array) -> Array:
-        return self._problem._core.displacement(self._f, np.empty(0), r, amounts)
+        state = self._f, np.empty(0), r, amounts
+        u: Array = self._problem._core.displacements([state])[0]
+        return u
 
 
 class _Lu:

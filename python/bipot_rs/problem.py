@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs import _core, motion
 from bipot_rs.check import (
     Array,
+    Csr,
     callback,
     choice_of_dimension,
     contact_array,
@@ -22,14 +21,14 @@ from bipot_rs.check import (
     frames,
     friction,
     indices,
-    loads,
+    positive,
     settings,
     threads,
 )
-from bipot_rs.diagnosis import NEAR, Tried, diagnose
-from bipot_rs.errors import NoEquilibriumError, NotConvergedError
-from bipot_rs.reduced import ReducedProblem, opening, solution_fields
-from bipot_rs.result import Outcome, Result, Solution, Step
+from bipot_rs.check import loads as steps_of
+from bipot_rs.following import Following, Loads, Settings, state
+from bipot_rs.reduced import ReducedProblem
+from bipot_rs.result import Result, Step
 from bipot_rs.words import counted
 
 
@@ -106,6 +105,17 @@ class ContactProblem:
     frame
         Local bases ``(n_c, d, d)``, rows ``n, t1[, t2]``, for results and files:
         unit vectors at right angles, to 1e-6, of either hand.
+    loads
+        All loads there will be, where no displacement will be asked for: ``load`` of
+        `solve`, or the tuple ``(load, prescribed)``. The factor of ``K`` is then not
+        kept, only what the loads do at the contacts; `solve` without loads takes
+        these. Bodies that contact alone holds keep their factor.
+    memory_limit
+        Bytes that the condensation may take; default what the machine has free.
+    working_set
+        Whether ``W`` is formed only of contacts that may close, growing in each step
+        until no other penetrates. Default: where a body has hundreds of candidates,
+        and three in four or more are apart at the start.
 
     Raises
     ------
@@ -131,6 +141,9 @@ class ContactProblem:
         num_threads: int | None = None,
         points: ArrayLike | None = None,
         frame: ArrayLike | None = None,
+        loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None = None,
+        memory_limit: int | None = None,
+        working_set: bool | None = None,
     ) -> None:
         stiffness = csr("K", K)
         contact = csr("B", B)
@@ -175,20 +188,25 @@ class ContactProblem:
         self._mu = coefficients
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
-        started = time.perf_counter()
-        self._core = _core.Condensed(
-            stiffness.parts,
+        self._known = _known(loads, n, len(self._fixed))
+        limit = None if memory_limit is None else positive("memory_limit", memory_limit)
+        if working_set is not None and not isinstance(working_set, bool):
+            raise TypeError(f"working_set is {working_set!r}, expected a bool or None")
+        self._given = (
             contact.parts,
             whole,
             coefficients,
             self._fixed,
             num_threads,
+            self._known,
+            limit,
+            working_set,
         )
-        self._seconds = time.perf_counter() - started
+        self._condense(stiffness, None)
 
     @property
     def compliance(self) -> Array:
-        """The compliance ``W`` of (3), dense, ``(d n_c, d n_c)``.
+        """The compliance ``W`` of (3), dense, ``(d n_c, d n_c)``, of all contacts.
 
         With bodies held by contact alone it is ``B_c (S + α R Rᵀ)⁻¹ B_cᵀ`` with their
         rigid motions ``R`` and ``α = tr S / m``: the ``W`` of `reduced`.
@@ -213,7 +231,7 @@ class ContactProblem:
         contacts, ``n, t1[, t2]``; the degree of freedom named is one that moves most.
         """
         _, contacts, d = self._shape
-        modes = self._modes()
+        modes = self._core.modes()
         bodies, dofs = (
             self.stats["rigid_motion_bodies"],
             self.stats["rigid_motion_dofs"],
@@ -248,13 +266,13 @@ class ContactProblem:
             A `Result` or one of its steps, whose slip history is folded into ``q``.
         """
         n, contacts, d = self._shape
-        steps = loads(load, prescribed, n, len(self._fixed))
+        steps = steps_of(load, prescribed, n, len(self._fixed))
         if len(steps) != 1:
             raise ValueError(
                 f"load and prescribed have {counted(len(steps), 'step')}, expected one"
             )
         q, modes, force = self._core.free_part(*steps[0])
-        before = _state(start, contacts, d)
+        before = state(start, contacts, d)
         if before is not None:
             q[:, 1:] -= before.relative_displacement[:, 1:]
         rigid = (np.ascontiguousarray(modes.T), force) if len(force) else None
@@ -314,219 +332,133 @@ class ContactProblem:
         NotConvergedError
             A step did not converge. ``.result`` of these two holds the steps before.
         """
-        n, contacts, d = self._shape
         chosen = settings(method, tol, max_iterations, max_seconds)
         callback("on_step", on_step)
-        totals = loads(load, prescribed, n, len(self._fixed))
-        before = _state(start, contacts, d)
-        path = _core.Path(
-            self._core, _start(start, contacts, d, self.stats["rigid_motions"])
-        )
-        if before is not None and before.stats.get("bytes_beside_W", 0):
-            # The inverse of W was made in a step before, and counted as its work.
-            self._core.make_inverse()
-        steps: list[Step] = []
-        seconds = {"condense": self._seconds, "solve": 0.0, "recover": 0.0}
-
-        def recover(load: Array, prescribed: Array, step: Step) -> Array:
-            began = time.perf_counter()
-            rigid = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-            u = self._core.displacement(load, prescribed, step.reaction, rigid)
-            seconds["recover"] += time.perf_counter() - began
-            return u
-
-        last = None if before is None else before.relative_displacement
-
-        def result(success: bool, message: str) -> Result:
-            made = Result(
-                steps,
-                contacts=self._contacts,
-                shape=(contacts, d),
-                start=before,
-                seconds=None,
-                success=success,
-                message=message,
-            )
-            made.seconds = seconds  # filled further when displacements are asked for
-            return made
-
-        for k, (force, moved) in enumerate(totals):
-            began = time.perf_counter()
-            try:
-                raw = path.step(force, moved, *chosen)
-            except NoEquilibriumError as error:
-                message = f"step {k}: {error}"
-                raise NoEquilibriumError(message, result(False, message)) from None
-            seconds["solve"] += time.perf_counter() - began
-            step = self._step(
-                raw,
-                force,
-                moved,
-                partial(recover, force, moved),
-                _StepProblem(
-                    self._core,
-                    force,
-                    moved,
-                    last,
-                    self._tried(method, chosen[3], force, moved, last),
-                ),
-            )
-            if not step.converged:
-                message = f"step {k}: {step.message}"
-                none = step.outcome is Outcome.NO_EQUILIBRIUM
-                raise (NoEquilibriumError if none else NotConvergedError)(
-                    message, result(False, message), self._direction(step.free_motion)
-                )
-            steps.append(step)
-            last = step.relative_displacement
+        following = self._following(self._core, self._mu, chosen, start)
+        for k, (force, moved) in enumerate(self._totals(load, prescribed)):
+            step = following.advance(force, moved)
             if on_step is not None:
                 on_step(k, step)
-        count = len(steps)
-        return result(True, f"{count} step{'' if count == 1 else 's'} converged")
+        return following.result()
 
-    def _tried(
+    def solve_many(
         self,
-        method: str,
-        max_seconds: float | None,
-        load: Array,
-        prescribed: Array,
-        before: Array | None,
-    ) -> Tried:
-        core = self._core
+        cases: Iterable[Mapping[str, Any]],
+        *,
+        method: str = "auto",
+        tol: float = 1e-10,
+        max_iterations: int | None = None,
+        max_seconds: float | None = None,
+    ) -> list[Result]:
+        """Follow several load paths on the one factorisation, side by side.
 
-        def several(step: Solution) -> bool:
-            asked = load, prescribed, before, step.reaction
-            near = step.residual <= NEAR
-            return near and _core.assess_step(core, *asked) == "others exist"
+        Parameters
+        ----------
+        cases
+            Of each path a mapping with any of the keys ``load``, ``prescribed`` and
+            ``start``, as `solve` takes them, and ``mu``, friction coefficients in place
+            of the problem's.
+        method, tol, max_iterations, max_seconds
+            As in `solve`.
 
-        return Tried(
-            method=method,
-            max_seconds=max_seconds,
-            mu=self._mu,
-            W=core.compliance,
-            modes=lambda: self._modes().T,
-            several=several,
-            condition=lambda: float(core.stats["cond_S"]),
-            points=self._contacts["x"],
-        )
+        Returns
+        -------
+        list of Result
+            One a case, in their order, with the bits that `solve` gives. A path that has
+            no answer or does not converge keeps the others from nothing: its ``success``
+            is false, its ``message`` says why, and it holds the steps before.
 
-    def _modes(self) -> Array:
-        """Rigid motions at the contacts, ``(k, d n_c)``."""
+        Raises
+        ------
+        TypeError, ValueError
+            A wrong argument, named with the number of its case.
+        """
+        chosen = settings(method, tol, max_iterations, max_seconds)
+        paths: list[Following] = []
+        totals: list[list[Loads]] = []
+        for k, case in enumerate(cases):
+            if not isinstance(case, Mapping):
+                raise TypeError(
+                    f"case {k} is a {type(case).__name__}, expected a mapping with "
+                    "load, prescribed, mu or start"
+                )
+            unknown = sorted(
+                set(map(str, case)) - {"load", "prescribed", "mu", "start"}
+            )
+            if unknown:
+                raise TypeError(
+                    f"case {k} has {unknown[0]!r}, expected load, prescribed, mu or start"
+                )
+            core, mu = self._core, self._mu
+            try:
+                totals.append(self._totals(case.get("load"), case.get("prescribed")))
+                if case.get("mu") is not None:
+                    mu = friction(case["mu"], self._shape[1])
+                    core = core.with_mu(mu)
+                start = case.get("start")
+                paths.append(self._following(core, mu, chosen, start))
+            except (TypeError, ValueError) as error:
+                raise type(error)(f"case {k}: {error}") from None
+        followed = _core.follow([path.path for path in paths], totals, *chosen)
+        parts = zip(paths, totals, followed, strict=True)
+        return [path.through(loaded, done) for path, loaded, done in parts]
+
+    def update(self, K: Any) -> None:
+        """Take another stiffness, in place: other materials or thicknesses.
+
+        Where ``K`` has the pattern of the one before, orderings and symbolic work are
+        used again. Contacts, supports and settings stay. Results made before keep the
+        stiffness they were made with.
+
+        Parameters
+        ----------
+        K
+            As in `ContactProblem`, of the same shape.
+
+        Raises
+        ------
+        TypeError, ValueError, FloatingBodyError, MemoryError
+            As `ContactProblem` does; the problem is then as it was.
+        """
+        stiffness = csr("K", K)
         n = self._shape[0]
-        return self._core.free_part(np.zeros(n), np.zeros(len(self._fixed)))[1]
+        if stiffness.shape != (n, n):
+            raise ValueError(f"K has shape {stiffness.shape}, expected ({n}, {n})")
+        self._condense(stiffness, self._core)
 
-    def _direction(self, amounts: Array | None) -> Array | None:
-        if amounts is None:
-            return None
-        return motion.at_contacts(self._modes(), amounts, self._shape[2])
+    def _condense(self, stiffness: Csr, before: _core.Condensed | None) -> None:
+        started = time.perf_counter()
+        self._core = _core.Condensed(stiffness.parts, *self._given, before)
+        self._seconds = time.perf_counter() - started
 
-    def _words(self, raw: dict[str, Any]) -> str:
-        """The free motion in words, body by body."""
-        amounts = raw["free_motion"]
-        if not len(amounts):
-            return ""
-        _, contacts, d = self._shape
-        modes = self._modes()
-        felt = np.abs(modes.reshape(len(modes), contacts, d)).max(axis=2) > 0
-        stats = self.stats
-        owners = stats["rigid_motion_bodies"]
-        # A body is known by a degree of freedom that a motion of it moves most.
-        names: dict[int, str] = {}
-        for body, dof in zip(owners, stats["rigid_motion_dofs"], strict=True):
-            names.setdefault(body, f"the body of degree of freedom {dof}")
-        meeting = [
-            tuple(dict.fromkeys(names[owners[k]] for k in np.flatnonzero(felt[:, i])))
-            for i in range(contacts)
-        ]
-        return motion.describe(
-            motion.at_contacts(modes, amounts, d),
-            opening(raw, self._mu),
-            points=self._contacts["x"],
-            frame=self._contacts["frame"],
-            bodies=meeting,
-        )
+    def _totals(
+        self, load: ArrayLike | None, prescribed: ArrayLike | None
+    ) -> list[Loads]:
+        if self._known is not None and load is None and prescribed is None:
+            return self._known
+        return steps_of(load, prescribed, self._shape[0], len(self._fixed))
 
-    def _step(
+    def _following(
         self,
-        raw: dict[str, Any],
-        load: Array,
-        prescribed: Array,
-        recover: Callable[[Step], Array],
-        inquiry: _StepProblem,
-    ) -> Step:
-        area = self._contacts["area"]
-        return Step(
-            **solution_fields(raw),
-            _words=self._words(raw),
-            slip=raw["slip"],
-            load=load,
-            prescribed=prescribed,
-            traction=None if area is None else raw["reaction"] / area[:, None],
-            _recover=recover,
-            _problem=inquiry,
-        )
+        core: _core.Condensed,
+        mu: Array,
+        chosen: Settings,
+        start: Result | Step | None,
+    ) -> Following:
+        shape, contacts = self._shape[1:], self._contacts | {"mu": mu}
+        return Following(core, contacts, mu, shape, chosen, start, self._seconds)
 
 
-@dataclass(frozen=True)
-class _StepProblem:
-    """The problem of one step, for what is found out of its solution when asked for."""
-
-    core: _core.Condensed
-    load: Array
-    prescribed: Array
-    before: Array | None
-    tried: Tried
-
-    def unique(self, step: Solution, /) -> str:
-        return _core.assess_step(
-            self.core, self.load, self.prescribed, self.before, step.reaction
-        )
-
-    def error_estimate(self, step: Solution, /) -> tuple[float, float] | None:
-        motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-        return _core.forward_errors_of_step(
-            self.core, self.load, self.prescribed, self.before, step.reaction, motion
-        )
-
-    def diagnosis(self, step: Any, /) -> str:
-        # The law of a step is on its slip, not on where the contact has been before.
-        v = np.column_stack([step.relative_displacement[:, 0], step.slip])
-        return diagnose(self.tried, step, v)
-
-
-def _state(start: Result | Step | None, contacts: int, d: int) -> Step | None:
-    """The step to continue from, checked."""
-    if start is None:
+def _known(value: Any, n: int, fixed: int) -> list[Loads] | None:
+    """All loads there will be, step by step."""
+    if value is None:
         return None
-    step = start
-    if isinstance(start, Result):
-        if not len(start):
-            # Nothing was added to what that path itself started from.
-            return start.start
-        step = start[-1]
-    if not isinstance(step, Step):
-        raise TypeError(
-            f"start is a {type(start).__name__}, expected a Result or one of its steps"
-        )
-    if step.reaction.shape != (contacts, d):
+    if isinstance(value, tuple) and len(value) != 2:
         raise ValueError(
-            f"start has reactions of shape {step.reaction.shape}, expected {(contacts, d)}"
+            f"loads is a tuple of {len(value)}, expected an array or (load, prescribed)"
         )
-    return step
-
-
-def _start(
-    start: Result | Step | None, contacts: int, d: int, motions: int
-) -> tuple[Array, Array, NDArray[np.int8], Array] | None:
-    step = _state(start, contacts, d)
-    if step is None:
-        return None
-    rigid = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-    if len(rigid) != motions:
-        raise ValueError(
-            f"start has {counted(len(rigid), 'rigid motion')}, this problem {motions}"
-        )
-    return step.reaction, step.relative_displacement, step.status, rigid
+    load, prescribed = value if isinstance(value, tuple) else (value, None)
+    return steps_of(load, prescribed, n, fixed)
 
 
 def solve(
@@ -543,6 +475,8 @@ def solve(
     num_threads: int | None = None,
     points: ArrayLike | None = None,
     frame: ArrayLike | None = None,
+    memory_limit: int | None = None,
+    working_set: bool | None = None,
     **settings: Any,
 ) -> Result:
     """``ContactProblem(K, B, ...).solve(load, prescribed, ...)`` in one call.
@@ -561,5 +495,7 @@ def solve(
         num_threads=num_threads,
         points=points,
         frame=frame,
+        memory_limit=memory_limit,
+        working_set=working_set,
     )
     return problem.solve(load, prescribed, **settings)

@@ -36,6 +36,9 @@ class Outcome(StrEnum):
 
 
 # For what has lost its problem.
+# Displacements found together: as many as a pass over the factor serves well.
+BLOCK = 32
+
 _REASONS = {
     Outcome.STALLED: "the residual stopped falling",
     Outcome.ITERATION_LIMIT: "max_iterations was reached",
@@ -222,7 +225,7 @@ class Step(Solution):
     load: Array | None = None
     prescribed: Array | None = None
     traction: Array | None = None
-    _recover: Callable[[Step], Array] | None = None
+    _recover: Callable[[Sequence[Step]], Array] | None = None
     _kept: dict[str, Array] = field(default_factory=dict)
 
     @property
@@ -241,11 +244,26 @@ class Step(Solution):
                     "displacement was not computed before this step was saved or sent: "
                     "ask for it where the problem is at hand"
                 )
-            self._kept["u"] = self._recover(self)
+            recover([self])
         return self._kept["u"]
 
     def __getstate__(self) -> dict[str, Any]:
         return super().__getstate__() | {"_recover": None}
+
+
+def recover(steps: Sequence[Step]) -> None:
+    """Find the displacements of steps of one path that have none yet, as one block.
+
+    One reading of the factor then serves many steps.
+    """
+    wanting = [step for step in steps if "u" not in step._kept]
+    for first in range(0, len(wanting), BLOCK):
+        block = wanting[first : first + BLOCK]
+        if (found := block[0]._recover) is None:
+            continue
+        for step, u in zip(block, found(block), strict=True):
+            # A copy, so that one step does not hold the memory of its block.
+            step._kept["u"] = u.copy() if len(block) > 1 else u
 
 
 class Result(Sequence[Step]):
@@ -341,6 +359,7 @@ class Result(Sequence[Step]):
     @property
     def displacement(self) -> Array:
         """Displacement of all degrees of freedom, ``(steps, n)``, computed when asked for."""
+        recover([step for step in self.steps if step._recover is not None])
         return self._stack("displacement", (0, 0))
 
     @property

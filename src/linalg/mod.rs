@@ -16,6 +16,7 @@ pub mod nonnegative;
 mod ordering;
 mod packed;
 mod quotient;
+pub mod reach;
 pub mod signs;
 pub mod small;
 mod solves;

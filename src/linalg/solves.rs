@@ -59,7 +59,7 @@ impl Factor {
         }
     }
 
-    fn panel(&self, front: &Front) -> &[f64] {
+    pub(crate) fn panel(&self, front: &Front) -> &[f64] {
         &self.panels[front.panel..front.panel + front.layout().len()]
     }
 }
@@ -75,7 +75,7 @@ fn stretches<'s>(
         .chain(runs.map(|run| run.start as usize..(run.start + run.len) as usize))
 }
 
-fn gather(symbolic: &Symbolic, front: &Front, x: &[f64], columns: usize, local: &mut Vec<f64>) {
+pub(crate) fn gather(symbolic: &Symbolic, front: &Front, x: &[f64], columns: usize, local: &mut Vec<f64>) {
     local.clear();
     for column in x.chunks_exact(symbolic.n).take(columns) {
         for rows in stretches(symbolic, front) {
@@ -85,7 +85,7 @@ fn gather(symbolic: &Symbolic, front: &Front, x: &[f64], columns: usize, local: 
 }
 
 /// Puts the first `rows` rows of a front back.
-fn scatter(
+pub(crate) fn scatter(
     symbolic: &Symbolic,
     front: &Front,
     x: &mut [f64],

@@ -44,6 +44,8 @@ pub struct Counts {
     pub bytes_factor: usize,
     /// Largest memory on the way, on one thread.
     pub bytes_peak: usize,
+    /// The same where the factor is not kept.
+    pub bytes_peak_dropped: usize,
     /// Where the elimination order comes from.
     pub ordering: &'static str,
     /// Seconds spent ordering.
@@ -192,6 +194,7 @@ impl Symbolic {
                 flops,
                 bytes_factor,
                 bytes_peak,
+                bytes_peak_dropped: bytes_peak,
                 ordering,
                 seconds_order,
                 seconds_symbolic: begin.elapsed().as_secs_f64() - seconds_order,

@@ -1,26 +1,19 @@
 //! One body: a connected component of the free stiffness, its `S`, its rigid motions.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::dense;
-use crate::linalg::exact::Sum;
 use crate::linalg::multifrontal::Factor;
 use crate::linalg::small::{dot_long, norm};
-use crate::linalg::symbolic::{Options, Symbolic};
-use crate::problem::memory;
+use crate::linalg::symbolic::{Counts, Options, Symbolic};
 use crate::problem::null_space::{null_space, start_value};
 use crate::problem::sparse::Owned;
-use crate::problem::stats::Stats;
-
-/// A row of `B` restricted to a body: places in its contact set, and values.
-#[derive(Clone, Debug)]
-pub struct Row {
-    pub row: usize,
-    pub entries: Vec<(usize, f64)>,
-}
 
 /// Below this, relative to the diagonal of `K`, an eigenvalue of `S` is zero if a
 /// gap sets it apart: rounding leaves about 1e-15, and the softest support worth
@@ -33,6 +26,16 @@ const NULL: f64 = 1e-13;
 /// set is soft and the rest is stiff, the rounding of the stiff part may exceed it.
 const SAFE: f64 = 1e-9;
 
+/// A body before its numbers: what condensing it will take is known.
+#[derive(Debug)]
+pub struct Analysed {
+    dofs: Vec<usize>,
+    stiffness: Owned,
+    unit: f64,
+    kept: Vec<usize>,
+    symbolic: Arc<Symbolic>,
+}
+
 /// One body.
 #[derive(Debug)]
 pub struct Body {
@@ -43,10 +46,15 @@ pub struct Body {
     /// A power of two that makes the stiffness of order one: square roots of
     /// pivots then round alike in all units that differ by powers of two.
     unit: f64,
-    /// The contact set, local numbers.
+    /// The unknowns that `S` is left on, local numbers.
     kept: Vec<usize>,
-    rows: Vec<Row>,
-    factor: Factor,
+    /// Place among the kept of each degree of freedom; `u32::MAX` of the others.
+    place: Vec<u32>,
+    symbolic: Arc<Symbolic>,
+    /// Dropped where all loads were known beforehand.
+    factor: Option<Factor>,
+    /// The kept part of those loads, condensed.
+    known: Vec<Vec<f64>>,
     /// Lower Cholesky factor of `S + α R Rᵀ`, column-major.
     cholesky: Vec<f64>,
     /// Orthonormal rigid motions `R` on the contact set.
@@ -56,31 +64,83 @@ pub struct Body {
     amplification: f64,
 }
 
-impl Body {
-    /// Condenses. `rows` come with local numbers of degrees of freedom.
+impl Analysed {
+    /// Orders and counts; the analysis of the same body with other values is used
+    /// again. `kept` are local numbers.
     ///
     /// # Errors
-    /// [`Error::Indefinite`], [`Error::FloatingBody`], [`Error::Mechanism`],
-    /// with the degree of freedom in the caller's numbering;
-    /// [`Error::Memory`]; [`Error::Interrupted`].
+    /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
     pub fn new(
         dofs: Vec<usize>,
         mut stiffness: Owned,
-        mut rows: Vec<Row>,
-        dimension: usize,
-        stop: &AtomicBool,
+        kept: Vec<usize>,
+        before: Option<&Body>,
     ) -> Result<Self, Error> {
-        let kept = contact_set(&mut rows, dofs.len());
         let stiffest = stiffness.values.iter().fold(0.0_f64, |m, a| m.max(a.abs()));
         let unit = times_two_to(1.0, -exponent(stiffest).clamp(-1000, 1000));
         stiffness.values.iter_mut().for_each(|a| *a *= unit);
         let view = stiffness.view()?;
-        let symbolic = Symbolic::analyse(&view, &kept, &Options::default())?;
-        let counts = symbolic.counts();
-        let square = 8 * (kept.len() as u128).pow(2);
-        memory::check("the factor of K", counts.bytes_peak as u128 + 2 * square)?;
+        let same = |body: &&Body| {
+            body.dofs == dofs && body.kept == kept && body.symbolic.check_pattern(&view).is_ok()
+        };
+        let symbolic = match before.filter(same) {
+            Some(body) => Arc::clone(&body.symbolic),
+            None => Arc::new(Symbolic::analyse(&view, &kept, &Options::default())?),
+        };
+        Ok(Self {
+            dofs,
+            stiffness,
+            unit,
+            kept,
+            symbolic,
+        })
+    }
+
+    /// The same body with other unknowns kept.
+    ///
+    /// # Errors
+    /// As [`Analysed::new`].
+    pub fn again(body: &Body, kept: Vec<usize>) -> Result<Self, Error> {
+        let stiffness = body.stiffness.clone();
+        let symbolic = Symbolic::analyse(&stiffness.view()?, &kept, &Options::default())?;
+        Ok(Self {
+            dofs: body.dofs.clone(),
+            symbolic: Arc::new(symbolic),
+            unit: body.unit,
+            stiffness,
+            kept,
+        })
+    }
+
+    /// What the factorisation will cost.
+    #[must_use]
+    pub fn counts(&self) -> &Counts {
+        self.symbolic.counts()
+    }
+
+    /// Condenses. Of `loads`, forces on all degrees of freedom, the condensed
+    /// ones are kept and the factor is not, where supports hold the body.
+    ///
+    /// # Errors
+    /// [`Error::Indefinite`], [`Error::FloatingBody`], [`Error::Mechanism`],
+    /// with the degree of freedom in the caller's numbering;
+    /// [`Error::Interrupted`].
+    pub fn condense(
+        self,
+        dimension: usize,
+        loads: Option<&[Vec<f64>]>,
+        stop: &AtomicBool,
+    ) -> Result<Body, Error> {
+        let Self {
+            dofs,
+            stiffness,
+            unit,
+            kept,
+            symbolic,
+        } = self;
+        let view = stiffness.view()?;
         let factor =
-            Factor::new(Arc::new(symbolic), &view, stop).map_err(|e| renumber(e, &dofs))?;
+            Factor::new(Arc::clone(&symbolic), &view, stop).map_err(|e| renumber(e, &dofs))?;
         let diagonal = view.diagonal();
         if let Some((dof, ratio)) = factor.weakest_pivot()
             && ratio < SAFE
@@ -152,29 +212,83 @@ impl Body {
         let condition = size * flexible;
         let stiffest = kept.iter().map(|&i| diagonal[i]).fold(0.0, f64::max);
         let amplification = condition.max(stiffest * flexible);
-        Ok(Self {
+        let mut place = vec![u32::MAX; dofs.len()];
+        for (k, &i) in (0_u32..).zip(&kept) {
+            place[i] = k;
+        }
+        let mut body = Body {
             dofs,
             stiffness,
             unit,
             kept,
-            rows,
-            factor,
+            place,
+            symbolic,
+            factor: Some(factor),
+            known: Vec::new(),
             cholesky,
             modes,
             inverse,
             condition,
             amplification,
-        })
+        };
+        body.forget_factor(loads);
+        Ok(body)
+    }
+}
+
+impl Body {
+    /// Keeps of the loads what they do at the contact set, and drops the factor.
+    fn forget_factor(&mut self, loads: Option<&[Vec<f64>]>) {
+        // The balance of a body that contact alone holds is judged with the factor.
+        let (Some(loads), true) = (loads, self.modes.is_empty()) else {
+            return;
+        };
+        let condensed = |force: &Vec<f64>| self.contact_part(&self.condense(force, None));
+        self.known = loads.iter().map(condensed).collect();
+        self.factor = None;
     }
 
+    /// Number of unknowns that `S` is left on.
     #[must_use]
     pub fn kept(&self) -> usize {
         self.kept.len()
     }
 
+    /// Place among the kept unknowns of a local degree of freedom.
     #[must_use]
-    pub fn rows(&self) -> &[Row] {
-        &self.rows
+    pub fn place(&self, dof: usize) -> Option<usize> {
+        let place = self.place[dof];
+        (place != u32::MAX).then_some(place as usize)
+    }
+
+    /// Its degrees of freedom in the caller's numbering.
+    #[must_use]
+    pub fn dofs(&self) -> &[usize] {
+        &self.dofs
+    }
+
+    /// The power of two that its stiffness is multiplied by.
+    #[must_use]
+    pub fn unit(&self) -> f64 {
+        self.unit
+    }
+
+    /// The factor, unless it was dropped.
+    #[must_use]
+    pub fn factor(&self) -> Option<&Factor> {
+        self.factor.as_ref()
+    }
+
+    /// Rigid motions on the kept unknowns.
+    #[must_use]
+    pub fn modes(&self) -> &[Vec<f64>] {
+        &self.modes
+    }
+
+    /// What the factorisation cost.
+    #[must_use]
+    pub fn counts(&self) -> &Counts {
+        self.symbolic.counts()
     }
 
     /// Number of rigid motions that its supports leave free.
@@ -215,32 +329,21 @@ impl Body {
         self.dofs[self.kept[most]]
     }
 
-    /// `v += amount B_c R_k`.
-    pub fn add_motion(&self, motion: usize, amount: f64, v: &mut [f64]) {
-        self.add_contact(&self.modes[motion], amount, v);
-    }
-
-    /// `v += B u` for this body's part of a displacement of all degrees of freedom.
-    pub fn add_to_sums(&self, u: &[f64], v: &mut [Sum]) {
-        for row in &self.rows {
-            for &(k, b) in &row.entries {
-                v[row.row].add_product(b, u[self.dofs[self.kept[k]]]);
+    /// Condenses this body's part of a force, in its unit: interior unknowns as the
+    /// factor leaves them, contact forces `f_c − K_ci K_ii⁻¹ f_i`. Where the factor
+    /// was dropped, the latter of a force with its number among those known beforehand.
+    #[must_use]
+    pub fn condense(&self, force: &[f64], known: Option<usize>) -> Vec<f64> {
+        let mut local = self.scaled(force);
+        match (&self.factor, known) {
+            (Some(factor), _) => factor.condense(&mut local, 1),
+            (None, known) => {
+                let known = known.map_or(&[][..], |k| &self.known[k]);
+                for (&i, value) in self.kept.iter().zip(known) {
+                    local[i] = *value;
+                }
             }
         }
-    }
-
-    fn add_contact(&self, u: &[f64], amount: f64, v: &mut [f64]) {
-        for row in &self.rows {
-            v[row.row] += amount * row.entries.iter().map(|&(k, b)| b * u[k]).sum::<f64>();
-        }
-    }
-
-    /// Condenses this body's part of `force`, in its unit: interior unknowns as the
-    /// factor leaves them, contact forces `f_c − K_ci K_ii⁻¹ f_i`.
-    #[must_use]
-    pub fn condense(&self, force: &[f64]) -> Vec<f64> {
-        let mut local = self.scaled(force);
-        self.factor.condense(&mut local, 1);
         local
     }
 
@@ -272,12 +375,13 @@ impl Body {
             .collect()
     }
 
-    /// `v += B_c (S + α R Rᵀ)⁻¹ (I − R Rᵀ) f_c`.
-    pub fn add_free_displacement(&self, condensed: &[f64], v: &mut [f64]) {
+    /// `(S + α R Rᵀ)⁻¹ (I − R Rᵀ) f_c`.
+    #[must_use]
+    pub fn free_displacement(&self, condensed: &[f64]) -> Vec<f64> {
         let mut u = self.contact_part(condensed);
         self.balance(&mut u);
-        self.solve_contact(&mut u);
-        self.add_contact(&u, 1.0, v);
+        self.solve_contact(&mut u, 1);
+        u
     }
 
     /// `f ← (I − R Rᵀ) f`.
@@ -290,69 +394,125 @@ impl Body {
         }
     }
 
-    fn solve_contact(&self, f: &mut [f64]) {
-        dense::solve_lower(&self.cholesky, self.kept.len(), f, 1);
-        dense::solve_lower_transpose(&self.cholesky, self.kept.len(), f, 1);
+    fn solve_contact(&self, f: &mut [f64], columns: usize) {
+        dense::solve_lower(&self.cholesky, self.kept.len(), f, columns);
+        dense::solve_lower_transpose(&self.cholesky, self.kept.len(), f, columns);
     }
 
-    /// Writes this body's displacement: free part, reactions, rigid motions, with
-    /// what the factorisation's rounding leaves of `f + Bᵀ r − K u` taken out.
-    pub fn displacement(&self, force: &[f64], reaction: &[f64], rigid: &[f64], out: &mut [f64]) {
+    /// `f ← L⁻¹ f` for columns of forces on the kept unknowns, `L Lᵀ = S + α R Rᵀ`.
+    pub fn half_solve_contact(&self, f: &mut [f64], columns: usize) {
+        dense::solve_lower(&self.cholesky, self.kept.len(), f, columns);
+    }
+
+    /// This body's displacements, a column each step: free part, reactions, rigid
+    /// motions, with what the factorisation's rounding leaves of `f + Bᵀ r − K u`
+    /// taken out. `pushes` are `unit Bᵀ r` at the local degrees of freedom.
+    ///
+    /// # Errors
+    /// [`Error::FactorDropped`].
+    pub fn displacements(
+        &self,
+        forces: &[&[f64]],
+        pushes: &[f64],
+        rigid: &[&[f64]],
+    ) -> Result<Vec<f64>, Error> {
         /// Corrections at the most.
         const MOST: usize = 8;
-        let mut push = vec![0.0; self.kept.len()];
-        for row in &self.rows {
-            for &(k, b) in &row.entries {
-                push[k] += b * self.unit * reaction[row.row];
-            }
+        let n = self.dofs.len();
+        let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
+        let mut forces: Vec<f64> = forces.iter().flat_map(|f| self.scaled(f)).collect();
+        let mut u = self.response(factor, &forces, Some(pushes), rigid);
+        for (f, p) in forces.iter_mut().zip(pushes) {
+            *f += p;
         }
-        let mut force = self.scaled(force);
-        let mut u = self.response(&force, Some(&push), rigid);
-        for (&i, p) in self.kept.iter().zip(&push) {
-            force[i] += p;
-        }
-        let mut last = f64::INFINITY;
+        let mut last = vec![f64::INFINITY; rigid.len()];
         for _ in 0..MOST {
-            let change = self.response(&self.stiffness.residual(&u, &force), None, &[]);
-            let moved = norm(&change) / norm(&u).max(f64::MIN_POSITIVE);
-            // Corrections that do not fall are rounding of the correction itself.
-            if !(moved < 0.5 * last) {
+            // Columns that are done take no further part.
+            let open: Vec<usize> = (0..last.len()).filter(|&k| last[k] > 0.0).collect();
+            if n == 0 || open.is_empty() {
                 break;
             }
-            for (value, change) in u.iter_mut().zip(change) {
-                *value += change;
+            let mut left = vec![0.0; n * open.len()];
+            left.par_chunks_mut(n).zip(&open).for_each(|(left, &k)| {
+                let (u, force) = (&u[k * n..(k + 1) * n], &forces[k * n..(k + 1) * n]);
+                left.copy_from_slice(&self.stiffness.residual(u, force));
+            });
+            let changes = self.response(factor, &left, None, &vec![&[][..]; open.len()]);
+            for (change, k) in changes.chunks_exact(n).zip(open) {
+                let u = &mut u[k * n..(k + 1) * n];
+                let moved = norm(change) / norm(u).max(f64::MIN_POSITIVE);
+                // Corrections that do not fall are rounding of the correction itself.
+                if !(moved < 0.5 * last[k]) {
+                    last[k] = 0.0;
+                    continue;
+                }
+                for (value, change) in u.iter_mut().zip(change) {
+                    *value += change;
+                }
+                // What is left is the square of what was corrected.
+                last[k] = if moved * moved <= f64::EPSILON {
+                    0.0
+                } else {
+                    moved
+                };
             }
-            // What is left is the square of what was corrected.
-            if moved * moved <= f64::EPSILON {
-                break;
-            }
-            last = moved;
         }
-        for (&i, value) in self.dofs.iter().zip(u) {
-            out[i] = value;
-        }
+        Ok(u)
     }
 
-    /// `u` of a force with its rigid part taken out, of reactions as they are
-    /// (their rigid part is what `a` was found with), and of rigid motions.
-    fn response(&self, force: &[f64], push: Option<&[f64]>, rigid: &[f64]) -> Vec<f64> {
-        let mut local = force.to_vec();
-        self.factor.condense(&mut local, 1);
-        let mut contact = self.contact_part(&local);
-        self.balance(&mut contact);
-        for (value, p) in contact.iter_mut().zip(push.unwrap_or(&[])) {
-            *value += p;
-        }
-        self.solve_contact(&mut contact);
-        for (mode, amount) in self.modes.iter().zip(rigid) {
-            for (value, m) in contact.iter_mut().zip(mode) {
-                *value += amount * m;
+    /// `u` of forces with their rigid part taken out, of reactions as they are
+    /// (their rigid part is what `a` was found with), and of rigid motions; a
+    /// column each.
+    fn response(
+        &self,
+        factor: &Factor,
+        forces: &[f64],
+        pushes: Option<&[f64]>,
+        rigid: &[&[f64]],
+    ) -> Vec<f64> {
+        let (n, m, columns) = (self.dofs.len(), self.kept.len(), rigid.len());
+        let mut local = forces.to_vec();
+        factor.condense(&mut local, columns);
+        let part = |local: &[f64]| -> Vec<f64> {
+            let columns = local.chunks_exact(n.max(1));
+            columns.flat_map(|x| self.contact_part(x)).collect()
+        };
+        let mut contact = part(&local);
+        contact
+            .chunks_exact_mut(m.max(1))
+            .for_each(|f| self.balance(f));
+        if let Some(pushes) = pushes {
+            let inside = |(k, &p): (usize, &f64)| p != 0.0 && self.place[k % n] == u32::MAX;
+            let mut pushed = Cow::Borrowed(pushes);
+            if pushes.iter().enumerate().any(inside) {
+                factor.condense(pushed.to_mut(), columns);
+                for (k, (value, p)) in local.iter_mut().zip(pushed.iter()).enumerate() {
+                    if self.place[k % n] == u32::MAX {
+                        *value += p;
+                    }
+                }
+            }
+            for (value, p) in contact.iter_mut().zip(part(&pushed)) {
+                *value += p;
             }
         }
-        for (&i, value) in self.kept.iter().zip(contact) {
-            local[i] = value;
+        self.solve_contact(&mut contact, columns);
+        for (contact, amounts) in contact.chunks_exact_mut(m.max(1)).zip(rigid) {
+            for (mode, amount) in self.modes.iter().zip(*amounts) {
+                for (value, m) in contact.iter_mut().zip(mode) {
+                    *value += amount * m;
+                }
+            }
         }
-        self.factor.recover(&mut local, 1);
+        for (local, contact) in local
+            .chunks_exact_mut(n.max(1))
+            .zip(contact.chunks_exact(m.max(1)))
+        {
+            for (&i, value) in self.kept.iter().zip(contact) {
+                local[i] = *value;
+            }
+        }
+        factor.recover(&mut local, columns);
         local
     }
 
@@ -360,36 +520,27 @@ impl Body {
     ///
     /// `K` itself is known to ε: a motion `d` that costs nothing is known to be one
     /// to the forces `ε |K||d|`, and these work on what the loads make of the body.
-    #[must_use]
-    pub fn load_rounding(&self, force: &[f64]) -> Vec<f64> {
+    ///
+    /// # Errors
+    /// [`Error::FactorDropped`].
+    pub fn load_rounding(&self, force: &[f64]) -> Result<Vec<f64>, Error> {
+        if self.modes.is_empty() {
+            return Ok(Vec::new());
+        }
+        let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
         let nothing = vec![0.0; self.dofs.len()];
         let force = self.scaled(force);
         let mut forces: Vec<f64> = force.iter().map(|f| f.abs()).collect();
-        let deformed = self.response(&force, None, &[]);
+        let deformed = self.response(factor, &force, None, &[&[]]);
         self.stiffness.add_absolute_product(&deformed, &mut forces);
         let of_motion = |k: usize| {
             let mut amounts = vec![0.0; self.modes.len()];
             amounts[k] = 1.0;
-            let motion = self.response(&nothing, None, &amounts);
+            let motion = self.response(factor, &nothing, None, &[&amounts]);
             let work = motion.iter().zip(&forces).map(|(d, f)| (d * f).abs());
             16.0 * f64::EPSILON * work.sum::<f64>() / self.unit
         };
-        (0..self.modes.len()).map(of_motion).collect()
-    }
-
-    /// Adds this body's counts.
-    pub fn add_to(&self, stats: &mut Stats) {
-        let counts = self.factor.symbolic().counts();
-        stats.nnz_factor += counts.nnz_factor;
-        stats.flops += counts.flops;
-        stats.bytes_factor += counts.bytes_factor;
-        stats.bytes_peak += counts.bytes_peak + 24 * self.kept.len().pow(2);
-        stats.contact_dofs += self.kept.len();
-        stats.seconds_order += counts.seconds_order;
-        stats.seconds_symbolic += counts.seconds_symbolic;
-        if stats.ordering.is_empty() {
-            stats.ordering = counts.ordering;
-        }
+        Ok((0..self.modes.len()).map(of_motion).collect())
     }
 }
 
@@ -414,21 +565,6 @@ fn with_modes(schur: &[f64], modes: &[Vec<f64>]) -> Vec<f64> {
 
 /// Rigid motions that a body in `d` dimensions can have.
 const LIMIT: [usize; 4] = [0, 1, 3, 6];
-
-/// Degrees of freedom that the rows touch, in the order they are met; the rows
-/// are given places in that list.
-fn contact_set(rows: &mut [Row], order: usize) -> Vec<usize> {
-    let mut place = vec![usize::MAX; order];
-    let mut kept = Vec::new();
-    for (dof, _) in rows.iter_mut().flat_map(|row| &mut row.entries) {
-        if place[*dof] == usize::MAX {
-            place[*dof] = kept.len();
-            kept.push(*dof);
-        }
-        *dof = place[*dof];
-    }
-    kept
-}
 
 fn renumber(error: Error, dofs: &[usize]) -> Error {
     match error {

@@ -2,6 +2,25 @@
 
 use crate::error::Error;
 
+/// How much may be taken: as much as the machine has, or less by the caller's wish.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Budget {
+    /// Bytes, the caller's limit.
+    pub limit: Option<u128>,
+}
+
+impl Budget {
+    /// # Errors
+    /// [`Error::Memory`] when `what` needs more than there is, [`Error::MemoryLimit`]
+    /// when it needs more than the caller allows.
+    pub fn check(self, what: &'static str, bytes: u128) -> Result<(), Error> {
+        match self.limit {
+            Some(limit) if bytes > limit => Err(Error::MemoryLimit { what, bytes, limit }),
+            _ => check(what, bytes),
+        }
+    }
+}
+
 /// Bytes that this machine can still give, where it tells (Linux).
 fn available() -> Option<u128> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;

@@ -1,8 +1,11 @@
 //! All contacts together, and no algorithm.
 
+pub mod assemble;
 pub mod balance;
+pub mod bodies;
 pub mod body;
 pub mod border;
+pub mod candidates;
 pub mod compliance;
 pub mod condense;
 pub mod island;
@@ -13,3 +16,4 @@ pub mod reduced;
 pub mod residual;
 pub mod sparse;
 pub mod stats;
+pub mod surface;

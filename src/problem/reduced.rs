@@ -3,7 +3,7 @@
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::small::{length, norm};
-use crate::problem::border::{check_finite, check_length};
+use crate::problem::border::{check_finite, check_friction, check_length};
 use crate::problem::compliance::Compliance;
 
 /// Bodies held by contact alone: `v = W r + R a + q` with `Rᵀ r + e = 0`.
@@ -48,7 +48,6 @@ impl<'a, const D: usize> Reduced<'a, D> {
     ) -> Result<Self, Error> {
         let contacts = compliance.contacts();
         check_length("q", q.len(), contacts)?;
-        check_length("mu", mu.len(), contacts)?;
         check_finite("q", q.as_flattened())?;
         check_length("rigid load e", rigid.load.len(), rigid.modes.len())?;
         check_finite("rigid load e", &rigid.load)?;
@@ -56,9 +55,7 @@ impl<'a, const D: usize> Reduced<'a, D> {
             check_length("rigid motion R", mode.len(), contacts)?;
             check_finite("rigid motion R", mode.as_flattened())?;
         }
-        if let Some(node) = mu.iter().position(|m| !(m.is_finite() && *m >= 0.0)) {
-            return Err(Error::Friction { node, mu: mu[node] });
-        }
+        check_friction(mu, contacts)?;
         let q = compliance.gather(q);
         let modes = rigid
             .modes

@@ -132,6 +132,20 @@ impl Owned {
         )
     }
 
+    /// Some of the rows.
+    #[must_use]
+    pub fn rows(&self, rows: &[usize]) -> Self {
+        let mut out = Self::default();
+        for &row in rows {
+            for (j, value) in self.entries(row) {
+                out.index.push(j);
+                out.values.push(value);
+            }
+            out.pointer.push(out.index.len());
+        }
+        out
+    }
+
     /// `b − A x` for the matrix by rows, in twice the precision.
     pub(crate) fn residual(&self, x: &[f64], b: &[f64]) -> Vec<f64> {
         let of_row = |(k, b): (usize, &f64)| {

@@ -6,7 +6,10 @@ pub struct Stats {
     pub nnz_factor: usize,
     pub flops: f64,
     pub bytes_factor: usize,
-    pub bytes_peak: usize,
+    /// Predicted before anything was allocated.
+    pub bytes_peak: u128,
+    /// Whether the factor was kept, for displacements.
+    pub factor_kept: bool,
     pub contact_dofs: usize,
     pub bodies: usize,
     pub islands: usize,

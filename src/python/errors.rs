@@ -24,12 +24,14 @@ impl From<Error> for PyErr {
             | Error::Range { .. }
             | Error::ThreadCount { .. }
             | Error::Asymmetric { .. }
+            | Error::FactorDropped
+            | Error::UnknownLoads
             | Error::Indefinite { .. } => PyValueError::new_err(text),
             Error::FloatingBody { .. }
             | Error::Mechanism { .. }
             | Error::DependentMotion { .. } => ours("FloatingBodyError", text),
             Error::ContradictoryContact { .. } => ours("NoEquilibriumError", text),
-            Error::Memory { .. } => PyMemoryError::new_err(text),
+            Error::Memory { .. } | Error::MemoryLimit { .. } => PyMemoryError::new_err(text),
             Error::Threads { .. } => PyOSError::new_err(text),
             Error::Interrupted => PyKeyboardInterrupt::new_err(text),
         }

@@ -10,6 +10,7 @@ use crate::python::several::left;
 use crate::python::{interrupt, problem, solver};
 use crate::solver::refine::{Point, forward_error};
 use crate::stepping::{evaluate, reduced_step};
+use crate::working_set;
 
 type Estimate = Option<(f64, f64)>;
 
@@ -70,15 +71,21 @@ pub(super) fn forward_errors_of_step(
             let contacts = $inner.contacts();
             let state = before.as_ref().map(|v| left(v, contacts)).transpose()?;
             let reaction = arrays::rows_of("reaction", &reaction, contacts)?;
-            arrays::length("rigid_motion", rigid.len(), $inner.rigid_dofs().len())?;
-            let r = $inner.compliance().gather(reaction);
+            let motions = $inner.bodies().motions().len();
+            arrays::length("rigid_motion", rigid.len(), motions)?;
             interrupt::run(py, problem.num_threads, |stop| -> Result<_, Error> {
-                let reduced = reduced_step($inner, loads.0, loads.1, state.as_ref())?;
-                let point = evaluate($inner, &reduced, loads, state.as_ref(), r, rigid.to_vec())?;
+                let view = working_set::around($inner, reaction, stop)?;
+                let (members, of_view) = (&view.members, &view.problem);
+                let state = state.map(|state| working_set::at(&state, members));
+                let r = of_view.compliance();
+                let r = r.gather(&working_set::pick(reaction, members));
+                let reduced = reduced_step(of_view, loads.0, loads.1, state.as_ref())?;
+                let point = evaluate(of_view, &reduced, loads, state.as_ref(), r, rigid.to_vec())?;
                 // Of a step, the total is what is told: gaps are total anyway.
                 let mut total = Vec::new();
                 if let Some(state) = &state {
-                    total = $inner.compliance().gather(&state.relative_displacement);
+                    let before = &state.relative_displacement;
+                    total = of_view.compliance().gather(before);
                     for v in &mut total {
                         v[0] = 0.0;
                     }

@@ -20,7 +20,7 @@ mod _core {
     #[pymodule_export]
     use super::estimate::{forward_errors, forward_errors_of_step};
     #[pymodule_export]
-    use super::problem::{Condensed, Path};
+    use super::problem::{Condensed, Path, follow};
     #[pymodule_export]
     use super::several::{answers, assess, assess_step};
     #[pymodule_export]

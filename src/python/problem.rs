@@ -6,18 +6,22 @@ use std::sync::atomic::AtomicBool;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::csc::Symmetric;
-use crate::panics::caught;
-use crate::problem::condense::{self, Given};
-use crate::problem::memory;
+use crate::problem::bodies::{Loaded, Loads};
+use crate::problem::candidates::Problem;
+use crate::problem::condense::Given;
+use crate::problem::memory::{self, Budget};
 use crate::problem::sparse::Rows;
 use crate::python::arrays::{self, Indices, Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::solver::{settings, solution_dict};
-use crate::stepping::{LoadPath, State, Step};
+use crate::solver::{Outcome, Settings};
+use crate::stepping::{State, Step};
+use crate::working_set;
 
 /// Row pointers, column indices and values of a matrix in CSR form.
 type Csr<'py> = (Indices<'py>, Indices<'py>, Vector<'py>);
@@ -30,8 +34,8 @@ type FreePart<'py> = (
 
 #[derive(Clone)]
 pub(super) enum Kind {
-    Two(Arc<condense::Condensed<2>>),
-    Three(Arc<condense::Condensed<3>>),
+    Two(Arc<Problem<2>>),
+    Three(Arc<Problem<3>>),
 }
 
 /// Calls one generic body for both dimensions.
@@ -68,33 +72,55 @@ impl<'a> Sparse<'a> {
     }
 }
 
-fn condensed<const D: usize>(
-    stiffness: &Sparse<'_>,
-    contact: &Sparse<'_>,
-    gap: &[[f64; D]],
-    mu: &[f64],
-    fixed: &[usize],
-    stop: &AtomicBool,
-) -> Result<Arc<condense::Condensed<D>>, Error> {
-    let n = stiffness.pointer.len().saturating_sub(1);
-    let given = Given {
-        stiffness: Symmetric::new(n, &stiffness.pointer, &stiffness.index, stiffness.values)?,
-        contact: Rows {
-            row_ptr: &contact.pointer,
-            columns: &contact.index,
-            values: contact.values,
-        },
-        gap,
-        mu,
-        fixed,
-    };
-    condense::Condensed::new(&given, stop).map(Arc::new)
+/// What a problem is made of, but for what depends on the dimension.
+struct Asked<'a> {
+    stiffness: Sparse<'a>,
+    contact: Sparse<'a>,
+    mu: &'a [f64],
+    fixed: Vec<usize>,
+    known: Option<Vec<Loads>>,
+    limit: Option<u128>,
+    grow: Option<bool>,
+}
+
+impl Asked<'_> {
+    fn condense<const D: usize>(
+        &self,
+        gap: &[[f64; D]],
+        before: Option<&Problem<D>>,
+        stop: &AtomicBool,
+    ) -> Result<Arc<Problem<D>>, Error> {
+        let (k, b) = (&self.stiffness, &self.contact);
+        let n = k.pointer.len().saturating_sub(1);
+        let given = Given {
+            stiffness: Symmetric::new(n, &k.pointer, &k.index, k.values)?,
+            contact: Rows {
+                row_ptr: &b.pointer,
+                columns: &b.index,
+                values: b.values,
+            },
+            gap,
+            mu: self.mu,
+            fixed: &self.fixed,
+            known: self.known.clone(),
+            budget: Budget { limit: self.limit },
+        };
+        Problem::new(given, self.grow, before, stop).map(Arc::new)
+    }
 }
 
 #[pymethods]
 impl Condensed {
+    /// `known` are all loads there will be, a pair of total forces and prescribed
+    /// displacements each step; `memory_limit` is in bytes; `grow` says whether `W` is
+    /// formed of a working set, `None` leaves it to the gaps; the analyses of `before`
+    /// are used again where the pattern is the same.
     #[new]
-    #[pyo3(signature = (stiffness, contact, gap, mu, fixed, num_threads))]
+    #[pyo3(signature = (
+        stiffness, contact, gap, mu, fixed, num_threads,
+        known=None, memory_limit=None, grow=None, before=None
+    ))]
+    #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
     fn new<'py>(
         py: Python<'py>,
         stiffness: Csr<'py>,
@@ -103,21 +129,41 @@ impl Condensed {
         mu: Vector<'py>,
         fixed: Indices<'py>,
         num_threads: Option<usize>,
+        known: Option<Vec<(Vector<'py>, Vector<'py>)>>,
+        memory_limit: Option<u64>,
+        grow: Option<bool>,
+        before: Option<PyRef<'py, Condensed>>,
     ) -> PyResult<Self> {
-        let k = Sparse::new(&stiffness, "K")?;
-        let b = Sparse::new(&contact, "B")?;
-        let fixed = arrays::indices(&fixed, "fixed")?;
-        let mu = mu.as_slice()?;
+        let loads = |(load, moved): &(Vector<'_>, Vector<'_>)| -> PyResult<Loads> {
+            Ok((load.as_slice()?.to_vec(), moved.as_slice()?.to_vec()))
+        };
+        let known = known.map(|steps| steps.iter().map(loads).collect::<PyResult<_>>());
+        let asked = Asked {
+            stiffness: Sparse::new(&stiffness, "K")?,
+            contact: Sparse::new(&contact, "B")?,
+            fixed: arrays::indices(&fixed, "fixed")?,
+            mu: mu.as_slice()?,
+            known: known.transpose()?,
+            limit: memory_limit.map(u128::from),
+            grow,
+        };
+        let before = before.as_ref().map(|problem| &problem.kind);
         let kind = if gap.as_array().ncols() == 2 {
             let gap = arrays::rows::<2>(&gap)?;
-            Kind::Two(interrupt::run(py, num_threads, |stop| {
-                condensed(&k, &b, gap, mu, &fixed, stop)
-            })?)
+            let before = match before {
+                Some(Kind::Two(problem)) => Some(&**problem),
+                _ => None,
+            };
+            let made = interrupt::run(py, num_threads, |stop| asked.condense(gap, before, stop));
+            Kind::Two(made?)
         } else {
             let gap = arrays::rows::<3>(&gap)?;
-            Kind::Three(interrupt::run(py, num_threads, |stop| {
-                condensed(&k, &b, gap, mu, &fixed, stop)
-            })?)
+            let before = match before {
+                Some(Kind::Three(problem)) => Some(&**problem),
+                _ => None,
+            };
+            let made = interrupt::run(py, num_threads, |stop| asked.condense(gap, before, stop));
+            Kind::Three(made?)
         };
         Ok(Self { kind, num_threads })
     }
@@ -125,9 +171,12 @@ impl Condensed {
     /// `W`, dense.
     fn compliance<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let (dense, n) = either!(&self.kind, inner => {
-            let n = inner.contact_components();
+            let n = components(inner);
             memory::check("the dense compliance W", 8 * (n as u128).pow(2))?;
-            (caught(|| inner.compliance().to_dense())?, n)
+            let dense = interrupt::run(py, self.num_threads, |stop| {
+                Ok(inner.whole(stop)?.compliance().to_dense())
+            });
+            (dense?, n)
         });
         arrays::square(py, dense, n, n)
     }
@@ -139,7 +188,11 @@ impl Condensed {
         &self,
         py: Python<'py>,
     ) -> PyResult<Option<(Vec<usize>, Vec<usize>, Bound<'py, PyArray1<f64>>)>> {
-        let blocks = either!(&self.kind, inner => inner.compliance().rows_of_blocks()?);
+        let blocks = either!(&self.kind, inner => {
+            interrupt::run(py, self.num_threads, |stop| {
+                inner.whole(stop)?.compliance().rows_of_blocks()
+            })?
+        });
         Ok(blocks.map(|(start, column, values)| (start, column, arrays::from_vec(py, values))))
     }
 
@@ -152,56 +205,88 @@ impl Condensed {
     ) -> PyResult<FreePart<'py>> {
         let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
         either!(&self.kind, inner => {
-            let part = interrupt::run(py, self.num_threads, |_| inner.free_part(load, prescribed))?;
-            let rows = part.rigid.modes.len();
-            let flat: Vec<f64> = part.rigid.modes.iter().flat_map(|m| m.as_flattened().to_vec()).collect();
+            let part = interrupt::run(py, self.num_threads, |stop| {
+                inner.whole(stop)?.free_part(load, prescribed)
+            })?;
+            let modes = as_rows(py, &part.rigid.modes, components(inner))?;
             Ok((
                 arrays::from_rows(py, &part.q)?,
-                arrays::square(py, flat, rows, inner.contact_components())?,
+                modes,
                 arrays::from_vec(py, part.rigid.load),
             ))
+        })
+    }
+
+    /// What each rigid motion is at the contacts, a row each.
+    fn modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        either!(&self.kind, inner => {
+            let modes = interrupt::run(py, self.num_threads, |_| inner.modes())?;
+            as_rows(py, &modes, components(inner))
         })
     }
 
     /// Makes the inverse of `W`, where there is one, before a step asks for it.
     fn make_inverse(&self, py: Python<'_>) -> PyResult<()> {
         either!(&self.kind, inner => {
-            interrupt::run(py, self.num_threads, |stop| inner.compliance().make_inverse(stop))?
+            if let Problem::Whole(whole) = &**inner {
+                interrupt::run(py, self.num_threads, |stop| whole.compliance().make_inverse(stop))?;
+            }
         });
         Ok(())
     }
 
-    /// `u` of all degrees of freedom.
-    fn displacement<'py>(
+    /// `u` of all degrees of freedom, a row each state: total loads, reaction and
+    /// rigid motion.
+    fn displacements<'py>(
         &self,
         py: Python<'py>,
-        load: Vector<'py>,
-        prescribed: Vector<'py>,
-        reaction: Matrix<'py>,
-        rigid: Vector<'py>,
-    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
-        let rigid = rigid.as_slice()?;
-        let u = either!(&self.kind, inner => {
-            let reaction = arrays::rows(&reaction)?;
-            interrupt::run(py, self.num_threads, |_| {
-                inner.displacement(load, prescribed, reaction, rigid)
-            })?
-        });
-        Ok(arrays::from_vec(py, u))
+        states: Vec<(Vector<'py>, Vector<'py>, Matrix<'py>, Vector<'py>)>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        either!(&self.kind, inner => {
+            let loaded = states
+                .iter()
+                .map(|(load, prescribed, reaction, rigid)| {
+                    Ok(Loaded {
+                        load: load.as_slice()?,
+                        prescribed: prescribed.as_slice()?,
+                        reaction: arrays::rows(reaction)?,
+                        rigid: rigid.as_slice()?,
+                    })
+                })
+                .collect::<PyResult<Vec<_>>>()?;
+            let all = interrupt::run(py, self.num_threads, |_| inner.displacements(&loaded))?;
+            arrays::square(py, all.concat(), states.len(), inner.bodies().order())
+        })
+    }
+
+    /// The same bodies and contacts with other friction coefficients.
+    fn with_mu(&self, mu: Vector<'_>) -> PyResult<Self> {
+        let mu = mu.as_slice()?.to_vec();
+        let kind = match &self.kind {
+            Kind::Two(inner) => Kind::Two(Arc::new(inner.with_mu(mu)?)),
+            Kind::Three(inner) => Kind::Three(Arc::new(inner.with_mu(mu)?)),
+        };
+        Ok(Self {
+            kind,
+            num_threads: self.num_threads,
+        })
     }
 
     /// Counts and seconds of the condensation.
     #[getter]
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (stats, n, dofs, bodies, bytes) = either!(&self.kind, inner => {
-            {
-                let bytes = inner.compliance().bytes();
-                (inner.stats(), inner.order(), inner.rigid_dofs(), inner.rigid_bodies(), bytes)
-            }
+        let (stats, bodies, bytes, working) = either!(&self.kind, inner => {
+            let working = match &**inner {
+                Problem::Whole(_) => None,
+                Problem::Growing { candidates, .. } => Some(candidates.seeds().len()),
+            };
+            (inner.stats(), inner.bodies(), inner.bytes_compliance(), working)
         });
+        let motions = 0..bodies.motions().len();
+        let dofs: Vec<usize> = motions.map(|k| bodies.most_moved(k)).collect();
+        let moved: Vec<usize> = bodies.motions().iter().map(|&(body, _)| body).collect();
         let dict = PyDict::new(py);
-        dict.set_item("n", n)?;
+        dict.set_item("n", bodies.order())?;
         dict.set_item("n_contact_dofs", stats.contact_dofs)?;
         dict.set_item("nnz_factor", stats.nnz_factor)?;
         dict.set_item("flops", stats.flops)?;
@@ -209,11 +294,13 @@ impl Condensed {
         dict.set_item("bytes_peak", stats.bytes_peak)?;
         dict.set_item("bytes_compliance", bytes)?;
         dict.set_item("cond_S", stats.cond_s)?;
+        dict.set_item("factor_kept", stats.factor_kept)?;
+        dict.set_item("working_set", working)?;
         dict.set_item("bodies", stats.bodies)?;
         dict.set_item("islands", stats.islands)?;
         dict.set_item("rigid_motions", dofs.len())?;
         dict.set_item("rigid_motion_dofs", dofs)?;
-        dict.set_item("rigid_motion_bodies", bodies)?;
+        dict.set_item("rigid_motion_bodies", moved)?;
         dict.set_item("ordering", stats.ordering)?;
         dict.set_item("seconds_order", stats.seconds_order)?;
         dict.set_item("seconds_symbolic", stats.seconds_symbolic)?;
@@ -223,9 +310,23 @@ impl Condensed {
     }
 }
 
+/// Number of contact components, `D n_c`.
+fn components<const D: usize>(problem: &Problem<D>) -> usize {
+    D * problem.contacts()
+}
+
+fn as_rows<'py, const D: usize>(
+    py: Python<'py>,
+    modes: &[Vec<[f64; D]>],
+    components: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let flat = modes.iter().flat_map(|mode| mode.as_flattened().to_vec());
+    arrays::square(py, flat.collect(), modes.len(), components)
+}
+
 enum Progress {
-    Two(Arc<condense::Condensed<2>>, LoadPath<2>),
-    Three(Arc<condense::Condensed<3>>, LoadPath<3>),
+    Two(Arc<Problem<2>>, working_set::Path<2>),
+    Three(Arc<Problem<3>>, working_set::Path<3>),
 }
 
 /// A load path in progress; without a state it starts from the unloaded bodies.
@@ -243,19 +344,8 @@ type StartArrays<'py> = (
     Vector<'py>,
 );
 
-/// A path from the state of a step, or from the unloaded bodies.
-fn load_path<const D: usize>(
-    problem: &condense::Condensed<D>,
-    start: Option<&StartArrays<'_>>,
-) -> PyResult<LoadPath<D>> {
-    match start {
-        Some(arrays) => Ok(LoadPath::from_state(state(problem, arrays)?)),
-        None => Ok(LoadPath::default()),
-    }
-}
-
 fn state<const D: usize>(
-    problem: &condense::Condensed<D>,
+    problem: &Problem<D>,
     (reaction, displacement, status, rigid): &StartArrays<'_>,
 ) -> PyResult<State<D>> {
     let status = status.as_slice()?.iter().map(|s| match s {
@@ -271,7 +361,8 @@ fn state<const D: usize>(
         rigid: rigid.as_slice()?.to_vec(),
     };
     arrays::length("start", state.status.len(), contacts)?;
-    arrays::length("start", state.rigid.len(), problem.rigid_dofs().len())?;
+    let motions = problem.bodies().motions().len();
+    arrays::length("start", state.rigid.len(), motions)?;
     Ok(state)
 }
 
@@ -288,9 +379,15 @@ impl Path {
     #[pyo3(signature = (problem, start=None))]
     fn new(problem: &Condensed, start: Option<StartArrays<'_>>) -> PyResult<Self> {
         let progress = match &problem.kind {
-            Kind::Two(inner) => Progress::Two(Arc::clone(inner), load_path(inner, start.as_ref())?),
+            Kind::Two(inner) => {
+                let state = start.as_ref().map(|arrays| state(inner, arrays));
+                let path = working_set::Path::new(state.transpose()?);
+                Progress::Two(Arc::clone(inner), path)
+            }
             Kind::Three(inner) => {
-                Progress::Three(Arc::clone(inner), load_path(inner, start.as_ref())?)
+                let state = start.as_ref().map(|arrays| state(inner, arrays));
+                let path = working_set::Path::new(state.transpose()?);
+                Progress::Three(Arc::clone(inner), path)
             }
         };
         Ok(Self {
@@ -330,5 +427,98 @@ impl Path {
                 step_dict(py, &step)
             }
         }
+    }
+}
+
+/// A path's steps, and what ended it early.
+type Followed<'py> = (Vec<Bound<'py, PyDict>>, Option<Py<PyAny>>);
+
+/// Takes several paths through their steps, side by side: total forces and prescribed
+/// displacements, step by step. Of each the steps taken, of which the last may not
+/// have converged, and the exception that ended it.
+#[pyfunction]
+pub(super) fn follow<'py>(
+    py: Python<'py>,
+    mut paths: Vec<PyRefMut<'py, Path>>,
+    cases: Vec<Vec<(Vector<'py>, Vector<'py>)>>,
+    method: &str,
+    tol: f64,
+    max_iterations: Option<usize>,
+    max_seconds: Option<f64>,
+) -> PyResult<Vec<Followed<'py>>> {
+    let settings = settings(method, tol, max_iterations, max_seconds)?;
+    let num_threads = paths.first().and_then(|path| path.num_threads);
+    let mut loads = Vec::with_capacity(cases.len());
+    for steps in &cases {
+        let pair = |(f, u): &(Vector<'py>, Vector<'py>)| -> PyResult<Loads> {
+            Ok((f.as_slice()?.to_vec(), u.as_slice()?.to_vec()))
+        };
+        loads.push(steps.iter().map(pair).collect::<PyResult<Vec<_>>>()?);
+    }
+    let all: Vec<&mut Path> = paths.iter_mut().map(|path| &mut **path).collect();
+    let followed = interrupt::run(py, num_threads, |stop| {
+        all.into_par_iter()
+            .zip(&loads)
+            .map(|(path, steps)| path.progress.follow(steps, &settings, stop))
+            .collect::<Result<Vec<_>, Error>>()
+    })?;
+    let mut out = Vec::with_capacity(followed.len());
+    for (steps, error) in followed {
+        let dicts: PyResult<Vec<_>> = match steps {
+            Steps::Two(steps) => steps.iter().map(|step| step_dict(py, step)).collect(),
+            Steps::Three(steps) => steps.iter().map(|step| step_dict(py, step)).collect(),
+        };
+        let error = error.map(|error| PyErr::from(error).into_value(py).into_any());
+        out.push((dicts?, error));
+    }
+    Ok(out)
+}
+
+enum Steps {
+    Two(Vec<Step<2>>),
+    Three(Vec<Step<3>>),
+}
+
+impl Progress {
+    /// All steps, or those up to one that did not converge or failed.
+    fn follow(
+        &mut self,
+        loads: &[Loads],
+        settings: &Settings,
+        stop: &AtomicBool,
+    ) -> Result<(Steps, Option<Error>), Error> {
+        fn through<const D: usize>(
+            problem: &Problem<D>,
+            path: &mut working_set::Path<D>,
+            loads: &[Loads],
+            settings: &Settings,
+            stop: &AtomicBool,
+        ) -> Result<(Vec<Step<D>>, Option<Error>), Error> {
+            let mut done = Vec::with_capacity(loads.len());
+            for (load, prescribed) in loads {
+                match path.advance(problem, load, prescribed, settings, stop) {
+                    Ok(step) => {
+                        let converged = step.solution.outcome == Outcome::Converged;
+                        done.push(step);
+                        if !converged {
+                            break;
+                        }
+                    }
+                    Err(Error::Interrupted) => return Err(Error::Interrupted),
+                    Err(error) => return Ok((done, Some(error))),
+                }
+            }
+            Ok((done, None))
+        }
+        Ok(match self {
+            Self::Two(problem, path) => {
+                let (steps, error) = through(problem, path, loads, settings, stop)?;
+                (Steps::Two(steps), error)
+            }
+            Self::Three(problem, path) => {
+                let (steps, error) = through(problem, path, loads, settings, stop)?;
+                (Steps::Three(steps), error)
+            }
+        })
     }
 }

@@ -4,6 +4,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::error::Error;
+use crate::problem::candidates::Problem;
 use crate::python::arrays::{self, Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::solver::solution_dict;
@@ -78,27 +79,26 @@ pub(super) fn assess_step(
     reaction: Matrix<'_>,
 ) -> PyResult<&'static str> {
     let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
+    macro_rules! of {
+        ($inner:expr, $assess:path) => {{
+            let contacts = $inner.contacts();
+            let state = before.as_ref().map(|v| left(v, contacts)).transpose()?;
+            let reaction = arrays::rows_of("reaction", &reaction, contacts)?;
+            let Problem::Whole(whole) = &**$inner else {
+                // Of the contacts outside a working set nothing is known but that
+                // they are open in this answer.
+                return Ok(uniqueness::Unique::Unknown.name());
+            };
+            let r = whole.compliance().gather(reaction);
+            interrupt::run(py, problem.num_threads, |stop| {
+                let reduced = reduced_step(whole, load, prescribed, state.as_ref())?;
+                $assess(&reduced, &r, stop)
+            })?
+        }};
+    }
     let verdict = match &problem.kind {
-        problem::Kind::Two(inner) => {
-            let contacts = inner.contacts();
-            let state = before.as_ref().map(|v| left(v, contacts)).transpose()?;
-            let reaction = arrays::rows_of("reaction", &reaction, contacts)?;
-            let r = inner.compliance().gather(reaction);
-            interrupt::run(py, problem.num_threads, |stop| {
-                let reduced = reduced_step(inner, load, prescribed, state.as_ref())?;
-                uniqueness::assess_plane(&reduced, &r, stop)
-            })?
-        }
-        problem::Kind::Three(inner) => {
-            let contacts = inner.contacts();
-            let state = before.as_ref().map(|v| left(v, contacts)).transpose()?;
-            let reaction = arrays::rows_of("reaction", &reaction, contacts)?;
-            let r = inner.compliance().gather(reaction);
-            interrupt::run(py, problem.num_threads, |stop| {
-                let reduced = reduced_step(inner, load, prescribed, state.as_ref())?;
-                uniqueness::assess(&reduced, &r, stop)
-            })?
-        }
+        problem::Kind::Two(inner) => of!(inner, uniqueness::assess_plane),
+        problem::Kind::Three(inner) => of!(inner, uniqueness::assess),
     };
     Ok(verdict.name())
 }

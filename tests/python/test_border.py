@@ -125,7 +125,31 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
             [EYE, EYE, GAP, MU, np.zeros(0, np.int64)],
         ),
         "free_part": (condensed.free_part, [LOAD, NONE]),
-        "displacement": (condensed.displacement, [LOAD, NONE, GAP, NONE]),
+        "displacements": (
+            lambda *state: condensed.displacements([state]),
+            [LOAD, NONE, GAP, NONE],
+        ),
+        "displacements, two": (
+            lambda *state: condensed.displacements([(LOAD, NONE, GAP, NONE), state]),
+            [LOAD, NONE, GAP, NONE],
+        ),
+        "known": (
+            lambda *loads: _core.Condensed(
+                EYE, EYE, GAP, MU, np.zeros(0, np.int64), 1, [loads], 10**6, None, None
+            ),
+            [LOAD, NONE],
+        ),
+        "working set": (
+            lambda *arrays: _core.Path(
+                _core.Condensed(*arrays, np.zeros(0, np.int64), 1, None, None, True)
+            ).step(LOAD, NONE, *limits),
+            [EYE, EYE, GAP, MU],
+        ),
+        "with_mu": (condensed.with_mu, [MU]),
+        "follow": (
+            lambda *loads: _core.follow([_core.Path(condensed)], [[loads]], *limits),
+            [LOAD, NONE],
+        ),
         "Path": (
             lambda start: _core.Path(condensed, start).step(LOAD, NONE, *limits),
             [None],

@@ -22,6 +22,7 @@ RUST = (
     "problem",
     "solver",
     "stepping",
+    "working_set",
     "python",
 )
 # Within a folder likewise; those named together do not know each other.
@@ -35,6 +36,7 @@ RUST_SIBLINGS = {
         "symbolic",
         "multifrontal sparse_lu",
         "solves",
+        "reach",
     ),
     "law": ("frame cone sliding", "alart_curnier bipotential one_node"),
     "problem": (
@@ -44,7 +46,10 @@ RUST_SIBLINGS = {
         "reduced",
         "residual",
         "balance body overlap",
+        "surface",
+        "assemble bodies",
         "condense",
+        "candidates",
     ),
     "solver": (
         "anderson enumerate index linearisation monitor monotony",
@@ -73,6 +78,7 @@ PYTHON = (
     "check result",
     "answers diagnosis errors motion",
     "reduced",
+    "following",
     "problem",
     "global_problem",
     "fclib",

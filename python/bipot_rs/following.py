@@ -1,0 +1,263 @@
+"""One load path on a condensed problem: its steps as they come, and what is told of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs import _core, motion
+from bipot_rs.check import Array
+from bipot_rs.diagnosis import NEAR, Tried, diagnose
+from bipot_rs.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.reduced import opening, solution_fields
+from bipot_rs.result import Outcome, Result, Solution, Step
+from bipot_rs.words import counted
+
+Contacts = Mapping[str, NDArray[Any] | None]
+Settings = tuple[str, float, int | None, float | None]
+Loads = tuple[Array, Array]
+
+
+class Following:
+    """A load path that is being followed.
+
+    Attributes
+    ----------
+    path
+        Where the core stands.
+    steps
+        The steps that converged.
+    """
+
+    def __init__(
+        self,
+        core: _core.Condensed,
+        contacts: Contacts,
+        mu: Array,
+        shape: tuple[int, int],
+        settings: Settings,
+        start: Result | Step | None,
+        condense: float,
+    ) -> None:
+        self._core = core
+        self._contacts = contacts
+        self._mu = mu
+        self._shape = shape
+        self._settings = settings
+        self._before = state(start, *shape)
+        self._last = (
+            None if self._before is None else self._before.relative_displacement
+        )
+        motions = core.stats["rigid_motions"]
+        self.path = _core.Path(core, _start(self._before, motions))
+        if self._before is not None and self._before.stats.get("bytes_beside_W", 0):
+            # The inverse of W was made in a step before, and counted as its work.
+            core.make_inverse()
+        self.steps: list[Step] = []
+        self._seconds = {"condense": condense, "solve": 0.0, "recover": 0.0}
+
+    def advance(self, load: Array, prescribed: Array) -> Step:
+        """Take one step; raise what ends the path."""
+        began = time.perf_counter()
+        try:
+            raw = self.path.step(load, prescribed, *self._settings)
+        except NoEquilibriumError as error:
+            raise self.ended(error) from None
+        self._seconds["solve"] += time.perf_counter() - began
+        return self.add(raw, load, prescribed)
+
+    def add(self, raw: dict[str, Any], load: Array, prescribed: Array) -> Step:
+        """A step that the core has taken; raise if it did not converge."""
+        area = self._contacts["area"]
+        step = Step(
+            **solution_fields(raw),
+            _words=self._words(raw),
+            slip=raw["slip"],
+            load=load,
+            prescribed=prescribed,
+            traction=None if area is None else raw["reaction"] / area[:, None],
+            _recover=self._recover,
+            _problem=_StepProblem(
+                self._core, load, prescribed, self._last, self._tried(load, prescribed)
+            ),
+        )
+        if not step.converged:
+            message = f"step {len(self.steps)}: {step.message}"
+            none = step.outcome is Outcome.NO_EQUILIBRIUM
+            direction = None
+            if step.free_motion is not None:
+                modes, d = self._core.modes(), self._shape[1]
+                direction = motion.at_contacts(modes, step.free_motion, d)
+            raise (NoEquilibriumError if none else NotConvergedError)(
+                message, self.result(False, message), direction
+            )
+        self.steps.append(step)
+        self._last = step.relative_displacement
+        return step
+
+    def ended(self, error: Exception) -> NoEquilibriumError:
+        """What the core says of a step without an answer, with the steps before."""
+        message = f"step {len(self.steps)}: {error}"
+        return NoEquilibriumError(message, self.result(False, message))
+
+    def result(self, success: bool = True, message: str | None = None) -> Result:
+        """The steps so far; without a message, all there are."""
+        count = counted(len(self.steps), "step")
+        made = Result(
+            self.steps,
+            contacts=self._contacts,
+            shape=self._shape,
+            start=self._before,
+            seconds=None,
+            success=success,
+            message=f"{count} converged" if message is None else message,
+        )
+        made.seconds = self._seconds  # filled further when displacements are asked for
+        return made
+
+    def through(
+        self,
+        loads: Sequence[Loads],
+        followed: tuple[Sequence[dict[str, Any]], Exception | None],
+    ) -> Result:
+        """The steps that the core has taken, whatever ended them."""
+        raws, error = followed
+        try:
+            for raw, (load, prescribed) in zip(raws, loads, strict=False):
+                self._seconds["solve"] += raw["seconds"]
+                self.add(raw, load, prescribed)
+            if isinstance(error, NoEquilibriumError):
+                raise self.ended(error)
+            if error is not None:
+                raise error
+        except (NoEquilibriumError, NotConvergedError) as failed:
+            return self.result(False, str(failed))
+        return self.result()
+
+    def _recover(self, steps: Sequence[Step]) -> Array:
+        began = time.perf_counter()
+        none = np.empty(0)
+        states = [
+            (step.load, step.prescribed, step.reaction, step.rigid_motion)
+            for step in steps
+        ]
+        u = self._core.displacements(
+            [
+                (load, moved, r, none if a is None else a)
+                for load, moved, r, a in states
+                if load is not None and moved is not None
+            ]
+        )
+        self._seconds["recover"] += time.perf_counter() - began
+        return u
+
+    def _tried(self, load: Array, prescribed: Array) -> Tried:
+        core, before = self._core, self._last
+
+        def several(step: Solution) -> bool:
+            asked = load, prescribed, before, step.reaction
+            near = step.residual <= NEAR
+            return near and _core.assess_step(core, *asked) == "others exist"
+
+        return Tried(
+            method=self._settings[0],
+            max_seconds=self._settings[3],
+            mu=self._mu,
+            W=core.compliance,
+            modes=lambda: core.modes().T,
+            several=several,
+            condition=lambda: float(core.stats["cond_S"]),
+            points=self._contacts["x"],
+        )
+
+    def _words(self, raw: dict[str, Any]) -> str:
+        """The free motion in words, body by body."""
+        amounts = raw["free_motion"]
+        if not len(amounts):
+            return ""
+        contacts, d = self._shape
+        modes = self._core.modes()
+        felt = np.abs(modes.reshape(len(modes), contacts, d)).max(axis=2) > 0
+        stats = self._core.stats
+        owners = stats["rigid_motion_bodies"]
+        # A body is known by a degree of freedom that a motion of it moves most.
+        names: dict[int, str] = {}
+        for body, dof in zip(owners, stats["rigid_motion_dofs"], strict=True):
+            names.setdefault(body, f"the body of degree of freedom {dof}")
+        meeting = [
+            tuple(dict.fromkeys(names[owners[k]] for k in np.flatnonzero(felt[:, i])))
+            for i in range(contacts)
+        ]
+        return motion.describe(
+            motion.at_contacts(modes, amounts, d),
+            opening(raw, self._mu),
+            points=self._contacts["x"],
+            frame=self._contacts["frame"],
+            bodies=meeting,
+        )
+
+
+@dataclass(frozen=True)
+class _StepProblem:
+    """The problem of one step, for what is found out of its solution when asked for."""
+
+    core: _core.Condensed
+    load: Array
+    prescribed: Array
+    before: Array | None
+    tried: Tried
+
+    def unique(self, step: Solution, /) -> str:
+        return _core.assess_step(
+            self.core, self.load, self.prescribed, self.before, step.reaction
+        )
+
+    def error_estimate(self, step: Solution, /) -> tuple[float, float] | None:
+        motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
+        return _core.forward_errors_of_step(
+            self.core, self.load, self.prescribed, self.before, step.reaction, motion
+        )
+
+    def diagnosis(self, step: Any, /) -> str:
+        # The law of a step is on its slip, not on where the contact has been before.
+        v = np.column_stack([step.relative_displacement[:, 0], step.slip])
+        return diagnose(self.tried, step, v)
+
+
+def state(start: Result | Step | None, contacts: int, d: int) -> Step | None:
+    """The step to continue from, checked."""
+    if start is None:
+        return None
+    step = start
+    if isinstance(start, Result):
+        if not len(start):
+            # Nothing was added to what that path itself started from.
+            return start.start
+        step = start[-1]
+    if not isinstance(step, Step):
+        raise TypeError(
+            f"start is a {type(start).__name__}, expected a Result or one of its steps"
+        )
+    if step.reaction.shape != (contacts, d):
+        raise ValueError(
+            f"start has reactions of shape {step.reaction.shape}, expected {(contacts, d)}"
+        )
+    return step
+
+
+def _start(
+    step: Step | None, motions: int
+) -> tuple[Array, Array, NDArray[np.int8], Array] | None:
+    if step is None:
+        return None
+    rigid = np.empty(0) if step.rigid_motion is None else step.rigid_motion
+    if len(rigid) != motions:
+        raise ValueError(
+            f"start has {counted(len(rigid), 'rigid motion')}, this problem {motions}"
+        )
+    return step.reaction, step.relative_displacement, step.status, rigid

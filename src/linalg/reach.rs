@@ -1,0 +1,111 @@
+//! Half solves `L⁻¹ b` of vectors with few entries: only fronts on the way from
+//! these to the root take part.
+
+use rayon::prelude::*;
+
+use crate::linalg::dense::forward;
+use crate::linalg::multifrontal::Factor;
+use crate::linalg::solves::{gather, scatter};
+use crate::linalg::symbolic::Symbolic;
+
+/// Columns that a thread takes together.
+const COLUMNS: usize = 32;
+
+/// The fronts that entries at some unknowns can reach, in order of elimination.
+#[derive(Debug)]
+pub struct Reach {
+    fronts: Vec<usize>,
+    /// Their pivots in the caller's numbering.
+    pivots: Vec<u32>,
+}
+
+impl Reach {
+    /// From the unknowns where columns may have entries; kept ones count for nothing.
+    #[must_use]
+    pub fn new(symbolic: &Symbolic, unknowns: impl Iterator<Item = usize>) -> Self {
+        let mut reached = vec![false; symbolic.fronts.len()];
+        for unknown in unknowns {
+            let place = symbolic.new[unknown] as usize;
+            if place >= symbolic.interior {
+                continue;
+            }
+            let after = |f: &crate::linalg::symbolic::Front| f.first <= place;
+            let mut at = Some(symbolic.fronts.partition_point(after) - 1);
+            while let Some(front) = at {
+                if std::mem::replace(&mut reached[front], true) {
+                    break;
+                }
+                at = symbolic.fronts[front].parent;
+            }
+        }
+        let fronts: Vec<usize> = (0..reached.len()).filter(|&f| reached[f]).collect();
+        let pivots = fronts.iter().flat_map(|&f| {
+            let front = &symbolic.fronts[f];
+            symbolic.old[front.first..front.first + front.np].iter()
+        });
+        Self {
+            pivots: pivots.copied().collect(),
+            fronts,
+        }
+    }
+
+    /// Pivots reached, in the caller's numbering, in the order of half solves.
+    #[must_use]
+    pub fn pivots(&self) -> &[u32] {
+        &self.pivots
+    }
+}
+
+impl Factor {
+    /// Condenses columns given by their entries (unknown, value), all within reach:
+    /// `L⁻¹ b_i` on the pivots reached, and `b_c − K_ci K_ii⁻¹ b_i` on the kept
+    /// unknowns, each column after column.
+    #[must_use]
+    pub fn half_solve(&self, reach: &Reach, columns: &[&[(usize, f64)]]) -> (Vec<f64>, Vec<f64>) {
+        let symbolic = &*self.symbolic;
+        let (p, m) = (reach.pivots.len(), symbolic.kept());
+        let mut inside = vec![0.0; p * columns.len()];
+        let mut kept = vec![0.0; m * columns.len()];
+        // Empty parts still need a chunk each.
+        let (p1, m1) = (p.max(1), m.max(1));
+        let of_chunk = |k: usize, inside: &mut [f64], kept: &mut [f64]| {
+            let columns = &columns[k * COLUMNS..columns.len().min((k + 1) * COLUMNS)];
+            let n = symbolic.n;
+            let mut x = vec![0.0; n * columns.len()];
+            for (column, x) in columns.iter().zip(x.chunks_exact_mut(n.max(1))) {
+                for &(unknown, value) in *column {
+                    x[symbolic.new[unknown] as usize] += value;
+                }
+            }
+            let mut local = Vec::new();
+            for &f in &reach.fronts {
+                let front = &symbolic.fronts[f];
+                gather(symbolic, front, &x, columns.len(), &mut local);
+                forward(self.panel(front), front.layout(), &mut local, columns.len());
+                scatter(symbolic, front, &mut x, columns.len(), &local, front.nf());
+            }
+            for (c, x) in x.chunks_exact(n.max(1)).enumerate() {
+                for (&pivot, out) in reach.pivots.iter().zip(&mut inside[c * p..]) {
+                    *out = x[symbolic.new[pivot as usize] as usize];
+                }
+                kept[c * m..(c + 1) * m].copy_from_slice(&x[symbolic.interior..]);
+            }
+        };
+        match (p, m) {
+            (0, _) => kept
+                .par_chunks_mut(m1 * COLUMNS)
+                .enumerate()
+                .for_each(|(k, kept)| of_chunk(k, &mut [], kept)),
+            (_, 0) => inside
+                .par_chunks_mut(p1 * COLUMNS)
+                .enumerate()
+                .for_each(|(k, inside)| of_chunk(k, inside, &mut [])),
+            _ => inside
+                .par_chunks_mut(p1 * COLUMNS)
+                .zip(kept.par_chunks_mut(m1 * COLUMNS))
+                .enumerate()
+                .for_each(|(k, (inside, kept))| of_chunk(k, inside, kept)),
+        }
+        (inside, kept)
+    }
+}

@@ -1,0 +1,304 @@
+//! The compliance `W` of contacts on condensed bodies, (3), island by island.
+
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::linalg::blocks::Blocks;
+use crate::linalg::dense::{self, Op};
+use crate::linalg::small::Block;
+use crate::linalg::union::Union;
+use crate::problem::body::Body;
+use crate::problem::compliance::{Compliance, Part, is_sparse};
+use crate::problem::memory::Budget;
+use crate::problem::surface::{Share, Surface};
+
+/// Where bodies come from: new ones give their inverses away, others have none.
+#[derive(Debug)]
+pub enum Source<'b> {
+    Fresh(&'b mut [Body]),
+    Shared(&'b [Body]),
+}
+
+/// `W = Σ B_c (S + α R Rᵀ)⁻¹ B_cᵀ`, island by island: sparse where many bodies
+/// have a few contacts each.
+///
+/// # Errors
+/// [`Error::Memory`], [`Error::MemoryLimit`]; [`Error::IndexRange`] for more blocks
+/// than 32-bit indices can number.
+pub fn assemble<const D: usize>(
+    bodies: &mut Source<'_>,
+    surface: &Surface<D>,
+    budget: &Budget,
+) -> Result<Compliance<'static, D>, Error> {
+    let contacts = surface.contacts();
+    let shares = &surface.shares;
+    let islands = islands::<D>(contacts, shares);
+    // Pairs of contacts that share a body; a pair that shares two is counted twice.
+    let pairs = |members: &[usize]| -> usize {
+        let of_body = members
+            .iter()
+            .map(|&b| touched::<D>(&shares[b]).len().pow(2));
+        of_body.sum()
+    };
+    let counted = islands
+        .iter()
+        .map(|(nodes, members)| (pairs(members), nodes.len()));
+    let stored = counted.map(|(pairs, n)| if is_sparse(pairs, n) { pairs } else { n * n });
+    let stored: Vec<usize> = stored.collect();
+    let blocks: u128 = stored.iter().map(|&blocks| blocks as u128).sum();
+    budget.check("the compliance W", 8 * (D * D) as u128 * blocks)?;
+    let mut whole = Vec::with_capacity(islands.len());
+    let mut place = vec![0; contacts];
+    for ((nodes, members), stored) in islands.into_iter().zip(stored) {
+        let n = nodes.len();
+        let part = if let [body] = members[..] {
+            let share = &shares[body];
+            Part::Dense(Cow::Owned(bodies.matrix::<D>(
+                body, share, &nodes, &mut place,
+            )))
+        } else {
+            let mut parts = Vec::with_capacity(members.len());
+            for &b in &members {
+                let own = touched::<D>(&shares[b]);
+                let matrix = bodies.matrix::<D>(b, &shares[b], &own, &mut place);
+                parts.push((own, matrix));
+            }
+            for (k, &node) in nodes.iter().enumerate() {
+                place[node] = k;
+            }
+            for node in parts.iter_mut().flat_map(|(own, _)| own) {
+                *node = place[*node];
+            }
+            if stored < n * n {
+                Part::Sparse(Cow::Owned(sparse_sum(n, &parts)))
+            } else {
+                Part::Dense(Cow::Owned(dense_sum::<D>(n, &parts)))
+            }
+        };
+        whole.push((nodes, part));
+    }
+    Compliance::new(whole)
+}
+
+/// Contacts that a body has rows of, ascending.
+fn touched<const D: usize>(share: &Share) -> Vec<usize> {
+    let mut contacts: Vec<usize> = share.rows.iter().map(|row| row.row / D).collect();
+    contacts.sort_unstable();
+    contacts.dedup();
+    contacts
+}
+
+impl Source<'_> {
+    /// The whole share of one body in `W`, among the contacts named.
+    fn matrix<const D: usize>(
+        &mut self,
+        body: usize,
+        share: &Share,
+        contacts: &[usize],
+        place: &mut [usize],
+    ) -> Vec<f64> {
+        for (k, &node) in contacts.iter().enumerate() {
+            place[node] = k;
+        }
+        let m = D * contacts.len();
+        let at: Vec<usize> = share
+            .rows
+            .iter()
+            .map(|row| D * place[row.row / D] + row.row % D)
+            .collect();
+        let mut matrix = match self {
+            Self::Fresh(bodies) => by_inverse(&mut bodies[body], share, &at, m),
+            Self::Shared(bodies) => by_half_solves(&bodies[body], share, &at, m),
+        };
+        mirror(&mut matrix, m);
+        matrix
+    }
+}
+
+/// Contacts and matrix of each body, contacts by their place among `n`.
+type Shares = [(Vec<usize>, Vec<f64>)];
+
+fn dense_sum<const D: usize>(n: usize, shares: &Shares) -> Vec<f64> {
+    let m = D * n;
+    let mut sum = vec![0.0; m * m];
+    for (own, matrix) in shares {
+        let order = D * own.len();
+        for (i, row) in matrix.chunks_exact(order.max(1)).enumerate() {
+            let out = &mut sum[(D * own[i / D] + i % D) * m..][..m];
+            for (values, &node) in row.as_chunks::<D>().0.iter().zip(own) {
+                for (value, w) in out[D * node..][..D].iter_mut().zip(values) {
+                    *value += w;
+                }
+            }
+        }
+    }
+    sum
+}
+
+fn sparse_sum<const D: usize>(n: usize, shares: &Shares) -> Blocks<D> {
+    // The bodies of each contact, with its place in each.
+    let mut of_contact: Vec<Vec<(usize, usize)>> = vec![Vec::new(); n];
+    for (b, (own, _)) in shares.iter().enumerate() {
+        for (k, &node) in own.iter().enumerate() {
+            of_contact[node].push((b, k));
+        }
+    }
+    Blocks::from_rows(n, |i, add| {
+        for &(b, k) in &of_contact[i] {
+            let (own, matrix) = &shares[b];
+            let m = D * own.len();
+            for (l, &node) in own.iter().enumerate() {
+                add(
+                    node,
+                    Block::from_fn(|x, y| matrix[(D * k + x) * m + D * l + y]),
+                );
+            }
+        }
+    })
+}
+
+/// The upper triangle of `B_c (S + α R Rᵀ)⁻¹ B_cᵀ`, rows of the share at places `at`
+/// of `m`, by the inverse, which is given away.
+fn by_inverse(body: &mut Body, share: &Share, at: &[usize], m: usize) -> Vec<f64> {
+    let (inverse, unit) = body.take_inverse();
+    let order = body.kept();
+    let entries: Vec<Vec<(usize, f64)>> = share
+        .rows
+        .iter()
+        .map(|row| {
+            let kept = |&(i, b)| Some((body.place(i)?, b));
+            row.entries.iter().filter_map(kept).collect()
+        })
+        .collect();
+    // Where every row is a component of one node, in the order of the kept
+    // unknowns, the inverse itself becomes W.
+    let alone = |(k, entries): (usize, &Vec<(usize, f64)>)| match entries[..] {
+        [(place, b)] => at[k] == k && place == k && b.abs().to_bits() == 1.0_f64.to_bits(),
+        _ => false,
+    };
+    if order == m && entries.len() == m && entries.iter().enumerate().all(alone) {
+        let sign: Vec<f64> = entries.iter().map(|row| unit * row[0].1).collect();
+        let mut matrix = inverse;
+        matrix
+            .par_chunks_exact_mut(m.max(1))
+            .zip(&sign)
+            .for_each(|(row, a)| {
+                for (value, b) in row.iter_mut().zip(&entries) {
+                    *value *= a * b[0].1;
+                }
+            });
+        return matrix;
+    }
+    let mut of_row: Vec<Option<&Vec<(usize, f64)>>> = vec![None; m];
+    for (&at, entries) in at.iter().zip(&entries) {
+        of_row[at] = Some(entries);
+    }
+    let mut matrix = vec![0.0; m * m];
+    matrix
+        .par_chunks_exact_mut(m.max(1))
+        .enumerate()
+        .with_min_len(8)
+        .for_each_init(
+            || vec![0.0; order],
+            |combined, (i, out)| {
+                let Some(row) = of_row[i] else { return };
+                combined.fill(0.0);
+                for &(a, b) in row {
+                    let column = &inverse[a * order..(a + 1) * order];
+                    for (value, s) in combined.iter_mut().zip(column) {
+                        *value += b * s;
+                    }
+                }
+                for (j, other) in of_row.iter().enumerate().skip(i) {
+                    let Some(other) = other else { continue };
+                    let own: f64 = other.iter().map(|&(a, b)| b * combined[a]).sum();
+                    out[j] += unit * own;
+                }
+            },
+        );
+    matrix
+}
+
+/// The same by half solves, for rows beyond the kept unknowns too:
+/// `B K⁻¹ Bᵀ = (L⁻¹Bᵀ)ᵀ(L⁻¹Bᵀ)`.
+fn by_half_solves(body: &Body, share: &Share, at: &[usize], m: usize) -> Vec<f64> {
+    let (rows, kept) = (share.rows.len(), body.kept());
+    let mut columns = match &share.far {
+        Some(far) => far.kept.clone(),
+        None => {
+            let mut columns = vec![0.0; kept * rows];
+            for (k, row) in share.rows.iter().enumerate() {
+                for &(i, b) in &row.entries {
+                    if let Some(place) = body.place(i) {
+                        columns[k * kept + place] += b;
+                    }
+                }
+            }
+            columns
+        }
+    };
+    body.half_solve_contact(&mut columns, rows);
+    let mut gram = vec![0.0; rows * rows];
+    let mut add = |columns: &[f64], length: usize, beta: f64| {
+        let size = (rows, rows, length);
+        let (left, right) = (Op::Transposed, Op::Plain);
+        dense::matmul(&mut gram, size, 1.0, columns, left, columns, right, beta);
+    };
+    add(&columns, kept, 0.0);
+    if let Some(far) = &share.far {
+        add(&far.inside, far.reach.pivots().len(), 1.0);
+    }
+    let mut matrix = vec![0.0; m * m];
+    for (j, &b) in at.iter().enumerate() {
+        for (i, &a) in at.iter().enumerate().take(j + 1) {
+            matrix[a.min(b) * m + a.max(b)] = body.unit() * gram[j * rows + i];
+        }
+    }
+    matrix
+}
+
+/// Copies the upper triangle of a row-major matrix below the diagonal.
+fn mirror(matrix: &mut [f64], m: usize) {
+    const TILE: usize = 32;
+    for tile_i in (0..m).step_by(TILE) {
+        for tile_j in (0..=tile_i).step_by(TILE) {
+            for i in tile_i..(tile_i + TILE).min(m) {
+                for j in tile_j..(tile_j + TILE).min(i) {
+                    matrix[i * m + j] = matrix[j * m + i];
+                }
+            }
+        }
+    }
+}
+
+/// Contacts that share a body, with the bodies they touch, both ascending.
+fn islands<const D: usize>(contacts: usize, bodies: &[Share]) -> Vec<(Vec<usize>, Vec<usize>)> {
+    // The smallest member leads, so that an island is named by its first contact.
+    let mut sets = Union::new(contacts + bodies.len());
+    for (b, body) in bodies.iter().enumerate() {
+        for row in &body.rows {
+            sets.join(row.row / D, contacts + b);
+        }
+    }
+    let mut number = vec![usize::MAX; contacts + bodies.len()];
+    let mut islands: Vec<(Vec<usize>, Vec<usize>)> = Vec::new();
+    for i in 0..contacts + bodies.len() {
+        let root = sets.leader(i);
+        if root >= contacts {
+            continue; // a body without contacts
+        }
+        if number[root] == usize::MAX {
+            number[root] = islands.len();
+            islands.push((Vec::new(), Vec::new()));
+        }
+        let island = &mut islands[number[root]];
+        if i < contacts {
+            island.0.push(i);
+        } else {
+            island.1.push(i - contacts);
+        }
+    }
+    islands
+}

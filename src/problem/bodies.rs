@@ -1,0 +1,296 @@
+//! All bodies of a problem, condensed, and the loads on them.
+
+use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::problem::body::{Analysed, Body};
+use crate::problem::border::{check_finite, check_length};
+use crate::problem::memory::Budget;
+use crate::problem::sparse::Owned;
+use crate::problem::stats::Stats;
+use crate::problem::surface::Surface;
+
+/// Work below which a body is left to one thread, and bodies share the threads
+/// [flop]; above it one body has them all, and the memory.
+const SMALL: f64 = 1e9;
+
+/// Totals of one step: forces on all degrees of freedom, prescribed displacements.
+pub type Loads = (Vec<f64>, Vec<f64>);
+
+/// What is known of the bodies besides their stiffness.
+#[derive(Clone, Debug, Default)]
+pub struct Supports {
+    /// Degrees of freedom of all bodies.
+    pub n: usize,
+    /// Prescribed degrees of freedom.
+    pub fixed: Vec<usize>,
+    /// Columns of `K` at the prescribed degrees of freedom, free rows only.
+    pub coupling: Owned,
+    /// All loads there will be, where they are known beforehand: then no factor is kept.
+    pub known: Option<Vec<Loads>>,
+}
+
+/// Bodies with their supports.
+#[derive(Debug)]
+pub struct Bodies {
+    pub list: Vec<Body>,
+    supports: Supports,
+    /// Body and number within it of each rigid motion.
+    motions: Vec<(usize, usize)>,
+}
+
+/// What acts on the bodies in one state: total loads, reactions, and the amounts of
+/// their rigid motions.
+#[derive(Clone, Copy, Debug)]
+pub struct Loaded<'a, const D: usize> {
+    pub load: &'a [f64],
+    pub prescribed: &'a [f64],
+    pub reaction: &'a [[f64; D]],
+    pub rigid: &'a [f64],
+}
+
+/// `f − K_fp u_p` of some loads.
+#[derive(Debug)]
+pub struct Force {
+    values: Vec<f64>,
+    known: Option<usize>,
+}
+
+impl Supports {
+    /// `f − K_fp u_p` at the free degrees of freedom.
+    fn force(&self, load: &[f64], prescribed: &[f64]) -> Result<Vec<f64>, Error> {
+        check_length("load", load.len(), self.n)?;
+        check_finite("load", load)?;
+        check_length("prescribed", prescribed.len(), self.fixed.len())?;
+        check_finite("prescribed", prescribed)?;
+        let mut force = load.to_vec();
+        let minus: Vec<f64> = prescribed.iter().map(|u| -u).collect();
+        self.coupling.add_transposed_product(&minus, &mut force);
+        Ok(force)
+    }
+}
+
+impl Bodies {
+    /// Factors bodies that were analysed, small ones side by side.
+    ///
+    /// # Errors
+    /// As [`Analysed::condense`], of the first body that fails; [`Error::Memory`].
+    pub fn new(
+        parts: Vec<Analysed>,
+        supports: Supports,
+        dimension: usize,
+        budget: &Budget,
+        stop: &AtomicBool,
+    ) -> Result<Self, Error> {
+        let dropped = supports.known.is_some();
+        budget.check("the condensation of K", needed(&parts, dropped))?;
+        let loads = supports.known.as_ref().map(|known| {
+            let force = |(load, prescribed): &Loads| supports.force(load, prescribed);
+            known.iter().map(force).collect::<Result<Vec<_>, _>>()
+        });
+        let loads = loads.transpose()?;
+        let condense = |part: Analysed| part.condense(dimension, loads.as_deref(), stop);
+        let small = parts.iter().all(|part| part.counts().flops < SMALL);
+        let list: Vec<Result<Body, Error>> = if small {
+            parts.into_par_iter().map(condense).collect()
+        } else {
+            parts.into_iter().map(condense).collect()
+        };
+        let list: Vec<Body> = list.into_iter().collect::<Result<_, _>>()?;
+        let motions = list.iter().enumerate();
+        Ok(Self {
+            motions: motions
+                .flat_map(|(b, body)| (0..body.motions()).map(move |k| (b, k)))
+                .collect(),
+            list,
+            supports,
+        })
+    }
+
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.supports.n
+    }
+
+    #[must_use]
+    pub fn fixed(&self) -> &[usize] {
+        &self.supports.fixed
+    }
+
+    #[must_use]
+    pub fn supports(&self) -> &Supports {
+        &self.supports
+    }
+
+    /// Body and number within it of each rigid motion.
+    #[must_use]
+    pub fn motions(&self) -> &[(usize, usize)] {
+        &self.motions
+    }
+
+    /// The degree of freedom that a rigid motion moves most.
+    #[must_use]
+    pub fn most_moved(&self, motion: usize) -> usize {
+        let (body, k) = self.motions[motion];
+        self.list[body].most_moved(k)
+    }
+
+    /// What the loads of a step are on the free degrees of freedom.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::UnknownLoads`] where the
+    /// factor was dropped and these loads were not among those known.
+    pub fn force(&self, load: &[f64], prescribed: &[f64]) -> Result<Force, Error> {
+        let values = self.supports.force(load, prescribed)?;
+        let known = self.supports.known.as_ref().map(|known| {
+            let same = |loads: &Loads| loads.0 == load && loads.1 == prescribed;
+            known.iter().position(same)
+        });
+        let lost = self.list.iter().any(|body| body.factor().is_none());
+        if lost && known == Some(None) {
+            return Err(Error::UnknownLoads);
+        }
+        Ok(Force {
+            values,
+            known: known.flatten(),
+        })
+    }
+
+    /// Adds `B K⁻¹ f` to `v` and returns `e = Rᵀ f_c`, (4).
+    #[must_use]
+    pub fn free_displacement<const D: usize>(
+        &self,
+        surface: &Surface<D>,
+        force: &Force,
+        v: &mut [[f64; D]],
+    ) -> Vec<f64> {
+        let mut load = Vec::with_capacity(self.motions.len());
+        for (body, share) in self.list.iter().zip(&surface.shares) {
+            let condensed = body.condense(&force.values, force.known);
+            share.add_free_displacement(body, &condensed, v.as_flattened_mut());
+            load.extend(body.rigid_load(&condensed));
+        }
+        load
+    }
+
+    /// The displacement `u` of all degrees of freedom under the loads and the
+    /// reactions of each state, (23).
+    ///
+    /// Refinement against `K` itself takes out what the factorisation's rounding
+    /// leaves.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`].
+    pub fn displacements<const D: usize>(
+        &self,
+        surface: &Surface<D>,
+        states: &[Loaded<'_, D>],
+    ) -> Result<Vec<Vec<f64>>, Error> {
+        let mut forces = Vec::with_capacity(states.len());
+        for state in states {
+            check_length("reaction", state.reaction.len(), surface.contacts())?;
+            check_length("rigid motion", state.rigid.len(), self.motions.len())?;
+            forces.push(self.supports.force(state.load, state.prescribed)?);
+        }
+        let mut all = vec![vec![0.0; self.order()]; states.len()];
+        for (u, state) in all.iter_mut().zip(states) {
+            for (&dof, &value) in self.fixed().iter().zip(state.prescribed) {
+                u[dof] = value;
+            }
+        }
+        let forces: Vec<&[f64]> = forces.iter().map(Vec::as_slice).collect();
+        let mut first = 0;
+        for (body, share) in self.list.iter().zip(&surface.shares) {
+            let motions = first..first + body.motions();
+            first = motions.end;
+            let own: Vec<&[f64]> = states.iter().map(|s| &s.rigid[motions.clone()]).collect();
+            let push = |s: &Loaded<D>| share.push(body, s.reaction.as_flattened());
+            let pushes: Vec<f64> = states.iter().flat_map(push).collect();
+            let n = body.dofs().len();
+            let values = body.displacements(&forces, &pushes, &own)?;
+            for (u, values) in all.iter_mut().zip(values.chunks_exact(n.max(1))) {
+                for (&i, value) in body.dofs().iter().zip(values) {
+                    u[i] = *value;
+                }
+            }
+        }
+        Ok(all)
+    }
+
+    /// [`Bodies::displacements`] of one state.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn displacement<const D: usize>(
+        &self,
+        surface: &Surface<D>,
+        state: Loaded<'_, D>,
+    ) -> Result<Vec<f64>, Error> {
+        Ok(self.displacements(surface, &[state])?.remove(0))
+    }
+
+    /// What rounding may have made of the `e` of these loads, above which a proof
+    /// that nothing balances them must stand. Costs a solve each rigid motion.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`].
+    pub fn load_rounding(&self, load: &[f64], prescribed: &[f64]) -> Result<Vec<f64>, Error> {
+        let force = self.supports.force(load, prescribed)?;
+        let mut all = Vec::with_capacity(self.motions.len());
+        for body in &self.list {
+            all.extend(body.load_rounding(&force)?);
+        }
+        Ok(all)
+    }
+
+    /// Adds the counts of all bodies.
+    pub fn add_to(&self, stats: &mut Stats) {
+        for body in &self.list {
+            let counts = body.counts();
+            stats.nnz_factor += counts.nnz_factor;
+            stats.flops += counts.flops;
+            stats.bytes_factor += counts.bytes_factor;
+            stats.contact_dofs += body.kept();
+            stats.seconds_order += counts.seconds_order;
+            stats.seconds_symbolic += counts.seconds_symbolic;
+            if stats.ordering.is_empty() {
+                stats.ordering = counts.ordering;
+            }
+        }
+        stats.bodies = self.list.len();
+        let most = |of: fn(&Body) -> f64| self.list.iter().map(of).fold(0.0, f64::max);
+        stats.cond_s = most(Body::condition);
+        stats.amplification = most(Body::amplification);
+        stats.factor_kept = self.list.iter().all(|body| body.factor().is_some());
+    }
+}
+
+/// Bytes at the height of a condensation: what all bodies hold, and what the
+/// greediest needs besides while it is at work.
+#[must_use]
+pub fn needed(parts: &[Analysed], dropped: bool) -> u128 {
+    let mut held = 0;
+    let mut most = 0;
+    for part in parts {
+        let counts = part.counts();
+        let square = 8 * (counts.kept as u128).pow(2);
+        let peak = if dropped {
+            counts.bytes_peak_dropped
+        } else {
+            counts.bytes_peak
+        } as u128;
+        let factor = if dropped {
+            0
+        } else {
+            counts.bytes_factor as u128 - square
+        };
+        // S, its Cholesky factor and the inverse that becomes W stand side by side.
+        let height = peak.max(factor + 3 * square);
+        let stays = factor + 2 * square;
+        held += stays;
+        most = most.max(height - stays);
+    }
+    held + most
+}

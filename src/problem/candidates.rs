@@ -1,0 +1,430 @@
+//! Far more candidates than contacts: `W` is formed of those that may close only.
+//!
+//! The bodies are condensed onto a few contacts that touch or pin them; the columns
+//! of `Bᵀ` of any others are carried through the factor when they are asked for,
+//! `W = (L⁻¹Bᵀ)ᵀ(L⁻¹Bᵀ)`. Memory is linear in the candidates.
+
+use std::collections::HashMap;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Instant;
+
+use crate::error::Error;
+use crate::linalg::reach::Reach;
+use crate::problem::assemble::{Source, assemble};
+use crate::problem::bodies::{Bodies, Loaded, needed};
+use crate::problem::body::Analysed;
+use crate::problem::border::check_friction;
+use crate::problem::condense::{Condensed, Given, Sorted, analyse, contact_set};
+use crate::problem::memory::Budget;
+use crate::problem::stats::Stats;
+use crate::problem::surface::{Far, Share, Surface};
+
+/// Degrees of freedom in the contact set of a body up to which all are kept: `W` of
+/// so many is formed in a fraction of the time of the factor.
+const MANY: usize = 600;
+
+/// One candidate in so many may touch from the start; where more do, all are kept.
+const FEW: usize = 4;
+
+/// Contacts kept of each body to pin it, should its supports not.
+const PINS: usize = 8;
+
+/// Gaps below this share of the largest touch.
+const TOUCHING: f64 = 1e-9;
+
+/// Contacts of which `W` is not formed before they are likely to close.
+#[derive(Debug)]
+pub struct Candidates<const D: usize> {
+    bodies: Arc<Bodies>,
+    surface: Surface<D>,
+    budget: Budget,
+    stats: Stats,
+    /// What columns can reach, of bodies with rows beyond the kept unknowns.
+    reach: Vec<Option<Arc<Reach>>>,
+    seeds: Vec<usize>,
+    whole: OnceLock<Condensed<D>>,
+    making: Mutex<()>,
+}
+
+/// The problem of some of the candidates.
+#[derive(Clone, Debug)]
+pub struct View<const D: usize> {
+    /// Their numbers among all candidates, ascending.
+    pub members: Vec<usize>,
+    pub problem: Condensed<D>,
+}
+
+/// A contact problem, `W` of all contacts formed or not.
+#[derive(Debug)]
+pub enum Problem<const D: usize> {
+    Whole(Condensed<D>),
+    Growing {
+        candidates: Arc<Candidates<D>>,
+        mu: Vec<f64>,
+    },
+}
+
+impl<const D: usize> Problem<D> {
+    /// Condenses onto all contacts, or onto few where far more are candidates than
+    /// touch. `grow` says which, `None` leaves it to the gaps; `before` is a problem
+    /// of which analyses may be used again.
+    ///
+    /// # Errors
+    /// As [`Sorted::new`] and [`Condensed::new`].
+    pub fn new(
+        given: Given<D>,
+        grow: Option<bool>,
+        before: Option<&Self>,
+        stop: &AtomicBool,
+    ) -> Result<Self, Error> {
+        let before = before.map(|problem| &**problem.bodies());
+        let sorted = Sorted::new(given.clone())?;
+        if grow != Some(false)
+            && given.known.is_none()
+            && let Some(seeds) = seeds(&sorted.surface, grow == Some(true))
+        {
+            match Candidates::new(sorted, seeds, before, stop) {
+                // The few do not hold the body; all of them may.
+                Err(Error::FloatingBody { .. }) => {}
+                made => {
+                    return Ok(Self::Growing {
+                        candidates: Arc::new(made?),
+                        mu: given.mu.to_vec(),
+                    });
+                }
+            }
+            return Condensed::new(Sorted::new(given)?, before, stop).map(Self::Whole);
+        }
+        Condensed::new(sorted, before, stop).map(Self::Whole)
+    }
+
+    #[must_use]
+    pub fn bodies(&self) -> &Arc<Bodies> {
+        match self {
+            Self::Whole(problem) => problem.bodies(),
+            Self::Growing { candidates, .. } => &candidates.bodies,
+        }
+    }
+
+    #[must_use]
+    pub fn surface(&self) -> &Surface<D> {
+        match self {
+            Self::Whole(problem) => problem.surface(),
+            Self::Growing { candidates, .. } => &candidates.surface,
+        }
+    }
+
+    #[must_use]
+    pub fn contacts(&self) -> usize {
+        self.surface().contacts()
+    }
+
+    #[must_use]
+    pub fn mu(&self) -> &[f64] {
+        match self {
+            Self::Whole(problem) => problem.mu(),
+            Self::Growing { mu, .. } => mu,
+        }
+    }
+
+    #[must_use]
+    pub fn stats(&self) -> &Stats {
+        match self {
+            Self::Whole(problem) => problem.stats(),
+            Self::Growing { candidates, .. } => &candidates.stats,
+        }
+    }
+
+    /// Bytes that the compliance formed so far holds.
+    #[must_use]
+    pub fn bytes_compliance(&self) -> usize {
+        match self {
+            Self::Whole(problem) => problem.compliance().bytes(),
+            Self::Growing { candidates, .. } => candidates
+                .whole
+                .get()
+                .map_or(0, |problem| problem.compliance().bytes()),
+        }
+    }
+
+    /// With `W` of all contacts, formed now where it was not.
+    ///
+    /// # Errors
+    /// As [`Condensed::new`].
+    pub fn whole(&self, stop: &AtomicBool) -> Result<Condensed<D>, Error> {
+        match self {
+            Self::Whole(problem) => Ok(problem.clone()),
+            Self::Growing { candidates, mu } => candidates.whole(stop)?.with_mu(mu.clone()),
+        }
+    }
+
+    /// The same bodies and contacts with other friction coefficients.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Friction`].
+    pub fn with_mu(&self, mu: Vec<f64>) -> Result<Self, Error> {
+        check_friction(&mu, self.contacts())?;
+        Ok(match self {
+            Self::Whole(problem) => Self::Whole(problem.with_mu(mu)?),
+            Self::Growing { candidates, .. } => Self::Growing {
+                candidates: Arc::clone(candidates),
+                mu,
+            },
+        })
+    }
+
+    /// What the rigid motions are at all contacts, `B R`.
+    ///
+    /// # Errors
+    /// None that a motion of its own can cause.
+    pub fn modes(&self) -> Result<Vec<Vec<[f64; D]>>, Error> {
+        let candidates = match self {
+            Self::Whole(problem) => return Ok(problem.modes()),
+            Self::Growing { candidates, .. } => candidates,
+        };
+        let count = candidates.bodies.motions().len();
+        let of_motion = |k| {
+            let mut amounts = vec![0.0; count];
+            amounts[k] = 1.0;
+            candidates.motion(&amounts)
+        };
+        (0..count).map(of_motion).collect()
+    }
+
+    /// As [`Bodies::displacements`].
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::FactorDropped`].
+    pub fn displacements(&self, states: &[Loaded<'_, D>]) -> Result<Vec<Vec<f64>>, Error> {
+        self.bodies().displacements(self.surface(), states)
+    }
+
+    /// `B u + gap` of a displacement, in twice the precision and rounded once.
+    #[must_use]
+    pub fn relative_displacement(&self, u: &[f64]) -> Vec<[f64; D]> {
+        let bodies = self.bodies();
+        let surface = self.surface();
+        surface.relative_displacement(&bodies.list, bodies.fixed(), u)
+    }
+}
+
+impl<const D: usize> Candidates<D> {
+    fn new(
+        sorted: Sorted<D>,
+        seeds: Vec<usize>,
+        before: Option<&Bodies>,
+        stop: &AtomicBool,
+    ) -> Result<Self, Error> {
+        let Sorted {
+            parts,
+            supports,
+            surface,
+            budget,
+            ..
+        } = sorted;
+        let few = surface.of(&seeds);
+        let all = surface.shares.iter().zip(&few.shares).zip(&parts);
+        let kept = all.map(|((share, few), (dofs, _))| {
+            let whole = contact_set(share, dofs.len());
+            if whole.len() <= MANY {
+                whole
+            } else {
+                contact_set(few, dofs.len())
+            }
+        });
+        let kept = kept.collect();
+        let parts = analyse(parts, kept, before)?;
+        let mut stats = Stats {
+            bytes_peak: needed(&parts, false),
+            ..Stats::default()
+        };
+        let started = Instant::now();
+        let mut bodies = Bodies::new(parts, supports, D, &budget, stop)?;
+        bodies.add_to(&mut stats);
+        stats.seconds_factor = started.elapsed().as_secs_f64();
+        for body in &mut bodies.list {
+            // Only as many contacts as close will have a part of W.
+            drop(body.take_inverse());
+        }
+        let reach = bodies.list.iter().zip(&surface.shares).map(|(body, share)| {
+            let unknowns = || {
+                let entries = share.rows.iter().flat_map(|row| &row.entries);
+                entries.map(|&(i, _)| i)
+            };
+            let factor = body.factor()?;
+            let beyond = unknowns().any(|i| body.place(i).is_none());
+            beyond.then(|| Arc::new(Reach::new(factor.symbolic(), unknowns())))
+        });
+        Ok(Self {
+            reach: reach.collect(),
+            bodies: Arc::new(bodies),
+            surface,
+            budget,
+            stats,
+            seeds,
+            whole: OnceLock::new(),
+            making: Mutex::new(()),
+        })
+    }
+
+    /// Contacts to begin with, ascending.
+    #[must_use]
+    pub fn seeds(&self) -> &[usize] {
+        &self.seeds
+    }
+
+    /// `B d` of a rigid motion at all candidates.
+    ///
+    /// # Errors
+    /// None that a motion of its own can cause.
+    pub fn motion(&self, amounts: &[f64]) -> Result<Vec<[f64; D]>, Error> {
+        let bodies = &self.bodies;
+        let nothing = (vec![0.0; bodies.order()], vec![0.0; bodies.fixed().len()]);
+        let moved = Loaded {
+            load: &nothing.0,
+            prescribed: &nothing.1,
+            reaction: &vec![[0.0; D]; self.surface.contacts()],
+            rigid: amounts,
+        };
+        let d = bodies.displacement(&self.surface, moved)?;
+        Ok(self.surface.product(&bodies.list, bodies.fixed(), &d))
+    }
+
+    /// The problem of some contacts, ascending; half solves of those of an earlier
+    /// view are taken from there.
+    ///
+    /// # Errors
+    /// [`Error::Memory`], [`Error::MemoryLimit`]; [`Error::FloatingBody`] where they
+    /// do not feel a rigid motion; [`Error::Shape`] for `mu`.
+    pub fn view(
+        &self,
+        members: Vec<usize>,
+        mu: &[f64],
+        before: Option<&View<D>>,
+    ) -> Result<View<D>, Error> {
+        let mut surface = self.surface.of(&members);
+        for (b, reach) in self.reach.iter().enumerate() {
+            if let Some(reach) = reach {
+                let old = before.map(|view| (&view.members[..], &view.problem.surface().shares[b]));
+                surface.shares[b].far =
+                    Some(self.far(b, reach, &surface.shares[b], &members, old)?);
+            }
+        }
+        let source = &mut Source::Shared(&self.bodies.list);
+        let compliance = assemble(source, &surface, &self.budget)?;
+        let mu = members.iter().map(|&i| mu[i]).collect();
+        let bodies = Arc::clone(&self.bodies);
+        let stats = self.stats.clone();
+        Ok(View {
+            problem: Condensed::of(bodies, Arc::new(surface), mu, compliance, stats)?,
+            members,
+        })
+    }
+
+    /// Half solves of the rows of a share, those of an earlier one copied.
+    fn far(
+        &self,
+        body: usize,
+        reach: &Arc<Reach>,
+        share: &Share,
+        members: &[usize],
+        before: Option<(&[usize], &Share)>,
+    ) -> Result<Far, Error> {
+        let body = &self.bodies.list[body];
+        let factor = body.factor().ok_or(Error::FactorDropped)?;
+        let (reached, kept) = (reach.pivots().len(), body.kept());
+        let rows = share.rows.len();
+        let bytes = 8 * ((reached + kept) as u128) * rows as u128;
+        self.budget.check("the half solves of the contacts", bytes)?;
+        let global = |members: &[usize], row: usize| D * members[row / D] + row % D;
+        let mut known = HashMap::new();
+        if let Some((members, share)) = before {
+            for (k, row) in share.rows.iter().enumerate() {
+                known.insert(global(members, row.row), k);
+            }
+        }
+        let old = before.and_then(|(_, share)| share.far.as_ref());
+        let found: Vec<Option<usize>> = share
+            .rows
+            .iter()
+            .map(|row| known.get(&global(members, row.row)).copied())
+            .collect();
+        let fresh: Vec<&[(usize, f64)]> = share
+            .rows
+            .iter()
+            .zip(&found)
+            .filter(|(_, old)| old.is_none())
+            .map(|(row, _)| &row.entries[..])
+            .collect();
+        let (inside_new, kept_new) = factor.half_solve(reach, &fresh);
+        let mut far = Far {
+            reach: Arc::clone(reach),
+            inside: Vec::with_capacity(reached * rows),
+            kept: Vec::with_capacity(kept * rows),
+        };
+        let mut next = 0;
+        for found in found {
+            let (inside, column) = match (found, old) {
+                (Some(k), Some(old)) => old.column(k, kept),
+                _ => {
+                    let k = next;
+                    next += 1;
+                    (
+                        &inside_new[k * reached..(k + 1) * reached],
+                        &kept_new[k * kept..(k + 1) * kept],
+                    )
+                }
+            };
+            far.inside.extend_from_slice(inside);
+            far.kept.extend_from_slice(column);
+        }
+        Ok(far)
+    }
+
+    /// With `W` of all contacts: condensed anew, onto all of them.
+    fn whole(&self, stop: &AtomicBool) -> Result<&Condensed<D>, Error> {
+        let _one = self.making.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(made) = self.whole.get() {
+            return Ok(made);
+        }
+        let bodies = self.bodies.list.iter().zip(&self.surface.shares);
+        let parts = bodies.map(|(body, share)| {
+            Analysed::again(body, contact_set(share, body.dofs().len()))
+        });
+        let parts = parts.collect::<Result<Vec<_>, _>>()?;
+        let made = Condensed::from_parts(
+            parts,
+            self.bodies.supports().clone(),
+            self.surface.clone(),
+            vec![0.0; self.surface.contacts()],
+            &self.budget,
+            stop,
+        )?;
+        Ok(self.whole.get_or_init(|| made))
+    }
+}
+
+/// The contacts to begin with, where most of many candidates are apart; with
+/// `always` wherever there are many.
+fn seeds<const D: usize>(surface: &Surface<D>, always: bool) -> Option<Vec<usize>> {
+    let largest = surface.gap.iter().fold(0.0_f64, |m, g| m.max(g[0].abs()));
+    let touches = |i: usize| surface.gap[i][0] <= TOUCHING * largest;
+    let mut chosen = vec![false; surface.contacts()];
+    let mut grows = false;
+    for share in &surface.shares {
+        let mut contacts: Vec<usize> = share.rows.iter().map(|row| row.row / D).collect();
+        contacts.dedup();
+        let touching = contacts.iter().filter(|&&i| touches(i)).count();
+        let many = D * contacts.len() > MANY;
+        grows |= many && (always || FEW * touching <= contacts.len());
+        let last = contacts.len().saturating_sub(1);
+        for k in 0..PINS {
+            if let Some(&contact) = contacts.get(k * last / (PINS - 1)) {
+                chosen[contact] = true;
+            }
+        }
+    }
+    let members = |i: &usize| chosen[*i] || !always && touches(*i);
+    grows.then(|| (0..surface.contacts()).filter(members).collect())
+}

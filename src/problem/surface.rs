@@ -1,0 +1,212 @@
+//! The contacts as the bodies feel them: the rows of `B`, body by body.
+
+use std::sync::Arc;
+
+use crate::linalg::exact::Sum;
+use crate::linalg::reach::Reach;
+use crate::linalg::small::dot_long;
+use crate::problem::body::Body;
+use crate::problem::sparse::{Owned, Rows};
+
+/// A row of `B` restricted to a body: its local degrees of freedom, and values.
+#[derive(Clone, Debug)]
+pub struct Row {
+    pub row: usize,
+    pub entries: Vec<(usize, f64)>,
+}
+
+/// The rows of one body, in ascending order.
+#[derive(Clone, Debug, Default)]
+pub struct Share {
+    pub rows: Vec<Row>,
+    /// Their half solves, where they touch more than the body's kept unknowns.
+    pub far: Option<Far>,
+}
+
+/// Columns `b` of `Bᵀ` carried through the factor, one a row of the share.
+#[derive(Clone, Debug)]
+pub struct Far {
+    pub reach: Arc<Reach>,
+    /// `L⁻¹ b_i` on the pivots reached.
+    pub inside: Vec<f64>,
+    /// `b_c − K_ci K_ii⁻¹ b_i` on the kept unknowns.
+    pub kept: Vec<f64>,
+}
+
+impl Far {
+    /// The two parts of a column.
+    #[must_use]
+    pub fn column(&self, k: usize, kept: usize) -> (&[f64], &[f64]) {
+        let reached = self.reach.pivots().len();
+        (
+            &self.inside[k * reached..(k + 1) * reached],
+            &self.kept[k * kept..(k + 1) * kept],
+        )
+    }
+}
+
+impl Share {
+    /// `v += B_c u_c`, of unknowns kept by `body`.
+    fn add_kept(&self, body: &Body, u: &[f64], amount: f64, v: &mut [f64]) {
+        for (k, row) in self.rows.iter().enumerate() {
+            v[row.row] += amount
+                * match &self.far {
+                    None => row
+                        .entries
+                        .iter()
+                        .map(|&(i, b)| body.place(i).map_or(0.0, |at| b * u[at]))
+                        .sum::<f64>(),
+                    Some(far) => dot_long(far.column(k, body.kept()).1, u),
+                };
+        }
+    }
+
+    /// `v += amount B R_k`.
+    pub fn add_motion(&self, body: &Body, motion: usize, amount: f64, v: &mut [f64]) {
+        self.add_kept(body, &body.modes()[motion], amount, v);
+    }
+
+    /// `v += B K⁻¹ f` of condensed forces, their rigid part taken out.
+    pub fn add_free_displacement(&self, body: &Body, condensed: &[f64], v: &mut [f64]) {
+        self.add_kept(body, &body.free_displacement(condensed), 1.0, v);
+        if let Some(far) = &self.far {
+            let pivots = far.reach.pivots().iter();
+            let inside: Vec<f64> = pivots.map(|&i| condensed[i as usize]).collect();
+            for (k, row) in self.rows.iter().enumerate() {
+                v[row.row] += dot_long(far.column(k, body.kept()).0, &inside);
+            }
+        }
+    }
+
+    /// `v += B u` for this body's part of a displacement of all degrees of freedom.
+    fn add_to_sums(&self, body: &Body, u: &[f64], v: &mut [Sum]) {
+        for row in &self.rows {
+            for &(i, b) in &row.entries {
+                v[row.row].add_product(b, u[body.dofs()[i]]);
+            }
+        }
+    }
+
+    /// `unit Bᵀ r` at the body's degrees of freedom.
+    #[must_use]
+    pub fn push(&self, body: &Body, reaction: &[f64]) -> Vec<f64> {
+        let mut push = vec![0.0; body.dofs().len()];
+        for row in &self.rows {
+            for &(i, b) in &row.entries {
+                push[i] += b * body.unit() * reaction[row.row];
+            }
+        }
+        push
+    }
+}
+
+/// All that is known of contacts but their friction.
+#[derive(Clone, Debug, Default)]
+pub struct Surface<const D: usize> {
+    /// One a body.
+    pub shares: Vec<Share>,
+    /// `B` at the prescribed degrees of freedom.
+    pub held: Owned,
+    /// Gap, by component.
+    pub gap: Vec<[f64; D]>,
+    /// Contacts whose normal row touches no free degree of freedom.
+    pub unmoved: Vec<usize>,
+}
+
+impl<const D: usize> Surface<D> {
+    /// Sorts the rows of `B` by body; `place` holds the body and the local number of
+    /// each free degree of freedom, `position` the number of each prescribed one.
+    #[must_use]
+    pub fn new(
+        contact: &Rows,
+        gap: &[[f64; D]],
+        place: &[Option<(usize, usize)>],
+        position: &[Option<usize>],
+        bodies: usize,
+    ) -> Self {
+        let mut shares = vec![Share::default(); bodies];
+        let mut unmoved = Vec::new();
+        for row in 0..D * gap.len() {
+            let found = contact.by_body(row, place);
+            if row % D == 0 && found.is_empty() {
+                unmoved.push(row / D);
+            }
+            for (body, entries) in found {
+                shares[body].rows.push(Row { row, entries });
+            }
+        }
+        Self {
+            shares,
+            held: contact.select(|j| position[j]),
+            gap: gap.to_vec(),
+            unmoved,
+        }
+    }
+
+    #[must_use]
+    pub fn contacts(&self) -> usize {
+        self.gap.len()
+    }
+
+    /// `B u + gap` of a displacement, in twice the precision and rounded once;
+    /// `fixed` are the prescribed degrees of freedom.
+    #[must_use]
+    pub fn relative_displacement(
+        &self,
+        bodies: &[Body],
+        fixed: &[usize],
+        u: &[f64],
+    ) -> Vec<[f64; D]> {
+        self.sums(bodies, fixed, u, self.gap.as_flattened())
+    }
+
+    /// `B u`, likewise.
+    #[must_use]
+    pub fn product(&self, bodies: &[Body], fixed: &[usize], u: &[f64]) -> Vec<[f64; D]> {
+        let nothing = vec![0.0; D * self.contacts()];
+        self.sums(bodies, fixed, u, &nothing)
+    }
+
+    fn sums(&self, bodies: &[Body], fixed: &[usize], u: &[f64], start: &[f64]) -> Vec<[f64; D]> {
+        let mut sums: Vec<Sum> = start.iter().map(|&g| Sum::new(g)).collect();
+        let prescribed: Vec<f64> = fixed.iter().map(|&dof| u[dof]).collect();
+        self.held.add_to_sums(&prescribed, &mut sums);
+        for (share, body) in self.shares.iter().zip(bodies) {
+            share.add_to_sums(body, u, &mut sums);
+        }
+        let values: Vec<f64> = sums.iter().map(Sum::value).collect();
+        values.as_chunks::<D>().0.to_vec()
+    }
+
+    /// Some of the contacts only, ascending, without half solves.
+    #[must_use]
+    pub fn of(&self, members: &[usize]) -> Self {
+        let mut number = vec![usize::MAX; self.contacts()];
+        for (k, &contact) in members.iter().enumerate() {
+            number[contact] = k;
+        }
+        let renumbered = |row: &Row| {
+            let k = number[row.row / D];
+            (k != usize::MAX).then(|| Row {
+                row: D * k + row.row % D,
+                entries: row.entries.clone(),
+            })
+        };
+        let share = |share: &Share| Share {
+            rows: share.rows.iter().filter_map(renumbered).collect(),
+            far: None,
+        };
+        let rows: Vec<usize> = members
+            .iter()
+            .flat_map(|&i| D * i..D * (i + 1))
+            .collect();
+        Self {
+            shares: self.shares.iter().map(share).collect(),
+            held: self.held.rows(&rows),
+            gap: members.iter().map(|&i| self.gap[i]).collect(),
+            unmoved: (0..members.len())
+                .filter(|&k| self.unmoved.binary_search(&members[k]).is_ok())
+                .collect(),
+        }
+    }
+}

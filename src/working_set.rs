@@ -1,0 +1,293 @@
+//! The load path on a working set of the candidates, grown in each step until no
+//! contact outside it penetrates: the answer is then one of all candidates, for an
+//! open contact with `v_n ≥ 0` fulfils the law with `r = 0`.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::law::cone::Status;
+use crate::problem::bodies::Loaded;
+use crate::problem::candidates::{Candidates, Problem, View};
+use crate::solver::{Outcome, Settings, Solution};
+use crate::stepping::{LoadPath, State, Step};
+
+/// Contacts that may be added at once, however few there are.
+const AT_ONCE: usize = 256;
+
+/// One candidate in so many in the set: from there on `W` of all costs less.
+const MOST: usize = 3;
+
+/// A load path in progress, over all candidates.
+#[derive(Clone, Debug, Default)]
+pub struct Path<const D: usize> {
+    state: Option<State<D>>,
+    view: Option<View<D>>,
+}
+
+impl<const D: usize> Path<D> {
+    /// From a state, or from the unloaded bodies.
+    #[must_use]
+    pub fn new(state: Option<State<D>>) -> Self {
+        Self { state, view: None }
+    }
+
+    /// Takes one step to the total loads; commits it if it converged.
+    ///
+    /// # Errors
+    /// As [`LoadPath::advance`], contacts numbered among all candidates; and what
+    /// forming `W` of more contacts may meet.
+    pub fn advance(
+        &mut self,
+        problem: &Problem<D>,
+        load: &[f64],
+        prescribed: &[f64],
+        settings: &Settings,
+        stop: &AtomicBool,
+    ) -> Result<Step<D>, Error> {
+        let loads = (load, prescribed);
+        let (step, state) = match problem {
+            Problem::Whole(whole) => {
+                let mut path = LoadPath::new(self.state.take());
+                let step = path.advance(whole, load, prescribed, settings, stop);
+                self.state = path.into_state();
+                return step;
+            }
+            Problem::Growing { candidates, .. } => {
+                self.grow(problem, candidates, loads, settings, stop)?
+            }
+        };
+        if step.solution.outcome == Outcome::Converged {
+            self.state = Some(state);
+        }
+        Ok(step)
+    }
+
+    fn grow(
+        &mut self,
+        problem: &Problem<D>,
+        candidates: &Candidates<D>,
+        loads: (&[f64], &[f64]),
+        settings: &Settings,
+        stop: &AtomicBool,
+    ) -> Result<(Step<D>, State<D>), Error> {
+        let mu = problem.mu();
+        let mut view = match self.view.take() {
+            Some(view) => view,
+            None => match candidates.view(self.first(candidates), mu, None) {
+                // Those to begin with do not feel a motion that others do.
+                Err(Error::FloatingBody { .. }) => all(problem, stop)?,
+                made => made?,
+            },
+        };
+        let mut spent = Solution::<D>::default();
+        loop {
+            let members = &view.members;
+            let before = self.state.as_ref().map(|state| at(state, members));
+            let left = Settings {
+                max_iterations: settings.max_iterations.saturating_sub(spent.iterations),
+                max_seconds: (settings.max_seconds - spent.seconds).max(0.0),
+                ..settings.clone()
+            };
+            let mut path = LoadPath::new(before);
+            let step = path
+                .advance(&view.problem, loads.0, loads.1, &left, stop)
+                .map_err(|error| renumber(error, members))?;
+            spent.iterations += step.solution.iterations;
+            spent.seconds += step.solution.seconds;
+            let work = spent.work;
+            let history = step.solution.history.iter();
+            spent.history.extend(history.map(|&(w, eta)| (work + w, eta)));
+            spent.work += step.solution.work;
+
+            let reaction = spread(problem.contacts(), members, &step.solution.reaction, [0.0; D]);
+            let state = Loaded {
+                load: loads.0,
+                prescribed: loads.1,
+                reaction: &reaction,
+                rigid: &step.solution.rigid_motion,
+            };
+            let total = problem.relative_displacement(&problem.displacements(&[state])?[0]);
+            let mut outside = vec![true; problem.contacts()];
+            for &i in members {
+                outside[i] = false;
+            }
+            let mut asked = if step.solution.outcome == Outcome::NoEquilibrium
+                && !step.solution.free_motion.is_empty()
+            {
+                // A proof for all of them, unless the motion runs into some.
+                let d = candidates.motion(&step.solution.free_motion)?;
+                let runs_into = |i: usize| {
+                    let slides = d[i][1..].iter().map(|t| t * t).sum::<f64>().sqrt();
+                    d[i][0] - mu[i] * slides
+                };
+                worst(&outside, runs_into)
+            } else {
+                worst(&outside, |i| total[i][0])
+            };
+            let in_time = spent.seconds < settings.max_seconds
+                && spent.iterations < settings.max_iterations;
+            if asked.is_empty() || !in_time {
+                let mut step = self.spread(step, &view.members, reaction, &total, spent);
+                if !asked.is_empty() && step.solution.outcome == Outcome::Converged {
+                    step.solution.outcome = if spent_time(&step.solution, settings) {
+                        Outcome::TimeLimit
+                    } else {
+                        Outcome::IterationLimit
+                    };
+                }
+                let state = State {
+                    reaction: step.solution.reaction.clone(),
+                    relative_displacement: step.solution.relative_displacement.clone(),
+                    status: step.solution.status.clone(),
+                    rigid: step.solution.rigid_motion.clone(),
+                };
+                self.view = Some(view);
+                return Ok((step, state));
+            }
+            asked.truncate(AT_ONCE.max(2 * members.len()));
+            let mut members: Vec<usize> = members.iter().copied().chain(asked).collect();
+            members.sort_unstable();
+            view = if MOST * members.len() >= problem.contacts() {
+                all(problem, stop)?
+            } else {
+                candidates.view(members, mu, Some(&view))?
+            };
+        }
+    }
+
+    /// The set to begin with: the seeds, and what was closed in the state before.
+    fn first(&self, candidates: &Candidates<D>) -> Vec<usize> {
+        let mut members = candidates.seeds().to_vec();
+        if let Some(state) = &self.state {
+            let closed = |&i: &usize| state.status[i] != Status::Open;
+            members.extend((0..state.status.len()).filter(closed));
+            members.sort_unstable();
+            members.dedup();
+        }
+        members
+    }
+
+    /// A step of the members as one of all candidates.
+    fn spread(
+        &self,
+        step: Step<D>,
+        members: &[usize],
+        reaction: Vec<[f64; D]>,
+        total: &[[f64; D]],
+        spent: Solution<D>,
+    ) -> Step<D> {
+        let contacts = total.len();
+        let mut v = total.to_vec();
+        for (&i, own) in members.iter().zip(&step.solution.relative_displacement) {
+            v[i] = *own;
+        }
+        let mut slip = v.clone();
+        if let Some(state) = &self.state {
+            for (slip, before) in slip.iter_mut().zip(&state.relative_displacement) {
+                for k in 1..D {
+                    slip[k] -= before[k];
+                }
+            }
+        }
+        for (&i, own) in members.iter().zip(&step.slip) {
+            slip[i] = *own;
+        }
+        let solution = step.solution;
+        Step {
+            slip,
+            solution: Solution {
+                reaction,
+                relative_displacement: v,
+                status: spread(contacts, members, &solution.status, Status::Open),
+                bipotential_gap: spread(contacts, members, &solution.bipotential_gap, 0.0),
+                iterations: spent.iterations,
+                seconds: spent.seconds,
+                history: spent.history,
+                work: spent.work,
+                ..solution
+            },
+        }
+    }
+}
+
+/// The problem of the contacts that carry something in an answer, or of all where
+/// `W` of all is formed.
+///
+/// # Errors
+/// As [`Candidates::view`].
+pub fn around<const D: usize>(
+    problem: &Problem<D>,
+    reaction: &[[f64; D]],
+    stop: &AtomicBool,
+) -> Result<View<D>, Error> {
+    let Problem::Growing { candidates, mu } = problem else {
+        return all(problem, stop);
+    };
+    let mut members = candidates.seeds().to_vec();
+    let carries = |&i: &usize| reaction[i].iter().any(|&r| r != 0.0);
+    members.extend((0..reaction.len()).filter(carries));
+    members.sort_unstable();
+    members.dedup();
+    candidates.view(members, mu, None)
+}
+
+/// All candidates, `W` formed of them.
+fn all<const D: usize>(
+    problem: &Problem<D>,
+    stop: &AtomicBool,
+) -> Result<View<D>, Error> {
+    Ok(View {
+        members: (0..problem.contacts()).collect(),
+        problem: problem.whole(stop)?,
+    })
+}
+
+fn spent_time<const D: usize>(solution: &Solution<D>, settings: &Settings) -> bool {
+    solution.seconds >= settings.max_seconds
+}
+
+/// What a state is at some contacts.
+#[must_use]
+pub fn at<const D: usize>(state: &State<D>, members: &[usize]) -> State<D> {
+    State {
+        reaction: pick(&state.reaction, members),
+        relative_displacement: pick(&state.relative_displacement, members),
+        status: pick(&state.status, members),
+        rigid: state.rigid.clone(),
+    }
+}
+
+/// Values at some contacts; none where none are known.
+#[must_use]
+pub fn pick<T: Copy>(values: &[T], members: &[usize]) -> Vec<T> {
+    members.iter().filter_map(|&i| values.get(i).copied()).collect()
+}
+
+fn spread<T: Copy>(contacts: usize, members: &[usize], values: &[T], other: T) -> Vec<T> {
+    let mut all = vec![other; contacts];
+    for (&i, value) in members.iter().zip(values) {
+        all[i] = *value;
+    }
+    all
+}
+
+/// Contacts with a negative number, the most negative first.
+fn worst(among: &[bool], of: impl Fn(usize) -> f64) -> Vec<usize> {
+    let mut found: Vec<(f64, usize)> = (0..among.len())
+        .filter(|&i| among[i])
+        .map(|i| (of(i), i))
+        .filter(|(depth, _)| *depth < 0.0)
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    found.into_iter().map(|(_, i)| i).collect()
+}
+
+fn renumber(error: Error, members: &[usize]) -> Error {
+    match error {
+        Error::ContradictoryContact { node, penetration } => Error::ContradictoryContact {
+            node: members[node],
+            penetration,
+        },
+        other => other,
+    }
+}
