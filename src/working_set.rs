@@ -2,6 +2,7 @@
 //! contact outside it penetrates: the answer is then one of all candidates, for an
 //! open contact with `v_n ≥ 0` fulfils the law with `r = 0`.
 
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
@@ -20,15 +21,22 @@ const MOST: usize = 3;
 /// A load path in progress, over all candidates.
 #[derive(Clone, Debug, Default)]
 pub struct Path<const D: usize> {
+    /// Rigid motions in the amounts of the candidates' bodies.
     state: Option<State<D>>,
     view: Option<View<D>>,
+    /// The same rigid motions in the amounts of the view's bodies, where it has others.
+    carried: Option<Vec<f64>>,
 }
 
 impl<const D: usize> Path<D> {
     /// From a state, or from the unloaded bodies.
     #[must_use]
     pub fn new(state: Option<State<D>>) -> Self {
-        Self { state, view: None }
+        Self {
+            state,
+            view: None,
+            carried: None,
+        }
     }
 
     /// Takes one step to the total loads; commits it if it converged.
@@ -82,14 +90,19 @@ impl<const D: usize> Path<D> {
         let mut spent = Solution::<D>::default();
         loop {
             let members = &view.members;
-            let before = self.state.as_ref().map(|state| at(state, members));
+            let shared = Arc::ptr_eq(view.problem.bodies(), problem.bodies());
+            let mut before = self.state.as_ref().map(|state| at(state, members));
+            if let (false, Some(state)) = (shared, &mut before) {
+                let start = self.carried.clone();
+                state.rigid = start.unwrap_or_else(|| vec![0.0; state.rigid.len()]);
+            }
             let left = Settings {
                 max_iterations: settings.max_iterations.saturating_sub(spent.iterations),
                 max_seconds: (settings.max_seconds - spent.seconds).max(0.0),
                 ..settings.clone()
             };
             let mut path = LoadPath::new(before);
-            let step = path
+            let mut step = path
                 .advance(&view.problem, loads.0, loads.1, &left, stop)
                 .map_err(|error| renumber(error, members))?;
             spent.iterations += step.solution.iterations;
@@ -100,11 +113,17 @@ impl<const D: usize> Path<D> {
             spent.work += step.solution.work;
 
             let reaction = spread(problem.contacts(), members, &step.solution.reaction, [0.0; D]);
+            let motion = &mut step.solution.rigid_motion;
+            if !shared {
+                let own = std::mem::take(motion);
+                *motion = amounts(problem, &view, loads, &reaction, &own)?;
+                self.carried = Some(own);
+            }
             let state = Loaded {
                 load: loads.0,
                 prescribed: loads.1,
                 reaction: &reaction,
-                rigid: &step.solution.rigid_motion,
+                rigid: motion,
             };
             let total = problem.relative_displacement(&problem.displacements(&[state])?[0]);
             let mut outside = vec![true; problem.contacts()];
@@ -240,6 +259,36 @@ fn all<const D: usize>(
         members: (0..problem.contacts()).collect(),
         problem: problem.whole(stop)?,
     })
+}
+
+/// The rigid motions of an answer of bodies condensed onto all contacts, in the
+/// amounts of the candidates' bodies: what the displacements of the two differ by.
+fn amounts<const D: usize>(
+    problem: &Problem<D>,
+    view: &View<D>,
+    (load, prescribed): (&[f64], &[f64]),
+    reaction: &[[f64; D]],
+    own: &[f64],
+) -> Result<Vec<f64>, Error> {
+    let bodies = problem.bodies();
+    let none = vec![0.0; own.len()];
+    let with = |rigid| Loaded {
+        load,
+        prescribed,
+        reaction,
+        rigid,
+    };
+    if own.is_empty() {
+        return Ok(none);
+    }
+    let u = view.problem.displacement(with(own))?;
+    let still = problem.displacements(&[with(&none)])?;
+    let moved: Vec<f64> = u.iter().zip(&still[0]).map(|(a, b)| a - b).collect();
+    Ok(bodies
+        .list
+        .iter()
+        .flat_map(|body| body.motion_amounts(&moved))
+        .collect())
 }
 
 fn spent_time<const D: usize>(solution: &Solution<D>, settings: &Settings) -> bool {

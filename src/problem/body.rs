@@ -329,6 +329,14 @@ impl Body {
         self.dofs[self.kept[most]]
     }
 
+    /// Amounts of its rigid motions in a rigid displacement of all degrees of freedom.
+    #[must_use]
+    pub fn motion_amounts(&self, u: &[f64]) -> Vec<f64> {
+        let kept: Vec<f64> = self.kept.iter().map(|&i| u[self.dofs[i]]).collect();
+        let modes = self.modes.iter();
+        modes.map(|mode| dot_long(mode, &kept)).collect()
+    }
+
     /// Condenses this body's part of a force, in its unit: interior unknowns as the
     /// factor leaves them, contact forces `f_c − K_ci K_ii⁻¹ f_i`. Where the factor
     /// was dropped, the latter of a force with its number among those known beforehand.

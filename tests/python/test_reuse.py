@@ -1,0 +1,181 @@
+"""One condensation for many loads, other values and other friction."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from bodies import Body, block, uniform_shear
+
+BODY = block([4.0, 2.0], [16, 8], 100.0, 0.3)
+FIXED = np.concatenate([BODY.dofs(1, 2.0, k) for k in range(2)])
+
+
+def problem(body: Body = BODY, **more: Any) -> bp.ContactProblem:
+    given = {"gap": body.gap, "mu": 0.4, "fixed": FIXED, "area": body.area}
+    return bp.ContactProblem(body.K, body.B, **(given | more))
+
+
+def steps(count: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(5)
+    load = np.array([uniform_shear(BODY, 0.2, [0.05 * k]) for k in range(count)])
+    moved = np.zeros((count, len(FIXED)))
+    moved[:, FIXED % 2 == 1] = -0.01
+    moved += 1e-4 * rng.normal(size=moved.shape)
+    return load, moved
+
+
+def same_bits(one: bp.Result, other: bp.Result) -> None:
+    for name in ("reaction", "relative_displacement", "slip", "status"):
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+
+
+def test_known_loads_give_the_same_answer_without_the_factor() -> None:
+    load, moved = steps()
+    kept, dropped = problem(), problem(loads=(load, moved))
+    same_bits(dropped.solve(), kept.solve(load, moved))
+    same_bits(dropped.solve(load[1], moved[1]), kept.solve(load[1], moved[1]))
+    assert not dropped.stats["factor_kept"]
+    assert kept.stats["factor_kept"]
+    assert np.array_equal(dropped.compliance, kept.compliance)
+
+
+def test_what_the_dropped_factor_would_be_needed_for_is_said() -> None:
+    load, moved = steps()
+    dropped = problem(loads=(load, moved))
+    with pytest.raises(ValueError, match=r"displacements need the factor .* `loads=`"):
+        _ = dropped.solve().displacement
+    with pytest.raises(ValueError, match="not among the loads given as `loads=`"):
+        dropped.solve(load[0], 2 * moved[0])
+    with pytest.raises(ValueError, match="tuple of 3"):
+        problem(loads=(load, moved, moved))
+
+
+def test_a_body_held_by_contact_alone_keeps_its_factor() -> None:
+    load = uniform_shear(BODY, 0.2, [0.02])
+    free = problem(fixed=None, loads=load)
+    assert free.stats["factor_kept"]
+    same_bits(free.solve(), problem(fixed=None).solve(load))
+
+
+def test_another_stiffness_in_place() -> None:
+    load, moved = steps()
+    updated = problem()
+    before = updated.solve(load, moved)
+    softer = block([4.0, 2.0], [16, 8], 37.0, 0.2)
+    updated.update(softer.K)
+    fresh = problem(softer)
+    same_bits(updated.solve(load, moved), fresh.solve(load, moved))
+    # What was solved before belongs to the stiffness it was solved with.
+    same_bits(before, problem().solve(load, moved))
+    assert np.array_equal(
+        before.displacement, problem().solve(load, moved).displacement
+    )
+
+
+def test_an_update_orders_nothing_anew_where_the_pattern_is_the_same() -> None:
+    one = problem()
+    ordered = one.stats["seconds_order"]
+    one.update(2.0 * BODY.K)
+    # The very seconds of the first analysis are told.
+    assert one.stats["seconds_order"] == ordered
+    n = BODY.K.shape[0]
+    far = sparse.coo_array(([1e-9, 1e-9], ([0, n - 1], [n - 1, 0])), shape=(n, n))
+    finer = sparse.csr_array(BODY.K + far)
+    one.update(finer)  # another pattern: analysed anew, and right
+    same_bits(one.solve(*steps()), problem_of(finer).solve(*steps()))
+
+
+def problem_of(K: Any) -> bp.ContactProblem:
+    given = {"gap": BODY.gap, "mu": 0.4, "fixed": FIXED, "area": BODY.area}
+    return bp.ContactProblem(K, BODY.B, **given)
+
+
+def test_an_update_that_fails_leaves_the_problem_as_it_was() -> None:
+    load, moved = steps()
+    held = problem()
+    with pytest.raises(ValueError, match="indefinite"):
+        held.update(-1.0 * BODY.K)
+    with pytest.raises(ValueError, match=r"K has shape .* expected"):
+        held.update(np.eye(3))
+    same_bits(held.solve(load, moved), problem().solve(load, moved))
+
+
+def test_many_paths_are_each_the_path_alone() -> None:
+    load, moved = steps()
+    shared = problem()
+    before = shared.solve(load[0], moved[0])
+    cases = [
+        {"load": load, "prescribed": moved},
+        {"load": load, "prescribed": moved, "mu": 0.1},
+        {"load": load[2], "prescribed": moved[2], "start": before},
+        {"prescribed": moved[1], "mu": np.linspace(0, 1, len(BODY.gap))},
+        {},
+    ]
+    results = shared.solve_many(cases)
+    assert [result.success for result in results] == [True] * 5
+    same_bits(results[0], shared.solve(load, moved))
+    same_bits(results[1], problem(mu=0.1).solve(load, moved))
+    same_bits(results[2], shared.solve(load[2], moved[2], start=before))
+    varied = problem(mu=cases[3]["mu"])
+    same_bits(results[3], varied.solve(prescribed=moved[1]))
+    assert np.array_equal(results[1].contacts["mu"], np.full(len(BODY.gap), 0.1))
+    # What is told of a step is told of its own friction.
+    assert results[3][0].unique == varied.solve(prescribed=moved[1])[0].unique
+    assert np.array_equal(
+        results[0].displacement[2], shared.solve(load, moved)[2].displacement
+    ) or np.allclose(
+        results[0].displacement[2],
+        shared.solve(load, moved)[2].displacement,
+        rtol=0,
+        atol=1e-15,  # a column alone or among others, both refined to rounding of 0.01
+    )
+
+
+def test_a_path_that_fails_keeps_the_others_from_nothing() -> None:
+    free = problem(fixed=None)
+    rests = uniform_shear(BODY, 0.2, [0.02])
+    slides = uniform_shear(BODY, 0.2, [0.2])
+    good, bad, none = free.solve_many(
+        [
+            {"load": rests},
+            {"load": [rests, slides]},
+            {"load": [rests, slides], "mu": 0.0},
+        ]
+    )
+    assert good.success
+    same_bits(good, free.solve(rests))
+    assert not bad.success
+    assert len(bad) == 1
+    assert "step 1" in bad.message
+    assert not none.success
+    assert len(none) == 0
+
+
+@pytest.mark.parametrize(
+    ("case", "error", "said"),
+    [
+        ({"mu": -1.0}, ValueError, r"case 1: mu"),
+        ({"load": np.ones(3)}, ValueError, r"case 1: load has shape \(3,\)"),
+        ({"loads": None}, TypeError, "case 1 has 'loads'"),
+        (3, TypeError, "case 1 is a int"),
+        ({"start": 3}, TypeError, "case 1: start is a int"),
+    ],
+)
+def test_a_wrong_case_is_named(case: Any, error: type[Exception], said: str) -> None:
+    with pytest.raises(error, match=said):
+        problem().solve_many([{}, case])
+
+
+def test_a_memory_limit_refuses_before_the_work() -> None:
+    needs = problem().stats["bytes_peak"]
+    with pytest.raises(
+        MemoryError,
+        match=rf"needs {needs} bytes, more than the {needs - 1} of memory_limit",
+    ):
+        problem(memory_limit=needs - 1)
+    assert problem(memory_limit=2 * needs).solve(*steps()).success
+    with pytest.raises(ValueError, match="memory_limit"):
+        problem(memory_limit=0)
