@@ -11,6 +11,7 @@ mod definite;
 mod elements;
 mod graphs;
 mod judge;
+mod loads;
 mod matrices;
 mod meshes;
 mod oracle;
