@@ -31,7 +31,8 @@ static TWO: LazyLock<ThreadPool> = LazyLock::new(|| pool(2));
 
 /// Roundings `γ/ε` that are allowed. A bound on the sum of n roundings is n; as
 /// they have either sign, and only the unknowns along a path of the elimination
-/// tree meet, far fewer are left. The most that any test here has is 0.9.
+/// tree meet, far fewer are left. The most of a hundred thousand random
+/// matrices is 1.7.
 pub(crate) const ROUNDINGS: f64 = 4.0;
 
 fn pool(threads: usize) -> ThreadPool {
