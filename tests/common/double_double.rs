@@ -87,13 +87,12 @@ pub(crate) fn schur(n: usize, dense: &[f64], kept: &[usize]) -> Vec<Double> {
     for p in (0..n).filter(|p| !kept.contains(p)) {
         left[p] = false;
         let row: Vec<Double> = a[p * n..(p + 1) * n].to_vec();
-        for i in (0..n).filter(|&i| left[i]) {
-            if row[i].high == 0.0 {
-                continue;
-            }
+        let filled: Vec<usize> = (0..n).filter(|&i| left[i] && row[i].high != 0.0).collect();
+        for (at, &i) in filled.iter().enumerate() {
             let factor = row[i] / row[p];
-            for j in (0..n).filter(|&j| left[j]) {
-                a[i * n + j] = a[i * n + j] - factor * row[j];
+            for &j in &filled[at..] {
+                let value = a[i * n + j] - factor * row[j];
+                (a[i * n + j], a[j * n + i]) = (value, value);
             }
         }
     }
