@@ -99,7 +99,7 @@ impl<const D: usize> Path<D> {
             let left = Settings {
                 max_iterations: settings.max_iterations.saturating_sub(spent.iterations),
                 max_seconds: (settings.max_seconds - spent.seconds).max(0.0),
-                ..settings.clone()
+                ..*settings
             };
             let mut path = LoadPath::new(before);
             let mut step = path
@@ -109,10 +109,17 @@ impl<const D: usize> Path<D> {
             spent.seconds += step.solution.seconds;
             let work = spent.work;
             let history = step.solution.history.iter();
-            spent.history.extend(history.map(|&(w, eta)| (work + w, eta)));
+            spent
+                .history
+                .extend(history.map(|&(w, eta)| (work + w, eta)));
             spent.work += step.solution.work;
 
-            let reaction = spread(problem.contacts(), members, &step.solution.reaction, [0.0; D]);
+            let reaction = spread(
+                problem.contacts(),
+                members,
+                &step.solution.reaction,
+                [0.0; D],
+            );
             let motion = &mut step.solution.rigid_motion;
             if !shared {
                 let own = std::mem::take(motion);
@@ -143,8 +150,8 @@ impl<const D: usize> Path<D> {
             } else {
                 worst(&outside, |i| total[i][0])
             };
-            let in_time = spent.seconds < settings.max_seconds
-                && spent.iterations < settings.max_iterations;
+            let in_time =
+                spent.seconds < settings.max_seconds && spent.iterations < settings.max_iterations;
             if asked.is_empty() || !in_time {
                 let mut step = self.spread(step, &view.members, reaction, &total, spent);
                 if !asked.is_empty() && step.solution.outcome == Outcome::Converged {
@@ -251,10 +258,7 @@ pub fn around<const D: usize>(
 }
 
 /// All candidates, `W` formed of them.
-fn all<const D: usize>(
-    problem: &Problem<D>,
-    stop: &AtomicBool,
-) -> Result<View<D>, Error> {
+fn all<const D: usize>(problem: &Problem<D>, stop: &AtomicBool) -> Result<View<D>, Error> {
     Ok(View {
         members: (0..problem.contacts()).collect(),
         problem: problem.whole(stop)?,
@@ -309,7 +313,10 @@ pub fn at<const D: usize>(state: &State<D>, members: &[usize]) -> State<D> {
 /// Values at some contacts; none where none are known.
 #[must_use]
 pub fn pick<T: Copy>(values: &[T], members: &[usize]) -> Vec<T> {
-    members.iter().filter_map(|&i| values.get(i).copied()).collect()
+    members
+        .iter()
+        .filter_map(|&i| values.get(i).copied())
+        .collect()
 }
 
 fn spread<T: Copy>(contacts: usize, members: &[usize], values: &[T], other: T) -> Vec<T> {

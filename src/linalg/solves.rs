@@ -75,7 +75,13 @@ fn stretches<'s>(
         .chain(runs.map(|run| run.start as usize..(run.start + run.len) as usize))
 }
 
-pub(crate) fn gather(symbolic: &Symbolic, front: &Front, x: &[f64], columns: usize, local: &mut Vec<f64>) {
+pub(crate) fn gather(
+    symbolic: &Symbolic,
+    front: &Front,
+    x: &[f64],
+    columns: usize,
+    local: &mut Vec<f64>,
+) {
     local.clear();
     for column in x.chunks_exact(symbolic.n).take(columns) {
         for rows in stretches(symbolic, front) {

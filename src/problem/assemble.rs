@@ -55,9 +55,9 @@ pub fn assemble<const D: usize>(
         let n = nodes.len();
         let part = if let [body] = members[..] {
             let share = &shares[body];
-            Part::Dense(Cow::Owned(bodies.matrix::<D>(
-                body, share, &nodes, &mut place,
-            )))
+            Part::Dense(Cow::Owned(
+                bodies.matrix::<D>(body, share, &nodes, &mut place),
+            ))
         } else {
             let mut parts = Vec::with_capacity(members.len());
             for &b in &members {
@@ -225,20 +225,18 @@ fn by_inverse(body: &mut Body, share: &Share, at: &[usize], m: usize) -> Vec<f64
 /// `B K⁻¹ Bᵀ = (L⁻¹Bᵀ)ᵀ(L⁻¹Bᵀ)`.
 fn by_half_solves(body: &Body, share: &Share, at: &[usize], m: usize) -> Vec<f64> {
     let (rows, kept) = (share.rows.len(), body.kept());
-    let mut columns = match &share.far {
-        Some(far) => far.kept.clone(),
-        None => {
-            let mut columns = vec![0.0; kept * rows];
-            for (k, row) in share.rows.iter().enumerate() {
-                for &(i, b) in &row.entries {
-                    if let Some(place) = body.place(i) {
-                        columns[k * kept + place] += b;
-                    }
+    let mut columns = vec![0.0; kept * rows];
+    if let Some(far) = &share.far {
+        columns.copy_from_slice(&far.kept);
+    } else {
+        for (k, row) in share.rows.iter().enumerate() {
+            for &(i, b) in &row.entries {
+                if let Some(place) = body.place(i) {
+                    columns[k * kept + place] += b;
                 }
             }
-            columns
         }
-    };
+    }
     body.half_solve_contact(&mut columns, rows);
     let mut gram = vec![0.0; rows * rows];
     let mut add = |columns: &[f64], length: usize, beta: f64| {

@@ -247,15 +247,19 @@ impl<const D: usize> Candidates<D> {
             // Only as many contacts as close will have a part of W.
             drop(body.take_inverse());
         }
-        let reach = bodies.list.iter().zip(&surface.shares).map(|(body, share)| {
-            let unknowns = || {
-                let entries = share.rows.iter().flat_map(|row| &row.entries);
-                entries.map(|&(i, _)| i)
-            };
-            let factor = body.factor()?;
-            let beyond = unknowns().any(|i| body.place(i).is_none());
-            beyond.then(|| Arc::new(Reach::new(factor.symbolic(), unknowns())))
-        });
+        let reach = bodies
+            .list
+            .iter()
+            .zip(&surface.shares)
+            .map(|(body, share)| {
+                let unknowns = || {
+                    let entries = share.rows.iter().flat_map(|row| &row.entries);
+                    entries.map(|&(i, _)| i)
+                };
+                let factor = body.factor()?;
+                let beyond = unknowns().any(|i| body.place(i).is_none());
+                beyond.then(|| Arc::new(Reach::new(factor.symbolic(), unknowns())))
+            });
         Ok(Self {
             reach: reach.collect(),
             bodies: Arc::new(bodies),
@@ -336,7 +340,8 @@ impl<const D: usize> Candidates<D> {
         let (reached, kept) = (reach.pivots().len(), body.kept());
         let rows = share.rows.len();
         let bytes = 8 * ((reached + kept) as u128) * rows as u128;
-        self.budget.check("the half solves of the contacts", bytes)?;
+        self.budget
+            .check("the half solves of the contacts", bytes)?;
         let global = |members: &[usize], row: usize| D * members[row / D] + row % D;
         let mut known = HashMap::new();
         if let Some((members, share)) = before {
@@ -365,16 +370,15 @@ impl<const D: usize> Candidates<D> {
         };
         let mut next = 0;
         for found in found {
-            let (inside, column) = match (found, old) {
-                (Some(k), Some(old)) => old.column(k, kept),
-                _ => {
-                    let k = next;
-                    next += 1;
-                    (
-                        &inside_new[k * reached..(k + 1) * reached],
-                        &kept_new[k * kept..(k + 1) * kept],
-                    )
-                }
+            let (inside, column) = if let (Some(k), Some(old)) = (found, old) {
+                old.column(k, kept)
+            } else {
+                let k = next;
+                next += 1;
+                (
+                    &inside_new[k * reached..(k + 1) * reached],
+                    &kept_new[k * kept..(k + 1) * kept],
+                )
             };
             far.inside.extend_from_slice(inside);
             far.kept.extend_from_slice(column);
@@ -389,9 +393,8 @@ impl<const D: usize> Candidates<D> {
             return Ok(made);
         }
         let bodies = self.bodies.list.iter().zip(&self.surface.shares);
-        let parts = bodies.map(|(body, share)| {
-            Analysed::again(body, contact_set(share, body.dofs().len()))
-        });
+        let parts = bodies
+            .map(|(body, share)| Analysed::again(body, contact_set(share, body.dofs().len())));
         let parts = parts.collect::<Result<Vec<_>, _>>()?;
         let made = Condensed::from_parts(
             parts,

@@ -181,13 +181,7 @@ impl<const D: usize> Condensed<D> {
         let source = &mut Source::Fresh(&mut bodies.list);
         let compliance = assemble(source, &surface, budget)?;
         stats.seconds_compliance = started.elapsed().as_secs_f64();
-        Self::of(
-            Arc::new(bodies),
-            Arc::new(surface),
-            mu,
-            compliance,
-            stats,
-        )
+        Self::of(Arc::new(bodies), Arc::new(surface), mu, compliance, stats)
     }
 
     /// From bodies, contacts and the compliance formed of them.

@@ -196,10 +196,7 @@ impl<const D: usize> Surface<D> {
             rows: share.rows.iter().filter_map(renumbered).collect(),
             far: None,
         };
-        let rows: Vec<usize> = members
-            .iter()
-            .flat_map(|&i| D * i..D * (i + 1))
-            .collect();
+        let rows: Vec<usize> = members.iter().flat_map(|&i| D * i..D * (i + 1)).collect();
         Self {
             shares: self.shares.iter().map(share).collect(),
             held: self.held.rows(&rows),
