@@ -48,6 +48,7 @@ class Condensed:
         mu: _Floats,
         fixed: _Indices,
         num_threads: int | None,
+        places: _Floats | None = None,
         known: list[tuple[_Floats, _Floats]] | None = None,
         memory_limit: int | None = None,
         grow: bool | None = None,

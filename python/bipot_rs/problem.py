@@ -105,6 +105,9 @@ class ContactProblem:
     frame
         Local bases ``(n_c, d, d)``, rows ``n, t1[, t2]``, for results and files:
         unit vectors at right angles, to 1e-6, of either hand.
+    coordinates
+        Where each degree of freedom is, ``(n, 2)`` or ``(n, 3)``, in any unit: a second
+        elimination order is then tried, and the one of fewer operations taken.
     loads
         All loads there will be, where no displacement will be asked for: ``load`` of
         `solve`, or the tuple ``(load, prescribed)``. The factor of ``K`` is then not
@@ -141,6 +144,7 @@ class ContactProblem:
         num_threads: int | None = None,
         points: ArrayLike | None = None,
         frame: ArrayLike | None = None,
+        coordinates: ArrayLike | None = None,
         loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None = None,
         memory_limit: int | None = None,
         working_set: bool | None = None,
@@ -198,6 +202,7 @@ class ContactProblem:
             coefficients,
             self._fixed,
             num_threads,
+            _places(coordinates, n),
             self._known,
             limit,
             working_set,
@@ -449,6 +454,20 @@ class ContactProblem:
         return Following(core, contacts, mu, shape, chosen, start, self._seconds)
 
 
+def _places(coordinates: ArrayLike | None, n: int) -> Array | None:
+    """Places as the core takes them, three coordinates each."""
+    if coordinates is None:
+        return None
+    given = floats("coordinates", coordinates, ndim=2)
+    if given.shape[0] != n or given.shape[1] not in (2, 3):
+        raise ValueError(
+            f"coordinates has shape {given.shape}, expected ({n}, 2) or ({n}, 3)"
+        )
+    places = np.zeros((n, 3))
+    places[:, : given.shape[1]] = given
+    return places
+
+
 def _known(value: Any, n: int, fixed: int) -> list[Loads] | None:
     """All loads there will be, step by step."""
     if value is None:
@@ -475,6 +494,7 @@ def solve(
     num_threads: int | None = None,
     points: ArrayLike | None = None,
     frame: ArrayLike | None = None,
+    coordinates: ArrayLike | None = None,
     memory_limit: int | None = None,
     working_set: bool | None = None,
     **settings: Any,
@@ -495,6 +515,7 @@ def solve(
         num_threads=num_threads,
         points=points,
         frame=frame,
+        coordinates=coordinates,
         memory_limit=memory_limit,
         working_set=working_set,
     )

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
+use crate::linalg::csc::Symmetric;
 use crate::linalg::dense;
 use crate::linalg::multifrontal::Factor;
 use crate::linalg::small::{dot_long, norm};
@@ -33,6 +34,7 @@ pub struct Analysed {
     stiffness: Owned,
     unit: f64,
     kept: Vec<usize>,
+    places: Option<Vec<[f64; 3]>>,
     symbolic: Arc<Symbolic>,
 }
 
@@ -50,6 +52,8 @@ pub struct Body {
     kept: Vec<usize>,
     /// Place among the kept of each degree of freedom; `u32::MAX` of the others.
     place: Vec<u32>,
+    /// Where its degrees of freedom are in space, where that is known.
+    places: Option<Vec<[f64; 3]>>,
     symbolic: Arc<Symbolic>,
     /// Dropped where all loads were known beforehand.
     factor: Option<Factor>,
@@ -66,7 +70,8 @@ pub struct Body {
 
 impl Analysed {
     /// Orders and counts; the analysis of the same body with other values is used
-    /// again. `kept` are local numbers.
+    /// again. `kept` are local numbers, `places` those of the degrees of freedom in
+    /// space, where they are known.
     ///
     /// # Errors
     /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
@@ -74,6 +79,7 @@ impl Analysed {
         dofs: Vec<usize>,
         mut stiffness: Owned,
         kept: Vec<usize>,
+        places: Option<Vec<[f64; 3]>>,
         before: Option<&Body>,
     ) -> Result<Self, Error> {
         let stiffest = stiffness.values.iter().fold(0.0_f64, |m, a| m.max(a.abs()));
@@ -85,13 +91,14 @@ impl Analysed {
         };
         let symbolic = match before.filter(same) {
             Some(body) => Arc::clone(&body.symbolic),
-            None => Arc::new(Symbolic::analyse(&view, &kept, &Options::default())?),
+            None => Arc::new(analyse(&view, &kept, places.as_deref())?),
         };
         Ok(Self {
             dofs,
             stiffness,
             unit,
             kept,
+            places,
             symbolic,
         })
     }
@@ -102,11 +109,12 @@ impl Analysed {
     /// As [`Analysed::new`].
     pub fn again(body: &Body, kept: Vec<usize>) -> Result<Self, Error> {
         let stiffness = body.stiffness.clone();
-        let symbolic = Symbolic::analyse(&stiffness.view()?, &kept, &Options::default())?;
+        let symbolic = analyse(&stiffness.view()?, &kept, body.places.as_deref())?;
         Ok(Self {
             dofs: body.dofs.clone(),
             symbolic: Arc::new(symbolic),
             unit: body.unit,
+            places: body.places.clone(),
             stiffness,
             kept,
         })
@@ -136,6 +144,7 @@ impl Analysed {
             stiffness,
             unit,
             kept,
+            places,
             symbolic,
         } = self;
         let view = stiffness.view()?;
@@ -222,6 +231,7 @@ impl Analysed {
             unit,
             kept,
             place,
+            places,
             symbolic,
             factor: Some(factor),
             known: Vec::new(),
@@ -550,6 +560,14 @@ impl Body {
         };
         Ok((0..self.modes.len()).map(of_motion).collect())
     }
+}
+
+fn analyse(
+    view: &Symmetric,
+    kept: &[usize],
+    coordinates: Option<&[[f64; 3]]>,
+) -> Result<Symbolic, Error> {
+    Symbolic::analyse(view, kept, &Options { coordinates })
 }
 
 /// `S + α R Rᵀ`, `α = tr S / m`.

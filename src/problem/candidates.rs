@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use crate::error::Error;
@@ -44,7 +44,6 @@ pub struct Candidates<const D: usize> {
     reach: Vec<Option<Arc<Reach>>>,
     seeds: Vec<usize>,
     whole: OnceLock<Condensed<D>>,
-    making: Mutex<()>,
 }
 
 /// The problem of some of the candidates.
@@ -218,6 +217,7 @@ impl<const D: usize> Candidates<D> {
     ) -> Result<Self, Error> {
         let Sorted {
             parts,
+            places,
             supports,
             surface,
             budget,
@@ -234,7 +234,7 @@ impl<const D: usize> Candidates<D> {
             }
         });
         let kept = kept.collect();
-        let parts = analyse(parts, kept, before)?;
+        let parts = analyse(parts, kept, places, before)?;
         let mut stats = Stats {
             bytes_peak: needed(&parts, false),
             ..Stats::default()
@@ -268,7 +268,6 @@ impl<const D: usize> Candidates<D> {
             stats,
             seeds,
             whole: OnceLock::new(),
-            making: Mutex::new(()),
         })
     }
 
@@ -388,7 +387,8 @@ impl<const D: usize> Candidates<D> {
 
     /// With `W` of all contacts: condensed anew, onto all of them.
     fn whole(&self, stop: &AtomicBool) -> Result<&Condensed<D>, Error> {
-        let _one = self.making.lock().unwrap_or_else(PoisonError::into_inner);
+        // Two that ask at once both make it, to the same bits: a lock would be held
+        // over work of the pool, and its thread may meet the lock again there.
         if let Some(made) = self.whole.get() {
             return Ok(made);
         }

@@ -17,7 +17,7 @@ use crate::linalg::csc::Symmetric;
 use crate::problem::assemble::{Source, assemble};
 use crate::problem::bodies::{Bodies, Loaded, Loads, Supports, needed};
 use crate::problem::body::Analysed;
-use crate::problem::border::{check_finite, check_friction};
+use crate::problem::border::{check_finite, check_friction, check_length};
 use crate::problem::compliance::Compliance;
 use crate::problem::memory::Budget;
 use crate::problem::reduced::{Reduced, Rigid};
@@ -37,6 +37,9 @@ pub struct Given<'a, const D: usize> {
     pub mu: &'a [f64],
     /// Prescribed degrees of freedom.
     pub fixed: &'a [usize],
+    /// Where each degree of freedom is, for the elimination order; any unit, and the
+    /// third coordinate may be zero.
+    pub places: Option<&'a [[f64; 3]]>,
     /// All loads there will be, where no displacement will be asked for.
     pub known: Option<Vec<Loads>>,
     pub budget: Budget,
@@ -47,6 +50,8 @@ pub struct Given<'a, const D: usize> {
 pub struct Sorted<const D: usize> {
     /// Degrees of freedom and stiffness of each body.
     pub parts: Vec<(Vec<usize>, Owned)>,
+    /// Where the degrees of freedom of each body are.
+    pub places: Option<Vec<Vec<[f64; 3]>>>,
     pub supports: Supports,
     pub surface: Surface<D>,
     pub mu: Vec<f64>,
@@ -96,8 +101,17 @@ impl<const D: usize> Sorted<D> {
         for dof in parts.iter_mut().flat_map(|(dofs, _)| dofs) {
             *dof = global[*dof];
         }
+        if let Some(places) = given.places {
+            check_length("coordinates", places.len(), n)?;
+            check_finite("coordinates", places.as_flattened())?;
+        }
+        let places = given.places.map(|at| {
+            let of_body = |dofs: &[usize]| dofs.iter().map(|&i| at[i]).collect();
+            parts.iter().map(|(dofs, _)| of_body(dofs)).collect()
+        });
         Ok(Self {
             parts,
+            places,
             supports: Supports {
                 n,
                 fixed: given.fixed.to_vec(),
@@ -119,14 +133,22 @@ impl<const D: usize> Sorted<D> {
 pub fn analyse(
     parts: Vec<(Vec<usize>, Owned)>,
     kept: Vec<Vec<usize>>,
+    places: Option<Vec<Vec<[f64; 3]>>>,
     before: Option<&Bodies>,
 ) -> Result<Vec<Analysed>, Error> {
     let old = |b: usize| before.and_then(|bodies| bodies.list.get(b));
+    let places: Vec<Option<Vec<[f64; 3]>>> = match places {
+        Some(places) => places.into_iter().map(Some).collect(),
+        None => vec![None; parts.len()],
+    };
     let analysed: Vec<Result<Analysed, Error>> = parts
         .into_par_iter()
         .zip(kept)
+        .zip(places)
         .enumerate()
-        .map(|(b, ((dofs, stiffness), kept))| Analysed::new(dofs, stiffness, kept, old(b)))
+        .map(|(b, (((dofs, stiffness), kept), places))| {
+            Analysed::new(dofs, stiffness, kept, places, old(b))
+        })
         .collect();
     analysed.into_iter().collect()
 }
@@ -147,6 +169,7 @@ impl<const D: usize> Condensed<D> {
     ) -> Result<Self, Error> {
         let Sorted {
             parts,
+            places,
             supports,
             surface,
             mu,
@@ -155,7 +178,7 @@ impl<const D: usize> Condensed<D> {
         let sizes = parts.iter().map(|(dofs, _)| dofs.len());
         let kept = sizes.zip(&surface.shares);
         let kept = kept.map(|(n, share)| contact_set(share, n)).collect();
-        let parts = analyse(parts, kept, before)?;
+        let parts = analyse(parts, kept, places, before)?;
         Self::from_parts(parts, supports, surface, mu, &budget, stop)
     }
 

@@ -78,6 +78,7 @@ struct Asked<'a> {
     contact: Sparse<'a>,
     mu: &'a [f64],
     fixed: Vec<usize>,
+    places: Option<&'a [[f64; 3]]>,
     known: Option<Vec<Loads>>,
     limit: Option<u128>,
     grow: Option<bool>,
@@ -102,6 +103,7 @@ impl Asked<'_> {
             gap,
             mu: self.mu,
             fixed: &self.fixed,
+            places: self.places,
             known: self.known.clone(),
             budget: Budget { limit: self.limit },
         };
@@ -111,14 +113,14 @@ impl Asked<'_> {
 
 #[pymethods]
 impl Condensed {
-    /// `known` are all loads there will be, a pair of total forces and prescribed
+    /// `places` are those of the degrees of freedom in space; `known` are all loads there will be, a pair of total forces and prescribed
     /// displacements each step; `memory_limit` is in bytes; `grow` says whether `W` is
     /// formed of a working set, `None` leaves it to the gaps; the analyses of `before`
     /// are used again where the pattern is the same.
     #[new]
     #[pyo3(signature = (
         stiffness, contact, gap, mu, fixed, num_threads,
-        known=None, memory_limit=None, grow=None, before=None
+        places=None, known=None, memory_limit=None, grow=None, before=None
     ))]
     #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
     fn new<'py>(
@@ -129,6 +131,7 @@ impl Condensed {
         mu: Vector<'py>,
         fixed: Indices<'py>,
         num_threads: Option<usize>,
+        places: Option<Matrix<'py>>,
         known: Option<Vec<(Vector<'py>, Vector<'py>)>>,
         memory_limit: Option<u64>,
         grow: Option<bool>,
@@ -143,6 +146,7 @@ impl Condensed {
             contact: Sparse::new(&contact, "B")?,
             fixed: arrays::indices(&fixed, "fixed")?,
             mu: mu.as_slice()?,
+            places: places.as_ref().map(arrays::rows::<3>).transpose()?,
             known: known.transpose()?,
             limit: memory_limit.map(u128::from),
             grow,

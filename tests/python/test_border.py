@@ -135,13 +135,13 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         ),
         "known": (
             lambda *loads: _core.Condensed(
-                EYE, EYE, GAP, MU, np.zeros(0, np.int64), 1, [loads], 10**6, None, None
+                EYE, EYE, GAP, MU, np.zeros(0, np.int64), 1, None, [loads], 10**6
             ),
             [LOAD, NONE],
         ),
         "working set": (
             lambda *arrays: _core.Path(
-                _core.Condensed(*arrays, np.zeros(0, np.int64), 1, None, None, True)
+                _core.Condensed(*arrays, np.zeros(0, np.int64), 1, None, None, None, True)
             ).step(LOAD, NONE, *limits),
             [EYE, EYE, GAP, MU],
         ),
