@@ -126,13 +126,18 @@ impl<const D: usize> Path<D> {
                 *motion = amounts(problem, &view, loads, &reaction, &own)?;
                 self.carried = Some(own);
             }
-            let state = Loaded {
-                load: loads.0,
-                prescribed: loads.1,
-                reaction: &reaction,
-                rigid: motion,
+            // With all of them in the set there is nothing outside to look at.
+            let total = if members.len() == problem.contacts() {
+                step.solution.relative_displacement.clone()
+            } else {
+                let state = Loaded {
+                    load: loads.0,
+                    prescribed: loads.1,
+                    reaction: &reaction,
+                    rigid: motion,
+                };
+                problem.relative_displacement(&problem.displacements(&[state])?[0])
             };
-            let total = problem.relative_displacement(&problem.displacements(&[state])?[0]);
             let mut outside = vec![true; problem.contacts()];
             for &i in members {
                 outside[i] = false;
