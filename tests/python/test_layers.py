@@ -67,7 +67,7 @@ RUST_NAMES = {
     "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
 }
 PYTHON = (
-    "_core early interrupts words",
+    "_core early interrupts vtu words",
     "export",
     "structure",
     "check result",
@@ -86,7 +86,7 @@ PYTHON = (
     "__main__",
 )
 PYTHON_NAMES = {
-    "meshio": ("export",),
+    "meshio": (),
     "skfem": ("elasticity",),
     "h5py": ("export", "fclib"),
 }
