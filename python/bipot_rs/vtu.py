@@ -11,7 +11,6 @@ import sys
 import zlib
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -93,10 +92,12 @@ def _array(name: str, array: NDArray[Any]) -> bytes:
         array, size = array.astype(np.float64), 8
     word = {"f": "Float", "i": "Int", "u": "UInt"}[kind] + str(8 * size)
     width = f'NumberOfComponents="{array.shape[1]}" ' if array.ndim == 2 else ""
+    for sign, entity in (("&", "&amp;"), ("<", "&lt;"), ('"', "&quot;")):
+        name = name.replace(sign, entity)
     native = array.astype(array.dtype.newbyteorder("="), copy=False)
     return b"".join(
         (
-            f'<DataArray type="{word}" Name="{escape(name)}" {width}'.encode(),
+            f'<DataArray type="{word}" Name="{name}" {width}'.encode(),
             b'format="binary">',
             *_packed(native.tobytes()),
             b"</DataArray>\n",

@@ -67,7 +67,7 @@ RUST_NAMES = {
     "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
 }
 PYTHON = (
-    "_core early interrupts vtu words",
+    "_core early interrupts shipped vtu words",
     "export",
     "structure",
     "check result",
