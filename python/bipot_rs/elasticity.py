@@ -279,12 +279,17 @@ def box(axes: Sequence[ArrayLike], cell: str) -> Any:
     mesh: Any = _CELLS[cell].init_tensor(*grids)  # type: ignore[attr-defined]
     facets = mesh.boundary_facets()
     vertices = mesh.p[:, mesh.facets[:, facets]]
-    return mesh.with_boundaries(
+    named = mesh.with_boundaries(
         {
             name: facets[(vertices[axis] == grids[axis][-end]).all(axis=0)]
             for name, (axis, end) in FACES[dim].items()
         }
     )
+    # Names do not change facets and their cells: what is known of them is kept, as
+    # finding it takes longer than assembling K.
+    known = vars(named)
+    known.update({key: value for key, value in vars(mesh).items() if key not in known})
+    return named
 
 
 def stiffness(body: Body) -> Any:
