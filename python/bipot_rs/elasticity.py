@@ -6,7 +6,7 @@ node by node, ``dim * node + component``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -195,7 +195,7 @@ class Body:
             corners=corners,
             phi=phi,
             places=np.einsum("pcd,cq->dpq", x, phi),
-            weights=np.abs(determinant) * weights,
+            weights=(weights[:, None] * np.abs(determinant)).T,
             normals=None,
             nodes=len(self.points),
         )
@@ -216,22 +216,22 @@ class Body:
         corners = np.asarray(self.mesh.facets, dtype=np.int64)[:, facets].T
         x = self.points[corners]
         phi, slopes, weights = _reference(_FACETS[type(self.mesh)], 2)
-        tangents = _jacobian(x, slopes)
+        tangents = _jacobian(x, slopes).swapaxes(0, 1)
         if self.dim == 2:
-            area = np.stack([tangents[..., 1, 0], -tangents[..., 0, 0]], axis=-1)
+            area = np.stack([tangents[0, :, 1], -tangents[0, :, 0]], axis=1)
         else:
-            area = np.cross(tangents[..., 0], tangents[..., 1])
-        size = np.linalg.norm(area, axis=-1)
+            area = _cross(*tangents)
+        size = np.linalg.norm(area, axis=1)
         cells = self.mesh.t[:, self.mesh.f2t[0, facets]]
-        inwards = self.mesh.p[:, cells].mean(axis=1).T - x.mean(axis=1)
-        inverted = np.einsum("pqd,pd->pq", area, inwards) > 0
-        normals = np.where(inverted, -1.0, 1.0)[..., None] * area / size[..., None]
+        inwards = self.mesh.p[:, cells].mean(axis=1) - x.mean(axis=1).T
+        inverted = np.einsum("qdp,dp->qp", area, inwards) > 0
+        normals = area * (np.where(inverted, -1.0, 1.0) / size)[:, None]
         return Quadrature(
             corners=corners,
             phi=phi,
             places=np.einsum("pcd,cq->dpq", x, phi),
-            weights=size * weights,
-            normals=np.moveaxis(normals, -1, 0),
+            weights=(weights[:, None] * size).T,
+            normals=normals.transpose(1, 2, 0),
             nodes=len(self.points),
         )
 
@@ -299,17 +299,19 @@ def stiffness(body: Body) -> Any:
 
         K_kl = λ E_kl + μ E_lk + δ_kl μ Σ_m E_mm,
 
-    so the scalar products of gradients, one matrix product a cell, do the work of a
-    vector form. Cells of one shape have one matrix, and all d² components share one
-    sparsity pattern.
+    so d(d+1)/2 scalar forms do the work of a vector form. Cells of one shape have one
+    matrix, and all d² components share one sparsity pattern.
     """
     dim, nodes = body.dim, int(body.mesh.p.shape[1])
     cells = np.asarray(body.mesh.t, dtype=np.int64).T  # (cells, corners)
     shapes, which = _shapes(body.points[cells])
-    matrices = _cell_matrices(body, shapes)
     start, column, gather = _node_pairs(cells, which, len(shapes), nodes)
-    # The sum over cells: a row of `gather` for each pair of nodes that share one.
-    data = (gather @ matrices).reshape(-1, dim, dim)
+    data = np.empty((len(column), dim, dim))
+    for k, m, values in _components(body, shapes):
+        # The sum over cells: a row of `gather` for each pair of nodes that share one.
+        data[:, k, m] = gather @ values.ravel()
+        if m != k:
+            data[:, m, k] = gather @ values.swapaxes(0, 1).ravel()
     blocks = sparse.bsr_array((data, column, start), shape=(dim * nodes, dim * nodes))
     return blocks.tocsr()
 
@@ -345,28 +347,36 @@ def _shapes(corners: Floats) -> tuple[Floats, Ints]:
     return offset[first], which.astype(np.int64)
 
 
-def _cell_matrices(body: Body, shapes: Floats) -> Floats:
-    """Stiffness of each shape, ``(shapes * corners², d²)``, symmetric to the bit."""
+def _components(body: Body, shapes: Floats) -> Iterator[tuple[int, int, Floats]]:
+    """Components ``K_km``, k ≤ m, of the stiffness of each shape, one at a time.
+
+    Yields
+    ------
+    k, m, values
+        ``(corners, corners, shapes)``, for k = m symmetric to the bit.
+    """
     _, slopes, weights = _reference(*_ELEMENTS[type(body.mesh)])
-    count, corners, dim = shapes.shape
     inverse, determinant = _inverse(_jacobian(shapes, slopes))
-    root = np.sqrt(weights * np.abs(determinant) * body.depth)
-    grad = (inverse * root[..., None, None]) @ slopes
-    # Rows (component, corner), columns points.
-    grad = grad.reshape(count, len(weights), dim * corners).swapaxes(1, 2)
-    product = (grad @ grad.swapaxes(1, 2)).reshape(count, dim, corners, dim, corners)
+    root = np.sqrt(weights[:, None] * np.abs(determinant) * body.depth)
+    inverse *= root[:, None, None]
+    # ∂_a φ_i as (q, i, a, shapes); shapes last makes every loop below a long one.
+    grad = np.einsum("qbi,qbac->qiac", slopes, inverse)
+    dim = body.dim
     lame_lambda, lame_mu = body.material.lame(dim)
-    block = np.empty((count, corners, corners, dim, dim))
+
+    def integral(k: int, m: int) -> Floats:
+        found = np.einsum("qic,qjc->ijc", grad[:, :, k], grad[:, :, m])
+        return np.asarray(found, dtype=np.float64)
+
+    diagonal = [integral(k, k) for k in range(dim)]
+    trace = sum(diagonal[1:], start=diagonal[0])
     for k in range(dim):
-        for m in range(dim):
-            block[..., k, m] = lame_lambda * product[:, k, :, m]
-            block[..., k, m] += lame_mu * product[:, m, :, k]
-    trace = lame_mu * np.einsum("ckikj->cij", product)
-    for k in range(dim):
-        block[..., k, k] += trace
-    # A matrix product need not sum the mirrored entry in the same order.
-    block = 0.5 * (block + block.transpose(0, 2, 1, 4, 3))
-    return np.asarray(block.reshape(-1, dim * dim), dtype=np.float64)
+        own = (lame_lambda + lame_mu) * diagonal[k] + lame_mu * trace
+        # Whoever computes products need not sum the mirrored one in the same order.
+        yield k, k, 0.5 * (own + own.swapaxes(0, 1))
+        for m in range(k + 1, dim):
+            mixed = integral(k, m)
+            yield k, m, lame_lambda * mixed + lame_mu * mixed.swapaxes(0, 1)
 
 
 def _reference(element: type, order: int) -> tuple[Floats, Floats, Floats]:
@@ -387,24 +397,30 @@ def _reference(element: type, order: int) -> tuple[Floats, Floats, Floats]:
 
 
 def _jacobian(corners: Floats, slopes: Floats) -> Floats:
-    """``∂x_a/∂ξ_b``, ``(parts, q, a, b)``, of corners ``(parts, c, a)``."""
+    """``∂x_a/∂ξ_b``, ``(q, b, a, parts)``, of corners ``(parts, c, a)``."""
     # From the first corner: far from the origin the digits of x would be lost.
-    offset = corners - corners[:, :1]
-    return np.asarray(np.einsum("qbi,cia->cqab", slopes, offset), dtype=np.float64)
+    offset = np.ascontiguousarray((corners - corners[:, :1]).transpose(1, 2, 0))
+    return np.asarray(np.einsum("qbi,iac->qbac", slopes, offset), dtype=np.float64)
 
 
 def _inverse(jacobian: Floats) -> tuple[Floats, Floats]:
-    """Inverses ``∂ξ_b/∂x_a`` as ``(..., a, b)`` of ``∂x_a/∂ξ_b``, and determinants."""
-    if jacobian.shape[-1] == 2:
-        a, b, c, d = (jacobian[..., i, j] for i in (0, 1) for j in (0, 1))
-        determinant = a * d - b * c
-        cofactors = np.stack([d, -c, -b, a], axis=-1).reshape(jacobian.shape)
+    """``∂ξ_b/∂x_a``, ``(q, b, a, parts)``, and determinants ``(q, parts)``."""
+    tangents = jacobian.swapaxes(0, 1)
+    if len(tangents) == 2:
+        (x, y), (z, w) = tangents.swapaxes(1, 2)
+        determinant = x * w - y * z
+        cofactors = np.stack([w, -z, -y, x], axis=1).reshape(jacobian.shape)
     else:
-        x, y, z = (jacobian[..., i, :] for i in range(3))
-        rows = [np.cross(y, z), np.cross(z, x), np.cross(x, y)]
-        determinant = np.sum(x * rows[0], axis=-1)
-        cofactors = np.stack(rows, axis=-2)
-    return cofactors / determinant[..., None, None], determinant
+        s, t, r = tangents
+        cofactors = np.stack([_cross(t, r), _cross(r, s), _cross(s, t)], axis=1)
+        determinant = np.sum(s * cofactors[:, 0], axis=1)
+    return cofactors / determinant[:, None, None], determinant
+
+
+def _cross(u: Floats, v: Floats) -> Floats:
+    """Vector products of ``(q, 3, parts)``."""
+    (u0, u1, u2), (v0, v1, v2) = u.swapaxes(0, 1), v.swapaxes(0, 1)
+    return np.stack([u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0], axis=1)
 
 
 def _node_pairs(
@@ -417,7 +433,7 @@ def _node_pairs(
     start, column
         CSR of the pattern, columns ascending, int32 where that holds them.
     gather
-        Sparse ``(pairs, shapes * corners²)`` of ones: the entries of cell matrices
+        Sparse ``(pairs, corners² * shapes)`` of ones: the entries of cell matrices
         that a pair of nodes sums, in the order of the cells.
     """
     count, corners = cells.shape
@@ -446,10 +462,10 @@ def _node_pairs(
     gather = sparse.csr_array(
         (
             np.ones(entries),
-            which[cell].astype(integer) * corners**2 + place,
+            place * integer.type(shapes) + which[cell].astype(integer),
             np.append(first, entries).astype(integer),
         ),
-        shape=(len(first), shapes * corners**2),
+        shape=(len(first), corners**2 * shapes),
     )
     return start.astype(integer), pairs.indices[first].astype(integer), gather
 
