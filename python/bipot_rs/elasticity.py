@@ -306,13 +306,16 @@ def stiffness(body: Body) -> Any:
     cells = np.asarray(body.mesh.t, dtype=np.int64).T  # (cells, corners)
     shapes, which = _shapes(body.points[cells])
     start, column, gather = _node_pairs(cells, which, len(shapes), nodes)
-    data = np.empty((len(column), dim, dim))
+    data = np.empty((dim, dim, len(column)))
     for k, m, values in _components(body, shapes):
         # The sum over cells: a row of `gather` for each pair of nodes that share one.
-        data[:, k, m] = gather @ values.ravel()
+        data[k, m] = gather @ values.ravel()
         if m != k:
-            data[:, m, k] = gather @ values.swapaxes(0, 1).ravel()
-    blocks = sparse.bsr_array((data, column, start), shape=(dim * nodes, dim * nodes))
+            data[m, k] = gather @ values.swapaxes(0, 1).ravel()
+    blocks = sparse.bsr_array(
+        (np.ascontiguousarray(data.transpose(2, 0, 1)), column, start),
+        shape=(dim * nodes, dim * nodes),
+    )
     return blocks.tocsr()
 
 
