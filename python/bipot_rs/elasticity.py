@@ -150,7 +150,7 @@ class Quadrature:
 
     def moment(self, density: Floats) -> Floats:
         """∫ φ_i density, ``(nodes,)``, of a density ``(parts, q)`` at the points."""
-        parts = (self.weights * density) @ self.phi.T
+        parts = np.einsum("pq,cq->pc", self.weights * density, self.phi)
         total = np.bincount(self.corners.ravel(), parts.ravel(), minlength=self.nodes)
         return np.asarray(total, dtype=np.float64)
 

@@ -195,7 +195,7 @@ def write_series(
         fields, those of two components with a third that is zero; all else is
         left out. The time of a step is its number.
     """
-    from bipot_rs.vtu import Grid
+    from bipot_rs.vtu import Grid, collection
 
     index = place(path)
     places = _three(np.asarray(points, dtype=float))
@@ -216,25 +216,11 @@ def write_series(
             draft.write_bytes(grid.file(fields))
         names.append(name)
     with _aside(index) as draft:
-        draft.write_bytes(_collection(names))
+        draft.write_bytes(collection(names))
     written = set(names)
     for old in index.parent.glob(f"{index.stem}_[0-9][0-9][0-9][0-9]*.vtu"):
         if old.name not in written and old.stem[len(index.stem) + 1 :].isdigit():
             old.unlink()
-
-
-def _collection(names: Sequence[str]) -> bytes:
-    """The PVD index of a series; the time of a step is its number."""
-    from xml.etree import ElementTree as ET
-
-    root = ET.Element("VTKFile", type="Collection", version="0.1")
-    collection = ET.SubElement(root, "Collection")
-    for number, name in enumerate(names):
-        ET.SubElement(
-            collection, "DataSet", timestep=str(number), group="", part="0", file=name
-        )
-    index: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
-    return index
 
 
 def place(path: Any, what: str = "path") -> Path:

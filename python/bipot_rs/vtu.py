@@ -84,6 +84,24 @@ class Grid:
         return b"".join((self._head, *arrays, tail))
 
 
+def collection(names: Sequence[str]) -> bytes:
+    """The PVD index of a series of files; the time of a step is its number."""
+    head = '<?xml version="1.0" encoding="utf-8"?>\n<VTKFile type="Collection" version="0.1">'
+    sets = (
+        f'<DataSet timestep="{k}" group="" part="0" file={_quoted(name)} />'
+        for k, name in enumerate(names)
+    )
+    parts = (head, "<Collection>", *sets, "</Collection>", "</VTKFile>\n")
+    return "\n".join(parts).encode()
+
+
+def _quoted(text: str) -> str:
+    """A value of XML; what would bring a parser for it takes longer than a file."""
+    for sign, entity in (("&", "&amp;"), ("<", "&lt;"), ('"', "&quot;")):
+        text = text.replace(sign, entity)
+    return f'"{text}"'
+
+
 def _array(name: str, array: NDArray[Any]) -> bytes:
     kind, size = array.dtype.kind, array.dtype.itemsize
     if kind == "b":
@@ -92,12 +110,10 @@ def _array(name: str, array: NDArray[Any]) -> bytes:
         array, size = array.astype(np.float64), 8
     word = {"f": "Float", "i": "Int", "u": "UInt"}[kind] + str(8 * size)
     width = f'NumberOfComponents="{array.shape[1]}" ' if array.ndim == 2 else ""
-    for sign, entity in (("&", "&amp;"), ("<", "&lt;"), ('"', "&quot;")):
-        name = name.replace(sign, entity)
     native = array.astype(array.dtype.newbyteorder("="), copy=False)
     return b"".join(
         (
-            f'<DataArray type="{word}" Name="{name}" {width}'.encode(),
+            f'<DataArray type="{word}" Name={_quoted(name)} {width}'.encode(),
             b'format="binary">',
             *_packed(native.tobytes()),
             b"</DataArray>\n",

@@ -170,3 +170,13 @@ def test_partners_are_the_same_with_and_without_a_tree(
     few = fem._nearest(ours, theirs)
     monkeypatch.setattr(fem, "_ALL_PAIRS", 0)
     np.testing.assert_array_equal(few, fem._nearest(ours, theirs))
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_box_knows_the_facets_of_its_mesh(cell: str) -> None:
+    """What it keeps from before its surfaces had names is what is found anew."""
+    named = mesh(cell, "graded")
+    anew = type(named)(named.p, named.t)
+    np.testing.assert_array_equal(named.facets, anew.facets)
+    np.testing.assert_array_equal(named.f2t, anew.f2t)
+    np.testing.assert_array_equal(named.t2f, anew.t2f)

@@ -179,3 +179,10 @@ def test_a_series_without_points_is_xml(tmp_path: Path) -> None:
     piece = ET.parse(tmp_path / "a_0000.vtu").getroot().find("UnstructuredGrid/Piece")
     assert piece is not None
     assert piece.attrib == {"NumberOfPoints": "0", "NumberOfCells": "0"}
+
+
+def test_names_of_files_are_quoted(tmp_path: Path) -> None:
+    export.write_series(tmp_path / 'a & <"b">.pvd', np.zeros((1, 3)), None, [{}])
+    (entry,) = ET.parse(tmp_path / 'a & <"b">.pvd').getroot().findall(".//DataSet")
+    assert entry.get("file") == 'a & <"b">_0000.vtu'
+    assert (tmp_path / 'a & <"b">_0000.vtu').exists()
