@@ -65,6 +65,8 @@ verify: $(STAMP) ## the checks that take over 30 s each: before a change of nume
 bench: $(STAMP) ## the tables of benches/README.md
 	cargo bench --locked
 	$(PY) benches/whole_job.py
+	$(PY) benches/assembly.py
+	$(PY) benches/start.py
 	$(PY) benches/kernels.py
 	$(PY) benches/speed_against_error.py
 	$(PY) benches/beside_peers.py

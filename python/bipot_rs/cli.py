@@ -158,7 +158,7 @@ def scenes(
     ] = None,
 ) -> None:
     """List the shipped scenes, or print one."""
-    from bipot_rs.scene import SceneError, shipped, text
+    from bipot_rs.shipped import SceneError, shipped, text
 
     try:
         typer.echo("\n".join(shipped()) if name is None else text(name).rstrip())

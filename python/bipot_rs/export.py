@@ -7,14 +7,12 @@ is before it: HDF5 itself reads flipped bits as other numbers.
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
-from xml.etree import ElementTree as ET
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +31,6 @@ _TIGHTEST = 1100
 def require() -> None:
     """Import what files need: better missing before a long solve than after it."""
     library("h5py")
-    library("meshio")
 
 
 def library(name: str) -> Any:
@@ -198,31 +195,29 @@ def write_series(
         fields, those of two components with a third that is zero; all else is
         left out. The time of a step is its number.
     """
-    meshio = library("meshio")
+    from bipot_rs.vtu import Grid, collection
 
     index = place(path)
     places = _three(np.asarray(points, dtype=float))
     if cells is None:
         cells = [("vertex", np.arange(len(places))[:, None])]
-    root = ET.Element("VTKFile", type="Collection", version="0.1")
-    collection = ET.SubElement(root, "Collection")
-    written = set()
+    grid = Grid(places, cells)
+    names = []
     for number, step in enumerate(steps):
         fields = {
             name: _three(np.asarray(value))
             for name, value in step.items()
-            if np.ndim(value) in (1, 2) and len(value) == len(places)
+            if np.ndim(value) in (1, 2)
+            and len(value) == len(places)
+            and np.asarray(value).dtype.kind in "fiub"
         }
         name = f"{index.stem}_{number:04d}.vtu"
-        mesh = meshio.Mesh(places, list(cells), point_data=fields)
         with _aside(index.with_name(name)) as draft:
-            mesh.write(draft, file_format="vtu", binary=True)
-        ET.SubElement(
-            collection, "DataSet", timestep=str(number), group="", part="0", file=name
-        )
-        written.add(name)
+            draft.write_bytes(grid.file(fields))
+        names.append(name)
     with _aside(index) as draft:
-        ET.ElementTree(root).write(draft, encoding="utf-8", xml_declaration=True)
+        draft.write_bytes(collection(names))
+    written = set(names)
     for old in index.parent.glob(f"{index.stem}_[0-9][0-9][0-9][0-9]*.vtu"):
         if old.name not in written and old.stem[len(index.stem) + 1 :].isdigit():
             old.unlink()
@@ -274,6 +269,8 @@ def _three(array: NDArray[Any]) -> NDArray[Any]:
 
 def _digest(file: BinaryIO, size: int) -> bytes:
     """Checksum of the first ``size`` bytes, as text."""
+    import hashlib
+
     file.seek(0)
     digest = hashlib.blake2b(digest_size=16)
     while size > 0 and (part := file.read(min(size, 2**20))):

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
-from scipy.spatial import cKDTree
 
 from bipot_rs.check import floats, number
 from bipot_rs.elasticity import (
@@ -24,8 +23,8 @@ from bipot_rs.elasticity import (
     Floats,
     Ints,
     Material,
+    Quadrature,
     box,
-    moment,
     nodal_forces,
     stiffness,
     vtk_cells,
@@ -44,6 +43,9 @@ __all__ = [
     "frames",
     "stiffness",
 ]
+
+# Up to so many pairs of nodes comparing all takes less time than importing a tree.
+_ALL_PAIRS = 2**20
 
 
 @dataclass(frozen=True)
@@ -196,23 +198,23 @@ class Model:
             ``(d, ...)`` that returns ``(d, ...)``.
         """
         index = _index(self.bodies, body)
-        return self._forces(index, self.bodies[index].surface_basis(surface), value)
+        return self._forces(index, self.bodies[index].surface(surface), value)
 
     def pressure(self, body: str, surface: str, value: float) -> Floats:
         """Consistent nodal forces ``(n,)`` of a pressure, positive inwards [Pa]."""
         number("value", value)
         index = _index(self.bodies, body)
-        basis = self.bodies[index].surface_basis(surface)
-        return self._forces(index, basis, -value * np.asarray(basis.normals))
+        points = self.bodies[index].surface(surface)
+        return self._forces(index, points, -value * np.asarray(points.normals))
 
     def body_force(self, body: str, value: Field) -> Floats:
         """Consistent nodal forces ``(n,)`` of a force per volume [N/m³], as `traction`."""
         index = _index(self.bodies, body)
-        return self._forces(index, self.bodies[index].basis(), value)
+        return self._forces(index, self.bodies[index].volume(), value)
 
-    def _forces(self, index: int, basis: Any, value: Field) -> Floats:
+    def _forces(self, index: int, points: Quadrature, value: Field) -> Floats:
         f, first = np.zeros(self.n), self.offset[index]
-        own = nodal_forces(self.bodies[index], basis, value)
+        own = nodal_forces(self.bodies[index], points, value)
         f[first : first + own.size] = own
         return f
 
@@ -308,13 +310,11 @@ def build(
     mobile = (abs(B) @ free).reshape(-1, dim)
     mu = np.where(mobile[:, 1:].any(axis=1), mu, 0.0)
 
-    blocks = [stiffness(body) for body in bodies]
-    K = blocks[0] if len(blocks) == 1 else sparse.block_diag(blocks, format="csr")
     return Model(
         bodies=tuple(bodies),
         supports=tuple(supports),
         offset=offset,
-        K=sparse.csr_array(K),
+        K=_stacked([stiffness(body) for body in bodies]),
         B=B,
         gap=gap,
         mu=mu,
@@ -375,8 +375,8 @@ def _contact(
             f"contact on {contact.surface!r} of body {body.name!r} has no nodes: "
             "within leaves none"
         )
-    basis = body.surface_basis(contact.surface)
-    area = body.depth * moment(basis, np.ones(basis.dx.shape))[nodes]
+    facets = body.surface(contact.surface)
+    area = body.depth * facets.moment(np.ones(facets.weights.shape))[nodes]
     points = body.points[nodes]
     first = offset[b] + body.dim * nodes
     if contact.plane is not None and contact.against is None:
@@ -393,7 +393,7 @@ def _contact(
         partner = np.full(len(nodes), -1, dtype=np.int64)
         distance = points - point
     elif contact.against is not None and contact.plane is None:
-        frame = frames(-_normals(basis)[nodes])
+        frame = frames(-_normals(facets)[nodes])
         o = _index(bodies, contact.against[0])
         if o == b:
             raise ValueError(f"body {body.name!r} is in contact with itself")
@@ -417,10 +417,10 @@ def _contact(
     return points, frame, gap, area, np.stack([first, partner], axis=1)
 
 
-def _normals(basis: Any) -> Floats:
+def _normals(facets: Quadrature) -> Floats:
     """Outward normals at the nodes of a surface ``(nodes, d)``, by area, not of length 1."""
-    normal = np.asarray(basis.normals)
-    nodal = np.stack([moment(basis, component) for component in normal], axis=1)
+    normal = np.asarray(facets.normals)
+    nodal = np.stack([facets.moment(component) for component in normal], axis=1)
     # A component of rounding size on a coordinate plane would couple B to
     # displacements that the contact does not feel.
     small = 1e-14 * np.abs(nodal).max(axis=1, keepdims=True)
@@ -429,7 +429,7 @@ def _normals(basis: Any) -> Floats:
 
 def _match(ours: Floats, theirs: Floats, frame: Floats, contact: Contact) -> Ints:
     """Index of the node opposite to each of ours, along the normal."""
-    _, match = cKDTree(theirs).query(ours)
+    match = _nearest(ours, theirs)
     between = ours - theirs[match]
     along = np.einsum("cd,cd->c", frame[:, 0], between)
     aside = np.linalg.norm(between - along[:, None] * frame[:, 0], axis=1)
@@ -449,6 +449,45 @@ def _match(ours: Floats, theirs: Floats, frame: Floats, contact: Contact) -> Int
             "opposite to several"
         )
     return np.asarray(match, dtype=np.int64)
+
+
+def _nearest(ours: Floats, theirs: Floats) -> Ints:
+    """Index of the nearest of theirs, ``(ours,)``."""
+    if len(ours) * len(theirs) > _ALL_PAIRS:
+        from scipy.spatial import cKDTree
+
+        _, match = cKDTree(theirs).query(ours)
+        return np.asarray(match, dtype=np.int64)
+    distance = np.zeros((len(ours), len(theirs)))
+    for mine, other in zip(ours.T, theirs.T, strict=True):
+        distance += np.subtract.outer(mine, other) ** 2
+    return np.asarray(distance.argmin(axis=1), dtype=np.int64)
+
+
+def _stacked(blocks: Sequence[Any]) -> Any:
+    """CSR with the matrices of the bodies on the diagonal, as they are."""
+    if len(blocks) == 1:
+        return blocks[0]
+    ends = np.cumsum([0] + [block.shape[0] for block in blocks])
+    entries = np.cumsum([0] + [block.nnz for block in blocks])
+    # One type for all: indices of mixed types are copied at each step.
+    wide = np.int64 if max(ends[-1], entries[-1]) >= 2**31 else np.int32
+    index = [
+        block.indices.astype(wide) + wide(first)
+        for block, first in zip(blocks, ends[:-1], strict=True)
+    ]
+    start = [
+        block.indptr[:-1].astype(wide) + wide(first)
+        for block, first in zip(blocks, entries[:-1], strict=True)
+    ]
+    return sparse.csr_array(
+        (
+            np.concatenate([block.data for block in blocks]),
+            np.concatenate(index),
+            np.concatenate([*start, np.array(entries[-1:], dtype=wide)]),
+        ),
+        shape=(int(ends[-1]), int(ends[-1])),
+    )
 
 
 def _relative_displacement(frame: Floats, dofs: Ints, n: int) -> Any:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,25 +17,11 @@ from pydantic import ValidationError
 
 from bipot_rs.fem import Body, Contact, Material, Model, Support, box, build
 from bipot_rs.schema import Pressure, Scene, Varying, inconsistencies
+from bipot_rs.shipped import SceneError, shipped, text
+
+__all__ = ["Case", "SceneError", "assemble", "bodies", "read", "shipped", "text"]
 
 Floats = NDArray[np.float64]
-_SHIPPED = Path(__file__).with_name("scenes")
-
-
-class SceneError(ValueError):
-    """Mistakes of a scene file, each with its path; ``problems`` lists them."""
-
-    def __init__(self, name: str, problems: Sequence[str]) -> None:
-        super().__init__(name, list(problems))
-        self.problems = list(problems)
-        self.name = name
-
-    def __str__(self) -> str:
-        head = f"scene {self.name!r}"
-        if len(self.problems) == 1:
-            return f"{head}: {self.problems[0]}"
-        lines = "".join(f"\n  {problem}" for problem in self.problems)
-        return f"{head} has {len(self.problems)} mistakes:{lines}"
 
 
 @dataclass(frozen=True)
@@ -59,29 +44,6 @@ class Case:
     load: Floats | None
     prescribed: Floats
     parameter: Floats
-
-
-def shipped() -> list[str]:
-    """Names of the scenes that come with the package."""
-    return sorted(path.stem for path in _SHIPPED.glob("*.toml"))
-
-
-def text(name: str) -> str:
-    """TOML of a shipped scene, or of a file.
-
-    Raises
-    ------
-    SceneError
-        There is no such scene and no such file.
-    """
-    path = _SHIPPED / f"{name}.toml" if name in shipped() else Path(name)
-    try:
-        if not path.is_file():
-            known = ", ".join(shipped())
-            raise SceneError(name, [f"is neither a file nor one of {known}"])
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(name, [f"cannot be read: {error}"]) from error
 
 
 def read(name: str, settings: Sequence[str] = ()) -> Scene:

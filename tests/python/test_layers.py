@@ -72,7 +72,7 @@ RUST_NAMES = {
     "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
 }
 PYTHON = (
-    "_core early interrupts words",
+    "_core early interrupts shipped vtu words",
     "export",
     "structure",
     "check result",
@@ -92,7 +92,7 @@ PYTHON = (
     "__main__",
 )
 PYTHON_NAMES = {
-    "meshio": ("export",),
+    "meshio": (),
     "skfem": ("elasticity",),
     "h5py": ("export", "fclib"),
 }

@@ -1,0 +1,60 @@
+"""What it costs to start: whole processes, in turn.
+
+    python benches/start.py            # Markdown rows, milliseconds of 9 rounds
+    python benches/start.py 21
+
+Each round runs every command once, so that all meet the same machine, and the first
+round, which fills the caches of the disk and of Python, is not counted. The least of
+the rounds is what the command costs, the median what it took on this machine.
+"""
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import perf_counter
+
+PYTHON = sys.executable
+COMMANDS = {
+    'python -c "pass"': [PYTHON, "-c", "pass"],
+    'python -c "import numpy"': [PYTHON, "-c", "import numpy"],
+    'python -c "import bipot_rs"': [PYTHON, "-c", "import bipot_rs"],
+    'python -c "import scipy.sparse"': [PYTHON, "-c", "import scipy.sparse"],
+    'python -c "import skfem"': [PYTHON, "-c", "import skfem"],
+    "bipot --help": [PYTHON, "-m", "bipot_rs", "--help"],
+    "bipot scenes": [PYTHON, "-m", "bipot_rs", "scenes"],
+    "bipot run pressed_block": [PYTHON, "-m", "bipot_rs", "run", "pressed_block"],
+}
+
+
+def milliseconds(command, folder):
+    """Wall clock of one process."""
+    # As installed: where the caller forbids it, sources would be compiled each time.
+    keep = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(folder / "pyc")}
+    start = perf_counter()
+    subprocess.run(
+        command, cwd=folder, env=os.environ | keep, capture_output=True, check=True
+    )
+    return 1e3 * (perf_counter() - start)
+
+
+def main():
+    """Print the rows."""
+    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 9
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        times = [
+            [milliseconds(command, folder) for command in COMMANDS.values()]
+            for _ in range(rounds + 1)
+        ]
+    print("| process | least | median |\n|---|---|---|")
+    for name, column in zip(COMMANDS, zip(*times[1:], strict=True), strict=True):
+        print(
+            f"| `{name}` | {min(column):.0f} ms | {statistics.median(column):.0f} ms |"
+        )
+
+
+if __name__ == "__main__":
+    main()

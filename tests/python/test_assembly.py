@@ -1,0 +1,182 @@
+"""Assembly beside scikit-fem's own forms, and what it must not mix up."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+import skfem
+from numpy.typing import NDArray
+from scipy import sparse
+from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+from bipot_rs import elasticity, fem
+
+Floats = NDArray[np.float64]
+CELLS = {
+    "triangle": (2, skfem.ElementTriP1, 1),
+    "quadrilateral": (2, skfem.ElementQuad1, 2),
+    "tetrahedron": (3, skfem.ElementTetP1, 1),
+    "hexahedron": (3, skfem.ElementHex1, 2),
+}
+GRIDS = {
+    # Steps of 1/5, which differ in their last bits.
+    "uniform": np.linspace(0, 1, 6),
+    "graded": np.array([0, 0.1, 0.25, 0.5, 0.7, 1.0]) ** 2,
+    "dyadic": np.linspace(0, 1, 9),
+}
+
+
+def mesh(cell: str, shape: str) -> skfem.Mesh:
+    made = fem.box([GRIDS.get(shape, GRIDS["uniform"])] * CELLS[cell][0], cell)
+    if shape == "bent":
+        random = np.random.default_rng(3)
+        moved = made.p + 0.05 * random.uniform(-1, 1, made.p.shape)
+        made = type(made)(moved, made.t).with_boundaries(made.boundaries)
+    return made
+
+
+def scikit_fem(
+    one: skfem.Mesh, cell: str, young: float, poisson: float
+) -> sparse.csr_array:
+    _, element, order = CELLS[cell]
+    basis = skfem.Basis(one, skfem.ElementVector(element()), intorder=order)
+    form = linear_elasticity(*lame_parameters(young, poisson))
+    return sparse.csr_array(form.assemble(basis))
+
+
+def largest(matrix: sparse.csr_array) -> float:
+    return float(abs(matrix).max())
+
+
+@pytest.mark.parametrize(
+    ("cell", "shape", "poisson"),
+    list(product(CELLS, [*GRIDS, "bent"], [0.3, 0.4999])),
+)
+def test_stiffness_is_that_of_scikit_fem(cell: str, shape: str, poisson: float) -> None:
+    one = mesh(cell, shape)
+    ours = fem.stiffness(fem.Body("it", one, fem.Material(210e3, poisson)))
+    theirs = scikit_fem(one, cell, 210e3, poisson)
+    # Both sum up to 200 products of about the same size an entry; the errors of such
+    # sums grow like the root of their number, 14 ε.
+    assert largest(ours - theirs) <= 1e-14 * largest(theirs)
+    assert (ours != ours.T).nnz == 0
+    assert ours.has_canonical_format
+    assert ours.indices.dtype == np.int32
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_far_from_the_origin_no_digits_are_lost(cell: str) -> None:
+    """Where scikit-fem's Jacobians are sums of places, ours are of differences."""
+    near = mesh(cell, "dyadic")
+    far = type(near)(near.p + 1e6, near.t)  # without rounding: eighths
+    K = [fem.stiffness(fem.Body("it", m, fem.Material(1.0, 0.3))) for m in (near, far)]
+    np.testing.assert_array_equal(K[0].toarray(), K[1].toarray())
+
+
+def test_bodies_of_two_materials_keep_their_own() -> None:
+    bodies = [
+        fem.Body("soft", mesh("hexahedron", "uniform"), fem.Material(1.0, 0.2)),
+        fem.Body("hard", mesh("hexahedron", "bent"), fem.Material(1e3, 0.4)),
+        fem.Body("tets", mesh("tetrahedron", "bent"), fem.Material(10.0, 0.3)),
+    ]
+    K = fem.build(bodies, []).K
+    apart = sparse.block_diag([fem.stiffness(body) for body in bodies], format="csr")
+    np.testing.assert_array_equal(K.toarray(), apart.toarray())
+    assert K.has_canonical_format
+    assert K.indices.dtype == K.indptr.dtype == np.int32
+
+
+def test_only_cells_equal_to_the_bit_share_a_matrix() -> None:
+    square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    nearly = square.copy()
+    nearly[2, 0] = np.nextafter(1.0, 2.0)
+    negative = square * [[1, 1], [1, -0.0], [1, 1], [-0.0, 1]]
+    corners = np.stack([square, nearly, square + 4, nearly, square, negative])
+    shapes, which = elasticity._shapes(corners)
+    assert len(shapes) == 2
+    np.testing.assert_array_equal(which[[0, 2, 4, 5]], which[0])
+    np.testing.assert_array_equal(which[[1, 3]], which[1])
+    assert which[0] != which[1]
+    np.testing.assert_array_equal(shapes[which], corners - corners[:, :1])
+
+
+def test_equal_hashes_of_different_cells_are_seen_through() -> None:
+    """Two triangles made to collide: the hash is linear in what it folds."""
+    odd, whole = 0x9E3779B97F4A7C15, 2**64
+    weights = [pow(odd, k, whole) for k in range(1, 5)]
+
+    def fold(x: float) -> int:
+        bits = int(np.float64(x).view(np.uint64))
+        return bits ^ (bits >> 32)
+
+    def unfold(folded: int) -> float:
+        # The upper half is as it was, so folding again is the inverse.
+        return float(np.uint64(folded ^ (folded >> 32)).view(np.float64))
+
+    first = [1.0, 0.5, 0.25, 2.0]
+    value = sum(fold(x) * w for x, w in zip(first, weights, strict=True))
+    second = [3.0, 0.5, 0.25]
+    rest = value - sum(fold(x) * w for x, w in zip(second, weights, strict=False))
+    second.append(unfold(rest * pow(weights[3], -1, whole) % whole))
+    assert np.isfinite(second[3])
+    corners = np.zeros((6, 3, 2))
+    corners[::2, 1:] = np.reshape(first, (2, 2))
+    corners[1::2, 1:] = np.reshape(second, (2, 2))
+    shapes, which = elasticity._shapes(corners)
+    np.testing.assert_array_equal(shapes[which], corners)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_surface_integrals_are_those_of_scikit_fem(cell: str) -> None:
+    one = mesh(cell, "bent")
+    body = fem.Body("it", one, fem.Material(1.0, 0.3))
+    dim, element, _ = CELLS[cell]
+
+    def density(x: Floats) -> Floats:
+        return x[0] ** 2 + np.sin(3 * x[dim - 1])
+
+    for name, k in product(one.boundaries, range(dim)):
+        ours = body.surface(name)
+        assert ours.normals is not None
+        found = ours.moment(density(ours.places) * ours.normals[k])
+        basis = skfem.FacetBasis(
+            one, element(), facets=one.boundaries[name], intorder=2
+        )
+        form = skfem.LinearForm(lambda v, w, k=k: density(w.x) * w.n[k] * v)
+        # Sums of 16 terms a node at most, of areas 1/25.
+        np.testing.assert_allclose(
+            found, form.assemble(basis), rtol=1e-13, atol=1e-13 / 25
+        )
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_volume_integrals_are_those_of_scikit_fem(cell: str) -> None:
+    one = mesh(cell, "bent")
+    _, element, order = CELLS[cell]
+    ours = fem.Body("it", one, fem.Material(1.0, 0.3)).volume()
+    basis = skfem.Basis(one, element(), intorder=order)
+    form = skfem.LinearForm(lambda v, w: np.exp(w.x[0]) * v)
+    # Sums of some 200 positive terms.
+    np.testing.assert_allclose(
+        ours.moment(np.exp(ours.places[0])), form.assemble(basis), rtol=1e-13
+    )
+
+
+def test_partners_are_the_same_with_and_without_a_tree(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    random = np.random.default_rng(5)
+    ours, theirs = random.normal(size=(40, 3)), random.normal(size=(70, 3))
+    few = fem._nearest(ours, theirs)
+    monkeypatch.setattr(fem, "_ALL_PAIRS", 0)
+    np.testing.assert_array_equal(few, fem._nearest(ours, theirs))
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_box_knows_the_facets_of_its_mesh(cell: str) -> None:
+    """What it keeps from before its surfaces had names is what is found anew."""
+    named = mesh(cell, "graded")
+    anew = type(named)(named.p, named.t)
+    np.testing.assert_array_equal(named.facets, anew.facets)
+    np.testing.assert_array_equal(named.f2t, anew.f2t)
+    np.testing.assert_array_equal(named.t2f, anew.t2f)

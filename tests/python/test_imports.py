@@ -1,0 +1,65 @@
+"""What a process does not load: each library costs every start its import."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+# A third of a second and more, together.
+HEAVY = ("h5py", "matplotlib", "meshio", "pydantic", "rich", "scipy", "skfem", "typer")
+ARRAYS = """
+import numpy as np
+import bipot_rs as bp
+K, B = 2 * np.eye(3), np.eye(3)
+result = bp.solve(K, B, [-1.0, 0.2, 0.0], gap=[0.0], mu=0.3)
+assert result.success
+"""
+COMMAND = "from bipot_rs.cli import app; assert app({!r}) in (0, None)"
+RUN = ["run", "two_blocks", "--set", "mesh.n=2", "--json"]
+
+
+def loaded(code: str, folder: Path) -> set[str]:
+    """Modules that a fresh interpreter holds after the code."""
+    told = "\nimport json, sys; print('\\n' + json.dumps(sorted(sys.modules)))"
+    run = subprocess.run(
+        [sys.executable, "-c", code + told],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        check=True,
+    )
+    return set(json.loads(run.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize(
+    ("code", "used"),
+    [
+        ("import bipot_rs", ()),
+        ("import numpy as np, bipot_rs; bipot_rs.project(np.ones((2, 3)), 0.3)", ()),
+        (ARRAYS, ("scipy",)),
+        # Help is laid out by rich. Typer checks arguments by pydantic, even a name.
+        (COMMAND.format(["--help"]), ("rich", "typer")),
+        (COMMAND.format(["scenes"]), ("pydantic", "typer")),
+        (COMMAND.format(["scenes", "two_blocks"]), ("pydantic", "typer")),
+        (COMMAND.format(RUN), ("h5py", "pydantic", "scipy", "skfem", "typer")),
+        (COMMAND.format(RUN[:-1]), set(HEAVY) - {"matplotlib", "meshio"}),
+    ],
+    ids=["import", "project", "arrays", "help", "scenes", "scene", "json", "table"],
+)
+def test_loads_only_what_it_uses(
+    code: str, used: tuple[str, ...], tmp_path: Path
+) -> None:
+    found = loaded(code, tmp_path)
+    assert "bipot_rs" in found
+    assert {name for name in HEAVY if name in found} == set(used)
+
+
+def test_few_contacts_are_paired_without_a_tree(tmp_path: Path) -> None:
+    assert "scipy.spatial" not in loaded(COMMAND.format(RUN), tmp_path)
+
+
+def test_pictures_load_what_draws_them(tmp_path: Path) -> None:
+    """The counterpart: the names above are those that would be seen."""
+    assert "matplotlib" in loaded(COMMAND.format([*RUN, "--plot"]), tmp_path)
