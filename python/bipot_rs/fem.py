@@ -183,6 +183,7 @@ class Model:
             dim=self.dim,
             points=self.points,
             frame=self.frame,
+            coordinates=np.repeat(self.nodes, self.dim, axis=0),
             num_threads=num_threads,
         )
 

@@ -255,11 +255,11 @@ class Job:
     def _write_fields(self, case: Case, folder: Path, *, plot: bool) -> None:
         """What is there to be looked at: the series, the table, the picture."""
         from bipot_rs.export import write_series, writing
+        from bipot_rs.result import recover
 
         model = case.model
         with self._phase("recover"):
-            for _, step in self.reached:
-                _ = step.displacement  # computed here, kept by the step
+            recover([step for _, step in self.reached])  # kept by the steps
         with self._phase("write"):
             with writing(self.folder / "result.pvd"):
                 write_series(

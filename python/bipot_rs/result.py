@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import IntEnum, StrEnum
+from itertools import groupby
 from typing import Any, Protocol
 
 import numpy as np
@@ -257,13 +258,13 @@ def recover(steps: Sequence[Step]) -> None:
     One reading of the factor then serves many steps.
     """
     wanting = [step for step in steps if "u" not in step._kept]
-    for first in range(0, len(wanting), BLOCK):
-        block = wanting[first : first + BLOCK]
-        if (found := block[0]._recover) is None:
-            continue
-        for step, u in zip(block, found(block), strict=True):
-            # A copy, so that one step does not hold the memory of its block.
-            step._kept["u"] = u.copy() if len(block) > 1 else u
+    for found, of_path in groupby(wanting, key=lambda step: step._recover):
+        rest = list(of_path)
+        while found is not None and rest:
+            block, rest = rest[:BLOCK], rest[BLOCK:]
+            for step, u in zip(block, found(block), strict=True):
+                # A copy, so that one step does not hold the memory of its block.
+                step._kept["u"] = u.copy() if len(block) > 1 else u
 
 
 class Result(Sequence[Step]):
@@ -359,7 +360,7 @@ class Result(Sequence[Step]):
     @property
     def displacement(self) -> Array:
         """Displacement of all degrees of freedom, ``(steps, n)``, computed when asked for."""
-        recover([step for step in self.steps if step._recover is not None])
+        recover(self.steps)
         return self._stack("displacement", (0, 0))
 
     @property

@@ -141,7 +141,9 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         ),
         "working set": (
             lambda *arrays: _core.Path(
-                _core.Condensed(*arrays, np.zeros(0, np.int64), 1, None, None, None, True)
+                _core.Condensed(
+                    *arrays, np.zeros(0, np.int64), 1, None, None, None, True
+                )
             ).step(LOAD, NONE, *limits),
             [EYE, EYE, GAP, MU],
         ),
