@@ -71,7 +71,7 @@ def test_second_route(name: str, n: int, repository: Path, tmp_path: Path) -> No
     subprocess.run(
         [
             sys.executable,
-            str(repository / "benches" / "peer_scipy.py"),
+            str(repository / "benches" / "peers" / "with_scipy.py"),
             *(name, str(n), "--save", str(answer)),
         ],
         check=True,
@@ -322,7 +322,7 @@ def test_peer_prints_json(repository: Path) -> None:
     run = subprocess.run(
         [
             sys.executable,
-            str(repository / "benches/peer_scipy.py"),
+            str(repository / "benches/peers/with_scipy.py"),
             "sheared_cube",
             "3",
         ],
