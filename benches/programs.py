@@ -26,7 +26,7 @@ class Failed(Exception):
     """A run that gave no answer, with the last line it wrote."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Run:
     """What one run answered: seconds, and forces and displacements at the contacts."""
 
@@ -121,7 +121,7 @@ class Ours:
         )
 
 
-@dataclass
+@dataclass(eq=False)
 class Peer:
     """A script of ``peers/`` under the first Python that has what it imports."""
 
@@ -129,6 +129,7 @@ class Peer:
     script: str
     needs: str
     tol: float  # its own measure; what gives a traction error of 1e-8 or less
+    package: str  # as Debian calls it
     reads_matrices: bool = False
     python: str | None = None
     missing: str = ""
@@ -160,7 +161,7 @@ class Peer:
             _, (line,) = lines_of([self.python, "-c", asked], 1, 60)
             return f"{self.name} {line['v']}"
         except Failed:
-            return self.name + debian(f"python3-{package}")
+            return self.name + debian(self.package)
 
     def run(self, scene, n, threads, tol=None, limit=None):
         """Solve a scene."""
@@ -177,6 +178,8 @@ class Peer:
                 found = dict(file)
         line = lines[-1]
         steps = line["steps"]
+        if self.reads_matrices:
+            process += line["seconds"]["assemble"]
         return Run(
             dofs=line["dofs"],
             phases=line["seconds"],
@@ -206,10 +209,11 @@ def debian(package):
 def peers():
     """All of them, installed or not."""
     return [
-        Peer("GetFEM", "with_getfem.py", "getfem", 1e-8).find(),
+        Peer("GetFEM", "with_getfem.py", "getfem", 1e-8, "python3-getfem++").find(),
         Peer(
             *("Siconos", "with_siconos.py", "siconos.numerics, scipy", 1e-9),
+            "python3-siconos",
             reads_matrices=True,
         ).find(),
-        Peer("SciPy", "with_scipy.py", "scipy, skfem", 1e-9).find(),
+        Peer("SciPy", "with_scipy.py", "scipy, skfem", 1e-9, "python3-scipy").find(),
     ]

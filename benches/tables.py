@@ -7,10 +7,12 @@
 Everything outside is left as it is, to the byte.
 """
 
-import os
 import re
+import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -38,7 +40,18 @@ def rewrite(path: Path, name: str, text: str) -> None:
     page = replaced(path.read_text(encoding="utf-8"), name, text)
     new = path.with_suffix(".new")
     new.write_text(page, encoding="utf-8")
-    os.replace(new, path)
+    new.replace(path)
+
+
+def folder(quick: bool) -> Path:
+    """Where pages and sheets are written: here, or a copy for a quick look."""
+    if not quick:
+        return HERE
+    copy = HERE.parent / "out" / "bench"
+    copy.mkdir(parents=True, exist_ok=True)
+    if not (copy / "README.md").exists():
+        shutil.copy(HERE / "README.md", copy)
+    return copy
 
 
 def figures(x: float | None) -> str:

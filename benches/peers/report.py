@@ -4,8 +4,8 @@ import argparse
 import json
 import os
 import platform
-import resource
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -44,7 +44,9 @@ def arguments(doc):
     parser.add_argument("--save", help="tractions, as npz")
     parser.add_argument("--tol", type=float, default=1e-8)
     parser.add_argument("--matrices", help="K, B and loads of matrices.py, as npz")
-    parser.add_argument("--solver", help="which of its solvers, where there are several")
+    parser.add_argument(
+        "--solver", help="which of its solvers, where there are several"
+    )
     return parser.parse_args()
 
 
@@ -54,6 +56,18 @@ def installed(package):
         return version(package)
     except PackageNotFoundError:
         return "?"
+
+
+def peak_mb():
+    """Most memory that this process held.
+
+    Not getrusage's figure, which may be that of the process that started this one.
+    """
+    with Path("/proc/self/status").open(encoding="ascii") as file:
+        for line in file:
+            if line.startswith("VmHWM"):
+                return int(line.split()[1]) / 1024
+    return float("nan")
 
 
 def write(asked, clock, program, x, area, reactions, displacements, **more):
@@ -78,7 +92,7 @@ def write(asked, clock, program, x, area, reactions, displacements, **more):
         "contacts": len(x),
         "seconds": clock.phases | {"total": total},
         "steps": clock.steps,
-        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        "peak_mb": peak_mb(),
         "python": platform.python_version(),
         "versions": {p: installed(p) for p in ("numpy", "scipy", "scikit-fem")},
         "threads": os.environ.get("OPENBLAS_NUM_THREADS", "free"),

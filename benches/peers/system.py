@@ -126,7 +126,8 @@ def load(path):
         arrays = dict(file)
     for name, kind in (("K", sparse.csc_matrix), ("B", sparse.csr_matrix)):
         data, indices, indptr, shape = (
-            arrays.pop(f"{name}_{part}") for part in ("data", "indices", "indptr", "shape")
+            arrays.pop(f"{name}_{part}")
+            for part in ("data", "indices", "indptr", "shape")
         )
         arrays[name] = kind((data, indices, indptr), shape=tuple(shape))
     system = System(**{field: arrays.pop(field) for field in System._fields})
@@ -162,7 +163,7 @@ class Condensed:
         clock.lap("compliance")
 
     def free_displacement(self, prescribed):
-        """u with no contact force."""
+        """Displacement with no contact force."""
         u = np.zeros(self.system.K.shape[0])
         u[self.system.fixed] = prescribed
         u[self.free] = self.factor.solve(
@@ -176,7 +177,7 @@ class Condensed:
 
 
 def natural_map(r, v, mu, scale):
-    """r - proj(r - scale v, product of cones): zero where (r, v) is an answer."""
+    """Return r - proj(r - scale v, product of cones), zero where (r, v) is an answer."""
     d = len(r) // len(mu)
     tau = (r - scale * v).reshape(-1, d)
     n, t = np.maximum(tau[:, 0], 0), np.linalg.norm(tau[:, 1:], axis=1)

@@ -30,11 +30,7 @@ APART = 1.0
 
 
 def mesh_of(data):
-    """One mesh of all bodies, E and ν a cell, and what its nodes are called.
-
-    Returns mesh, P0 fields λ and G, and a function from basic nodes to the original
-    coordinates and the number of the body.
-    """
+    """One mesh of all bodies, the lower one moved down by `APART`."""
     *across, upper = data.bodies[0].grids
     lines = upper
     if len(data.bodies) == 2:
@@ -57,7 +53,7 @@ def assemble(data):
     method = gf.MeshIm(mesh, gf.Integ(f"IM_GAUSS_PARALLELEPIPED({dim},3)"))
     lower = constant.basic_dof_nodes()[-1] < 0
     lame, shear = np.empty((2, len(lower)))
-    for at, body in zip((~lower, lower), data.bodies):
+    for at, body in zip((~lower, lower), data.bodies, strict=False):
         lame[at] = (
             body.young * body.poisson / ((1 + body.poisson) * (1 - 2 * body.poisson))
         )
@@ -80,8 +76,8 @@ def ordered(at, nodes):
 def sparse_rows(columns, values, size):
     """A matrix with a few entries a row; entries of column -1 are left out."""
     matrix = gf.Spmat("empty", len(columns), size)
-    for i, (js, vs) in enumerate(zip(columns, values)):
-        for j, v in zip(js, vs):
+    for i, (js, vs) in enumerate(zip(columns, values, strict=True)):
+        for j, v in zip(js, vs, strict=True):
             if j >= 0:
                 matrix[i, int(j)] = v
     return matrix
@@ -95,9 +91,7 @@ def main():
     field, stiffness, nodes, body = assemble(data)
     dim, size = len(nodes), nodes.size
     last, eps = dim - 1, 1e-9 * np.ptp(nodes)
-    contact = ordered(
-        np.flatnonzero((np.abs(nodes[last]) < eps) & (body == 0)), nodes
-    )
+    contact = ordered(np.flatnonzero((np.abs(nodes[last]) < eps) & (body == 0)), nodes)
     if data.half_width is not None:
         contact = contact[np.abs(nodes[0, contact]) <= data.half_width + eps]
     paired = [contact]
@@ -193,8 +187,7 @@ def main():
 
         def relative(u):
             parts = u.reshape(-1, dim)
-            v = parts[paired[0]] - (parts[paired[1]] if len(paired) == 2 else 0.0)
-            return v
+            return parts[paired[0]] - (parts[paired[1]] if len(paired) == 2 else 0.0)
 
         v = np.column_stack(
             [relative(whole)[:, last] + gap, relative(whole - before)[:, :last]]
@@ -202,7 +195,7 @@ def main():
         displacements.append(v)
         clock.step()
     report.write(
-        *(asked, clock, f"GetFEM {gf.__version__}" if hasattr(gf, "__version__") else "GetFEM"),
+        *(asked, clock, "GetFEM"),
         *(nodes[:, contact].T, area, reactions, displacements),
         dofs=size,
         iterations=iterations,

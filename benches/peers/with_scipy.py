@@ -26,7 +26,9 @@ def solve_step(W, A, q, mu, r, v, scale, tol):
         return W @ r + q - (v if A is None else A @ v)
 
     def merit(r, v):
-        return np.linalg.norm(np.append(natural_map(r, v, mu, scale), scale * defect(r, v)))
+        return np.linalg.norm(
+            np.append(natural_map(r, v, mu, scale), scale * defect(r, v))
+        )
 
     for iteration in range(100):
         F, rest = natural_map(r, v, mu, scale), defect(r, v)

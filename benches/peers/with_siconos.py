@@ -39,7 +39,10 @@ def reduced(W, q, mu, tol, scale, methods):
     nodes = len(mu)
     weight = np.sqrt(scale)
     largest = np.abs(weight * q).max()
-    inner, load = weight[:, None] * W * weight, (weight * q / largest).reshape(nodes, -1)
+    inner, load = (
+        weight[:, None] * W * weight,
+        (weight * q / largest).reshape(nodes, -1),
+    )
     begin = perf_counter()
     best = None
     for method in methods:
