@@ -154,14 +154,16 @@ class Peer:
 
     def version(self):
         """Name and version of what it stands on."""
-        package = self.needs.split(",")[0].split(".")[0]
-        try:
-            asked = "import importlib.metadata as m; import json; print(json.dumps("
-            asked += f"{{'v': m.version('{package}')}}))"
-            _, (line,) = lines_of([self.python, "-c", asked], 1, 60)
-            return f"{self.name} {line['v']}"
-        except Failed:
+        if str(self.python).startswith("/usr/bin"):
             return self.name + debian(self.package)
+        module = self.needs.split(",")[0]
+        ask = "import json, importlib.metadata as m; "
+        ask += f"print(json.dumps({{'version': m.version('{module}')}}))"
+        try:
+            _, (line,) = lines_of([self.python, "-c", ask], 1, 60)
+        except Failed:
+            return self.name
+        return f"{self.name} {line['version']}"
 
     def run(self, scene, n, threads, tol=None, limit=None):
         """Solve a scene."""
