@@ -48,9 +48,9 @@ SIZES = {
     "cyclic_cube": (9, 15),
 }
 QUICK = {
-    "pressed_block": (32, 64),
+    "pressed_block": (32,),
     "sheared_cube": (5, 9),
-    "cattaneo_mindlin": (5, 10),
+    "cattaneo_mindlin": (5,),
     "two_blocks": (4, 8),
     "cyclic_cube": (5,),
 }

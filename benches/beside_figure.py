@@ -17,8 +17,8 @@ STYLES = {
     "SciPy": ("#009E73", "D"),
 }
 PANELS = {
-    "plane": {"pressed_block": "-", "cattaneo_mindlin": "--"},
-    "space": {"sheared_cube": "-", "two_blocks": "--", "cyclic_cube": ":"},
+    "in the plane": {"pressed_block": "-", "cattaneo_mindlin": "--"},
+    "in space": {"sheared_cube": "-", "two_blocks": "--", "cyclic_cube": ":"},
 }
 
 
@@ -53,12 +53,13 @@ def unknowns(plt, rows, target):
                     style = {"color": colour, "marker": mark, "markersize": 4}
                     axis.plot(*np.array(points).T, ls=dash, lw=width, **style)
         dress(axis)
-        axis.set(title=title, xlabel="unknowns")
+        axis.set_xlabel(f"unknowns, {title}")
         handles = [
             plt.Line2D([], [], color="0.4", ls=dash, label=scene)
             for scene, dash in scenes.items()
         ]
-        axis.legend(handles=handles, frameon=False, loc="upper left")
+        place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": 3}
+        axis.legend(handles=handles, frameon=False, **place)
     axes[0].set_ylabel("seconds, mesh to written result")
     present = {row["program"] for row in rows if row["job_min"]}
     legend(plt, figure, present)
@@ -77,24 +78,37 @@ def legend(plt, figure, present):
     figure.legend(handles=handles, loc="lower center", ncols=4, frameon=False)
 
 
+def frontier(points):
+    """For each error reached the fewest seconds that reach it, or a smaller one."""
+    best = []
+    for error, seconds in sorted(points):
+        if not best or seconds < best[-1][1]:
+            best.append((error, seconds))
+    return best[::-1]
+
+
 def errors(plt, rows, target):
     """Seconds against error: the whole job, and what contact takes of it."""
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), sharex=True)
     said = {"job": "mesh to written result", "contact": "load steps alone"}
     for axis, (key, title) in zip(axes, said.items(), strict=True):
         for program, (colour, mark) in STYLES.items():
-            points = sorted(
+            points = [
                 (float(row["error"]), float(row[key]))
                 for row in rows
                 if row["program"] == program
-            )
+            ]
             if points:
+                axis.scatter(*np.array(points).T, s=14, c=colour, marker=mark)
+                best = np.array(frontier(points)).T
+                # What reaches a small error reaches any larger one.
+                far = np.insert(best[0], 0, 1.0), np.insert(best[1], 0, best[1, 0])
                 width = 2.2 if program == "bipot_rs" else 1.3
-                style = {"color": colour, "marker": mark, "markersize": 4}
-                axis.plot(*np.array(points).T, lw=width, **style)
+                axis.step(*far, where="pre", lw=width, color=colour)
         dress(axis)
         axis.set(title=title, xlabel="traction error against the reference")
-        axis.set_xlim(1, 1e-16)
+        axis.set(xlim=(1, 1e-16), xticks=10.0 ** -np.arange(0, 17, 4))
+        axis.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
     axes[0].set_ylabel("seconds")
     figure.suptitle(f"{rows[0]['scene']}, n = {rows[0]['n']}", y=0.99, fontsize=10)
     legend(plt, figure, {row["program"] for row in rows})

@@ -5,7 +5,7 @@
 
 Needs siconos and SciPy, and nothing of this package. W is made by SuperLU and one
 back-solve a contact unknown; Siconos solves the reduced problem, its tolerance tightened
-by factors of ten until the natural map relative to max |R| is ``TOL``, and only the run
+by factors of a hundred until the natural map relative to max |R| is ``TOL``, and only the run
 that meets it is timed. It is given node-scaled variables, the largest of q being 1: its
 measures are absolute. Bodies that contact alone holds have no W: there the proximal
 point method, springs towards the contact's place in the iteration before, whose fixed
@@ -46,7 +46,7 @@ def reduced(W, q, mu, tol, scale, methods):
     begin = perf_counter()
     best = None
     for method in methods:
-        for own in 10.0 ** -np.arange(8, 16, 2):
+        for own in 10.0 ** -np.arange(2, 16, 2):
             start = perf_counter()
             r = solve(inner, load, mu, method, own, ITERATIONS[method], once=True)[0]
             spent = perf_counter() - start

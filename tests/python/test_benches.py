@@ -79,7 +79,7 @@ def test_the_sheet_gives_the_table(repository: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def answers(repository: Path) -> dict[str, programs.Run]:
+def answers() -> dict[str, programs.Run]:
     peer = programs.Peer("SciPy", "with_scipy.py", "scipy, skfem", 1e-9, "").find()
     assert peer.python
     return {
