@@ -250,7 +250,7 @@ def conclusion(rows):
     """What the table says, best peer by best peer."""
     best, later = {}, {}
     for row in rows:
-        key = (row["scene"], row["n"])
+        key = place(row)
         if row["program"] != "bipot_rs" and row["ratio"] != "" and trusted(row):
             best[key] = min(
                 best.get(key, (math.inf, "")), (float(row["ratio"]), row["program"])
@@ -307,57 +307,78 @@ def chosen(argument, sizes):
 
 
 def measure(asked):
-    """All rows of the sheet."""
-    ours, peers, rows = programs.Ours(), programs.peers(), []
+    """Rows of one scene and size after the other."""
+    ours, peers = programs.Ours(), programs.peers()
     versions = {
-        p: "" if getattr(p, "missing", "") else p.version() for p in (ours, *peers)
+        p.name: "" if getattr(p, "missing", "") else p.version() for p in (ours, *peers)
     }
-    print(", ".join(filter(None, versions.values())))
+    print(", ".join(filter(None, versions.values())), flush=True)
     for scene, sizes in chosen(asked.scenes, QUICK if asked.quick else SIZES).items():
         histories = {peer: [] for peer in peers}
         for n in sizes:
             found = Contest(scene, n, ours, peers, asked, histories).play()
             for row in found:
-                row["version"] = next(
-                    v for p, v in versions.items() if p.name == row["program"]
-                )
+                row["version"] = versions[row["program"]]
                 row["load"] = f"{os.getloadavg()[0]:.1f}"
                 print("| " + " | ".join(cells(row)) + " |", flush=True)
-            rows += found
-    return rows
+            yield found
+
+
+def place(row):
+    """Scene and size of a row."""
+    return row["scene"], int(row["n"])
+
+
+def merged(old, new):
+    """Rows of a sheet with those measured anew in their place, in the order of `SIZES`."""
+    again = {place(row) for row in new}
+    rows = [row for row in old if place(row) not in again] + new
+    order = list(SIZES)
+    return sorted(rows, key=lambda row: (order.index(row["scene"]), int(row["n"])))
+
+
+def read(path):
+    """Rows of a sheet, none where there is no file."""
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def store(rows, folder, first):
+    """Write the sheet and the tables; ``first``, whether into the first README, too."""
+    with (folder / SHEET).open("w", newline="", encoding="utf-8") as file:
+        sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        sheet.writeheader()
+        sheet.writerows(rows)
+    tables.rewrite(folder / "README.md", "whole jobs", written(rows))
+    if first:
+        shown = [row for row in rows if place(row) in SHOWN]
+        tables.rewrite(FIRST, "whole jobs", tables.table(HEAD, map(cells, shown)))
 
 
 def main():
-    """Run, and rewrite the page."""
+    """Run, and rewrite the pages after each size: a long run may be broken off."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", nargs="*", help="SCENE=N,N…")
+    parser.add_argument("--scenes", nargs="*", help="SCENE=N,N…; other rows are kept")
     parser.add_argument("--quick", action="store_true", help="small sizes, two rounds")
     parser.add_argument("--rounds", type=int)
     parser.add_argument("--budget", type=float, help="seconds of one run of a peer")
     parser.add_argument("--patience", type=float, default=400.0, help="of one size, s")
     parser.add_argument("--print", action="store_true", help="write no files")
-    parser.add_argument("--again", action="store_true", help="tables from beside.csv")
+    parser.add_argument("--again", action="store_true", help="tables from the sheet")
     asked = parser.parse_args()
     asked.rounds = asked.rounds or (2 if asked.quick else 5)
     asked.budget = asked.budget or (20.0 if asked.quick else 240.0)
     folder = tables.folder(asked.quick)
+    rows = read(folder / SHEET) if asked.scenes or asked.again else []
+    for found in () if asked.again else measure(asked):
+        rows = merged(rows, found)
+        if not asked.print:
+            store(rows, folder, first=not asked.quick)
     if asked.again:
-        with (folder / SHEET).open(encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    else:
-        rows = measure(asked)
+        store(rows, folder, first=not asked.quick)
     print(conclusion(rows))
-    if asked.print:
-        return
-    with (folder / SHEET).open("w", newline="", encoding="utf-8") as file:
-        sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        sheet.writeheader()
-        sheet.writerows(rows)
-    page = folder / "README.md"
-    tables.rewrite(page, "whole jobs", written(rows))
-    if not asked.quick:
-        shown = [row for row in rows if (row["scene"], int(row["n"])) in SHOWN]
-        tables.rewrite(FIRST, "whole jobs", tables.table(HEAD, map(cells, shown)))
 
 
 if __name__ == "__main__":

@@ -135,20 +135,26 @@ def main():
         wanted = {"CHOLMOD": compiled(folder), "MKL PARDISO": pardiso(asked.mkl)}
         commands = {"bipot_rs": [sys.executable, str(HERE / "condensation_ours.py")]}
         commands |= {name: command for name, (command, _) in wanted.items() if command}
+        absent = [
+            f"{name}: {why}" for name, (command, why) in wanted.items() if not command
+        ]
         rows = []
         for name, shape in cases.items():
             for row in case(name, shape, commands, asked):
                 print("| " + " | ".join(row) + " |", flush=True)
                 rows.append(row)
-    absent = [
-        f"{name}: {why}" for name, (command, why) in wanted.items() if not command
-    ]
+            if not asked.print:
+                page = tables.folder(asked.quick) / "README.md"
+                tables.rewrite(page, "condensation", written(rows, absent))
+
+
+def written(rows, absent):
+    """The text between the markers."""
     text = tables.table(HEAD, rows)
     text += f"\n\nLoad {os.getloadavg()[0]:.1f} at the end. {conclusion(rows)}"
     if absent:
         text += f" Not run: {'; '.join(absent)}."
-    if not asked.print:
-        tables.rewrite(tables.folder(asked.quick) / "README.md", "condensation", text)
+    return text
 
 
 def conclusion(rows):

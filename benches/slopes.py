@@ -106,13 +106,12 @@ def written(rows):
             far[key] = predicted
             if key in ("order", "symbolic", "factor", "compliance", "solve", "recover"):
                 total += predicted
-        words.append(
-            f"in {'the plane' if dim == 2 else 'space'} 10^6 unknowns are expected to "
-            f"take {total[0]:.2g} s and {far['bytes_peak'][0]:.2g} GB, 10^7 "
-            f"{total[1]:.2g} s and {far['bytes_peak'][1]:.2g} GB"
-        )
+        place = "in the plane" if dim == 2 else "in space"
+        for size, seconds, memory in zip(FAR, total, far["bytes_peak"], strict=True):
+            told = [tables.figures(float(f"{x:.2g}")) for x in (seconds, memory)]
+            words.append(f"{told[0]} s and {told[1]} GB for {size:,} unknowns {place}")
     text = tables.table(HEAD, lines)
-    return f"{text}\n\nSeconds but where said; {verdict(rows, words)}"
+    return f"{text}\n\nSeconds but where said. {verdict(rows, words)}"
 
 
 def verdict(rows, words):
@@ -122,9 +121,9 @@ def verdict(rows, words):
     found = {key: rest for key, *rest in predictions(space)}
     values, slope, *_ = found["bytes_peak"]
     largest = float(space[-1]["n"]) * (memory / values[-1]) ** (1 / slope)
-    said = "; ".join(words)
+    said = ", ".join(words)
     return (
-        f"{said}. Memory, not time, is what ends a direct method in space: this "
+        f"Expected: {said}. Memory, not time, is what ends a direct method in space: this "
         f"machine's {memory:.0f} GB are full at some {largest:.1g} unknowns there."
     )
 
@@ -134,18 +133,22 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small sizes")
     parser.add_argument("--print", action="store_true", help="write no files")
+    parser.add_argument("--again", action="store_true", help="table from slopes.csv")
     asked = parser.parse_args()
-    threads = os.cpu_count() or 1
-    rows = [
-        row
-        for dim, cells in (QUICK if asked.quick else CELLS).items()
-        for row in measured(dim, cells, threads)
-    ]
+    threads, folder = os.cpu_count() or 1, tables.folder(asked.quick)
+    if asked.again:
+        with (folder / SHEET).open(encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+    else:
+        rows = [
+            row
+            for dim, cells in (QUICK if asked.quick else CELLS).items()
+            for row in measured(dim, cells, threads)
+        ]
     text = written(rows)
     print(text)
     if asked.print:
         return
-    folder = tables.folder(asked.quick)
     with (folder / SHEET).open("w", newline="", encoding="utf-8") as file:
         sheet = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         sheet.writeheader()

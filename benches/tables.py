@@ -49,8 +49,10 @@ def folder(quick: bool) -> Path:
         return HERE
     copy = HERE.parent / "out" / "bench"
     copy.mkdir(parents=True, exist_ok=True)
-    if not (copy / "README.md").exists():
-        shutil.copy(HERE / "README.md", copy)
+    page, own = HERE / "README.md", copy / "README.md"
+    # Copied anew when the page has changed, for its markers may have.
+    if not own.exists() or own.stat().st_mtime < page.stat().st_mtime:
+        shutil.copy(page, own)
     return copy
 
 

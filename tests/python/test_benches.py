@@ -155,6 +155,19 @@ def test_a_peer_that_nobody_has_is_missing() -> None:
     assert peer.missing == "no Python here has no_such_package and numpy"
 
 
+def test_rows_measured_anew_take_the_place_of_the_old() -> None:
+    def row(scene: str, n: int | str, program: str) -> dict[str, object]:
+        return {"scene": scene, "n": n, "program": program}
+
+    old = [
+        row("sheared_cube", "9", "bipot_rs"),
+        row("sheared_cube", "9", "SciPy"),
+        row("two_blocks", "8", "bipot_rs"),
+    ]
+    new = [row("pressed_block", 32, "bipot_rs"), row("sheared_cube", 9, "bipot_rs")]
+    assert beside.merged(old, new) == [new[0], new[1], old[2]]
+
+
 def test_a_peer_is_predicted_by_its_own_slope() -> None:
     history: list[tuple[int, float | None]] = [(100, 1.0), (200, 4.0), (400, None)]
     # Twice the unknowns took four times as long: sixteen seconds next.
