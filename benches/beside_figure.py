@@ -31,6 +31,7 @@ def lines(path):
 def dress(axis):
     """Logarithmic axes on a light grid."""
     axis.set(xscale="log", yscale="log")
+    axis.tick_params(axis="x", which="minor", labelbottom=False)
     axis.grid(color="0.9", lw=0.6)
     axis.set_axisbelow(True)
     axis.spines[["top", "right"]].set_visible(False)
@@ -108,7 +109,7 @@ def errors(plt, rows, target):
         dress(axis)
         axis.set(title=title, xlabel="traction error against the reference")
         axis.set(xlim=(1, 1e-16), xticks=10.0 ** -np.arange(0, 17, 4))
-        axis.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
+        axis.tick_params(axis="x", which="minor", bottom=False)
     axes[0].set_ylabel("seconds")
     figure.suptitle(f"{rows[0]['scene']}, n = {rows[0]['n']}", y=0.99, fontsize=10)
     legend(plt, figure, {row["program"] for row in rows})
