@@ -61,10 +61,27 @@ python-test: $(STAMP)
 verify: $(STAMP) ## the checks that take over 30 s each: before a change of numerics is called done
 	$(PY) -m pytest -m verify --timeout 3600
 
+# BENCH=quick: small sizes beside the peers, written into out/bench instead.
+BENCH := full
 .PHONY: bench
-bench: $(STAMP) ## the tables of benches/README.md
+bench: bench-$(BENCH) ## measure the tables of benches/README.md anew; BENCH=quick for a look in out/bench
+
+.PHONY: bench-quick
+bench-quick: $(STAMP)
+	$(PY) benches/beside.py --quick
+	$(PY) benches/time_against_error.py --quick
+	$(PY) benches/beside_figure.py --quick
+	$(PY) benches/condensation_peers.py --quick
+	$(PY) benches/slopes.py --quick
+
+.PHONY: bench-full
+bench-full: $(STAMP)
+	$(PY) benches/beside.py
+	$(PY) benches/time_against_error.py
+	$(PY) benches/beside_figure.py
+	$(PY) benches/condensation_peers.py --large
+	$(PY) benches/slopes.py
 	cargo bench --locked
-	$(PY) benches/whole_job.py
 	$(PY) benches/assembly.py
 	$(PY) benches/start.py
 	$(PY) benches/kernels.py

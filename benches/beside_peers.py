@@ -3,9 +3,9 @@
     python benches/beside_peers.py
     python benches/beside_peers.py --seeds 10 --sets held,random
 
-For each problem in turn: ours, the sweep of `peer_sweep.py`, and Siconos' projected
+For each problem in turn: ours, the sweep of `peers/sweep.py`, and Siconos' projected
 Gauss–Seidel (NSGS) and Alart–Curnier Newton (NSN_AC) with its default parameters, one
-thread each. Siconos runs in a process of its own (`peer_siconos.py`) under the first
+thread each. Siconos runs in a process of its own (`peers/siconos_reduced.py`) under the first
 Python that has it, or the one of ``--siconos``; only its driver is timed. Every answer
 is judged by `ReducedProblem.residual`: Siconos' tolerance, which means something else,
 is tightened by factors of ten until that is 1e-8 or less, and only the run that met it
@@ -33,8 +33,8 @@ from time import perf_counter
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
-import peer_sweep
 import problems
+from peers.sweep import sweep
 from refine import Scaled
 from speed_against_error import timed
 
@@ -56,7 +56,7 @@ class Siconos:
     """The other process; started again when it has to be stopped."""
 
     def __init__(self, python, folder, limit):
-        self.command = [python, str(HERE / "peer_siconos.py")]
+        self.command = [python, str(HERE / "peers" / "siconos_reduced.py")]
         self.folder, self.limit, self.process = Path(folder), limit, None
 
     def start(self):
@@ -136,7 +136,7 @@ def seconds_of(peer, problem, reduced, siconos, limit):
     W, q, mu, force = scaled.W, scaled.q / largest, problem.mu, largest * scaled.to_v
     if peer == "sweep":
         start = perf_counter()
-        r = peer_sweep.sweep(W, q, mu, WISH, limit)
+        r = sweep(W, q, mu, WISH, limit)
         seconds = perf_counter() - start
         return seconds if judged(reduced, r * force) else np.inf
     np.savez(siconos.folder / "problem.npz", W=W, q=q, mu=mu)

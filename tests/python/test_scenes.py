@@ -1,6 +1,7 @@
 """The shipped scenes against their references, and mistakes in scene files."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -71,11 +72,12 @@ def test_second_route(name: str, n: int, repository: Path, tmp_path: Path) -> No
     subprocess.run(
         [
             sys.executable,
-            str(repository / "benches" / "peer_scipy.py"),
-            *(name, str(n), "--save", str(answer)),
+            str(repository / "benches" / "peers" / "with_scipy.py"),
+            *(name, str(n), "--save", str(answer), "--tol", "1e-12"),
         ],
         check=True,
         capture_output=True,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
     )
     peer = np.load(answer)
     distance, order = cKDTree(case.model.points).query(peer["x"])
@@ -322,12 +324,13 @@ def test_peer_prints_json(repository: Path) -> None:
     run = subprocess.run(
         [
             sys.executable,
-            str(repository / "benches/peer_scipy.py"),
+            str(repository / "benches/peers/with_scipy.py"),
             "sheared_cube",
             "3",
         ],
         check=True,
         capture_output=True,
         text=True,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
     )
     assert json.loads(run.stdout)["contacts"] == 16

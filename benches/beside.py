@@ -1,0 +1,385 @@
+"""Whole jobs beside the peers: mesh to written result, every program in turn.
+
+    python benches/beside.py                  # the table and figures of the README
+    python benches/beside.py --quick
+    python benches/beside.py --scenes sheared_cube=9,15 --rounds 2 --budget 60 --print
+
+For each scene and size: ours, a peer, the next peer, and again, so that all meet the
+same machine; a ratio is the median of those within a round. Each run is a process of its
+own. Ours has the threads of the machine; a peer is run with BLAS on one thread and on
+all, and goes on with what was faster. A peer whose own slope predicts more than
+``--budget`` seconds is not run, and says so. Every answer is compared with the stored
+reference of the mesh: an error above 1e-8 or a wrong status is marked. Where there is no
+reference, ours is compared with the first peer, the peers with ours.
+
+Rewrites the table of `benches/README.md`, its rows in the first README, and
+`beside.csv`, which `beside_figure.py` draws. ``--quick`` writes copies of them into
+`out/bench`.
+"""
+
+import argparse
+import csv
+import math
+import os
+import platform
+from pathlib import Path
+from statistics import median
+
+import judge
+import programs
+import tables
+
+HERE = Path(__file__).resolve().parent
+SHEET = "beside.csv"
+FIRST = HERE.parent / "README.md"
+# The rows that the first README shows.
+SHOWN = (
+    *(("pressed_block", 32), ("pressed_block", 128), ("sheared_cube", 15)),
+    *(("sheared_cube", 24), ("cattaneo_mindlin", 40), ("two_blocks", 16)),
+    ("cyclic_cube", 15),
+)
+# Errors above this are no answer to the same question.
+WISH = 1e-8
+SIZES = {
+    "pressed_block": (32, 64, 128),
+    "sheared_cube": (9, 15, 24, 40),
+    "cattaneo_mindlin": (10, 20, 40),
+    "two_blocks": (8, 16, 24),
+    "cyclic_cube": (9, 15),
+}
+QUICK = {
+    "pressed_block": (32,),
+    "sheared_cube": (5, 9),
+    "cattaneo_mindlin": (5,),
+    "two_blocks": (4, 8),
+    "cyclic_cube": (5,),
+}
+PLANE = ("pressed_block", "cattaneo_mindlin")
+# What each program calls the three parts of a job.
+PARTS = {
+    "assemble": ("mesh", "assemble"),
+    "condense": ("condense", "bricks", "factor", "compliance"),
+    "contact": ("solve", "recover", "contact"),
+    "write": ("write",),
+}
+COLUMNS = (
+    *("scene", "n", "dofs", "contacts", "steps", "program", "threads", "rounds"),
+    *(*PARTS, "job_min", "job_median", "process", "later_step"),
+    *("error", "wrong_statuses", "against", "peak_mb", "ratio", "later_ratio", "note"),
+    *("version", "load"),
+)
+
+
+def predicted(history, scene):
+    """Seconds expected of a peer at ``dofs``, from its smaller sizes of the scene.
+
+    ``history`` is ``[(dofs, seconds), …, (dofs, None)]``, the last what is asked; the
+    slope is that of the last two sizes, with one size the theoretical one.
+    """
+    *known, (asked, _) = history
+    if not known:
+        return 0.0
+    slope = 1.5 if scene in PLANE else 2.0
+    if len(known) > 1:
+        (n0, s0), (n1, s1) = known[-2:]
+        slope = max(1.0, math.log(s1 / s0) / math.log(n1 / n0))
+    dofs, seconds = known[-1]
+    return seconds * (asked / dofs) ** slope
+
+
+class Contest:
+    """All programs on one scene at one size."""
+
+    def __init__(self, scene, n, ours, peers, asked, histories):
+        self.scene, self.n, self.asked = scene, n, asked
+        self.ours, self.histories = ours, histories
+        self.runs = {ours: []}
+        self.threads = {ours: ours.threads}
+        self.notes = {}
+        # Ours goes first: its count of unknowns is what peers are predicted by.
+        self.add(ours)
+        self.dofs = self.runs[ours][0].dofs
+        for peer in peers:
+            self.runs[peer], self.threads[peer] = [], peer.threads
+            expected = predicted([*histories[peer], (self.dofs, None)], scene)
+            if peer.missing:
+                self.notes[peer] = f"not run: {peer.missing}"
+            elif expected > asked.budget:
+                self.notes[peer] = f"not run: predicted {expected:.0f} s"
+
+    def add(self, program):
+        """One run at each number of threads still in question."""
+        limit = None if program is self.ours else 3 * self.asked.budget
+        found = {}
+        for threads in self.threads[program]:
+            found[threads] = program.run(self.scene, self.n, threads, limit=limit)
+        best = min(found, key=lambda threads: found[threads].job)
+        self.threads[program] = (best,)
+        self.runs[program].append(found[best])
+
+    def play(self):
+        """Rounds of all programs, and the rows."""
+        spent = 0.0
+        for turn in range(self.asked.rounds):
+            if turn:
+                alone = len(self.notes) + 1 == len(self.runs)
+                if spent * (turn + 1) / turn > self.asked.patience or (
+                    alone and turn > 1
+                ):
+                    break
+                self.add(self.ours)
+            spent += self.runs[self.ours][-1].process
+            for peer in self.runs:
+                if peer is self.ours or peer in self.notes:
+                    continue
+                try:
+                    self.add(peer)
+                    spent += self.runs[peer][-1].process
+                except programs.Failed as why:
+                    self.notes[peer] = f"not solved: {why}"
+                    self.runs[peer].clear()
+        return list(self.rows())
+
+    def rows(self):
+        """One dictionary a program."""
+        reference, against = judge.stored(self.scene, self.n), "reference"
+        own = self.runs[self.ours]
+        for program, runs in self.runs.items():
+            row = dict.fromkeys(COLUMNS, "")
+            row |= {"scene": self.scene, "n": self.n, "dofs": self.dofs}
+            row |= {"contacts": len(own[0].x), "steps": len(own[0].R)}
+            row |= {"program": program.name, "note": self.notes.get(program, "")}
+            if not runs:
+                yield row
+                continue
+            answer = min(runs, key=lambda run: run.job)
+            other = reference
+            if reference is None:
+                other, against = self.other(program)
+            if other is not None:
+                error, wrong = judge.compare(answer, other)
+                row |= {"error": error, "wrong_statuses": wrong, "against": against}
+            jobs = [run.job for run in runs]
+            row |= {
+                part: sum(answer.phases.get(name, 0.0) for name in names)
+                for part, names in PARTS.items()
+            }
+            row |= {
+                "threads": self.threads[program][0],
+                "rounds": len(runs),
+                "job_min": min(jobs),
+                "job_median": median(jobs),
+                "process": answer.process,
+                "peak_mb": max(run.peak_mb for run in runs),
+                "note": row["note"] or answer.settings,
+            }
+            if answer.later is not None:
+                row["later_step"] = min(run.later for run in runs)
+            if program is not self.ours:
+                pairs = list(zip(runs, own, strict=False))
+                row["ratio"] = median(run.job / mine.job for run, mine in pairs)
+                if answer.later is not None:
+                    row["later_ratio"] = median(
+                        run.later / mine.later for run, mine in pairs
+                    )
+                self.histories[program].append((self.dofs, min(jobs)))
+            yield row
+
+    def other(self, program):
+        """What a run without a stored reference is compared with, and its name."""
+        own = self.runs[self.ours][0]
+        as_reference = {"x": own.x, "area": own.area, "mu": own.mu}
+        if program is not self.ours:
+            return as_reference | {"R": own.R, "v": own.v}, self.ours.name
+        for peer, runs in self.runs.items():
+            if peer is not self.ours and runs:
+                run = runs[0]
+                order = judge.nearest(run.x, own.x)
+                found = {"R": run.R[:, order], "v": run.v[:, order]}
+                return as_reference | found, peer.name
+        return None, ""
+
+
+def trusted(row):
+    """Whether the row answers the question: error and statuses."""
+    return row["error"] == "" or (
+        float(row["error"]) <= WISH and int(row["wrong_statuses"]) == 0
+    )
+
+
+HEAD = (
+    *("scene, n", "dofs", "contacts", "steps", "program", "threads"),
+    *(*PARTS, "job", "median", "process", "later step"),
+    *("traction error", "statuses", "peak MB", "ratio"),
+)
+
+
+def cells(row):
+    """A row of the table from a row of the sheet."""
+    first = row["program"] == "bipot_rs"
+    scene = (f"{row['scene']}, {row['n']}", f"{int(row['dofs']):,}")
+    scene += (str(row["contacts"]), str(row["steps"]))
+    head = (*(scene if first else ("",) * 4), row["program"])
+    if row["job_min"] == "":
+        return (*head, *("",) * (len(HEAD) - len(head) - 1), row["note"])
+    seconds = [float(row[key]) if row[key] != "" else None for key in PARTS]
+    times = [
+        float(row[key]) if row[key] != "" else None
+        for key in ("job_min", "job_median", "process", "later_step")
+    ]
+    mark = "" if trusted(row) else " !"
+    error = ""
+    if row["error"] != "":
+        error = f"{float(row['error']):.0e}"
+        error += "" if row["against"] == "reference" else f" (to {row['against']})"
+        wrong = int(row["wrong_statuses"])
+        statuses = f"{wrong} wrong" if wrong else "right"
+    else:
+        statuses = "unchecked"
+    return (
+        *(*head, str(row["threads"])),
+        *(tables.figures(s) if s else "" for s in seconds),
+        tables.figures(times[0]) + mark,
+        *(tables.figures(s) for s in times[1:]),
+        *(error, statuses, f"{float(row['peak_mb']):.0f}"),
+        f"{float(row['ratio']):.1f}" if row["ratio"] != "" else "",
+    )
+
+
+def conclusion(rows):
+    """What the table says, best peer by best peer."""
+    best, later = {}, {}
+    for row in rows:
+        key = place(row)
+        if row["program"] != "bipot_rs" and row["ratio"] != "" and trusted(row):
+            best[key] = min(
+                best.get(key, (math.inf, "")), (float(row["ratio"]), row["program"])
+            )
+            if row["later_ratio"] != "":
+                later[key] = min(
+                    later.get(key, (math.inf, "")),
+                    (float(row["later_ratio"]), row["program"]),
+                )
+    if not best:
+        return "No peer is installed: nothing to compare."
+
+    def words(found, keys):
+        return ", ".join(
+            f"{scene} {n} {found[scene, n][0]:.1f} ({found[scene, n][1]})"
+            for scene, n in keys
+        )
+
+    won = sorted((k for k in best if best[k][0] >= 1), key=lambda k: -best[k][0])
+    lost = [k for k in best if best[k][0] < 1]
+    text = "Times the job of the fastest peer that is right takes ours: "
+    text += (words(best, won) or "never more than once") + "."
+    text += f" Slower than a peer: {words(best, lost) if lost else 'nowhere'}."
+    if later:
+        text += f" A later load step: {words(later, later)}."
+    return text
+
+
+def written(rows):
+    """The text between the markers."""
+    machine = f"{platform.machine()}, {os.cpu_count()} cores"
+    versions = ", ".join(
+        dict.fromkeys(row["version"] for row in rows if row["version"])
+    )
+    loads = sorted(float(row["load"]) for row in rows)
+    return "\n\n".join(
+        (
+            f"{machine}, load {loads[0]:g} to {loads[-1]:g}; {versions}.",
+            tables.table(HEAD, map(cells, rows)),
+            conclusion(rows),
+        )
+    )
+
+
+def chosen(argument, sizes):
+    """Scenes and sizes of the command line."""
+    if not argument:
+        return sizes
+    pairs = (one.partition("=") for one in argument)
+    return {
+        name: tuple(map(int, some.split(","))) if some else SIZES[name]
+        for name, _, some in pairs
+    }
+
+
+def measure(asked):
+    """Rows of one scene and size after the other."""
+    ours, peers = programs.Ours(), programs.peers()
+    versions = {
+        p.name: "" if getattr(p, "missing", "") else p.version() for p in (ours, *peers)
+    }
+    print(", ".join(filter(None, versions.values())), flush=True)
+    for scene, sizes in chosen(asked.scenes, QUICK if asked.quick else SIZES).items():
+        histories = {peer: [] for peer in peers}
+        for n in sizes:
+            found = Contest(scene, n, ours, peers, asked, histories).play()
+            for row in found:
+                row["version"] = versions[row["program"]]
+                row["load"] = f"{os.getloadavg()[0]:.1f}"
+                print("| " + " | ".join(cells(row)) + " |", flush=True)
+            yield found
+
+
+def place(row):
+    """Scene and size of a row."""
+    return row["scene"], int(row["n"])
+
+
+def merged(old, new):
+    """Rows of a sheet with those measured anew in their place, in the order of `SIZES`."""
+    again = {place(row) for row in new}
+    rows = [row for row in old if place(row) not in again] + new
+    order = list(SIZES)
+    return sorted(rows, key=lambda row: (order.index(row["scene"]), int(row["n"])))
+
+
+def read(path):
+    """Rows of a sheet, none where there is no file."""
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def store(rows, folder, first):
+    """Write the sheet and the tables; ``first``, whether into the first README, too."""
+    with (folder / SHEET).open("w", newline="", encoding="utf-8") as file:
+        sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        sheet.writeheader()
+        sheet.writerows(rows)
+    tables.rewrite(folder / "README.md", "whole jobs", written(rows))
+    if first:
+        shown = [row for row in rows if place(row) in SHOWN]
+        tables.rewrite(FIRST, "whole jobs", tables.table(HEAD, map(cells, shown)))
+
+
+def main():
+    """Run, and rewrite the pages after each size: a long run may be broken off."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", nargs="*", help="SCENE=N,N…; other rows are kept")
+    parser.add_argument("--quick", action="store_true", help="small sizes, two rounds")
+    parser.add_argument("--rounds", type=int)
+    parser.add_argument("--budget", type=float, help="seconds of one run of a peer")
+    parser.add_argument("--patience", type=float, default=400.0, help="of one size, s")
+    parser.add_argument("--print", action="store_true", help="write no files")
+    parser.add_argument("--again", action="store_true", help="tables from the sheet")
+    asked = parser.parse_args()
+    asked.rounds = asked.rounds or (2 if asked.quick else 5)
+    asked.budget = asked.budget or (20.0 if asked.quick else 240.0)
+    folder = tables.folder(asked.quick)
+    rows = read(folder / SHEET) if asked.scenes or asked.again else []
+    for found in () if asked.again else measure(asked):
+        rows = merged(rows, found)
+        if not asked.print:
+            store(rows, folder, first=not asked.quick)
+    if asked.again:
+        store(rows, folder, first=not asked.quick)
+    print(conclusion(rows))
+
+
+if __name__ == "__main__":
+    main()

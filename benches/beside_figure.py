@@ -1,0 +1,137 @@
+"""Draw beside.csv and time_against_error.csv: seconds against unknowns, and against error.
+
+python benches/beside_figure.py [--quick]
+"""
+
+import argparse
+import csv
+
+import numpy as np
+import tables
+
+# Wong's colours, told apart by colour-blind eyes; the marks say the same again.
+STYLES = {
+    "bipot_rs": ("#000000", "o"),
+    "GetFEM": ("#D55E00", "s"),
+    "Siconos": ("#0072B2", "^"),
+    "SciPy": ("#009E73", "D"),
+}
+PANELS = {
+    "in the plane": {"pressed_block": "-", "cattaneo_mindlin": "--"},
+    "in space": {"sheared_cube": "-", "two_blocks": "--", "cyclic_cube": ":"},
+}
+
+
+def lines(path):
+    """Rows of a sheet."""
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def dress(axis):
+    """Logarithmic axes on a light grid."""
+    axis.set(xscale="log", yscale="log")
+    axis.tick_params(axis="x", which="minor", labelbottom=False)
+    axis.grid(color="0.9", lw=0.6)
+    axis.set_axisbelow(True)
+    axis.spines[["top", "right"]].set_visible(False)
+
+
+def unknowns(plt, rows, target):
+    """Job seconds against unknowns, the plane and space side by side."""
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), sharey=True)
+    for axis, (title, scenes) in zip(axes, PANELS.items(), strict=True):
+        for scene, dash in scenes.items():
+            for program, (colour, mark) in STYLES.items():
+                points = [
+                    (float(row["dofs"]), float(row["job_min"]))
+                    for row in rows
+                    if (row["scene"], row["program"]) == (scene, program)
+                    and row["job_min"]
+                ]
+                if points:
+                    width = 2.2 if program == "bipot_rs" else 1.3
+                    style = {"color": colour, "marker": mark, "markersize": 4}
+                    axis.plot(*np.array(points).T, ls=dash, lw=width, **style)
+        dress(axis)
+        axis.set_xlabel(f"unknowns, {title}")
+        handles = [
+            plt.Line2D([], [], color="0.4", ls=dash, label=scene)
+            for scene, dash in scenes.items()
+        ]
+        place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": 3}
+        axis.legend(handles=handles, frameon=False, **place)
+    axes[0].set_ylabel("seconds, mesh to written result")
+    present = {row["program"] for row in rows if row["job_min"]}
+    legend(plt, figure, present)
+    figure.savefig(target, dpi=110)
+    plt.close(figure)
+
+
+def legend(plt, figure, present):
+    """The programs, below the panels."""
+    handles = [
+        plt.Line2D([], [], color=colour, marker=mark, label=program)
+        for program, (colour, mark) in STYLES.items()
+        if program in present
+    ]
+    figure.tight_layout(rect=(0, 0.08, 1, 1))
+    figure.legend(handles=handles, loc="lower center", ncols=4, frameon=False)
+
+
+def frontier(points):
+    """For each error reached the fewest seconds that reach it, or a smaller one."""
+    best = []
+    for error, seconds in sorted(points):
+        if not best or seconds < best[-1][1]:
+            best.append((error, seconds))
+    return best[::-1]
+
+
+def errors(plt, rows, target):
+    """Seconds against error: the whole job, and what contact takes of it."""
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), sharex=True)
+    said = {"job": "mesh to written result", "contact": "load steps alone"}
+    for axis, (key, title) in zip(axes, said.items(), strict=True):
+        for program, (colour, mark) in STYLES.items():
+            points = [
+                (float(row["error"]), float(row[key]))
+                for row in rows
+                if row["program"] == program
+            ]
+            if points:
+                axis.scatter(*np.array(points).T, s=14, c=colour, marker=mark)
+                best = np.array(frontier(points)).T
+                # What reaches a small error reaches any larger one.
+                far = np.insert(best[0], 0, 1.0), np.insert(best[1], 0, best[1, 0])
+                width = 2.2 if program == "bipot_rs" else 1.3
+                axis.step(*far, where="pre", lw=width, color=colour)
+        dress(axis)
+        axis.set(title=title, xlabel="traction error against the reference")
+        axis.set(xlim=(1, 1e-16), xticks=10.0 ** -np.arange(0, 17, 4))
+        axis.tick_params(axis="x", which="minor", bottom=False)
+    axes[0].set_ylabel("seconds")
+    figure.suptitle(f"{rows[0]['scene']}, n = {rows[0]['n']}", y=0.99, fontsize=10)
+    legend(plt, figure, {row["program"] for row in rows})
+    figure.savefig(target, dpi=110)
+    plt.close(figure)
+
+
+def main():
+    """Draw both."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="what is in out/bench")
+    folder = tables.folder(parser.parse_args().quick)
+    unknowns(plt, lines(folder / "beside.csv"), folder / "time_against_unknowns.png")
+    sheet = folder / "time_against_error.csv"
+    errors(plt, lines(sheet), sheet.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,182 @@
+"""Our condensation beside CHOLMOD and MKL PARDISO: the numeric phase alone.
+
+    python benches/condensation_peers.py             # 9k, 51k, and 200k in the plane
+    python benches/condensation_peers.py --large     # and the cube of 148k
+    python benches/condensation_peers.py --quick
+
+One matrix, contact unknowns last, and S is what each computes. In turn, round after
+round, each run a process of its own, on one thread and on two; the smallest time of a
+program counts, ratios are medians of those within a round. CHOLMOD is compiled here with
+``cc`` when its header is found, PARDISO is used when a Python has the MKL runtime
+(``--mkl`` names it). Rewrites the table of `benches/README.md`.
+"""
+
+import argparse
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from shutil import which
+from statistics import median
+
+import matrix_file
+import numpy as np
+import tables
+from programs import PEERS, Failed, lines_of
+
+HERE = Path(__file__).resolve().parent
+CASES = {"cube 14": (3, 14), "cube 25": (3, 25), "square 316": (2, 316)}
+LARGE = {"cube 36": (3, 36)}
+QUICK = {"cube 9": (3, 9), "square 60": (2, 60)}
+HEAD = (
+    *("body", "unknowns", "contact", "program", "1 thread, s", "Gflop"),
+    *("share of product", "2 threads, s", "gain", "ours / it", "ours / it, 2 threads"),
+    *("S differs", "ordering"),
+)
+
+
+def compiled(folder):
+    """Command of the CHOLMOD program, or why there is none."""
+    if which("cc") is None:
+        return None, "no C compiler"
+    target = Path(folder) / "cholmod"
+    flags = ["-O2", "-march=native", "-I/usr/include/suitesparse"]
+    command = ["cc", *flags, str(PEERS / "cholmod.c"), "-o", str(target)]
+    run = subprocess.run([*command, "-lcholmod", "-lm"], capture_output=True, text=True)
+    if run.returncode:
+        return None, "its header or library is not installed"
+    return [str(target)], ""
+
+
+def pardiso(asked):
+    """Command of the PARDISO program, or why there is none."""
+    for python in filter(None, (asked, sys.executable, which("python3"))):
+        command = [python, str(PEERS / "with_pardiso.py")]
+        look = "import sys; sys.argv[1:] = []; sys.path.insert(0, %r); "
+        look += "import with_pardiso; with_pardiso.library()"
+        try:
+            lines_of([python, "-c", look % str(PEERS)], 1, 60)
+        except Failed:
+            continue
+        return command, ""
+    return None, "no Python here has the MKL runtime"
+
+
+def difference(path, m, W):
+    """Largest entry of S - W⁻¹ over that of S."""
+    S = np.fromfile(f"{path}.s").reshape(m, m)
+    S = np.where(np.tri(m, dtype=bool).T, S, S.T)  # PARDISO fills the upper triangle
+    return np.abs(S - np.linalg.inv(W)).max() / np.abs(S).max()
+
+
+def case(name, shape, commands, asked):
+    """Rows of one matrix."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "matrix"
+        n, m = matrix_file.write(path, *shape)
+        repeat = "3" if n < 100_000 else "1"
+        found = {(p, t): [] for p in commands for t in (1, 2)}
+        gap = {}
+        for turn in range(asked.rounds):
+            for threads in (1, 2):
+                for program, command in commands.items():
+                    _, (line,) = lines_of([*command, str(path), repeat], threads, None)
+                    found[program, threads].append(line)
+                    if program == "bipot_rs":
+                        W = np.fromfile(f"{path}.s").reshape(m, m)
+                    elif turn == 0 and threads == 1:
+                        gap[program] = difference(path, m, W)
+    for program in commands:
+        one, two = (
+            [line["numeric"] for line in found[program, threads]] for threads in (1, 2)
+        )
+        line = found[program, 1][0]
+        rate = max(line["rate"] for line in found["bipot_rs", 1])
+        ours = [
+            [line["numeric"] for line in found["bipot_rs", threads]]
+            for threads in (1, 2)
+        ]
+        ratios = [
+            f"{median(a / b for a, b in zip(mine, its, strict=True)):.2f}"
+            for mine, its in zip(ours, (one, two), strict=True)
+        ]
+        first = program == "bipot_rs"
+        # PARDISO does not count the operations of its two-level form.
+        counted = line["flops"] > 0
+        yield (
+            *((name, f"{n:,}", f"{m:,}") if first else ("", "", "")),
+            *(
+                program,
+                tables.figures(min(one)),
+                tables.figures(line["flops"] / 1e9) if counted else "",
+            ),
+            f"{100 * line['flops'] / min(one) / rate:.0f} %" if counted else "",
+            *(tables.figures(min(two)), f"{min(one) / min(two):.2f}"),
+            *(("", "", "") if first else (*ratios, f"{gap[program]:.0e}")),
+            line["ordering"],
+        )
+
+
+def main():
+    """Measure, and rewrite the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--large", action="store_true")
+    parser.add_argument("--quick", action="store_true", help="small sizes")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument(
+        "--mkl", help="the Python that has MKL", default=os.environ.get("MKL_PYTHON")
+    )
+    parser.add_argument("--print", action="store_true", help="write no files")
+    asked = parser.parse_args()
+    cases = QUICK if asked.quick else CASES | (LARGE if asked.large else {})
+    with tempfile.TemporaryDirectory() as folder:
+        wanted = {"CHOLMOD": compiled(folder), "MKL PARDISO": pardiso(asked.mkl)}
+        commands = {"bipot_rs": [sys.executable, str(HERE / "condensation_ours.py")]}
+        commands |= {name: command for name, (command, _) in wanted.items() if command}
+        absent = [
+            f"{name}: {why}" for name, (command, why) in wanted.items() if not command
+        ]
+        rows = []
+        for name, shape in cases.items():
+            for row in case(name, shape, commands, asked):
+                print("| " + " | ".join(row) + " |", flush=True)
+                rows.append(row)
+            if not asked.print:
+                page = tables.folder(asked.quick) / "README.md"
+                tables.rewrite(page, "condensation", written(rows, absent))
+
+
+def written(rows, absent):
+    """The text between the markers."""
+    text = tables.table(HEAD, rows)
+    text += f"\n\nLoad {os.getloadavg()[0]:.1f} at the end. {conclusion(rows)}"
+    if absent:
+        text += f" Not run: {'; '.join(absent)}."
+    return text
+
+
+def conclusion(rows):
+    """How often ours is ahead, and by how much at the most and the least."""
+    words, body = [], ""
+    found = {}
+    for row in rows:
+        body = row[0] or body
+        if row[9]:
+            found.setdefault(row[3], []).append((float(row[9]), body))
+    for peer, ratios in found.items():
+        low, high = min(ratios), max(ratios)
+        words.append(
+            f"ours takes {low[0]:.2f} ({low[1]}) to {high[0]:.2f} ({high[1]}) of the "
+            f"time of {peer} on one thread"
+        )
+    gains = [float(row[8]) for row in rows if row[3] == "bipot_rs"]
+    if math.isfinite(max(gains)):
+        words.append(f"two threads gain us up to {max(gains):.2f}")
+    text = "; ".join(words) + "."
+    return text[0].upper() + text[1:]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,115 @@
+"""A shipped scene by Siconos, from the K of scikit-fem on.
+
+    python benches/peers/system.py SCENE N --save SYSTEM.npz
+    /usr/bin/python3 benches/peers/with_siconos.py SCENE N --matrices SYSTEM.npz
+
+Needs siconos and SciPy, and nothing of this package. W is made by SuperLU and one
+back-solve a contact unknown; Siconos solves the reduced problem, its tolerance tightened
+by factors of a hundred until the natural map relative to max |R| is ``TOL``, and only the run
+that meets it is timed. It is given node-scaled variables, the largest of q being 1: its
+measures are absolute. Bodies that contact alone holds have no W: there the proximal
+point method, springs towards the contact's place in the iteration before, whose fixed
+point is the answer without springs. Assembly counts as measured when the matrices were
+made.
+"""
+
+from time import perf_counter
+
+import numpy as np
+import report
+from system import Condensed, load, natural_map, scale_of
+
+try:
+    import siconos.numerics as sn
+    from siconos_reduced import solve
+except ImportError:
+    raise SystemExit("siconos is not installed") from None
+
+# Its Newton method exists in space only; a plane problem is lifted for it. In the plane
+# sweeps are tried first, being native.
+METHODS = {2: ("NSGS", "NSN_AC"), 3: ("NSN_AC", "NSGS")}
+ITERATIONS = {"NSGS": 100_000, "NSN_AC": 400}
+
+
+def reduced(W, q, mu, tol, scale, methods):
+    """Reactions, residual and name of the first method that meets ``tol``; seconds.
+
+    Seconds are (of the run that counts, of all runs).
+    """
+    nodes = len(mu)
+    weight = np.sqrt(scale)
+    largest = np.abs(weight * q).max()
+    inner, load = (
+        weight[:, None] * W * weight,
+        (weight * q / largest).reshape(nodes, -1),
+    )
+    begin = perf_counter()
+    best = None
+    for method in methods:
+        for own in 10.0 ** -np.arange(2, 16, 2):
+            start = perf_counter()
+            r = solve(inner, load, mu, method, own, ITERATIONS[method], once=True)[0]
+            spent = perf_counter() - start
+            r = largest * weight * r.ravel()
+            F = natural_map(r, W @ r + q, mu, scale)
+            residual = np.abs(F).max() / np.abs(r).max() if r.any() else np.inf
+            if np.isfinite(residual) and (best is None or residual < best[1]):
+                best = (r, residual, method, spent)
+            if residual <= tol:
+                return *best, perf_counter() - begin
+    if best is None:
+        raise SystemExit("no finite answer")
+    return *best, perf_counter() - begin
+
+
+def main():
+    """Run one scene."""
+    asked = report.arguments(__doc__)
+    sn.numerics_set_verbose(0)
+    system, more = load(asked.matrices)
+    clock = report.Clock()
+    clock.phases["assemble"] = float(more["assemble"])
+    clock.begin -= clock.phases["assemble"]
+    nodes, d = system.gap.shape
+    floating = asked.scene == "pressed_block"
+    spring = 1e-2 * system.K.diagonal().max() if floating else 0.0
+    body = Condensed(system, spring, clock)
+    W, B = body.W, system.B
+    scale = scale_of(W, nodes)
+    methods = (asked.solver,) if asked.solver else METHODS[d]
+    offset = system.gap.ravel()
+    reactions, displacements, residuals, used = [], [], [], set()
+    for prescribed in system.prescribed:
+        u = body.free_displacement(prescribed)
+        q = B @ u + offset
+        pull, rounds = np.zeros_like(q), 100 if floating else 1
+        for _ in range(rounds):
+            shifted = q + W @ pull
+            r, residual, method, last, spent = reduced(
+                *(W, shifted, system.mu, asked.tol, scale, methods)
+            )
+            clock.discount(spent - last)
+            v = W @ r + shifted
+            before, pull = pull, spring * (body.normal @ (v - offset))
+            change = np.abs(pull - before).max()
+            if change <= 0.1 * asked.tol * np.abs(r).max():
+                break
+        residuals.append(max(residual, change / np.abs(r).max()))
+        used.add(method)
+        body.add(u, r + before)
+        offset = system.gap.copy()
+        offset[:, 1:] -= (B @ u).reshape(-1, d)[:, 1:]
+        offset = offset.ravel()
+        reactions.append(r.reshape(-1, d))
+        displacements.append(v.reshape(-1, d))
+        clock.step()
+    report.write(
+        *(asked, clock, "Siconos", system.x, system.area, reactions, displacements),
+        dofs=system.K.shape[0],
+        residual=max(residuals),
+        settings=f"SuperLU, back-solves for W, {' and '.join(sorted(used))}",
+    )
+
+
+if __name__ == "__main__":
+    main()

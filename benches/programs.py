@@ -1,0 +1,221 @@
+"""Ours and the peers as commands: who is installed, one run of each, what it answered."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from shutil import which
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from bipot_rs.export import read_result
+
+HERE = Path(__file__).resolve().parent
+PEERS = HERE / "peers"
+PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write")
+
+
+class Failed(Exception):
+    """A run that gave no answer, with the last line it wrote."""
+
+
+@dataclass(eq=False)
+class Run:
+    """What one run answered: seconds, and forces and displacements at the contacts."""
+
+    dofs: int
+    phases: dict[str, float]
+    job: float  # mesh to written result [s]
+    process: float  # wall clock of the process, imports included [s]
+    later: float | None  # median of the load steps after the first [s]
+    peak_mb: float
+    x: np.ndarray  # (n_c, d) [mm]
+    area: np.ndarray  # (n_c,) [mm²], a length in the plane
+    mu: np.ndarray | None
+    R: np.ndarray  # (steps, n_c, d) [N]
+    v: np.ndarray  # (steps, n_c, d) [mm], slip of the step
+    settings: str = ""
+    more: dict[str, Any] = field(default_factory=dict)
+
+
+def lines_of(command, threads, limit):
+    """Seconds of a command, and the JSON lines it printed.
+
+    ``threads`` is that of BLAS and of ours. Libraries below print on both streams: what
+    is no JSON object is not looked at.
+    """
+    environment = os.environ | {
+        "OPENBLAS_NUM_THREADS": str(threads),
+        "OMP_NUM_THREADS": str(threads),
+        "BIPOT_NUM_THREADS": str(threads),
+    }
+    if Path(command[0]).resolve() != Path(sys.executable).resolve():
+        # Another Python must not meet the packages of this one.
+        environment.pop("PYTHONPATH", None)
+    start = perf_counter()
+    try:
+        run = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            env=environment,
+            timeout=limit,
+        )
+    except subprocess.TimeoutExpired:
+        raise Failed(f"stopped after {limit:.0f} s") from None
+    seconds = perf_counter() - start
+    if run.returncode:
+        said = (run.stderr.strip() or run.stdout.strip() or "no word").splitlines()
+        raise Failed(said[-1][:200])
+    return seconds, [
+        json.loads(line) for line in run.stdout.splitlines() if line.startswith("{")
+    ]
+
+
+class Ours:
+    """`bipot run`, with its HDF5, VTU and PVD files."""
+
+    name = "bipot_rs"
+    threads = (os.cpu_count() or 1,)
+
+    def version(self):
+        """Name and version."""
+        return f"bipot-rs {version('bipot-rs')}"
+
+    def run(self, scene, n, threads, tol=None, limit=None):
+        """Solve a scene."""
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-m", "bipot_rs", "run", scene, "--json"]
+            command += ["--set", f"mesh.n={n}", "--out", folder]
+            if tol is not None:
+                command += ["--set", f"solver.tol={tol}"]
+            process, (*steps, last) = lines_of(command, threads, limit)
+            contacts, records, _ = read_result(Path(folder) / "result.h5")
+        phases = {phase: last["seconds"][phase] for phase in PHASES}
+        solving = [step["seconds"] for step in steps]
+        # What the solver does not count of a step, loads and recovery, is shared out.
+        beside = phases["solve"] + phases["recover"] - sum(solving)
+        later = median(solving[1:]) + beside / len(steps) if solving[1:] else None
+        slip = np.array([record["slip"] for record in records])
+        normal = np.array([record["relative_displacement"] for record in records])
+        return Run(
+            dofs=last["dofs"],
+            phases=phases,
+            job=sum(phases.values()),
+            process=process,
+            later=later,
+            peak_mb=last["peak_mb"],
+            x=contacts["x"],
+            area=contacts["area"],
+            mu=contacts["mu"],
+            R=np.array([record["reaction"] for record in records]),
+            v=np.concatenate([normal[..., :1], slip], axis=2),
+        )
+
+
+@dataclass(eq=False)
+class Peer:
+    """A script of ``peers/`` under the first Python that has what it imports."""
+
+    name: str
+    script: str
+    needs: str
+    tol: float  # its own measure; what gives a traction error of 1e-8 or less
+    package: str  # as Debian calls it
+    reads_matrices: bool = False
+    python: str | None = None
+    missing: str = ""
+
+    @property
+    def threads(self):
+        """SuperLU and MUMPS meet BLAS on small blocks: one thread is often faster."""
+        return tuple(dict.fromkeys((1, os.cpu_count() or 1)))
+
+    def find(self):
+        """Look for a Python that has it; ``missing`` says why there is none."""
+        pythons = (sys.executable, which("python3"), "/usr/bin/python3")
+        for python in dict.fromkeys(p for p in pythons if p and Path(p).exists()):
+            try:
+                lines_of([python, "-c", f"import {self.needs}"], 1, 60)
+            except Failed:
+                continue
+            self.python = python
+            return self
+        self.missing = f"no Python here has {self.needs.replace(', ', ' and ')}"
+        return self
+
+    def version(self):
+        """Name and version of what it stands on."""
+        if str(self.python).startswith("/usr/bin"):
+            return self.name + debian(self.package)
+        module = self.needs.split(",")[0]
+        ask = "import json, importlib.metadata as m; "
+        ask += f"print(json.dumps({{'version': m.version('{module}')}}))"
+        try:
+            _, (line,) = lines_of([self.python, "-c", ask], 1, 60)
+        except Failed:
+            return self.name
+        return f"{self.name} {line['version']}"
+
+    def run(self, scene, n, threads, tol=None, limit=None):
+        """Solve a scene."""
+        with tempfile.TemporaryDirectory() as folder:
+            answer, matrices = Path(folder) / "answer.npz", Path(folder) / "system.npz"
+            command = [self.python, str(PEERS / self.script), scene, str(n)]
+            command += ["--save", str(answer), "--tol", str(tol or self.tol)]
+            if self.reads_matrices:
+                make = [sys.executable, str(PEERS / "system.py"), scene, str(n)]
+                lines_of([*make, "--save", str(matrices)], threads, limit)
+                command += ["--matrices", str(matrices)]
+            process, lines = lines_of(command, threads, limit)
+            with np.load(answer) as file:
+                found = dict(file)
+        line = lines[-1]
+        steps = line["steps"]
+        if self.reads_matrices:
+            process += line["seconds"]["assemble"]
+        return Run(
+            dofs=line["dofs"],
+            phases=line["seconds"],
+            job=line["seconds"]["total"],
+            process=process,
+            later=median(steps[1:]) if steps[1:] else None,
+            peak_mb=line["peak_mb"],
+            x=found["x"],
+            area=found["area"],
+            mu=None,
+            R=found["R"],
+            v=found["v"],
+            settings=line["settings"],
+        )
+
+
+def debian(package):
+    """A version as Debian names it, where it is Debian's; else nothing."""
+    try:
+        asked = ["dpkg-query", "-W", "-f", "${Version}", package]
+        found = subprocess.run(asked, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return " " + found.stdout
+
+
+def peers():
+    """All of them, installed or not."""
+    return [
+        Peer("GetFEM", "with_getfem.py", "getfem", 1e-8, "python3-getfem++").find(),
+        Peer(
+            *("Siconos", "with_siconos.py", "siconos.numerics, scipy", 1e-9),
+            "python3-siconos",
+            reads_matrices=True,
+        ).find(),
+        Peer("SciPy", "with_scipy.py", "scipy, skfem", 1e-9, "python3-scipy").find(),
+    ]

@@ -1,0 +1,160 @@
+"""How each phase grows with the number of unknowns, and what that says of larger ones.
+
+    python benches/slopes.py
+    python benches/slopes.py --quick
+
+Squares and cubes with their base in contact, four sizes each: seconds of each phase,
+operations, nonzeros and bytes. An exponent is the least-squares slope of logarithms;
+the prediction starts at the largest size measured. Rewrites the table of
+`benches/README.md`, and `slopes.csv`.
+"""
+
+import argparse
+import csv
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import matrix_file
+import numpy as np
+import tables
+from programs import lines_of
+
+HERE = Path(__file__).resolve().parent
+SHEET = "slopes.csv"
+CELLS = {2: (158, 223, 316, 447), 3: (14, 18, 25, 32)}
+QUICK = {2: (30, 45, 65, 90), 3: (5, 7, 9, 11)}
+# The exponents of theory for nested dissection, a whole side in contact: its m unknowns
+# are n^(1/2) in the plane and n^(2/3) in space, and W costs m³. Logarithms left out.
+THEORY = {
+    "order": (1, 1),
+    "symbolic": (1, 1),
+    "factor": (1.5, 2),
+    "compliance": (1.5, 2),
+    "solve": (1.5, 2),
+    "recover": (1, 4 / 3),
+    "flops": (1.5, 2),
+    "nnz": (1, 4 / 3),
+    "bytes_factor": (1, 4 / 3),
+    "bytes_peak": (1, 4 / 3),
+}
+NAMES = {
+    "factor": "numeric",
+    "compliance": "W",
+    "flops": "operations",
+    "nnz": "nonzeros of L",
+    "bytes_factor": "GB of L",
+    "bytes_peak": "GB at the peak",
+}
+SCALE = {"bytes_factor": 1e-9, "bytes_peak": 1e-9}
+FAR = (10**6, 10**7)
+HEAD = (
+    *("", "quantity", "smallest", "largest", "exponent", "theory"),
+    *(f"at 10^{len(str(n)) - 1}" for n in FAR),
+)
+
+
+def exponent(n, values):
+    """Least-squares slope of log(values) against log(n)."""
+    return float(np.polyfit(np.log(n), np.log(values), 1)[0])
+
+
+def measured(dim, cells, threads):
+    """Rows of the sheet, a size each."""
+    command = [sys.executable, str(HERE / "condensation_ours.py")]
+    for count in cells:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "matrix"
+            n, m = matrix_file.write(path, dim, count)
+            repeat = "3" if n < 60_000 else "2"
+            _, (line,) = lines_of([*command, str(path), repeat], threads, None)
+        row = {"dim": dim, "n": n, "m": m, "threads": threads}
+        row |= {key: line[key] for key in THEORY}
+        print(row, flush=True)
+        yield row
+
+
+def predictions(rows):
+    """For each quantity its values, exponent, theory, and values far away."""
+    n = np.array([float(row["n"]) for row in rows])
+    dim = int(rows[0]["dim"])
+    for key, theory in THEORY.items():
+        values = np.array([float(row[key]) for row in rows]) * SCALE.get(key, 1.0)
+        slope = exponent(n, values)
+        far = [values[-1] * (size / n[-1]) ** slope for size in FAR]
+        yield key, values, slope, theory[dim - 2], far
+
+
+def written(rows):
+    """Table and conclusion."""
+    lines, words = [], []
+    for dim in (2, 3):
+        ours = [row for row in rows if int(row["dim"]) == dim]
+        sizes = [int(row["n"]) for row in ours]
+        total, far = np.zeros(len(FAR)), {}
+        for key, values, slope, theory, predicted in predictions(ours):
+            first = f"{dim}D, {sizes[0]:,} to {sizes[-1]:,}" if key == "order" else ""
+            lines.append(
+                (
+                    *(first, NAMES.get(key, key)),
+                    *(tables.figures(values[0]), tables.figures(values[-1])),
+                    *(f"{slope:.2f}", f"{theory:.2f}".rstrip("0").rstrip(".")),
+                    *(tables.figures(float(f"{x:.2g}")) for x in predicted),
+                )
+            )
+            far[key] = predicted
+            if key in ("order", "symbolic", "factor", "compliance", "solve", "recover"):
+                total += predicted
+        place = "in the plane" if dim == 2 else "in space"
+        for size, seconds, memory in zip(FAR, total, far["bytes_peak"], strict=True):
+            told = [tables.figures(float(f"{x:.2g}")) for x in (seconds, memory)]
+            words.append(f"{told[0]} s and {told[1]} GB for {size:,} unknowns {place}")
+    text = tables.table(HEAD, lines)
+    return f"{text}\n\nSeconds but where said. {verdict(rows, words)}"
+
+
+def verdict(rows, words):
+    """What to conclude, with the memory of this machine as the measure."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    space = [row for row in rows if int(row["dim"]) == 3]
+    found = {key: rest for key, *rest in predictions(space)}
+    values, slope, *_ = found["bytes_peak"]
+    largest = float(space[-1]["n"]) * (memory / values[-1]) ** (1 / slope)
+    said = ", ".join(words)
+    return (
+        f"Expected: {said}. Memory, not time, is what ends a direct method in space: this "
+        f"machine's {memory:.0f} GB are full at some {largest:.1g} unknowns there."
+    )
+
+
+def main():
+    """Measure, and rewrite the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="small sizes")
+    parser.add_argument("--print", action="store_true", help="write no files")
+    parser.add_argument("--again", action="store_true", help="table from slopes.csv")
+    asked = parser.parse_args()
+    threads, folder = os.cpu_count() or 1, tables.folder(asked.quick)
+    if asked.again:
+        with (folder / SHEET).open(encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+    else:
+        rows = [
+            row
+            for dim, cells in (QUICK if asked.quick else CELLS).items()
+            for row in measured(dim, cells, threads)
+        ]
+    text = written(rows)
+    print(text)
+    if asked.print:
+        return
+    with (folder / SHEET).open("w", newline="", encoding="utf-8") as file:
+        sheet = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        sheet.writeheader()
+        sheet.writerows(rows)
+    tables.rewrite(folder / "README.md", "slopes", text)
+
+
+if __name__ == "__main__":
+    main()

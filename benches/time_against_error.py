@@ -1,0 +1,61 @@
+"""Seconds of the whole job against the traction error, as the tolerance is tightened.
+
+    python benches/time_against_error.py            # sheared_cube 15
+    python benches/time_against_error.py --quick    # sheared_cube 9
+
+Ours and every installed peer on one scene with a stored reference, in turn at each rung
+of a ladder of tolerances, the smaller of two runs; what a program calls its tolerance is
+its own affair, the error is ours to measure. Writes `time_against_error.csv`.
+"""
+
+import argparse
+import csv
+
+import judge
+import programs
+import tables
+
+SHEET = "time_against_error.csv"
+COLUMNS = ("scene", "n", "program", "tol", "error", "job", "contact")
+SCENE = "sheared_cube"
+LADDER = tuple(10.0**-k for k in range(1, 14, 2))
+CONTACT = ("solve", "recover", "contact")
+
+
+def rows(n, rounds, ladder):
+    """A row for each program and tolerance."""
+    reference = judge.stored(SCENE, n)
+    everyone = [programs.Ours(), *(p for p in programs.peers() if not p.missing)]
+    for tol in ladder:
+        for program in everyone:
+            try:
+                runs = [
+                    program.run(SCENE, n, program.threads[0], tol=tol)
+                    for _ in range(rounds)
+                ]
+            except programs.Failed as why:
+                print(f"{program.name} at {tol:g}: {why}", flush=True)
+                continue
+            run = min(runs, key=lambda run: run.job)
+            error, _ = judge.compare(run, reference)
+            contact = sum(run.phases.get(name, 0.0) for name in CONTACT)
+            row = (SCENE, n, program.name, tol, error, run.job, contact)
+            print(*row, flush=True)
+            yield dict(zip(COLUMNS, row, strict=True))
+
+
+def main():
+    """Measure."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a small mesh, one run")
+    asked = parser.parse_args()
+    found = list(rows(9, 1, LADDER[::3]) if asked.quick else rows(15, 2, LADDER))
+    path = tables.folder(asked.quick) / SHEET
+    with path.open("w", newline="", encoding="utf-8") as file:
+        sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        sheet.writeheader()
+        sheet.writerows(found)
+
+
+if __name__ == "__main__":
+    main()
