@@ -42,8 +42,15 @@ pub struct Counts {
     pub flops: f64,
     /// Memory that the factor and S hold.
     pub bytes_factor: usize,
-    /// Largest memory on the way, on one thread.
+    /// Largest memory on the way, on one thread, the analysis included.
     pub bytes_peak: usize,
+    /// The same where the factor is not kept, only S.
+    pub bytes_peak_dropped: usize,
+    /// What `bytes_peak` may become on any number of threads, in whatever order
+    /// they come: what no order exceeds, and few come near.
+    pub bytes_peak_threads: usize,
+    /// Memory of the analysis itself.
+    pub bytes_symbolic: usize,
     /// Where the elimination order comes from.
     pub ordering: &'static str,
     /// Seconds spent ordering.
@@ -101,6 +108,8 @@ pub(crate) struct Task {
     pub(crate) stack: usize,
     /// What remains on the stack: the updates of the subtrees' roots.
     pub(crate) left: usize,
+    /// The largest of the panels [f64].
+    pub(crate) panel: usize,
 }
 
 /// The analysis of one pattern: good for every matrix that has it.
@@ -124,6 +133,10 @@ pub struct Symbolic {
     /// Tasks whose updates go to S, in order.
     pub(crate) roots: Vec<usize>,
     pub(crate) panels: usize,
+    /// Most that updates take on one thread, and with a panel that is not kept
+    /// [f64].
+    pub(crate) stack: usize,
+    pub(crate) stack_dropped: usize,
     fingerprints: Vec<u64>,
     counts: Counts,
 }
@@ -166,7 +179,16 @@ impl Symbolic {
         let m = kept.len();
         let f64s = size_of::<f64>();
         let bytes_factor = (panels + m * m) * f64s;
-        let bytes_peak = bytes_factor + tasks.peak * f64s;
+        let bytes_symbolic = size_of_val(entries.as_slice())
+            + size_of_val(fronts.as_slice())
+            + size_of_val(runs.as_slice())
+            + n * (size_of::<u64>() + 2 * size_of::<u32>());
+        // S is made when the last updates have reached it, and the diagonal of
+        // K goes along.
+        let peak = |own: usize, stack: usize| {
+            bytes_symbolic + (own + stack.max(tasks.end + m * m) + n) * f64s
+        };
+        let most = tasks.most();
         let flops = fronts.iter().map(|f| flops_of(f.np, f.nf())).sum();
         let nnz_factor = fronts
             .iter()
@@ -184,6 +206,8 @@ impl Symbolic {
             task_children: tasks.children,
             roots: tasks.roots,
             panels,
+            stack: tasks.peak,
+            stack_dropped: tasks.peak_dropped,
             fingerprints: (0..n).into_par_iter().map(|j| fingerprint(k, j)).collect(),
             counts: Counts {
                 n,
@@ -191,7 +215,10 @@ impl Symbolic {
                 nnz_factor,
                 flops,
                 bytes_factor,
-                bytes_peak,
+                bytes_peak: peak(panels, tasks.peak),
+                bytes_peak_dropped: peak(0, tasks.peak_dropped),
+                bytes_peak_threads: peak(panels, most),
+                bytes_symbolic,
                 ordering,
                 seconds_order,
                 seconds_symbolic: begin.elapsed().as_secs_f64() - seconds_order,
@@ -564,6 +591,10 @@ struct Tasks {
     roots: Vec<usize>,
     /// Largest stack of updates on one thread [f64].
     peak: usize,
+    /// The same with the panel at work beside it.
+    peak_dropped: usize,
+    /// What is left for S in the end.
+    end: usize,
 }
 
 impl Tasks {
@@ -581,6 +612,8 @@ impl Tasks {
             children: Vec::new(),
             roots: Vec::new(),
             peak: 0,
+            peak_dropped: 0,
+            end: 0,
         };
         // Updates wait on one stack when one thread does all in order.
         let mut stack: Vec<(Option<usize>, usize)> = Vec::new();
@@ -624,7 +657,10 @@ impl Tasks {
                 this.children.append(&mut task_of[f]);
             }
             let (need, left) = stack_of(fronts, children, range.clone());
+            let largest = fronts[range.clone()].iter().map(|f| f.layout().len()).max();
+            let panel = largest.unwrap_or(0);
             this.peak = this.peak.max(height + need);
+            this.peak_dropped = this.peak_dropped.max(height + need + panel);
             while is_top && stack.last().is_some_and(|&(taker, _)| taker == Some(f)) {
                 height -= stack.pop().map_or(0, |(_, len)| len);
             }
@@ -642,8 +678,10 @@ impl Tasks {
                 children: from..this.children.len(),
                 stack: need,
                 left,
+                panel,
             });
         }
+        this.end = height;
         // Parents were fronts until every task had its number.
         let mut of_front = vec![0; fronts.len()];
         for (number, task) in this.list.iter().enumerate() {
@@ -653,6 +691,22 @@ impl Tasks {
             task.parent = task.parent.map(|front| of_front[front]);
         }
         this
+    }
+}
+
+impl Tasks {
+    /// Most that updates take when tasks are done in any order, children first:
+    /// of each subtree its root is done, or at work above its children, or
+    /// neither and its subtrees stand for themselves.
+    fn most(&self) -> usize {
+        let mut of: Vec<usize> = Vec::with_capacity(self.list.len());
+        for task in &self.list {
+            let children = &self.children[task.children.clone()];
+            let done: usize = children.iter().map(|&child| self.list[child].left).sum();
+            let apart: usize = children.iter().map(|&child| of[child]).sum();
+            of.push(apart.max(done + task.stack));
+        }
+        self.roots.iter().map(|&root| of[root]).sum()
     }
 }
 
