@@ -146,6 +146,34 @@ pub(crate) fn zeros(len: usize) -> Vec<f64> {
     values
 }
 
+/// Frees a vector, and its pages at once: the allocator would keep those of
+/// vectors below some 32 MB, in pieces that the next, larger one does not fit.
+pub(crate) fn release(values: Vec<f64>) {
+    #[cfg(not(target_os = "linux"))]
+    drop(values);
+    #[cfg(target_os = "linux")]
+    {
+        let mut values = values;
+        let page = 1 << 12;
+        let begin = values.as_mut_ptr().addr();
+        let inner = begin.next_multiple_of(page);
+        let end = begin + size_of_val(values.as_slice());
+        if inner + page <= end {
+            let start = values.as_mut_ptr().cast::<u8>().wrapping_add(inner - begin);
+            // SAFETY: the range lies inside the allocation, which is ours alone
+            // and never read again; it holds numbers, and zeros are numbers.
+            // Refusal, as where pages are larger, does no harm.
+            unsafe {
+                libc::madvise(
+                    start.cast(),
+                    (end - inner) / page * page,
+                    libc::MADV_DONTNEED,
+                );
+            }
+        }
+    }
+}
+
 /// Cholesky factor of a symmetric positive definite matrix, in place: the lower
 /// triangle of `a` is read, and becomes `L`; the strict upper one is zeroed.
 ///

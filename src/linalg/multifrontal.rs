@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex};
 
 use crate::error::Error;
 use crate::linalg::csc::{Symmetric, narrow};
-use crate::linalg::dense::{factor_panel, mirror_upper, rank_update, zeros};
+use crate::linalg::dense::{factor_panel, mirror_upper, rank_update, release, zeros};
 use crate::linalg::packed::{Packed, Run, add_to_panel, add_to_update, segments};
 use crate::linalg::sweep::{Columns, Forward};
 use crate::linalg::symbolic::{Front, Symbolic, Task};
@@ -596,13 +596,20 @@ impl Buffers {
         }
         free.held += len;
         drop(free);
-        drop(dropped);
+        dropped.into_iter().for_each(release);
         zeros(len)
     }
 
+    /// Takes a buffer back.
     fn give(&self, buffer: Vec<f64>) {
         if !buffer.is_empty() {
             lock(&self.free).list.push(buffer);
         }
+    }
+}
+
+impl Drop for Free {
+    fn drop(&mut self) {
+        self.list.drain(..).for_each(release);
     }
 }
