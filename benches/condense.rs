@@ -18,8 +18,8 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use bipot_rs::linalg::csc::Symmetric;
-use bipot_rs::linalg::dense::{Op, cholesky, inverse_from_cholesky, matmul};
-use bipot_rs::linalg::multifrontal::Factor;
+use bipot_rs::linalg::dense::{Op, cholesky, invert_from_cholesky, matmul};
+use bipot_rs::linalg::multifrontal::{Factor, Schur};
 use bipot_rs::linalg::symbolic::{Options, Symbolic};
 use bodies::Make;
 
@@ -64,23 +64,25 @@ fn row(name: &str, make: Make, with_coordinates: bool) {
     let counts = symbolic.counts();
     let stop = AtomicBool::new(false);
     let times = if body.n < 100_000 { 4 } else { 2 };
-    let (numeric, factor) = seconds(times, || {
+    let (dropped, _) = seconds(times, || Schur::new(&symbolic, &k, &mut [], &stop).unwrap());
+    let (numeric, mut factor) = seconds(times, || {
         Factor::new(Arc::clone(&symbolic), &k, &stop).unwrap()
     });
+    let (again, ()) = seconds(times, || factor.refactor(&k, &stop).unwrap());
     let m = symbolic.kept();
-    let mut l = factor.schur().to_vec();
-    let mut inverse = vec![0.0; m * m];
-    let begin = Instant::now();
-    cholesky(&mut l, m, &stop).unwrap();
-    inverse_from_cholesky(&l, m, &mut inverse, &stop).unwrap();
-    let dense = begin.elapsed().as_secs_f64();
+    let mut inverse = factor.schur().to_vec();
+    let (dense, ()) = seconds(3, || {
+        inverse.copy_from_slice(factor.schur());
+        cholesky(&mut inverse, m, &stop).unwrap();
+        invert_from_cholesky(&mut inverse, m, &stop).unwrap();
+    });
     let mut load = vec![1.0; body.n];
     let (solve, ()) = seconds(3, || {
         factor.condense(&mut load, 1);
         factor.recover(&mut load, 1);
     });
     println!(
-        "{name:>10} {:>8} {m:>6} {:>9.3} {:>9.3} {numeric:>9.3} {dense:>9.3} {solve:>9.4} {:>9.1} {:>7.1} {:>6.0} % {:>8} {:>8}  {}",
+        "{name:>10} {:>8} {m:>6} {:>9.3} {:>9.3} {numeric:>9.3} {again:>9.3} {dropped:>9.3} {dense:>9.3} {solve:>9.4} {:>9.1} {:>7.1} {:>6.0} % {:>8} {:>8} {:>8}  {}",
         body.n,
         counts.seconds_order,
         counts.seconds_symbolic,
@@ -89,6 +91,7 @@ fn row(name: &str, make: Make, with_coordinates: bool) {
         100.0 * counts.flops / numeric / rate,
         counts.bytes_factor >> 20,
         counts.bytes_peak >> 20,
+        counts.bytes_peak_dropped >> 20,
         counts.ordering,
     );
 }
@@ -108,20 +111,23 @@ fn main() {
         pool.current_num_threads()
     );
     println!(
-        "{:>10} {:>8} {:>6} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>7} {:>8} {:>8} {:>8}",
+        "{:>10} {:>8} {:>6} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>7} {:>8} {:>8} {:>8} {:>8}",
         "body",
         "n",
         "m",
         "order",
         "symbolic",
         "S",
+        "S again",
+        "S alone",
         "W from S",
         "solve",
         "Gflop",
         "G",
         "share",
         "factor",
-        "peak"
+        "peak",
+        "alone"
     );
     pool.install(|| {
         let rows = [

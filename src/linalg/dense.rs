@@ -19,7 +19,7 @@ use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_unit_lower_triangular_in_place,
     solve_unit_upper_triangular_in_place, solve_upper_triangular_in_place,
 };
-use faer::prelude::ReborrowMut;
+use faer::prelude::{IntoConst, Reborrow, ReborrowMut};
 use faer::{Accum, MatMut, MatRef, Par, Spec};
 use rayon::prelude::*;
 
@@ -146,6 +146,34 @@ pub(crate) fn zeros(len: usize) -> Vec<f64> {
     values
 }
 
+/// Frees a vector, and its pages at once: the allocator would keep those of
+/// vectors below some 32 MB, in pieces that the next, larger one does not fit.
+pub(crate) fn release(values: Vec<f64>) {
+    #[cfg(not(target_os = "linux"))]
+    drop(values);
+    #[cfg(target_os = "linux")]
+    {
+        let mut values = values;
+        let page = 1 << 12;
+        let begin = values.as_mut_ptr().addr();
+        let inner = begin.next_multiple_of(page);
+        let end = begin + size_of_val(values.as_slice());
+        if inner + page <= end {
+            let start = values.as_mut_ptr().cast::<u8>().wrapping_add(inner - begin);
+            // SAFETY: the range lies inside the allocation, which is ours alone
+            // and never read again; it holds numbers, and zeros are numbers.
+            // Refusal, as where pages are larger, does no harm.
+            unsafe {
+                libc::madvise(
+                    start.cast(),
+                    (end - inner) / page * page,
+                    libc::MADV_DONTNEED,
+                );
+            }
+        }
+    }
+}
+
 /// Cholesky factor of a symmetric positive definite matrix, in place: the lower
 /// triangle of `a` is read, and becomes `L`; the strict upper one is zeroed.
 ///
@@ -158,36 +186,96 @@ pub(crate) fn zeros(len: usize) -> Vec<f64> {
 /// # Panics
 /// If `a` has not `n²` entries.
 pub fn cholesky(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<Option<usize>, Error> {
+    /// Columns between two updates of the rest: these pass through memory, the
+    /// panel stays in the cache.
+    const WIDE: usize = 384;
     assert_eq!(a.len(), n * n);
-    // Column r of the lower triangle is row r of the upper one.
-    let layout = Panel::new(n, n);
-    let mut panel = zeros(layout.len());
-    for (r, column) in a.chunks_exact(n.max(1)).enumerate() {
-        for (c, value) in column.iter().enumerate().skip(r) {
-            panel[layout.at(r, c)] = *value;
+    let mut panel = vec![0.0; n.min(WIDE) * n];
+    for j in (0..n).step_by(WIDE) {
+        let b = WIDE.min(n - j);
+        let layout = Panel::new(b, n - j);
+        let panel = &mut panel[..layout.len()];
+        // Columns of the lower triangle are rows of the upper one, of which
+        // fronts are made.
+        let (own, later) = a[j * n..].split_at_mut(b * n);
+        let own = MatMut::from_column_major_slice_mut(own, n, b);
+        let mut own = own.split_at_row_mut(j).1;
+        for (rows, range) in layout.blocks() {
+            let block = own
+                .rb()
+                .submatrix(rows.start, rows.start, n - j - rows.start, rows.len());
+            let (height, width) = (rows.len(), n - j - rows.start);
+            let to = MatMut::from_column_major_slice_mut(&mut panel[range], height, width);
+            transpose_into(block, to);
         }
-    }
-    let factored = factor_panel(&mut panel, layout, true, &mut |k, pivot| {
-        if stop.load(Ordering::Relaxed) {
-            Err(None)
-        } else if pivot > 0.0 {
-            Ok(())
-        } else {
-            Err(Some(k))
+        let factored = factor_panel(panel, layout, true, &mut |k, pivot| {
+            if stop.load(Ordering::Relaxed) {
+                Err(None)
+            } else if pivot > 0.0 {
+                Ok(())
+            } else {
+                Err(Some(j + k))
+            }
+        });
+        match factored {
+            Err(Some(k)) => return Ok(Some(k)),
+            Err(None) => return Err(Error::Interrupted),
+            Ok(()) => {}
         }
-    });
-    match factored {
-        Err(Some(k)) => return Ok(Some(k)),
-        Err(None) => return Err(Error::Interrupted),
-        Ok(()) => {}
+        for (rows, range) in layout.blocks() {
+            let (row, width) = (rows.start, rows.len());
+            let block = own.rb_mut().submatrix_mut(row, row, n - j - row, width);
+            let from = MatRef::from_column_major_slice(&panel[range], width, n - j - row);
+            transpose_into(from, block);
+        }
+        subtract_product(later, n, panel, layout);
     }
     for (r, column) in a.chunks_exact_mut(n.max(1)).enumerate() {
         column[..r].fill(0.0);
-        for (c, value) in column.iter_mut().enumerate().skip(r) {
-            *value = panel[layout.at(r, c)];
-        }
     }
     Ok(None)
+}
+
+/// Subtracts `U₁₂ᵀ U₁₂` of a factored panel from the lower triangle of the
+/// last columns of a matrix of order `n`.
+fn subtract_product(columns: &mut [f64], n: usize, panel: &[f64], layout: Panel) {
+    let count = columns.len() / n;
+    let blocks = blocks_from(panel, layout, layout.np);
+    columns
+        .par_chunks_mut(BLOCK * n)
+        .enumerate()
+        .for_each(|(tile, columns)| {
+            let (from, width) = (tile * BLOCK, columns.len() / n);
+            let columns = MatMut::from_column_major_slice_mut(columns, n, width);
+            let (mut square, mut below) = columns
+                .split_at_row_mut(n - count + from)
+                .1
+                .split_at_row_mut(width);
+            for u in &blocks {
+                let u = u.subcols(from, width);
+                triangular::matmul(
+                    square.rb_mut(),
+                    BlockStructure::TriangularLower,
+                    Accum::Add,
+                    u.transpose(),
+                    BlockStructure::Rectangular,
+                    u,
+                    BlockStructure::Rectangular,
+                    -1.0,
+                    Par::Seq,
+                );
+            }
+            let rows = below.nrows();
+            for i in (0..rows).step_by(TILE) {
+                let height = TILE.min(rows - i);
+                for u in &blocks {
+                    let left = u.subcols(from + width + i, height).transpose();
+                    let right = u.subcols(from, width);
+                    let tile = below.rb_mut().subrows_mut(i, height);
+                    faer_matmul(tile, Accum::Add, left, right, -1.0, Par::Seq);
+                }
+            }
+        });
 }
 
 /// The inverse `(L Lᵀ)⁻¹` into `out`, symmetric to the bit; only the lower
@@ -204,39 +292,209 @@ pub fn inverse_from_cholesky(
     out: &mut [f64],
     stop: &AtomicBool,
 ) -> Result<(), Error> {
-    /// Columns solved together.
-    const COLUMNS: usize = 128;
     assert_eq!(l.len(), n * n);
     assert_eq!(out.len(), n * n);
-    if n == 0 {
-        return Ok(());
-    }
-    out.par_chunks_mut(COLUMNS * n)
+    for (r, (to, from)) in out
+        .chunks_exact_mut(n.max(1))
+        .zip(l.chunks_exact(n.max(1)))
         .enumerate()
-        .for_each(|(tile, columns)| {
-            if stop.load(Ordering::Relaxed) {
-                return;
-            }
-            // Column j of L⁻¹ begins in row j, and of the inverse only the lower
-            // triangle is asked for: rows above the tile never enter.
-            let j = tile * COLUMNS;
-            let width = columns.len() / n;
-            columns.fill(0.0);
-            for k in 0..width {
-                columns[k * n + j + k] = 1.0;
-            }
-            let l = MatRef::from_column_major_slice(l, n, n).submatrix(j, j, n - j, n - j);
-            let mut x = MatMut::from_column_major_slice_mut(columns, n, width)
-                .split_at_row_mut(j)
-                .1;
-            solve_lower_triangular_in_place(l, x.as_mut(), Par::Seq);
-            solve_upper_triangular_in_place(l.transpose(), x, Par::Seq);
-        });
-    if stop.load(Ordering::Relaxed) {
-        return Err(Error::Interrupted);
+    {
+        to[r..].copy_from_slice(&from[r..]);
     }
-    mirror_lower(out, n);
+    invert_from_cholesky(out, n, stop)
+}
+
+/// The inverse `(L Lᵀ)⁻¹` in the place of `L`, symmetric to the bit; only the
+/// lower triangle is read. No second matrix is needed.
+///
+/// # Errors
+/// [`Error::Interrupted`] when `stop` is raised; `a` is then spoilt.
+///
+/// # Panics
+/// If `a` has not `n²` entries.
+pub fn invert_from_cholesky(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error> {
+    assert_eq!(a.len(), n * n);
+    invert_lower(a, n, stop)?;
+    product_of_inverses(a, n, stop)?;
+    mirror_lower(a, n);
     Ok(())
+}
+
+/// `M = L⁻¹` in the place of `L`, the first rows first: of a block of rows
+/// `[L₂₁ L₂₂]`, with `M₁₁` known, `M₂₁ = −L₂₂⁻¹ L₂₁ M₁₁`.
+fn invert_lower(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error> {
+    let mut turned = vec![0.0; n * n.min(PIVOTS)];
+    let mut inverse = vec![0.0; n.min(PIVOTS).pow(2)];
+    for i in (0..n).step_by(PIVOTS) {
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        let b = PIVOTS.min(n - i);
+        let whole = MatMut::from_column_major_slice_mut(a, n, n);
+        let (known, own) = whole.subcols_mut(0, i + b).split_at_row_mut(i);
+        let known = known.into_const();
+        let (mut left, mut square) = own.subrows_mut(0, b).split_at_col_mut(i);
+        let diagonal = square.rb();
+        strips(
+            left.rb_mut().transpose_mut(),
+            0,
+            &|_, c: MatMut<'_, f64>| {
+                solve_lower_triangular_in_place(diagonal, c.transpose_mut(), Par::Seq);
+            },
+        );
+        let turned = &mut turned[..i * b];
+        transpose_into(left.rb(), MatMut::from_column_major_slice_mut(turned, i, b));
+        let lhs = MatRef::from_column_major_slice(turned, i, b).transpose();
+        // Strips of columns, which are strips of rows of the transpose.
+        strips(left.transpose_mut(), 0, &|j, c: MatMut<'_, f64>| {
+            let mut c = c.transpose_mut();
+            let width = c.ncols();
+            triangular::matmul(
+                c.rb_mut(),
+                BlockStructure::Rectangular,
+                Accum::Replace,
+                lhs.subcols(j, width),
+                BlockStructure::Rectangular,
+                known.submatrix(j, j, width, width),
+                BlockStructure::TriangularLower,
+                -1.0,
+                Par::Seq,
+            );
+            let rest = j + width;
+            let right = known.submatrix(rest, j, i - rest, width);
+            faer_matmul(
+                c,
+                Accum::Add,
+                lhs.subcols(rest, i - rest),
+                right,
+                -1.0,
+                Par::Seq,
+            );
+        });
+        let inverse = &mut inverse[..b * b];
+        inverse.fill(0.0);
+        inverse.iter_mut().step_by(b + 1).for_each(|one| *one = 1.0);
+        let mut x = MatMut::from_column_major_slice_mut(inverse, b, b);
+        solve_lower_triangular_in_place(square.rb(), x.rb_mut(), Par::Seq);
+        for c in 0..b {
+            for r in c..b {
+                square[(r, c)] = x[(r, c)];
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The lower triangle of `Mᵀ M` in the place of a lower triangle `M`, the first
+/// rows first: a block of rows of the product reads only itself and what is
+/// below it.
+fn product_of_inverses(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error> {
+    let mut corner = vec![0.0; n.min(PIVOTS).pow(2)];
+    for i in (0..n).step_by(PIVOTS) {
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        let b = PIVOTS.min(n - i);
+        let whole = MatMut::from_column_major_slice_mut(a, n, n);
+        let (own, below) = whole
+            .subcols_mut(0, i + b)
+            .split_at_row_mut(i)
+            .1
+            .split_at_row_mut(b);
+        let below = below.into_const();
+        let (left, mut square) = own.split_at_col_mut(i);
+        for c in 0..b {
+            for r in 0..b {
+                corner[c * b + r] = if r < c { 0.0 } else { square[(r, c)] };
+            }
+        }
+        let corner = MatRef::from_column_major_slice(&corner[..b * b], b, b);
+        let mine = below.subcols(i, b).transpose();
+        let rest = || {
+            // Strips of columns, which are strips of rows of the transpose.
+            strips(left.transpose_mut(), 0, &|j, c: MatMut<'_, f64>| {
+                let mut c = c.transpose_mut();
+                let width = c.ncols();
+                let mut old = vec![0.0; b * width];
+                for (k, column) in old.chunks_exact_mut(b).enumerate() {
+                    for (r, value) in column.iter_mut().enumerate() {
+                        *value = c[(r, k)];
+                    }
+                }
+                triangular::matmul(
+                    c.rb_mut(),
+                    BlockStructure::Rectangular,
+                    Accum::Replace,
+                    corner.transpose(),
+                    BlockStructure::TriangularUpper,
+                    MatRef::from_column_major_slice(&old, b, width),
+                    BlockStructure::Rectangular,
+                    1.0,
+                    Par::Seq,
+                );
+                let right = below.subcols(j, width);
+                faer_matmul(c, Accum::Add, mine, right, 1.0, Par::Seq);
+            });
+        };
+        let diagonal = || {
+            for (add, u) in [(Accum::Replace, corner), (Accum::Add, below.subcols(i, b))] {
+                triangular::matmul(
+                    square.rb_mut(),
+                    BlockStructure::TriangularLower,
+                    add,
+                    u.transpose(),
+                    BlockStructure::Rectangular,
+                    u,
+                    BlockStructure::Rectangular,
+                    1.0,
+                    Par::Seq,
+                );
+            }
+        };
+        rayon::join(rest, diagonal);
+    }
+    Ok(())
+}
+
+/// Rows of a strip: the products of one are worth handing to another thread,
+/// and what it copies stays in the nearer caches.
+const STRIP: usize = 256;
+
+/// Cuts `c` into strips of rows at multiples of [`STRIP`], the first at `at`,
+/// and works on them in parallel.
+fn strips(c: MatMut<'_, f64>, at: usize, work: &(impl Fn(usize, MatMut<'_, f64>) + Sync)) {
+    let rows = c.nrows();
+    if rows == 0 {
+        return;
+    }
+    if rows <= STRIP {
+        work(at, c);
+        return;
+    }
+    let half = rows.div_ceil(STRIP).div_ceil(2) * STRIP;
+    let (first, second) = c.split_at_row_mut(half);
+    rayon::join(
+        || strips(first, at, work),
+        || strips(second, at + half, work),
+    );
+}
+
+/// Side of the squares in which matrices are transposed: along whole columns
+/// one of the two would miss the nearest cache at each step.
+const SIDE: usize = 32;
+
+/// `to ← aᵀ`.
+fn transpose_into(a: MatRef<'_, f64>, mut to: MatMut<'_, f64>) {
+    let (rows, columns) = (a.nrows(), a.ncols());
+    for i0 in (0..rows).step_by(SIDE) {
+        for j0 in (0..columns).step_by(SIDE) {
+            for i in i0..rows.min(i0 + SIDE) {
+                for j in j0..columns.min(j0 + SIDE) {
+                    to[(j, i)] = a[(i, j)];
+                }
+            }
+        }
+    }
 }
 
 /// `X ← L⁻¹ X` for `columns` right-hand sides of length `n`.
@@ -307,27 +565,39 @@ pub fn symmetric_eigen(a: &mut [f64], n: usize, values: &mut [f64]) {
 
 /// Copies the lower triangle over the upper one.
 pub(crate) fn mirror_lower(a: &mut [f64], n: usize) {
-    blocks(n, |i, j| a[i * n + j] = a[j * n + i]);
+    mirror(MatMut::from_column_major_slice_mut(a, n, n));
 }
 
 /// Copies the upper triangle over the lower one.
 pub(crate) fn mirror_upper(a: &mut [f64], n: usize) {
-    blocks(n, |i, j| a[j * n + i] = a[i * n + j]);
+    mirror(MatMut::from_column_major_slice_mut(a, n, n).transpose_mut());
 }
 
-/// Visits all `(i, j)`, `i > j`, in blocks that fit the nearest cache: along
-/// whole rows, each step of `n` numbers would miss it.
-fn blocks(n: usize, mut visit: impl FnMut(usize, usize)) {
-    const SIDE: usize = 32;
-    for j0 in (0..n).step_by(SIDE) {
-        for i0 in (j0..n).step_by(SIDE) {
-            for j in j0..n.min(j0 + SIDE) {
-                for i in i0.max(j + 1)..n.min(i0 + SIDE) {
-                    visit(i, j);
+/// Copies what is below the diagonal above it.
+fn mirror(a: MatMut<'_, f64>) {
+    let n = a.nrows();
+    let half = n / 2;
+    let (top, bottom) = a.split_at_row_mut(half);
+    let (mut first, mut above) = top.split_at_col_mut(half);
+    let (below, mut second) = bottom.split_at_col_mut(half);
+    let below = below.into_const();
+    if n <= STRIP {
+        above.copy_from(below.transpose());
+        for square in [&mut first, &mut second] {
+            for j in 0..square.ncols() {
+                for i in 0..j {
+                    square[(i, j)] = square[(j, i)];
                 }
             }
         }
+        return;
     }
+    let copy = || {
+        strips(above, 0, &|i, c: MatMut<'_, f64>| {
+            transpose_into(below.subcols(i, c.nrows()), c);
+        });
+    };
+    rayon::join(copy, || rayon::join(|| mirror(first), || mirror(second)));
 }
 
 /// Partial Cholesky of a front: its first rows, upper triangle, become

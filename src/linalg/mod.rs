@@ -21,6 +21,8 @@ pub mod signs;
 pub mod small;
 mod solves;
 pub mod sparse_lu;
+mod sweep;
 pub mod symbolic;
 mod tree;
 pub mod union;
+mod walk;

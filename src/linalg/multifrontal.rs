@@ -10,14 +10,16 @@
 //!
 //! itself, with nothing shifted and nothing undone.
 
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 
 use crate::error::Error;
 use crate::linalg::csc::{Symmetric, narrow};
-use crate::linalg::dense::{factor_panel, mirror_upper, rank_update, zeros};
+use crate::linalg::dense::{factor_panel, mirror_upper, rank_update, release, zeros};
 use crate::linalg::packed::{Packed, Run, add_to_panel, add_to_update, segments};
+use crate::linalg::sweep::{Columns, Forward};
 use crate::linalg::symbolic::{Front, Symbolic, Task};
+use crate::linalg::walk::{inner, lock, upwards};
 
 /// Roundings that a pivot may be off by, against its diagonal in K, for each
 /// unknown eliminated before it. The stiffness of a free motion sums to nothing
@@ -25,6 +27,70 @@ use crate::linalg::symbolic::{Front, Symbolic, Task};
 /// plates of 1e2 to 1e5 unknowns leave 1.6 roundings an unknown. The weakest
 /// sound pivots, of a stiff part on one 1e8 times softer, are near 1e-9.
 const ROUNDINGS: f64 = 8.0;
+
+/// S of the kept unknowns, and what its pivots tell, with no factor behind it.
+#[derive(Debug)]
+pub struct Schur {
+    values: Vec<f64>,
+    weakest: Option<(usize, f64)>,
+}
+
+impl Schur {
+    /// Eliminates all but the kept unknowns of `k` as [`Factor::new`] does, to
+    /// the same bits, but holds the factor of each front only while it is made:
+    /// [`Counts::bytes_peak_dropped`](crate::linalg::symbolic::Counts) in place
+    /// of `bytes_peak`.
+    ///
+    /// `loads`, columns of length `n` one after another, are condensed on the
+    /// way, as [`Factor::condense`] would; there may be none.
+    ///
+    /// # Errors
+    /// Those of [`Factor::new`]; `loads` are then as they were.
+    ///
+    /// # Panics
+    /// If `loads` are not whole columns.
+    pub fn new(
+        symbolic: &Symbolic,
+        k: &Symmetric,
+        loads: &mut [f64],
+        stop: &AtomicBool,
+    ) -> Result<Self, Error> {
+        let columns = loads.len() / symbolic.n.max(1);
+        assert_eq!(loads.len(), symbolic.n * columns);
+        let diagonal = checked_diagonal(symbolic, k)?;
+        let k = (k, diagonal.as_slice());
+        let mut inner = Columns::new(symbolic, loads, columns);
+        let sweep = (columns > 0).then(|| Forward::new(&mut inner));
+        let mut schur = Vec::new();
+        let weakest = eliminate(symbolic, k, stop, None, sweep.as_ref(), &mut schur)?;
+        if let Some(sweep) = sweep {
+            sweep.finish();
+            inner.write(loads);
+        }
+        Ok(Self {
+            values: schur,
+            weakest,
+        })
+    }
+
+    /// S, `m × m`, in the order of the kept unknowns, symmetric to the bit.
+    #[must_use]
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// S, given away.
+    #[must_use]
+    pub fn into_values(self) -> Vec<f64> {
+        self.values
+    }
+
+    /// As [`Factor::weakest_pivot`].
+    #[must_use]
+    pub fn weakest_pivot(&self) -> Option<(usize, f64)> {
+        self.weakest
+    }
+}
 
 /// The factor of the eliminated unknowns, and S of the kept ones.
 #[derive(Debug)]
@@ -47,26 +113,54 @@ impl Factor {
     /// [`Error::Interrupted`] when `stop` is set; [`Error::Shape`] or
     /// [`Error::SparseStructure`] when `k` has not the pattern analysed.
     pub fn new(symbolic: Arc<Symbolic>, k: &Symmetric, stop: &AtomicBool) -> Result<Self, Error> {
-        symbolic.check_pattern(k)?;
-        let diagonal = k.diagonal();
-        check_diagonal(&symbolic, k, &diagonal)?;
-        let mut panels = zeros(symbolic.panels);
-        let run = Work::new(&symbolic, k, &diagonal, stop, &mut panels);
-        let done = run.go()?;
-        let schur = done.schur(&symbolic, k);
-        let weakest = done.weakest;
-        Ok(Self {
+        let mut this = Self {
             symbolic,
-            panels,
-            schur,
-            weakest,
-        })
+            panels: Vec::new(),
+            schur: Vec::new(),
+            weakest: None,
+        };
+        this.refactor(k, stop)?;
+        Ok(this)
+    }
+
+    /// Takes another matrix of the same pattern, in the memory of the last one.
+    /// The bits are those of a new factor.
+    ///
+    /// # Errors
+    /// Those of [`Factor::new`]. Nothing is left of either matrix then: S has no
+    /// entries, and [`Factor::condense`] and [`Factor::recover`] panic until
+    /// another matrix has been taken. Only where `k` is refused before any
+    /// work, for its pattern or its diagonal, the old factor stays.
+    pub fn refactor(&mut self, k: &Symmetric, stop: &AtomicBool) -> Result<(), Error> {
+        let symbolic = Arc::clone(&self.symbolic);
+        let diagonal = checked_diagonal(&symbolic, k)?;
+        let k = (k, diagonal.as_slice());
+        let panels = std::mem::take(&mut self.panels);
+        let mut schur = std::mem::take(&mut self.schur);
+        let is_new = panels.is_empty();
+        let mut storage = Panels {
+            values: if is_new {
+                zeros(symbolic.panels)
+            } else {
+                panels
+            },
+            is_clear: is_new,
+        };
+        self.weakest = eliminate(&symbolic, k, stop, Some(&mut storage), None, &mut schur)?;
+        self.panels = storage.values;
+        self.schur = schur;
+        Ok(())
     }
 
     /// S, `m × m`, in the order of the kept unknowns, symmetric to the bit.
     #[must_use]
     pub fn schur(&self) -> &[f64] {
         &self.schur
+    }
+
+    /// S, given away: [`Factor::schur`] has no entries from then on.
+    pub fn take_schur(&mut self) -> Vec<f64> {
+        std::mem::take(&mut self.schur)
     }
 
     /// The unknown whose pivot is smallest against its diagonal in K, and that
@@ -83,29 +177,56 @@ impl Factor {
     }
 }
 
+/// Where the factor goes.
+struct Panels {
+    values: Vec<f64>,
+    /// Whether they are zero throughout: fresh memory is, and to write zeros
+    /// would touch it once more.
+    is_clear: bool,
+}
+
+/// Eliminates; S into `schur`, whatever that holds. Returns the weakest pivot.
+fn eliminate(
+    symbolic: &Symbolic,
+    (k, diagonal): (&Symmetric, &[f64]),
+    stop: &AtomicBool,
+    panels: Option<&mut Panels>,
+    loads: Option<&Forward>,
+    schur: &mut Vec<f64>,
+) -> Result<Option<(usize, f64)>, Error> {
+    let done = Work::new(symbolic, k, diagonal, stop, panels, loads).go()?;
+    done.schur(symbolic, k, schur);
+    Ok(done.weakest)
+}
+
+/// The diagonal of a matrix that has the pattern analysed.
+///
 /// A diagonal that is negative, or zero in a row that is not, is indefinite
 /// before any elimination; as a pivot it could pass for a free motion.
-fn check_diagonal(symbolic: &Symbolic, k: &Symmetric, diagonal: &[f64]) -> Result<(), Error> {
+fn checked_diagonal(symbolic: &Symbolic, k: &Symmetric) -> Result<Vec<f64>, Error> {
+    symbolic.check_pattern(k)?;
+    let diagonal = k.diagonal();
     let bad = (0..symbolic.n).find(|&j| {
         diagonal[j] < 0.0 || diagonal[j] == 0.0 && k.column(j).any(|(_, value)| value != 0.0)
     });
-    bad.map_or(Ok(()), |dof| Err(Error::Indefinite { dof }))
+    bad.map_or(Ok(diagonal), |dof| Err(Error::Indefinite { dof }))
 }
 
 /// What a finished task has left: one update after another.
 type Updates = Vec<f64>;
 
 /// One factorisation on its way.
-struct Work<'a> {
+struct Work<'a, 'l> {
     symbolic: &'a Symbolic,
     k: &'a Symmetric<'a>,
     diagonal: &'a [f64],
     stop: &'a AtomicBool,
-    /// The part of the factor that each task fills.
-    panels: Vec<Mutex<&'a mut [f64]>>,
+    /// The part of the factor that each task fills; none when it is dropped.
+    panels: Option<Vec<Mutex<&'a mut [f64]>>>,
+    /// Whether these are zero.
+    is_clear: bool,
+    loads: Option<&'a Forward<'l>>,
     updates: Vec<Mutex<Updates>>,
-    /// Children that each task still waits for.
-    waiting: Vec<AtomicUsize>,
     buffers: Buffers,
     /// Smallest pivot of each task, as (ratio, unknown).
     weakest: Vec<Mutex<Option<(f64, usize)>>>,
@@ -121,55 +242,62 @@ struct Done {
     weakest: Option<(usize, f64)>,
 }
 
-impl<'a> Work<'a> {
+impl<'a, 'l> Work<'a, 'l> {
     fn new(
         symbolic: &'a Symbolic,
         k: &'a Symmetric<'a>,
         diagonal: &'a [f64],
         stop: &'a AtomicBool,
-        panels: &'a mut [f64],
+        panels: Option<&'a mut Panels>,
+        loads: Option<&'a Forward<'l>>,
     ) -> Self {
         let tasks = &symbolic.tasks;
-        let mut rest = panels;
-        let mut parts = Vec::with_capacity(tasks.len());
-        for task in tasks {
-            let len = symbolic.fronts[task.fronts.clone()]
-                .iter()
-                .map(|f| f.layout().len())
-                .sum();
-            let (part, next) = std::mem::take(&mut rest).split_at_mut(len);
-            parts.push(Mutex::new(part));
-            rest = next;
-        }
+        let is_clear = panels.as_ref().is_some_and(|p| p.is_clear);
+        let split = |panels: &'a mut Panels| {
+            let mut rest = panels.values.as_mut_slice();
+            let mut parts = Vec::with_capacity(tasks.len());
+            for task in tasks {
+                let fronts = symbolic.fronts[task.fronts.clone()].iter();
+                let len = fronts.map(|f| f.layout().len()).sum();
+                let (part, next) = rest.split_at_mut(len);
+                parts.push(Mutex::new(part));
+                rest = next;
+            }
+            parts
+        };
+        let need = if panels.is_some() {
+            symbolic.stack
+        } else {
+            symbolic.stack_dropped
+        };
         Self {
             symbolic,
             k,
             diagonal,
             stop,
-            panels: parts,
+            panels: panels.map(split),
+            is_clear,
+            loads,
             updates: tasks.iter().map(|_| Mutex::default()).collect(),
-            waiting: tasks
-                .iter()
-                .map(|t| AtomicUsize::new(t.children.len()))
-                .collect(),
-            buffers: Buffers::default(),
+            buffers: Buffers::new(need),
             weakest: tasks.iter().map(|_| Mutex::default()).collect(),
             failure: Mutex::new(None),
         }
     }
 
     fn go(self) -> Result<Done, Error> {
-        let tasks = &self.symbolic.tasks;
-        rayon::scope(|scope| {
-            // A thread takes its own newest task first: started from the end,
-            // one thread alone works in postorder, whose memory was counted.
-            for start in (0..tasks.len())
-                .rev()
-                .filter(|&t| tasks[t].children.is_empty())
-            {
-                let this = &self;
-                scope.spawn(move |_| this.climb(start));
+        upwards(self.symbolic, &|number| {
+            match self.work(number, &self.symbolic.tasks[number]) {
+                Ok(updates) => *lock(&self.updates[number]) = updates,
+                Err(error) => {
+                    let mut failure = lock(&self.failure);
+                    if failure.as_ref().is_none_or(|(first, _)| number < *first) {
+                        *failure = Some((number, error));
+                    }
+                    return false;
+                }
             }
+            true
         });
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
@@ -187,33 +315,14 @@ impl<'a> Work<'a> {
         })
     }
 
-    /// Works on a task, and on those above it as long as it is the last of the
-    /// children to finish. A loop, not a recursion: the tree may be deep.
-    fn climb(&self, start: usize) {
-        let mut number = start;
-        loop {
-            let task = &self.symbolic.tasks[number];
-            match self.work(number, task) {
-                Ok(updates) => *lock(&self.updates[number]) = updates,
-                Err(error) => {
-                    let mut failure = lock(&self.failure);
-                    if failure.as_ref().is_none_or(|(first, _)| number < *first) {
-                        *failure = Some((number, error));
-                    }
-                    return;
-                }
-            }
-            match task.parent {
-                Some(parent) if self.waiting[parent].fetch_sub(1, Ordering::AcqRel) == 1 => {
-                    number = parent;
-                }
-                _ => return,
-            }
-        }
-    }
-
     fn work(&self, number: usize, task: &Task) -> Result<Updates, Error> {
-        let mut panels = lock(&self.panels[number]);
+        let mut panels = self.panels.as_ref().map(|parts| lock(&parts[number]));
+        let mut dropped = if panels.is_some() {
+            Vec::new()
+        } else {
+            self.buffers.take(task.panel)
+        };
+        let mut loads = self.loads.map(|loads| loads.begin(number));
         let mut stack = self.buffers.take(task.stack);
         let mut weakest = None;
         // Start of each update that waits on the stack.
@@ -224,8 +333,15 @@ impl<'a> Work<'a> {
                 return Err(Error::Interrupted);
             }
             let front = &self.symbolic.fronts[f];
-            let panel = &mut panels[from..from + front.layout().len()];
-            from += panel.len();
+            let len = front.layout().len();
+            let panel = match &mut panels {
+                Some(panels) => &mut panels[from..from + len],
+                None => &mut dropped[..len],
+            };
+            from += len;
+            if !self.is_clear {
+                panel.fill(0.0);
+            }
             for &(value, at) in &self.symbolic.entries[front.entries.clone()] {
                 panel[at as usize] = self.k.values()[value as usize];
             }
@@ -262,7 +378,14 @@ impl<'a> Work<'a> {
                 }
                 waiting.push((f, bottom));
             }
+            if let (Some(sweep), Some(waiting)) = (self.loads, &mut loads) {
+                sweep.front(number, f, panel, waiting);
+            }
         }
+        if let (Some(sweep), Some(waiting)) = (self.loads, loads) {
+            sweep.end(number, waiting);
+        }
+        self.buffers.give(dropped);
         *lock(&self.weakest[number]) = weakest;
         if task.stack > task.left {
             let mut left = self.buffers.take(task.left);
@@ -374,9 +497,13 @@ impl<'a> Work<'a> {
 
 impl Done {
     /// Adds what reached the kept unknowns to their block of K.
-    fn schur(&self, symbolic: &Symbolic, k: &Symmetric) -> Vec<f64> {
+    fn schur(&self, symbolic: &Symbolic, k: &Symmetric, schur: &mut Vec<f64>) {
         let m = symbolic.kept();
-        let mut schur = zeros(m * m);
+        if schur.is_empty() {
+            *schur = zeros(m * m);
+        } else {
+            schur.fill(0.0);
+        }
         // Of S too the upper triangle is summed.
         for (q, &j) in symbolic.old[symbolic.interior..].iter().enumerate() {
             for (i, value) in k.column(j as usize).filter(|&(i, _)| i >= j as usize) {
@@ -394,11 +521,10 @@ impl Done {
             for (front, values) in left_by(symbolic, task, &self.updates[task]) {
                 let rows = symbolic.runs_of(&symbolic.fronts[front]);
                 let map = segments(rows, symbolic.interior, 0, &all);
-                add_to_update(&mut schur, |j| j * m, 0, values, &map);
+                add_to_update(schur, |j| j * m, 0, values, &map);
             }
         }
-        mirror_upper(&mut schur, m);
-        schur
+        mirror_upper(schur, m);
     }
 }
 
@@ -428,44 +554,67 @@ fn smaller(a: Option<(f64, usize)>, b: Option<(f64, usize)>) -> Option<(f64, usi
 
 /// Buffers that have been used before: memory fresh from the system costs a
 /// second a gigabyte when it is first touched.
+struct Buffers {
+    free: Mutex<Free>,
+    /// What may be held, in use or not [f64]: the need of one thread.
+    limit: usize,
+}
+
 #[derive(Default)]
-struct Buffers(Mutex<Vec<Vec<f64>>>);
+struct Free {
+    list: Vec<Vec<f64>>,
+    /// Numbers in all buffers, in use or not.
+    held: usize,
+}
 
 impl Buffers {
+    fn new(limit: usize) -> Self {
+        Self {
+            free: Mutex::default(),
+            limit,
+        }
+    }
+
     /// A buffer of at least `len` numbers, whatever they are.
     fn take(&self, len: usize) -> Vec<f64> {
-        /// A buffer this much larger than asked for is left to others.
-        const SLACK: usize = 2;
-        let mut free = lock(&self.0);
-        let fits = |b: &Vec<f64>| b.len() >= len && b.len() <= SLACK * len.max(1 << 16);
-        let best = (0..free.len())
-            .filter(|&i| fits(&free[i]))
-            .min_by_key(|&i| free[i].len());
+        let mut free = lock(&self.free);
+        // A quarter more than asked for may lie idle in a buffer, and as much as
+        // nobody counts.
+        let most = (len + len / 4).max(1 << 16);
+        let best = (0..free.list.len())
+            .filter(|&i| (len..=most).contains(&free.list[i].len()))
+            .min_by_key(|&i| free.list[i].len());
         if let Some(i) = best {
-            return free.swap_remove(i);
+            return free.list.swap_remove(i);
         }
-        // A new one takes the place of the largest that is too small: towards
-        // the root updates grow, and nobody will ask for that one again.
-        let small = (0..free.len())
-            .filter(|&i| free[i].len() < len)
-            .max_by_key(|&i| free[i].len());
-        let dropped = small.map(|i| free.swap_remove(i));
+        // New ones take the place of those that do not fit, the largest that is
+        // too small first: towards the root updates grow, and nobody will ask
+        // for that one again.
+        let mut dropped = Vec::new();
+        while free.held + len > self.limit {
+            let next = (0..free.list.len())
+                .max_by_key(|&i| (free.list[i].len() < len, free.list[i].len()));
+            let Some(next) = next else { break };
+            let buffer = free.list.swap_remove(next);
+            free.held -= buffer.len();
+            dropped.push(buffer);
+        }
+        free.held += len;
         drop(free);
-        drop(dropped);
+        dropped.into_iter().for_each(release);
         zeros(len)
     }
 
+    /// Takes a buffer back.
     fn give(&self, buffer: Vec<f64>) {
-        lock(&self.0).push(buffer);
+        if !buffer.is_empty() {
+            lock(&self.free).list.push(buffer);
+        }
     }
 }
 
-/// A lock that a panic elsewhere does not close: the panic is passed on by
-/// rayon, and what the lock guards is then never read.
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-fn inner<T>(mutex: Mutex<T>) -> T {
-    mutex.into_inner().unwrap_or_else(PoisonError::into_inner)
+impl Drop for Free {
+    fn drop(&mut self) {
+        self.list.drain(..).for_each(release);
+    }
 }

@@ -132,7 +132,7 @@ mod handlers {
 
 /// Nested dissection by METIS: `order[new] = old`. `None` when METIS fails or
 /// returns anything but a permutation.
-pub(crate) fn by_metis(graph: &mut Graph) -> Option<Vec<u32>> {
+pub(crate) fn by_metis(graph: &Graph) -> Option<Vec<u32>> {
     let n = graph.len();
     if graph.neighbours.is_empty() {
         // Nothing to dissect, and METIS is not at its best without edges.
@@ -143,6 +143,9 @@ pub(crate) fn by_metis(graph: &mut Graph) -> Option<Vec<u32>> {
         );
     }
     let mut vertices = i32::try_from(n).ok()?;
+    // METIS asks for what it may write to, and others read the graph meanwhile.
+    let (mut start, mut neighbours) = (graph.start.clone(), graph.neighbours.clone());
+    let mut weight = graph.weight.clone();
     let mut order = vec![0_i32; n];
     let mut inverse = vec![0_i32; n];
     let mut options = [0_i32; metis::METIS_NOPTIONS as usize];
@@ -159,9 +162,9 @@ pub(crate) fn by_metis(graph: &mut Graph) -> Option<Vec<u32>> {
             options[metis::moptions_et_METIS_OPTION_COMPRESS as usize] = 0;
             metis::METIS_NodeND(
                 ptr::from_mut(&mut vertices),
-                graph.start.as_mut_ptr(),
-                graph.neighbours.as_mut_ptr(),
-                graph.weight.as_mut_ptr(),
+                start.as_mut_ptr(),
+                neighbours.as_mut_ptr(),
+                weight.as_mut_ptr(),
                 options.as_mut_ptr(),
                 order.as_mut_ptr(),
                 inverse.as_mut_ptr(),

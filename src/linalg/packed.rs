@@ -90,9 +90,9 @@ impl Packed {
 /// Rows `from..from + len` of a child are rows `to..to + len` of its parent.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Segment {
-    from: usize,
-    to: usize,
-    len: usize,
+    pub(crate) from: usize,
+    pub(crate) to: usize,
+    pub(crate) len: usize,
 }
 
 /// How the rows of an update lie in the front that takes it; `first` and `np`

@@ -5,8 +5,7 @@ use rayon::prelude::*;
 
 use crate::linalg::dense::forward;
 use crate::linalg::multifrontal::Factor;
-use crate::linalg::solves::{gather, scatter};
-use crate::linalg::symbolic::Symbolic;
+use crate::linalg::symbolic::{Front, Symbolic};
 
 /// Columns that a thread takes together.
 const COLUMNS: usize = 32;
@@ -29,7 +28,7 @@ impl Reach {
             if place >= symbolic.interior {
                 continue;
             }
-            let after = |f: &crate::linalg::symbolic::Front| f.first <= place;
+            let after = |f: &Front| f.first <= place;
             let mut at = Some(symbolic.fronts.partition_point(after) - 1);
             while let Some(front) = at {
                 if std::mem::replace(&mut reached[front], true) {
@@ -107,5 +106,48 @@ impl Factor {
                 .for_each(|(k, (inside, kept))| of_chunk(k, inside, kept)),
         }
         (inside, kept)
+    }
+}
+
+/// Rows of a front, as stretches of the elimination numbering.
+fn stretches<'s>(
+    symbolic: &'s Symbolic,
+    front: &Front,
+) -> impl Iterator<Item = std::ops::Range<usize>> + 's {
+    let pivots = front.first..front.first + front.np;
+    let runs = symbolic.runs_of(front).iter();
+    std::iter::once(pivots)
+        .chain(runs.map(|run| run.start as usize..(run.start + run.len) as usize))
+}
+
+fn gather(symbolic: &Symbolic, front: &Front, x: &[f64], columns: usize, local: &mut Vec<f64>) {
+    local.clear();
+    for column in x.chunks_exact(symbolic.n).take(columns) {
+        for rows in stretches(symbolic, front) {
+            local.extend_from_slice(&column[rows]);
+        }
+    }
+}
+
+/// Puts the first `rows` rows of a front back.
+fn scatter(
+    symbolic: &Symbolic,
+    front: &Front,
+    x: &mut [f64],
+    columns: usize,
+    local: &[f64],
+    rows: usize,
+) {
+    let locals = local.chunks_exact(front.nf());
+    for (column, local) in x.chunks_exact_mut(symbolic.n).zip(locals).take(columns) {
+        let mut from = 0;
+        for stretch in stretches(symbolic, front) {
+            if from >= rows {
+                break;
+            }
+            let len = stretch.len();
+            column[stretch].copy_from_slice(&local[from..from + len]);
+            from += len;
+        }
     }
 }

@@ -42,10 +42,15 @@ pub struct Counts {
     pub flops: f64,
     /// Memory that the factor and S hold.
     pub bytes_factor: usize,
-    /// Largest memory on the way, on one thread.
+    /// Largest memory on the way, on one thread, the analysis included.
     pub bytes_peak: usize,
-    /// The same where the factor is not kept.
+    /// The same where the factor is not kept, only S.
     pub bytes_peak_dropped: usize,
+    /// What `bytes_peak` may become on any number of threads, in whatever order
+    /// they come: what no order exceeds, and few come near.
+    pub bytes_peak_threads: usize,
+    /// Memory of the analysis itself.
+    pub bytes_symbolic: usize,
     /// Where the elimination order comes from.
     pub ordering: &'static str,
     /// Seconds spent ordering.
@@ -103,6 +108,8 @@ pub(crate) struct Task {
     pub(crate) stack: usize,
     /// What remains on the stack: the updates of the subtrees' roots.
     pub(crate) left: usize,
+    /// The largest of the panels [f64].
+    pub(crate) panel: usize,
 }
 
 /// The analysis of one pattern: good for every matrix that has it.
@@ -126,6 +133,10 @@ pub struct Symbolic {
     /// Tasks whose updates go to S, in order.
     pub(crate) roots: Vec<usize>,
     pub(crate) panels: usize,
+    /// Most that updates take on one thread, and with a panel that is not kept
+    /// [f64].
+    pub(crate) stack: usize,
+    pub(crate) stack_dropped: usize,
     fingerprints: Vec<u64>,
     counts: Counts,
 }
@@ -168,7 +179,16 @@ impl Symbolic {
         let m = kept.len();
         let f64s = size_of::<f64>();
         let bytes_factor = (panels + m * m) * f64s;
-        let bytes_peak = bytes_factor + tasks.peak * f64s;
+        let bytes_symbolic = size_of_val(entries.as_slice())
+            + size_of_val(fronts.as_slice())
+            + size_of_val(runs.as_slice())
+            + n * (size_of::<u64>() + 2 * size_of::<u32>());
+        // S is made when the last updates have reached it, and the diagonal of
+        // K goes along.
+        let peak = |own: usize, stack: usize| {
+            bytes_symbolic + (own + stack.max(tasks.end + m * m) + n) * f64s
+        };
+        let most = tasks.most();
         let flops = fronts.iter().map(|f| flops_of(f.np, f.nf())).sum();
         let nnz_factor = fronts
             .iter()
@@ -186,6 +206,8 @@ impl Symbolic {
             task_children: tasks.children,
             roots: tasks.roots,
             panels,
+            stack: tasks.peak,
+            stack_dropped: tasks.peak_dropped,
             fingerprints: (0..n).into_par_iter().map(|j| fingerprint(k, j)).collect(),
             counts: Counts {
                 n,
@@ -193,8 +215,10 @@ impl Symbolic {
                 nnz_factor,
                 flops,
                 bytes_factor,
-                bytes_peak,
-                bytes_peak_dropped: bytes_peak,
+                bytes_peak: peak(panels, tasks.peak),
+                bytes_peak_dropped: peak(0, tasks.peak_dropped),
+                bytes_peak_threads: peak(panels, most),
+                bytes_symbolic,
                 ordering,
                 seconds_order,
                 seconds_symbolic: begin.elapsed().as_secs_f64() - seconds_order,
@@ -319,6 +343,10 @@ struct Pattern<'a> {
 }
 
 impl<'a> Pattern<'a> {
+    fn is_whole(&self) -> bool {
+        matches!(self.col_ptr, Cow::Borrowed(_))
+    }
+
     fn of(k: &Symmetric<'a>) -> Self {
         let mut whole = true;
         k.pairs(|_, _, lower, upper| whole &= lower.is_some() && upper.is_some());
@@ -356,38 +384,33 @@ fn best_order(
     let begin = Instant::now();
     let (inner, dense) = nodes.split_dense();
     let (start, neighbours, weight) = nodes.subgraph(&inner);
-    let mut graph = Graph::new(&start, &neighbours, &weight)?;
+    let graph = Graph::new(&start, &neighbours, &weight)?;
     let back = |order: Vec<u32>| -> Vec<u32> {
         let picked = order.into_iter().map(|v| inner[v as usize]);
         picked.chain(dense.iter().copied()).collect()
     };
-    let mut found: Vec<(&'static str, Vec<u32>)> = Vec::new();
-    if let Some(order) = by_metis(&mut graph) {
-        found.push(("METIS", back(order)));
-    }
-    if let Some(at) = options.coordinates {
-        let places: Vec<[f64; 3]> = inner
-            .iter()
-            .map(|&v| at[nodes.members(v as usize)[0] as usize])
-            .collect();
-        let order = by_coordinates(&graph, &places);
-        found.push(("coordinate bisection", back(order)));
-    }
-    if found.is_empty() {
-        found.push(("as numbered", back((0..).take(inner.len()).collect())));
-    }
-    let mut best: Option<(Vec<u32>, Tree, &'static str)> = None;
-    for (name, order) in found {
+    let counted = |name: &'static str, order: Vec<u32>| {
+        let order = back(order);
         let tree = Tree::new(nodes, &order);
-        if best
-            .as_ref()
-            .is_none_or(|(_, known, _)| tree.flops < known.flops)
-        {
-            best = Some((order, tree, name));
-        }
-    }
+        (order, tree, name)
+    };
+    let by_graph = || by_metis(&graph).map(|order| counted("METIS", order));
+    let by_places = || {
+        let at = options.coordinates?;
+        let place = |&v: &u32| at[nodes.members(v as usize)[0] as usize];
+        let places: Vec<[f64; 3]> = inner.iter().map(place).collect();
+        Some(counted(
+            "coordinate bisection",
+            by_coordinates(&graph, &places),
+        ))
+    };
+    let best = match rayon::join(by_graph, by_places) {
+        (Some(a), Some(b)) => Some(if b.1.flops < a.1.flops { b } else { a }),
+        (a, b) => a.or(b),
+    };
+    let numbered = || counted("as numbered", (0..).take(inner.len()).collect());
+    let (order, tree, name) = best.unwrap_or_else(numbered);
     let seconds = begin.elapsed().as_secs_f64();
-    let (order, tree, name) = best.expect("at least one order was tried");
     Ok((order, tree, name, seconds))
 }
 
@@ -517,46 +540,93 @@ impl<'a> Layout<'a> {
     /// Where each entry of K goes, front by front. Of a pair, the entry of K's
     /// lower triangle is taken, whichever of the two unknowns comes first.
     fn place_entries(&mut self, k: &Symmetric, pattern: &Pattern) -> Vec<(u32, u32)> {
-        let whole = matches!(pattern.col_ptr, Cow::Borrowed(_));
-        let mut entries = Vec::with_capacity(k.values().len() / 2 + k.n());
-        // Column of the current front at which a place starts, less `offset`.
-        let mut shift = vec![0_u32; self.order.len()];
-        for f in 0..self.fronts.len() {
-            let pivots = self.pivots[f].clone();
-            let front = &self.fronts[f];
-            let mut column = 0;
-            for q in pivots
-                .clone()
-                .chain(self.rows[f].iter().map(|&q| q as usize))
-            {
-                shift[q] = column;
-                column += self.offset[q + 1] - self.offset[q];
-            }
-            let from = entries.len();
-            for p in front.first..front.first + front.np {
+        let count = |p: usize| {
+            if pattern.is_whole() {
                 let j = self.old[p] as usize;
-                let row = p - front.first;
-                for at in pattern.col_ptr[j]..pattern.col_ptr[j + 1] {
-                    let i = pattern.row_idx[at];
-                    let q = self.new[i];
-                    if (q as usize) < p {
-                        continue;
-                    }
-                    let value = match (whole, i >= j) {
-                        (true, true) => Some(at),
-                        (_, false) => k.position(j, i),
-                        (false, true) => k.position(i, j),
-                    };
-                    if let Some(value) = value {
-                        let node = self.place[self.nodes.node_of(i)] as usize;
-                        let column = (shift[node] + q - self.offset[node]) as usize;
-                        entries.push((narrow(value), narrow(front.layout().at(row, column))));
-                    }
-                }
+                let rows = &pattern.row_idx[pattern.col_ptr[j]..pattern.col_ptr[j + 1]];
+                rows.iter().filter(|&&i| self.new[i] as usize >= p).count()
+            } else {
+                self.later(k, pattern, p).count()
             }
-            self.fronts[f].entries = from..entries.len();
+        };
+        let pivots = |front: &Front| front.first..front.first + front.np;
+        let counts: Vec<usize> = self
+            .fronts
+            .par_iter()
+            .map(|front| pivots(front).map(count).sum())
+            .collect();
+        let mut entries = vec![(0, 0); counts.iter().sum()];
+        let mut rest = entries.as_mut_slice();
+        let mut parts = Vec::with_capacity(counts.len());
+        let mut from = 0;
+        for (front, count) in self.fronts.iter_mut().zip(counts) {
+            let (part, next) = std::mem::take(&mut rest).split_at_mut(count);
+            parts.push(part);
+            rest = next;
+            front.entries = from..from + count;
+            from += count;
         }
+        let scratch = || vec![0_u32; self.order.len()];
+        // Few scratches: each is as long as the order.
+        parts
+            .into_par_iter()
+            .enumerate()
+            .with_min_len(self.fronts.len().div_ceil(64).max(1))
+            .for_each_init(scratch, |shift, (f, part)| {
+                self.place_entries_of(f, k, pattern, shift, part);
+            });
         entries
+    }
+
+    /// Entries of K in the row of pivot `p` of its front: places of unknowns, and
+    /// positions in K's values.
+    fn later<'p>(
+        &'p self,
+        k: &'p Symmetric,
+        pattern: &'p Pattern,
+        p: usize,
+    ) -> impl Iterator<Item = (usize, usize)> + 'p {
+        let whole = pattern.is_whole();
+        let j = self.old[p] as usize;
+        (pattern.col_ptr[j]..pattern.col_ptr[j + 1]).filter_map(move |at| {
+            let i = pattern.row_idx[at];
+            if (self.new[i] as usize) < p {
+                return None;
+            }
+            let value = match (whole, i >= j) {
+                (true, true) => Some(at),
+                (_, false) => k.position(j, i),
+                (false, true) => k.position(i, j),
+            };
+            value.map(|value| (i, value))
+        })
+    }
+
+    /// `shift` becomes the column of this front at which a place starts, less
+    /// `offset`.
+    fn place_entries_of(
+        &self,
+        f: usize,
+        k: &Symmetric,
+        pattern: &Pattern,
+        shift: &mut [u32],
+        entries: &mut [(u32, u32)],
+    ) {
+        let pivots = self.pivots[f].clone();
+        let front = &self.fronts[f];
+        let layout = front.layout();
+        let mut column = 0;
+        for q in pivots.chain(self.rows[f].iter().map(|&q| q as usize)) {
+            shift[q] = column;
+            column += self.offset[q + 1] - self.offset[q];
+        }
+        let rows = front.first..front.first + front.np;
+        let found = rows.flat_map(|p| self.later(k, pattern, p).map(move |found| (p, found)));
+        for (entry, (p, (i, value))) in entries.iter_mut().zip(found) {
+            let node = self.place[self.nodes.node_of(i)] as usize;
+            let column = (shift[node] + self.new[i] - self.offset[node]) as usize;
+            *entry = (narrow(value), narrow(layout.at(p - front.first, column)));
+        }
     }
 }
 
@@ -567,6 +637,10 @@ struct Tasks {
     roots: Vec<usize>,
     /// Largest stack of updates on one thread [f64].
     peak: usize,
+    /// The same with the panel at work beside it.
+    peak_dropped: usize,
+    /// What is left for S in the end.
+    end: usize,
 }
 
 impl Tasks {
@@ -584,6 +658,8 @@ impl Tasks {
             children: Vec::new(),
             roots: Vec::new(),
             peak: 0,
+            peak_dropped: 0,
+            end: 0,
         };
         // Updates wait on one stack when one thread does all in order.
         let mut stack: Vec<(Option<usize>, usize)> = Vec::new();
@@ -627,7 +703,10 @@ impl Tasks {
                 this.children.append(&mut task_of[f]);
             }
             let (need, left) = stack_of(fronts, children, range.clone());
+            let largest = fronts[range.clone()].iter().map(|f| f.layout().len()).max();
+            let panel = largest.unwrap_or(0);
             this.peak = this.peak.max(height + need);
+            this.peak_dropped = this.peak_dropped.max(height + need + panel);
             while is_top && stack.last().is_some_and(|&(taker, _)| taker == Some(f)) {
                 height -= stack.pop().map_or(0, |(_, len)| len);
             }
@@ -645,8 +724,10 @@ impl Tasks {
                 children: from..this.children.len(),
                 stack: need,
                 left,
+                panel,
             });
         }
+        this.end = height;
         // Parents were fronts until every task had its number.
         let mut of_front = vec![0; fronts.len()];
         for (number, task) in this.list.iter().enumerate() {
@@ -656,6 +737,22 @@ impl Tasks {
             task.parent = task.parent.map(|front| of_front[front]);
         }
         this
+    }
+}
+
+impl Tasks {
+    /// Most that updates take when tasks are done in any order, children first:
+    /// of each subtree its root is done, or at work above its children, or
+    /// neither and its subtrees stand for themselves.
+    fn most(&self) -> usize {
+        let mut of: Vec<usize> = Vec::with_capacity(self.list.len());
+        for task in &self.list {
+            let children = &self.children[task.children.clone()];
+            let done: usize = children.iter().map(|&child| self.list[child].left).sum();
+            let apart: usize = children.iter().map(|&child| of[child]).sum();
+            of.push(apart.max(done + task.stack));
+        }
+        self.roots.iter().map(|&root| of[root]).sum()
     }
 }
 

@@ -286,9 +286,9 @@ pub fn needed(parts: &[Analysed], dropped: bool) -> u128 {
         } else {
             counts.bytes_factor as u128 - square
         };
-        // S, its Cholesky factor and the inverse that becomes W stand side by side.
-        let height = peak.max(factor + 3 * square);
+        // The Cholesky factor stands beside S, then beside the inverse, which is W.
         let stays = factor + 2 * square;
+        let height = peak.max(stays);
         held += stays;
         most = most.max(height - stays);
     }

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::csc::Symmetric;
 use crate::linalg::dense;
-use crate::linalg::multifrontal::Factor;
+use crate::linalg::multifrontal::{Factor, Schur};
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::symbolic::{Counts, Options, Symbolic};
 use crate::problem::null_space::{null_space, start_value};
@@ -139,125 +139,193 @@ impl Analysed {
         loads: Option<&[Vec<f64>]>,
         stop: &AtomicBool,
     ) -> Result<Body, Error> {
-        let Self {
-            dofs,
-            stiffness,
-            unit,
-            kept,
-            places,
-            symbolic,
-        } = self;
-        let view = stiffness.view()?;
-        let factor =
-            Factor::new(Arc::clone(&symbolic), &view, stop).map_err(|e| renumber(e, &dofs))?;
+        if let Some(loads) = loads
+            && let Some((s, known)) = self.without_factor(loads, stop)?
+        {
+            return self.body(s, None, known, stop);
+        }
+        let view = self.stiffness.view()?;
+        let mut factor = Factor::new(Arc::clone(&self.symbolic), &view, stop)
+            .map_err(|e| renumber(e, &self.dofs))?;
         let diagonal = view.diagonal();
         if let Some((dof, ratio)) = factor.weakest_pivot()
             && ratio < SAFE
-            && softest_interior(&factor, &diagonal, &kept) <= NULL
+            && softest_interior(&factor, &diagonal, &self.kept) <= NULL
         {
-            return Err(Error::FloatingBody { dof: dofs[dof] });
+            let dof = self.dofs[dof];
+            return Err(Error::FloatingBody { dof });
         }
-        let m = kept.len();
-        let scale: Vec<f64> = kept
-            .iter()
-            .map(|&i| {
-                if diagonal[i] > 0.0 {
-                    diagonal[i].sqrt().recip()
-                } else {
-                    1.0
-                }
-            })
-            .collect();
-        let schur = factor.schur();
+        let schur = factor.take_schur();
+        let scale = scales(&self.kept, &diagonal);
+        let s = match self.definite(&schur, &scale, stop)? {
+            Some(s) => s,
+            None => self.with_rigid_motions(&schur, &scale, &factor, dimension, stop)?,
+        };
+        drop(schur);
+        self.body(s, Some(factor), Vec::new(), stop)
+    }
+
+    /// S factored and the kept part of the loads condensed, where there is no doubt
+    /// that supports hold the body: a doubt is only settled with the factor.
+    #[expect(clippy::type_complexity, reason = "what a body is made of")]
+    fn without_factor(
+        &self,
+        loads: &[Vec<f64>],
+        stop: &AtomicBool,
+    ) -> Result<Option<(Supported, Vec<Vec<f64>>)>, Error> {
+        let view = self.stiffness.view()?;
+        let scaled = |force: &Vec<f64>| -> Vec<f64> {
+            self.dofs.iter().map(|&i| self.unit * force[i]).collect()
+        };
+        let mut local: Vec<f64> = loads.iter().flat_map(scaled).collect();
+        let schur = Schur::new(&self.symbolic, &view, &mut local, stop)
+            .map_err(|e| renumber(e, &self.dofs))?;
+        if schur.weakest_pivot().is_some_and(|(_, ratio)| ratio < SAFE) {
+            return Ok(None);
+        }
+        let scale = scales(&self.kept, &view.diagonal());
+        let Some(s) = self.definite(schur.values(), &scale, stop)? else {
+            return Ok(None);
+        };
+        let columns = local.chunks_exact(self.dofs.len().max(1));
+        let part = |column: &[f64]| self.kept.iter().map(|&i| column[i]).collect();
+        Ok(Some((s, columns.map(part).collect())))
+    }
+
+    /// The Cholesky factor of S, where S is positive definite beyond doubt.
+    fn definite(
+        &self,
+        schur: &[f64],
+        scale: &[f64],
+        stop: &AtomicBool,
+    ) -> Result<Option<Supported>, Error> {
+        let m = self.kept.len();
         let mut cholesky = schur.to_vec();
-        let mut size = one_norm(schur, m);
         // Of a unit motion of the whole body, what independent roundings of the
         // entries make of the energy; a sum of sizes would doubt large bodies.
-        let rounding = 8.0 * f64::EPSILON * norm(&stiffness.values);
-        let pivots = |l: &[f64]| {
-            (0..m).all(|i| {
+        let rounding = 8.0 * f64::EPSILON * norm(&self.stiffness.values);
+        let sound = dense::cholesky(&mut cholesky, m, stop)?.is_none()
+            && (0..m).all(|i| {
                 let doubt = SAFE.max(rounding * scale[i] * scale[i]);
-                (l[i * (m + 1)] * scale[i]).powi(2) > doubt
-            })
+                (cholesky[i * (m + 1)] * scale[i]).powi(2) > doubt
+            });
+        Ok(sound.then(|| Supported {
+            size: one_norm(schur, m),
+            cholesky,
+            modes: Vec::new(),
+        }))
+    }
+
+    /// The rigid motions that supports leave free, and the Cholesky factor of
+    /// `S + α R Rᵀ`.
+    fn with_rigid_motions(
+        &self,
+        schur: &[f64],
+        scale: &[f64],
+        factor: &Factor,
+        dimension: usize,
+        stop: &AtomicBool,
+    ) -> Result<Supported, Error> {
+        let (dofs, kept, stiffness) = (&self.dofs, &self.kept, &self.stiffness);
+        let m = kept.len();
+        #[expect(clippy::cast_precision_loss, reason = "a count")]
+        let bound = NULL.max(8.0 * dofs.len() as f64 * f64::EPSILON);
+        // A motion that is rigid where the body is stiff has its energy from
+        // terms that cancel: that of the stiffest part bounds what is left.
+        let rounding = |motion: &[f64]| {
+            let mut whole = vec![0.0; dofs.len()];
+            for (&i, x) in kept.iter().zip(motion) {
+                whole[i] = *x;
+            }
+            factor.recover(&mut whole, 1);
+            for x in &mut whole {
+                *x = x.abs();
+            }
+            bound.max(8.0 * f64::EPSILON * stiffness.absolute_form(&whole))
         };
-        let definite = dense::cholesky(&mut cholesky, m, stop)?.is_none() && pivots(&cholesky);
-        let mut modes = Vec::new();
-        if !definite {
-            #[expect(clippy::cast_precision_loss, reason = "a count")]
-            let bound = NULL.max(8.0 * dofs.len() as f64 * f64::EPSILON);
-            // A motion that is rigid where the body is stiff has its energy from
-            // terms that cancel: that of the stiffest part bounds what is left.
-            let rounding = |motion: &[f64]| {
-                let mut whole = vec![0.0; dofs.len()];
-                for (&i, x) in kept.iter().zip(motion) {
-                    whole[i] = *x;
-                }
-                factor.recover(&mut whole, 1);
-                for x in &mut whole {
-                    *x = x.abs();
-                }
-                bound.max(8.0 * f64::EPSILON * stiffness.absolute_form(&whole))
-            };
-            modes = null_space(schur, &scale, &rounding, 2 * LIMIT[dimension], stop)?
-                .ok_or_else(|| Error::Indefinite { dof: dofs[kept[0]] })?;
-            if modes.len() > LIMIT[dimension] {
-                return Err(Error::Mechanism {
-                    dof: dofs[kept[0]],
-                    found: modes.len(),
-                    limit: LIMIT[dimension],
-                });
-            }
-            cholesky = with_modes(schur, &modes);
-            size = one_norm(&cholesky, m);
-            if let Some(at) = dense::cholesky(&mut cholesky, m, stop)? {
-                return Err(Error::Indefinite {
-                    dof: dofs[kept[at]],
-                });
-            }
+        let modes = null_space(schur, scale, &rounding, 2 * LIMIT[dimension], stop)?
+            .ok_or_else(|| Error::Indefinite { dof: dofs[kept[0]] })?;
+        if modes.len() > LIMIT[dimension] {
+            return Err(Error::Mechanism {
+                dof: dofs[kept[0]],
+                found: modes.len(),
+                limit: LIMIT[dimension],
+            });
         }
-        let mut inverse = vec![0.0; m * m];
-        dense::inverse_from_cholesky(&cholesky, m, &mut inverse, stop)?;
+        let mut cholesky = with_modes(schur, &modes);
+        let size = one_norm(&cholesky, m);
+        match dense::cholesky(&mut cholesky, m, stop)? {
+            Some(at) => Err(Error::Indefinite {
+                dof: dofs[kept[at]],
+            }),
+            None => Ok(Supported {
+                cholesky,
+                modes,
+                size,
+            }),
+        }
+    }
+
+    fn body(
+        self,
+        s: Supported,
+        factor: Option<Factor>,
+        known: Vec<Vec<f64>>,
+        stop: &AtomicBool,
+    ) -> Result<Body, Error> {
+        let m = self.kept.len();
+        let mut inverse = s.cholesky.clone();
+        dense::invert_from_cholesky(&mut inverse, m, stop)?;
         let flexible = one_norm(&inverse, m);
-        let condition = size * flexible;
-        let stiffest = kept.iter().map(|&i| diagonal[i]).fold(0.0, f64::max);
-        let amplification = condition.max(stiffest * flexible);
-        let mut place = vec![u32::MAX; dofs.len()];
-        for (k, &i) in (0_u32..).zip(&kept) {
+        let condition = s.size * flexible;
+        let diagonal = self.stiffness.view()?.diagonal();
+        let stiffest = self.kept.iter().map(|&i| diagonal[i]).fold(0.0, f64::max);
+        let mut place = vec![u32::MAX; self.dofs.len()];
+        for (k, &i) in (0_u32..).zip(&self.kept) {
             place[i] = k;
         }
-        let mut body = Body {
-            dofs,
-            stiffness,
-            unit,
-            kept,
+        Ok(Body {
+            dofs: self.dofs,
+            stiffness: self.stiffness,
+            unit: self.unit,
+            kept: self.kept,
             place,
-            places,
-            symbolic,
-            factor: Some(factor),
-            known: Vec::new(),
-            cholesky,
-            modes,
+            places: self.places,
+            symbolic: self.symbolic,
+            factor,
+            known,
+            cholesky: s.cholesky,
+            modes: s.modes,
             inverse,
             condition,
-            amplification,
-        };
-        body.forget_factor(loads);
-        Ok(body)
+            amplification: condition.max(stiffest * flexible),
+        })
     }
 }
 
-impl Body {
-    /// Keeps of the loads what they do at the contact set, and drops the factor.
-    fn forget_factor(&mut self, loads: Option<&[Vec<f64>]>) {
-        // The balance of a body that contact alone holds is judged with the factor.
-        let (Some(loads), true) = (loads, self.modes.is_empty()) else {
-            return;
-        };
-        let condensed = |force: &Vec<f64>| self.contact_part(&self.condense(force, None));
-        self.known = loads.iter().map(condensed).collect();
-        self.factor = None;
-    }
+/// S made definite.
+struct Supported {
+    /// Lower Cholesky factor of `S + α R Rᵀ`, column-major.
+    cholesky: Vec<f64>,
+    /// Orthonormal rigid motions `R` on the kept unknowns.
+    modes: Vec<Vec<f64>>,
+    /// 1-norm of `S + α R Rᵀ`.
+    size: f64,
+}
 
+/// What makes the diagonal of K one at the kept unknowns.
+fn scales(kept: &[usize], diagonal: &[f64]) -> Vec<f64> {
+    let scale = |&i: &usize| {
+        if diagonal[i] > 0.0 {
+            diagonal[i].sqrt().recip()
+        } else {
+            1.0
+        }
+    };
+    kept.iter().map(scale).collect()
+}
+
+impl Body {
     /// Number of unknowns that `S` is left on.
     #[must_use]
     pub fn kept(&self) -> usize {

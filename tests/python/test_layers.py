@@ -34,6 +34,8 @@ RUST_SIBLINGS = {
         "dense nonnegative ordering quotient",
         "lu tree",
         "symbolic",
+        "walk",
+        "sweep",
         "multifrontal sparse_lu",
         "solves",
         "reach",

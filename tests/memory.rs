@@ -1,0 +1,162 @@
+//! Memory that a condensation takes, counted by an allocator, beside what the
+//! analysis foretold. A binary of its own: the count is of the whole process.
+#![expect(
+    clippy::unwrap_used,
+    clippy::cast_precision_loss,
+    reason = "a test may fail, and its counts are small"
+)]
+
+#[path = "common/bodies.rs"]
+#[expect(dead_code, reason = "other tests use the rest")]
+mod bodies;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use bipot_rs::linalg::csc::Symmetric;
+use bipot_rs::linalg::dense::{cholesky, invert_from_cholesky};
+use bipot_rs::linalg::multifrontal::{Factor, Schur};
+use bipot_rs::linalg::symbolic::{Counts, Options, Symbolic};
+use bodies::Make;
+
+/// The system's allocator, with what is held and the most that was.
+struct Counting;
+
+static HELD: AtomicUsize = AtomicUsize::new(0);
+static MOST: AtomicUsize = AtomicUsize::new(0);
+/// One measurement at a time.
+static ALONE: Mutex<()> = Mutex::new(());
+static GO: AtomicBool = AtomicBool::new(false);
+
+fn grow(bytes: usize) {
+    let held = HELD.fetch_add(bytes, Ordering::SeqCst) + bytes;
+    MOST.fetch_max(held, Ordering::SeqCst);
+}
+
+// SAFETY: every call goes to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        grow(layout.size());
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        grow(layout.size());
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        HELD.fetch_sub(layout.size(), Ordering::SeqCst);
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.dealloc(at, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Most bytes held during `work` above those held before.
+fn most<T>(work: impl FnOnce() -> T) -> (usize, T) {
+    let before = HELD.load(Ordering::SeqCst);
+    MOST.store(before, Ordering::SeqCst);
+    let result = work();
+    (MOST.load(Ordering::SeqCst) - before, result)
+}
+
+fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .unwrap();
+    pool.install(work)
+}
+
+/// A cube with a whole face kept: 20,577 unknowns, 1,083 of them kept.
+fn cube() -> bodies::Body {
+    Make::cube(18).build()
+}
+
+fn analysed(body: &bodies::Body, k: &Symmetric) -> Arc<Symbolic> {
+    Arc::new(Symbolic::analyse(k, &body.face, &Options::default()).unwrap())
+}
+
+/// Both ways, a seventh: idle quarters of buffers, and tables of each front.
+fn assert_foretold(found: usize, foretold: usize) {
+    assert!(
+        20 * found <= 23 * foretold && 20 * foretold <= 23 * found,
+        "{found} bytes at the most, foretold {foretold}"
+    );
+}
+
+fn without_analysis(counts: &Counts, bytes: usize) -> usize {
+    bytes - counts.bytes_symbolic
+}
+
+#[test]
+fn the_peak_is_as_foretold() {
+    let _alone = ALONE.lock().unwrap();
+    let body = cube();
+    let k = Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &body.values).unwrap();
+    let before = HELD.load(Ordering::SeqCst);
+    let symbolic = analysed(&body, &k);
+    let counts = symbolic.counts();
+    assert_foretold(HELD.load(Ordering::SeqCst) - before, counts.bytes_symbolic);
+    let (bytes, factor) = with_threads(1, || {
+        most(|| Factor::new(Arc::clone(&symbolic), &k, &GO).unwrap())
+    });
+    assert_foretold(bytes, without_analysis(counts, counts.bytes_peak));
+    drop(factor);
+    let (bytes, schur) = with_threads(1, || {
+        most(|| Schur::new(&symbolic, &k, &mut [], &GO).unwrap())
+    });
+    assert_foretold(bytes, without_analysis(counts, counts.bytes_peak_dropped));
+    drop(schur);
+    let (bytes, factor) = with_threads(2, || {
+        most(|| Factor::new(Arc::clone(&symbolic), &k, &GO).unwrap())
+    });
+    assert!(counts.bytes_peak <= counts.bytes_peak_threads);
+    // What two threads hold depends on who came first, within the bound and the
+    // idle quarters of buffers.
+    let bound = without_analysis(counts, counts.bytes_peak_threads);
+    assert!(20 * bytes <= 23 * bound, "{bytes} bytes, at most {bound}");
+    drop(factor);
+}
+
+#[test]
+fn a_second_matrix_takes_the_memory_of_the_first() {
+    let _alone = ALONE.lock().unwrap();
+    let body = cube();
+    let k = Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &body.values).unwrap();
+    let symbolic = analysed(&body, &k);
+    with_threads(1, || {
+        let mut factor = Factor::new(Arc::clone(&symbolic), &k, &GO).unwrap();
+        let (bytes, ()) = most(|| factor.refactor(&k, &GO).unwrap());
+        // Updates and tables, but no second factor.
+        let counts = symbolic.counts();
+        assert!(
+            bytes < without_analysis(counts, counts.bytes_peak) - counts.bytes_factor / 2,
+            "{bytes} bytes"
+        );
+    });
+}
+
+#[test]
+fn an_inverse_needs_no_second_matrix() {
+    let _alone = ALONE.lock().unwrap();
+    let n = 1500;
+    let mut a: Vec<f64> = (0..n * n)
+        .map(|at| if at % (n + 1) == 0 { 2.0 } else { 0.0 })
+        .collect();
+    let (bytes, ()) = with_threads(1, || {
+        most(|| {
+            assert_eq!(cholesky(&mut a, n, &GO).unwrap(), None);
+            invert_from_cholesky(&mut a, n, &GO).unwrap();
+        })
+    });
+    // Panels of 384 and 128 columns, and what products pack, some 4 MB a thread.
+    assert!(bytes < 8 * n * n * 3 / 4, "{bytes} bytes");
+}

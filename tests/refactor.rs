@@ -1,0 +1,220 @@
+//! One analysis, several matrices: S without the factor, and the factor anew.
+#![expect(
+    clippy::unwrap_used,
+    clippy::cast_precision_loss,
+    reason = "a test may fail, and its counts are small"
+)]
+
+#[path = "common/bodies.rs"]
+#[expect(dead_code, reason = "other tests use the rest")]
+mod bodies;
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use bipot_rs::error::Error;
+use bipot_rs::linalg::csc::Symmetric;
+use bipot_rs::linalg::dense::{cholesky, invert_from_cholesky};
+use bipot_rs::linalg::multifrontal::{Factor, Schur};
+use bipot_rs::linalg::symbolic::{Options, Symbolic};
+use bodies::{Body, Make};
+
+static GO: AtomicBool = AtomicBool::new(false);
+
+fn matrix(body: &Body) -> Symmetric<'_> {
+    Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &body.values).unwrap()
+}
+
+fn analysed(body: &Body) -> Arc<Symbolic> {
+    Arc::new(Symbolic::analyse(&matrix(body), &body.face, &Options::default()).unwrap())
+}
+
+fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .unwrap();
+    pool.install(work)
+}
+
+fn bits(values: &[f64]) -> Vec<u64> {
+    values.iter().map(|x| x.to_bits()).collect()
+}
+
+/// Large enough for fronts that are shared out by tiles: the cube has 6,591
+/// unknowns and 1.2e9 flops, where whole subtrees end at 2e8.
+fn bodies() -> [Body; 2] {
+    [Make::cube(12).build(), Make::square(40).build()]
+}
+
+fn loads(n: usize, columns: usize) -> Vec<f64> {
+    (0..n * columns)
+        .map(|at| ((at * 37) % 101) as f64 - 50.0)
+        .collect()
+}
+
+#[test]
+fn s_without_the_factor_has_the_same_bits() {
+    for body in bodies() {
+        let symbolic = analysed(&body);
+        // None, one, and more than pass together.
+        for columns in [0, 1, 3] {
+            let factor = Factor::new(Arc::clone(&symbolic), &matrix(&body), &GO).unwrap();
+            let mut expected = loads(body.n, columns);
+            factor.condense(&mut expected, columns);
+            for threads in [1, 2] {
+                let mut found = loads(body.n, columns);
+                let schur = with_threads(threads, || {
+                    Schur::new(&symbolic, &matrix(&body), &mut found, &GO).unwrap()
+                });
+                assert_eq!(bits(schur.values()), bits(factor.schur()));
+                assert_eq!(schur.weakest_pivot(), factor.weakest_pivot());
+                assert_eq!(bits(&found), bits(&expected));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_second_matrix_gives_the_bits_of_a_new_factor() {
+    for make in [Make::cube(12), Make::square(40)] {
+        let soft = make.build();
+        let far_half = 7.0;
+        let body = Make { far_half, ..make }.build();
+        let symbolic = analysed(&soft);
+        let mut factor = Factor::new(Arc::clone(&symbolic), &matrix(&soft), &GO).unwrap();
+        let k = matrix(&body);
+        factor.refactor(&k, &GO).unwrap();
+        let fresh = Factor::new(symbolic, &k, &GO).unwrap();
+        assert_eq!(bits(factor.schur()), bits(fresh.schur()));
+        assert_eq!(factor.weakest_pivot(), fresh.weakest_pivot());
+        let (mut a, mut b) = (loads(body.n, 2), loads(body.n, 2));
+        factor.condense(&mut a, 2);
+        fresh.condense(&mut b, 2);
+        assert_eq!(bits(&a), bits(&b));
+    }
+}
+
+#[test]
+fn many_columns_are_those_of_one_thread() {
+    for body in bodies() {
+        let factor = Factor::new(analysed(&body), &matrix(&body), &GO).unwrap();
+        // One column, a block that is not whole, and two blocks.
+        for columns in [1, 5, 40] {
+            let solved = |threads| {
+                with_threads(threads, || {
+                    let mut x = loads(body.n, columns);
+                    factor.condense(&mut x, columns);
+                    factor.recover(&mut x, columns);
+                    x
+                })
+            };
+            assert_eq!(bits(&solved(1)), bits(&solved(2)));
+        }
+    }
+}
+
+#[test]
+fn a_matrix_refused_leaves_nothing_or_all() {
+    let mut body = Make::cube(5).build();
+    let symbolic = analysed(&body);
+    let mut factor = Factor::new(Arc::clone(&symbolic), &matrix(&body), &GO).unwrap();
+    let whole = bits(factor.schur());
+    let other = Make::cube(4).build();
+    let error = factor.refactor(&matrix(&other), &GO).unwrap_err();
+    assert!(matches!(error, Error::Shape { .. }), "{error}");
+    assert_eq!(bits(factor.schur()), whole, "the old factor stays");
+
+    let good = body.values.clone();
+    // Off the diagonal larger than on it: indefinite, with sound diagonals.
+    for j in 0..body.n {
+        for at in body.col_ptr[j]..body.col_ptr[j + 1] {
+            if body.row_idx[at] != j {
+                body.values[at] *= 40.0;
+            }
+        }
+    }
+    let error = factor.refactor(&matrix(&body), &GO).unwrap_err();
+    assert!(matches!(error, Error::Indefinite { .. }), "{error}");
+    assert!(factor.schur().is_empty());
+    let mut load = loads(body.n, 1);
+    let error = Schur::new(&symbolic, &matrix(&body), &mut load, &GO).unwrap_err();
+    assert!(matches!(error, Error::Indefinite { .. }), "{error}");
+    assert_eq!(load, loads(body.n, 1), "loads stay as they were");
+
+    body.values = good;
+    factor.refactor(&matrix(&body), &GO).unwrap();
+    assert_eq!(bits(factor.schur()), whole);
+}
+
+#[test]
+#[should_panic(expected = "no factor")]
+fn a_factor_that_failed_solves_nothing() {
+    let body = Make::cube(3).build();
+    let mut factor = Factor::new(analysed(&body), &matrix(&body), &GO).unwrap();
+    let error = factor
+        .refactor(&matrix(&body), &AtomicBool::new(true))
+        .unwrap_err();
+    assert!(matches!(error, Error::Interrupted));
+    factor.condense(&mut loads(body.n, 1), 1);
+}
+
+/// `A = D + x xᵀ`, whose inverse is known: `D⁻¹ − D⁻¹ x xᵀ D⁻¹ / (1 + xᵀ D⁻¹ x)`.
+fn known(n: usize) -> (Vec<f64>, impl Fn(usize, usize) -> f64) {
+    let x: Vec<f64> = (0..n).map(|i| ((i * 29) % 13) as f64 / 13.0).collect();
+    let d: Vec<f64> = (0..n).map(|i| 1.0 + ((i * 7) % 5) as f64).collect();
+    let mut a = vec![0.0; n * n];
+    for j in 0..n {
+        for i in 0..n {
+            a[j * n + i] = x[i] * x[j] + if i == j { d[i] } else { 0.0 };
+        }
+    }
+    let sum = 1.0 + (0..n).map(|i| x[i] * x[i] / d[i]).sum::<f64>();
+    let inverse = move |i: usize, j: usize| {
+        let diagonal = if i == j { 1.0 / d[i] } else { 0.0 };
+        diagonal - x[i] * x[j] / (d[i] * d[j] * sum)
+    };
+    (a, inverse)
+}
+
+/// Sizes on both sides of the blocks of 128, strips of 256 and panels of 384.
+const SIZES: [usize; 9] = [0, 1, 2, 127, 129, 257, 385, 513, 901];
+
+#[test]
+fn the_inverse_takes_the_place_of_the_factor() {
+    for n in SIZES {
+        let (a, expected) = known(n);
+        let inverted = |threads| {
+            with_threads(threads, || {
+                let mut a = a.clone();
+                assert_eq!(cholesky(&mut a, n, &GO).unwrap(), None);
+                // Only the lower triangle may be read.
+                for j in 0..n {
+                    a[j * n..j * n + j].fill(f64::NAN);
+                }
+                invert_from_cholesky(&mut a, n, &GO).unwrap();
+                a
+            })
+        };
+        let found = inverted(1);
+        assert_eq!(bits(&found), bits(&inverted(2)));
+        // Condition 1 + ‖x‖² ≤ n, inverse of size one: n roundings of that.
+        let bound = f64::EPSILON * (n * n) as f64;
+        for j in 0..n {
+            for i in 0..n {
+                let value = found[j * n + i];
+                assert!((value - expected(i, j)).abs() <= bound, "{n}: {i}, {j}");
+                assert_eq!(value.to_bits(), found[i * n + j].to_bits());
+            }
+        }
+    }
+}
+
+#[test]
+fn the_pivot_at_fault_is_counted_through_blocks() {
+    for (n, at) in [(5, 0), (300, 129), (901, 383), (901, 384), (901, 900)] {
+        let (mut a, _) = known(n);
+        a[at * (n + 1)] = -1.0;
+        assert_eq!(cholesky(&mut a, n, &GO).unwrap(), Some(at));
+    }
+}
