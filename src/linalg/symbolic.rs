@@ -21,11 +21,16 @@ use crate::linalg::tree::{Tree, flops_of};
 /// above the cost of handing it out.
 const LEAF_FLOPS: f64 = 2e8;
 
+/// Work a node up to which METIS is not asked where coordinates have given an order
+/// [flop]: it takes some 10 µs a node, and half of so much work takes no longer.
+const WORTH_METIS: f64 = 1e6;
+
 /// What the analysis may use besides the matrix.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options<'a> {
     /// Place of each unknown, for bisection by coordinates. Any unit, and the
-    /// third coordinate may be zero.
+    /// third coordinate may be zero. METIS is then asked too, and the order of fewer
+    /// operations taken, where there is more work than METIS itself costs.
     pub coordinates: Option<&'a [[f64; 3]]>,
 }
 
@@ -394,19 +399,19 @@ fn best_order(
         let tree = Tree::new(nodes, &order);
         (order, tree, name)
     };
-    let by_graph = || by_metis(&graph).map(|order| counted("METIS", order));
-    let by_places = || {
-        let at = options.coordinates?;
+    let by_places = options.coordinates.map(|at| {
         let place = |&v: &u32| at[nodes.members(v as usize)[0] as usize];
         let places: Vec<[f64; 3]> = inner.iter().map(place).collect();
-        Some(counted(
-            "coordinate bisection",
-            by_coordinates(&graph, &places),
-        ))
-    };
-    let best = match rayon::join(by_graph, by_places) {
-        (Some(a), Some(b)) => Some(if b.1.flops < a.1.flops { b } else { a }),
-        (a, b) => a.or(b),
+        counted("coordinate bisection", by_coordinates(&graph, &places))
+    });
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let worth = WORTH_METIS * inner.len() as f64;
+    let best = match by_places {
+        Some(found) if found.1.flops <= worth => Some(found),
+        found => match (by_metis(&graph).map(|order| counted("METIS", order)), found) {
+            (Some(a), Some(b)) => Some(if b.1.flops < a.1.flops { b } else { a }),
+            (a, b) => a.or(b),
+        },
     };
     let numbered = || counted("as numbered", (0..).take(inner.len()).collect());
     let (order, tree, name) = best.unwrap_or_else(numbered);
