@@ -1,0 +1,23 @@
+"""Draws docs/sheared_cube.png, the picture of the README.
+
+It is what `bipot run sheared_cube --plot` writes: the shipped scene, solved, and
+drawn by `bipot_rs.plot`.
+"""
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+PICTURE = Path(__file__).resolve().parents[1] / "docs" / "sheared_cube.png"
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "bipot_rs", "run", "sheared_cube"]
+        subprocess.run([*command, "--plot", "--out", folder], check=True)
+        with Image.open(Path(folder) / "tractions.png") as picture:
+            # 128 colours are enough for a page, and a third of the bytes.
+            picture.convert("RGB").quantize(128).save(PICTURE, optimize=True)
+    print(PICTURE)
