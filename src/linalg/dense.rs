@@ -148,17 +148,19 @@ pub(crate) fn zeros(len: usize) -> Vec<f64> {
 
 /// Frees a vector, and its pages at once: the allocator would keep those of
 /// vectors below some 32 MB, in pieces that the next, larger one does not fit.
+/// Small ones it may keep: to touch their like anew costs more than they hold.
 pub(crate) fn release(values: Vec<f64>) {
     #[cfg(not(target_os = "linux"))]
     drop(values);
     #[cfg(target_os = "linux")]
     {
+        const LARGE: usize = 1 << 22;
         let mut values = values;
         let page = 1 << 12;
         let begin = values.as_mut_ptr().addr();
         let inner = begin.next_multiple_of(page);
         let end = begin + size_of_val(values.as_slice());
-        if inner + page <= end {
+        if inner + LARGE <= end {
             let start = values.as_mut_ptr().cast::<u8>().wrapping_add(inner - begin);
             // SAFETY: the range lies inside the allocation, which is ours alone
             // and never read again; it holds numbers, and zeros are numbers.
