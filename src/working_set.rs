@@ -4,6 +4,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use crate::error::Error;
 use crate::law::cone::Status;
@@ -87,6 +88,7 @@ impl<const D: usize> Path<D> {
                 made => made?,
             },
         };
+        let began = Instant::now();
         let mut spent = Solution::<D>::default();
         loop {
             let members = &view.members;
@@ -106,7 +108,6 @@ impl<const D: usize> Path<D> {
                 .advance(&view.problem, loads.0, loads.1, &left, stop)
                 .map_err(|error| renumber(error, members))?;
             spent.iterations += step.solution.iterations;
-            spent.seconds += step.solution.seconds;
             let work = spent.work;
             let history = step.solution.history.iter();
             spent
@@ -120,46 +121,19 @@ impl<const D: usize> Path<D> {
                 &step.solution.reaction,
                 [0.0; D],
             );
-            let motion = &mut step.solution.rigid_motion;
             if !shared {
-                let own = std::mem::take(motion);
-                *motion = amounts(problem, &view, loads, &reaction, &own)?;
+                let own = std::mem::take(&mut step.solution.rigid_motion);
+                step.solution.rigid_motion = amounts(problem, &view, loads, &reaction, &own)?;
                 self.carried = Some(own);
             }
-            // With all of them in the set there is nothing outside to look at.
-            let total = if members.len() == problem.contacts() {
-                step.solution.relative_displacement.clone()
-            } else {
-                let state = Loaded {
-                    load: loads.0,
-                    prescribed: loads.1,
-                    reaction: &reaction,
-                    rigid: motion,
-                };
-                problem.relative_displacement(&problem.displacements(&[state])?[0])
-            };
-            let mut outside = vec![true; problem.contacts()];
-            for &i in members {
-                outside[i] = false;
-            }
-            let mut asked = if step.solution.outcome == Outcome::NoEquilibrium
-                && !step.solution.free_motion.is_empty()
-            {
-                // A proof for all of them, unless the motion runs into some.
-                let d = candidates.motion(&step.solution.free_motion)?;
-                let runs_into = |i: usize| {
-                    let slides = d[i][1..].iter().map(|t| t * t).sum::<f64>().sqrt();
-                    d[i][0] - mu[i] * slides
-                };
-                worst(&outside, runs_into)
-            } else {
-                worst(&outside, |i| total[i][0])
-            };
+            let (mut asked, total) = outside(problem, candidates, members, &step, loads)?;
+            spent.seconds = began.elapsed().as_secs_f64();
             let in_time =
                 spent.seconds < settings.max_seconds && spent.iterations < settings.max_iterations;
             if asked.is_empty() || !in_time {
                 let mut step = self.spread(step, &view.members, reaction, &total, spent);
-                if !asked.is_empty() && step.solution.outcome == Outcome::Converged {
+                let claims = [Outcome::Converged, Outcome::NoEquilibrium];
+                if !asked.is_empty() && claims.contains(&step.solution.outcome) {
                     step.solution.outcome = if spent_time(&step.solution, settings) {
                         Outcome::TimeLimit
                     } else {
@@ -268,6 +242,48 @@ fn all<const D: usize>(problem: &Problem<D>, stop: &AtomicBool) -> Result<View<D
         members: (0..problem.contacts()).collect(),
         problem: problem.whole(stop)?,
     })
+}
+
+/// Contacts that a step of the members asks for, the worst first, and the total
+/// relative displacement of all.
+fn outside<const D: usize>(
+    problem: &Problem<D>,
+    candidates: &Candidates<D>,
+    members: &[usize],
+    step: &Step<D>,
+    (load, prescribed): (&[f64], &[f64]),
+) -> Result<(Vec<usize>, Vec<[f64; D]>), Error> {
+    let solution = &step.solution;
+    if members.len() == problem.contacts() {
+        return Ok((Vec::new(), solution.relative_displacement.clone()));
+    }
+    let reaction = spread(problem.contacts(), members, &solution.reaction, [0.0; D]);
+    let state = Loaded {
+        load,
+        prescribed,
+        reaction: &reaction,
+        rigid: &solution.rigid_motion,
+    };
+    let total = problem.relative_displacement(&problem.displacements(&[state])?[0]);
+    let mut outside = vec![true; problem.contacts()];
+    for &i in members {
+        outside[i] = false;
+    }
+    if solution.outcome != Outcome::NoEquilibrium {
+        return Ok((worst(&outside, |i| total[i][0]), total));
+    }
+    if solution.free_motion.is_empty() {
+        // Exhausting the statuses of some contacts proves nothing of the others.
+        return Ok((worst(&outside, |_| -1.0), total));
+    }
+    // A proof for all of them, unless the motion runs into some.
+    let d = candidates.motion(&solution.free_motion)?;
+    let mu = problem.mu();
+    let runs_into = |i: usize| {
+        let slides = d[i][1..].iter().map(|t| t * t).sum::<f64>().sqrt();
+        d[i][0] - mu[i] * slides
+    };
+    Ok((worst(&outside, runs_into), total))
 }
 
 /// The rigid motions of an answer of bodies condensed onto all contacts, in the

@@ -25,7 +25,8 @@ __all__ = [
 ]
 
 _Floats = NDArray[np.float64]
-_Indices = NDArray[np.int64]
+# Of 32 or 64 bits.
+_Indices = NDArray[np.integer[Any]]
 # Row pointers, column indices, values.
 _Csr = tuple[_Indices, _Indices, _Floats]
 

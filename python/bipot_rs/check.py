@@ -27,7 +27,7 @@ class Csr(NamedTuple):
 
     matrix: Any
     shape: tuple[int, int]
-    parts: tuple[NDArray[np.int64], NDArray[np.int64], Array]
+    parts: tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]], Array]
 
 
 def floats(
@@ -106,9 +106,11 @@ def csr(what: str, value: Any) -> Csr:
         raise ValueError(
             f"{what} is not finite at row {row}, column {int(matrix.indices[at])}: {found}"
         )
+    # 32 bits are taken as they are: a copy would be a good part of K.
+    wide = np.int32 if matrix.indices.dtype == np.int32 else np.int64
     parts = (
-        np.require(matrix.indptr, np.int64, ["C", "A"]),
-        np.require(matrix.indices, np.int64, ["C", "A"]),
+        np.require(matrix.indptr, wide, ["C", "A"]),
+        np.require(matrix.indices, wide, ["C", "A"]),
         data,
     )
     rows, columns = matrix.shape

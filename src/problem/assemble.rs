@@ -35,18 +35,7 @@ pub fn assemble<const D: usize>(
     let contacts = surface.contacts();
     let shares = &surface.shares;
     let islands = islands::<D>(contacts, shares);
-    // Pairs of contacts that share a body; a pair that shares two is counted twice.
-    let pairs = |members: &[usize]| -> usize {
-        let of_body = members
-            .iter()
-            .map(|&b| touched::<D>(&shares[b]).len().pow(2));
-        of_body.sum()
-    };
-    let counted = islands
-        .iter()
-        .map(|(nodes, members)| (pairs(members), nodes.len()));
-    let stored = counted.map(|(pairs, n)| if is_sparse(pairs, n) { pairs } else { n * n });
-    let stored: Vec<usize> = stored.collect();
+    let stored = stored_blocks::<D>(&islands, shares);
     let blocks: u128 = stored.iter().map(|&blocks| blocks as u128).sum();
     budget.check("the compliance W", 8 * (D * D) as u128 * blocks)?;
     let mut whole = Vec::with_capacity(islands.len());
@@ -81,6 +70,36 @@ pub fn assemble<const D: usize>(
     }
     Compliance::new(whole)
 }
+
+/// Blocks of `W` that each island stores. Pairs of contacts that share two bodies
+/// are counted twice.
+fn stored_blocks<const D: usize>(islands: &[Members], shares: &[Share]) -> Vec<usize> {
+    let of_island = |(nodes, members): &Members| {
+        let squares = members
+            .iter()
+            .map(|&b| touched::<D>(&shares[b]).len().pow(2));
+        let (pairs, n) = (squares.sum(), nodes.len());
+        if is_sparse(pairs, n) { pairs } else { n * n }
+    };
+    islands.iter().map(of_island).collect()
+}
+
+/// Bytes that `W` takes besides the inverses it is made of, of bodies with so many
+/// unknowns kept each: that of a body alone may be its inverse itself.
+#[must_use]
+pub fn bytes_beside<const D: usize>(surface: &Surface<D>, kept: &[usize]) -> u128 {
+    let shares = &surface.shares;
+    let islands = islands::<D>(surface.contacts(), shares);
+    let stored = stored_blocks::<D>(&islands, shares);
+    let beside = |((nodes, members), stored): (&Members, usize)| match members[..] {
+        [body] if kept[body] == D * nodes.len() => 0,
+        _ => 8 * (D * D) as u128 * stored as u128,
+    };
+    islands.iter().zip(stored).map(beside).sum()
+}
+
+/// Contacts that share a body, and the bodies they touch, both ascending.
+type Members = (Vec<usize>, Vec<usize>);
 
 /// Contacts that a body has rows of, ascending.
 fn touched<const D: usize>(share: &Share) -> Vec<usize> {
@@ -272,7 +291,7 @@ fn mirror(matrix: &mut [f64], m: usize) {
 }
 
 /// Contacts that share a body, with the bodies they touch, both ascending.
-fn islands<const D: usize>(contacts: usize, bodies: &[Share]) -> Vec<(Vec<usize>, Vec<usize>)> {
+fn islands<const D: usize>(contacts: usize, bodies: &[Share]) -> Vec<Members> {
     // The smallest member leads, so that an island is named by its first contact.
     let mut sets = Union::new(contacts + bodies.len());
     for (b, body) in bodies.iter().enumerate() {
@@ -281,7 +300,7 @@ fn islands<const D: usize>(contacts: usize, bodies: &[Share]) -> Vec<(Vec<usize>
         }
     }
     let mut number = vec![usize::MAX; contacts + bodies.len()];
-    let mut islands: Vec<(Vec<usize>, Vec<usize>)> = Vec::new();
+    let mut islands: Vec<Members> = Vec::new();
     for i in 0..contacts + bodies.len() {
         let root = sets.leader(i);
         if root >= contacts {

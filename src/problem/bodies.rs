@@ -1,6 +1,7 @@
 //! All bodies of a problem, condensed, and the loads on them.
 
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use rayon::prelude::*;
 
@@ -39,6 +40,8 @@ pub struct Bodies {
     supports: Supports,
     /// Body and number within it of each rigid motion.
     motions: Vec<(usize, usize)>,
+    /// Seconds until S, and from S on.
+    seconds: [f64; 2],
 }
 
 /// What acts on the bodies in one state: total loads, reactions, and the amounts of
@@ -73,7 +76,8 @@ impl Supports {
 }
 
 impl Bodies {
-    /// Factors bodies that were analysed, small ones side by side.
+    /// Factors bodies that were analysed, small ones side by side; `needed` are the
+    /// bytes that all of it will take.
     ///
     /// # Errors
     /// As [`Analysed::condense`], of the first body that fails; [`Error::Memory`].
@@ -81,17 +85,18 @@ impl Bodies {
         parts: Vec<Analysed>,
         supports: Supports,
         dimension: usize,
+        needed: u128,
         budget: &Budget,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
-        let dropped = supports.known.is_some();
-        budget.check("the condensation of K", needed(&parts, dropped))?;
+        budget.check("the condensation of K", needed)?;
         let loads = supports.known.as_ref().map(|known| {
             let force = |(load, prescribed): &Loads| supports.force(load, prescribed);
             known.iter().map(force).collect::<Result<Vec<_>, _>>()
         });
         let loads = loads.transpose()?;
         let condense = |part: Analysed| part.condense(dimension, loads.as_deref(), stop);
+        let started = Instant::now();
         let small = parts.iter().all(|part| part.counts().flops < SMALL);
         let list: Vec<Result<Body, Error>> = if small {
             parts.into_par_iter().map(condense).collect()
@@ -99,8 +104,12 @@ impl Bodies {
             parts.into_iter().map(condense).collect()
         };
         let list: Vec<Body> = list.into_iter().collect::<Result<_, _>>()?;
+        let wall = started.elapsed().as_secs_f64();
+        let spent = |k: usize| list.iter().map(|body| body.seconds()[k]).sum::<f64>();
         let motions = list.iter().enumerate();
         Ok(Self {
+            // Of bodies side by side, each part its share of the time that passed.
+            seconds: [0, 1].map(|k| wall * spent(k) / (spent(0) + spent(1)).max(wall)),
             motions: motions
                 .flat_map(|(b, body)| (0..body.motions()).map(move |k| (b, k)))
                 .collect(),
@@ -259,6 +268,8 @@ impl Bodies {
                 stats.ordering = counts.ordering;
             }
         }
+        stats.seconds_factor = self.seconds[0];
+        stats.seconds_compliance = self.seconds[1];
         stats.bodies = self.list.len();
         let most = |of: fn(&Body) -> f64| self.list.iter().map(of).fold(0.0, f64::max);
         stats.cond_s = most(Body::condition);
@@ -289,7 +300,7 @@ pub fn needed(parts: &[Analysed], dropped: bool) -> u128 {
         // The Cholesky factor stands beside S, then beside the inverse, which is W.
         let stays = factor + 2 * square;
         let height = peak.max(stays);
-        held += stays;
+        held += part.bytes() + stays;
         most = most.max(height - stays);
     }
     held + most

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use rayon::prelude::*;
 
@@ -66,6 +67,8 @@ pub struct Body {
     inverse: Vec<f64>,
     condition: f64,
     amplification: f64,
+    /// Seconds until S, and from S on.
+    seconds: [f64; 2],
 }
 
 impl Analysed {
@@ -120,6 +123,17 @@ impl Analysed {
         })
     }
 
+    /// Bytes that it holds besides what the factorisation takes.
+    #[must_use]
+    pub fn bytes(&self) -> u128 {
+        let k = &self.stiffness;
+        let places = self.places.as_ref().map_or(0, |at| 24 * at.len());
+        let numbers = k.pointer.len() + k.index.len() + k.values.len() + 2 * self.dofs.len();
+        // What the ways from the caller to the bodies leave in the heap, as measured.
+        let lists = 160 * self.dofs.len();
+        (8 * numbers + places + lists) as u128
+    }
+
     /// What the factorisation will cost.
     #[must_use]
     pub fn counts(&self) -> &Counts {
@@ -139,10 +153,11 @@ impl Analysed {
         loads: Option<&[Vec<f64>]>,
         stop: &AtomicBool,
     ) -> Result<Body, Error> {
+        let begin = Instant::now();
         if let Some(loads) = loads
             && let Some((s, known)) = self.without_factor(loads, stop)?
         {
-            return self.body(s, None, known, stop);
+            return self.body(s, None, known, begin, stop);
         }
         let view = self.stiffness.view()?;
         let mut factor = Factor::new(Arc::clone(&self.symbolic), &view, stop)
@@ -157,12 +172,14 @@ impl Analysed {
         }
         let schur = factor.take_schur();
         let scale = scales(&self.kept, &diagonal);
-        let s = match self.definite(&schur, &scale, stop)? {
+        let until_s = begin.elapsed().as_secs_f64();
+        let mut s = match self.definite(&schur, &scale, stop)? {
             Some(s) => s,
             None => self.with_rigid_motions(&schur, &scale, &factor, dimension, stop)?,
         };
         drop(schur);
-        self.body(s, Some(factor), Vec::new(), stop)
+        s.until = until_s;
+        self.body(s, Some(factor), Vec::new(), begin, stop)
     }
 
     /// S factored and the kept part of the loads condensed, where there is no doubt
@@ -173,6 +190,7 @@ impl Analysed {
         loads: &[Vec<f64>],
         stop: &AtomicBool,
     ) -> Result<Option<(Supported, Vec<Vec<f64>>)>, Error> {
+        let begin = Instant::now();
         let view = self.stiffness.view()?;
         let scaled = |force: &Vec<f64>| -> Vec<f64> {
             self.dofs.iter().map(|&i| self.unit * force[i]).collect()
@@ -184,9 +202,11 @@ impl Analysed {
             return Ok(None);
         }
         let scale = scales(&self.kept, &view.diagonal());
-        let Some(s) = self.definite(schur.values(), &scale, stop)? else {
+        let until_s = begin.elapsed().as_secs_f64();
+        let Some(mut s) = self.definite(schur.values(), &scale, stop)? else {
             return Ok(None);
         };
+        s.until = until_s;
         let columns = local.chunks_exact(self.dofs.len().max(1));
         let part = |column: &[f64]| self.kept.iter().map(|&i| column[i]).collect();
         Ok(Some((s, columns.map(part).collect())))
@@ -213,6 +233,7 @@ impl Analysed {
             size: one_norm(schur, m),
             cholesky,
             modes: Vec::new(),
+            until: 0.0,
         }))
     }
 
@@ -262,6 +283,7 @@ impl Analysed {
                 cholesky,
                 modes,
                 size,
+                until: 0.0,
             }),
         }
     }
@@ -271,6 +293,7 @@ impl Analysed {
         s: Supported,
         factor: Option<Factor>,
         known: Vec<Vec<f64>>,
+        begin: Instant,
         stop: &AtomicBool,
     ) -> Result<Body, Error> {
         let m = self.kept.len();
@@ -299,6 +322,7 @@ impl Analysed {
             inverse,
             condition,
             amplification: condition.max(stiffest * flexible),
+            seconds: [s.until, begin.elapsed().as_secs_f64() - s.until],
         })
     }
 }
@@ -311,6 +335,8 @@ struct Supported {
     modes: Vec<Vec<f64>>,
     /// 1-norm of `S + α R Rᵀ`.
     size: f64,
+    /// Seconds that S took.
+    until: f64,
 }
 
 /// What makes the diagonal of K one at the kept unknowns.
@@ -361,6 +387,12 @@ impl Body {
     #[must_use]
     pub fn modes(&self) -> &[Vec<f64>] {
         &self.modes
+    }
+
+    /// Seconds until S, and from S on.
+    #[must_use]
+    pub fn seconds(&self) -> [f64; 2] {
+        self.seconds
     }
 
     /// What the factorisation cost.

@@ -7,7 +7,6 @@
 use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
-use std::time::Instant;
 
 use crate::error::Error;
 use crate::linalg::reach::Reach;
@@ -15,7 +14,7 @@ use crate::problem::assemble::{Source, assemble};
 use crate::problem::bodies::{Bodies, Loaded, needed};
 use crate::problem::body::Analysed;
 use crate::problem::border::check_friction;
-use crate::problem::condense::{Condensed, Given, Sorted, analyse, contact_set};
+use crate::problem::condense::{Condensed, Sorted, analyse, contact_set};
 use crate::problem::memory::Budget;
 use crate::problem::stats::Stats;
 use crate::problem::surface::{Far, Share, Surface};
@@ -70,30 +69,29 @@ impl<const D: usize> Problem<D> {
     /// of which analyses may be used again.
     ///
     /// # Errors
-    /// As [`Sorted::new`] and [`Condensed::new`].
+    /// As [`Condensed::new`].
     pub fn new(
-        given: Given<D>,
+        sorted: Sorted<D>,
         grow: Option<bool>,
         before: Option<&Self>,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let before = before.map(|problem| &**problem.bodies());
-        let sorted = Sorted::new(given.clone())?;
+        let all_known = sorted.supports.known.is_some();
         if grow != Some(false)
-            && given.known.is_none()
+            && !all_known
             && let Some(seeds) = seeds(&sorted.surface, grow == Some(true))
         {
-            match Candidates::new(sorted, seeds, before, stop) {
+            match Candidates::new(sorted.clone(), seeds, before, stop) {
                 // The few do not hold the body; all of them may.
                 Err(Error::FloatingBody { .. }) => {}
                 made => {
                     return Ok(Self::Growing {
                         candidates: Arc::new(made?),
-                        mu: given.mu.to_vec(),
+                        mu: sorted.mu,
                     });
                 }
             }
-            return Condensed::new(Sorted::new(given)?, before, stop).map(Self::Whole);
         }
         Condensed::new(sorted, before, stop).map(Self::Whole)
     }
@@ -235,14 +233,13 @@ impl<const D: usize> Candidates<D> {
         });
         let kept = kept.collect();
         let parts = analyse(parts, kept, places, before)?;
+        let needed = needed(&parts, false);
         let mut stats = Stats {
-            bytes_peak: needed(&parts, false),
+            bytes_peak: needed,
             ..Stats::default()
         };
-        let started = Instant::now();
-        let mut bodies = Bodies::new(parts, supports, D, &budget, stop)?;
+        let mut bodies = Bodies::new(parts, supports, D, needed, &budget, stop)?;
         bodies.add_to(&mut stats);
-        stats.seconds_factor = started.elapsed().as_secs_f64();
         for body in &mut bodies.list {
             // Only as many contacts as close will have a part of W.
             drop(body.take_inverse());

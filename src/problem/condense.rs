@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::linalg::csc::Symmetric;
-use crate::problem::assemble::{Source, assemble};
+use crate::problem::assemble::{Source, assemble, bytes_beside};
 use crate::problem::bodies::{Bodies, Loaded, Loads, Supports, needed};
 use crate::problem::body::Analysed;
 use crate::problem::border::{check_finite, check_friction, check_length};
@@ -26,7 +26,7 @@ use crate::problem::stats::Stats;
 use crate::problem::surface::{Share, Surface};
 
 /// What a contact problem is made of, borrowed from the caller.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Given<'a, const D: usize> {
     /// Symmetric positive semidefinite stiffness, both triangles; the lower one is read.
     pub stiffness: Symmetric<'a>,
@@ -46,7 +46,7 @@ pub struct Given<'a, const D: usize> {
 }
 
 /// What was given, checked and sorted by body.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Sorted<const D: usize> {
     /// Degrees of freedom and stiffness of each body.
     pub parts: Vec<(Vec<usize>, Owned)>,
@@ -191,19 +191,19 @@ impl<const D: usize> Condensed<D> {
         budget: &Budget,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
+        let kept: Vec<usize> = parts.iter().map(|part| part.counts().kept).collect();
+        let needed = needed(&parts, supports.known.is_some()) + bytes_beside(&surface, &kept);
         let mut stats = Stats {
-            bytes_peak: needed(&parts, supports.known.is_some()),
+            bytes_peak: needed,
             ..Stats::default()
         };
-        let started = Instant::now();
-        let mut bodies = Bodies::new(parts, supports, D, budget, stop)?;
+        let mut bodies = Bodies::new(parts, supports, D, needed, budget, stop)?;
         bodies.add_to(&mut stats);
-        stats.seconds_factor = started.elapsed().as_secs_f64();
 
         let started = Instant::now();
         let source = &mut Source::Fresh(&mut bodies.list);
         let compliance = assemble(source, &surface, budget)?;
-        stats.seconds_compliance = started.elapsed().as_secs_f64();
+        stats.seconds_compliance += started.elapsed().as_secs_f64();
         Self::of(Arc::new(bodies), Arc::new(surface), mu, compliance, stats)
     }
 

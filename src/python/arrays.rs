@@ -13,8 +13,13 @@ use crate::law::cone::Status;
 pub(super) type Vector<'py> = PyReadonlyArray1<'py, f64>;
 /// A C-contiguous matrix of `f64`.
 pub(super) type Matrix<'py> = PyReadonlyArray2<'py, f64>;
-/// Indices or row pointers.
-pub(super) type Indices<'py> = PyReadonlyArray1<'py, i64>;
+/// Indices or row pointers, as wide as the caller has them: a copy of those of `K`
+/// would be a good part of `K`.
+#[derive(FromPyObject)]
+pub(super) enum Indices<'py> {
+    Narrow(PyReadonlyArray1<'py, i32>),
+    Wide(PyReadonlyArray1<'py, i64>),
+}
 
 /// The rows of an `(n_c, D)` array.
 pub(super) fn rows<'a, const D: usize>(array: &'a Matrix<'_>) -> PyResult<&'a [[f64; D]]> {
@@ -54,13 +59,17 @@ pub(super) fn length(what: &'static str, found: usize, expected: usize) -> Resul
 
 /// Indices as the core counts them.
 pub(super) fn indices(array: &Indices<'_>, what: &'static str) -> PyResult<Vec<usize>> {
-    let convert = |&i: &i64| usize::try_from(i);
-    array
-        .as_slice()?
-        .iter()
-        .map(convert)
-        .collect::<Result<_, _>>()
-        .map_err(|_| PyValueError::new_err(format!("{what} holds a negative index")))
+    fn convert<T: Copy>(values: &[T]) -> Option<Vec<usize>>
+    where
+        usize: TryFrom<T>,
+    {
+        values.iter().map(|&i| usize::try_from(i).ok()).collect()
+    }
+    match array {
+        Indices::Narrow(array) => convert(array.as_slice()?),
+        Indices::Wide(array) => convert(array.as_slice()?),
+    }
+    .ok_or_else(|| PyValueError::new_err(format!("{what} holds a negative index")))
 }
 
 /// An `(n_c, D)` array.

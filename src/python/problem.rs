@@ -13,7 +13,7 @@ use crate::law::cone::Status;
 use crate::linalg::csc::Symmetric;
 use crate::problem::bodies::{Loaded, Loads};
 use crate::problem::candidates::Problem;
-use crate::problem::condense::Given;
+use crate::problem::condense::{Given, Sorted};
 use crate::problem::memory::{self, Budget};
 use crate::problem::sparse::Rows;
 use crate::python::arrays::{self, Indices, Matrix, Vector};
@@ -86,28 +86,31 @@ struct Asked<'a> {
 
 impl Asked<'_> {
     fn condense<const D: usize>(
-        &self,
+        self,
         gap: &[[f64; D]],
         before: Option<&Problem<D>>,
         stop: &AtomicBool,
     ) -> Result<Arc<Problem<D>>, Error> {
-        let (k, b) = (&self.stiffness, &self.contact);
-        let n = k.pointer.len().saturating_sub(1);
-        let given = Given {
-            stiffness: Symmetric::new(n, &k.pointer, &k.index, k.values)?,
-            contact: Rows {
-                row_ptr: &b.pointer,
-                columns: &b.index,
-                values: b.values,
-            },
-            gap,
-            mu: self.mu,
-            fixed: &self.fixed,
-            places: self.places,
-            known: self.known.clone(),
-            budget: Budget { limit: self.limit },
+        // The indices that the core counts are gone before the factor is made.
+        let sorted = {
+            let (k, b) = (self.stiffness, self.contact);
+            let n = k.pointer.len().saturating_sub(1);
+            Sorted::new(Given {
+                stiffness: Symmetric::new(n, &k.pointer, &k.index, k.values)?,
+                contact: Rows {
+                    row_ptr: &b.pointer,
+                    columns: &b.index,
+                    values: b.values,
+                },
+                gap,
+                mu: self.mu,
+                fixed: &self.fixed,
+                places: self.places,
+                known: self.known,
+                budget: Budget { limit: self.limit },
+            })?
         };
-        Problem::new(given, self.grow, before, stop).map(Arc::new)
+        Problem::new(sorted, self.grow, before, stop).map(Arc::new)
     }
 }
 
