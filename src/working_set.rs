@@ -128,9 +128,14 @@ impl<const D: usize> Path<D> {
             }
             let (mut asked, total) = outside(problem, candidates, members, &step, loads)?;
             spent.seconds = began.elapsed().as_secs_f64();
+            let members_only = members.len() < problem.contacts();
+            let settled = step.solution.outcome == Outcome::Converged
+                && !differs(members, &step.solution.relative_displacement, &total)
+                || step.solution.outcome == Outcome::NoEquilibrium;
             let in_time =
                 spent.seconds < settings.max_seconds && spent.iterations < settings.max_iterations;
-            if asked.is_empty() || !in_time {
+            let whole = asked.is_empty() && !settled && members_only && in_time;
+            if asked.is_empty() && !whole || !in_time {
                 let mut step = self.spread(step, &view.members, reaction, &total, spent);
                 let claims = [Outcome::Converged, Outcome::NoEquilibrium];
                 if !asked.is_empty() && claims.contains(&step.solution.outcome) {
@@ -152,7 +157,9 @@ impl<const D: usize> Path<D> {
             asked.truncate(AT_ONCE.max(2 * members.len()));
             let mut members: Vec<usize> = members.iter().copied().chain(asked).collect();
             members.sort_unstable();
-            view = if MOST * members.len() >= problem.contacts() {
+            // Where some of them come to no answer, or to one that K does not confirm,
+            // the rest is taken in, however far away.
+            view = if whole || MOST * members.len() >= problem.contacts() {
                 all(problem, stop)?
             } else {
                 candidates.view(members, mu, Some(&view))?
@@ -242,6 +249,21 @@ fn all<const D: usize>(problem: &Problem<D>, stop: &AtomicBool) -> Result<View<D
         members: (0..problem.contacts()).collect(),
         problem: problem.whole(stop)?,
     })
+}
+
+/// Whether the relative displacements of the members, found with `W`, are others than
+/// those that `K` gives.
+fn differs<const D: usize>(members: &[usize], own: &[[f64; D]], total: &[[f64; D]]) -> bool {
+    /// Of the largest: far above the rounding of a sound `W`.
+    const MOST: f64 = 1e-9;
+    let (mut apart, mut size) = (0.0_f64, 0.0_f64);
+    for (&i, own) in members.iter().zip(own) {
+        for (a, b) in own.iter().zip(&total[i]) {
+            apart = apart.max((a - b).abs());
+            size = size.max(b.abs());
+        }
+    }
+    apart > MOST * size
 }
 
 /// Contacts that a step of the members asks for, the worst first, and the total

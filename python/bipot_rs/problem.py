@@ -21,7 +21,7 @@ from bipot_rs.check import (
     frames,
     friction,
     indices,
-    positive,
+    integer,
     settings,
     threads,
 )
@@ -193,7 +193,9 @@ class ContactProblem:
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
         self._known = _known(loads, n, len(self._fixed))
-        limit = None if memory_limit is None else positive("memory_limit", memory_limit)
+        limit = memory_limit
+        if limit is not None:
+            limit = integer("memory_limit", memory_limit, least=1, most=2**63 - 1)
         if working_set is not None and not isinstance(working_set, bool):
             raise TypeError(f"working_set is {working_set!r}, expected a bool or None")
         self._given = (

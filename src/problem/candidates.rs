@@ -14,6 +14,7 @@ use crate::problem::assemble::{Source, assemble};
 use crate::problem::bodies::{Bodies, Loaded, needed};
 use crate::problem::body::Analysed;
 use crate::problem::border::check_friction;
+use crate::problem::compliance::Compliance;
 use crate::problem::condense::{Condensed, Sorted, analyse, contact_set};
 use crate::problem::memory::Budget;
 use crate::problem::stats::Stats;
@@ -27,7 +28,11 @@ const MANY: usize = 600;
 const FEW: usize = 4;
 
 /// Contacts kept of each body to pin it, should its supports not.
-const PINS: usize = 8;
+const PINS: usize = 12;
+
+/// Pivots below this share of their diagonal in K: what is eliminated then hangs on
+/// contacts too close to one line, and digits are lost on all that passes the factor.
+const SOFT: f64 = 1e-7;
 
 /// Gaps below this share of the largest touch.
 const TOUCHING: f64 = 1e-9;
@@ -240,6 +245,15 @@ impl<const D: usize> Candidates<D> {
         };
         let mut bodies = Bodies::new(parts, supports, D, needed, &budget, stop)?;
         bodies.add_to(&mut stats);
+        for body in &bodies.list {
+            let weak = body.factor().and_then(|f| f.weakest_pivot());
+            if let Some((dof, ratio)) = weak
+                && ratio < SOFT
+            {
+                let dof = body.dofs()[dof];
+                return Err(Error::FloatingBody { dof });
+            }
+        }
         for body in &mut bodies.list {
             // Only as many contacts as close will have a part of W.
             drop(body.take_inverse());
@@ -315,11 +329,29 @@ impl<const D: usize> Candidates<D> {
         let compliance = assemble(source, &surface, &self.budget)?;
         let mu = members.iter().map(|&i| mu[i]).collect();
         let bodies = Arc::clone(&self.bodies);
-        let stats = self.stats.clone();
+        let mut stats = self.stats.clone();
+        stats.amplification = stats
+            .amplification
+            .max(self.amplification(&surface, &compliance));
         Ok(View {
             problem: Condensed::of(bodies, Arc::new(surface), mu, compliance, stats)?,
             members,
         })
+    }
+
+    /// What the error of this `W` may be, in ε: stiffness against compliance, as
+    /// [`Body::amplification`](crate::problem::body::Body::amplification) of S.
+    fn amplification(&self, surface: &Surface<D>, compliance: &Compliance<'_, D>) -> f64 {
+        let ones = vec![[1.0; D]; compliance.contacts()];
+        let mut sums = vec![[0.0; D]; compliance.contacts()];
+        compliance.absolute_product(&ones, &mut sums);
+        let flexible = sums.as_flattened().iter().fold(0.0, |m: f64, &s| m.max(s));
+        let bodies = self.bodies.list.iter().zip(&surface.shares);
+        let stiffest = bodies.map(|(body, share)| {
+            let entries = share.rows.iter().flat_map(|row| &row.entries);
+            body.stiffest(entries.map(|&(i, _)| i))
+        });
+        flexible * stiffest.fold(0.0, f64::max)
     }
 
     /// Half solves of the rows of a share, those of an earlier one copied.
@@ -418,13 +450,20 @@ fn seeds<const D: usize>(surface: &Surface<D>, always: bool) -> Option<Vec<usize
         let touching = contacts.iter().filter(|&&i| touches(i)).count();
         let many = D * contacts.len() > MANY;
         grows |= many && (always || FEW * touching <= contacts.len());
-        let last = contacts.len().saturating_sub(1);
         for k in 0..PINS {
-            if let Some(&contact) = contacts.get(k * last / (PINS - 1)) {
+            if let Some(&contact) = contacts.get(scattered(k, contacts.len())) {
                 chosen[contact] = true;
             }
         }
     }
     let members = |i: &usize| chosen[*i] || !always && touches(*i);
     grows.then(|| (0..surface.contacts()).filter(members).collect())
+}
+
+/// The `k`-th of a sequence that fills `0..count` evenly and follows no line of a
+/// numbering row by row: multiples of the golden ratio.
+fn scattered(k: usize, count: usize) -> usize {
+    const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
+    let turn = (k as u64).wrapping_mul(GOLDEN);
+    ((u128::from(turn) * count as u128) >> 64) as usize
 }

@@ -184,6 +184,7 @@ def test_a_memory_limit_refuses_before_the_work() -> None:
         match=rf"needs {needs} bytes, more than the {needs - 1} of memory_limit",
     ):
         problem(memory_limit=needs - 1)
+    assert problem(memory_limit=2**40).solve(*steps()).success
     assert problem(memory_limit=2 * needs).solve(*steps()).success
     with pytest.raises(ValueError, match="memory_limit"):
         problem(memory_limit=0)
