@@ -13,12 +13,8 @@ use faer::linalg::cholesky::llt::factor::{
 };
 use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
 use faer::linalg::lu::partial_pivoting::factor as lu;
-use faer::linalg::matmul::matmul as faer_matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::linalg::triangular_solve::{
-    solve_lower_triangular_in_place, solve_unit_lower_triangular_in_place,
-    solve_unit_upper_triangular_in_place, solve_upper_triangular_in_place,
-};
+use faer::linalg::{matmul as product, triangular_solve};
 use faer::prelude::{IntoConst, Reborrow, ReborrowMut};
 use faer::{Accum, MatMut, MatRef, Par, Spec};
 use rayon::prelude::*;
@@ -33,6 +29,66 @@ const TILE: usize = 512;
 
 /// Products below this many multiplications are not worth sharing.
 const SHARED: usize = 1 << 22;
+
+/// Leaves the wide registers as narrow code wants them. faer's kernels do not: code of
+/// ours that the same thread runs after them would be up to fifteen times slower, for
+/// each of its instructions waits for the upper halves.
+fn leave_wide() {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx") {
+        // SAFETY: the processor has the instruction, and no value of ours lives in
+        // the upper halves that it clears.
+        unsafe { std::arch::x86_64::_mm256_zeroupper() }
+    }
+}
+
+fn faer_matmul(
+    c: MatMut<'_, f64>,
+    add: Accum,
+    a: MatRef<'_, f64>,
+    b: MatRef<'_, f64>,
+    alpha: f64,
+    par: Par,
+) {
+    product::matmul(c, add, a, b, alpha, par);
+    leave_wide();
+}
+
+#[expect(clippy::too_many_arguments, reason = "faer's")]
+fn triangular_matmul(
+    c: MatMut<'_, f64>,
+    of_c: BlockStructure,
+    add: Accum,
+    a: MatRef<'_, f64>,
+    of_a: BlockStructure,
+    b: MatRef<'_, f64>,
+    of_b: BlockStructure,
+    alpha: f64,
+    par: Par,
+) {
+    triangular::matmul(c, of_c, add, a, of_a, b, of_b, alpha, par);
+    leave_wide();
+}
+
+fn solve_lower_triangular_in_place(l: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
+    triangular_solve::solve_lower_triangular_in_place(l, x, par);
+    leave_wide();
+}
+
+fn solve_upper_triangular_in_place(u: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
+    triangular_solve::solve_upper_triangular_in_place(u, x, par);
+    leave_wide();
+}
+
+fn solve_unit_lower_triangular_in_place(l: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
+    triangular_solve::solve_unit_lower_triangular_in_place(l, x, par);
+    leave_wide();
+}
+
+fn solve_unit_upper_triangular_in_place(u: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
+    triangular_solve::solve_unit_upper_triangular_in_place(u, x, par);
+    leave_wide();
+}
 
 /// Whether an operand is taken as it is or transposed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -255,7 +311,7 @@ fn subtract_product(columns: &mut [f64], n: usize, panel: &[f64], layout: Panel)
                 .split_at_row_mut(width);
             for u in &blocks {
                 let u = u.subcols(from, width);
-                triangular::matmul(
+                triangular_matmul(
                     square.rb_mut(),
                     BlockStructure::TriangularLower,
                     Accum::Add,
@@ -351,7 +407,7 @@ fn invert_lower(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error>
         strips(left.transpose_mut(), 0, &|j, c: MatMut<'_, f64>| {
             let mut c = c.transpose_mut();
             let width = c.ncols();
-            triangular::matmul(
+            triangular_matmul(
                 c.rb_mut(),
                 BlockStructure::Rectangular,
                 Accum::Replace,
@@ -423,7 +479,7 @@ fn product_of_inverses(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(),
                         *value = c[(r, k)];
                     }
                 }
-                triangular::matmul(
+                triangular_matmul(
                     c.rb_mut(),
                     BlockStructure::Rectangular,
                     Accum::Replace,
@@ -440,7 +496,7 @@ fn product_of_inverses(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(),
         };
         let diagonal = || {
             for (add, u) in [(Accum::Replace, corner), (Accum::Add, below.subcols(i, b))] {
-                triangular::matmul(
+                triangular_matmul(
                     square.rb_mut(),
                     BlockStructure::TriangularLower,
                     add,
@@ -563,6 +619,7 @@ pub fn symmetric_eigen(a: &mut [f64], n: usize, values: &mut [f64]) {
         Spec::default(),
     )
     .expect("eigenvalues of a finite symmetric matrix");
+    leave_wide();
 }
 
 /// Copies the lower triangle over the upper one.
@@ -632,7 +689,7 @@ pub(crate) fn factor_panel<E: Send>(
         let (own, tail) = rest[..range.len()].split_at_mut(b * b);
         for u in &above {
             let u = u.subcols(0, b);
-            triangular::matmul(
+            triangular_matmul(
                 MatMut::from_column_major_slice_mut(own, b, b),
                 BlockStructure::TriangularUpper,
                 Accum::Add,
@@ -707,6 +764,7 @@ fn factor_square<E>(
         MemStack::new(memory),
         Spec::default(),
     );
+    leave_wide();
     if factored.is_err() {
         // Once more, slowly, to see the pivots.
         copy(own, lower);
@@ -773,7 +831,7 @@ pub(crate) fn rank_update(panel: &[f64], layout: Panel, update: &mut [f64], shar
         let mut add = Accum::Replace;
         for u in &panel {
             let u = u.subcols(j, width);
-            triangular::matmul(
+            triangular_matmul(
                 block.as_mut().subrows_mut(j, width),
                 BlockStructure::TriangularUpper,
                 add,
@@ -794,21 +852,21 @@ pub(crate) fn rank_update(panel: &[f64], layout: Panel, update: &mut [f64], shar
     }
 }
 
+/// Entries of a block up to which columns pass it one by one: it stays in the
+/// nearest caches meanwhile, and to call a product for it would take longer.
+const ONE_BY_ONE: usize = 1 << 12;
+
+/// So many columns pass a larger block one by one, too.
+const FEW_COLUMNS: usize = 4;
+
 /// `X₁ ← U₁₁⁻ᵀ X₁`, `X₂ ← X₂ − U₁₂ᵀ X₁` for a front gathered into `x`, `nf`
 /// rows and `columns` columns.
 pub(crate) fn forward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usize) {
     for (rows, range) in layout.blocks() {
         let (b, block) = (rows.len(), &panel[range]);
-        if columns == 1 {
-            // Each entry of the factor is read once, by columns, at the rate
-            // of memory.
-            let (first, second) = x[rows.start..].split_at_mut(b);
-            for j in 0..b {
-                let column = &block[j * b..][..=j];
-                first[j] = (first[j] - dot_long(&column[..j], &first[..j])) / column[j];
-            }
-            for (x, column) in second.iter_mut().zip(block[b * b..].chunks_exact(b)) {
-                *x -= dot_long(column, first);
+        if columns < FEW_COLUMNS || block.len() <= ONE_BY_ONE {
+            for x in x.chunks_exact_mut(layout.nf).take(columns) {
+                forward_one(block, b, &mut x[rows.start..]);
             }
             continue;
         }
@@ -821,35 +879,49 @@ pub(crate) fn forward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usiz
     }
 }
 
+/// One column: each entry of the factor is read once, by columns, at the rate of
+/// memory.
+fn forward_one(block: &[f64], b: usize, x: &mut [f64]) {
+    let (first, second) = x.split_at_mut(b);
+    for j in 0..b {
+        let column = &block[j * b..][..=j];
+        first[j] = (first[j] - dot_long(&column[..j], &first[..j])) / column[j];
+    }
+    for (x, column) in second.iter_mut().zip(block[b * b..].chunks_exact(b)) {
+        *x -= dot_long(column, first);
+    }
+}
+
 /// `X₁ ← U₁₁⁻¹ (X₁ − U₁₂ X₂)`, the way back of [`forward`].
 pub(crate) fn backward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usize) {
     for (rows, range) in layout.blocks().rev() {
         let (b, block) = (rows.len(), &panel[range]);
-        if columns == 1 {
-            let (first, second) = x[rows.start..].split_at_mut(b);
-            for (x, column) in second.iter().zip(block[b * b..].chunks_exact(b)) {
-                subtract(first, *x, column);
-            }
-            for j in (0..b).rev() {
-                let column = &block[j * b..][..=j];
-                let x = first[j] / column[j];
-                first[j] = x;
-                subtract(&mut first[..j], x, column);
+        if columns < FEW_COLUMNS || block.len() <= ONE_BY_ONE {
+            for x in x.chunks_exact_mut(layout.nf).take(columns) {
+                backward_one(block, b, &mut x[rows.start..]);
             }
             continue;
         }
         let (u11, u12) = halves(block, b);
         let x = MatMut::from_column_major_slice_mut(x, layout.nf, columns);
         let (mut first, second) = x.split_at_row_mut(rows.start).1.split_at_row_mut(b);
-        faer_matmul(
-            first.as_mut(),
-            Accum::Add,
-            u12,
-            second.as_ref(),
-            -1.0,
-            Par::Seq,
-        );
+        let right = second.as_ref();
+        faer_matmul(first.as_mut(), Accum::Add, u12, right, -1.0, Par::Seq);
         solve_upper_triangular_in_place(u11, first, Par::Seq);
+    }
+}
+
+/// One column of [`backward`].
+fn backward_one(block: &[f64], b: usize, x: &mut [f64]) {
+    let (first, second) = x.split_at_mut(b);
+    for (x, column) in second.iter().zip(block[b * b..].chunks_exact(b)) {
+        subtract(first, *x, column);
+    }
+    for j in (0..b).rev() {
+        let column = &block[j * b..][..=j];
+        let x = first[j] / column[j];
+        first[j] = x;
+        subtract(&mut first[..j], x, column);
     }
 }
 
@@ -881,6 +953,7 @@ pub fn lu_panel(panel: &mut [f64], n: usize, first: usize) -> (Vec<usize>, usize
         MemStack::new(&mut memory),
         Spec::default(),
     );
+    leave_wide();
     (forward, info.transposition_count)
 }
 
