@@ -7,15 +7,12 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::problem::balance;
 use crate::problem::bodies::Loaded;
+use crate::problem::body::DIGITS;
 use crate::problem::condense::Condensed;
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::scaled_imbalance;
 use crate::solver::refine::Point;
 use crate::solver::{self, Outcome, Settings, Solution, Start};
-
-/// Where `W` may be off by more than so many ε it has lost the digits that the
-/// judge asks for: the last step is then taken with `v` from `K`.
-const ILL_CONDITIONED: f64 = 1e5;
 
 /// What a step leaves behind.
 #[derive(Clone, Debug, Default)]
@@ -164,8 +161,8 @@ impl<const D: usize> LoadPath<D> {
                 solution = solver::solve(&reduced, settings, &start, stop)?;
             }
         }
-        let doubtful = problem.stats().amplification > ILL_CONDITIONED;
-        if solution.outcome == Outcome::Converged && doubtful && problem.stats().factor_kept {
+        let doubtful = problem.stats().amplification > DIGITS;
+        if solution.outcome == Outcome::Converged && doubtful {
             let loads = (load, prescribed);
             let state = self.state.as_ref();
             let evaluate = |r, rigid| evaluate(problem, &reduced, loads, state, r, rigid);

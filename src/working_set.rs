@@ -130,7 +130,12 @@ impl<const D: usize> Path<D> {
             spent.seconds = began.elapsed().as_secs_f64();
             let members_only = members.len() < problem.contacts();
             let settled = step.solution.outcome == Outcome::Converged
-                && !differs(members, &step.solution.relative_displacement, &total)
+                && !differs(
+                    problem,
+                    members,
+                    &step.solution.relative_displacement,
+                    &total,
+                )
                 || step.solution.outcome == Outcome::NoEquilibrium;
             let in_time =
                 spent.seconds < settings.max_seconds && spent.iterations < settings.max_iterations;
@@ -240,7 +245,10 @@ pub fn around<const D: usize>(
     members.extend((0..reaction.len()).filter(carries));
     members.sort_unstable();
     members.dedup();
-    candidates.view(members, mu, None)
+    match candidates.view(members, mu, None) {
+        Err(Error::FloatingBody { .. }) => all(problem, stop),
+        made => made,
+    }
 }
 
 /// All candidates, `W` formed of them.
@@ -253,14 +261,21 @@ fn all<const D: usize>(problem: &Problem<D>, stop: &AtomicBool) -> Result<View<D
 
 /// Whether the relative displacements of the members, found with `W`, are others than
 /// those that `K` gives.
-fn differs<const D: usize>(members: &[usize], own: &[[f64; D]], total: &[[f64; D]]) -> bool {
-    /// Of the largest: far above the rounding of a sound `W`.
+fn differs<const D: usize>(
+    problem: &Problem<D>,
+    members: &[usize],
+    own: &[[f64; D]],
+    total: &[[f64; D]],
+) -> bool {
+    /// Of the largest terms: far above the rounding of a sound `W`.
     const MOST: f64 = 1e-9;
+    let gap = &problem.surface().gap;
     let (mut apart, mut size) = (0.0_f64, 0.0_f64);
     for (&i, own) in members.iter().zip(own) {
-        for (a, b) in own.iter().zip(&total[i]) {
+        for ((a, b), g) in own.iter().zip(&total[i]).zip(&gap[i]) {
             apart = apart.max((a - b).abs());
-            size = size.max(b.abs());
+            // A contact that sticks has v = 0: what it has moved is u.
+            size = size.max((b - g).abs()).max(g.abs());
         }
     }
     apart > MOST * size
@@ -303,7 +318,7 @@ fn outside<const D: usize>(
     let mu = problem.mu();
     let runs_into = |i: usize| {
         let slides = d[i][1..].iter().map(|t| t * t).sum::<f64>().sqrt();
-        d[i][0] - mu[i] * slides
+        (d[i][0] - mu[i] * slides).min(total[i][0])
     };
     Ok((worst(&outside, runs_into), total))
 }

@@ -57,7 +57,7 @@ class Tried:
     method: str
     max_seconds: float | None
     mu: Array
-    W: Callable[[], Array]
+    W: Callable[[], Array | None]
     modes: Callable[[], Array]
     several: Callable[[Solution], bool]
     condition: Callable[[], float] = lambda: 0.0

@@ -135,7 +135,7 @@ class Following:
                 raise self.ended(error)
             if error is not None:
                 raise error
-        except (NoEquilibriumError, NotConvergedError) as failed:
+        except (NoEquilibriumError, NotConvergedError, ValueError) as failed:
             return self.result(False, str(failed))
         return self.result()
 
@@ -168,12 +168,17 @@ class Following:
             method=self._settings[0],
             max_seconds=self._settings[3],
             mu=self._mu,
-            W=core.compliance,
+            W=self._compliance,
             modes=lambda: core.modes().T,
             several=several,
             condition=lambda: float(core.stats["cond_S"]),
             points=self._contacts["x"],
         )
+
+    def _compliance(self) -> Array | None:
+        if self._core.stats["working_set"] is not None:
+            return None  # a look is not worth condensing onto all candidates
+        return self._core.compliance()
 
     def _words(self, raw: dict[str, Any]) -> str:
         """The free motion in words, body by body."""
@@ -218,6 +223,8 @@ class _StepProblem:
         )
 
     def error_estimate(self, step: Solution, /) -> tuple[float, float] | None:
+        if not self.core.stats["factor_kept"]:
+            return None  # it is judged by K itself
         motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
         return _core.forward_errors_of_step(
             self.core, self.load, self.prescribed, self.before, step.reaction, motion

@@ -112,7 +112,9 @@ class ContactProblem:
         All loads there will be, where no displacement will be asked for: ``load`` of
         `solve`, or the tuple ``(load, prescribed)``. The factor of ``K`` is then not
         kept, only what the loads do at the contacts; `solve` without loads takes
-        these. Bodies that contact alone holds keep their factor.
+        these. Bodies that contact alone holds keep their factor, and so do those whose
+        ``W`` has lost digits that only ``K`` itself gives back. All contacts are then
+        condensed onto, whatever ``working_set`` says.
     memory_limit
         Bytes that the condensation may take; default what the machine has free.
     working_set
@@ -383,6 +385,10 @@ class ContactProblem:
         chosen = settings(method, tol, max_iterations, max_seconds)
         paths: list[Following] = []
         totals: list[list[Loads]] = []
+        if not isinstance(cases, Iterable):
+            raise TypeError(
+                f"cases is a {type(cases).__name__}, expected mappings, one a path"
+            )
         for k, case in enumerate(cases):
             if not isinstance(case, Mapping):
                 raise TypeError(

@@ -36,10 +36,10 @@ class Outcome(StrEnum):
     NO_EQUILIBRIUM = "no_equilibrium"
 
 
-# For what has lost its problem.
 # Displacements found together: as many as a pass over the factor serves well.
 BLOCK = 32
 
+# For what has lost its problem.
 _REASONS = {
     Outcome.STALLED: "the residual stopped falling",
     Outcome.ITERATION_LIMIT: "max_iterations was reached",

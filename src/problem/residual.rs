@@ -334,6 +334,16 @@ impl Rounding {
             }
         }
         let normal: Vec<f64> = terms.iter().map(|value| value[0]).collect();
+        // Motions are known to ε of their length: of one along a wall the normal part
+        // is rounding, and times a motion that runs away it would press.
+        for (i, value) in terms.iter_mut().enumerate() {
+            let rigid = problem.rigid.modes.iter().zip(a);
+            let blur = rigid.map(|(mode, a)| norm(&mode[i]) * a.abs()).sum::<f64>();
+            let blur = ROUNDING * problem.scaling.to_v[i] * blur;
+            for c in value {
+                *c = c.max(blur);
+            }
+        }
         // τ = r̂ − ṽ̂ rounds r̂ too. With W_ii near its mean that is counted already;
         // a contact of rigid bodies has W_ii = 0, and reactions may grow until ṽ̂
         // drowns in them.

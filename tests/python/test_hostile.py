@@ -5,6 +5,7 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
+from bodies import block
 
 METHODS = ["auto", "gauss_seidel", "uzawa"]
 
@@ -220,3 +221,28 @@ def test_loads_that_drown_in_reactions(load: float) -> None:
     assert solution.converged
     # The balance is met to the rounding of the reactions, which are one.
     assert abs(solution.reaction[:, 1].sum() + load) <= 1e-15
+
+
+def test_a_body_that_has_run_away_is_no_answer() -> None:
+    """Held in y only, pulled along x by more than friction carries.
+
+    The normal parts of its motion along the plane are rounding; times a motion of 1e11
+    lengths they would press the contacts until friction carries the load after all.
+    """
+    cells, height = 310, 0.05
+    body = block([1.0, height], [cells, 2], 1.0, 0.3)
+    n = body.K.shape[0]
+    x, y = body.basis.mesh.p
+    inside = np.flatnonzero((np.abs(x - 0.5) < 1e-9) & (np.abs(y - height / 2) < 1e-9))
+    dx, dy = body.basis.nodal_dofs[:, inside[0]]
+    # A frictionless wall above a node inside presses it down.
+    wall = sparse.csr_array(([-1.0, 1.0], ([0, 1], [dy, dx])), shape=(2, n))
+    pins = [28, 56, 73, 101, 147, 175, 192, 220, 249, 266, 294]
+    rows = (2 * np.array(pins)[:, None] + [0, 1]).ravel()
+    B = sparse.vstack([sparse.csr_array(body.B)[rows], wall], format="csr")
+    gap = np.append(np.zeros(len(pins)), -0.002)
+    mu = np.append(np.full(len(pins), 0.3), 0.0)
+    top = body.dofs(1, height, 1)
+    problem = bp.ContactProblem(body.K, B, gap=gap, mu=mu, fixed=top)
+    with pytest.raises(bp.BipotError, match="slide"):
+        problem.solve(0.001 * body.weight([1.0, 0.0]), np.full(len(top), -0.0001))

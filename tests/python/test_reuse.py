@@ -61,6 +61,26 @@ def test_what_the_dropped_factor_would_be_needed_for_is_said() -> None:
         problem(loads=(load, moved, moved))
 
 
+def test_without_the_factor_there_is_no_estimate() -> None:
+    load, moved = steps()
+    assert problem(loads=(load, moved)).solve()[0].error_estimate is None
+
+
+def test_a_body_whose_W_has_lost_digits_keeps_its_factor() -> None:
+    """A slender cantilever on contacts: cond(S) is about (length / height)^4."""
+    beam = block([1.0, 0.01], [200, 2], 100.0, 0.3)
+    ends = np.concatenate([beam.dofs(0, 0.0, k) for k in range(2)])
+    load = beam.weight([0.0, -1e-6])
+    given = {"gap": beam.gap + 1e-5, "mu": 0.3, "fixed": ends, "area": beam.area}
+    known, kept = (
+        bp.ContactProblem(beam.K, beam.B, **given, **more)
+        for more in ({"loads": load}, {})
+    )
+    assert known.stats["cond_S"] > 1e6
+    assert known.stats["factor_kept"]
+    same_bits(known.solve(), kept.solve(load))
+
+
 def test_a_body_held_by_contact_alone_keeps_its_factor() -> None:
     load = uniform_shear(BODY, 0.2, [0.02])
     free = problem(fixed=None, loads=load)
