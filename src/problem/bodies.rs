@@ -6,7 +6,8 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::problem::body::{Analysed, Body};
+use crate::problem::analysed::Analysed;
+use crate::problem::body::Body;
 use crate::problem::border::{check_finite, check_length};
 use crate::problem::memory::Budget;
 use crate::problem::sparse::Owned;

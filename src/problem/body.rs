@@ -1,378 +1,57 @@
-//! One body: a connected component of the free stiffness, its `S`, its rigid motions.
+//! One body: a connected component of the free stiffness, condensed.
 
-use std::borrow::Cow;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
-use std::time::Instant;
 
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::linalg::binary::{exponent, times_two_to};
-use crate::linalg::csc::Symmetric;
 use crate::linalg::dense;
-use crate::linalg::multifrontal::{Factor, Schur};
+use crate::linalg::multifrontal::Factor;
 use crate::linalg::small::{dot_long, norm};
-use crate::linalg::symbolic::{Counts, Options, Symbolic};
-use crate::problem::null_space::{null_space, start_value};
+use crate::linalg::symbolic::{Counts, Symbolic};
 use crate::problem::sparse::Owned;
-
-/// Below this, relative to the diagonal of `K`, an eigenvalue of `S` is zero if a
-/// gap sets it apart: rounding leaves about 1e-15, and the softest support worth
-/// the name more. Bodies of many unknowns sum more of the rounding of `K` itself,
-/// a few ε for each.
-const NULL: f64 = 1e-13;
-
-/// A pivot above this, relative to the diagonal of `K`, leaves no doubt that a
-/// matrix is definite; below it the eigenvalues are looked at. Where the contact
-/// set is soft and the rest is stiff, the rounding of the stiff part may exceed it.
-const SAFE: f64 = 1e-9;
 
 /// Where `W` may be off by more than so many ε it has lost the digits that the judge
 /// asks for: steps are then taken with `v` from `K`.
 pub const DIGITS: f64 = 1e5;
 
-/// A body before its numbers: what condensing it will take is known.
-#[derive(Debug)]
-pub struct Analysed {
-    dofs: Vec<usize>,
-    stiffness: Owned,
-    unit: f64,
-    kept: Vec<usize>,
-    places: Option<Vec<[f64; 3]>>,
-    symbolic: Arc<Symbolic>,
-}
+/// Columns that pass the factor together, always so many: products of other widths may
+/// add in another order, and a step would not have the bits it has alone.
+const GROUP: usize = 8;
 
 /// One body.
 #[derive(Debug)]
 pub struct Body {
     /// Its degrees of freedom in the caller's numbering.
-    dofs: Vec<usize>,
+    pub(super) dofs: Vec<usize>,
     /// `unit K`.
-    stiffness: Owned,
+    pub(super) stiffness: Owned,
     /// A power of two that makes the stiffness of order one: square roots of
     /// pivots then round alike in all units that differ by powers of two.
-    unit: f64,
+    pub(super) unit: f64,
     /// The unknowns that `S` is left on, local numbers.
-    kept: Vec<usize>,
+    pub(super) kept: Vec<usize>,
     /// Place among the kept of each degree of freedom; `u32::MAX` of the others.
-    place: Vec<u32>,
+    pub(super) place: Vec<u32>,
     /// Where its degrees of freedom are in space, where that is known.
-    places: Option<Vec<[f64; 3]>>,
-    symbolic: Arc<Symbolic>,
+    pub(super) places: Option<Vec<[f64; 3]>>,
+    pub(super) symbolic: Arc<Symbolic>,
     /// Dropped where all loads were known beforehand.
-    factor: Option<Factor>,
+    pub(super) factor: Option<Factor>,
     /// The kept part of those loads, condensed.
-    known: Vec<Vec<f64>>,
+    pub(super) known: Vec<Vec<f64>>,
     /// Lower Cholesky factor of `S + α R Rᵀ`, column-major.
-    cholesky: Vec<f64>,
+    pub(super) cholesky: Vec<f64>,
     /// Orthonormal rigid motions `R` on the contact set.
-    modes: Vec<Vec<f64>>,
-    inverse: Vec<f64>,
-    condition: f64,
-    amplification: f64,
+    pub(super) modes: Vec<Vec<f64>>,
+    pub(super) inverse: Vec<f64>,
+    pub(super) condition: f64,
+    pub(super) amplification: f64,
     /// Seconds until S, and from S on.
-    seconds: [f64; 2],
-}
-
-impl Analysed {
-    /// Orders and counts; the analysis of the same body with other values is used
-    /// again. `kept` are local numbers, `places` those of the degrees of freedom in
-    /// space, where they are known.
-    ///
-    /// # Errors
-    /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
-    pub fn new(
-        dofs: Vec<usize>,
-        mut stiffness: Owned,
-        kept: Vec<usize>,
-        places: Option<Vec<[f64; 3]>>,
-        before: Option<&Body>,
-    ) -> Result<Self, Error> {
-        let stiffest = stiffness.values.iter().fold(0.0_f64, |m, a| m.max(a.abs()));
-        let unit = times_two_to(1.0, -exponent(stiffest).clamp(-1000, 1000));
-        stiffness.values.iter_mut().for_each(|a| *a *= unit);
-        let view = stiffness.view()?;
-        let same = |body: &&Body| {
-            body.dofs == dofs && body.kept == kept && body.symbolic.check_pattern(&view).is_ok()
-        };
-        let symbolic = match before.filter(same) {
-            Some(body) => Arc::clone(&body.symbolic),
-            None => Arc::new(analyse(&view, &kept, places.as_deref())?),
-        };
-        Ok(Self {
-            dofs,
-            stiffness,
-            unit,
-            kept,
-            places,
-            symbolic,
-        })
-    }
-
-    /// The same body with other unknowns kept.
-    ///
-    /// # Errors
-    /// As [`Analysed::new`].
-    pub fn again(body: &Body, kept: Vec<usize>) -> Result<Self, Error> {
-        let stiffness = body.stiffness.clone();
-        let symbolic = analyse(&stiffness.view()?, &kept, body.places.as_deref())?;
-        Ok(Self {
-            dofs: body.dofs.clone(),
-            symbolic: Arc::new(symbolic),
-            unit: body.unit,
-            places: body.places.clone(),
-            stiffness,
-            kept,
-        })
-    }
-
-    /// Bytes that it holds besides what the factorisation takes.
-    #[must_use]
-    pub fn bytes(&self) -> u128 {
-        let k = &self.stiffness;
-        let places = self.places.as_ref().map_or(0, |at| 24 * at.len());
-        let numbers = k.pointer.len() + k.index.len() + k.values.len() + 2 * self.dofs.len();
-        // What the ways from the caller to the bodies leave in the heap, as measured.
-        let lists = 160 * self.dofs.len();
-        (8 * numbers + places + lists) as u128
-    }
-
-    /// What the factorisation will cost.
-    #[must_use]
-    pub fn counts(&self) -> &Counts {
-        self.symbolic.counts()
-    }
-
-    /// Condenses. Of `loads`, forces on all degrees of freedom, the condensed
-    /// ones are kept and the factor is not, where supports hold the body.
-    ///
-    /// # Errors
-    /// [`Error::Indefinite`], [`Error::FloatingBody`], [`Error::Mechanism`],
-    /// with the degree of freedom in the caller's numbering;
-    /// [`Error::Interrupted`].
-    pub fn condense(
-        self,
-        dimension: usize,
-        loads: Option<&[Vec<f64>]>,
-        stop: &AtomicBool,
-    ) -> Result<Body, Error> {
-        let begin = Instant::now();
-        if let Some(loads) = loads
-            && let Some((s, known)) = self.without_factor(loads, stop)?
-        {
-            let body = self.body(s, None, known, begin, stop)?;
-            if body.amplification <= DIGITS {
-                return Ok(body);
-            }
-            // Answers will be mended with K itself, by the factor.
-            return body.analysed().condense(dimension, None, stop);
-        }
-        let view = self.stiffness.view()?;
-        let mut factor = Factor::new(Arc::clone(&self.symbolic), &view, stop)
-            .map_err(|e| renumber(e, &self.dofs))?;
-        let diagonal = view.diagonal();
-        if let Some((dof, ratio)) = factor.weakest_pivot()
-            && ratio < SAFE
-            && softest_interior(&factor, &diagonal, &self.kept) <= NULL
-        {
-            let dof = self.dofs[dof];
-            return Err(Error::FloatingBody { dof });
-        }
-        let schur = factor.take_schur();
-        let scale = scales(&self.kept, &diagonal);
-        let until_s = begin.elapsed().as_secs_f64();
-        let mut s = match self.definite(&schur, &scale, stop)? {
-            Some(s) => s,
-            None => self.with_rigid_motions(&schur, &scale, &factor, dimension, stop)?,
-        };
-        drop(schur);
-        s.until = until_s;
-        self.body(s, Some(factor), Vec::new(), begin, stop)
-    }
-
-    /// S factored and the kept part of the loads condensed, where there is no doubt
-    /// that supports hold the body: a doubt is only settled with the factor.
-    #[expect(clippy::type_complexity, reason = "what a body is made of")]
-    fn without_factor(
-        &self,
-        loads: &[Vec<f64>],
-        stop: &AtomicBool,
-    ) -> Result<Option<(Supported, Vec<Vec<f64>>)>, Error> {
-        let begin = Instant::now();
-        let view = self.stiffness.view()?;
-        let scaled = |force: &Vec<f64>| -> Vec<f64> {
-            self.dofs.iter().map(|&i| self.unit * force[i]).collect()
-        };
-        let mut local: Vec<f64> = loads.iter().flat_map(scaled).collect();
-        let schur = Schur::new(&self.symbolic, &view, &mut local, stop)
-            .map_err(|e| renumber(e, &self.dofs))?;
-        if schur.weakest_pivot().is_some_and(|(_, ratio)| ratio < SAFE) {
-            return Ok(None);
-        }
-        let scale = scales(&self.kept, &view.diagonal());
-        let until_s = begin.elapsed().as_secs_f64();
-        let Some(mut s) = self.definite(schur.values(), &scale, stop)? else {
-            return Ok(None);
-        };
-        s.until = until_s;
-        let columns = local.chunks_exact(self.dofs.len().max(1));
-        let part = |column: &[f64]| self.kept.iter().map(|&i| column[i]).collect();
-        Ok(Some((s, columns.map(part).collect())))
-    }
-
-    /// The Cholesky factor of S, where S is positive definite beyond doubt.
-    fn definite(
-        &self,
-        schur: &[f64],
-        scale: &[f64],
-        stop: &AtomicBool,
-    ) -> Result<Option<Supported>, Error> {
-        let m = self.kept.len();
-        let mut cholesky = schur.to_vec();
-        // Of a unit motion of the whole body, what independent roundings of the
-        // entries make of the energy; a sum of sizes would doubt large bodies.
-        let rounding = 8.0 * f64::EPSILON * norm(&self.stiffness.values);
-        let sound = dense::cholesky(&mut cholesky, m, stop)?.is_none()
-            && (0..m).all(|i| {
-                let doubt = SAFE.max(rounding * scale[i] * scale[i]);
-                (cholesky[i * (m + 1)] * scale[i]).powi(2) > doubt
-            });
-        Ok(sound.then(|| Supported {
-            size: one_norm(schur, m),
-            cholesky,
-            modes: Vec::new(),
-            until: 0.0,
-        }))
-    }
-
-    /// The rigid motions that supports leave free, and the Cholesky factor of
-    /// `S + α R Rᵀ`.
-    fn with_rigid_motions(
-        &self,
-        schur: &[f64],
-        scale: &[f64],
-        factor: &Factor,
-        dimension: usize,
-        stop: &AtomicBool,
-    ) -> Result<Supported, Error> {
-        let (dofs, kept, stiffness) = (&self.dofs, &self.kept, &self.stiffness);
-        let m = kept.len();
-        #[expect(clippy::cast_precision_loss, reason = "a count")]
-        let bound = NULL.max(8.0 * dofs.len() as f64 * f64::EPSILON);
-        // A motion that is rigid where the body is stiff has its energy from
-        // terms that cancel: that of the stiffest part bounds what is left.
-        let rounding = |motion: &[f64]| {
-            let mut whole = vec![0.0; dofs.len()];
-            for (&i, x) in kept.iter().zip(motion) {
-                whole[i] = *x;
-            }
-            factor.recover(&mut whole, 1);
-            for x in &mut whole {
-                *x = x.abs();
-            }
-            bound.max(8.0 * f64::EPSILON * stiffness.absolute_form(&whole))
-        };
-        let modes = null_space(schur, scale, &rounding, 2 * LIMIT[dimension], stop)?
-            .ok_or_else(|| Error::Indefinite { dof: dofs[kept[0]] })?;
-        if modes.len() > LIMIT[dimension] {
-            return Err(Error::Mechanism {
-                dof: dofs[kept[0]],
-                found: modes.len(),
-                limit: LIMIT[dimension],
-            });
-        }
-        let mut cholesky = with_modes(schur, &modes);
-        let size = one_norm(&cholesky, m);
-        match dense::cholesky(&mut cholesky, m, stop)? {
-            Some(at) => Err(Error::Indefinite {
-                dof: dofs[kept[at]],
-            }),
-            None => Ok(Supported {
-                cholesky,
-                modes,
-                size,
-                until: 0.0,
-            }),
-        }
-    }
-
-    fn body(
-        self,
-        s: Supported,
-        factor: Option<Factor>,
-        known: Vec<Vec<f64>>,
-        begin: Instant,
-        stop: &AtomicBool,
-    ) -> Result<Body, Error> {
-        let m = self.kept.len();
-        let mut inverse = s.cholesky.clone();
-        dense::invert_from_cholesky(&mut inverse, m, stop)?;
-        let flexible = one_norm(&inverse, m);
-        let condition = s.size * flexible;
-        let diagonal = self.stiffness.view()?.diagonal();
-        let stiffest = self.kept.iter().map(|&i| diagonal[i]).fold(0.0, f64::max);
-        let mut place = vec![u32::MAX; self.dofs.len()];
-        for (k, &i) in (0_u32..).zip(&self.kept) {
-            place[i] = k;
-        }
-        Ok(Body {
-            dofs: self.dofs,
-            stiffness: self.stiffness,
-            unit: self.unit,
-            kept: self.kept,
-            place,
-            places: self.places,
-            symbolic: self.symbolic,
-            factor,
-            known,
-            cholesky: s.cholesky,
-            modes: s.modes,
-            inverse,
-            condition,
-            amplification: condition.max(stiffest * flexible),
-            seconds: [s.until, begin.elapsed().as_secs_f64() - s.until],
-        })
-    }
-}
-
-/// S made definite.
-struct Supported {
-    /// Lower Cholesky factor of `S + α R Rᵀ`, column-major.
-    cholesky: Vec<f64>,
-    /// Orthonormal rigid motions `R` on the kept unknowns.
-    modes: Vec<Vec<f64>>,
-    /// 1-norm of `S + α R Rᵀ`.
-    size: f64,
-    /// Seconds that S took.
-    until: f64,
-}
-
-/// What makes the diagonal of K one at the kept unknowns.
-fn scales(kept: &[usize], diagonal: &[f64]) -> Vec<f64> {
-    let scale = |&i: &usize| {
-        if diagonal[i] > 0.0 {
-            diagonal[i].sqrt().recip()
-        } else {
-            1.0
-        }
-    };
-    kept.iter().map(scale).collect()
+    pub(super) seconds: [f64; 2],
 }
 
 impl Body {
-    /// The body before its numbers.
-    fn analysed(self) -> Analysed {
-        Analysed {
-            dofs: self.dofs,
-            stiffness: self.stiffness,
-            unit: self.unit,
-            kept: self.kept,
-            places: self.places,
-            symbolic: self.symbolic,
-        }
-    }
-
     /// Number of unknowns that `S` is left on.
     #[must_use]
     pub fn kept(&self) -> usize {
@@ -613,7 +292,7 @@ impl Body {
 
     /// `u` of forces with their rigid part taken out, of reactions as they are
     /// (their rigid part is what `a` was found with), and of rigid motions; a
-    /// column each.
+    /// column each, to the bits that it has alone.
     fn response(
         &self,
         factor: &Factor,
@@ -621,8 +300,31 @@ impl Body {
         pushes: Option<&[f64]>,
         rigid: &[&[f64]],
     ) -> Vec<f64> {
-        let (n, m, columns) = (self.dofs.len(), self.kept.len(), rigid.len());
-        let mut local = forces.to_vec();
+        let n = self.dofs.len();
+        let mut all = Vec::with_capacity(forces.len());
+        for (k, rigid) in rigid.chunks(GROUP).enumerate() {
+            let own = k * GROUP * n..(k * GROUP + rigid.len()) * n;
+            let filled = |columns: &[f64]| {
+                let mut group = vec![0.0; n * GROUP];
+                group[..own.len()].copy_from_slice(&columns[own.clone()]);
+                group
+            };
+            let pushes = pushes.map(filled);
+            let mut u = self.response_of_group(factor, filled(forces), pushes, rigid);
+            u.truncate(own.len());
+            all.extend(u);
+        }
+        all
+    }
+
+    fn response_of_group(
+        &self,
+        factor: &Factor,
+        mut local: Vec<f64>,
+        pushes: Option<Vec<f64>>,
+        rigid: &[&[f64]],
+    ) -> Vec<f64> {
+        let (n, m, columns) = (self.dofs.len(), self.kept.len(), GROUP);
         factor.condense(&mut local, columns);
         let part = |local: &[f64]| -> Vec<f64> {
             let columns = local.chunks_exact(n.max(1));
@@ -632,11 +334,10 @@ impl Body {
         contact
             .chunks_exact_mut(m.max(1))
             .for_each(|f| self.balance(f));
-        if let Some(pushes) = pushes {
+        if let Some(mut pushed) = pushes {
             let inside = |(k, &p): (usize, &f64)| p != 0.0 && self.place[k % n] == u32::MAX;
-            let mut pushed = Cow::Borrowed(pushes);
-            if pushes.iter().enumerate().any(inside) {
-                factor.condense(pushed.to_mut(), columns);
+            if pushed.iter().enumerate().any(inside) {
+                factor.condense(&mut pushed, columns);
                 for (k, (value, p)) in local.iter_mut().zip(pushed.iter()).enumerate() {
                     if self.place[k % n] == u32::MAX {
                         *value += p;
@@ -693,77 +394,4 @@ impl Body {
         };
         Ok((0..self.modes.len()).map(of_motion).collect())
     }
-}
-
-fn analyse(
-    view: &Symmetric,
-    kept: &[usize],
-    coordinates: Option<&[[f64; 3]]>,
-) -> Result<Symbolic, Error> {
-    Symbolic::analyse(view, kept, &Options { coordinates })
-}
-
-/// `S + α R Rᵀ`, `α = tr S / m`.
-fn with_modes(schur: &[f64], modes: &[Vec<f64>]) -> Vec<f64> {
-    let mut sum = schur.to_vec();
-    let Some(m) = modes.first().map(Vec::len) else {
-        return sum;
-    };
-    #[expect(clippy::cast_precision_loss, reason = "a count")]
-    let mean = (0..m).map(|i| schur[i * (m + 1)]).sum::<f64>() / m as f64;
-    let alpha = if mean > 0.0 { mean } else { 1.0 };
-    for mode in modes {
-        for (column, a) in sum.chunks_exact_mut(m).zip(mode) {
-            for (value, b) in column.iter_mut().zip(mode) {
-                *value += alpha * a * b;
-            }
-        }
-    }
-    sum
-}
-
-/// Rigid motions that a body in `d` dimensions can have.
-const LIMIT: [usize; 4] = [0, 1, 3, 6];
-
-fn renumber(error: Error, dofs: &[usize]) -> Error {
-    match error {
-        Error::Indefinite { dof } => Error::Indefinite { dof: dofs[dof] },
-        Error::FloatingBody { dof } => Error::FloatingBody { dof: dofs[dof] },
-        other => other,
-    }
-}
-
-fn one_norm(a: &[f64], m: usize) -> f64 {
-    a.chunks_exact(m.max(1))
-        .map(|c| c.iter().map(|x| x.abs()).sum())
-        .fold(0.0, f64::max)
-}
-
-/// Smallest Rayleigh quotient of `K_ii`, relative to its diagonal, that inverse
-/// iteration finds.
-fn softest_interior(factor: &Factor, diagonal: &[f64], kept: &[usize]) -> f64 {
-    let mut x: Vec<f64> = (0..diagonal.len()).map(start_value).collect();
-    let mut quotient = f64::INFINITY;
-    for _ in 0..4 {
-        for &i in kept {
-            x[i] = 0.0;
-        }
-        let weighted: Vec<f64> = x.iter().zip(diagonal).map(|(x, d)| x * d).collect();
-        let mut y = weighted.clone();
-        factor.condense(&mut y, 1);
-        for &i in kept {
-            y[i] = 0.0;
-        }
-        factor.recover(&mut y, 1);
-        // With K y = D x: yᵀ K y / yᵀ D y = yᵀ D x / yᵀ D y.
-        let energy = dot_long(&y, &weighted);
-        let size: f64 = y.iter().zip(diagonal).map(|(y, d)| y * y * d).sum();
-        if !size.is_finite() || size == 0.0 {
-            return 0.0;
-        }
-        quotient = quotient.min(energy / size);
-        let length = size.sqrt();
-        x = y.iter().map(|y| y / length).collect();
-    }
-    quotient
 }

@@ -9,10 +9,11 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
 use crate::error::Error;
+use crate::linalg::multifrontal::Factor;
 use crate::linalg::reach::Reach;
+use crate::problem::analysed::Analysed;
 use crate::problem::assemble::{Source, assemble};
 use crate::problem::bodies::{Bodies, Loaded, needed};
-use crate::problem::body::Analysed;
 use crate::problem::border::check_friction;
 use crate::problem::compliance::Compliance;
 use crate::problem::condense::{Condensed, Sorted, analyse, contact_set};
@@ -246,7 +247,7 @@ impl<const D: usize> Candidates<D> {
         let mut bodies = Bodies::new(parts, supports, D, needed, &budget, stop)?;
         bodies.add_to(&mut stats);
         for body in &bodies.list {
-            let weak = body.factor().and_then(|f| f.weakest_pivot());
+            let weak = body.factor().and_then(Factor::weakest_pivot);
             if let Some((dof, ratio)) = weak
                 && ratio < SOFT
             {
@@ -462,6 +463,7 @@ fn seeds<const D: usize>(surface: &Surface<D>, always: bool) -> Option<Vec<usize
 
 /// The `k`-th of a sequence that fills `0..count` evenly and follows no line of a
 /// numbering row by row: multiples of the golden ratio.
+#[expect(clippy::cast_possible_truncation, reason = "below `count`")]
 fn scattered(k: usize, count: usize) -> usize {
     const GOLDEN: u64 = 0x9E37_79B9_7F4A_7C15;
     let turn = (k as u64).wrapping_mul(GOLDEN);

@@ -14,9 +14,9 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::linalg::csc::Symmetric;
+use crate::problem::analysed::Analysed;
 use crate::problem::assemble::{Source, assemble, bytes_beside};
 use crate::problem::bodies::{Bodies, Loaded, Loads, Supports, needed};
-use crate::problem::body::Analysed;
 use crate::problem::border::{check_finite, check_friction, check_length};
 use crate::problem::compliance::Compliance;
 use crate::problem::memory::Budget;

@@ -1,5 +1,6 @@
 //! All contacts together, and no algorithm.
 
+pub mod analysed;
 pub mod assemble;
 pub mod balance;
 pub mod bodies;

@@ -48,7 +48,7 @@ RUST_SIBLINGS = {
         "reduced",
         "residual",
         "balance body overlap",
-        "surface",
+        "analysed surface",
         "assemble bodies",
         "condense",
         "candidates",
