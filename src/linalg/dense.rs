@@ -866,7 +866,9 @@ pub(crate) fn forward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usiz
         let (b, block) = (rows.len(), &panel[range]);
         if columns < FEW_COLUMNS || block.len() <= ONE_BY_ONE {
             for x in x.chunks_exact_mut(layout.nf).take(columns) {
-                forward_one(block, b, &mut x[rows.start..]);
+                if !is_zero(x) {
+                    forward_one(block, b, &mut x[rows.start..]);
+                }
             }
             continue;
         }
@@ -877,6 +879,11 @@ pub(crate) fn forward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usiz
         let left = u12.transpose();
         faer_matmul(second, Accum::Add, left, first.as_ref(), -1.0, Par::Seq);
     }
+}
+
+/// Columns that only fill a group are zero throughout.
+fn is_zero(x: &[f64]) -> bool {
+    x.iter().all(|&x| x == 0.0)
 }
 
 /// One column: each entry of the factor is read once, by columns, at the rate of
@@ -898,7 +905,9 @@ pub(crate) fn backward(panel: &[f64], layout: Panel, x: &mut [f64], columns: usi
         let (b, block) = (rows.len(), &panel[range]);
         if columns < FEW_COLUMNS || block.len() <= ONE_BY_ONE {
             for x in x.chunks_exact_mut(layout.nf).take(columns) {
-                backward_one(block, b, &mut x[rows.start..]);
+                if !is_zero(x) {
+                    backward_one(block, b, &mut x[rows.start..]);
+                }
             }
             continue;
         }

@@ -17,7 +17,7 @@ pub const DIGITS: f64 = 1e5;
 
 /// Columns that pass the factor together, always so many: products of other widths may
 /// add in another order, and a step would not have the bits it has alone.
-const GROUP: usize = 8;
+const GROUP: usize = 4;
 
 /// One body.
 #[derive(Debug)]
