@@ -70,24 +70,21 @@ fn triangular_matmul(
     leave_wide();
 }
 
-fn solve_lower_triangular_in_place(l: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
-    triangular_solve::solve_lower_triangular_in_place(l, x, par);
-    leave_wide();
+/// faer's triangular solves of these names.
+macro_rules! solves {
+    ($($name:ident)+) => {$(
+        fn $name(triangle: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
+            triangular_solve::$name(triangle, x, par);
+            leave_wide();
+        }
+    )+};
 }
 
-fn solve_upper_triangular_in_place(u: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
-    triangular_solve::solve_upper_triangular_in_place(u, x, par);
-    leave_wide();
-}
-
-fn solve_unit_lower_triangular_in_place(l: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
-    triangular_solve::solve_unit_lower_triangular_in_place(l, x, par);
-    leave_wide();
-}
-
-fn solve_unit_upper_triangular_in_place(u: MatRef<'_, f64>, x: MatMut<'_, f64>, par: Par) {
-    triangular_solve::solve_unit_upper_triangular_in_place(u, x, par);
-    leave_wide();
+solves! {
+    solve_lower_triangular_in_place
+    solve_upper_triangular_in_place
+    solve_unit_lower_triangular_in_place
+    solve_unit_upper_triangular_in_place
 }
 
 /// Whether an operand is taken as it is or transposed.
@@ -120,14 +117,7 @@ pub fn matmul(
     op_b: Op,
     beta: f64,
 ) {
-    let a = match op_a {
-        Op::Plain => MatRef::from_column_major_slice(a, m, k),
-        Op::Transposed => MatRef::from_row_major_slice(a, m, k),
-    };
-    let b = match op_b {
-        Op::Plain => MatRef::from_column_major_slice(b, k, n),
-        Op::Transposed => MatRef::from_row_major_slice(b, k, n),
-    };
+    let (a, b) = (operand(a, op_a, m, k), operand(b, op_b, k, n));
     let add = if beta == 0.0 {
         Accum::Replace
     } else {
@@ -144,6 +134,13 @@ pub fn matmul(
         let b = b.submatrix(0, j, k, c.ncols());
         faer_matmul(c, add, a, b, alpha, Par::Seq);
     });
+}
+
+fn operand(values: &[f64], op: Op, rows: usize, columns: usize) -> MatRef<'_, f64> {
+    match op {
+        Op::Plain => MatRef::from_column_major_slice(values, rows, columns),
+        Op::Transposed => MatRef::from_row_major_slice(values, rows, columns),
+    }
 }
 
 /// Cuts `c` into tiles at multiples of [`TILE`] and works on them in parallel.
@@ -334,32 +331,6 @@ fn subtract_product(columns: &mut [f64], n: usize, panel: &[f64], layout: Panel)
                 }
             }
         });
-}
-
-/// The inverse `(L Lᵀ)⁻¹` into `out`, symmetric to the bit; only the lower
-/// triangle of `l` is read.
-///
-/// # Errors
-/// [`Error::Interrupted`] when `stop` is raised.
-///
-/// # Panics
-/// If `l` or `out` has not `n²` entries.
-pub fn inverse_from_cholesky(
-    l: &[f64],
-    n: usize,
-    out: &mut [f64],
-    stop: &AtomicBool,
-) -> Result<(), Error> {
-    assert_eq!(l.len(), n * n);
-    assert_eq!(out.len(), n * n);
-    for (r, (to, from)) in out
-        .chunks_exact_mut(n.max(1))
-        .zip(l.chunks_exact(n.max(1)))
-        .enumerate()
-    {
-        to[r..].copy_from_slice(&from[r..]);
-    }
-    invert_from_cholesky(out, n, stop)
 }
 
 /// The inverse `(L Lᵀ)⁻¹` in the place of `L`, symmetric to the bit; only the

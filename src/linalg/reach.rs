@@ -63,12 +63,7 @@ impl Factor {
     pub fn half_solve(&self, reach: &Reach, columns: &[&[(usize, f64)]]) -> (Vec<f64>, Vec<f64>) {
         let symbolic = &*self.symbolic;
         let (p, m) = (reach.pivots.len(), symbolic.kept());
-        let mut inside = vec![0.0; p * columns.len()];
-        let mut kept = vec![0.0; m * columns.len()];
-        // Empty parts still need a chunk each.
-        let (p1, m1) = (p.max(1), m.max(1));
-        let of_chunk = |k: usize, inside: &mut [f64], kept: &mut [f64]| {
-            let columns = &columns[k * COLUMNS..columns.len().min((k + 1) * COLUMNS)];
+        let of_chunk = |columns: &[&[(usize, f64)]]| {
             let n = symbolic.n;
             let mut x = vec![0.0; n * columns.len()];
             for (column, x) in columns.iter().zip(x.chunks_exact_mut(n.max(1))) {
@@ -81,29 +76,23 @@ impl Factor {
                 let front = &symbolic.fronts[f];
                 gather(symbolic, front, &x, columns.len(), &mut local);
                 forward(self.panel(front), front.layout(), &mut local, columns.len());
-                scatter(symbolic, front, &mut x, columns.len(), &local, front.nf());
+                scatter(symbolic, front, &mut x, columns.len(), &local);
             }
-            for (c, x) in x.chunks_exact(n.max(1)).enumerate() {
-                for (&pivot, out) in reach.pivots.iter().zip(&mut inside[c * p..]) {
-                    *out = x[symbolic.new[pivot as usize] as usize];
-                }
-                kept[c * m..(c + 1) * m].copy_from_slice(&x[symbolic.interior..]);
+            let mut inside = Vec::with_capacity(p * columns.len());
+            let mut kept = Vec::with_capacity(m * columns.len());
+            for x in x.chunks_exact(n.max(1)) {
+                let pivots = reach.pivots.iter();
+                inside.extend(pivots.map(|&pivot| x[symbolic.new[pivot as usize] as usize]));
+                kept.extend_from_slice(&x[symbolic.interior..]);
             }
+            (inside, kept)
         };
-        match (p, m) {
-            (0, _) => kept
-                .par_chunks_mut(m1 * COLUMNS)
-                .enumerate()
-                .for_each(|(k, kept)| of_chunk(k, &mut [], kept)),
-            (_, 0) => inside
-                .par_chunks_mut(p1 * COLUMNS)
-                .enumerate()
-                .for_each(|(k, inside)| of_chunk(k, inside, &mut [])),
-            _ => inside
-                .par_chunks_mut(p1 * COLUMNS)
-                .zip(kept.par_chunks_mut(m1 * COLUMNS))
-                .enumerate()
-                .for_each(|(k, (inside, kept))| of_chunk(k, inside, kept)),
+        let chunks: Vec<_> = columns.par_chunks(COLUMNS).map(of_chunk).collect();
+        let mut inside = Vec::with_capacity(p * columns.len());
+        let mut kept = Vec::with_capacity(m * columns.len());
+        for chunk in chunks {
+            inside.extend(chunk.0);
+            kept.extend(chunk.1);
         }
         (inside, kept)
     }
@@ -129,22 +118,12 @@ fn gather(symbolic: &Symbolic, front: &Front, x: &[f64], columns: usize, local: 
     }
 }
 
-/// Puts the first `rows` rows of a front back.
-fn scatter(
-    symbolic: &Symbolic,
-    front: &Front,
-    x: &mut [f64],
-    columns: usize,
-    local: &[f64],
-    rows: usize,
-) {
+/// Puts the rows of a front back.
+fn scatter(symbolic: &Symbolic, front: &Front, x: &mut [f64], columns: usize, local: &[f64]) {
     let locals = local.chunks_exact(front.nf());
     for (column, local) in x.chunks_exact_mut(symbolic.n).zip(locals).take(columns) {
         let mut from = 0;
         for stretch in stretches(symbolic, front) {
-            if from >= rows {
-                break;
-            }
             let len = stretch.len();
             column[stretch].copy_from_slice(&local[from..from + len]);
             from += len;

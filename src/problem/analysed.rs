@@ -122,9 +122,9 @@ impl Analysed {
     ) -> Result<Body, Error> {
         let begin = Instant::now();
         if let Some(loads) = loads
-            && let Some((s, known)) = self.without_factor(loads, stop)?
+            && let Some((s, known, until_s)) = self.without_factor(loads, stop)?
         {
-            let body = self.body(s, None, known, begin, stop)?;
+            let body = self.body(s, None, known, [begin, until_s], stop)?;
             if body.amplification <= DIGITS {
                 return Ok(body);
             }
@@ -144,25 +144,23 @@ impl Analysed {
         }
         let schur = factor.take_schur();
         let scale = scales(&self.kept, &diagonal);
-        let until_s = begin.elapsed().as_secs_f64();
-        let mut s = match self.definite(&schur, &scale, stop)? {
+        let until_s = Instant::now();
+        let s = match self.definite(&schur, &scale, stop)? {
             Some(s) => s,
             None => self.with_rigid_motions(&schur, &scale, &factor, dimension, stop)?,
         };
         drop(schur);
-        s.until = until_s;
-        self.body(s, Some(factor), Vec::new(), begin, stop)
+        self.body(s, Some(factor), Vec::new(), [begin, until_s], stop)
     }
 
-    /// S factored and the kept part of the loads condensed, where there is no doubt
-    /// that supports hold the body: a doubt is only settled with the factor.
+    /// S factored, the kept part of the loads condensed, and when S was done, where there
+    /// is no doubt that supports hold the body: a doubt is only settled with the factor.
     #[expect(clippy::type_complexity, reason = "what a body is made of")]
     fn without_factor(
         &self,
         loads: &[Vec<f64>],
         stop: &AtomicBool,
-    ) -> Result<Option<(Supported, Vec<Vec<f64>>)>, Error> {
-        let begin = Instant::now();
+    ) -> Result<Option<(Supported, Vec<Vec<f64>>, Instant)>, Error> {
         let view = self.stiffness.view()?;
         let scaled = |force: &Vec<f64>| -> Vec<f64> {
             self.dofs.iter().map(|&i| self.unit * force[i]).collect()
@@ -174,14 +172,13 @@ impl Analysed {
             return Ok(None);
         }
         let scale = scales(&self.kept, &view.diagonal());
-        let until_s = begin.elapsed().as_secs_f64();
-        let Some(mut s) = self.definite(schur.values(), &scale, stop)? else {
+        let until_s = Instant::now();
+        let Some(s) = self.definite(schur.values(), &scale, stop)? else {
             return Ok(None);
         };
-        s.until = until_s;
         let columns = local.chunks_exact(self.dofs.len().max(1));
         let part = |column: &[f64]| self.kept.iter().map(|&i| column[i]).collect();
-        Ok(Some((s, columns.map(part).collect())))
+        Ok(Some((s, columns.map(part).collect(), until_s)))
     }
 
     /// The Cholesky factor of S, where S is positive definite beyond doubt.
@@ -205,7 +202,6 @@ impl Analysed {
             size: one_norm(schur, m),
             cholesky,
             modes: Vec::new(),
-            until: 0.0,
         }))
     }
 
@@ -255,7 +251,6 @@ impl Analysed {
                 cholesky,
                 modes,
                 size,
-                until: 0.0,
             }),
         }
     }
@@ -265,7 +260,7 @@ impl Analysed {
         s: Supported,
         factor: Option<Factor>,
         known: Vec<Vec<f64>>,
-        begin: Instant,
+        [begin, until_s]: [Instant; 2],
         stop: &AtomicBool,
     ) -> Result<Body, Error> {
         let m = self.kept.len();
@@ -273,8 +268,8 @@ impl Analysed {
         dense::invert_from_cholesky(&mut inverse, m, stop)?;
         let flexible = one_norm(&inverse, m);
         let condition = s.size * flexible;
-        let diagonal = self.stiffness.view()?.diagonal();
-        let stiffest = self.kept.iter().map(|&i| diagonal[i]).fold(0.0, f64::max);
+        let diagonal = self.kept.iter().map(|&i| self.stiffness.diagonal(i));
+        let stiffest = diagonal.fold(0.0, f64::max);
         let mut place = vec![u32::MAX; self.dofs.len()];
         for (k, &i) in (0_u32..).zip(&self.kept) {
             place[i] = k;
@@ -294,7 +289,7 @@ impl Analysed {
             inverse,
             condition,
             amplification: condition.max(stiffest * flexible),
-            seconds: [s.until, begin.elapsed().as_secs_f64() - s.until],
+            seconds: [until_s - begin, until_s.elapsed()].map(|time| time.as_secs_f64()),
         })
     }
 }
@@ -307,8 +302,6 @@ struct Supported {
     modes: Vec<Vec<f64>>,
     /// 1-norm of `S + α R Rᵀ`.
     size: f64,
-    /// Seconds that S took.
-    until: f64,
 }
 
 /// What makes the diagonal of K one at the kept unknowns.

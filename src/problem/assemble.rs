@@ -131,7 +131,8 @@ impl Source<'_> {
             Self::Fresh(bodies) => by_inverse(&mut bodies[body], share, &at, m),
             Self::Shared(bodies) => by_half_solves(&bodies[body], share, &at, m),
         };
-        mirror(&mut matrix, m);
+        // By rows, what is upper here is lower there.
+        dense::mirror_lower(&mut matrix, m);
         matrix
     }
 }
@@ -274,20 +275,6 @@ fn by_half_solves(body: &Body, share: &Share, at: &[usize], m: usize) -> Vec<f64
         }
     }
     matrix
-}
-
-/// Copies the upper triangle of a row-major matrix below the diagonal.
-fn mirror(matrix: &mut [f64], m: usize) {
-    const TILE: usize = 32;
-    for tile_i in (0..m).step_by(TILE) {
-        for tile_j in (0..=tile_i).step_by(TILE) {
-            for i in tile_i..(tile_i + TILE).min(m) {
-                for j in tile_j..(tile_j + TILE).min(i) {
-                    matrix[i * m + j] = matrix[j * m + i];
-                }
-            }
-        }
-    }
 }
 
 /// Contacts that share a body, with the bodies they touch, both ascending.

@@ -43,6 +43,8 @@ pub struct Bodies {
     motions: Vec<(usize, usize)>,
     /// Seconds until S, and from S on.
     seconds: [f64; 2],
+    /// Bytes foretold.
+    needed: u128,
 }
 
 /// What acts on the bodies in one state: total loads, reactions, and the amounts of
@@ -116,6 +118,7 @@ impl Bodies {
                 .collect(),
             list,
             supports,
+            needed,
         })
     }
 
@@ -255,8 +258,13 @@ impl Bodies {
         Ok(all)
     }
 
-    /// Adds the counts of all bodies.
-    pub fn add_to(&self, stats: &mut Stats) {
+    /// The counts of all bodies.
+    #[must_use]
+    pub fn stats(&self) -> Stats {
+        let mut stats = Stats {
+            bytes_peak: self.needed,
+            ..Stats::default()
+        };
         for body in &self.list {
             let counts = body.counts();
             stats.nnz_factor += counts.nnz_factor;
@@ -276,6 +284,7 @@ impl Bodies {
         stats.cond_s = most(Body::condition);
         stats.amplification = most(Body::amplification);
         stats.factor_kept = self.list.iter().all(|body| body.factor().is_some());
+        stats
     }
 }
 

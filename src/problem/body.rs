@@ -80,12 +80,7 @@ impl Body {
     /// The largest stiffness on the diagonal of K at some local degrees of freedom.
     #[must_use]
     pub fn stiffest(&self, dofs: impl Iterator<Item = usize>) -> f64 {
-        let k = &self.stiffness;
-        let of = |i: usize| {
-            let column = k.pointer[i]..k.pointer[i + 1];
-            let at = k.index[column.clone()].binary_search(&i);
-            at.map_or(0.0, |at| k.values[column.start + at] / self.unit)
-        };
+        let of = |i| self.stiffness.diagonal(i) / self.unit;
         dofs.map(of).fold(0.0, f64::max)
     }
 

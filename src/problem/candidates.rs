@@ -240,12 +240,8 @@ impl<const D: usize> Candidates<D> {
         let kept = kept.collect();
         let parts = analyse(parts, kept, places, before)?;
         let needed = needed(&parts, false);
-        let mut stats = Stats {
-            bytes_peak: needed,
-            ..Stats::default()
-        };
         let mut bodies = Bodies::new(parts, supports, D, needed, &budget, stop)?;
-        bodies.add_to(&mut stats);
+        let stats = bodies.stats();
         for body in &bodies.list {
             let weak = body.factor().and_then(Factor::weakest_pivot);
             if let Some((dof, ratio)) = weak

@@ -193,12 +193,8 @@ impl<const D: usize> Condensed<D> {
     ) -> Result<Self, Error> {
         let kept: Vec<usize> = parts.iter().map(|part| part.counts().kept).collect();
         let needed = needed(&parts, supports.known.is_some()) + bytes_beside(&surface, &kept);
-        let mut stats = Stats {
-            bytes_peak: needed,
-            ..Stats::default()
-        };
         let mut bodies = Bodies::new(parts, supports, D, needed, budget, stop)?;
-        bodies.add_to(&mut stats);
+        let mut stats = bodies.stats();
 
         let started = Instant::now();
         let source = &mut Source::Fresh(&mut bodies.list);

@@ -414,12 +414,11 @@ fn inverse(matrix: &[f64], m: usize, stop: &AtomicBool) -> Result<Option<Vec<f64
     let diagonal: Vec<f64> = (0..m).map(|i| matrix[i * (m + 1)]).collect();
     // A power of two leaves no trace: bits are those of any other unit.
     let unit = -exponent(diagonal.iter().fold(0.0_f64, |a, &b| a.max(b)));
-    let mut factor: Vec<f64> = matrix.iter().map(|&w| times_two_to(w, unit)).collect();
-    if dense::cholesky(&mut factor, m, stop)?.is_some() {
+    let mut inverse: Vec<f64> = matrix.iter().map(|&w| times_two_to(w, unit)).collect();
+    if dense::cholesky(&mut inverse, m, stop)?.is_some() {
         return Ok(None);
     }
-    let mut inverse = dense::zeros(m * m);
-    dense::inverse_from_cholesky(&factor, m, &mut inverse, stop)?;
+    dense::invert_from_cholesky(&mut inverse, m, stop)?;
     for t in &mut inverse {
         *t = times_two_to(*t, unit);
     }

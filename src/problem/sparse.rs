@@ -167,6 +167,13 @@ impl Owned {
         }
     }
 
+    /// Entry `i` of the diagonal, of columns in ascending order.
+    pub(crate) fn diagonal(&self, i: usize) -> f64 {
+        let column = self.pointer[i]..self.pointer[i + 1];
+        let at = self.index[column.clone()].binary_search(&i);
+        at.map_or(0.0, |at| self.values[column.start + at])
+    }
+
     /// `xᵀ |A| x` for `x ≥ 0`.
     pub(crate) fn absolute_form(&self, x: &[f64]) -> f64 {
         let of_row = |(k, xk): (usize, &f64)| {
