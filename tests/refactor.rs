@@ -82,9 +82,10 @@ fn a_second_matrix_gives_the_bits_of_a_new_factor() {
         let far_half = 7.0;
         let body = Make { far_half, ..make }.build();
         let symbolic = analysed(&soft);
-        let mut factor = Factor::new(Arc::clone(&symbolic), &matrix(&soft), &GO).unwrap();
+        drop(Factor::new(Arc::clone(&symbolic), &matrix(&soft), &GO).unwrap());
         let k = matrix(&body);
-        factor.refactor(&k, &GO).unwrap();
+        let factor = Factor::new(Arc::clone(&symbolic), &k, &GO).unwrap();
+        // Nothing is left over for this one.
         let fresh = Factor::new(symbolic, &k, &GO).unwrap();
         assert_eq!(bits(factor.schur()), bits(fresh.schur()));
         assert_eq!(factor.weakest_pivot(), fresh.weakest_pivot());
@@ -115,15 +116,14 @@ fn many_columns_are_those_of_one_thread() {
 }
 
 #[test]
-fn a_matrix_refused_leaves_nothing_or_all() {
+fn a_matrix_refused_leaves_loads_and_the_analysis_as_they_were() {
     let mut body = Make::cube(5).build();
     let symbolic = analysed(&body);
-    let mut factor = Factor::new(Arc::clone(&symbolic), &matrix(&body), &GO).unwrap();
-    let whole = bits(factor.schur());
+    let factored = |k: &Symmetric| Factor::new(Arc::clone(&symbolic), k, &GO);
+    let whole = bits(factored(&matrix(&body)).unwrap().schur());
     let other = Make::cube(4).build();
-    let error = factor.refactor(&matrix(&other), &GO).unwrap_err();
+    let error = factored(&matrix(&other)).unwrap_err();
     assert!(matches!(error, Error::Shape { .. }), "{error}");
-    assert_eq!(bits(factor.schur()), whole, "the old factor stays");
 
     let good = body.values.clone();
     // Off the diagonal larger than on it: indefinite, with sound diagonals.
@@ -134,29 +134,21 @@ fn a_matrix_refused_leaves_nothing_or_all() {
             }
         }
     }
-    let error = factor.refactor(&matrix(&body), &GO).unwrap_err();
+    let error = factored(&matrix(&body)).unwrap_err();
     assert!(matches!(error, Error::Indefinite { .. }), "{error}");
-    assert!(factor.schur().is_empty());
     let mut load = loads(body.n, 1);
     let error = Schur::new(&symbolic, &matrix(&body), &mut load, &GO).unwrap_err();
     assert!(matches!(error, Error::Indefinite { .. }), "{error}");
     assert_eq!(load, loads(body.n, 1), "loads stay as they were");
+    let stopped = Factor::new(
+        Arc::clone(&symbolic),
+        &matrix(&body),
+        &AtomicBool::new(true),
+    );
+    assert!(matches!(stopped, Err(Error::Interrupted)));
 
     body.values = good;
-    factor.refactor(&matrix(&body), &GO).unwrap();
-    assert_eq!(bits(factor.schur()), whole);
-}
-
-#[test]
-#[should_panic(expected = "no factor")]
-fn a_factor_that_failed_solves_nothing() {
-    let body = Make::cube(3).build();
-    let mut factor = Factor::new(analysed(&body), &matrix(&body), &GO).unwrap();
-    let error = factor
-        .refactor(&matrix(&body), &AtomicBool::new(true))
-        .unwrap_err();
-    assert!(matches!(error, Error::Interrupted));
-    factor.condense(&mut loads(body.n, 1), 1);
+    assert_eq!(bits(factored(&matrix(&body)).unwrap().schur()), whole);
 }
 
 /// `A = D + x xᵀ`, whose inverse is known: `D⁻¹ − D⁻¹ x xᵀ D⁻¹ / (1 + xᵀ D⁻¹ x)`.

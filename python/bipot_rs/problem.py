@@ -420,8 +420,9 @@ class ContactProblem:
         """Take another stiffness, in place: other materials or thicknesses.
 
         Where ``K`` has the pattern of the one before, orderings and symbolic work are
-        used again. Contacts, supports and settings stay. Results made before keep the
-        stiffness they were made with.
+        used again, and the memory of a factor that is no longer needed. Contacts,
+        supports and settings stay. Results made before keep the stiffness they were
+        made with, and its factor for their displacements.
 
         Parameters
         ----------

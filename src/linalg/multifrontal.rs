@@ -61,16 +61,12 @@ impl Schur {
         let k = (k, diagonal.as_slice());
         let mut inner = Columns::new(symbolic, loads, columns);
         let sweep = (columns > 0).then(|| Forward::new(&mut inner));
-        let mut schur = Vec::new();
-        let weakest = eliminate(symbolic, k, stop, None, sweep.as_ref(), &mut schur)?;
+        let (values, weakest) = eliminate(symbolic, k, stop, None, sweep.as_ref())?;
         if let Some(sweep) = sweep {
             sweep.finish();
             inner.write(loads);
         }
-        Ok(Self {
-            values: schur,
-            weakest,
-        })
+        Ok(Self { values, weakest })
     }
 
     /// S, `m × m`, in the order of the kept unknowns, symmetric to the bit.
@@ -112,44 +108,20 @@ impl Factor {
     /// unknown where a pivot is negative or vanishes against the diagonal of K;
     /// [`Error::Interrupted`] when `stop` is set; [`Error::Shape`] or
     /// [`Error::SparseStructure`] when `k` has not the pattern analysed.
-    pub fn new(symbolic: Arc<Symbolic>, k: &Symmetric, stop: &AtomicBool) -> Result<Self, Error> {
-        let mut this = Self {
-            symbolic,
-            panels: Vec::new(),
-            schur: Vec::new(),
-            weakest: None,
-        };
-        this.refactor(k, stop)?;
-        Ok(this)
-    }
-
-    /// Takes another matrix of the same pattern, in the memory of the last one.
-    /// The bits are those of a new factor.
     ///
-    /// # Errors
-    /// Those of [`Factor::new`]. Nothing is left of either matrix then: S has no
-    /// entries, and [`Factor::condense`] and [`Factor::recover`] panic until
-    /// another matrix has been taken. Only where `k` is refused before any
-    /// work, for its pattern or its diagonal, the old factor stays.
-    pub fn refactor(&mut self, k: &Symmetric, stop: &AtomicBool) -> Result<(), Error> {
-        let symbolic = Arc::clone(&self.symbolic);
+    /// The memory is that of a factor of the same analysis that is gone, if there
+    /// was one: it stays with the analysis, to the end of that.
+    pub fn new(symbolic: Arc<Symbolic>, k: &Symmetric, stop: &AtomicBool) -> Result<Self, Error> {
         let diagonal = checked_diagonal(&symbolic, k)?;
         let k = (k, diagonal.as_slice());
-        let panels = std::mem::take(&mut self.panels);
-        let mut schur = std::mem::take(&mut self.schur);
-        let is_new = panels.is_empty();
-        let mut storage = Panels {
-            values: if is_new {
-                zeros(symbolic.panels)
-            } else {
-                panels
-            },
-            is_clear: is_new,
-        };
-        self.weakest = eliminate(&symbolic, k, stop, Some(&mut storage), None, &mut schur)?;
-        self.panels = storage.values;
-        self.schur = schur;
-        Ok(())
+        let mut panels = Panels::of(&symbolic);
+        let (schur, weakest) = eliminate(&symbolic, k, stop, Some(&mut panels), None)?;
+        Ok(Self {
+            symbolic,
+            panels: panels.values,
+            schur,
+            weakest,
+        })
     }
 
     /// S, `m × m`, in the order of the kept unknowns, symmetric to the bit.
@@ -177,6 +149,12 @@ impl Factor {
     }
 }
 
+impl Drop for Factor {
+    fn drop(&mut self) {
+        self.symbolic.give_spare(std::mem::take(&mut self.panels));
+    }
+}
+
 /// Where the factor goes.
 struct Panels {
     values: Vec<f64>,
@@ -185,19 +163,35 @@ struct Panels {
     is_clear: bool,
 }
 
-/// Eliminates; S into `schur`, whatever that holds. Returns the weakest pivot.
+impl Panels {
+    fn of(symbolic: &Symbolic) -> Self {
+        let spare = symbolic.take_spare();
+        let is_clear = spare.len() != symbolic.panels;
+        Self {
+            values: if is_clear {
+                zeros(symbolic.panels)
+            } else {
+                spare
+            },
+            is_clear,
+        }
+    }
+}
+
+/// Eliminates: S, and the weakest pivot.
 fn eliminate(
     symbolic: &Symbolic,
     (k, diagonal): (&Symmetric, &[f64]),
     stop: &AtomicBool,
     panels: Option<&mut Panels>,
     loads: Option<&Forward>,
-    schur: &mut Vec<f64>,
-) -> Result<Option<(usize, f64)>, Error> {
+) -> Result<Eliminated, Error> {
     let done = Work::new(symbolic, k, diagonal, stop, panels, loads).go()?;
-    done.schur(symbolic, k, schur);
-    Ok(done.weakest)
+    Ok((done.schur(symbolic, k), done.weakest))
 }
+
+/// S, and the weakest pivot as [`Factor::weakest_pivot`] gives it.
+type Eliminated = (Vec<f64>, Option<(usize, f64)>);
 
 /// The diagonal of a matrix that has the pattern analysed.
 ///
@@ -497,13 +491,9 @@ impl<'a, 'l> Work<'a, 'l> {
 
 impl Done {
     /// Adds what reached the kept unknowns to their block of K.
-    fn schur(&self, symbolic: &Symbolic, k: &Symmetric, schur: &mut Vec<f64>) {
+    fn schur(&self, symbolic: &Symbolic, k: &Symmetric) -> Vec<f64> {
         let m = symbolic.kept();
-        if schur.is_empty() {
-            *schur = zeros(m * m);
-        } else {
-            schur.fill(0.0);
-        }
+        let mut schur = zeros(m * m);
         // Of S too the upper triangle is summed.
         for (q, &j) in symbolic.old[symbolic.interior..].iter().enumerate() {
             for (i, value) in k.column(j as usize).filter(|&(i, _)| i >= j as usize) {
@@ -521,10 +511,11 @@ impl Done {
             for (front, values) in left_by(symbolic, task, &self.updates[task]) {
                 let rows = symbolic.runs_of(&symbolic.fronts[front]);
                 let map = segments(rows, symbolic.interior, 0, &all);
-                add_to_update(schur, |j| j * m, 0, values, &map);
+                add_to_update(&mut schur, |j| j * m, 0, values, &map);
             }
         }
-        mirror_upper(schur, m);
+        mirror_upper(&mut schur, m);
+        schur
     }
 }
 

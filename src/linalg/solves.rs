@@ -18,7 +18,7 @@ impl Factor {
     /// bits do not depend on its size.
     ///
     /// # Panics
-    /// If `f` has not `n · columns` entries, or [`Factor::refactor`] has failed.
+    /// If `f` has not `n · columns` entries.
     pub fn condense(&self, f: &mut [f64], columns: usize) {
         let symbolic = &*self.symbolic;
         self.blocks(f, columns, |f, count| {
@@ -43,7 +43,7 @@ impl Factor {
     /// becomes the unknown, `u_i = K_ii⁻¹ (f_i − K_ic u_c)`.
     ///
     /// # Panics
-    /// If `x` has not `n · columns` entries, or [`Factor::refactor`] has failed.
+    /// If `x` has not `n · columns` entries.
     pub fn recover(&self, x: &mut [f64], columns: usize) {
         let symbolic = &*self.symbolic;
         self.blocks(x, columns, |x, count| {
@@ -59,7 +59,6 @@ impl Factor {
     fn blocks(&self, x: &mut [f64], columns: usize, work: impl Fn(&mut [f64], usize) + Sync) {
         let n = self.symbolic.n;
         assert_eq!(x.len(), n * columns);
-        assert_eq!(self.panels.len(), self.symbolic.panels, "no factor");
         if x.is_empty() {
             return;
         }

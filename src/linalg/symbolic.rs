@@ -6,6 +6,7 @@
 
 use std::borrow::Cow;
 use std::ops::Range;
+use std::sync::Mutex;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -144,6 +145,9 @@ pub struct Symbolic {
     pub(crate) stack_dropped: usize,
     fingerprints: Vec<u64>,
     counts: Counts,
+    /// Memory of a factor of this pattern that is gone, for the next one: fresh
+    /// memory costs a second a gigabyte when it is first touched.
+    spare: Mutex<Vec<f64>>,
 }
 
 impl Symbolic {
@@ -228,6 +232,7 @@ impl Symbolic {
                 seconds_order,
                 seconds_symbolic: begin.elapsed().as_secs_f64() - seconds_order,
             },
+            spare: Mutex::default(),
         })
     }
 
@@ -235,6 +240,28 @@ impl Symbolic {
     #[must_use]
     pub fn counts(&self) -> &Counts {
         &self.counts
+    }
+
+    /// Bytes held for the next factor of this pattern, which
+    /// [`Counts::bytes_peak`] counts among what it takes.
+    #[must_use]
+    pub fn bytes_spare(&self) -> usize {
+        let spare = self.spare.try_lock();
+        spare.map_or(0, |spare| size_of_val(spare.as_slice()))
+    }
+
+    /// Memory for a factor, used before or none. Nobody waits: in a forked child
+    /// the lock may be held by a thread that is not there.
+    pub(crate) fn take_spare(&self) -> Vec<f64> {
+        let spare = self.spare.try_lock();
+        spare.map_or_else(|_| Vec::new(), |mut spare| std::mem::take(&mut *spare))
+    }
+
+    /// Keeps the memory of a factor for the next one.
+    pub(crate) fn give_spare(&self, panels: Vec<f64>) {
+        if let Ok(mut spare) = self.spare.try_lock() {
+            *spare = panels;
+        }
     }
 
     /// Order of S.

@@ -101,6 +101,12 @@ impl Analysed {
         (8 * numbers + places + lists) as u128
     }
 
+    /// Bytes that it holds for the factor, from one of the same pattern that is gone.
+    #[must_use]
+    pub fn bytes_spare(&self) -> u128 {
+        self.symbolic.bytes_spare() as u128
+    }
+
     /// What the factorisation will cost.
     #[must_use]
     pub fn counts(&self) -> &Counts {

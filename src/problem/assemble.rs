@@ -37,7 +37,7 @@ pub fn assemble<const D: usize>(
     let islands = islands::<D>(contacts, shares);
     let stored = stored_blocks::<D>(&islands, shares);
     let blocks: u128 = stored.iter().map(|&blocks| blocks as u128).sum();
-    budget.check("the compliance W", 8 * (D * D) as u128 * blocks)?;
+    budget.check("the compliance W", 8 * (D * D) as u128 * blocks, 0)?;
     let mut whole = Vec::with_capacity(islands.len());
     let mut place = vec![0; contacts];
     for ((nodes, members), stored) in islands.into_iter().zip(stored) {

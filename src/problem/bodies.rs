@@ -92,7 +92,8 @@ impl Bodies {
         budget: &Budget,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
-        budget.check("the condensation of K", needed)?;
+        let spare = parts.iter().map(Analysed::bytes_spare).sum();
+        budget.check("the condensation of K", needed, spare)?;
         let loads = supports.known.as_ref().map(|known| {
             let force = |(load, prescribed): &Loads| supports.force(load, prescribed);
             known.iter().map(force).collect::<Result<Vec<_>, _>>()

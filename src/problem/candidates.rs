@@ -366,7 +366,7 @@ impl<const D: usize> Candidates<D> {
         let rows = share.rows.len();
         let bytes = 8 * ((reached + kept) as u128) * rows as u128;
         self.budget
-            .check("the half solves of the contacts", bytes)?;
+            .check("the half solves of the contacts", bytes, 0)?;
         let global = |members: &[usize], row: usize| D * members[row / D] + row % D;
         let mut known = HashMap::new();
         if let Some((members, share)) = before {

@@ -10,13 +10,15 @@ pub struct Budget {
 }
 
 impl Budget {
+    /// Of `bytes` some may be `held` already.
+    ///
     /// # Errors
     /// [`Error::Memory`] when `what` needs more than there is, [`Error::MemoryLimit`]
     /// when it needs more than the caller allows.
-    pub fn check(self, what: &'static str, bytes: u128) -> Result<(), Error> {
+    pub fn check(self, what: &'static str, bytes: u128, held: u128) -> Result<(), Error> {
         match self.limit {
             Some(limit) if bytes > limit => Err(Error::MemoryLimit { what, bytes, limit }),
-            _ => check(what, bytes),
+            _ => check(what, bytes.saturating_sub(held)),
         }
     }
 }
