@@ -380,7 +380,8 @@ def step_of(result: Result, k: int) -> tuple[Coulomb, Array, Array]:
     result
         As `ContactProblem.solve` returns it; its ``contacts`` hold ``gap`` and ``mu``.
     k
-        The step, from 0. Before the first the contacts are unloaded and unmoved.
+        The step, from 0. Before the first the contacts are unloaded and unmoved, unless
+        the path continues from a state.
 
     Returns
     -------
@@ -392,10 +393,10 @@ def step_of(result: Result, k: int) -> tuple[Coulomb, Array, Array]:
     mu, gaps = _known(result, "mu"), _known(result, "gap")
     height = gaps if gaps.ndim == 1 else gaps[:, 0]
     now = result[k]
-    if k == 0:
+    before = result[k - 1] if k else result.start
+    if before is None:
         start = Start.unloaded(height, now.reaction.shape[1])
     else:
-        before = result[k - 1]
         moved = before.relative_displacement.copy()
         moved[:, 0] -= height
         start = Start(before.reaction, moved, height)
