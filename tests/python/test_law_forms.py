@@ -270,6 +270,99 @@ def test_every_step_of_the_scenes(name: str, n: int, found: set[int]) -> None:
             assert verdict.all(), (k, form)
 
 
+def left_of_the_law(
+    step: bp.result.Step, law: materials.Coulomb, du: Array, dt: Array
+) -> float:
+    """Energy of a contact that the answer may miss the law by.
+
+    The residual of 1e-13 is relative to all reactions and moves displacements in total,
+    not increments, which a step that only holds on does not have.
+    """
+    forces = np.abs(step.reaction).max()
+    ways = np.abs(step.relative_displacement).max() * (1 + law.mu.max())
+    return float(1e-11 * (forces * ways + energy_size(law, du, dt).max()))
+
+
+@pytest.mark.parametrize(("name", "n", "found"), SCENES)
+def test_inequalities_of_the_scenes(name: str, n: int, found: set[int]) -> None:
+    """(8), (11), (12) and the duals at the answers, against any admissible other."""
+    del found
+    result = solved(name, n)
+    rng = np.random.default_rng(10)
+    for k, step in enumerate(result):
+        law, du, dt = laws.step_of(result, k)
+        t0, opening = law.start.reaction, law.start.opening
+        # Into the cone and out of the wall, by what the solver's residual leaves.
+        y = bp.project(step.reaction, law.mu)[0] - t0
+        x = -du
+        x[:, 0] = np.minimum(x[:, 0], opening)
+        slack = left_of_the_law(step, law, du, dt)
+        gap = materials.gap(law, x, y)
+        assert np.abs(gap).max() <= slack
+        assert np.abs(gap - step.bipotential_gap).max() <= slack
+        assert np.abs(materials.left_gap(law, x, y)).max() <= slack
+        assert np.abs(materials.right_gap(law, x, y)).max() <= slack
+        frozen = law.frozen(y)
+        assert np.abs(materials.fenchel_gap(frozen, x, y)).max() <= slack
+
+        forces = np.abs(step.reaction).max()
+        ways = np.abs(step.relative_displacement).max()
+        for _ in range(5):
+            y2 = bp.project(forces * rng.normal(size=y.shape), law.mu)[0] - t0
+            x2 = ways * rng.normal(size=x.shape)
+            x2[:, 0] = opening - np.abs(x2[:, 0])
+            wide = slack + 1e-14 * energy_size(law, x2, y2).max()
+            for one, other in ((x2, y2), (x, y2), (x2, y)):
+                assert materials.gap(law, one, other).min() >= -wide
+            b = law.bipotential
+            assert np.all(b(x2, y) - b(x, y) >= ((x2 - x) * y).sum(axis=1) - wide)
+            assert np.all(b(x, y2) - b(x, y) >= ((y2 - y) * x).sum(axis=1) - wide)
+            assert materials.fenchel_gap(frozen, x2, y).min() >= -wide
+
+
+@pytest.mark.parametrize("name", ["pressed_block", "sheared_cube", "two_blocks"])
+def test_scenes_without_friction_are_explicit(name: str) -> None:
+    read = scene.read(name, ["mesh.n=4", "contact.0.mu=0.0"])
+    case = scene.assemble(read, scene.bodies(read))
+    result = case.model.problem().solve(case.load, case.prescribed, tol=1e-13)
+    for k in range(len(result)):
+        law, du, dt = laws.step_of(result, k)
+        y = bp.project(result[k].reaction, law.mu)[0] - law.start.reaction
+        x = -du
+        x[:, 0] = np.minimum(x[:, 0], law.start.opening)
+        free = law.mu == 0
+        assert free.all()
+        explicit = materials.frictionless(law.start)
+        slack = left_of_the_law(result[k], law, du, dt)
+        assert np.abs(materials.fenchel_gap(explicit, x, y)).max() <= slack
+
+
+def test_body_of_a_scene_is_an_explicit_material() -> None:
+    """(64): ½ uᵀK u and its dual; their gap at the answer is what equilibrium lacks."""
+    read = scene.read("sheared_cube", ["mesh.n=3"])
+    case = scene.assemble(read, scene.bodies(read))
+    problem = case.model.problem()
+    result = problem.solve(case.load, case.prescribed, tol=1e-13)
+    K, B = case.model.K.toarray(), case.model.B.toarray()
+    free = np.setdiff1d(np.arange(len(K)), case.model.fixed)
+    body = materials.LinearElastic(K[np.ix_(free, free)])
+    held = K[np.ix_(free, case.model.fixed)]
+    for k, step in enumerate(result):
+        load = B.T @ step.reaction.ravel()
+        if case.load is not None:
+            load += case.load[k]
+        y = load[free] - held @ step.displacement[case.model.fixed]
+        x = step.displacement[free]
+        energy = float(body.energy(x))
+        # Two terms that cancel: rounding of each, times the condition of K, 1e4.
+        assert abs(float(materials.fenchel_gap(body, x, y))) <= 1e-12 * energy
+        other = x * (1 + 1e-3)
+        expected = 0.5 * 1e-6 * x @ body.stress(x)
+        assert float(materials.fenchel_gap(body, other, y)) == pytest.approx(
+            expected, rel=1e-6
+        )
+
+
 def test_a_spoiled_step_of_a_scene_is_seen() -> None:
     result = solved("cyclic_cube", 4)
     k = int((result.status == bp.Status.SLIP).sum(axis=1)[1:].argmax()) + 1

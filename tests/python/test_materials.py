@@ -282,6 +282,88 @@ def test_printed_constant() -> None:
     assert np.all(np.abs(difference) <= size)
 
 
+def samples_of(case: Case, count: int) -> tuple[list[Array], list[Array]]:
+    rng = np.random.default_rng(45)
+    return (
+        [case.strains(rng) for _ in range(count)],
+        [case.stresses(rng) for _ in range(count)],
+    )
+
+
+def test_explicit_laws_of_the_duals(case: Case) -> None:
+    """(16): x ∈ ∂_z b_l*(y, y), and (18): y ∈ ∂_u b_r*(x, x), by the inequality at samples.
+
+    On the law always; off it some sample shows that it is none, for most pairs.
+    """
+    material = materials.implicit(case.material)
+    xs, ys = samples_of(case, 40)
+    rng = np.random.default_rng(46)
+    pairs = {True: (case.x, case.y), False: near(case, rng)}
+    for on, (x, y) in pairs.items():
+        # Near the pair as well, and at the vertex of the domain, where b(·, y) begins.
+        zs = ys + [y + s * (z - y) for s in (0.1, 1e-3) for z in ys]
+        us = xs + [x + s * (u - x) for s in (0.1, 1e-3) for u in xs]
+        least = [
+            material.left_dual(z, y)
+            - material.left_dual(y, y)
+            - ((z - y) * x).sum(axis=1)
+            for z in zs
+        ]
+        left = np.min(least, axis=0)
+        least = [
+            material.right_dual(x, u)
+            - material.right_dual(x, x)
+            - ((u - x) * y).sum(axis=1)
+            for u in us
+        ]
+        right = np.min(least, axis=0)
+        if on:
+            assert np.all(left >= -2 * ROUNDED * case.energy)
+            assert np.all(right >= -2 * ROUNDED * case.energy)
+        else:
+            off = 1e-5 * case.strain * case.stress
+            assert np.mean(left < -off) > 0.4
+            assert np.mean(right < -off) > 0.4
+
+
+def test_printed_left_dual_is_the_associated_law() -> None:
+    """(62) as printed has the cone of the barred pair: (16) then lets slip lift a contact."""
+    rng = np.random.default_rng(47)
+    mu, t = 0.6, np.array([2.0, 1.2])
+    start = materials.Start.unloaded([0.0], 2)
+    law = materials.Coulomb(mu, start)
+    slide, lift = np.array([0.0, -1.0]), np.array([mu, -1.0])
+    around = rng.normal(size=(4000, 2)) + t
+    printed = around[mu * around[:, 0] >= np.abs(around[:, 1])]
+    right = np.array([z for z in around if law.left_dual([z], [t])[0] == 0])
+    assert min(len(printed), len(right)) > 500
+    # x = -Δu is a normal at t of the set of finite values.
+    assert ((right - t) @ -slide).max() <= 1e-12
+    assert ((right - t) @ -lift).max() > 0.1
+    assert ((printed - t) @ -slide).max() > 0.1
+    assert ((printed - t) @ -lift).max() <= 1e-12
+
+
+def test_frozen_coulomb_is_tresca() -> None:
+    """b(·, y) is Tresca's V but for a constant; answers of one are answers of the other."""
+    rng = np.random.default_rng(48)
+    for d in (2, 3):
+        pairs, start = on_the_law(rng, N, d), start_state(rng, N, d)
+        law = materials.Coulomb(pairs.mu, start)
+        x = minus_increment(start, LENGTH * pairs.v)
+        y = FORCE * pairs.t - start.reaction
+        frozen, size = law.frozen(y), ROUNDED * energy_size(law, -x, y)
+        assert np.all(np.abs(materials.fenchel_gap(frozen, x, y)) <= size)
+        other = LENGTH * rng.normal(size=(N, d))
+        other[:, 0] = np.abs(other[:, 0])
+        x2 = minus_increment(start, other)
+        difference = law.bipotential(x2, y) - law.bipotential(x, y)
+        same = frozen.energy(x2) - frozen.energy(x)
+        assert np.all(
+            np.abs(difference - same) <= 2 * size + ROUNDED * energy_size(law, -x2, y)
+        )
+
+
 # Suprema and minima by sampling. The functions below their indicators are linear along
 # rays, so that a sample of directions, out to a far end, sees whether they are bounded.
 
