@@ -32,6 +32,7 @@ SPOILED = (
     "slips within the limit",
     "slips askew",
     "slips forwards",
+    "slips forwards and sinks",
     "stick that lifts",
 )
 
@@ -106,6 +107,11 @@ def off_the_law(
             t[:, 0] = press
             t[:, 1:] = (mu * press)[:, None] * side
             v[:, 1:] = size * side
+        case "slips forwards and sinks":
+            # Such that -ṽ is the normal of the cone, turned inwards.
+            t[:, 0] = press
+            t[:, 1:] = (mu * press)[:, None] * side
+            v[:, 0], v[:, 1:] = -2 * mu * size, size * side
         case "stick that lifts":
             t[:, 0], v[:, 0] = press, size
     return Pairs(t, v, mu, p.status)

@@ -770,6 +770,38 @@ def test_uzawa_rests_at_the_answer(kind: str, d: int) -> None:
         assert np.linalg.norm(end - answer.reaction) <= 1e-9 * size
 
 
+@pytest.mark.parametrize("kind", ["coulomb", "tresca"])
+def test_uzawa_contracts(kind: str) -> None:
+    """By max|1 - r λ(W)| for an explicit material, with r μ|W_t| added for Coulomb's."""
+    rng = np.random.default_rng(55)
+    n, d = 5, 3
+    for _ in range(10):
+        root = rng.normal(size=(n * d, n * d))
+        W = np.eye(n * d) + 0.1 * root @ root.T / n
+        q = rng.normal(size=(n, d)) - [1.0, 0, 0]
+        values = np.linalg.eigvalsh(W)
+        tangents = np.linalg.norm(np.delete(W, np.arange(n) * d, axis=0), 2)
+        mu = 0.5 * values[0] / tangents
+        r = 2 / (values[0] + values[-1])
+        factor = np.abs(1 - r * values).max()
+        start = start_state(rng, n, d)
+        start = materials.Start(start.reaction / FORCE, start.displacement, start.gap)
+        material: materials.Material = materials.Tresca(rng.exponential(size=n), start)
+        if kind == "coulomb":
+            material = materials.Coulomb(mu, start)
+            factor += r * mu * tangents
+        assert factor < 1
+        found = materials.uzawa(
+            material, structure(W, q, start), np.zeros((n, d)), r, 400
+        )
+        error = np.linalg.norm(found - found[-1], axis=(1, 2))
+        seen = error > 1e-9 * error[0]
+        ratio = error[1:][seen[1:]] / error[:-1][seen[1:]]
+        # The end stands for the answer, to rounding: 1e-6 of what is seen.
+        assert ratio.max() <= factor * (1 + 1e-5)
+        assert error[50] <= factor**50 * error[0] * (1 + 1e-4)
+
+
 @pytest.mark.parametrize("d", [2, 3])
 def test_uzawa_is_the_method_of_the_package(d: int) -> None:
     """While its rule keeps ρ, `method="uzawa"` makes these very iterates."""
