@@ -666,6 +666,68 @@ def test_prox_rests_on_the_law(case: Case) -> None:
         assert np.all(moved[far] > 1e-6 * case.stress)
 
 
+@pytest.mark.parametrize("kind", ["coulomb", "tresca"])
+def test_no_units(kind: str) -> None:
+    """Other units by powers of two: the same bits, and the same borders of the domain."""
+    case, force, metre = contact(3, kind), 2.0**50, 2.0**-37
+    rng = np.random.default_rng(49)
+    any_x, any_y = near(case, rng)
+    z, u = FORCE * rng.normal(size=(2, N, 3)) * [[[1.0]], [[LENGTH / FORCE]]]
+    law = case.material
+    assert isinstance(law, (materials.Coulomb, materials.Tresca))
+    start = materials.Start(
+        force * law.start.reaction,
+        metre * law.start.displacement,
+        metre * law.start.gap,
+    )
+    other: materials.Material
+    if isinstance(law, materials.Coulomb):
+        other = materials.Coulomb(law.mu, start)
+    else:
+        other = materials.Tresca(force * law.limit, start)
+    one, two = materials.implicit(law), materials.implicit(other)
+    pairs = (case.x, case.y), (any_x, any_y), (u, z), (case.x, z), (u, case.y)
+    for x, y in pairs:
+        np.testing.assert_array_equal(
+            two.bipotential(metre * x, force * y), force * metre * one.bipotential(x, y)
+        )
+        np.testing.assert_array_equal(
+            two.left_dual(force * z, force * y), force * metre * one.left_dual(z, y)
+        )
+        np.testing.assert_array_equal(
+            two.right_dual(metre * x, metre * u), force * metre * one.right_dual(x, u)
+        )
+        np.testing.assert_array_equal(
+            two.prox_at(force * y, metre * x, RHO * force / metre),
+            force * one.prox_at(y, x, RHO),
+        )
+
+
+def test_soil_has_no_units() -> None:
+    case, pascal, strain = soil(0.9, 0.3, 0.4), 2.0**40, 2.0**-21
+    law = case.material
+    assert isinstance(law, soils.DruckerPrager)
+    other = soils.DruckerPrager(law.friction, law.dilatancy, pascal * law.apex)
+    rng = np.random.default_rng(49)
+    z, u = rng.normal(size=(2, N, 6)) * [[[case.stress]], [[case.strain]]]
+    for x, y in ((case.x, case.y), near(case, rng), (u, z)):
+        np.testing.assert_array_equal(
+            other.bipotential(strain * x, pascal * y),
+            strain * pascal * law.bipotential(x, y),
+        )
+        np.testing.assert_array_equal(
+            other.left_dual(pascal * z, pascal * y), law.left_dual(z, y)
+        )
+        np.testing.assert_array_equal(
+            other.right_dual(strain * x, strain * u),
+            strain * pascal * law.right_dual(x, u),
+        )
+        np.testing.assert_array_equal(
+            other.prox_at(pascal * y, strain * x, 1e8 * pascal / strain),
+            pascal * law.prox_at(y, x, 1e8),
+        )
+
+
 def test_prox_of_the_conjugate() -> None:
     """Moreau: shrinkage from the disc, V of elasticity from W; and the projection itself."""
     rng = np.random.default_rng(42)
@@ -748,7 +810,7 @@ def structure(W: Array, q: Array, start: materials.Start) -> Callable[[Array], A
 @pytest.mark.parametrize("kind", ["held", "graded", "frictionless"])
 def test_uzawa_rests_at_the_answer(kind: str, d: int) -> None:
     """(45), (46) with (54), from any start state: the reactions of the package's solver."""
-    for seed in range(4):
+    for seed in range(3):
         given = random_problem(kind, d, seed)
         W, q, mu = given.W, given.q, given.mu
         answer = given.problem().solve(tol=1e-14)
@@ -764,9 +826,9 @@ def test_uzawa_rests_at_the_answer(kind: str, d: int) -> None:
         root = np.sqrt(np.repeat(stiff, d))
         top = np.linalg.eigvalsh(root[:, None] * W * root)[-1]
         r = stiff / (top * (1 + mu.max()))
-        found = materials.uzawa(law, structure(W, q, start), np.zeros(q.shape), r, 1000)
+        found = materials.uzawa(law, structure(W, q, start), np.zeros(q.shape), r, 600)
         end = found[-1] + start.reaction
-        # Linear convergence; 1000 steps leave rounding of both.
+        # Linear convergence; 600 steps leave rounding of both.
         assert np.linalg.norm(end - answer.reaction) <= 1e-9 * size
 
 
@@ -799,7 +861,7 @@ def test_uzawa_contracts(kind: str) -> None:
         ratio = error[1:][seen[1:]] / error[:-1][seen[1:]]
         # The end stands for the answer, to rounding: 1e-6 of what is seen.
         assert ratio.max() <= factor * (1 + 1e-5)
-        assert error[50] <= factor**50 * error[0] * (1 + 1e-4)
+        assert error[8] <= factor**8 * error[0] * (1 + 1e-4)
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -974,6 +1036,22 @@ MISTAKES: dict[str, tuple[Callable[[], Any], str]] = {
             materials.LinearElastic(np.eye(2)), lambda y: -y, [0.0, 0.0], 0.0, 1
         ),
         r"r is 0.0, expected positive numbers",
+    ),
+    "another shape": (
+        lambda: materials.uzawa(
+            materials.LinearElastic(np.eye(2)),
+            lambda _: np.zeros(3),
+            [0.0, 0.0],
+            1.0,
+            1,
+        ),
+        r"strain\(y\) has shape \(3,\), expected \(2,\)",
+    ),
+    "runs away": (
+        lambda: materials.uzawa(
+            materials.LinearElastic(np.eye(1)), lambda y: y + np.inf, [1.0], 1.0, 9
+        ),
+        r"strain\(y\) is .*inf at 0, expected finite numbers",
     ),
     "iterations": (
         lambda: materials.uzawa(

@@ -183,13 +183,19 @@ def uzawa(
     -------
     iterates
         ``(iterations + 1, *start.shape)``, the start first.
+
+    Raises
+    ------
+    ValueError
+        An argument is wrong, or ``strain`` gives an array of another shape or numbers
+        that are not finite, as after many steps that are too long.
     """
     material = implicit(material)
     step = positive_step(r)
     y = floats("start", start)
     found = [y]
     for _ in range(positive("iterations", iterations)):
-        x = np.asarray(strain(y))
+        x = floats("strain(y)", strain(y), shape=y.shape)
         y = material.prox_at(_predictor(y, step, x), x, step)
         found.append(y)
     return np.array(found)
