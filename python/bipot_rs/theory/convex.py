@@ -1,0 +1,110 @@
+"""The appendix of [dSF91] as functions: indicators, support functions, projections, prox.
+
+Vectors lie along the last axis, everything before it is a batch. Sets and functions are
+those that contact and soils are made of: balls, norms, and the cone ``|t| <= slope n``
+in any dimension.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs.check import Array
+from bipot_rs.problem import project
+
+# A condition on sums of a few numbers, each rounded, is held to a few units of
+# rounding of their sizes: what is constructed on a border stays on it.
+ROUNDING = 16 * float(np.finfo(np.float64).eps)
+
+
+def dot(x: Array, y: Array) -> Array:
+    """``x·y`` along the last axis."""
+    return np.asarray(np.einsum("...i,...i->...", x, y))
+
+
+def length(x: Array) -> Array:
+    """Euclidean norm along the last axis."""
+    return np.asarray(np.linalg.norm(x, axis=-1))
+
+
+def direction(x: Array) -> Array:
+    """``x/|x|`` along the last axis, zero where ``x`` is."""
+    size = length(x)[..., None]
+    return np.asarray(np.divide(x, size, out=np.zeros_like(x), where=size > 0))
+
+
+def within(lack: Array, size: Array) -> NDArray[np.bool_]:
+    """Whether ``lack <= 0`` up to the rounding of terms of the given size."""
+    return np.asarray(lack <= ROUNDING * size)
+
+
+def indicator(inside: NDArray[Any]) -> Array:
+    """``Ψ``: 0 where the condition holds, ``+inf`` elsewhere."""
+    return np.where(inside, 0.0, np.inf)
+
+
+def support_ball(x: Array, radius: Array) -> Array:
+    """``sup { x·y : |y| <= radius } = radius |x|``, the conjugate of the ball's indicator."""
+    return np.asarray(radius * length(x))
+
+
+def project_ball(x: Array, radius: Array) -> Array:
+    """Nearest point of the ball ``|y| <= radius``, ``radius >= 0``."""
+    size = length(x)
+    outside = size > radius
+    ratio = np.divide(radius, size, out=np.ones_like(size), where=outside)
+    return np.asarray(x * ratio[..., None])
+
+
+def shrink(x: Array, weight: Array) -> Array:
+    """Proximal point of ``weight |·|``, ``weight >= 0``: each vector shorter by the weight.
+
+    By Moreau's decomposition the rest of the projection onto the ball of that radius;
+    formed by its own length, so that zero is exact.
+    """
+    size = length(x)
+    left = np.maximum(size - weight, 0.0)
+    ratio = np.divide(left, size, out=np.zeros_like(size), where=size > 0)
+    return np.asarray(x * ratio[..., None])
+
+
+def project_cone(height: Array, radial: Array, slope: Any) -> tuple[Array, Array]:
+    """Nearest point of the cone ``|radial| <= slope height`` in any dimension.
+
+    Rotation about the axis leaves the cone as it is, so that the problem is that of the
+    plane through the axis and the point, where it is `bipot_rs.project`.
+
+    Parameters
+    ----------
+    height, radial
+        Components along the axis ``(...)`` and across it ``(..., k)``.
+    slope
+        Finite and not negative, a number or ``(...)``.
+
+    Returns
+    -------
+    height, radial
+        Of the projection.
+    """
+    across = length(radial)
+    plane = np.stack([np.ravel(height), np.ravel(across)], axis=1)
+    slopes = np.broadcast_to(np.asarray(slope, float), across.shape).ravel()
+    nearest, _ = project(plane, slopes)
+    up = nearest[:, 0].reshape(across.shape)
+    out = nearest[:, 1].reshape(across.shape)
+    return up, direction(radial) * out[..., None]
+
+
+def conjugate_prox(
+    prox: Callable[[Array, float], Array], x: Array, r: float = 1.0
+) -> Array:
+    """Proximal point of ``r F*`` from that of ``F``, by Moreau's decomposition.
+
+    ``prox(x, r F*) = x - r prox(x/r, F/r)``; ``prox(x, s)`` gives the proximal point of
+    ``s F``, and ``r > 0``.
+    """
+    return np.asarray(x - r * prox(x / r, 1.0 / r))

@@ -1,0 +1,411 @@
+"""The contact law in each of the paper's forms, as residuals of one unit.
+
+One law, written in [dSF91] in nine ways: by inclusions (51), (55), (57), (63), by the
+sliding rule (60) and the normal (61), by the bipotential (54), by one projection (79)
+and by two, (82) and (83). Each function takes a law with its start state,
+`materials.Coulomb`, and the increments ``Δu`` and ``Δt`` of a step, ``(n_c, d)``, and
+returns a residual ``(n_c,)`` in units of force: zero if and only if the pair is on the
+law. Displacements are made forces by a step ``rho`` [N/m], a number or one a contact,
+as in (11); the block of the compliance gives a fitting one, ``d/tr W_ii``.
+
+An inclusion in a subdifferential has jumps that no rounded number hits: a gap of 1e-17
+is open and bears nothing. Residuals of inclusions are therefore distances to their
+*graphs*, in the largest of the parts of which the form is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.check import Array, floats, integer, number
+from bipot_rs.problem import project
+from bipot_rs.result import Result
+from bipot_rs.theory.convex import (
+    direction,
+    dot,
+    length,
+    project_ball,
+    project_cone,
+    shrink,
+)
+from bipot_rs.theory.materials import Coulomb, Start, gap
+
+
+def normal_and_gap(
+    body: ArrayLike, obstacle: ArrayLike, normal: ArrayLike | None = None
+) -> tuple[Array, Array]:
+    """Normal and initial gap of pairs of points, (48).
+
+    Parameters
+    ----------
+    body, obstacle
+        ``x_A`` and ``x_B``, ``(n_c, d)`` [m].
+    normal
+        Unit vectors from the obstacle towards the body, ``(n_c, d)``, to 1e-6. As
+        printed (48) takes the direction from the points; points that touch have none,
+        and points that penetrate the opposite one. With it given,
+        ``h₀ = (x_A - x_B)·n`` may be zero and negative.
+
+    Returns
+    -------
+    normal, gap
+        ``n (n_c, d)`` and ``h₀ (n_c,)``.
+
+    Raises
+    ------
+    ValueError
+        Points of a pair coincide to rounding, and no normal is given.
+    """
+    x_a = floats("body", body, ndim=2)
+    x_b = floats("obstacle", obstacle, shape=x_a.shape)
+    if x_a.shape[1] not in (2, 3):
+        raise ValueError(f"body has shape {x_a.shape}, expected (n_c, 2) or (n_c, 3)")
+    between = x_a - x_b
+    if normal is not None:
+        n = floats("normal", normal, shape=x_a.shape)
+        lengths = length(n)
+        wrong = ~(np.abs(lengths - 1) <= 1e-6)
+        if wrong.any():
+            at = int(np.argmax(wrong))
+            raise ValueError(
+                f"normal of pair {at} has the length {lengths[at]}, expected 1"
+            )
+        return n, dot(between, n)
+    distance = length(between)
+    # The direction of a difference that is rounding is no direction.
+    eps = float(np.finfo(np.float64).eps)
+    touching = distance <= 4 * eps * np.maximum(length(x_a), length(x_b))
+    if touching.any():
+        at = int(np.argmax(touching))
+        raise ValueError(
+            f"body and obstacle coincide at pair {at}: points that touch have no direction "
+            "of their own, give normal="
+        )
+    return direction(between), distance
+
+
+class _Pair(NamedTuple):
+    """The state at the end of the step; displacements are forces, times rho."""
+
+    r: Array
+    r_n: Array
+    r_t: Array
+    v_n: Array
+    v_t: Array
+    mu: Array
+
+    @property
+    def limit(self) -> Array:
+        return np.asarray(self.mu * np.maximum(self.r_n, 0.0))
+
+    @property
+    def corrected(self) -> Array:
+        """``ρ ṽ``, (9)."""
+        return np.column_stack([self.v_n + self.mu * length(self.v_t), self.v_t])
+
+
+def _pair(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> _Pair:
+    moved, pressed = law.start.vectors("du", du), law.start.vectors("dt", dt)
+    step = _steps(law, rho)
+    r = law.start.total_reaction(pressed)
+    v_n = step * (moved[:, 0] + law.start.opening)
+    return _Pair(r, r[:, 0], r[:, 1:], v_n, step[:, None] * moved[:, 1:], law.mu)
+
+
+def _steps(law: Coulomb, rho: ArrayLike) -> Array:
+    found = floats("rho", rho)
+    contacts = len(law.mu)
+    if found.ndim == 0:
+        found = np.full(contacts, float(found))
+    if found.shape != (contacts,):
+        raise ValueError(
+            f"rho has shape {found.shape}, expected a number or ({contacts},)"
+        )
+    if not (found > 0).all():
+        raise ValueError(f"rho is {float(found.min())}, expected positive numbers")
+    return found
+
+
+def _worst(*parts: Array) -> Array:
+    """The largest of several lacks, none of them below zero."""
+    return np.asarray(np.maximum.reduce([np.zeros_like(parts[0]), *parts]))
+
+
+def _least(*cases: Array) -> Array:
+    return np.asarray(np.minimum.reduce(cases))
+
+
+def by_case(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+    """Signorini's and Coulomb's law status by status, (47) and (50): as in textbooks.
+
+    Open: no reaction and no penetration. Stick: no relative displacement, reaction in
+    the cone. Slip: closed, friction at its limit and against the slip.
+    """
+    p = _pair(law, du, dt, rho)
+    slip = length(p.v_t)
+    opened = _worst(length(p.r), -p.v_n)
+    stuck = _worst(np.abs(p.v_n), slip, -p.r_n, length(p.r_t) - p.limit)
+    against = length(p.r_t + p.limit[:, None] * direction(p.v_t))
+    slid = np.where(slip > 0, _worst(np.abs(p.v_n), -p.r_n, against), np.inf)
+    return _least(opened, stuck, slid)
+
+
+def in_rates(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+    """(51) at the end of the step, the rate of slip being ``Δu_t`` over any time.
+
+    ``t_n ∈ -∂Ψ(u_n + h₀ >= 0)`` and ``t_t ∈ -μ t_n ∂|u̇_t|`` as fixed points of the
+    proximal maps of those two functions: half-line and shrinkage.
+    """
+    p = _pair(law, du, dt, rho)
+    normal = np.abs(p.v_n - np.maximum(p.v_n - p.r_n, 0.0))
+    tangent = length(p.v_t - shrink(p.v_t - p.r_t, p.limit))
+    return _worst(normal, tangent)
+
+
+def by_displacements(
+    law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike
+) -> Array:
+    """(55): ``Δt`` in the subdifferential of ``b`` by ``-Δu``, set by set.
+
+    (55a): ``-Δt_n - t_n⁰`` is 0 where open and not positive where closed. (55b):
+    ``-Δt_t - t_t⁰`` is ``μ t_n`` times the direction of slip, or any vector up to that
+    length where nothing slips.
+    """
+    p = _pair(law, du, dt, rho)
+    opened = np.hypot(np.minimum(p.v_n, 0.0), p.r_n)
+    closed = np.hypot(p.v_n, np.minimum(p.r_n, 0.0))
+    slip = length(p.v_t)
+    along = length(p.r_t + p.limit[:, None] * direction(p.v_t))
+    along = np.where(slip > 0, along, np.inf)
+    still = _worst(slip, length(p.r_t) - p.limit)
+    return _worst(_least(opened, closed), _least(along, still))
+
+
+def _to_normals(p: _Pair, w: Array) -> Array:
+    """How far ``(t, w)`` is from the normals ``w ∈ ∂Ψ_{K_μ}(t)``, (56).
+
+    Inside the cone there is no normal but 0, on its surface the ray of
+    ``(-μ, t_t/|t_t|)``, at the vertex the polar cone.
+    """
+    height, radial = project_cone(p.r_n, p.r_t, p.mu)
+    outside = length(p.r - np.column_stack([height, radial]))
+    inside = _worst(outside, length(w))
+    side = np.column_stack([-p.mu, direction(p.r_t)])
+    along = np.maximum(dot(w, side), 0.0) / (1 + p.mu**2)
+    across = length(w - along[:, None] * side)
+    border = np.abs(length(p.r_t) - p.mu * p.r_n)
+    surface = _worst(border, -p.r_n, across)
+    # Without friction the cone is a half-line: every tangential vector is normal to it.
+    line = _worst(length(p.r_t), -p.r_n, np.abs(w[:, 0]))
+    axis = length(p.r_t) == 0
+    surface = np.where(p.mu > 0, np.where(axis, np.inf, surface), line)
+    # The distance to a polar cone is the length of the projection onto the cone.
+    height, radial = project_cone(w[:, 0], w[:, 1:], p.mu)
+    vertex = _worst(length(p.r), np.hypot(height, length(radial)))
+    return _least(inside, surface, vertex)
+
+
+def by_normals(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+    """(57) with (56): ``-(Δu_n + u_n⁰ + h₀ + μ|Δu_t|, Δu_t)`` is normal to ``ΔK_μ`` at Δt."""
+    p = _pair(law, du, dt, rho)
+    return _to_normals(p, -p.corrected)
+
+
+def polar_lack(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+    """``(μ|Δv_t| + Δv_n)₊`` with Δv from (57): what misses the polar cone of (58).
+
+    Necessary, not sufficient; with (57) it is `penetration`.
+    """
+    p = _pair(law, du, dt, rho)
+    w = -p.corrected
+    return _worst(p.mu * length(w[:, 1:]) + w[:, 0])
+
+
+def penetration(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+    """``(Δu_n + u_n⁰ + h₀)₋`` of (59): necessary, not sufficient."""
+    return _worst(-_pair(law, du, dt, rho).v_n)
+
+
+def by_sliding(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+    """The sliding rule (60), with the multiplier at work at the limit only.
+
+    At the vertex (59) alone. Else closed, ``Δu_t = -Δλ t_t/|t_t|``, ``Δλ >= 0``, and
+    ``Δλ (μ t_n - |t_t|) = 0``, which (60) leaves to (53). With μ = 0 there is no
+    direction of ``t_t``, and any slip will do.
+    """
+    p = _pair(law, du, dt, rho)
+    vertex = _worst(length(p.r), -p.v_n)
+    back = direction(p.r_t)
+    multiplier = np.maximum(-dot(p.v_t, back), 0.0)
+    off = length(p.v_t + multiplier[:, None] * back)
+    reserve = p.mu * p.r_n - length(p.r_t)
+    works = np.minimum(multiplier, np.abs(reserve))
+    off, works = (np.where(p.mu > 0, x, 0.0) for x in (off, works))
+    return _least(vertex, _worst(np.abs(p.v_n), -p.r_n, -reserve, off, works))
+
+
+def by_sliding_normal(
+    law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike
+) -> Array:
+    """(61), with its sign: where closed, ``(-μ|Δu_t|, -Δu_t)`` is normal to ``ΔK_μ`` at Δt.
+
+    At the vertex (59) alone.
+    """
+    p = _pair(law, du, dt, rho)
+    vertex = _worst(length(p.r), -p.v_n)
+    w = np.column_stack([-p.mu * length(p.v_t), -p.v_t])
+    return _least(vertex, _worst(np.abs(p.v_n), -p.r_n, _to_normals(p, w)))
+
+
+def by_reactions(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+    """(63): ``Δu`` in normal cones of the half-line of ``t_n`` and of the disc of ``t_t``.
+
+    The disc is ``ΔK_μ(Δt_n)`` of (76), held while the normal is taken: the form of an
+    explicit material that is not standard.
+    """
+    p = _pair(law, du, dt, rho)
+    both = np.abs(p.r_n) + np.abs(p.v_n)
+    work = np.abs(p.r_n * p.v_n)
+    work = np.divide(work, both, out=np.zeros_like(work), where=both > 0)
+    normal = _worst(-p.r_n, -p.v_n, work)
+    friction, back = length(p.r_t), direction(p.r_t)
+    inside = _worst(friction - p.limit, length(p.v_t))
+    multiplier = np.maximum(-dot(p.v_t, back), 0.0)
+    across = length(p.v_t + multiplier[:, None] * back)
+    border = np.where(friction > 0, _worst(np.abs(friction - p.limit), across), np.inf)
+    # A disc of no radius is a point, and every vector normal to it.
+    point = _worst(friction, p.limit)
+    return _worst(normal, _least(inside, border, point))
+
+
+def by_bipotential(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+    """(8) with (54): ``b(-Δu, Δt) + Δu·Δt = 0``, an energy, as a force.
+
+    The gap is taken at the nearest admissible pair, and how far that is counts. Divided
+    by ``|ṽ|`` and ``|t|/ρ`` an error of the size of a gap is a force; an error of the
+    direction of slip enters squared.
+    """
+    p = _pair(law, du, dt, rho)
+    steps = _steps(law, rho)
+    height, radial = project_cone(p.r_n, p.r_t, p.mu)
+    r = np.column_stack([height, radial])
+    lack = np.hypot(length(p.r - r), np.minimum(p.v_n, 0.0))
+    moved = law.start.vectors("du", du)
+    moved[:, 0] = np.maximum(p.v_n, 0.0) / steps - law.start.opening
+    energy = np.maximum(gap(law, -moved, r - law.start.reaction), 0.0)
+    sizes = length(p._replace(v_n=np.maximum(p.v_n, 0.0)).corrected) + length(r)
+    value = np.divide(steps * energy, sizes, out=np.zeros_like(energy), where=sizes > 0)
+    return _worst(lack, value)
+
+
+def by_projection(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+    """(79): ``|Δt - proj(Δt - ρ (Δu + (u_n⁰ + h₀ + μ|Δu_t|) n), ΔK_μ)|``, our (11).
+
+    Call it F. For ``t`` in the cone and ``v_n >= 0``, ``F² <= ρ t·ṽ <= F (ρ|ṽ| + |t| + F)``:
+    the gap of the bipotential bounds it, and is bounded by it.
+    """
+    p = _pair(law, du, dt, rho)
+    increments = law.start.vectors("dt", dt)
+    tau = increments - p.corrected
+    return length(increments - project(tau, law.mu, base=law.start.reaction)[0])
+
+
+def by_two_projections(
+    law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike
+) -> Array:
+    """(82) onto the half-line ``[-t_n⁰, ∞[`` and (83) onto the disc ``ΔK_μ(Δt_n)``."""
+    p = _pair(law, du, dt, rho)
+    normal = np.abs(p.r_n - np.maximum(p.r_n - p.v_n, 0.0))
+    tangent = length(p.r_t - project_ball(p.r_t - p.v_t, p.limit))
+    return _worst(normal, tangent)
+
+
+Form = Callable[[Coulomb, ArrayLike, ArrayLike, ArrayLike], Array]
+
+FORMS: Mapping[str, Form] = MappingProxyType(
+    {
+        "by case": by_case,
+        "(51)": in_rates,
+        "(54)": by_bipotential,
+        "(55)": by_displacements,
+        "(57)": by_normals,
+        "(60)": by_sliding,
+        "(61)": by_sliding_normal,
+        "(63)": by_reactions,
+        "(79)": by_projection,
+        "(82), (83)": by_two_projections,
+    }
+)
+"""Every form of the whole law, by its number in [dSF91]."""
+
+
+def size(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+    """What residuals of a pair are small against, ``(n_c,)`` [N].
+
+    The terms of reactions and of displacements times ρ, start state included: rounding
+    of a residual is a few units of it.
+    """
+    moved, pressed = law.start.vectors("du", du), law.start.vectors("dt", dt)
+    terms = np.abs(law.start.displacement[:, 0]) + np.abs(law.start.gap)
+    forces = length(law.start.reaction) + length(pressed)
+    return np.asarray(
+        forces + _steps(law, rho) * (terms + (1 + law.mu) * length(moved))
+    )
+
+
+def verdicts(
+    law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike, tol: float = 1e-9
+) -> dict[str, NDArray[np.bool_]]:
+    """Whether each contact is on the law, by each of `FORMS`.
+
+    ``tol`` is relative to `size`.
+    """
+    tol = number("tol", tol)
+    if not tol > 0:
+        raise ValueError(f"tol is {tol}, expected a positive number")
+    limit = tol * size(law, du, dt, rho)
+    return {name: form(law, du, dt, rho) <= limit for name, form in FORMS.items()}
+
+
+def step_of(result: Result, k: int) -> tuple[Coulomb, Array, Array]:
+    """Law with its start state, and the increments, of one step of a solved path.
+
+    Parameters
+    ----------
+    result
+        As `ContactProblem.solve` returns it; its ``contacts`` hold ``gap`` and ``mu``.
+    k
+        The step, from 0. Before the first the contacts are unloaded and unmoved, unless
+        the path continues from a state.
+
+    Returns
+    -------
+    law, du, dt
+        `Coulomb`, and the increments of relative displacement and of reaction,
+        ``(n_c, d)``, tangential displacements being the slips of the step.
+    """
+    k = integer("k", k, least=0, most=max(len(result) - 1, 0))
+    mu, gaps = _known(result, "mu"), _known(result, "gap")
+    height = gaps if gaps.ndim == 1 else gaps[:, 0]
+    now = result[k]
+    before = result[k - 1] if k else result.start
+    if before is None:
+        start = Start.unloaded(height, now.reaction.shape[1])
+    else:
+        moved = before.relative_displacement.copy()
+        moved[:, 0] -= height
+        start = Start(before.reaction, moved, height)
+    du = np.column_stack([now.relative_displacement[:, 0] - start.opening, now.slip])
+    return Coulomb(mu, start), du, now.reaction - start.reaction
+
+
+def _known(result: Result, name: str) -> Any:
+    found = result.contacts.get(name)
+    if found is None:
+        raise ValueError(f"result has no {name} of its contacts")
+    return found

@@ -1,0 +1,531 @@
+"""Explicit and implicit standard materials, sections II and IV of [dSF91].
+
+A material relates a generalised strain ``x`` and a generalised stress ``y``, vectors
+along the last axis of arrays. An *explicit* one has two potentials, conjugate to each
+other, with ``V(x) + W(y) >= x·y`` and equality on the law (3)–(7). An *implicit* one
+has a bipotential, convex in each argument, with ``b(x, y) >= x·y`` and equality on the
+law (8)–(13). Explicit ones are implicit, ``b = V + W`` (10): `implicit` makes them so.
+
+Contact is a material whose strain is minus the increment of relative displacement,
+``x = -Δu``, and whose stress is the increment of reaction, ``y = Δt`` (21): shapes
+``(n_c, d)``, normal first. Energies are those of each contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.check import Array, floats, friction, positive
+from bipot_rs.problem import project
+from bipot_rs.theory.convex import (
+    dot,
+    indicator,
+    length,
+    project_ball,
+    support_ball,
+    within,
+)
+
+
+@runtime_checkable
+class ExplicitMaterial(Protocol):
+    """Two conjugate potentials, (3)–(7)."""
+
+    def energy(self, x: ArrayLike, /) -> Array:
+        """``V(x)``, ``+inf`` outside its domain."""
+        ...
+
+    def complementary_energy(self, y: ArrayLike, /) -> Array:
+        """``W(y) = sup_x [x·y - V(x)]``, ``+inf`` outside its domain."""
+        ...
+
+    def prox(self, predictor: ArrayLike, r: ArrayLike, /) -> Array:
+        """The ``y`` that minimises ``r W(y) + ½|y - predictor|²``, (40)."""
+        ...
+
+
+@runtime_checkable
+class ImplicitMaterial(Protocol):
+    """A bipotential and its partial conjugates, (8)–(18)."""
+
+    def bipotential(self, x: ArrayLike, y: ArrayLike, /) -> Array:
+        """``b(x, y)``, ``+inf`` outside its domain."""
+        ...
+
+    def left_dual(self, z: ArrayLike, y: ArrayLike, /) -> Array:
+        """``b_l*(z, y) = sup_x [z·x - b(x, y)]``, (14); ``-inf`` where b(·, y) has no domain."""
+        ...
+
+    def right_dual(self, x: ArrayLike, u: ArrayLike, /) -> Array:
+        """``b_r*(x, u) = sup_y [u·y - b(x, y)]``, (17); ``-inf`` where b(x, ·) has no domain."""
+        ...
+
+    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike, /) -> Array:
+        """The ``y`` that minimises ``r b(x, y) + ½|y - predictor|²``, (44).
+
+        Terms in ``x`` alone do not move it: it is given for every ``x``, also where
+        they are infinite.
+        """
+        ...
+
+
+Material: TypeAlias = ExplicitMaterial | ImplicitMaterial
+
+
+@dataclass(frozen=True)
+class Separable:
+    """An explicit material as an implicit one, ``b(x, y) = V(x) + W(y)``, (10).
+
+    Its duals follow from ``V* = W`` and ``W* = V``.
+    """
+
+    explicit: ExplicitMaterial
+
+    def bipotential(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """``V(x) + W(y)``."""
+        return self.explicit.energy(x) + self.explicit.complementary_energy(y)
+
+    def left_dual(self, z: ArrayLike, y: ArrayLike) -> Array:
+        """``W(z) - W(y)``."""
+        return _less(
+            self.explicit.complementary_energy(z), self.explicit.complementary_energy(y)
+        )
+
+    def right_dual(self, x: ArrayLike, u: ArrayLike) -> Array:
+        """``V(u) - V(x)``."""
+        return _less(self.explicit.energy(u), self.explicit.energy(x))
+
+    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Array:  # noqa: ARG002 - V(x) does not move it
+        """That of ``r W``, whatever ``x``."""
+        return self.explicit.prox(predictor, r)
+
+
+def _less(value: Array, taken: Array) -> Array:
+    """``value - taken``, ``-inf`` where ``taken`` is ``+inf``: a supremum of nothing."""
+    nothing = np.isposinf(taken)
+    return np.where(nothing, -np.inf, value - np.where(nothing, 0.0, taken))
+
+
+def implicit(material: Material) -> ImplicitMaterial:
+    """The material as one with a bipotential."""
+    return Separable(material) if isinstance(material, ExplicitMaterial) else material
+
+
+def fenchel_gap(material: ExplicitMaterial, x: ArrayLike, y: ArrayLike) -> Array:
+    """``V(x) + W(y) - x·y >= 0``, zero on the law alone, (3) and (5)."""
+    return gap(Separable(material), x, y)
+
+
+def gap(material: Material, x: ArrayLike, y: ArrayLike) -> Array:
+    """``b(x, y) - x·y >= 0``, zero on the law alone, (8) and (11)."""
+    work = dot(floats("x", x), floats("y", y))
+    return implicit(material).bipotential(x, y) - work
+
+
+def left_gap(material: Material, x: ArrayLike, y: ArrayLike) -> Array:
+    """By how much ``y`` is no subgradient of ``b(·, y)`` at ``x``, (13a).
+
+    ``b(x, y) + b_l*(y, y) - x·y``: Fenchel's inequality for the first argument, never
+    negative, zero if and only if ``y ∈ ∂_x b(x, y)``; ``+inf`` outside the domain.
+    """
+    material = implicit(material)
+    return _sum(gap(material, x, y), material.left_dual(y, y))
+
+
+def right_gap(material: Material, x: ArrayLike, y: ArrayLike) -> Array:
+    """By how much ``x`` is no subgradient of ``b(x, ·)`` at ``y``, (13b).
+
+    ``b(x, y) + b_r*(x, x) - x·y``, as in `left_gap`.
+    """
+    material = implicit(material)
+    return _sum(gap(material, x, y), material.right_dual(x, x))
+
+
+def _sum(lack: Array, dual: Array) -> Array:
+    """``lack + dual``, ``+inf`` where the first is, whatever the second."""
+    inside = np.isfinite(lack)
+    return np.where(inside, lack + np.where(inside, dual, 0.0), np.inf)
+
+
+def uzawa(
+    material: Material,
+    strain: Callable[[Array], Array],
+    start: ArrayLike,
+    r: ArrayLike,
+    iterations: int,
+) -> Array:
+    """Uzawa's iterates of a structure and a material, (41)–(42) and (45)–(46).
+
+    Predictor ``y + r x``, corrector ``prox(·, r b(x, ·))``, with ``x`` the strain that
+    the structure takes under the stress ``y``. What rests is on the law, for every
+    ``r > 0``; whether it comes to rest depends on ``r``.
+
+    Parameters
+    ----------
+    material
+        Explicit or implicit.
+    strain
+        The structure, ``y ↦ x``: an affine map of decreasing kind, for contact
+        ``x = -Δu`` of the elastic answer to ``y = Δt``, (73a).
+    start
+        The first stress.
+    r
+        Coefficient, positive, [stress/strain]; for contact a number or one a contact.
+    iterations
+        How many.
+
+    Returns
+    -------
+    iterates
+        ``(iterations + 1, *start.shape)``, the start first.
+
+    Raises
+    ------
+    ValueError
+        An argument is wrong, or ``strain`` gives an array of another shape or numbers
+        that are not finite, as after many steps that are too long.
+    """
+    material = implicit(material)
+    step = positive_step(r)
+    y = floats("start", start)
+    found = [y]
+    for _ in range(positive("iterations", iterations)):
+        x = floats("strain(y)", strain(y), shape=y.shape)
+        y = material.prox_at(_predictor(y, step, x), x, step)
+        found.append(y)
+    return np.array(found)
+
+
+def _predictor(y: Array, r: Array, x: Array) -> Array:
+    return y + (r[..., None] if r.ndim else r) * x
+
+
+def positive_step(r: ArrayLike) -> Array:
+    """A coefficient of (39)–(46): positive numbers."""
+    step = floats("r", r)
+    if not (step > 0).all():
+        raise ValueError(f"r is {float(step.min())}, expected positive numbers")
+    return step
+
+
+@dataclass(frozen=True)
+class LinearElastic:
+    """``V = ½ x·D x``, ``W = ½ y·D⁻¹ y``, (64).
+
+    Parameters
+    ----------
+    stiffness
+        ``D``, symmetric positive definite ``(m, m)``, [stress/strain]; strains and
+        stresses are ``(..., m)``.
+    """
+
+    stiffness: Array
+
+    def __init__(self, stiffness: ArrayLike) -> None:
+        found = floats("stiffness", stiffness, ndim=2)
+        if found.shape[0] != found.shape[1]:
+            raise ValueError(
+                f"stiffness has shape {found.shape}, expected a square matrix"
+            )
+        # Asymmetry of rounding is no mistake of the caller's.
+        if (np.abs(found - found.T) > 1e-12 * np.abs(found).max(initial=0.0)).any():
+            raise ValueError(
+                "stiffness is not symmetric, expected a symmetric positive definite matrix"
+            )
+        lowest = float(np.linalg.eigvalsh(found)[0]) if found.size else 0.0
+        if not lowest > 0:
+            raise ValueError(
+                f"stiffness has the eigenvalue {lowest}, expected a positive definite matrix"
+            )
+        object.__setattr__(self, "stiffness", found)
+
+    def _vectors(self, what: str, value: ArrayLike) -> Array:
+        found = floats(what, value)
+        m = len(self.stiffness)
+        if found.ndim == 0 or found.shape[-1] != m:
+            raise ValueError(f"{what} has shape {found.shape}, expected (..., {m})")
+        return found
+
+    def stress(self, x: ArrayLike) -> Array:
+        """``y = D x``, (4)."""
+        return self._vectors("x", x) @ self.stiffness
+
+    def strain(self, y: ArrayLike) -> Array:
+        """``x = D⁻¹ y``, (4)."""
+        return _solved(self.stiffness, self._vectors("y", y))
+
+    def energy(self, x: ArrayLike) -> Array:
+        """``½ x·D x``."""
+        return 0.5 * dot(self._vectors("x", x), self.stress(x))
+
+    def complementary_energy(self, y: ArrayLike) -> Array:
+        """``½ y·D⁻¹ y``."""
+        return 0.5 * dot(self._vectors("y", y), self.strain(y))
+
+    def prox(self, predictor: ArrayLike, r: ArrayLike) -> Array:
+        """``(D + r I) y = D ŷ``, which is (40) without the inverse of ``D``."""
+        step = floats("r", r, shape=())
+        shifted = self.stiffness + positive_step(step) * np.eye(len(self.stiffness))
+        return _solved(shifted, self.stress(self._vectors("predictor", predictor)))
+
+
+def _solved(matrix: Array, vectors: Array) -> Array:
+    flat = vectors.reshape(-1, vectors.shape[-1])
+    return np.asarray(np.linalg.solve(matrix, flat.T).T.reshape(vectors.shape))
+
+
+@dataclass(frozen=True)
+class Start:
+    """State of contacts at the start of a step: ``t⁰``, ``u⁰``, ``h₀``.
+
+    Any numbers: the laws below hold from states that are themselves off the law.
+
+    Parameters
+    ----------
+    reaction
+        ``t⁰ (n_c, d)``, normal first [N].
+    displacement
+        ``u⁰ (n_c, d)``, relative displacement without the gap [m]. Slip is measured
+        from it, so that only its normal part enters.
+    gap
+        ``h₀ (n_c,)``, initial gap, open when positive [m].
+    """
+
+    reaction: Array
+    displacement: Array
+    gap: Array
+
+    def __init__(
+        self, reaction: ArrayLike, displacement: ArrayLike, gap: ArrayLike
+    ) -> None:
+        found = floats("reaction", reaction, ndim=2)
+        if found.shape[1] not in (2, 3):
+            raise ValueError(
+                f"reaction has shape {found.shape}, expected (n_c, 2) or (n_c, 3)"
+            )
+        object.__setattr__(self, "reaction", found)
+        shape = found.shape
+        moved = floats("displacement", displacement, shape=shape)
+        object.__setattr__(self, "displacement", moved)
+        object.__setattr__(self, "gap", floats("gap", gap, shape=shape[:1]))
+
+    @classmethod
+    def unloaded(cls, gap: ArrayLike, d: int) -> Start:
+        """No reactions and no displacements, the gap alone."""
+        height = floats("gap", gap, ndim=1)
+        rest = np.zeros((len(height), d))
+        return cls(rest, rest, height)
+
+    @property
+    def opening(self) -> Array:
+        """``u_n⁰ + h₀ (n_c,)`` [m]."""
+        return np.asarray(self.displacement[:, 0] + self.gap)
+
+    @property
+    def product(self) -> Array:
+        """``t_n⁰ (u_n⁰ + h₀) (n_c,)`` [J]: zero from a state that is complementary."""
+        return np.asarray(self.reaction[:, 0] * self.opening)
+
+    def vectors(self, what: str, value: ArrayLike) -> Array:
+        """An increment of one row a contact."""
+        return floats(what, value, shape=self.reaction.shape)
+
+    def total_reaction(self, dt: Array) -> Array:
+        """``t = t⁰ + Δt``."""
+        return np.asarray(self.reaction + dt)
+
+    def separated(self, du: Array) -> NDArray[np.bool_]:
+        """``Δu_n + u_n⁰ + h₀ >= 0``, (59), to rounding of its terms."""
+        terms = np.abs(du[:, 0]) + np.abs(self.displacement[:, 0]) + np.abs(self.gap)
+        return within(-(du[:, 0] + self.opening), terms)
+
+    def pressed(self, dt: Array) -> NDArray[np.bool_]:
+        """``t_n⁰ + Δt_n >= 0``, (66), to rounding of its terms."""
+        terms = np.abs(self.reaction[:, 0]) + np.abs(dt[:, 0])
+        return within(-self.total_reaction(dt)[:, 0], terms)
+
+    def held(self, dt: Array, limit: Array, size: Array) -> NDArray[np.bool_]:
+        """``|t_t⁰ + Δt_t| <= limit``, the disc of (76), to rounding.
+
+        ``size`` is that of the terms of ``limit``.
+        """
+        terms = length(self.reaction[:, 1:]) + length(dt[:, 1:]) + size
+        lack = length(self.total_reaction(dt)[:, 1:]) - limit
+        return within(lack, terms)
+
+
+@dataclass(frozen=True)
+class Tresca:
+    """Unilateral contact with a friction limit that does not depend on the pressure.
+
+    An explicit standard material, with ``x = -Δu`` and ``y = Δt``,
+
+    ``V = t⁰·Δu + s |Δu_t| + Ψ(Δu_n + u_n⁰ + h₀ >= 0)``,
+    ``W = (t_n⁰ + Δt_n)(u_n⁰ + h₀) + Ψ(t_n⁰ + Δt_n >= 0) + Ψ(|t_t⁰ + Δt_t| <= s)``.
+
+    Parameters
+    ----------
+    limit
+        ``s >= 0``, a number or ``(n_c,)`` [N].
+    start
+        State at the start of the step.
+    """
+
+    limit: Array
+    start: Start
+
+    def __init__(self, limit: ArrayLike, start: Start) -> None:
+        found = floats("limit", limit)
+        count = len(start.gap)
+        if found.ndim == 0:
+            found = np.full(count, float(found))
+        if found.shape != (count,):
+            raise ValueError(
+                f"limit has shape {found.shape}, expected a number or ({count},)"
+            )
+        if (found < 0).any():
+            at = int(np.argmax(found < 0))
+            raise ValueError(
+                f"limit of contact {at} is {found[at]}, expected zero or positive"
+            )
+        object.__setattr__(self, "limit", found)
+        object.__setattr__(self, "start", start)
+
+    def energy(self, x: ArrayLike) -> Array:
+        """``V(-Δu)`` of each contact ``(n_c,)`` [J]."""
+        du = -self.start.vectors("x", x)
+        work = dot(self.start.reaction, du) + support_ball(du[:, 1:], self.limit)
+        return work + indicator(self.start.separated(du))
+
+    def complementary_energy(self, y: ArrayLike) -> Array:
+        """``W(Δt)`` of each contact ``(n_c,)`` [J]."""
+        dt = self.start.vectors("y", y)
+        t_n = self.start.total_reaction(dt)[:, 0]
+        inside = self.start.pressed(dt) & self.start.held(dt, self.limit, self.limit)
+        return np.asarray(t_n * self.start.opening + indicator(inside))
+
+    def prox(self, predictor: ArrayLike, r: ArrayLike) -> Array:
+        """(40): ``t_n`` onto the half-line, ``t_t`` onto the disc of radius ``s``."""
+        t = self.start.total_reaction(self.start.vectors("predictor", predictor))
+        t_n = np.maximum(t[:, 0] - positive_step(r) * self.start.opening, 0.0)
+        t_t = project_ball(t[:, 1:], self.limit)
+        return np.column_stack([t_n, t_t]) - self.start.reaction
+
+
+def frictionless(start: Start) -> Tresca:
+    """Unilateral contact without friction: the explicit material with limit 0."""
+    return Tresca(0.0, start)
+
+
+@dataclass(frozen=True)
+class Coulomb:
+    """Unilateral contact with Coulomb friction, the bipotential of (54).
+
+    With ``x = -Δu``, ``y = Δt`` and ``t = t⁰ + Δt``,
+
+    ``b = t⁰·Δu + t_n (u_n⁰ + h₀) + μ t_n |Δu_t| + Ψ(t ∈ K_μ) + Ψ(Δu_n + u_n⁰ + h₀ >= 0)``,
+
+    which is (54) with the constant ``t_n⁰ (u_n⁰ + h₀)`` that the print lacks: without it
+    ``b = x·y`` fails on the law from a start state that is not complementary
+    (docs/theory.md, section 4). ``b - x·y = t·ṽ``, the gap of (10).
+
+    Parameters
+    ----------
+    mu
+        Friction coefficient, a number or ``(n_c,)``.
+    start
+        State at the start of the step.
+    """
+
+    mu: Array
+    start: Start
+
+    def __init__(self, mu: ArrayLike, start: Start) -> None:
+        object.__setattr__(self, "mu", friction(mu, len(start.gap)))
+        object.__setattr__(self, "start", start)
+
+    def admissible(self, dt: ArrayLike) -> NDArray[np.bool_]:
+        """``Δt ∈ ΔK_μ``, (53), with ``t_n >= 0``, which (53) implies for μ > 0 alone."""
+        increment = self.start.vectors("dt", dt)
+        t_n = self.start.total_reaction(increment)[:, 0]
+        size = np.abs(self.start.reaction[:, 0]) + np.abs(increment[:, 0])
+        held = self.start.held(increment, self.mu * t_n, self.mu * size)
+        return self.start.pressed(increment) & held
+
+    def bipotential(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """``b(-Δu, Δt)`` of each contact ``(n_c,)`` [J]."""
+        du, dt = -self.start.vectors("x", x), self.start.vectors("y", y)
+        t_n = self.start.total_reaction(dt)[:, 0]
+        work = dot(self.start.reaction, du) + t_n * self.start.opening
+        lost = support_ball(du[:, 1:], self.mu * t_n)
+        inside = self.admissible(dt) & self.start.separated(du)
+        return work + lost + indicator(inside)
+
+    def left_dual(self, z: ArrayLike, y: ArrayLike) -> Array:
+        """``b_l*(Δt̄, Δt)``, (62) with the disc of ``Δt``'s own pressure.
+
+        ``(Δt̄_n - Δt_n)(u_n⁰ + h₀) + Ψ(t_n⁰ + Δt̄_n >= 0) + Ψ(|t_t⁰ + Δt̄_t| <= μ t_n)
+        - Ψ(Δt ∈ ΔK_μ)``: the conjugate of ``b(·, Δt)``, which is Tresca friction with
+        the limit ``μ t_n``.
+        """
+        bar, dt = self.start.vectors("z", z), self.start.vectors("y", y)
+        t_n = self.start.total_reaction(dt)[:, 0]
+        size = self.mu * (np.abs(self.start.reaction[:, 0]) + np.abs(dt[:, 0]))
+        inside = self.start.pressed(bar) & self.start.held(bar, self.mu * t_n, size)
+        value = (bar[:, 0] - dt[:, 0]) * self.start.opening + indicator(inside)
+        return _less(value, indicator(self.admissible(dt)))
+
+    def right_dual(self, x: ArrayLike, u: ArrayLike) -> Array:
+        """``b_r*(-Δu, -Δw)`` of each contact [J].
+
+        ``t⁰·(Δw - Δu) + Ψ(Δw_n + u_n⁰ + h₀ + μ|Δu_t| >= μ|Δw_t|)
+        - Ψ(Δu_n + u_n⁰ + h₀ >= 0)``: what remains of the supremum over the cone is the
+        indicator of its dual.
+        """
+        du, dw = -self.start.vectors("x", x), -self.start.vectors("u", u)
+        kept, moved = self.mu * length(du[:, 1:]), self.mu * length(dw[:, 1:])
+        terms = np.abs(self.start.displacement[:, 0]) + np.abs(self.start.gap)
+        lack = moved - kept - dw[:, 0] - self.start.opening
+        inside = within(lack, np.abs(dw[:, 0]) + terms + kept + moved)
+        value = dot(self.start.reaction, dw - du) + indicator(inside)
+        return _less(value, indicator(self.start.separated(du)))
+
+    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Array:
+        """(44): the projection of ``ŷ - r (u_n⁰ + h₀ + μ|Δu_t|) n`` onto ``ΔK_μ``.
+
+        With ``ŷ = Δt - r Δu`` it is the corrector of (79).
+        """
+        tau = self.start.vectors("predictor", predictor)
+        du = -self.start.vectors("x", x)
+        corrected = self.start.opening + self.mu * length(du[:, 1:])
+        tau[:, 0] -= positive_step(r) * corrected
+        return project(tau, self.mu, base=self.start.reaction)[0]
+
+    def frozen(self, dt: ArrayLike) -> Tresca:
+        """The explicit material that ``b(·, Δt)`` is: Tresca friction with ``s = μ t_n``."""
+        t = self.start.total_reaction(self.start.vectors("dt", dt))
+        return Tresca(self.mu * np.maximum(t[:, 0], 0.0), self.start)
+
+
+def elastic_strain(compliance: ArrayLike, free: ArrayLike) -> Callable[[Array], Any]:
+    """The structure of `uzawa` for contact: ``Δt ↦ x = -(W Δt + Δq)``, (73a).
+
+    Parameters
+    ----------
+    compliance
+        ``W (d n_c, d n_c)`` [m/N].
+    free
+        ``Δq (n_c, d)``: the increment of relative displacement with ``Δt = 0`` [m].
+    """
+    rest = floats("free", free, ndim=2)
+    W = floats("compliance", compliance, shape=(rest.size, rest.size))
+
+    def strain(dt: Array) -> Array:
+        return np.asarray(-(W @ dt.ravel()).reshape(rest.shape) - rest)
+
+    return strain

@@ -1,0 +1,225 @@
+"""Drucker–Prager plasticity with a dilatancy of its own: an implicit material of solids.
+
+De Saxcé's other example beside contact. Tension is positive; ``σ_m`` is the mean stress
+and ``s`` the deviator, ``ε_v`` the volume strain and ``e`` the deviator of the plastic
+strain increment, so that ``σ:ε = σ_m ε_v + s:e``. Tensors are vectors of six
+components, `mandel`, whose dot product is the double contraction.
+
+    criterion    ``|s| <= α (a - σ_m)``
+    flow         ``e = λ s/|s|``, ``ε_v = β |e|``, λ >= 0, zero inside the criterion;
+                 at the apex ``σ = a I``: ``ε_v >= β |e|``.
+
+α is the friction, β the dilatancy, ``a`` the mean stress of the apex. The law is
+associated for β = α only; for ``0 <= β <= α`` it has the bipotential
+
+    ``b(ε, σ) = a ε_v + (α - β)(a - σ_m)|e| + Ψ(|s| <= α (a - σ_m)) + Ψ(ε_v >= β |e|)``,
+    ``b - σ:ε = (a - σ_m)(ε_v - β|e|) + (α (a - σ_m)|e| - s:e) >= 0``:
+
+neither bracket is negative in the domain, and both vanish on the law alone. The limits
+are those of convexity in ``ε``: for β > α the factor of ``|e|`` is negative inside the
+cone, for β < 0 the set ``ε_v >= β|e|`` is the outside of a cone.
+
+Coulomb contact is the case β = 0, ``a = 0`` with ``σ_m = -t_n``, ``ε_v = u_n``, ``s = t_t``,
+``e = -u_t``: friction is a soil without dilatancy.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.check import Array, floats, number
+from bipot_rs.theory.convex import direction, indicator, length, project_cone, within
+from bipot_rs.theory.materials import positive_step
+
+# xx, yy, zz, then √2 times yz, xz, xy.
+_ROWS = np.array([0, 1, 2, 1, 0, 0])
+_COLUMNS = np.array([0, 1, 2, 2, 2, 1])
+_WEIGHT = np.array([1.0, 1.0, 1.0, *3 * [math.sqrt(2)]])
+_UNIT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+
+
+def mandel(tensor: ArrayLike) -> Array:
+    """Symmetric tensors ``(..., 3, 3)`` as vectors ``(..., 6)``: xx, yy, zz, √2(yz, xz, xy).
+
+    The upper triangle is read.
+    """
+    found = floats("tensor", tensor)
+    if found.shape[-2:] != (3, 3):
+        raise ValueError(f"tensor has shape {found.shape}, expected (..., 3, 3)")
+    return np.asarray(found[..., _ROWS, _COLUMNS] * _WEIGHT)
+
+
+def tensor(vector: ArrayLike) -> Array:
+    """The tensors ``(..., 3, 3)`` of vectors ``(..., 6)``."""
+    found = _vectors("vector", vector) / _WEIGHT
+    full = np.empty((*found.shape[:-1], 3, 3))
+    full[..., _ROWS, _COLUMNS] = found
+    full[..., _COLUMNS, _ROWS] = found
+    return full
+
+
+def _vectors(what: str, value: ArrayLike) -> Array:
+    found = floats(what, value)
+    if found.ndim == 0 or found.shape[-1] != 6:
+        raise ValueError(f"{what} has shape {found.shape}, expected (..., 6)")
+    return found
+
+
+def _stress(y: Array) -> tuple[Array, Array]:
+    """Mean stress and deviator."""
+    mean = y @ _UNIT / 3
+    return mean, y - mean[..., None] * _UNIT
+
+
+def _strain(x: Array) -> tuple[Array, Array]:
+    """Volume strain and deviator."""
+    volume = x @ _UNIT
+    return volume, x - volume[..., None] / 3 * _UNIT
+
+
+@dataclass(frozen=True)
+class DruckerPrager:
+    """The material; ``x`` are increments of plastic strain, ``y`` stresses, ``(..., 6)``.
+
+    Parameters
+    ----------
+    friction
+        α > 0.
+    dilatancy
+        β, from 0 to α.
+    apex
+        ``a >= 0``, the mean stress that the soil bears in tension [Pa].
+    """
+
+    friction: float
+    dilatancy: float
+    apex: float
+
+    def __post_init__(self) -> None:
+        alpha, beta = (
+            number("friction", self.friction),
+            number("dilatancy", self.dilatancy),
+        )
+        a = number("apex", self.apex)
+        if not 0 < alpha < math.inf:
+            raise ValueError(f"friction is {alpha}, expected a positive number")
+        if not 0 <= beta <= alpha:
+            raise ValueError(
+                f"dilatancy is {beta}, expected 0 to {alpha}, the friction: beyond it the "
+                "law has no bipotential of this form"
+            )
+        if not 0 <= a < math.inf:
+            raise ValueError(f"apex is {a}, expected zero or positive")
+
+    @classmethod
+    def from_angles(
+        cls, cohesion: float, friction_angle: float, dilatancy_angle: float
+    ) -> DruckerPrager:
+        """The cone through the compressive edges of Mohr and Coulomb's pyramid.
+
+        Parameters
+        ----------
+        cohesion
+            ``c >= 0`` [Pa].
+        friction_angle, dilatancy_angle
+            φ and ψ, ``0 <= ψ <= φ``, ``0 < φ < π/2`` [rad].
+        """
+        c, phi = number("cohesion", cohesion), number("friction_angle", friction_angle)
+        psi = number("dilatancy_angle", dilatancy_angle)
+        if not 0 < phi < math.pi / 2:
+            raise ValueError(f"friction_angle is {phi}, expected 0 to pi/2, both out")
+        if not 0 <= psi <= phi:
+            raise ValueError(f"dilatancy_angle is {psi}, expected 0 to {phi}")
+        if not 0 <= c < math.inf:
+            raise ValueError(f"cohesion is {c}, expected zero or positive")
+        alpha, beta = (
+            2 * math.sqrt(6) * math.sin(v) / (3 - math.sin(v)) for v in (phi, psi)
+        )
+        return cls(alpha, beta, c / math.tan(phi))
+
+    @property
+    def associated(self) -> bool:
+        """Whether the flow is normal to the criterion: an explicit material."""
+        return self.dilatancy == self.friction
+
+    def criterion(self, y: ArrayLike) -> Array:
+        """``|s| - α (a - σ_m)``, not positive where the stress is borne [Pa]."""
+        mean, deviator = _stress(_vectors("y", y))
+        return np.asarray(length(deviator) - self.friction * (self.apex - mean))
+
+    def plastic_potential(self, y: ArrayLike) -> Array:
+        """``|s| + β σ_m`` [Pa]: the flow is normal to its surfaces, not the criterion's."""
+        mean, deviator = _stress(_vectors("y", y))
+        return np.asarray(length(deviator) + self.dilatancy * mean)
+
+    def flow(self, y: ArrayLike) -> Array:
+        """Gradient of the plastic potential, ``s/|s| + β I/3``: the flow but for λ.
+
+        At ``s = 0`` only the volume part is left.
+        """
+        _, deviator = _stress(_vectors("y", y))
+        return np.asarray(direction(deviator) + self.dilatancy / 3 * _UNIT)
+
+    def _bears(self, y: Array) -> NDArray[np.bool_]:
+        mean, deviator = _stress(y)
+        size = length(y) + self.friction * (self.apex + length(y))
+        return within(length(deviator) - self.friction * (self.apex - mean), size)
+
+    def _dilates(self, x: Array) -> NDArray[np.bool_]:
+        volume, deviator = _strain(x)
+        size = (1 + self.dilatancy) * length(x)
+        return within(self.dilatancy * length(deviator) - volume, size)
+
+    def bipotential(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """``b(ε, σ)`` [J/m³]."""
+        strain, stress = _vectors("x", x), _vectors("y", y)
+        (volume, e), (mean, _) = _strain(strain), _stress(stress)
+        excess = self.friction - self.dilatancy
+        value = self.apex * volume + excess * (self.apex - mean) * length(e)
+        return value + indicator(self._bears(stress) & self._dilates(strain))
+
+    def left_dual(self, z: ArrayLike, y: ArrayLike) -> Array:
+        """``Ψ(σ̄_m <= a) + Ψ(|s̄| <= β(a - σ̄_m) + (α - β)(a - σ_m)) - Ψ(σ borne)``, (14).
+
+        As a set of ``σ̄`` through ``σ``: below the surface of the plastic potential, cut
+        off at the apex. Its normals at ``σ̄ = σ`` are the flow, (16).
+        """
+        bar, stress = _vectors("z", z), _vectors("y", y)
+        (bar_mean, bar_s), (mean, _) = _stress(bar), _stress(stress)
+        excess = self.friction - self.dilatancy
+        limit = self.dilatancy * (self.apex - bar_mean) + excess * (self.apex - mean)
+        size = length(bar) + length(stress) + self.apex
+        inside = within(length(bar_s) - limit, (1 + self.friction) * size)
+        value = indicator(inside & within(bar_mean - self.apex, size))
+        return np.where(self._bears(stress), value, -np.inf)
+
+    def right_dual(self, x: ArrayLike, u: ArrayLike) -> Array:
+        """``a (η_v - ε_v) + Ψ(η_v >= α|η_e| - (α - β)|e|) - Ψ(ε_v >= β|e|)``, (17)."""
+        strain, other = _vectors("x", x), _vectors("u", u)
+        (volume, e), (eta_v, eta_e) = _strain(strain), _strain(other)
+        excess = self.friction - self.dilatancy
+        lack = self.friction * length(eta_e) - excess * length(e) - eta_v
+        size = (1 + self.friction) * (length(strain) + length(other))
+        value = self.apex * (eta_v - volume) + indicator(within(lack, size))
+        return np.where(self._dilates(strain), value, -np.inf)
+
+    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Array:
+        """(44): the projection of ``σ̂ + r (α - β)|e| I/3`` onto the criterion's cone.
+
+        ``b(ε, ·)`` is linear in its domain, and ``I/3`` the gradient of ``σ_m``.
+        """
+        stress, strain = _vectors("predictor", predictor), _vectors("x", x)
+        _, e = _strain(strain)
+        excess = self.friction - self.dilatancy
+        pushed = positive_step(r) * excess * length(e) / 3
+        mean, deviator = _stress(stress + pushed[..., None] * _UNIT)
+        # |σ|² = 3 σ_m² + |s|²: in √3 (a - σ_m) and s the cone's slope is α/√3.
+        root = math.sqrt(3)
+        height, radial = project_cone(
+            root * (self.apex - mean), deviator, self.friction / root
+        )
+        return np.asarray(radial + (self.apex - height / root)[..., None] * _UNIT)

@@ -1,0 +1,458 @@
+"""The law of [dSF91] says the same in every form it is written in, from any start state."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from bipot_rs import scene
+from bipot_rs.theory import law as laws
+from bipot_rs.theory import materials
+from law_pairs import (
+    FORCE,
+    LENGTH,
+    RHO,
+    SPOILED,
+    Pairs,
+    as_step,
+    energy_size,
+    off_the_law,
+    on_the_law,
+    start_state,
+    unit,
+)
+
+Array = NDArray[np.float64]
+FORMS = list(laws.FORMS)
+# A dozen operations on numbers of the size that residuals are divided by.
+ROUNDED = 1e-14
+
+
+def relative(
+    form: str, law: materials.Coulomb, du: Array, dt: Array, rho: Any
+) -> Array:
+    found = laws.FORMS[form](law, du, dt, rho)
+    return np.asarray(found / laws.size(law, du, dt, rho))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("form", FORMS)
+def test_zero_on_the_law(form: str, d: int) -> None:
+    rng = np.random.default_rng(1)
+    pairs = on_the_law(rng, 3000, d)
+    step = as_step(pairs, start_state(rng, 3000, d))
+    # One step for all, and one a contact.
+    for rho in (RHO, RHO * 10 ** rng.uniform(-1, 1, 3000)):
+        assert relative(form, *step, rho).max() <= ROUNDED
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("how", SPOILED)
+@pytest.mark.parametrize("form", FORMS)
+def test_in_force_off_the_law(form: str, how: str, d: int) -> None:
+    rng = np.random.default_rng(2)
+    for size in (1e-1, 1e-3):
+        pairs = off_the_law(rng, 500, d, how, size)
+        law, du, dt = as_step(pairs, start_state(rng, 500, d))
+        found = laws.FORMS[form](law, du, dt, RHO)
+        # In units of FORCE a lack of this size, forces and slips from 0.3 to 3, μ from
+        # 0.05: no residual may take it for less than 0.02 of it, the cone of μ = 2 and
+        # the quotient of (54) included. In (54) the direction of slip counts squared:
+        # μ t_n|v_t|(1 - cos) over the sizes, at least 0.2·0.3·0.3/12 of size²/2.
+        lack = size
+        if form == "(54)" and how == "slips askew" and d == 3:
+            lack = 0.1 * size**2
+        assert found.min() >= 0.02 * lack * FORCE
+        # And none for much more: comparable units.
+        whole = 10 * FORCE if how == "slips askew" and d == 2 else 10 * size * FORCE
+        assert found.max() <= whole
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_one_verdict(d: int) -> None:
+    """On random pairs, mostly off the law, mixed with pairs on it."""
+    rng = np.random.default_rng(3)
+    n = 4000
+    pairs = on_the_law(rng, n, d)
+    other = Pairs(
+        rng.normal(size=(n, d)), rng.normal(size=(n, d)), pairs.mu, pairs.status
+    )
+    wild = rng.random((n, 2)) < 0.4
+    t = np.where(wild[:, :1], other.t, pairs.t)
+    v = np.where(wild[:, 1:], other.v, pairs.v)
+    law, du, dt = as_step(pairs._replace(t=t, v=v), start_state(rng, n, d))
+    found = laws.verdicts(law, du, dt, RHO)
+    assert list(found) == FORMS
+    for name, verdict in found.items():
+        np.testing.assert_array_equal(verdict, found["by case"], err_msg=name)
+    assert 0.2 * n < found["by case"].sum() < 0.8 * n
+    assert found["by case"][~wild.any(axis=1)].all()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("form", FORMS)
+def test_no_units_no_frame_no_start(form: str, d: int) -> None:
+    """Powers of two as units to the bit; a turn of the tangents; another start state."""
+    rng = np.random.default_rng(4)
+    n = 300
+    pairs = on_the_law(rng, n, d)
+    pairs = pairs._replace(
+        t=pairs.t + rng.normal(size=(n, d)) * 0.1,
+        v=pairs.v + rng.normal(size=(n, d)) * 0.1,
+    )
+    start = start_state(rng, n, d)
+    law, du, dt = as_step(pairs, start)
+    found = laws.FORMS[form](law, du, dt, RHO)
+
+    force, metre = 2.0**40, 2.0**-33
+    scaled = materials.Start(
+        force * start.reaction, metre * start.displacement, metre * start.gap
+    )
+    other = laws.FORMS[form](
+        materials.Coulomb(law.mu, scaled), metre * du, force * dt, RHO * force / metre
+    )
+    np.testing.assert_array_equal(other, force * found)
+
+    angle = rng.uniform(0, 2 * math.pi)
+    turn = np.eye(d)
+    turn[1:, 1:] *= -1
+    if d == 3:
+        c, s = math.cos(angle), math.sin(angle)
+        turn[1:, 1:] = [[c, -s], [s, c]]
+    turned = materials.Start(start.reaction @ turn, start.displacement, start.gap)
+    other = laws.FORMS[form](
+        materials.Coulomb(law.mu, turned), du @ turn, dt @ turn, RHO
+    )
+    size = laws.size(law, du, dt, RHO)
+    assert np.all(np.abs(other - found) <= ROUNDED * size)
+
+    elsewhere, *step = as_step(pairs, start_state(rng, n, d))
+    other = laws.FORMS[form](elsewhere, *step, RHO)
+    size = np.maximum(size, laws.size(elsewhere, *step, RHO))
+    assert np.all(np.abs(other - found) <= ROUNDED * size)
+
+
+def test_rates_have_no_time() -> None:
+    """(51): slip in half the time is slip twice as fast, in the same direction."""
+    rng = np.random.default_rng(5)
+    pairs = on_the_law(rng, 500, 3)
+    law, du, dt = as_step(pairs, start_state(rng, 500, 3))
+    for time in (1e-6, 1e6):
+        rate = du / [1, time, time]
+        # Slips from 3e-7 to 3e7: rounding is beside them.
+        assert relative("(51)", law, rate, dt, RHO).max() <= ROUNDED
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_polar_cone_is_no_penetration(d: int) -> None:
+    """(58) and (59) are one condition by (57), equalities off the vertex."""
+    rng = np.random.default_rng(6)
+    n = 2000
+    pairs = on_the_law(rng, n, d)
+    step = as_step(pairs, start_state(rng, n, d))
+    size = laws.size(*step, RHO)
+    assert (laws.penetration(*step, RHO) / size).max() <= ROUNDED
+    closed = pairs.t[:, 0] > 0
+    assert np.abs(pairs.v[closed, 0]).max() == 0
+
+    any_v = pairs._replace(v=rng.normal(size=(n, d)))
+    step = as_step(any_v, start_state(rng, n, d))
+    polar, opening = (f(*step, RHO) for f in (laws.polar_lack, laws.penetration))
+    assert np.all(np.abs(polar - opening) <= ROUNDED * laws.size(*step, RHO))
+    expected = np.maximum(-any_v.v[:, 0], 0) * FORCE
+    np.testing.assert_allclose(
+        opening, expected, rtol=0, atol=float(ROUNDED * laws.size(*step, RHO).max())
+    )
+    # Necessary only: a force at a distance passes both.
+    lifted = as_step(
+        off_the_law(rng, 50, d, "force at a distance", 0.5), start_state(rng, 50, d)
+    )
+    assert laws.penetration(*lifted, RHO).max() == 0
+    assert not any(v.any() for v in laws.verdicts(*lifted, RHO).values())
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_normal_of_the_print_is_a_mirror_image(d: int) -> None:
+    """(61) as printed, (-μ|Δu_t|, +Δu_t), is normal at the mirrored traction only."""
+    rng = np.random.default_rng(7)
+    n, mu, side = 300, rng.uniform(0.1, 2, 300), unit(rng, 300, d - 1)
+    t = np.column_stack([np.ones(n), -mu[:, None] * side])
+    slip = rng.exponential(size=n)[:, None] * side
+    speed = np.linalg.norm(slip, axis=1)
+    right = np.column_stack([-mu * speed, -slip])
+    printed = np.column_stack([-mu * speed, slip])
+    # Against points of the cone: its axis, its surface, the vertex.
+    around = unit(rng, 200, d - 1)
+    for k in range(n):
+        cone = np.vstack(
+            [
+                np.zeros(d),
+                [1, *np.zeros(d - 1)],
+                np.insert(mu[k] * around, 0, 1, axis=1),
+            ]
+        )
+        excess = (cone - t[k]) @ np.array([right[k], printed[k]]).T
+        # Products of numbers up to ten.
+        assert excess[:, 0].max() <= 1e-13
+        # At the opposite side of the cone it is 2 μ |Δu_t|; the vertex is no better.
+        assert excess[:, 1].max() >= 0.5 * mu[k] * speed[k]
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_gap_and_projection_bound_each_other(d: int) -> None:
+    """F² <= ρ t·ṽ <= F (ρ|ṽ| + |t| + F) for t in the cone and no penetration."""
+    rng = np.random.default_rng(8)
+    n = 5000
+    pairs = on_the_law(rng, n, d)
+    shift = 10 ** rng.uniform(-8, 0.3, (n, 1))
+    t, _ = bp.project(pairs.t + shift * rng.normal(size=(n, d)), pairs.mu)
+    v = pairs.v + shift * rng.normal(size=(n, d))
+    v[:, 0] = np.abs(v[:, 0])
+    law, du, dt = as_step(pairs._replace(t=t, v=v), start_state(rng, n, d))
+    F = laws.by_projection(law, du, dt, RHO)
+    energy = RHO * np.asarray(materials.gap(law, -du, dt))
+    # Rounding of the energy, and through its root of F.
+    slack = ROUNDED * RHO * energy_size(law, du, dt)
+    tilde = v.copy()
+    tilde[:, 0] += pairs.mu * np.linalg.norm(v[:, 1:], axis=1)
+    sizes = FORCE * (np.linalg.norm(tilde, axis=1) + np.linalg.norm(t, axis=1))
+    assert np.isfinite(energy).all()
+    assert np.all(energy + slack >= F**2)
+    assert np.all(energy <= F * (sizes + F) + slack)
+    # Neither bound is idle: both are met within a factor of ten somewhere.
+    big = energy > 1e3 * slack
+    F, energy, sizes = F[big], energy[big], sizes[big]
+    assert (F**2 / energy).max() > 0.1
+    assert (energy / (F * (sizes + F))).max() > 0.1
+
+
+SCENES = [
+    ("pressed_block", 8, {0, 1, 2}),
+    ("sheared_cube", 4, {1, 2}),
+    ("two_blocks", 4, {1, 2}),
+    ("cattaneo_mindlin", 4, {0, 1, 2}),
+    ("cyclic_cube", 4, {1, 2}),
+]
+
+
+def solved(name: str, n: int) -> bp.Result:
+    read = scene.read(name, [f"mesh.n={n}"])
+    case = scene.assemble(read, scene.bodies(read))
+    problem = case.model.problem()
+    return problem.solve(case.load, case.prescribed, tol=1e-13)
+
+
+def common_step(step: bp.result.Step) -> float:
+    """One rho for all contacts: the largest force over the largest displacement."""
+    forces = np.linalg.norm(step.reaction, axis=1).max()
+    return float(forces / np.linalg.norm(step.relative_displacement, axis=1).max())
+
+
+@pytest.mark.parametrize(("name", "n", "found"), SCENES)
+def test_every_step_of_the_scenes(name: str, n: int, found: set[int]) -> None:
+    """Each step from the state that the last one left, in every form."""
+    result = solved(name, n)
+    assert set(result.status.ravel().tolist()) == found
+    for k, step in enumerate(result):
+        law, du, dt = laws.step_of(result, k)
+        assert bool(np.any(law.start.reaction != 0)) == (k > 0)
+        rho = common_step(step)
+        whole = float(laws.size(law, du, dt, rho).max())
+        for form, residual in laws.FORMS.items():
+            # The residual that the solver is held to is 1e-13 of all reactions, each in
+            # a step of its own, within ten of rho; ten more for the directions of
+            # slips that are short.
+            assert residual(law, du, dt, rho).max() <= 1e-11 * whole, (k, form)
+        for form, verdict in laws.verdicts(law, du, dt, rho).items():
+            assert verdict.all(), (k, form)
+
+
+def left_of_the_law(
+    step: bp.result.Step, law: materials.Coulomb, du: Array, dt: Array
+) -> float:
+    """Energy of a contact that the answer may miss the law by.
+
+    The residual of 1e-13 is relative to all reactions and moves displacements in total,
+    not increments, which a step that only holds on does not have.
+    """
+    forces = np.abs(step.reaction).max()
+    ways = np.abs(step.relative_displacement).max() * (1 + law.mu.max())
+    return float(1e-11 * (forces * ways + energy_size(law, du, dt).max()))
+
+
+@pytest.mark.parametrize(("name", "n", "found"), SCENES)
+def test_inequalities_of_the_scenes(name: str, n: int, found: set[int]) -> None:
+    """(8), (11), (12) and the duals at the answers, against any admissible other."""
+    del found
+    result = solved(name, n)
+    rng = np.random.default_rng(10)
+    for k, step in enumerate(result):
+        law, du, dt = laws.step_of(result, k)
+        t0, opening = law.start.reaction, law.start.opening
+        # Into the cone and out of the wall, by what the solver's residual leaves.
+        y = bp.project(step.reaction, law.mu)[0] - t0
+        x = -du
+        x[:, 0] = np.minimum(x[:, 0], opening)
+        slack = left_of_the_law(step, law, du, dt)
+        gap = materials.gap(law, x, y)
+        assert np.abs(gap).max() <= slack
+        assert np.abs(gap - step.bipotential_gap).max() <= slack
+        assert np.abs(materials.left_gap(law, x, y)).max() <= slack
+        assert np.abs(materials.right_gap(law, x, y)).max() <= slack
+        frozen = law.frozen(y)
+        assert np.abs(materials.fenchel_gap(frozen, x, y)).max() <= slack
+
+        forces = np.abs(step.reaction).max()
+        ways = np.abs(step.relative_displacement).max()
+        for _ in range(5):
+            y2 = bp.project(forces * rng.normal(size=y.shape), law.mu)[0] - t0
+            x2 = ways * rng.normal(size=x.shape)
+            x2[:, 0] = opening - np.abs(x2[:, 0])
+            wide = slack + 1e-14 * energy_size(law, x2, y2).max()
+            for one, other in ((x2, y2), (x, y2), (x2, y)):
+                assert materials.gap(law, one, other).min() >= -wide
+            b = law.bipotential
+            assert np.all(b(x2, y) - b(x, y) >= ((x2 - x) * y).sum(axis=1) - wide)
+            assert np.all(b(x, y2) - b(x, y) >= ((y2 - y) * x).sum(axis=1) - wide)
+            assert materials.fenchel_gap(frozen, x2, y).min() >= -wide
+
+
+@pytest.mark.parametrize("name", ["pressed_block", "sheared_cube", "two_blocks"])
+def test_scenes_without_friction_are_explicit(name: str) -> None:
+    read = scene.read(name, ["mesh.n=4", "contact.0.mu=0.0"])
+    case = scene.assemble(read, scene.bodies(read))
+    result = case.model.problem().solve(case.load, case.prescribed, tol=1e-13)
+    for k in range(len(result)):
+        law, du, dt = laws.step_of(result, k)
+        y = bp.project(result[k].reaction, law.mu)[0] - law.start.reaction
+        x = -du
+        x[:, 0] = np.minimum(x[:, 0], law.start.opening)
+        free = law.mu == 0
+        assert free.all()
+        explicit = materials.frictionless(law.start)
+        slack = left_of_the_law(result[k], law, du, dt)
+        assert np.abs(materials.fenchel_gap(explicit, x, y)).max() <= slack
+
+
+def test_body_of_a_scene_is_an_explicit_material() -> None:
+    """(64): ½ uᵀK u and its dual; their gap at the answer is what equilibrium lacks."""
+    read = scene.read("sheared_cube", ["mesh.n=3"])
+    case = scene.assemble(read, scene.bodies(read))
+    problem = case.model.problem()
+    result = problem.solve(case.load, case.prescribed, tol=1e-13)
+    K, B = case.model.K.toarray(), case.model.B.toarray()
+    free = np.setdiff1d(np.arange(len(K)), case.model.fixed)
+    body = materials.LinearElastic(K[np.ix_(free, free)])
+    held = K[np.ix_(free, case.model.fixed)]
+    for k, step in enumerate(result):
+        load = B.T @ step.reaction.ravel()
+        if case.load is not None:
+            load += case.load[k]
+        y = load[free] - held @ step.displacement[case.model.fixed]
+        x = step.displacement[free]
+        energy = float(body.energy(x))
+        # Two terms that cancel: rounding of each, times the condition of K, 1e4.
+        assert abs(float(materials.fenchel_gap(body, x, y))) <= 1e-12 * energy
+        other = x * (1 + 1e-3)
+        expected = 0.5 * 1e-6 * x @ body.stress(x)
+        assert float(materials.fenchel_gap(body, other, y)) == pytest.approx(
+            expected, rel=1e-6
+        )
+
+
+def test_a_spoiled_step_of_a_scene_is_seen() -> None:
+    result = solved("cyclic_cube", 4)
+    k = int((result.status == bp.Status.SLIP).sum(axis=1)[1:].argmax()) + 1
+    law, du, dt = laws.step_of(result, k)
+    slides = np.flatnonzero(result.status[k] == bp.Status.SLIP)
+    assert len(slides) > 5
+    wrong = dt.copy()
+    wrong[slides, 0] -= 1e-4 * result[k].reaction[slides, 0]
+    for form, verdict in laws.verdicts(law, du, wrong, common_step(result[k])).items():
+        assert not verdict[slides].any(), form
+
+
+def test_a_path_that_goes_on() -> None:
+    """The state that `start=` hands over is the start state of the first step."""
+    load = np.array([[-2.0, 0.3], [-2.0, 1.5], [-1.0, -0.5]])
+    problem = bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.5], mu=0.4)
+    whole = problem.solve(load)
+    rest = problem.solve(load[1:], start=problem.solve(load[:1]))
+    for k in (0, 1):
+        (law, *step), (other, *same) = laws.step_of(rest, k), laws.step_of(whole, k + 1)
+        np.testing.assert_array_equal(law.start.reaction, other.start.reaction)
+        np.testing.assert_array_equal(law.start.opening, other.start.opening)
+        np.testing.assert_array_equal(step, same)
+        assert all(v.all() for v in laws.verdicts(law, *step, 1.0).values())
+
+
+def test_steps_are_told_from_the_result() -> None:
+    """A contact by hand: pressed, then pushed to its limit."""
+    load = np.array([[-2.0, 0.0], [-2.0, 1.5]])
+    result = bp.solve(np.eye(2), np.eye(2), load, gap=[0.5], mu=0.4)
+    law, du, dt = laws.step_of(result, 1)
+    np.testing.assert_allclose(law.start.reaction, [[1.5, 0.0]], rtol=1e-14)
+    np.testing.assert_allclose(law.start.opening, [0.0], atol=1e-14)
+    np.testing.assert_allclose(law.start.gap, [0.5])
+    np.testing.assert_allclose(dt, [[0.0, -0.6]], atol=1e-14)
+    np.testing.assert_allclose(du, [[0.0, 0.9]], atol=1e-14)
+    with pytest.raises(ValueError, match=r"k is 2, expected 0 to 1"):
+        laws.step_of(result, 2)
+
+
+def test_normal_and_gap_of_points() -> None:
+    """(48) as printed where points are apart; the given normal where it has none."""
+    rng = np.random.default_rng(9)
+    obstacle = rng.normal(size=(50, 3)) * LENGTH
+    n, h = unit(rng, 50, 3), LENGTH * rng.uniform(0.1, 2, 50)
+    body = obstacle + h[:, None] * n
+    found, gap = laws.normal_and_gap(body, obstacle)
+    # Differences of numbers of size 3 and length 0.1: a digit and a half are lost.
+    np.testing.assert_allclose(found, n, atol=1e-14)
+    np.testing.assert_allclose(gap, h, rtol=1e-14)
+    same, gap = laws.normal_and_gap(body, obstacle, n)
+    np.testing.assert_array_equal(same, n)
+    np.testing.assert_allclose(gap, h, rtol=1e-14)
+
+    # Behind the obstacle the print turns the normal round: an open gap by its word.
+    behind = obstacle - h[:, None] * n
+    found, gap = laws.normal_and_gap(behind, obstacle)
+    np.testing.assert_allclose(found, -n, atol=1e-14)
+    assert gap.min() > 0
+    _, gap = laws.normal_and_gap(behind, obstacle, n)
+    np.testing.assert_allclose(gap, -h, rtol=1e-14)
+
+    # Touching: no direction of its own.
+    _, gap = laws.normal_and_gap(obstacle, obstacle, n)
+    assert np.all(gap == 0)
+    touching = body.copy()
+    touching[7] = np.nextafter(obstacle[7], 1)
+    with pytest.raises(ValueError, match="coincide at pair 7: points that touch"):
+        laws.normal_and_gap(touching, obstacle)
+
+
+def test_mistakes_are_named() -> None:
+    start = materials.Start.unloaded([0.0, 0.0], 3)
+    law = materials.Coulomb(0.3, start)
+    zero = np.zeros((2, 3))
+    with pytest.raises(ValueError, match=r"du has shape \(2, 2\), expected \(2, 3\)"):
+        laws.by_case(law, np.zeros((2, 2)), zero, 1.0)
+    with pytest.raises(ValueError, match=r"rho is -1.0, expected positive"):
+        laws.by_projection(law, zero, zero, [1.0, -1.0])
+    with pytest.raises(ValueError, match=r"rho has shape \(3,\), expected a number or"):
+        laws.in_rates(law, zero, zero, np.ones(3))
+    with pytest.raises(ValueError, match="dt is nan at"):
+        laws.by_reactions(law, zero, np.full((2, 3), np.nan), 1.0)
+    with pytest.raises(ValueError, match=r"tol is 0.0, expected a positive number"):
+        laws.verdicts(law, zero, zero, 1.0, tol=0)
+    with pytest.raises(ValueError, match=r"normal of pair 1 has the length 2.0"):
+        laws.normal_and_gap(zero, zero, [[1, 0, 0], [0, 2, 0]])
+    with pytest.raises(ValueError, match=r"body has shape \(2, 4\)"):
+        laws.normal_and_gap(np.zeros((2, 4)), np.zeros((2, 4)))
+    result = bp.solve(np.eye(2), np.eye(2), [-1.0, 0.1], gap=[0.0], mu=0.4)
+    del result.contacts["mu"]
+    with pytest.raises(ValueError, match="result has no mu of its contacts"):
+        laws.step_of(result, 0)
