@@ -78,7 +78,7 @@ PYTHON = (
     "export",
     "structure",
     "check result",
-    "answers diagnosis errors motion",
+    "answers diagnosis errors existence motion",
     "reduced",
     "following",
     "problem",

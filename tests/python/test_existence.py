@@ -1,0 +1,250 @@
+"""What is said of the existence of answers, held against closed forms and solves."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from bipot_rs import scene
+from random_problems import KINDS, random_problem
+
+Array = NDArray[np.float64]
+
+
+def slider(F: float, mu: float = 0.5) -> bp.Existence:
+    """Pressed by a spring with force 1, pulled by F, free to slide: exists iff F <= mu."""
+    problem = bp.ContactProblem(np.diag([1.0, 0.0]), np.eye(2), gap=[0.0], mu=mu)
+    return problem.existence([-1.0, F])
+
+
+def test_balance_is_necessary_and_not_sufficient() -> None:
+    # r = (F/μ, -F) balances the free direction for every F; there is an answer up to μ.
+    for F in (0.2, 0.499, 0.501, 5.0):
+        problem = bp.ContactProblem(np.diag([1.0, 0.0]), np.eye(2), gap=[0.0], mu=0.5)
+        found = problem.existence([-1.0, F])
+        assert found.verdict == "unknown"
+        assert found.motion is not None
+        assert found.displacement is not None
+        # The motion: pulled along, as pressure alone does not stop it.
+        assert found.motion.tolist() == [[0.0, 1.0]]
+        assert found.displacement == pytest.approx([0.0, 1.0], abs=1e-15)
+        exhausted = problem.existence([-1.0, F], exhaust=True)
+        assert exhausted.verdict == ("guaranteed" if F < 0.5 else "none")
+        if F < 0.5:
+            assert problem.solve([-1.0, F]).success
+        else:
+            with pytest.raises(bp.BipotError):
+                problem.solve([-1.0, F])
+    assert slider(0.0).verdict == "guaranteed"
+    without = slider(0.1, mu=0.0)
+    assert without.verdict == "none"
+    assert without.motion is not None
+    assert without.motion.tolist() == [[0.0, 1.0]]
+
+
+def plank(mu: float) -> bp.ContactProblem:
+    """A bar on two feet, at x = 0 and 1, free to slide, to rise and to turn."""
+    e = np.array([-1.0, 0.0, 1.0, 0.0])
+    K = 100.0 * np.outer(e, e)
+    B = np.zeros((4, 4))
+    B[0, 1] = B[2, 3] = 1.0  # normals along y
+    B[1, 0] = B[3, 2] = 1.0
+    return bp.ContactProblem(K, B, gap=[0.0, 0.0], mu=mu)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_a_plank_stands_while_its_weight_is_above_its_feet(mu: float) -> None:
+    for x in (-0.5, -1e-3, 0.0, 1e-3, 0.4, 1.0, 1.001, 2.0):
+        load = [0.0, -(1 - x), 0.0, -x]
+        problem = plank(mu)
+        found = problem.existence(load)
+        assert found.verdict == ("guaranteed" if 0 <= x <= 1 else "none"), x
+        if found.verdict == "guaranteed":
+            assert found.pressure == pytest.approx([1 - x, x], abs=1e-12)
+            assert problem.solve(load).success
+        else:
+            with pytest.raises(bp.NoEquilibriumError):
+                problem.solve(load)
+            # The proof: a motion that no reaction works against, and the loads for.
+            d, u = found.motion, found.displacement
+            assert d is not None
+            assert u is not None
+            assert (d[:, 0] >= mu * np.abs(d[:, 1]) - 1e-9).all()
+            assert np.array(load) @ u > 0
+            # Rigid: the bar keeps its length, to the rounding of the null space.
+            assert abs(u[2] - u[0]) <= 1e-12 * np.abs(u).max()
+
+
+def check(given: Any, found: bp.Existence) -> None:
+    """The witnesses prove what is said, by their definitions alone."""
+    W, q, mu, rigid = given
+    columns = W if rigid is None else np.hstack([W, rigid[0]])
+    if found.inside is not None:
+        v = found.inside
+        assert (v[:, 0] > mu * np.linalg.norm(v[:, 1:], axis=1)).all()
+        rows = np.ones(q.shape, bool)
+        rows[:, 1:] = (mu > 0)[:, None]
+        lack = (v - q).ravel()[rows.ravel()]
+        reach = columns[rows.ravel()]
+        rest = lack - reach @ np.linalg.lstsq(reach, lack, rcond=None)[0]
+        # Within reach to the digits of least squares with a singular matrix.
+        assert np.abs(rest).max() <= 1e-9 * np.abs(v - q).max()
+    if found.pressure is not None:
+        R, e = rigid
+        assert (found.pressure >= 0).all()
+        balance = R.reshape(*q.shape, -1)[:, 0].T @ found.pressure + e
+        terms = np.abs(R).max() * np.abs(found.pressure).sum() + np.abs(q).max()
+        assert np.abs(balance).max() <= 1e-9 * terms
+    if found.overlap is not None:
+        n = q.shape[1]
+        assert (found.overlap >= 0).all()
+        assert found.overlap @ q[:, 0] < 0
+        # To a billionth of what the gaps sum to, in the scale of the compliance.
+        assert (
+            np.abs(found.overlap @ columns[::n]).max() <= 1e-8 * np.abs(columns).max()
+        )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_guarantee_is_always_kept(kind: str, d: int) -> None:
+    guaranteed = 0
+    for seed in range(40):
+        given = random_problem(kind, d, seed)
+        problem = given.problem()
+        found = problem.existence()
+        check(given, found)
+        assert found.verdict != "none"  # these all have answers
+        if found.verdict == "guaranteed":
+            guaranteed += 1
+            assert problem.solve(max_iterations=5000).converged
+    # Loads drag the floating ones sideways; redundant ones may only just open.
+    assert guaranteed >= {"floating": 0, "redundant": 30}.get(kind, 40)
+
+
+def random_rigid(d: int, seed: int) -> Any:
+    """A body on contacts all around it, held by them alone, loaded at random."""
+    rng = np.random.default_rng([11, d, seed])
+    # Fewer cannot hold a body, whatever the loads.
+    n = int(rng.integers(d, 7 if d == 2 else 10))
+    root = rng.normal(size=(n * d, n * d)) / np.sqrt(n * d)
+    W = root @ root.T + 0.1 * np.eye(n * d)
+    points = rng.normal(size=(n, d))
+    rows = []
+    for x in points:
+        frame = np.linalg.qr(rng.normal(size=(d, d)))[0]
+        # Normals mostly upwards, so that all three verdicts come.
+        frame[0] = np.eye(d)[-1] + 0.5 * rng.normal(size=d)
+        frame = np.linalg.qr(frame.T)[0].T
+        frame[0] *= np.sign(frame[0, -1])
+        if d == 2:
+            turns = np.array([[-x[1]], [x[0]]])
+        else:
+            turns = np.column_stack([np.cross(a, x) for a in np.eye(3)])
+        rows.append(frame @ np.hstack([np.eye(d), turns]))
+    R = np.vstack(rows)
+    e = np.append(0.4 * rng.normal(size=d), 0.3 * rng.normal(size=R.shape[1] - d))
+    e[d - 1] = -rng.exponential()
+    if seed % 3 == 0:
+        # Loads that pressure balances, that of some contacts only: mostly on a border.
+        pressure = rng.exponential(size=n) * (rng.random(n) < 0.6)
+        e = -R[::d].T @ pressure
+    q = rng.normal(size=(n, d)) * 0.3
+    return W, q, rng.uniform(0.0, 0.8, n), (R, e)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_verdicts_on_bodies_that_contact_alone_holds(d: int) -> None:
+    seen = {"guaranteed": 0, "none": 0, "unknown": 0}
+    for seed in range(150 if d == 2 else 60):
+        given = random_rigid(d, seed)
+        W, q, mu, rigid = given
+        problem = bp.ReducedProblem(W, q, mu, rigid=rigid)
+        found = problem.existence()
+        check(given, found)
+        seen[found.verdict] += 1
+        assert found.verdict == "guaranteed" or seed % 3
+        # In the plane all statuses are tried: the truth, by another way.
+        answers = problem.answers() if d == 2 else None
+        complete = answers is not None and answers.complete
+        if found.verdict == "guaranteed":
+            # Without loads r = 0 may be the answer, which momentum finds more surely.
+            method = "auto" if rigid[1].any() else "nesterov"
+            assert problem.solve(method, max_iterations=5000).converged
+            assert not complete or len(answers or ()) > 0
+        elif found.verdict == "none":
+            assert not problem.solve(max_iterations=300).converged
+            assert not answers
+        if complete:
+            exhausted = problem.existence(exhaust=True)
+            assert (exhausted.verdict == "none") == (len(answers or ()) == 0)
+            assert exhausted.verdict != "unknown"
+    assert min(seen.values()) >= 5, seen
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_verdicts_do_not_know_the_units(d: int) -> None:
+    for seed in range(30):
+        W, q, mu, (R, e) = random_rigid(d, seed)
+        told = bp.ReducedProblem(W, q, mu, rigid=(R, e)).existence().verdict
+        # Metres to micrometres, newtons to meganewtons; rotations are still radians.
+        length, force = 1e6, 1e-6
+        changed = R.copy()
+        changed[:, d:] *= length
+        work = np.append(np.full(d, force), np.full(len(e) - d, force * length))
+        other = bp.ReducedProblem(
+            W * length / force, q * length, mu, rigid=(changed, e * work)
+        )
+        assert other.existence().verdict == told
+
+
+def test_walls_that_overlap() -> None:
+    # A node between two walls, held by a spring: gaps sum to the room between them.
+    B = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    for room, verdict in ((0.1, "guaranteed"), (-0.1, "none")):
+        problem = bp.ContactProblem(np.eye(2), B, gap=[-0.3, 0.3 + room], mu=[0.2, 0.5])
+        load = [0.0, 3.0]
+        found = problem.existence(load)
+        assert found.verdict == verdict
+        reduced = problem.reduced(load)
+        check((problem.compliance, reduced.q, reduced.mu, None), found)
+        if verdict == "none":
+            assert found.overlap == pytest.approx([1.0, 1.0], rel=1e-12)
+            with pytest.raises(bp.BipotError):
+                problem.solve(load)
+        else:
+            assert problem.solve(load).success
+    # Walls that just touch it on both sides: no room inside, and no contradiction.
+    problem = bp.ContactProblem(np.eye(2), B, gap=[-0.3, 0.3], mu=[0.2, 0.5])
+    assert problem.existence(load).verdict == "unknown"
+    # A contact whose every component is prescribed, and penetrates.
+    held = bp.ContactProblem(np.eye(4), np.eye(4), gap=[0.0, 0.0], mu=0.3, fixed=[0, 1])
+    assert held.existence(None, [-0.1, 0.0]).verdict == "none"
+    assert held.existence(None, [0.1, 0.0]).verdict == "guaranteed"
+
+
+def test_compliance_that_no_theorem_is_about() -> None:
+    W = np.array([[1.0, 2.0], [-2.0, 0.0]])
+    found = bp.ReducedProblem(W, [[-1.0, 0.2]], 0.3).existence()
+    assert found.verdict == "unknown"
+    assert "not symmetric" in found.reason
+    # Definite, if not symmetric, is enough.
+    W[1, 1] = 1.0
+    assert bp.ReducedProblem(W, [[-1.0, 0.2]], 0.3).existence().verdict == "guaranteed"
+    found = bp.ReducedProblem(np.diag([1.0, -1.0]), [[-1.0, 0.2]], 0.3).existence()
+    assert "not positive semidefinite" in found.reason
+    with pytest.raises(TypeError, match="exhaust is 1, expected a bool"):
+        bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3).existence(
+            exhaust=1  # type: ignore[arg-type]
+        )
+
+
+def test_the_scenes_have_answers() -> None:
+    for name, n in (("pressed_block", 8), ("two_blocks", 4), ("sheared_cube", 3)):
+        whole = scene.read(name, [f"mesh.n={n}"])
+        case = scene.assemble(whole, scene.bodies(whole))
+        problem = case.model.problem()
+        load = None if case.load is None else case.load[0]
+        assert problem.existence(load, case.prescribed[0]).verdict == "guaranteed"
