@@ -88,7 +88,7 @@ PYTHON = (
     "theory.convex",
     "theory.materials",
     "theory.law theory.soils",
-    "theory.functionals theory.inequalities",
+    "theory.explicit theory.functionals theory.inequalities theory.inelastic",
     "theory",
     "fem __init__",
     "schema",
