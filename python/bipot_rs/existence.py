@@ -160,9 +160,9 @@ def _scaled(
     W: Array, q: Array, mu: Array, rigid: tuple[Array, Array] | None
 ) -> _Scaled:
     contacts, d = q.shape
-    kept = np.ones((contacts, d), bool)
-    kept[:, 1:] = (mu > 0)[:, None]
-    kept = kept.ravel()
+    matters = np.ones((contacts, d), bool)
+    matters[:, 1:] = (mu > 0)[:, None]
+    kept: NDArray[np.bool_] = matters.ravel()
     stiff = np.diag(W).reshape(contacts, d).mean(axis=1)
     # A contact that nothing moves gets the scale of the others.
     usual = float(np.median(stiff[stiff > 0])) if (stiff > 0).any() else 1.0

@@ -331,7 +331,8 @@ class ContactProblem:
         if found.motion is None or reduced.rigid is None:
             return found
         R = reduced.rigid[0]
-        amounts = np.linalg.lstsq(R, found.motion.ravel(), rcond=None)[0]
+        fit = np.linalg.lstsq(R, found.motion.ravel(), rcond=None)[0]
+        amounts = np.asarray(fit, np.float64)
         n, contacts, d = self._shape
         still = np.zeros(n), np.zeros(len(self._fixed)), np.zeros((contacts, d))
         (moved,) = self._core.displacements([(*still, amounts)])

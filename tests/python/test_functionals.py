@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 import bipot_rs as bp
 from bipot_rs import scene
 from bipot_rs.theory.functionals import Functionals, State
+from bodies import block
 
 Array = NDArray[np.float64]
 SEEDS = range(12)
@@ -376,3 +377,53 @@ def test_the_print_of_23_lacks_a_sign(seed: int) -> None:
     # Upwards as it should be: contacts that pressed open, or slide against friction.
     assert total(to, 1) > total(du, 1)
     assert total(to, -1) < total(du, -1) - 1e-6 * size**2
+
+
+@pytest.mark.parametrize("F", [0.75, 1.0, 2.0])
+def test_both_principles_may_hold_where_there_is_no_solution(F: float) -> None:
+    # A slider on a spring, pulled by F > μ. (65), (66) are fulfilled, B is bounded below and
+    # takes its least value, each of (28a) and (28b) holds there, and B is not zero.
+    mu = 0.5
+    K = np.diag([1.0, 0.0])
+    problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=mu)
+    f = Functionals(problem, K, [-1.0, F])
+    u, r = np.array([0.0, 3.0]), np.array([[F / mu, -F]])
+    least = 0.5 * (F / mu - 1) ** 2
+    assert f.bifunctional(u, r) == pytest.approx(least, rel=1e-14)
+    for opening in (0.0, 0.1, 0.7, 4.0):
+        for slip in (-5.0, -1e-3, 0.0, 1e-3, 3.0, 50.0):
+            # (28a), and flat in all slips forward: not coercive, against (35).
+            value = f.bifunctional([opening, slip], r)
+            assert value >= least * (1 - 1e-14)
+            if opening == 0 and slip >= 0:
+                assert value == pytest.approx(least, rel=1e-14)
+        for press in (0.0, F, F / mu, 1.01 * F / mu, 10.0):
+            other = np.array([[press, -F]])
+            # (28b), and of all pairs: none has B = 0.
+            assert f.bifunctional(u, other) >= least * (1 - 1e-14)
+            assert f.bifunctional([opening, 3.0], other) >= least * (1 - 1e-14)
+            inside = f.bifunctional([opening, 0.0], other)
+            assert inside >= least * (1 - 1e-14)
+    # Reactions out of balance are not admissible.
+    assert np.isinf(f.bifunctional(u, [[F / mu, 0.01 - F]]))
+    with pytest.raises(bp.BipotError):
+        problem.solve([-1.0, F])
+
+
+def test_rotations_do_not_strain_a_body() -> None:
+    # (19a) as printed takes the gradient for the strain: a rotation by ω would store
+    # ½ ∫ 2 G ‖grad u‖² = 2 G ω² a unit of area.
+    young, nu, turn = 3.0, 0.25, 0.1
+    body = block([1.0, 1.0], [3, 3], young, nu)
+    problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=0.3)
+    f = Functionals(problem, body.K)
+    u = np.zeros(body.K.shape[0])
+    u[body.basis.nodal_dofs[0]] = -turn * body.basis.mesh.p[1]
+    u[body.basis.nodal_dofs[1]] = turn * body.basis.mesh.p[0]
+    printed = 2 * young / (2 * (1 + nu)) * turn**2
+    assert abs(f.strain_energy(u)) <= 1e-14 * printed
+    # A stretch by the same amount along x: ½ (λ + 2 G) ε².
+    u[:] = 0.0
+    u[body.basis.nodal_dofs[0]] = turn * body.basis.mesh.p[0]
+    stiff = young * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    assert f.strain_energy(u) == pytest.approx(0.5 * stiff * turn**2, rel=1e-12)

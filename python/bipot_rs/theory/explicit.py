@@ -145,7 +145,7 @@ def _rates(
             across = slice(i * d + 1, (i + 1) * d)
             A[across] = 0.0
             A[across, across], b[across] = np.eye(d - 1), 0.0
-    for k, i in enumerate(sliding):
+    for k, i in enumerate(sliding.tolist()):
         across = slice(i * d + 1, (i + 1) * d)
         A[across, size + k] = m[i]
         A[size + k, across], A[size + k, i * d] = m[i], -mu[i]
@@ -158,4 +158,4 @@ def _rates(
         ) from None
     rate = np.zeros(contacts)
     rate[sliding] = x[size:]
-    return x[:size].reshape(contacts, d), rate
+    return np.asarray(x[:size].reshape(contacts, d), np.float64), rate

@@ -171,7 +171,7 @@ class Truss:
 
     def relative_displacement(self, u: Array) -> Array:
         """``v = B u + gap``, ``(n_c, d)``."""
-        return (self._B @ u).reshape(self._gap.shape) + self._gap
+        return np.asarray((self._B @ u).reshape(self._gap.shape) + self._gap)
 
     def solve(self, *, tol: float = 1e-12, max_iterations: int = 200) -> Displaced:
         """Iterate (37), (38) from no friction.
@@ -321,4 +321,4 @@ class Truss:
         The Moreau envelope of the support function: ``‖x‖² - ‖x - r‖² = r·(2 x - r)``.
         """
         x = held[0] - self._rho * self.relative_displacement(u)
-        return 2 * x - r
+        return np.asarray(2 * x - r)

@@ -385,7 +385,8 @@ def _in_cone(t: Array, mu: Array) -> None:
 def _direction(x: Array) -> Array:
     """Unit vectors, zero where there is none."""
     length = np.linalg.norm(x, axis=1, keepdims=True)
-    return np.divide(x, length, where=length > 0, out=np.zeros_like(x))
+    unit: Array = np.divide(x, length, where=length > 0, out=np.zeros_like(x))
+    return unit
 
 
 def _least(A: Array) -> float:
