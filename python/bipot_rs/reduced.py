@@ -200,9 +200,10 @@ class ReducedProblem:
 
         The conditions are those of section 10 of ``docs/theory.md``. Guaranteed: some
         displacement within reach lies inside of every dual cone, and normal reactions
-        alone can balance the loads on rigid motions. None: no reaction of the cones can
-        balance them, or contacts contradict each other. In between, where friction must
-        help to balance, an answer may exist or not.
+        alone can balance the loads on rigid motions, or contacts in a plane hold a body
+        against translation, however they share the pressure. None: no reaction of the
+        cones can balance the loads, or contacts contradict each other. In between, where
+        friction must help to balance, an answer may exist or not.
 
         Parameters
         ----------

@@ -267,6 +267,12 @@ def test_every_step_of_a_scene_satisfies_them(name: str, n: int) -> None:
             # Each contact to the digits of W, whose condition is some thousands.
             found = form(response, step.reaction - t0, force)
             assert found.residual.max() <= 1e-11 * extent
+        # (75) of the same pair, of which rounding is not to penetrate.
+        v = response.displacement(step.reaction - t0) + offset
+        v[:, 0] = np.maximum(v[:, 0], 0.0)
+        reach = 2 * max(length, np.abs(v).max())
+        found = displacements(step.reaction, v, reduced.mu, reach)
+        assert found.residual.max() <= 1e-11 * force * reach
         # Somewhere else in the cone they fail.
         half = 0.5 * step.reaction
         assert inequality_74(response, half - t0, force).total > 1e-6 * extent
