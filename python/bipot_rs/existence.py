@@ -49,8 +49,8 @@ class Existence:
         take, inside of every dual cone, ``v_n > mu |v_t|``; ``None`` where they can take
         any.
     pressure
-        With ``"guaranteed"`` and rigid motions: normal reactions ``(n_c,)``, none
-        negative, that balance the loads without friction.
+        With ``"guaranteed"``, where friction is not needed to balance the loads on rigid
+        motions: normal reactions ``(n_c,)``, none negative, that do.
     overlap
         With ``"none"``: amounts ``(n_c,)``, none negative, of normal displacements whose
         sum no reaction changes and whose gaps sum to less than zero.

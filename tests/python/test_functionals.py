@@ -365,6 +365,9 @@ def test_wrong_arguments_are_named() -> None:
         f.potential(np.zeros(20))
     with pytest.raises(ValueError, match=r"dr has shape \(4,\), expected \(4, 2\)"):
         f.complementary(np.zeros(4))
+    stiffer = Functionals(problem, 1.1 * g.K, g.load[0], g.prescribed[0])
+    with pytest.raises(ValueError, match="K is not the stiffness of the problem"):
+        stiffer.complementary(np.zeros((4, 2)))
     result = problem.solve(g.load, g.prescribed)
     with pytest.raises(ValueError, match="k is 2, expected -2 to 1"):
         Functionals.of_step(problem, g.K, result, 2)

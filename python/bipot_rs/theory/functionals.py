@@ -223,6 +223,11 @@ class Functionals:
 
         ``None`` where supports leave a body free and loads and ``dr`` do not balance on it,
         ``Rᵀ r + e ≠ 0``: no stresses are in equilibrium.
+
+        Raises
+        ------
+        ValueError
+            A wrong argument; ``K`` is not the stiffness of the problem.
         """
         reaction = floats("dr", dr, shape=self._shape)
         ends = self.prescribed
@@ -238,6 +243,7 @@ class Functionals:
                 return None
         motion = np.zeros(len(force))
         (w,) = self._core.displacements([(self.load, ends, reaction, motion)])
+        self._answers(w, reaction)
         return np.asarray(w, np.float64)
 
     def complementary_energy(
@@ -366,6 +372,20 @@ class Functionals:
                 f"{self.prescribed[at]}"
             )
         return u
+
+    def _answers(self, w: Array, reaction: Array) -> None:
+        """Refuse a ``K`` that the problem was not made with, or has been updated from."""
+        force = self.load + self._contact.T @ reaction.ravel()
+        free = np.ones(len(w), bool)
+        free[self._fixed] = False
+        terms = abs(self._stiffness) @ np.abs(w) + np.abs(force)
+        lack = np.abs(self._stiffness @ w - force)[free].max(initial=0.0)
+        # Solved to rounding, and in balance to the slack.
+        if lack > (1e-8 + self._slack) * terms.max(initial=0.0):
+            raise ValueError(
+                f"K is not the stiffness of the problem: its elastic answer misses "
+                f"equilibrium by {lack}, of forces up to {terms.max()}"
+            )
 
     def _relative(self, u: Array) -> Array:
         return np.asarray(self._contact @ u, np.float64).reshape(self._shape)
