@@ -173,6 +173,7 @@ SCENES = [
     ("cattaneo_mindlin", 4),
     ("two_blocks", 4),
     ("cyclic_cube", 3),
+    ("raous_plate", 8),
 ]
 
 
