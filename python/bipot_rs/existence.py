@@ -11,6 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs.plane_friction import holds
+
 Array = NDArray[np.float64]
 
 # A motion, or a reaction, is refused only where balance would take reactions this much
@@ -18,10 +20,6 @@ Array = NDArray[np.float64]
 _BEYOND = 1e9
 # Balance that rounding leaves, relative to the forces of the problem.
 _BALANCED = 1e-10
-# Tangents that a lift moves by less are still, and so are normals of a sliding.
-_FLAT = 1e-9
-# What linear programmes are held to is 1e-7.
-_MARGIN = 1e-6
 # Facets of the polygon inside the disc of slip, in space: 2 % of the angle are given up.
 _FACETS = 16
 
@@ -137,7 +135,9 @@ def judge(
     if p.R.shape[1]:
         reason = "normal reactions alone can balance the loads"
         pressure, rest = _balanced(p)
-        if rest is not None and _held_by_friction(p):
+        if rest is not None and holds(
+            p.R[p.normal], p.R[~p.normal], p.e, mu, q.shape[1]
+        ):
             reason = "friction holds the bodies, however the pressures are distributed"
         elif rest is not None:
             motion = (p.motions @ rest).reshape(q.shape) / p.scale[:, None]
@@ -291,64 +291,6 @@ def _balanced(p: _Scaled) -> tuple[Array | None, Array | None]:
         return np.asarray(amounts * p.scale), None
     # The shortest rest works on no normal reaction: R_n rest >= 0, e·rest = |rest|².
     return None, rest
-
-
-def _held_by_friction(p: _Scaled) -> bool:
-    """Whether contacts in a plane stop every sliding, by any pressures in balance.
-
-    Rigid motions are slidings, ``R_n d = 0``, and lifts, ``R_t d = 0``, and nothing else.
-    Loads press strictly, and the pull on each sliding is below ``Σ μ r_n ‖(R d)_t‖`` for all
-    ``r_n >= 0`` that balance the lifts.
-    """
-    from scipy.optimize import linprog, nnls
-
-    contacts = len(p.mu)
-    normal, tangents = p.R[p.normal], p.R[~p.normal]
-    slides, lifts = _null_space(normal), _null_space(tangents)
-    whole = np.hstack([slides, lifts])
-    count = p.R.shape[1]
-    if whole.shape[1] != count or np.linalg.svd(whole)[1][-1] < _FLAT:
-        return False
-    press, load = normal @ lifts, -lifts.T @ p.e
-    size = float(np.abs(load).max(initial=0.0))
-    # Pressures in balance are bounded: no sum of them is zero.
-    closed = np.vstack([press.T, np.ones(contacts)])
-    unit = np.append(np.zeros(lifts.shape[1]), 1.0)
-    if not size or np.linalg.norm(closed @ nnls(closed, unit)[0] - unit) < _MARGIN:
-        return False
-    # All of them can press by a little: every lift costs work.
-    inner = load / size - _MARGIN * press.sum(axis=0)
-    rest = press.T @ nnls(press.T, inner)[0] - inner
-    if np.linalg.norm(rest) > _BALANCED:
-        return False
-    across = np.zeros((contacts, len(p.kept) // contacts - 1, count))
-    rubbing = p.mu > 0
-    across[rubbing] = tangents.reshape(int(rubbing.sum()), -1, count)
-    moves = across @ slides
-    pull = slides.T @ p.e
-    grams = np.einsum("ija,ijb->iab", moves, moves)
-    reach = np.sqrt(np.trace(grams, axis1=1, axis2=2))
-    if not (reach[rubbing] > _FLAT).any():
-        return False
-    # A contact slides by its reach times the same length for all, in translations.
-    alike = grams[rubbing][reach[rubbing] > _FLAT]
-    alike = alike / np.trace(alike, axis1=1, axis2=2)[:, None, None]
-    same = bool(np.abs(alike - alike[0]).max() <= _FLAT)
-    if not same or np.linalg.eigvalsh(alike[0])[0] <= _FLAT:
-        return False
-    drawn = float(np.sqrt(pull @ np.linalg.solve(alike[0], pull)))
-    cost = p.mu * reach
-    least = linprog(cost, A_eq=press.T, b_eq=load / size)
-    if least.fun is None:
-        return False
-    return bool(drawn / size < (1 - _MARGIN) * least.fun)
-
-
-def _null_space(A: Array) -> Array:
-    """Orthonormal columns; ``A`` has rows of a matrix with orthonormal columns."""
-    _, values, rows = np.linalg.svd(A)
-    rank = int((values > _FLAT).sum())
-    return np.asarray(rows[rank:].T, np.float64)
 
 
 def dense(W: Any) -> Array:

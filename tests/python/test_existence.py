@@ -100,9 +100,11 @@ def test_a_plank_is_dragged_up_to_the_limit_of_its_feet(x: float) -> None:
         else:
             with pytest.raises(bp.NoEquilibriumError):
                 problem.solve(load)
-    # At a corner all weight may come to stand on one foot: nothing is promised there.
-    edge = problem.existence([0.1, -1.0, 0.0, 0.0])
-    assert edge.verdict == "unknown"
+    # All weight above one foot, about to tip: that foot alone must hold.
+    edge = [0.199, -1.0, 0.0, 0.0]
+    assert problem.existence(edge).verdict == "guaranteed"
+    assert problem.solve(edge).success
+    assert problem.existence([0.201, -1.0, 0.0, 0.0]).verdict == "none"
 
 
 def check(given: Any, found: bp.Existence) -> None:
@@ -261,6 +263,46 @@ def test_a_body_on_a_plane_is_held_below_the_limit() -> None:
             answers = several.answers()
             assert len(answers) > 0 or not answers.complete
     assert min(told.values()) >= 15
+
+
+def block_on_a_plane(pull: Array, at: Array, mu: float) -> bp.ReducedProblem:
+    """A free block of weight 1 on nine feet, pulled at a point of the plane."""
+    x = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(
+        -1, 2
+    )
+    R = np.zeros((27, 6))
+    R[0::3, 2], R[0::3, 3], R[0::3, 4] = 1.0, x[:, 1], -x[:, 0]
+    R[1::3, 0], R[1::3, 5] = 1.0, -x[:, 1]
+    R[2::3, 1], R[2::3, 5] = 1.0, x[:, 0]
+    centre = np.array([0.2, -0.3])
+    spin = at[0] * pull[1] - at[1] * pull[0]
+    e = np.array([*pull, -1.0, -centre[1], centre[0], spin])
+    rng = np.random.default_rng(4)
+    root = rng.normal(size=(27, 27))
+    W = root @ root.T / 27 + 0.1 * np.eye(27)
+    change = rng.normal(size=(6, 6))
+    rigid = (R @ change, change.T @ e)
+    return bp.ReducedProblem(W, rng.normal(size=(9, 3)), mu, rigid=rigid)
+
+
+def test_a_block_on_a_plane_in_space() -> None:
+    centre = np.array([0.2, -0.3])
+    for angle in np.linspace(0, 6, 7):
+        way = np.array([np.cos(angle), np.sin(angle)])
+        # Pulled in line with its weight, friction in proportion to pressure holds it, up to
+        # the limit but for the polygon, half a percent.
+        for share, verdict in (
+            (0.0, "guaranteed"),
+            (0.99, "guaranteed"),
+            (1.001, "none"),
+        ):
+            problem = block_on_a_plane(share * 0.4 * way, centre, 0.4)
+            assert problem.existence().verdict == verdict
+            assert problem.solve(max_iterations=3000).converged == (share < 1)
+    # Out of line: the foot below its weight alone could not hold it against spin.
+    beside = block_on_a_plane(np.array([0.1, 0.0]), np.array([0.2, 0.0]), 0.4)
+    assert beside.existence().verdict == "unknown"
+    assert beside.solve().converged
 
 
 def test_walls_that_overlap() -> None:

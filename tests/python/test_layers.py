@@ -77,7 +77,7 @@ PYTHON = (
     "_core early interrupts shipped vtu words",
     "export",
     "structure",
-    "check result",
+    "check plane_friction result",
     "answers diagnosis errors existence motion",
     "reduced",
     "following",
