@@ -22,6 +22,7 @@ from bipot_rs.errors import (
     NoEquilibriumError,
     NotConvergedError,
 )
+from bipot_rs.existence import Existence
 from bipot_rs.problem import ContactProblem, project, solve
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
@@ -30,6 +31,7 @@ __all__ = [
     "Answers",
     "BipotError",
     "ContactProblem",
+    "Existence",
     "FloatingBodyError",
     "NoEquilibriumError",
     "NotConvergedError",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ from bipot_rs.check import (
     threads,
 )
 from bipot_rs.check import loads as steps_of
+from bipot_rs.errors import NoEquilibriumError
+from bipot_rs.existence import Existence
 from bipot_rs.following import Following, Loads, Settings, state
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Result, Step
@@ -294,6 +297,46 @@ class ContactProblem:
         entries = values.reshape(-1, d, d), columns, first
         W = bsr_array(entries, shape=(d * contacts, d * contacts)).tocsr()
         return ReducedProblem(W, q, self._mu, rigid=rigid)
+
+    def existence(
+        self,
+        load: ArrayLike | None = None,
+        prescribed: ArrayLike | None = None,
+        start: Result | Step | None = None,
+        *,
+        exhaust: bool = False,
+    ) -> Existence:
+        """Whether one step must have an answer, can have none, or may have either.
+
+        As `ReducedProblem.existence`, with the rigid motion at all degrees of freedom
+        besides. It forms ``W`` of all contacts.
+
+        Parameters
+        ----------
+        load, prescribed, start
+            As in `reduced`.
+        exhaust
+            As in `ReducedProblem.existence`.
+
+        Raises
+        ------
+        TypeError, ValueError
+            A wrong argument, named.
+        """
+        try:
+            reduced = self.reduced(load, prescribed, start)
+        except NoEquilibriumError as error:
+            return Existence(verdict="none", reason=str(error))
+        found = reduced.existence(exhaust=exhaust)
+        if found.motion is None or reduced.rigid is None:
+            return found
+        R = reduced.rigid[0]
+        fit = np.linalg.lstsq(R, found.motion.ravel(), rcond=None)[0]
+        amounts = np.asarray(fit, np.float64)
+        n, contacts, d = self._shape
+        still = np.zeros(n), np.zeros(len(self._fixed)), np.zeros((contacts, d))
+        (moved,) = self._core.displacements([(*still, amounts)])
+        return replace(found, displacement=np.asarray(moved, np.float64))
 
     def solve(
         self,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs import _core, check, motion
+from bipot_rs import _core, check, existence, motion
 from bipot_rs.answers import Answers, search
 from bipot_rs.check import (
     Array,
@@ -23,6 +23,7 @@ from bipot_rs.check import (
     threads,
 )
 from bipot_rs.diagnosis import NEAR, Tried, diagnose
+from bipot_rs.existence import Existence
 from bipot_rs.result import Outcome, Solution
 from bipot_rs.words import counted
 
@@ -193,6 +194,56 @@ class ReducedProblem:
             restarts,
             seed,
         )
+
+    def existence(self, *, exhaust: bool = False) -> Existence:
+        """Whether an answer exists, where that can be said without solving.
+
+        The conditions are those of section 10 of ``docs/theory.md``. Guaranteed: some
+        displacement within reach lies inside of every dual cone, and normal reactions
+        alone can balance the loads on rigid motions, or contacts in a plane hold a body
+        against translation, however they share the pressure. None: no reaction of the
+        cones can balance the loads, or contacts contradict each other. In between, where
+        friction must help to balance, an answer may exist or not.
+
+        Parameters
+        ----------
+        exhaust
+            Whether to try all statuses where the conditions decide nothing, as `answers`
+            does: in the plane, with up to 12 contacts.
+
+        Raises
+        ------
+        TypeError
+            ``exhaust`` is not a bool.
+        """
+        if not isinstance(exhaust, bool):
+            raise TypeError(f"exhaust is {check.shown(exhaust)}, expected a bool")
+        mu = self.mu
+        if self.rigid is not None and len(self.rigid[1]):
+            R, e = self.rigid
+            a = self.solve(max_iterations=1).free_motion
+            if a is not None and existence.proves_none(
+                (R @ a).reshape(self.q.shape), mu, e, a
+            ):
+                direction = motion.at_contacts(R.T, a, self.q.shape[1])
+                words = motion.describe(direction, mu)
+                return Existence(
+                    verdict="none",
+                    reason="the loads lie outside what contact can carry, nothing stops "
+                    f"this motion: {words}",
+                    motion=direction,
+                )
+        found = existence.judge(existence.dense(self.W), self.q, mu, self.rigid)
+        if found.verdict == "unknown" and exhaust:
+            tried = _core.answers(self._core)
+            if tried is not None and (len(tried[0]) or tried[1]):
+                some = len(tried[0]) > 0
+                return Existence(
+                    verdict="guaranteed" if some else "none",
+                    reason="all statuses of the contacts were tried, and "
+                    + (f"{len(tried[0])} hold" if some else "none holds"),
+                )
+        return found
 
     def _has_several(self, solution: Solution) -> bool:
         exhausted = _core.answers(self._core)

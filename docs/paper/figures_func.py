@@ -1,0 +1,182 @@
+"""Figures of chapters 3, 6 and 7, from the program itself: `python figures_func.py`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+
+import bipot_rs as bp
+from bipot_rs.theory.explicit import explicit_path
+from bipot_rs.theory.functionals import Functionals
+from bipot_rs.theory.inelastic import HardeningBars, Truss
+
+mpl.use("agg")
+mpl.rcParams["svg.hashsalt"] = "bipot"  # the same file from the same numbers
+from matplotlib import pyplot as plt  # noqa: E402
+
+HERE = Path(__file__).parent
+STYLE = {"color": "black", "linewidth": 1.2}
+
+
+def save(figure: Any, name: str) -> None:
+    """Write a figure beside this script, without a date."""
+    figure.tight_layout()
+    figure.savefig(HERE / name, metadata={"Date": None})
+    plt.close(figure)
+
+
+def one_contact() -> tuple[bp.ContactProblem, Any, Any]:
+    """One contact on coupled springs that slides, its K and its load."""
+    K = np.array([[1.0, 0.3], [0.3, 1.0]])
+    problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=0.5)
+    return problem, K, np.array([-1.0, 1.2])
+
+
+def truss() -> Truss:
+    """Five bars that yield, two feet with friction, two tops on springs to a wall."""
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.1, 1.0], [1.1, 1.0]])
+    rows = []
+    for a, b in [(0, 2), (1, 3), (2, 3), (0, 3), (1, 2)]:
+        way = (points[b] - points[a]) / np.linalg.norm(points[b] - points[a])
+        row = np.zeros((4, 2))
+        row[b], row[a] = way, -way
+        rows.append(row.ravel())
+    k = np.array([1.0, 1.2, 0.8, 1.5, 0.9, 0.2, 0.2, 0.2, 0.2])
+    limit = np.array([0.3, 0.3, 0.3, 0.2, 0.3, *[np.inf] * 4])
+    B = np.zeros((4, 8))
+    B[0, 1] = B[2, 3] = B[1, 0] = B[3, 2] = 1.0
+    load = np.array([0, 0, 0, 0, 1.5, -1.2, 1.3, -0.9])
+    bars = HardeningBars(k, 0.3 * k, limit, np.zeros(9))
+    return Truss(
+        bars,
+        np.vstack([*rows, np.eye(8)[4:]]),
+        B,
+        load,
+        gap=np.zeros((2, 2)),
+        mu=[0.4, 0.5],
+    )
+
+
+def principles() -> None:
+    """Chapter 3: B around a solution, and along the displacement method."""
+    problem, K, load = one_contact()
+    step = problem.solve(load, tol=1e-14)[0]
+    f = Functionals(problem, K, load)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.6))
+    slips = np.linspace(-0.5, 2.0, 121)
+    presses = np.linspace(0.3, 2.2, 111)
+    slip, press = step.relative_displacement[0, 1], step.reaction[0, 0]
+    values = np.array(
+        [[f.bifunctional([0.0, s], [[p, -0.5 * p]]) for s in slips] for p in presses]
+    )
+    lines = left.contour(
+        slips,
+        presses,
+        values,
+        levels=[0.01, 0.03, 0.1, 0.3, 0.6, 1, 2, 3],
+        cmap="viridis",
+    )
+    left.clabel(lines, fontsize=7)
+    left.plot(slip, press, "k*", markersize=11)
+    left.axhline(press, **STYLE, linestyle=":")
+    left.axvline(slip, **STYLE, linestyle=":")
+    left.set_xlabel("slip $u_t$")
+    left.set_ylabel("pressure $r_n$, with $r_t = -\\mu r_n$")
+    left.set_title("$B(u, r)$ about a solution, where $B = 0$", fontsize=10)
+    history = truss().solve().bifunctional
+    passes = np.arange(1, len(history) + 1)
+    floor = 1e-16
+    right.semilogy(
+        passes, np.maximum(history[:, 0], floor), "o-", ms=4, label="new u, old r (37)"
+    )
+    right.semilogy(
+        passes, np.maximum(history[:, 1], floor), "s--", ms=4, label="new u, new r (38)"
+    )
+    right.set_xlabel("pass")
+    right.set_ylabel("$B$, brought back into the cone")
+    right.set_title("displacements alone, plastic bars", fontsize=10)
+    right.legend(fontsize=8, frameon=False)
+    save(figure, "3-principles.svg")
+
+
+def existence() -> None:
+    """Chapter 6: b falls without bound; the least B where there is no solution."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.6))
+    slip = np.linspace(-3, 3, 301)
+    # t0 = (1, 0.5), μ = 0.6, nothing pressing at the end of the step.
+    left.plot(slip, 0.5 * slip, label="$b$ at $t = 0$", **STYLE)
+    left.plot(slip, 0.5 * slip + 0.6 * np.abs(slip), "--", label="$b$ at $t_n = t_n^0$")
+    left.set_xlabel("slip $\\Delta u_t$, at $\\Delta u_n = 0$")
+    left.set_ylabel("$b(-\\Delta u, \\Delta t)$")
+    left.set_title("(54) with $t^0 = (1, 0.5)$, $\\mu = 0.6$", fontsize=10)
+    left.legend(fontsize=8, frameon=False)
+    mu, pulls = 0.5, np.linspace(0, 1.5, 61)
+    K = np.diag([1.0, 0.0])
+    problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=mu)
+    least, solved = [], []
+    for pull in pulls:
+        load = [-1.0, pull]
+        f = Functionals(problem, K, load)
+        # All reactions in balance have r_t = -F; the least is at the edge or at the spring.
+        press = max(pull / mu, 1.0)
+        least.append(f.bifunctional([0.0, 0.0], [[press, -pull]]))
+        found = problem.existence(load, exhaust=True)
+        solved.append(found.verdict == "guaranteed")
+    edge = pulls[np.array(solved)].max()
+    right.axvspan(0, edge, color="0.9")
+    right.plot(pulls, least, **STYLE)
+    right.text(0.03, 0.8 * max(least), "a solution\nexists", fontsize=9)
+    right.text(0.75, 0.8 * max(least), "none", fontsize=9)
+    right.set_xlabel("pull $F$ on a slider pressed by a spring, $\\mu = 0.5$")
+    right.set_ylabel("least $B$")
+    right.set_title("both principles hold there, and $B > 0$", fontsize=10)
+    save(figure, "6-contact-principles.svg")
+
+
+def drift() -> None:
+    """Chapter 7: the explicit scheme leaves the cone."""
+    problem = bp.ContactProblem(np.diag([2.0, 1.0, 1.0]), np.eye(3), gap=[0.0], mu=0.4)
+
+    def path(steps: int) -> Any:
+        angle = np.linspace(0, np.pi, steps + 1)[1:]
+        round_ = 2 * np.column_stack([np.cos(angle), np.sin(angle)])
+        way = np.vstack([[[0.4, 0.0]], [[2.0, 0.0]], round_])
+        return np.column_stack([np.full(len(way), -1.0), way])
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.6))
+    turn = np.linspace(0, 2 * np.pi, 200)
+    left.plot(0.4 * np.cos(turn), 0.4 * np.sin(turn), label="$\\mu r_n$", **STYLE)
+    for steps, mark in ((15, "."), (60, ",")):
+        t = explicit_path(problem, path(steps)).reaction[1:, 0]
+        left.plot(t[:, 1], t[:, 2], marker=mark, ms=5, label=f"explicit, {steps} steps")
+    t = problem.solve(path(15)).reaction[1:, 0]
+    left.plot(t[:, 1], t[:, 2], "kx", ms=6, label="implicit, 15 steps")
+    left.set_aspect("equal")
+    left.set_xlabel("$r_{t1}$")
+    left.set_ylabel("$r_{t2}$")
+    left.set_xlim(-1.0, 1.1)
+    left.legend(fontsize=7, frameon=False, loc="upper left")
+    counts = np.array([8, 15, 30, 60, 120, 250, 500, 1000])
+    explicit, implicit = [], []
+    for steps in counts.tolist():
+        explicit.append(explicit_path(problem, path(steps)).excess[-1, 0])
+        r = problem.solve(path(steps), tol=1e-14).reaction[:, 0]
+        kept, _ = bp.project(r, 0.4)
+        implicit.append(max(np.abs(kept - r).max(), 1e-17))
+    right.loglog(counts, explicit, "o-", label="explicit")
+    right.loglog(counts, 3 * explicit[-1] * counts[-1] / counts, **STYLE, linestyle=":")
+    right.text(60, 8 * explicit[3], "order 1", fontsize=8)
+    right.loglog(counts, implicit, "kx-", label="implicit")
+    right.set_xlabel("steps of half a turn")
+    right.set_ylabel("distance from the cone")
+    right.legend(fontsize=8, frameon=False, loc="center right")
+    save(figure, "7-inequalities.svg")
+
+
+if __name__ == "__main__":
+    principles()
+    existence()
+    drift()

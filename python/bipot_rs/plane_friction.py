@@ -1,0 +1,157 @@
+"""Whether friction holds bodies that stand on planes, however pressure is distributed.
+
+The theorems are proved in ``docs/paper/6-contact-principles.md``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Tangents that a lift moves by less are still, and so are normals of a sliding; rigid
+# motions have length 1.
+_FLAT = 1e-9
+# Linear programmes are held to 1e-7.
+_MARGIN = 1e-6
+# Balance that rounding leaves, relative to the loads.
+_BALANCED = 1e-10
+# Facets of a polygon inside the disc of friction.
+_FACETS = 32
+
+
+def holds(normal: Array, tangents: Array, e: Array, mu: Array, d: int) -> bool:
+    """Whether every sliding costs more than the loads give.
+
+    Rigid motions must be slidings, that move no contact along its normal, and lifts, that
+    move none with friction along its tangents; and pressures that balance the loads on
+    lifts must be bounded.
+
+    Parameters
+    ----------
+    normal, tangents
+        Rows of ``R`` by contact, ``(n_c, k)``, and of contacts with friction,
+        ``((d - 1) m, k)``; all together of columns of the size of 1.
+    e
+        Loads on the rigid motions, ``(k,)``.
+    mu
+        Friction coefficients, ``(n_c,)``.
+    d
+        Dimension.
+    """
+    from scipy.optimize import nnls
+
+    slides, lifts = _null_space(normal), _null_space(tangents)
+    whole = np.hstack([slides, lifts])
+    if whole.shape[1] != normal.shape[1]:
+        return False
+    if np.linalg.svd(whole, compute_uv=False)[-1] < _FLAT:
+        return False
+    press, load = normal @ lifts, -lifts.T @ e
+    size = float(np.abs(load).max(initial=0.0))
+    closed = np.vstack([press.T, np.ones(len(mu))])
+    unit = np.append(np.zeros(lifts.shape[1]), 1.0)
+    # Bounded: no sum of pressures is without effect on lifts.
+    if not size or np.linalg.norm(closed @ nnls(closed, unit)[0] - unit) < _MARGIN:
+        return False
+    load, pull = load / size, slides.T @ e / size
+    if not _within(press.T, load):
+        return False
+    moves = np.zeros((len(mu), d - 1, slides.shape[1]))
+    moves[mu > 0] = (tangents @ slides).reshape(-1, d - 1, slides.shape[1])
+    return _shared(press, load, moves, pull, mu) or _limit(press, load, moves, pull, mu)
+
+
+def _limit(press: Array, load: Array, moves: Array, pull: Array, mu: Array) -> bool:
+    """Whether the pull is below the least friction of all pressures in balance.
+
+    For one sliding or for translations, in which all contacts slide alike.
+    """
+    from scipy.optimize import linprog
+
+    # All contacts can press by a little: every lift costs work.
+    if not _within(press.T, load - _MARGIN * press.sum(axis=0)):
+        return False
+    grams = np.einsum("ija,ijb->iab", moves, moves)
+    reach = np.sqrt(np.trace(grams, axis1=1, axis2=2))
+    alike = grams[reach > _FLAT]
+    if not len(alike):
+        return False
+    # A contact slides by its reach times what is the same for all.
+    alike = alike / np.trace(alike, axis1=1, axis2=2)[:, None, None]
+    if np.abs(alike - alike[0]).max() > _FLAT:
+        return False
+    if np.linalg.eigvalsh(alike[0])[0] <= _FLAT:
+        return False
+    drawn = float(np.sqrt(pull @ np.linalg.solve(alike[0], pull)))
+    least = linprog(mu * reach, A_eq=press.T, b_eq=load)
+    return least.fun is not None and bool(drawn < (1 - _MARGIN) * least.fun)
+
+
+def _shared(press: Array, load: Array, moves: Array, pull: Array, mu: Array) -> bool:
+    """Whether friction in proportion to pressure balances the pull, whatever the pressures.
+
+    Forces ``r_n,i g_i`` with ``‖g_i‖ < μ_i`` that work on slidings as a fixed matrix ``Y``
+    times what ``r_n,i`` does on lifts: ``T_iᵀ g_i = Y A_i``, and ``Y load = -pull``.
+    """
+    from scipy.optimize import linprog
+
+    contacts, tangential, slides = moves.shape
+    rubbing = np.flatnonzero(mu > 0)
+    lifts = press.shape[1]
+    free = len(rubbing) * tangential
+    # Contacts of any stiffness count alike.
+    sizes = np.linalg.norm(press, axis=1) + np.linalg.norm(moves, axis=(1, 2))
+    sizes[sizes == 0] = 1.0
+    press, moves = press / sizes[:, None], moves / sizes[:, None, None]
+    # Unknowns: g of contacts with friction, Y row by row, and the largest ‖g‖/μ.
+    A = np.zeros(((contacts + 1) * slides, free + slides * lifts))
+    for i in range(contacts):
+        for a in range(slides):
+            row, column = i * slides + a, free + a * lifts
+            A[row, column : column + lifts] = -press[i]
+    for k, i in enumerate(rubbing.tolist()):
+        columns = slice(k * tangential, (k + 1) * tangential)
+        A[i * slides : (i + 1) * slides, columns] = moves[i].T
+    for a in range(slides):
+        column = free + a * lifts
+        A[contacts * slides + a, column : column + lifts] = load
+    b = np.concatenate([np.zeros(contacts * slides), -pull])
+    # All solutions of the equations, to rounding; the programme chooses among them.
+    x0 = np.linalg.lstsq(A, b, rcond=None)[0]
+    if np.linalg.norm(A @ x0 - b) > _BALANCED * max(1.0, float(np.linalg.norm(pull))):
+        return False
+    ways = _null_space(A / max(1.0, float(np.linalg.norm(A, 2))))
+    sides = np.array([[1.0], [-1.0]])
+    inner = 1.0
+    if tangential == 2:
+        angle = 2 * np.pi * np.arange(_FACETS) / _FACETS
+        sides = np.column_stack([np.cos(angle), np.sin(angle)])
+        inner = float(np.cos(np.pi / _FACETS))
+    start = x0[:free].reshape(-1, tangential)
+    change = ways[:free].reshape(len(rubbing), tangential, -1)
+    rows = np.einsum("sj,ija->sia", sides, change)
+    rows = rows.reshape(len(sides) * len(rubbing), ways.shape[1])
+    right = -(sides @ start.T).ravel()
+    bound = -np.tile(mu[rubbing] * inner, len(sides))
+    cost = np.append(np.zeros(ways.shape[1]), 1.0)
+    found = linprog(cost, np.column_stack([rows, bound]), right, bounds=(None, None))
+    if found.x is None:
+        return False
+    g = start + change @ found.x[:-1]
+    return bool((np.linalg.norm(g, axis=1) <= (1 - _MARGIN) * mu[rubbing]).all())
+
+
+def _within(columns: Array, load: Array) -> bool:
+    """Whether amounts that are not negative of the columns make the load."""
+    from scipy.optimize import nnls
+
+    return bool(np.linalg.norm(columns @ nnls(columns, load)[0] - load) <= _BALANCED)
+
+
+def _null_space(A: Array) -> Array:
+    """Orthonormal columns of the null space of a matrix of the size of 1."""
+    _, values, rows = np.linalg.svd(A)
+    rank = int((values > _FLAT).sum())
+    return np.asarray(rows[rank:].T, np.float64)

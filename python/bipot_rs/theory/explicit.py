@@ -1,0 +1,161 @@
+"""The explicit scheme of integration, whose drift section I of [dSF91] warns of.
+
+Friction in rates, (51), stepped forwards: status and direction of slip are those of the
+start of the step, and the cone is met by its tangent there. The implicit scheme, Moreau's
+catching-up, is what `bipot_rs.ContactProblem.solve` does; this one is for comparison.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.check import loads as steps_of
+from bipot_rs.problem import ContactProblem, project
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExplicitPath:
+    """A load path by the explicit scheme.
+
+    Attributes
+    ----------
+    reaction, relative_displacement
+        At the end of each step, ``(steps, n_c, d)``, normal first.
+    excess
+        Distance of each reaction from Coulomb's cone, ``(steps, n_c)`` [force]. Zero, to
+        rounding, in the implicit scheme.
+    """
+
+    reaction: Array
+    relative_displacement: Array
+    excess: Array
+
+
+def explicit_path(
+    problem: ContactProblem,
+    load: ArrayLike | None = None,
+    prescribed: ArrayLike | None = None,
+) -> ExplicitPath:
+    """Follow a load path from the unloaded state with friction explicit in each step.
+
+    In a step a contact that is open at its start stays open. The others are closed at its
+    end, ``v_n = 0``, pulling if need be; one that pulled is free in the next. A closed
+    contact sticks, ``Δv_t = 0``, if it was inside of the cone; on its border or beyond it
+    slides along the traction of the start, ``m = t_t/‖t_t‖``,
+
+        Δv_t = -λ m,    m·Δt_t = μ Δt_n,
+
+    unless ``λ < 0``, when it sticks. The tangent ``m·Δt_t = μ Δt_n`` leaves the cone where
+    the traction turns, always outwards, for ``‖t_t‖`` is convex: by
+    ``½ ‖Δt_t‖² sin²/‖t_t‖`` in a step, which adds up to the first order of the step.
+
+    Parameters
+    ----------
+    problem
+        Bodies that supports hold; ``W`` is taken dense.
+    load, prescribed
+        As in `ContactProblem.solve`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named; a body that contact alone holds, or contacts that move
+        each other only.
+    """
+    n, contacts, d = problem._shape
+    steps = steps_of(load, prescribed, n, len(problem._fixed))
+    first = problem.reduced(np.zeros(n), np.zeros(len(problem._fixed)))
+    if first.rigid is not None:
+        raise ValueError(
+            "problem has a body that contact alone holds, expected supports that do: the "
+            "explicit scheme lets contacts go"
+        )
+    W = problem.compliance
+    t, v, q = np.zeros((contacts, d)), first.q.copy(), first.q
+    kept_t, kept_v = [], []
+    for force, moved in steps:
+        free = problem.reduced(force, moved).q
+        dt = _step(W, free - q, t, v, first.mu)
+        v = v + (W @ dt.ravel()).reshape(v.shape) + free - q
+        t, q = t + dt, free
+        kept_t.append(t)
+        kept_v.append(v)
+    shape = (len(steps), contacts, d)
+    reaction = np.array(kept_t).reshape(shape)
+    inside, _ = project(reaction.reshape(-1, d), np.tile(first.mu, len(steps)))
+    excess = np.linalg.norm(reaction - inside.reshape(shape), axis=2)
+    return ExplicitPath(
+        reaction=reaction,
+        relative_displacement=np.array(kept_v).reshape(shape),
+        excess=excess,
+    )
+
+
+def _step(W: Array, dq: Array, t: Array, v: Array, mu: Array) -> Array:
+    """``Δt`` of a step from ``t``, ``v`` that the free displacement ``dq`` makes."""
+    contacts, d = t.shape
+    drag = np.linalg.norm(t[:, 1:], axis=1)
+    closed = (t[:, 0] > 0) | (v[:, 0] <= 0)
+    # Where nothing presses yet there is no direction to slide in.
+    slides = closed & (drag > 0) & (drag >= mu * t[:, 0]) & (mu > 0)
+    m = np.divide(
+        t[:, 1:],
+        drag[:, None],
+        where=drag[:, None] > 0,
+        out=np.zeros((contacts, d - 1)),
+    )
+    while True:
+        dt, rate = _rates(W, dq, t, v, mu, closed, slides, m)
+        # It would slide along its own friction: it sticks.
+        turned = slides & (rate < 0)
+        if not turned.any():
+            return dt
+        slides &= ~turned
+
+
+def _rates(
+    W: Array,
+    dq: Array,
+    t: Array,
+    v: Array,
+    mu: Array,
+    closed: NDArray[np.bool_],
+    slides: NDArray[np.bool_],
+    m: Array,
+) -> tuple[Array, Array]:
+    """The linear problem of given statuses: ``Δt`` and ``λ``."""
+    contacts, d = t.shape
+    size = contacts * d
+    sliding = np.flatnonzero(slides)
+    A = np.zeros((size + len(sliding), size + len(sliding)))
+    b = np.zeros(len(A))
+    for i in range(contacts):
+        rows = slice(i * d, (i + 1) * d)
+        if not closed[i]:
+            A[rows, rows], b[rows] = np.eye(d), -t[i]
+            continue
+        A[rows, :size], b[rows] = W[rows], -dq[i]
+        b[i * d] -= v[i, 0]
+        if mu[i] == 0:
+            across = slice(i * d + 1, (i + 1) * d)
+            A[across] = 0.0
+            A[across, across], b[across] = np.eye(d - 1), 0.0
+    for k, i in enumerate(sliding.tolist()):
+        across = slice(i * d + 1, (i + 1) * d)
+        A[across, size + k] = m[i]
+        A[size + k, across], A[size + k, i * d] = m[i], -mu[i]
+    try:
+        x = np.linalg.solve(A, b)
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            "problem has contacts that only move each other, expected a compliance that "
+            "determines their reactions"
+        ) from None
+    rate = np.zeros(contacts)
+    rate[sliding] = x[size:]
+    return np.asarray(x[:size].reshape(contacts, d), np.float64), rate

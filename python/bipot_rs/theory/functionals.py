@@ -1,0 +1,413 @@
+"""Energies, functionals and the bifunctional of one load step, discretised: [dSF91, 23-30, 67-72].
+
+A displacement is the vector of all degrees of freedom, admissible when it has the
+prescribed values; a stress field is known by the contact reactions that it is in
+equilibrium with. Body forces and tractions are the load, one body or several make no
+difference. Everything is an increment from a start state ``(t0, u0, h0)``, the unloaded
+one by default, for which increments are totals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.check import csr, floats, integer, number
+from bipot_rs.problem import ContactProblem
+from bipot_rs.result import Result
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """Where a step starts: ``t0``, ``u0`` and the loads they go with.
+
+    Attributes
+    ----------
+    reaction
+        ``t0``, contact forces ``(n_c, d)``, of any sign.
+    displacement
+        ``u0``, ``(n,)``.
+    load
+        Loads that this state carries, ``(n,)``. By default those it is in equilibrium
+        with, ``K u0 - Bᵀ t0``, and at prescribed degrees of freedom those of the step.
+    offset
+        Relative displacement that increments add to, ``(n_c, d)``: in [dSF91] the gap
+        ``u_n0 + h0`` and no tangential part, which is the default.
+    """
+
+    reaction: ArrayLike
+    displacement: ArrayLike
+    load: ArrayLike | None = None
+    offset: ArrayLike | None = None
+
+
+class Functionals:
+    """The functionals of one load step of a contact problem.
+
+    ``du (n,)`` and ``dr (n_c, d)`` are increments of displacement and contact reaction
+    from the start state; energies are in units of work. The relative displacement is
+    ``v = B du + offset``, the reaction ``r = t0 + dr``.
+
+    Parameters
+    ----------
+    problem
+        The contact problem; its factor of ``K`` answers to reactions.
+    K
+        Its stiffness, which a `ContactProblem` does not keep.
+    load, prescribed
+        Totals at the end of the step, ``(n,)`` and ``(len(fixed),)``; missing is zero.
+    start
+        Where the step starts; default the unloaded bodies.
+    slack
+        What a constraint may be missed by: penetrations relative to the largest
+        displacement, and forces to the largest reaction, of contacts, and rigid motions
+        out of balance relative to the loads. A computed solution is in the cone to
+        its tolerance only, and an indicator without slack would be infinite there.
+
+    Attributes
+    ----------
+    load, prescribed
+        Increments of the step.
+    offset
+        ``(u_n0 + h0, 0)`` of each contact, ``(n_c, d)``.
+    start_work
+        ``Σ t0·offset``, the constant ``Σ t_n0 (u_n0 + h0)`` that (54) leaves out.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named.
+    """
+
+    def __init__(
+        self,
+        problem: ContactProblem,
+        K: Any,
+        load: ArrayLike | None = None,
+        prescribed: ArrayLike | None = None,
+        *,
+        start: State | None = None,
+        slack: float = 1e-9,
+    ) -> None:
+        if not isinstance(problem, ContactProblem):
+            raise TypeError(
+                f"problem is a {type(problem).__name__}, expected a ContactProblem"
+            )
+        n, contacts, d = problem._shape
+        fixed = problem._fixed
+        stiffness = csr("K", K)
+        if stiffness.shape != (n, n):
+            raise ValueError(f"K has shape {stiffness.shape}, expected ({n}, {n})")
+        self._problem = problem
+        self._core = problem._core
+        self._stiffness = stiffness.matrix
+        self._contact = _matrix(problem)
+        self._fixed = fixed
+        self._mu = problem._mu
+        self._shape = (contacts, d)
+        self._slack = number("slack", slack)
+        force = np.zeros(n) if load is None else floats("load", load, shape=(n,))
+        moved = np.zeros(len(fixed))
+        if prescribed is not None:
+            moved = floats("prescribed", prescribed, shape=moved.shape)
+        gap: Array = problem._given[1]
+        # Relative displacements are differences of displacements, the start's too,
+        # which set the size of their rounding.
+        self._reach = np.abs(gap).max(initial=0.0)
+        if start is None:
+            self._before = np.zeros((contacts, d))
+            self.load, self.prescribed, self.offset = force, moved, gap.copy()
+        else:
+            t0 = floats("reaction of start", start.reaction, shape=(contacts, d))
+            u0 = floats("displacement of start", start.displacement, shape=(n,))
+            self._before = t0
+            self._reach += (abs(self._contact) @ np.abs(u0)).max(initial=0.0)
+            if start.load is None:
+                carried = self._stiffness @ u0 - self._contact.T @ t0.ravel()
+                carried[fixed] = force[fixed]
+            else:
+                carried = floats("load of start", start.load, shape=(n,))
+            self.load = force - carried
+            self.prescribed = moved - u0[fixed]
+            if start.offset is None:
+                self.offset = np.zeros((contacts, d))
+                self.offset[:, 0] = self._relative(u0)[:, 0] + gap[:, 0]
+            else:
+                self.offset = floats(
+                    "offset of start", start.offset, shape=(contacts, d)
+                )
+        self.start_work = float(np.sum(self._before * self.offset))
+
+    @classmethod
+    def of_step(
+        cls,
+        problem: ContactProblem,
+        K: Any,
+        result: Result,
+        k: int = -1,
+        *,
+        increments: bool = True,
+        slack: float = 1e-9,
+    ) -> Functionals:
+        """The functionals of step ``k`` of a solved load path.
+
+        Parameters
+        ----------
+        problem, K
+            As above; the problem that was solved.
+        result
+            Of ``problem.solve``, with its loads: not one read from a file.
+        k
+            Number of the step.
+        increments
+            Whether increments are counted from the step before; otherwise totals, with
+            the slip history in the offset as in (22). The two bifunctionals differ by
+            ``start_work`` alone, where the step before is in equilibrium.
+
+        Raises
+        ------
+        ValueError
+            No such step, or one that was read from a file.
+        """
+        count = len(result)
+        if count == 0:
+            raise ValueError("result has no steps, expected one or more")
+        at = integer("k", k, least=-count, most=count - 1) % count
+        step, before = result[at], result[at - 1] if at else result.start
+        if step.load is None or (before is not None and before.load is None):
+            raise ValueError(
+                f"step {at} of result has no loads, it was read from a file: expected a "
+                "result of problem.solve"
+            )
+        start = None
+        if before is not None:
+            u0 = before.displacement
+            if increments:
+                start = State(
+                    reaction=before.reaction, displacement=u0, load=before.load
+                )
+            else:
+                gap = problem._given[1].copy()
+                moved = (_matrix(problem) @ u0).reshape(gap.shape)
+                gap[:, 1:] = -moved[:, 1:]
+                start = State(
+                    reaction=np.zeros_like(before.reaction),
+                    displacement=np.zeros_like(u0),
+                    load=np.zeros_like(u0),
+                    offset=gap,
+                )
+        return cls(problem, K, step.load, step.prescribed, start=start, slack=slack)
+
+    def relative_displacement(self, du: ArrayLike) -> Array:
+        """``v = B du + offset``, ``(n_c, d)``: gap at the end and slip of the step."""
+        return self._relative(self._admissible(du)) + self.offset
+
+    def strain_energy(self, du: ArrayLike) -> float:
+        """``V = ½ duᵀ K du``, the strain energy of (64)."""
+        return self._energy(self._admissible(du))
+
+    def elastic_answer(
+        self, dr: ArrayLike, at_supports: ArrayLike | None = None
+    ) -> Array | None:
+        """``w`` with ``K w = load + Bᵀ dr`` at free degrees of freedom, ``(n,)``.
+
+        The stresses of ``w`` are the statically admissible ones (20) that belong to
+        ``dr``. Which, where supports are redundant, is chosen by ``w`` at the prescribed
+        degrees of freedom: by default as prescribed, the least of [dSF91, 27]; other
+        values ``at_supports (len(fixed),)`` give other support forces.
+
+        ``None`` where supports leave a body free and loads and ``dr`` do not balance on it,
+        ``Rᵀ r + e ≠ 0``: no stresses are in equilibrium.
+
+        Raises
+        ------
+        ValueError
+            A wrong argument; ``K`` is not the stiffness of the problem.
+        """
+        reaction = floats("dr", dr, shape=self._shape)
+        ends = self.prescribed
+        if at_supports is not None:
+            ends = floats("at_supports", at_supports, shape=ends.shape)
+        _, modes, force = self._core.free_part(self.load, ends)
+        if len(force):
+            lack = np.abs(modes @ reaction.ravel() + force).max()
+            # Loads that balance themselves leave the rounding of their terms in e.
+            carried = np.linalg.norm(self._contact.T @ reaction.ravel())
+            size = np.linalg.norm(self.load) + carried + np.linalg.norm(force)
+            if lack > self._slack * size:
+                return None
+        motion = np.zeros(len(force))
+        (w,) = self._core.displacements([(self.load, ends, reaction, motion)])
+        self._answers(w, reaction)
+        return np.asarray(w, np.float64)
+
+    def complementary_energy(
+        self, dr: ArrayLike, at_supports: ArrayLike | None = None
+    ) -> float:
+        """``W = ½ wᵀ K w`` of `elastic_answer`, infinite where there is none."""
+        w = self.elastic_answer(dr, at_supports)
+        return np.inf if w is None else self._energy(w)
+
+    def potential(self, du: ArrayLike) -> float:
+        """``Φ = V - load·du``: (26), and of increments (67)."""
+        u = self._admissible(du)
+        return self._energy(u) - float(self.load @ u)
+
+    def complementary(
+        self, dr: ArrayLike, at_supports: ArrayLike | None = None
+    ) -> float:
+        """``Π = W - s·prescribed``, ``s`` the support forces: (27), and (71).
+
+        Infinite where the reactions leave a free body out of balance.
+        """
+        w = self.elastic_answer(dr, at_supports)
+        if w is None:
+            return np.inf
+        reaction = np.asarray(dr, np.float64)
+        support = self._stiffness @ w - self.load - self._contact.T @ reaction.ravel()
+        return self._energy(w) - float(support[self._fixed] @ self.prescribed)
+
+    def bipotential(self, du: ArrayLike, dr: ArrayLike) -> Array:
+        """(54) of each contact, ``b(-B du, dr)``, ``(n_c,)``, infinite off its domain.
+
+        As printed, without the constant of `start_work`. Where the offset has a tangential
+        part ``c`` (the caller's ``gap``, or a history), slip is ``B_t du + c`` and
+        ``dr_t·c`` is added.
+        """
+        u, reaction = self._admissible(du), floats("dr", dr, shape=self._shape)
+        moved = self._relative(u)
+        finite = self._finite(moved, reaction)
+        v, r = moved + self.offset, self._before + reaction
+        size = self._reach + (abs(self._contact) @ np.abs(u)).max(initial=0.0)
+        size += np.abs(self.offset).max(initial=0.0)
+        outside = v[:, 0] < -self._slack * size
+        force = np.abs(r).max(initial=0.0) + np.abs(self._before).max(initial=0.0)
+        limit = self._mu * np.maximum(r[:, 0], 0.0) + self._slack * force
+        outside |= r[:, 0] < -self._slack * force
+        outside |= np.linalg.norm(r[:, 1:], axis=1) > limit
+        return np.where(outside, np.inf, finite)
+
+    def bifunctional(
+        self, du: ArrayLike, dr: ArrayLike, at_supports: ArrayLike | None = None
+    ) -> float:
+        """``B = Φ + Π + Σ b``: (23), with the sign of ``u`` that (21) has.
+
+        At a solution ``-start_work``, nowhere less; zero where the start state is
+        complementary. Infinite off the domain of ``b`` or out of balance.
+        """
+        contact = float(self.bipotential(du, dr).sum())
+        if not np.isfinite(contact):
+            return np.inf
+        return self.potential(du) + self.complementary(dr, at_supports) + contact
+
+    def excess(
+        self, du: ArrayLike, dr: ArrayLike, at_supports: ArrayLike | None = None
+    ) -> float:
+        """``½ ‖du - w‖²_K + Σ r·ṽ``: what the bifunctional exceeds ``-start_work`` by.
+
+        The energy of what equilibrium lacks and the gaps of the contact law. Equal to
+        ``bifunctional + start_work`` wherever that is finite, and free of its cancellation:
+        a solution's is rounding of ``r·ṽ``, where ``B`` is rounding of ``Φ`` and ``Π``.
+        Constraints are not asked for; where they hold no term is negative.
+        """
+        u = self._admissible(du)
+        w = self.elastic_answer(dr, at_supports)
+        if w is None:
+            return np.inf
+        v = self._relative(u) + self.offset
+        r = self._before + np.asarray(dr, np.float64)
+        friction = self._mu * r[:, 0] * np.linalg.norm(v[:, 1:], axis=1)
+        return self._energy(u - w) + float(np.sum(r * v) + friction.sum())
+
+    def displacement_functional(self, du: ArrayLike, dr: ArrayLike) -> float:
+        """``ΔΦ_b`` (68): what ``du`` minimises, the normal reactions of ``dr`` given.
+
+        Infinite where ``du`` penetrates. ``ΔΦ_b + ΔΠ_b`` is not `bifunctional`: friction,
+        ``Σ μ r_n ‖v_t‖``, stands in both.
+        """
+        reaction = floats("dr", dr, shape=self._shape)
+        held = np.zeros_like(reaction)
+        held[:, 0] = reaction[:, 0] + self._before[:, 0]
+        # Of dr only r_n enters (68), so that only the constraint on du is asked for.
+        if not np.isfinite(self.bipotential(du, held - self._before)).all():
+            return np.inf
+        u = self._admissible(du)
+        work = float(np.sum(self._before * self._relative(u)))
+        return self.potential(u) + work + self._friction(u, reaction)
+
+    def stress_functional(
+        self, dr: ArrayLike, du: ArrayLike, at_supports: ArrayLike | None = None
+    ) -> float:
+        """``ΔΠ_b`` (72): what ``dr`` minimises, the slip of ``du`` given.
+
+        Infinite where ``dr`` leaves the cone or a body out of balance.
+        """
+        reaction = floats("dr", dr, shape=self._shape)
+        r = self._before + reaction
+        force = np.abs(r).max(initial=0.0) + np.abs(self._before).max(initial=0.0)
+        limit = self._mu * np.maximum(r[:, 0], 0.0) + self._slack * force
+        inside = (r[:, 0] >= -self._slack * force) & (
+            np.linalg.norm(r[:, 1:], axis=1) <= limit
+        )
+        if not inside.all():
+            return np.inf
+        work = float(np.sum(reaction * self.offset))
+        friction = self._friction(self._admissible(du), reaction)
+        return self.complementary(reaction, at_supports) + work + friction
+
+    def _admissible(self, du: ArrayLike) -> Array:
+        u = floats("du", du, shape=(self._stiffness.shape[0],), copy=False)
+        lack = np.abs(u[self._fixed] - self.prescribed)
+        size = np.abs(u).max(initial=0.0) + np.abs(self.prescribed).max(initial=0.0)
+        if (lack > self._slack * size).any():
+            at = int(np.argmax(lack))
+            dof = int(self._fixed[at])
+            raise ValueError(
+                f"du is {u[dof]} at degree of freedom {dof}, expected the prescribed "
+                f"{self.prescribed[at]}"
+            )
+        return u
+
+    def _answers(self, w: Array, reaction: Array) -> None:
+        """Refuse a ``K`` that the problem was not made with, or has been updated from."""
+        force = self.load + self._contact.T @ reaction.ravel()
+        free = np.ones(len(w), bool)
+        free[self._fixed] = False
+        terms = abs(self._stiffness) @ np.abs(w) + np.abs(force)
+        lack = np.abs(self._stiffness @ w - force)[free].max(initial=0.0)
+        # Solved to rounding, and in balance to the slack.
+        if lack > (1e-8 + self._slack) * terms.max(initial=0.0):
+            raise ValueError(
+                f"K is not the stiffness of the problem: its elastic answer misses "
+                f"equilibrium by {lack}, of forces up to {terms.max()}"
+            )
+
+    def _relative(self, u: Array) -> Array:
+        return np.asarray(self._contact @ u, np.float64).reshape(self._shape)
+
+    def _energy(self, u: Array) -> float:
+        return 0.5 * float(u @ (self._stiffness @ u))
+
+    def _friction(self, u: Array, reaction: Array) -> float:
+        slip = np.linalg.norm((self._relative(u) + self.offset)[:, 1:], axis=1)
+        return float(np.sum(self._mu * (self._before + reaction)[:, 0] * slip))
+
+    def _finite(self, moved: Array, reaction: Array) -> Array:
+        slip = np.linalg.norm((moved + self.offset)[:, 1:], axis=1)
+        r_n = self._before[:, 0] + reaction[:, 0]
+        at_start = self._before * moved + reaction * self.offset
+        return np.asarray(at_start.sum(axis=1) + self._mu * r_n * slip, np.float64)
+
+
+def _matrix(problem: ContactProblem) -> Any:
+    """``B`` of a problem."""
+    from scipy.sparse import csr_array
+
+    n, contacts, d = problem._shape
+    first, columns, values = problem._given[0]
+    return csr_array((values, columns, first), shape=(contacts * d, n))

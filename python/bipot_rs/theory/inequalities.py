@@ -1,0 +1,395 @@
+"""The variational inequalities of contact, [dSF91, 73-78], with their worst test fields.
+
+Each inequality asks something of all test fields: that a linear function of them is
+nowhere negative. Its least value is found exactly, contact by contact, and what it falls
+below zero is the residual, in units of work: zero if and only if the inequality holds.
+Test fields may grow without end, and then so may the violation; they are bounded here by
+a stated size, which changes the amount of a violation and never the verdict.
+
+Tractions and displacements are totals, ``t = t0 + Δt`` and ``v = Δu + (u_n0 + h0, 0)``:
+test fields ``t* = t0 + Δt*``, ``v* = Δu* + (u_n0 + h0, 0)`` differ from them by the same
+amounts as the increments of the paper do, and its sets ``ΔK_μ`` are those of totals moved
+by the start state. Reactions are nodal forces, so that integrals are sums.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.check import floats, friction, number
+from bipot_rs.reduced import ReducedProblem
+
+Array = NDArray[np.float64]
+
+
+class Verdict(NamedTuple):
+    """What the worst test field does to an inequality.
+
+    Attributes
+    ----------
+    residual
+        By how much each contact's share of the left side falls below zero, ``(n_c,)``, in
+        units of work; never negative.
+    worst
+        The test field that does it, ``(n_c, d)``.
+    """
+
+    residual: Array
+    worst: Array
+
+    @property
+    def total(self) -> float:
+        """The violation of the inequality: what all contacts together fall below zero."""
+        return float(self.residual.sum())
+
+
+def coupled(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdict:
+    """The one inequality (74): ``Σ ṽ·(t* - t) >= 0`` for all ``t*`` in the cones.
+
+    With ``ṽ = (v_n + μ ‖v_t‖, v_t)`` as in (57). The least of ``ṽ·t*`` over the cone with
+    ``t_n* <= size`` lies on its edge opposite to the slip, where it is ``t_n* v_n``, or at
+    the vertex. The residual is ``ṽ·t + size max(-v_n, 0)``.
+
+    Parameters
+    ----------
+    t, v
+        Reactions and relative displacements, ``(n_c, d)``, normal first.
+    mu
+        Friction coefficient, a number or ``(n_c,)``.
+    size
+        Largest normal force of a test field, as large as those of ``t`` at least.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named; ``size`` is smaller than a normal reaction, or ``t``
+        outside of the cones by more than rounding.
+    """
+    t, v, mu = _pair(t, v, mu)
+    limit = _bound("size", size, float(t[:, 0].max(initial=0.0)), "normal reaction")
+    _in_cone(t, mu)
+    worst = np.zeros_like(t)
+    worst[:, 0] = np.where(v[:, 0] < 0, limit, 0.0)
+    worst[:, 1:] = -(mu * worst[:, 0])[:, None] * _direction(v[:, 1:])
+    corrected = v.copy()
+    corrected[:, 0] += mu * np.linalg.norm(v[:, 1:], axis=1)
+    least = np.sum(corrected * (worst - t), axis=1)
+    return Verdict(np.maximum(-least, 0.0), worst)
+
+
+def displacements(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdict:
+    """The two inequalities (75), for all ``v_n* >= 0`` and all ``v_t*``, added up.
+
+    ``Σ t_n (v_n* - v_n) >= 0`` and
+    ``Σ t_t·(v_t* - v_t) + μ t_n (‖v_t*‖ - ‖v_t‖) >= 0``. The worst field opens a contact
+    that pulls, by ``size``, and slips by ``size`` along the excess of friction. The
+    residual is ``t_n v_n + size max(-t_n, 0)`` and
+    ``t_t·v_t + μ t_n ‖v_t‖ + size max(‖t_t‖ - μ t_n, 0)``.
+
+    Parameters
+    ----------
+    t, v, mu
+        As in `coupled`; ``v`` must not penetrate.
+    size
+        Largest opening and slip of a test field, as large as those of ``v`` at least.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named; ``size`` is smaller than an opening or a slip, or ``v``
+        penetrates by more than rounding.
+    """
+    t, v, mu = _pair(t, v, mu)
+    slip = np.linalg.norm(v[:, 1:], axis=1)
+    far = max(float(slip.max(initial=0.0)), float(v[:, 0].max(initial=0.0)))
+    limit = _bound("size", size, far, "opening or slip")
+    deep = v[:, 0] < -_ROUNDING * limit
+    if deep.any():
+        at = int(np.argmax(deep))
+        raise ValueError(
+            f"v of contact {at} penetrates by {-v[at, 0]}, expected v_n >= 0: (75) asks "
+            "for displacements that do not"
+        )
+    drag = np.linalg.norm(t[:, 1:], axis=1)
+    worst = np.zeros_like(v)
+    worst[:, 0] = np.where(t[:, 0] < 0, limit, 0.0)
+    # A contact that pulls drags by a negative limit, along any direction.
+    away = _direction(t[:, 1:])
+    away[(drag == 0) & (t[:, 0] < 0), :1] = 1.0
+    worst[:, 1:] = -np.where(drag > mu * t[:, 0], limit, 0.0)[:, None] * away
+    normal = t[:, 0] * (worst[:, 0] - v[:, 0])
+    tangential = np.sum(t[:, 1:] * (worst[:, 1:] - v[:, 1:]), axis=1)
+    reached = np.linalg.norm(worst[:, 1:], axis=1)
+    tangential += mu * t[:, 0] * (reached - slip)
+    return Verdict(np.maximum(-normal, 0.0) + np.maximum(-tangential, 0.0), worst)
+
+
+def alternated(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdict:
+    """The two inequalities (76)-(78) of the explicit form, added up.
+
+    ``Σ v_n (t_n* - t_n) >= 0`` for all ``t_n* >= 0``, and ``Σ v_t·(t_t* - t_t) >= 0`` for
+    all ``t_t*`` of the disc of radius ``μ t_n``. The residual is
+    ``v_n t_n + size max(-v_n, 0)`` and ``v_t·t_t + μ t_n ‖v_t‖``: added up, that of
+    `coupled`. What differs is the set of test fields, a cylinder against a cone.
+
+    Parameters
+    ----------
+    t, v, mu, size
+        As in `coupled`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `coupled`.
+    """
+    t, v, mu = _pair(t, v, mu)
+    limit = _bound("size", size, float(t[:, 0].max(initial=0.0)), "normal reaction")
+    _in_cone(t, mu)
+    worst = np.zeros_like(t)
+    worst[:, 0] = np.where(v[:, 0] < 0, limit, 0.0)
+    worst[:, 1:] = -(mu * t[:, 0])[:, None] * _direction(v[:, 1:])
+    normal = v[:, 0] * (worst[:, 0] - t[:, 0])
+    tangential = np.sum(v[:, 1:] * (worst[:, 1:] - t[:, 1:]), axis=1)
+    return Verdict(np.maximum(-normal, 0.0) + np.maximum(-tangential, 0.0), worst)
+
+
+class Response:
+    """The operators (73): ``E`` from increments of reaction to those of displacement, and back.
+
+    Affine, by the equilibrium of the bodies under the loads of the step:
+    ``E(Δt) = W (t0 + Δt) + q - offset``, and ``E⁻¹`` by the stiffness condensed on the
+    contacts.
+
+    Parameters
+    ----------
+    problem
+        The step, as `ContactProblem.reduced` gives it: ``W`` and ``q`` with the loads, and
+        rigid motions of bodies that contact alone holds.
+    reaction, offset
+        ``t0`` and ``(u_n0 + h0, 0)`` of the start state, ``(n_c, d)``; default zero, for
+        which increments are totals.
+
+    Attributes
+    ----------
+    monotonicity
+        The largest ``c`` with ``(E(t) - E(t'))·(t - t') >= c ‖t - t'‖²``: the least
+        eigenvalue of the symmetric part of ``W``, as computed [length/force].
+    inverse_monotonicity
+        That of ``E⁻¹`` [force/length]: zero where bodies are free to move rigidly, and
+        ``None`` where ``E⁻¹`` does not exist.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named.
+    """
+
+    def __init__(
+        self,
+        problem: ReducedProblem,
+        *,
+        reaction: ArrayLike | None = None,
+        offset: ArrayLike | None = None,
+    ) -> None:
+        if not isinstance(problem, ReducedProblem):
+            raise TypeError(
+                f"problem is a {type(problem).__name__}, expected a ReducedProblem"
+            )
+        self.problem = problem
+        shape = problem.q.shape
+        zero = np.zeros(shape)
+        self.reaction = (
+            zero if reaction is None else floats("reaction", reaction, shape=shape)
+        )
+        self.offset = zero if offset is None else floats("offset", offset, shape=shape)
+        W = problem.W.toarray() if hasattr(problem.W, "toarray") else problem.W
+        self._W: Array = np.asarray(W, np.float64)
+        size = self._W.shape[0]
+        self._R, self._e = np.empty((size, 0)), np.empty(0)
+        if problem.rigid is not None:
+            self._R, self._e = problem.rigid
+        self.monotonicity = _least(self._W)
+        self._inverse: Array | None = None
+        self.inverse_monotonicity: float | None = None
+        self._invert()
+
+    def displacement(self, dt: ArrayLike, rigid: ArrayLike | None = None) -> Array:
+        """``E(Δt) = Δû``, (73a), ``(n_c, d)``.
+
+        A body that contact alone holds is not placed by its reactions: the amounts
+        ``rigid (k,)`` of its motions are to be given, and ``Δt`` should balance its loads.
+
+        Raises
+        ------
+        ValueError
+            ``rigid`` is missing, or a wrong shape.
+        """
+        increment = floats("dt", dt, shape=self.problem.q.shape)
+        count = len(self._e)
+        if rigid is None and count:
+            raise ValueError(
+                f"rigid is missing, expected ({count},): reactions do not place bodies "
+                "that contact alone holds"
+            )
+        a = np.zeros(0) if rigid is None else floats("rigid", rigid, shape=(count,))
+        moved = self._W @ (self.reaction + increment).ravel() + self._R @ a
+        return (
+            np.asarray(moved.reshape(self.offset.shape) + self.problem.q) - self.offset
+        )
+
+    def traction(self, du: ArrayLike) -> Array:
+        """``E⁻¹(Δu) = Δt̂``, (73b), ``(n_c, d)``: in balance, rigid motions or not.
+
+        Raises
+        ------
+        ValueError
+            ``W`` is singular beyond rigid motions: displacements do not determine reactions.
+        """
+        increment = floats("du", du, shape=self.problem.q.shape)
+        if self._inverse is None:
+            raise ValueError(
+                "problem has a singular compliance, expected one that displacements "
+                "determine the reactions of"
+            )
+        moved = (increment + self.offset - self.problem.q).ravel()
+        m = len(moved)
+        right = np.concatenate([moved, -self._e])
+        total = self._inverse[:m] @ right
+        return np.asarray(total.reshape(self.offset.shape)) - self.reaction
+
+    def sizes(self) -> tuple[float, float]:
+        """Force and displacement of the size of the problem's own, to bound test fields by.
+
+        The largest free displacement, and the largest force that undoes it at a contact
+        alone or that the loads on rigid motions ask for.
+        """
+        q = self.problem.q
+        moved = np.linalg.norm(q, axis=1)
+        stiff = np.diag(self._W).reshape(q.shape).mean(axis=1)
+        force = np.divide(moved, stiff, where=stiff > 0, out=np.zeros(len(q)))
+        length = float(moved.max(initial=0.0))
+        largest = float(force.max(initial=0.0))
+        if len(self._e):
+            lever = np.linalg.norm(self._R, axis=0)
+            largest = max(largest, float((np.abs(self._e) / lever).max()))
+        return largest, length
+
+    def _invert(self) -> None:
+        m, k = self._R.shape
+        # Bordered: [W R; Rᵀ 0], in the scale of W's own entries.
+        alpha = np.sqrt(np.trace(self._W) / m) if m else 1.0
+        lengths = np.linalg.norm(self._R, axis=0)
+        border = self._R / lengths * alpha**2
+        whole = np.block([[self._W, border], [border.T, np.zeros((k, k))]])
+        if not m or np.linalg.cond(whole) > 1e14:
+            return
+        scale = np.concatenate([np.ones(m), alpha**2 / lengths])
+        self._inverse = np.linalg.inv(whole) * scale
+        # Zero to rounding along rigid motions, which need no force.
+        least = _least(self._inverse[:m, :m])
+        self.inverse_monotonicity = 0.0 if k else least
+
+
+def inequality_74(response: Response, dt: ArrayLike, size: float) -> Verdict:
+    """(74) of increments ``Δt``, with ``Δû = E(Δt)`` and the worst ``Δt*``.
+
+    Parameters
+    ----------
+    response
+        ``E``, with the start state.
+    dt
+        Increments in ``ΔK_μ``, ``(n_c, d)``.
+    size
+        As in `coupled`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `coupled`; bodies that contact alone holds, whose ``E`` is not a function.
+    """
+    total = response.reaction + floats("dt", dt, shape=response.reaction.shape)
+    v = response.displacement(dt) + response.offset
+    found = coupled(total, v, response.problem.mu, size)
+    return Verdict(found.residual, found.worst - response.reaction)
+
+
+def inequality_75(response: Response, du: ArrayLike, size: float) -> Verdict:
+    """(75) of increments ``Δu``, with ``Δt̂ = E⁻¹(Δu)`` and the worst ``Δu*``.
+
+    Parameters
+    ----------
+    response
+        ``E⁻¹``, with the start state.
+    du
+        Increments that do not penetrate, ``(n_c, d)``.
+    size
+        As in `displacements`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `displacements`; ``E⁻¹`` does not exist.
+    """
+    v = response.offset + floats("du", du, shape=response.offset.shape)
+    total = response.traction(du) + response.reaction
+    found = displacements(total, v, response.problem.mu, size)
+    return Verdict(found.residual, found.worst - response.offset)
+
+
+def inequality_78(response: Response, dt: ArrayLike, size: float) -> Verdict:
+    """(76)-(78) of increments ``Δt``, as `inequality_74` otherwise."""
+    total = response.reaction + floats("dt", dt, shape=response.reaction.shape)
+    v = response.displacement(dt) + response.offset
+    found = alternated(total, v, response.problem.mu, size)
+    return Verdict(found.residual, found.worst - response.reaction)
+
+
+# What a member of a set may be outside of it by, relative to the size of test fields: a
+# computed solution is in the cone to its tolerance.
+_ROUNDING = 1e-8
+
+
+def _pair(t: ArrayLike, v: ArrayLike, mu: ArrayLike) -> tuple[Array, Array, Array]:
+    force = floats("t", t, ndim=2)
+    if force.shape[1] not in (2, 3):
+        raise ValueError(f"t has shape {force.shape}, expected (n_c, 2) or (n_c, 3)")
+    moved = floats("v", v, shape=force.shape)
+    return force, moved, friction(mu, len(force))
+
+
+def _bound(what: str, value: float, least: float, of: str) -> float:
+    size = number(what, value)
+    if not (np.isfinite(size) and size >= least and size > 0):
+        raise ValueError(
+            f"{what} is {size}, expected a positive number, {least} or more: the largest "
+            f"{of}"
+        )
+    return size
+
+
+def _in_cone(t: Array, mu: Array) -> None:
+    largest = np.linalg.norm(t, axis=1).max(initial=0.0)
+    over = np.linalg.norm(t[:, 1:], axis=1) - mu * np.maximum(t[:, 0], 0.0)
+    lack = np.maximum(over, -t[:, 0])
+    if (lack > _ROUNDING * largest).any():
+        at = int(np.argmax(lack))
+        raise ValueError(
+            f"t of contact {at} is outside of its cone by {lack[at]}, expected reactions "
+            "inside: the inequality asks for them"
+        )
+
+
+def _direction(x: Array) -> Array:
+    """Unit vectors, zero where there is none."""
+    length = np.linalg.norm(x, axis=1, keepdims=True)
+    unit: Array = np.divide(x, length, where=length > 0, out=np.zeros_like(x))
+    return unit
+
+
+def _least(A: Array) -> float:
+    if not len(A):
+        return 0.0
+    return float(np.linalg.eigvalsh((A + A.T) / 2)[0])

@@ -1,0 +1,389 @@
+"""What is said of the existence of answers, held against closed forms and solves."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from bipot_rs import scene
+from random_problems import KINDS, random_problem
+
+Array = NDArray[np.float64]
+
+
+def slider(F: float, mu: float = 0.5) -> bp.Existence:
+    """Pressed by a spring with force 1, pulled by F, free to slide: exists iff F <= mu."""
+    problem = bp.ContactProblem(np.diag([1.0, 0.0]), np.eye(2), gap=[0.0], mu=mu)
+    return problem.existence([-1.0, F])
+
+
+def test_balance_is_necessary_and_not_sufficient() -> None:
+    # r = (F/μ, -F) balances the free direction for every F; there is an answer up to μ.
+    for F in (0.2, 0.499, 0.501, 5.0):
+        problem = bp.ContactProblem(np.diag([1.0, 0.0]), np.eye(2), gap=[0.0], mu=0.5)
+        found = problem.existence([-1.0, F])
+        assert found.verdict == "unknown"
+        assert found.motion is not None
+        assert found.displacement is not None
+        # The motion: pulled along, as pressure alone does not stop it.
+        assert found.motion.tolist() == [[0.0, 1.0]]
+        assert found.displacement == pytest.approx([0.0, 1.0], abs=1e-15)
+        exhausted = problem.existence([-1.0, F], exhaust=True)
+        assert exhausted.verdict == ("guaranteed" if F < 0.5 else "none")
+        if F < 0.5:
+            assert problem.solve([-1.0, F]).success
+        else:
+            with pytest.raises(bp.BipotError):
+                problem.solve([-1.0, F])
+    assert slider(0.0).verdict == "guaranteed"
+    without = slider(0.1, mu=0.0)
+    assert without.verdict == "none"
+    assert without.motion is not None
+    assert without.motion.tolist() == [[0.0, 1.0]]
+
+
+# Of (u_x, u_y) a foot: normals along y.
+PLANK_B = np.kron(np.eye(2), np.array([[0.0, 1.0], [1.0, 0.0]]))
+
+
+def plank(mu: float) -> bp.ContactProblem:
+    """A bar on two feet, at x = 0 and 1, free to slide, to rise and to turn."""
+    e = np.array([-1.0, 0.0, 1.0, 0.0])
+    K = 100.0 * np.outer(e, e)
+    return bp.ContactProblem(K, PLANK_B, gap=[0.0, 0.0], mu=mu)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_a_plank_stands_while_its_weight_is_above_its_feet(mu: float) -> None:
+    for x in (-0.5, -1e-3, 0.0, 1e-3, 0.4, 1.0, 1.001, 2.0):
+        load = [0.0, -(1 - x), 0.0, -x]
+        problem = plank(mu)
+        found = problem.existence(load)
+        assert found.verdict == ("guaranteed" if 0 <= x <= 1 else "none"), x
+        if found.verdict == "guaranteed":
+            assert found.pressure == pytest.approx([1 - x, x], abs=1e-12)
+            assert problem.solve(load).success
+        else:
+            with pytest.raises(bp.NoEquilibriumError):
+                problem.solve(load)
+            # The proof: a motion that no reaction works against, and the loads for.
+            d, u = found.motion, found.displacement
+            assert d is not None
+            assert u is not None
+            assert (d[:, 0] >= mu * np.abs(d[:, 1]) - 1e-9).all()
+            assert np.array(load) @ u > 0
+            # Rigid: the bar keeps its length, to the rounding of the null space.
+            assert abs(u[2] - u[0]) <= 1e-12 * np.abs(u).max()
+
+
+@pytest.mark.parametrize("x", [0.25, 0.5])
+def test_a_plank_is_dragged_up_to_the_limit_of_its_feet(x: float) -> None:
+    # Its feet carry 1 - x and x, whatever friction does: the limit is known.
+    feet = np.array([0.2, 0.6])
+    e = np.array([-1.0, 0.0, 1.0, 0.0])
+    problem = bp.ContactProblem(
+        100.0 * np.outer(e, e), PLANK_B, gap=[0.0, 0.0], mu=feet
+    )
+    limit = feet @ [1 - x, x]
+    for share, verdict in (
+        (0.5, "guaranteed"),
+        (0.9999, "guaranteed"),
+        (1.0001, "none"),
+    ):
+        load = np.array([share * limit, -(1 - x), 0.0, -x])
+        found = problem.existence(load)
+        assert found.verdict == verdict
+        if verdict == "guaranteed":
+            assert problem.solve(load).success
+        else:
+            with pytest.raises(bp.NoEquilibriumError):
+                problem.solve(load)
+    # All weight above one foot, about to tip: that foot alone must hold.
+    edge = [0.199, -1.0, 0.0, 0.0]
+    assert problem.existence(edge).verdict == "guaranteed"
+    assert problem.solve(edge).success
+    assert problem.existence([0.201, -1.0, 0.0, 0.0]).verdict == "none"
+
+
+def check(given: Any, found: bp.Existence) -> None:
+    """The witnesses prove what is said, by their definitions alone."""
+    W, q, mu, rigid = given
+    columns = W if rigid is None else np.hstack([W, rigid[0]])
+    if found.inside is not None:
+        v = found.inside
+        assert (v[:, 0] > mu * np.linalg.norm(v[:, 1:], axis=1)).all()
+        rows = np.ones(q.shape, bool)
+        rows[:, 1:] = (mu > 0)[:, None]
+        lack = (v - q).ravel()[rows.ravel()]
+        reach = columns[rows.ravel()]
+        rest = lack - reach @ np.linalg.lstsq(reach, lack, rcond=None)[0]
+        # Within reach to the digits of least squares with a singular matrix.
+        assert np.abs(rest).max() <= 1e-9 * np.abs(v - q).max()
+    if found.pressure is not None:
+        R, e = rigid
+        assert (found.pressure >= 0).all()
+        balance = R.reshape(*q.shape, -1)[:, 0].T @ found.pressure + e
+        terms = np.abs(R).max() * np.abs(found.pressure).sum() + np.abs(q).max()
+        assert np.abs(balance).max() <= 1e-9 * terms
+    if found.overlap is not None:
+        n = q.shape[1]
+        assert (found.overlap >= 0).all()
+        assert found.overlap @ q[:, 0] < 0
+        # To a billionth of what the gaps sum to, in the scale of the compliance.
+        assert (
+            np.abs(found.overlap @ columns[::n]).max() <= 1e-8 * np.abs(columns).max()
+        )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_guarantee_is_always_kept(kind: str, d: int) -> None:
+    guaranteed = 0
+    for seed in range(40):
+        given = random_problem(kind, d, seed)
+        problem = given.problem()
+        found = problem.existence()
+        check(given, found)
+        assert found.verdict != "none"  # these all have answers
+        if found.verdict == "guaranteed":
+            guaranteed += 1
+            assert problem.solve(max_iterations=5000).converged
+    # Redundant ones may only just open; floating ones are dragged within friction, but
+    # where it is nearly zero, by no less than a margin.
+    assert guaranteed >= {"floating": 39, "redundant": 30}.get(kind, 40)
+
+
+def solvable(problem: bp.ReducedProblem) -> bool:
+    """Whether the default or, where it comes to a stand, momentum finds an answer.
+
+    An answer that exists is not always found by each method: a body without loads, or
+    one of its feet hardly pressed.
+    """
+    methods = ("auto", "nesterov")
+    return any(problem.solve(m, max_iterations=5000).converged for m in methods)
+
+
+def random_rigid(d: int, seed: int) -> Any:
+    """A body on contacts all around it, held by them alone, loaded at random."""
+    rng = np.random.default_rng([11, d, seed])
+    # Fewer cannot hold a body, whatever the loads.
+    n = int(rng.integers(d, 7 if d == 2 else 10))
+    root = rng.normal(size=(n * d, n * d)) / np.sqrt(n * d)
+    W = root @ root.T + 0.1 * np.eye(n * d)
+    points = rng.normal(size=(n, d))
+    rows = []
+    for x in points:
+        frame = np.linalg.qr(rng.normal(size=(d, d)))[0]
+        # Normals mostly upwards, so that all three verdicts come.
+        frame[0] = np.eye(d)[-1] + 0.5 * rng.normal(size=d)
+        frame = np.linalg.qr(frame.T)[0].T
+        frame[0] *= np.sign(frame[0, -1])
+        if d == 2:
+            turns = np.array([[-x[1]], [x[0]]])
+        else:
+            turns = np.column_stack([np.cross(a, x) for a in np.eye(3)])
+        rows.append(frame @ np.hstack([np.eye(d), turns]))
+    R = np.vstack(rows)
+    e = np.append(0.4 * rng.normal(size=d), 0.3 * rng.normal(size=R.shape[1] - d))
+    e[d - 1] = -rng.exponential()
+    if seed % 3 == 0:
+        # Loads that pressure balances, that of some contacts only: mostly on a border.
+        pressure = rng.exponential(size=n) * (rng.random(n) < 0.6)
+        e = -R[::d].T @ pressure
+    q = rng.normal(size=(n, d)) * 0.3
+    return W, q, rng.uniform(0.0, 0.8, n), (R, e)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_verdicts_on_bodies_that_contact_alone_holds(d: int) -> None:
+    seen = {"guaranteed": 0, "none": 0, "unknown": 0}
+    for seed in range(150 if d == 2 else 60):
+        given = random_rigid(d, seed)
+        W, q, mu, rigid = given
+        problem = bp.ReducedProblem(W, q, mu, rigid=rigid)
+        found = problem.existence()
+        check(given, found)
+        seen[found.verdict] += 1
+        assert found.verdict == "guaranteed" or seed % 3
+        # In the plane all statuses are tried: the truth, by another way.
+        answers = problem.answers() if d == 2 else None
+        complete = answers is not None and answers.complete
+        if found.verdict == "guaranteed":
+            assert solvable(problem)
+            assert not complete or len(answers or ()) > 0
+        elif found.verdict == "none":
+            assert not problem.solve(max_iterations=300).converged
+            assert not answers
+        if complete:
+            exhausted = problem.existence(exhaust=True)
+            assert (exhausted.verdict == "none") == (len(answers or ()) == 0)
+            assert exhausted.verdict != "unknown"
+    assert min(seen.values()) >= 5, seen
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_verdicts_do_not_know_the_units(d: int) -> None:
+    for seed in range(30):
+        W, q, mu, (R, e) = random_rigid(d, seed)
+        told = bp.ReducedProblem(W, q, mu, rigid=(R, e)).existence().verdict
+        # Metres to micrometres, newtons to meganewtons; rotations are still radians.
+        length, force = 1e6, 1e-6
+        changed = R.copy()
+        changed[:, d:] *= length
+        work = np.append(np.full(d, force), np.full(len(e) - d, force * length))
+        other = bp.ReducedProblem(
+            W * length / force, q * length, mu, rigid=(changed, e * work)
+        )
+        assert other.existence().verdict == told
+
+
+def test_a_body_on_a_plane_is_held_below_the_limit() -> None:
+    # Feet on a line, at random; one coefficient: the limit is μ N, whatever the pressures.
+    rng = np.random.default_rng(9)
+    told = {"guaranteed": 0, "none": 0}
+    for _ in range(60):
+        n = int(rng.integers(2, 6))
+        x = np.sort(rng.normal(size=n))
+        R = np.zeros((2 * n, 3))
+        R[0::2, 1] = R[1::2, 0] = 1.0
+        R[0::2, 2] = x
+        weight, mu = rng.exponential(), rng.uniform(0.1, 0.9)
+        place = x[0] + (x[-1] - x[0]) * rng.uniform(0.05, 0.95)
+        share = rng.choice([rng.random(), 0.999, 1.001, 1 + rng.exponential()])
+        e = np.array([share * mu * weight, -weight, -weight * place])
+        root = rng.normal(size=(2 * n, 2 * n))
+        W = root @ root.T + 0.1 * np.eye(2 * n)
+        # Amounts of other motions, of any units.
+        change = rng.normal(size=(3, 3)) * 10.0 ** rng.integers(-3, 4, size=3)
+        rigid = (R @ change, change.T @ e)
+        problem = bp.ReducedProblem(W, rng.normal(size=(n, 2)), mu, rigid=rigid)
+        found = problem.existence()
+        assert found.verdict == ("guaranteed" if share < 1 else "none")
+        told[found.verdict] += 1
+        assert problem.solve(max_iterations=5000).converged == (share < 1)
+        # Coefficients that differ: what is guaranteed holds in truth, by all statuses.
+        several = bp.ReducedProblem(
+            W, problem.q, mu * rng.uniform(0.3, 1.0, n), rigid=rigid
+        )
+        if several.existence().verdict == "guaranteed":
+            answers = several.answers()
+            assert len(answers) > 0 or not answers.complete
+    assert min(told.values()) >= 15
+
+
+def block_on_a_plane(pull: Array, at: Array, mu: float) -> bp.ReducedProblem:
+    """A free block of weight 1 on nine feet, pulled at a point of the plane."""
+    x = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(
+        -1, 2
+    )
+    R = np.zeros((27, 6))
+    R[0::3, 2], R[0::3, 3], R[0::3, 4] = 1.0, x[:, 1], -x[:, 0]
+    R[1::3, 0], R[1::3, 5] = 1.0, -x[:, 1]
+    R[2::3, 1], R[2::3, 5] = 1.0, x[:, 0]
+    centre = np.array([0.2, -0.3])
+    spin = at[0] * pull[1] - at[1] * pull[0]
+    e = np.array([*pull, -1.0, -centre[1], centre[0], spin])
+    rng = np.random.default_rng(4)
+    root = rng.normal(size=(27, 27))
+    W = root @ root.T / 27 + 0.1 * np.eye(27)
+    change = rng.normal(size=(6, 6))
+    rigid = (R @ change, change.T @ e)
+    return bp.ReducedProblem(W, rng.normal(size=(9, 3)), mu, rigid=rigid)
+
+
+def test_a_block_on_a_plane_in_space() -> None:
+    centre = np.array([0.2, -0.3])
+    for angle in np.linspace(0, 6, 7):
+        way = np.array([np.cos(angle), np.sin(angle)])
+        # Pulled in line with its weight, friction in proportion to pressure holds it, up to
+        # the limit but for the polygon, half a percent.
+        for share, verdict in (
+            (0.0, "guaranteed"),
+            (0.99, "guaranteed"),
+            (1.001, "none"),
+        ):
+            problem = block_on_a_plane(share * 0.4 * way, centre, 0.4)
+            assert problem.existence().verdict == verdict
+            assert problem.solve(max_iterations=3000).converged == (share < 1)
+    # Out of line: the foot below its weight alone could not hold it against spin.
+    beside = block_on_a_plane(np.array([0.1, 0.0]), np.array([0.2, 0.0]), 0.4)
+    assert beside.existence().verdict == "unknown"
+    assert beside.solve().converged
+
+
+def test_a_tripod_is_always_decided() -> None:
+    # Three feet share the weight in one way only, whatever is pulled and turned: then no
+    # verdict but the two that are proved, and never both.
+    seen = {"guaranteed": 0, "none": 0}
+    for seed in range(60):
+        rng = np.random.default_rng([13, seed])
+        x = rng.normal(size=(3, 2))
+        R = np.zeros((9, 6))
+        R[0::3, 2], R[0::3, 3], R[0::3, 4] = 1.0, x[:, 1], -x[:, 0]
+        R[1::3, 0], R[1::3, 5] = 1.0, -x[:, 1]
+        R[2::3, 1], R[2::3, 5] = 1.0, x[:, 0]
+        share, mu = rng.dirichlet(np.ones(3)), rng.uniform(0.2, 0.8, 3)
+        pull = 0.15 * rng.normal(size=2) * rng.choice([0.3, 1.0, 2.0])
+        r = np.zeros((3, 3))
+        r[:, 0] = share
+        turn = 0.1 * rng.normal()
+        e = -R.T @ r.ravel() + [*pull, 0.0, 0.0, 0.0, turn]
+        root = rng.normal(size=(9, 9)) / 3
+        W = root @ root.T + 0.1 * np.eye(9)
+        problem = bp.ReducedProblem(W, rng.normal(size=(3, 3)), mu, rigid=(R, e))
+        verdict = problem.existence().verdict
+        seen[verdict] += 1
+        assert solvable(problem) == (verdict == "guaranteed")
+    assert min(seen.values()) >= 15
+
+
+def test_walls_that_overlap() -> None:
+    # A node between two walls, held by a spring: gaps sum to the room between them.
+    B = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    for room, verdict in ((0.1, "guaranteed"), (-0.1, "none")):
+        problem = bp.ContactProblem(np.eye(2), B, gap=[-0.3, 0.3 + room], mu=[0.2, 0.5])
+        load = [0.0, 3.0]
+        found = problem.existence(load)
+        assert found.verdict == verdict
+        reduced = problem.reduced(load)
+        check((problem.compliance, reduced.q, reduced.mu, None), found)
+        if verdict == "none":
+            assert found.overlap == pytest.approx([1.0, 1.0], rel=1e-12)
+            with pytest.raises(bp.BipotError):
+                problem.solve(load)
+        else:
+            assert problem.solve(load).success
+    # Walls that just touch it on both sides: no room inside, and no contradiction.
+    problem = bp.ContactProblem(np.eye(2), B, gap=[-0.3, 0.3], mu=[0.2, 0.5])
+    assert problem.existence(load).verdict == "unknown"
+    # A contact whose every component is prescribed, and penetrates.
+    held = bp.ContactProblem(np.eye(4), np.eye(4), gap=[0.0, 0.0], mu=0.3, fixed=[0, 1])
+    assert held.existence(None, [-0.1, 0.0]).verdict == "none"
+    assert held.existence(None, [0.1, 0.0]).verdict == "guaranteed"
+
+
+def test_compliance_that_no_theorem_is_about() -> None:
+    W = np.array([[1.0, 2.0], [-2.0, 0.0]])
+    found = bp.ReducedProblem(W, [[-1.0, 0.2]], 0.3).existence()
+    assert found.verdict == "unknown"
+    assert "not symmetric" in found.reason
+    # Definite, if not symmetric, is enough.
+    W[1, 1] = 1.0
+    assert bp.ReducedProblem(W, [[-1.0, 0.2]], 0.3).existence().verdict == "guaranteed"
+    found = bp.ReducedProblem(np.diag([1.0, -1.0]), [[-1.0, 0.2]], 0.3).existence()
+    assert "not positive semidefinite" in found.reason
+    with pytest.raises(TypeError, match="exhaust is 1, expected a bool"):
+        bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3).existence(
+            exhaust=1  # type: ignore[arg-type]
+        )
+
+
+def test_the_scenes_have_answers() -> None:
+    for name, n in (("pressed_block", 8), ("two_blocks", 4), ("sheared_cube", 3)):
+        whole = scene.read(name, [f"mesh.n={n}"])
+        case = scene.assemble(whole, scene.bodies(whole))
+        problem = case.model.problem()
+        load = None if case.load is None else case.load[0]
+        assert problem.existence(load, case.prescribed[0]).verdict == "guaranteed"

@@ -1,0 +1,454 @@
+"""The functionals of [dSF91], sections III and VI, on random bodies and solved scenes."""
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from bipot_rs import scene
+from bipot_rs.theory.functionals import Functionals, State
+from bodies import block
+
+Array = NDArray[np.float64]
+SEEDS = range(12)
+
+
+class Given(NamedTuple):
+    """Two bodies that touch each other and the ground, one prescribed end, two steps."""
+
+    K: Array
+    B: Array
+    gap: Array
+    mu: Array
+    fixed: NDArray[np.int64]
+    load: Array
+    prescribed: Array
+
+    def problem(self) -> bp.ContactProblem:
+        return bp.ContactProblem(
+            self.K, self.B, gap=self.gap, mu=self.mu, fixed=self.fixed
+        )
+
+
+def given(d: int, seed: int) -> Given:
+    rng = np.random.default_rng([d, seed])
+    size, contacts = 5 * d, 4
+    K = np.zeros((2 * size, 2 * size))
+    for k in range(2):
+        root = rng.normal(size=(size, size))
+        part = slice(k * size, (k + 1) * size)
+        K[part, part] = root @ root.T + np.eye(size)
+    # Contacts 0 and 1 between the bodies, 2 and 3 of the first with the ground.
+    B = np.zeros((contacts * d, 2 * size))
+    for i in range(contacts):
+        frame = np.linalg.qr(rng.normal(size=(d, d)))[0]
+        B[i * d : (i + 1) * d, i * d : (i + 1) * d] = frame
+        if i < 2:
+            B[i * d : (i + 1) * d, size + i * d : size + (i + 1) * d] = -frame
+    # The last node of each body, which no contact touches, is held in part.
+    fixed = np.array([size - 1, 2 * size - 2, 2 * size - 1])
+    gap = rng.normal(size=(contacts, d)) * 0.1
+    load = rng.normal(size=(2, 2 * size))
+    load -= 2.0 * B.reshape(contacts, d, -1)[:, 0].sum(axis=0)
+    return Given(
+        K, B, gap, rng.uniform(0.1, 0.6, contacts), fixed, load, rng.normal(size=(2, 3))
+    )
+
+
+def kinematic(rng: np.random.Generator, g: Given, f: Functionals) -> Array:
+    """A displacement increment with the prescribed values that opens all contacts."""
+    u = rng.normal(size=len(g.K))
+    u[g.fixed] = f.prescribed
+    wanted = np.abs(rng.normal(size=f.offset.shape))
+    wanted[:, 1:] = rng.normal(size=wanted[:, 1:].shape)
+    free = np.setdiff1d(np.arange(len(u)), g.fixed)
+    lack = (wanted - f.offset).ravel() - g.B @ u
+    u[free] += np.linalg.lstsq(g.B[:, free], lack, rcond=None)[0]
+    return np.asarray(u)
+
+
+def static(rng: np.random.Generator, mu: Array, d: int) -> Array:
+    """Reactions in the cone."""
+    r = np.zeros((len(mu), d))
+    r[:, 0] = rng.exponential(size=len(mu))
+    side = rng.normal(size=(len(mu), d - 1))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    r[:, 1:] = (rng.random(len(mu)) * mu * r[:, 0])[:, None] * side
+    return r
+
+
+def started(g: Given, seed: int, kind: str) -> tuple[Functionals, Array, Array]:
+    """Functionals from a start state, and ``t0`` and ``u0`` of it."""
+    rng = np.random.default_rng([7, seed])
+    problem, d = g.problem(), g.gap.shape[1]
+    t0, u0 = np.zeros_like(g.gap), np.zeros(len(g.K))
+    if kind == "unloaded":
+        made = Functionals(problem, g.K, g.load[1], g.prescribed[1])
+    elif kind == "solved":
+        result = problem.solve(g.load, g.prescribed, tol=1e-14)
+        t0, u0 = result[0].reaction, result[0].displacement
+        made = Functionals.of_step(problem, g.K, result, 1)
+    else:  # any: neither complementary nor in equilibrium
+        t0, u0 = static(rng, g.mu, d), rng.normal(size=len(g.K))
+        start = State(reaction=t0, displacement=u0)
+        made = Functionals(problem, g.K, g.load[1], g.prescribed[1], start=start)
+    return made, t0, u0
+
+
+@pytest.mark.parametrize("kind", ["unloaded", "solved", "any"])
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_bifunctional_is_the_energy_out_of_balance_and_the_gaps(
+    d: int, kind: str
+) -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        g = given(d, seed)
+        f, t0, _ = started(g, seed, kind)
+        u, r = kinematic(rng, g, f), static(rng, g.mu, d)
+        # w by dense algebra, with other motions of the supports than prescribed.
+        ends = f.prescribed + rng.normal(size=3)
+        free = np.setdiff1d(np.arange(len(u)), g.fixed)
+        w = np.zeros(len(u))
+        w[g.fixed] = ends
+        force = f.load + g.B.T @ (r - t0).ravel() - g.K @ w
+        w[free] = np.linalg.solve(g.K[np.ix_(free, free)], force[free])
+        v = f.relative_displacement(u)
+        gaps = (r * v).sum(axis=1) + g.mu * r[:, 0] * np.linalg.norm(v[:, 1:], axis=1)
+        right = 0.5 * (u - w) @ g.K @ (u - w) + gaps.sum() - f.start_work
+        left = f.bifunctional(u, r - t0, ends)
+        # The terms that cancel, rounded as sums of tens of products.
+        terms = [f.strain_energy(u), f.complementary_energy(r - t0, ends), right]
+        scale = sum(map(abs, terms)) + abs(f.load) @ abs(u) + abs(ends) @ abs(ends)
+        assert abs(left - right) <= 1e-13 * scale
+        assert f.excess(u, r - t0, ends) == pytest.approx(
+            right + f.start_work, rel=1e-12
+        )
+        assert f.excess(u, r - t0, ends) > 0
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_friction_stands_in_both_principles(d: int) -> None:
+    share = []
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        g = given(d, seed)
+        f, t0, _ = started(g, seed, "solved")
+        u, r = kinematic(rng, g, f), static(rng, g.mu, d)
+        slip = np.linalg.norm(f.relative_displacement(u)[:, 1:], axis=1)
+        twice = f.displacement_functional(u, r - t0) + f.stress_functional(r - t0, u)
+        once = f.bifunctional(u, r - t0)
+        friction = float(np.sum(g.mu * r[:, 0] * slip))
+        # Rounding of energies of the size of these.
+        size = abs(f.potential(u)) + f.strain_energy(u)
+        size += f.complementary_energy(r - t0)
+        assert twice - once == pytest.approx(friction, abs=1e-13 * size)
+        share.append(friction / size)
+    assert max(share) > 1e-2
+
+
+def solution(result: Any, k: int, increments: bool = True) -> Any:
+    """``du`` and ``dr`` of a step."""
+    u, r = result[k].displacement, result[k].reaction
+    if increments and k:
+        u, r = u - result[k - 1].displacement, r - result[k - 1].reaction
+    return u, r
+
+
+@cache
+def solved(name: str, n: int) -> tuple[Any, bp.ContactProblem, bp.Result]:
+    whole = scene.read(name, [f"mesh.n={n}"])
+    case = scene.assemble(whole, scene.bodies(whole))
+    problem = case.model.problem()
+    result = problem.solve(case.load, case.prescribed, tol=1e-14)
+    return case.model.K, problem, result
+
+
+SCENES = [
+    ("pressed_block", 8),
+    ("sheared_cube", 3),
+    ("cattaneo_mindlin", 4),
+    ("two_blocks", 4),
+    ("cyclic_cube", 3),
+    ("raous_plate", 8),
+]
+
+
+def steps(result: bp.Result) -> Iterator[int]:
+    yield from sorted(
+        {0, 1, len(result) // 2, len(result) - 1} & set(range(len(result)))
+    )
+
+
+@pytest.mark.parametrize(("name", "n"), SCENES)
+@pytest.mark.parametrize("increments", [True, False])
+def test_at_the_steps_of_a_scene_it_vanishes(
+    name: str, n: int, increments: bool
+) -> None:
+    K, problem, result = solved(name, n)
+    for k in steps(result):
+        f = Functionals.of_step(problem, K, result, k, increments=increments)
+        u, r = solution(result, k, increments)
+        # Increments are differences of totals, and B of energies.
+        total = result[k].displacement
+        size = total @ (K @ total)
+        assert abs(f.excess(u, r)) <= 1e-13 * size
+        assert abs(f.bifunctional(u, r) + f.start_work) <= 1e-13 * size
+        assert abs(f.start_work) <= 1e-13 * size
+
+
+@pytest.mark.parametrize(("name", "n"), SCENES)
+def test_the_solution_is_the_least_of_admissible_fields(name: str, n: int) -> None:
+    K, problem, result = solved(name, n)
+    rng = np.random.default_rng(3)
+    modes = problem._core.modes().T
+    moved, pressed = 0, 0
+    for k in steps(result):
+        f = Functionals.of_step(problem, K, result, k)
+        u, r = solution(result, k)
+        t0 = r * 0 if k == 0 else result[k - 1].reaction
+        total = result[k].displacement
+        least = f.bifunctional(u, r)
+        rounding = 1e-13 * (total @ (K @ total))
+        v = f.relative_displacement(u)
+        B = f._contact
+        for size in 10.0 ** np.arange(-6, 1):
+            # (28a): moves that keep what is prescribed, then opened where they penetrate
+            # by as much as the contact's own degrees of freedom can.
+            step = size * np.abs(total).max() * rng.normal(size=len(u))
+            step[f._fixed] = 0
+            trial = u + step
+            lack = np.minimum((B @ trial).reshape(v.shape)[:, 0] + f.offset[:, 0], 0)
+            push = np.zeros_like(v)
+            push[:, 0] = -lack
+            opened = B.T @ push.ravel()
+            opened[f._fixed] = 0
+            trial += opened
+            value = f.bifunctional(trial, r)
+            if np.isfinite(value):
+                moved += 1
+                assert value >= least - rounding
+            # (28b): reactions of the cone, in balance where a body is free.
+            new = t0 + r + size * np.abs(t0 + r).max() * rng.normal(size=r.shape)
+            new, _ = bp.project(new, problem._mu)
+            if modes.size:
+                scale = (t0 + r).ravel() @ modes[:, 0] / (new.ravel() @ modes[:, 0])
+                new *= abs(scale)
+            value = f.bifunctional(u, new - t0)
+            if np.isfinite(value):
+                pressed += 1
+                assert value >= least - rounding
+    # The bodies' own contact nodes move one by one: most trials are admissible.
+    assert moved >= 4
+    assert pressed >= 4
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_solution_is_the_least_on_random_bodies(d: int) -> None:
+    for seed in SEEDS:
+        rng = np.random.default_rng([1, seed])
+        g = given(d, seed)
+        problem = g.problem()
+        result = problem.solve(g.load, g.prescribed, tol=1e-14)
+        f = Functionals.of_step(problem, g.K, result, 1)
+        du, dr = solution(result, 1)
+        t0 = result[0].reaction
+        total = result[1].displacement
+        size = total @ g.K @ total + f.strain_energy(du)
+        # A difference of two solutions, whose reactions are right to 1e-14.
+        assert abs(f.bifunctional(du, dr)) <= 1e-12 * size
+        for _ in range(20):
+            u, r = kinematic(rng, g, f), static(rng, g.mu, d)
+            part = rng.random() ** 4
+            # Between an admissible field and the solution all are admissible.
+            near, held = du + part * (u - du), dr + part * (r - t0 - dr)
+            ends = f.prescribed + part * rng.normal(size=3)
+            for value in (
+                f.bifunctional(near, dr),
+                f.bifunctional(du, held),
+                f.bifunctional(du, held, ends),
+                f.bifunctional(near, held, ends),
+            ):
+                assert np.isfinite(value)
+                assert value >= -1e-12 * size
+            # A strictly convex part: what is moved by much is paid for.
+            assert f.bifunctional(near, held) >= f.excess(near, held) / 2
+
+
+def test_without_contact_it_is_the_sum_of_the_two_energies() -> None:
+    # (25), and that Φ and Π are each other's bounds: Φ(u) + Π(σ) >= 0, = 0 for u = w.
+    g = given(2, 0)
+    problem = g.problem()
+    f = Functionals(problem, g.K, g.load[0], g.prescribed[0])
+    none = np.zeros_like(g.gap)
+    w = f.elastic_answer(none)
+    assert w is not None
+    size = f.strain_energy(w)
+    assert f.potential(w) + f.complementary(none) == pytest.approx(0, abs=1e-13 * size)
+    other = w.copy()
+    other[0] += 1.0
+    # Moved by e the potential rises by ½ eᵀ K e.
+    assert f.potential(other) - f.potential(w) == pytest.approx(
+        g.K[0, 0] / 2, rel=1e-10
+    )
+
+
+def test_units_change_the_numbers_and_no_bit() -> None:
+    length, force = 2.0**20, 2.0**-13
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        g = given(3, seed)
+        other = g._replace(
+            K=g.K * force / length,
+            gap=g.gap * length,
+            load=g.load * force,
+            prescribed=g.prescribed * length,
+        )
+        f, h = (
+            Functionals(x.problem(), x.K, x.load[0], x.prescribed[0])
+            for x in (g, other)
+        )
+        u, r = kinematic(rng, g, f), static(rng, g.mu, 3)
+        for name in ("bifunctional", "excess", "displacement_functional"):
+            here = getattr(f, name)(u, r)
+            assert getattr(h, name)(u * length, r * force) == here * length * force
+
+
+def test_what_leaves_the_domain_is_infinite() -> None:
+    g = given(2, 1)
+    problem = g.problem()
+    f = Functionals(problem, g.K, g.load[0], g.prescribed[0])
+    rng = np.random.default_rng(0)
+    u, r = kinematic(rng, g, f), static(rng, g.mu, 2)
+    assert np.isfinite(f.bifunctional(u, r))
+    pulled = r.copy()
+    pulled[1, 0] = -1.0
+    assert np.isinf(f.bifunctional(u, pulled))
+    assert np.isinf(f.stress_functional(pulled, u))
+    dragged = r.copy()
+    dragged[2, 1] = 1.01 * g.mu[2] * dragged[2, 0]
+    assert np.flatnonzero(np.isinf(f.bipotential(u, dragged))).tolist() == [2]
+    deep = u - 100 * g.B[0] / (g.B[0] @ g.B[0])
+    assert np.isinf(f.bipotential(deep, r)[0])
+    assert np.isinf(f.displacement_functional(deep, r))
+    # (68) knows the normal part of dr alone.
+    assert np.isfinite(f.displacement_functional(u, dragged))
+    assert f.displacement_functional(u, dragged) == f.displacement_functional(u, r)
+
+
+def test_a_free_body_needs_balance() -> None:
+    # A slider on a spring: K = diag(1, 0). Nothing but friction balances F.
+    K, B = np.diag([1.0, 0.0]), np.eye(2)
+    problem = bp.ContactProblem(K, B, gap=[0.0], mu=0.5)
+    f = Functionals(problem, K, [-1.0, 0.25])
+    assert np.isinf(f.complementary([[1.0, 0.0]]))
+    assert np.isinf(f.bifunctional([0.0, 0.0], [[1.0, 0.0]]))
+    assert np.isinf(f.excess([0.0, 0.0], [[1.0, 0.0]]))
+    # Pressed by r_n = 2 the spring has -1 + 2 = 1, W = ½.
+    assert f.complementary([[2.0, -0.25]]) == pytest.approx(0.5, rel=1e-14)
+    assert f.bifunctional([0.0, 0.0], [[1.0, -0.25]]) == pytest.approx(0, abs=1e-14)
+
+
+def test_wrong_arguments_are_named() -> None:
+    g = given(2, 2)
+    problem = g.problem()
+    with pytest.raises(TypeError, match="problem is a str, expected a ContactProblem"):
+        Functionals("problem", g.K)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"K has shape \(3, 3\), expected \(20, 20\)"):
+        Functionals(problem, np.eye(3))
+    f = Functionals(problem, g.K, g.load[0], g.prescribed[0])
+    with pytest.raises(
+        ValueError, match=r"du is 0.0 at degree of freedom .*, expected the prescribed"
+    ):
+        f.potential(np.zeros(20))
+    with pytest.raises(ValueError, match=r"dr has shape \(4,\), expected \(4, 2\)"):
+        f.complementary(np.zeros(4))
+    stiffer = Functionals(problem, 1.1 * g.K, g.load[0], g.prescribed[0])
+    with pytest.raises(ValueError, match="K is not the stiffness of the problem"):
+        stiffer.complementary(np.zeros((4, 2)))
+    result = problem.solve(g.load, g.prescribed)
+    with pytest.raises(ValueError, match="k is 2, expected -2 to 1"):
+        Functionals.of_step(problem, g.K, result, 2)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_print_of_23_lacks_a_sign(seed: int) -> None:
+    # With b(u, t) in place of b(-u, t) the tractions push the wrong way: the solution is
+    # no minimum, and moving along them goes downhill.
+    g = given(2, seed)
+    problem = g.problem()
+    result = problem.solve(g.load, g.prescribed, tol=1e-14)
+    f = Functionals.of_step(problem, g.K, result, 1)
+    du, dr = solution(result, 1)
+    t0 = result[0].reaction
+    assert (t0[:, 0] > 0).any()
+
+    def total(u: Array, side: float) -> float:
+        x = (g.B @ u).reshape(g.gap.shape)
+        b = side * (t0 * x).sum() + dr[:, 0] @ f.offset[:, 0]
+        b += g.mu * (t0 + dr)[:, 0] @ np.linalg.norm(x[:, 1:], axis=1)
+        return f.potential(u) + f.complementary(dr) + float(b)
+
+    way = g.B.T @ t0.ravel()
+    way[g.fixed] = 0.0
+    way /= np.sqrt(way @ g.K @ way)
+    at_end = result[1].displacement
+    size = np.sqrt(at_end @ g.K @ at_end)
+    to = du + 1e-3 * size * way
+    assert total(du, 1) == pytest.approx(f.bifunctional(du, dr), abs=1e-11 * size**2)
+    # Upwards as it should be: contacts that pressed open, or slide against friction.
+    assert total(to, 1) > total(du, 1)
+    assert total(to, -1) < total(du, -1) - 1e-6 * size**2
+
+
+@pytest.mark.parametrize("F", [0.75, 1.0, 2.0])
+def test_both_principles_may_hold_where_there_is_no_solution(F: float) -> None:
+    # A slider on a spring, pulled by F > μ. (65), (66) are fulfilled, B is bounded below and
+    # takes its least value, each of (28a) and (28b) holds there, and B is not zero.
+    mu = 0.5
+    K = np.diag([1.0, 0.0])
+    problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=mu)
+    f = Functionals(problem, K, [-1.0, F])
+    u, r = np.array([0.0, 3.0]), np.array([[F / mu, -F]])
+    least = 0.5 * (F / mu - 1) ** 2
+    assert f.bifunctional(u, r) == pytest.approx(least, rel=1e-14)
+    for opening in (0.0, 0.1, 0.7, 4.0):
+        for slip in (-5.0, -1e-3, 0.0, 1e-3, 3.0, 50.0):
+            # (28a), and flat in all slips forward: not coercive, against (35).
+            value = f.bifunctional([opening, slip], r)
+            assert value >= least * (1 - 1e-14)
+            if opening == 0 and slip >= 0:
+                assert value == pytest.approx(least, rel=1e-14)
+        for press in (0.0, F, F / mu, 1.01 * F / mu, 10.0):
+            other = np.array([[press, -F]])
+            # (28b), and of all pairs: none has B = 0.
+            assert f.bifunctional(u, other) >= least * (1 - 1e-14)
+            assert f.bifunctional([opening, 3.0], other) >= least * (1 - 1e-14)
+            inside = f.bifunctional([opening, 0.0], other)
+            assert inside >= least * (1 - 1e-14)
+    # Reactions out of balance are not admissible.
+    assert np.isinf(f.bifunctional(u, [[F / mu, 0.01 - F]]))
+    with pytest.raises(bp.BipotError):
+        problem.solve([-1.0, F])
+
+
+def test_rotations_do_not_strain_a_body() -> None:
+    # (19a) as printed takes the gradient for the strain: a rotation by ω would store
+    # ½ ∫ 2 G ‖grad u‖² = 2 G ω² a unit of area.
+    young, nu, turn = 3.0, 0.25, 0.1
+    body = block([1.0, 1.0], [3, 3], young, nu)
+    problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=0.3)
+    f = Functionals(problem, body.K)
+    u = np.zeros(body.K.shape[0])
+    u[body.basis.nodal_dofs[0]] = -turn * body.basis.mesh.p[1]
+    u[body.basis.nodal_dofs[1]] = turn * body.basis.mesh.p[0]
+    printed = 2 * young / (2 * (1 + nu)) * turn**2
+    assert abs(f.strain_energy(u)) <= 1e-14 * printed
+    # A stretch by the same amount along x: ½ (λ + 2 G) ε².
+    u[:] = 0.0
+    u[body.basis.nodal_dofs[0]] = turn * body.basis.mesh.p[0]
+    stiff = young * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    assert f.strain_energy(u) == pytest.approx(0.5 * stiff * turn**2, rel=1e-12)

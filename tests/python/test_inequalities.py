@@ -1,0 +1,389 @@
+"""The inequalities of [dSF91], section VII, and the explicit scheme of its section I."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from bipot_rs import scene
+from bipot_rs.theory.explicit import explicit_path
+from bipot_rs.theory.inequalities import (
+    Response,
+    alternated,
+    coupled,
+    displacements,
+    inequality_74,
+    inequality_75,
+    inequality_78,
+)
+from random_problems import random_problem
+
+Array = NDArray[np.float64]
+FORMS = (coupled, displacements, alternated)
+
+
+def on_the_law(rng: np.random.Generator, mu: Array, d: int) -> tuple[Array, Array]:
+    """Pairs (t, v) of every status."""
+    n = len(mu)
+    side = rng.normal(size=(n, d - 1))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    status = rng.integers(3, size=n)
+    press = np.where(status == 0, 0.0, rng.exponential(size=n))
+    share = np.where(status == 1, rng.random(n), 1.0)
+    t = np.column_stack([press, -(share * mu * press)[:, None] * side])
+    slip = np.where(status == 1, 0.0, rng.exponential(size=n))
+    opening = np.where(status == 0, rng.exponential(size=n), 0.0)
+    return t, np.column_stack([opening, slip[:, None] * side])
+
+
+def inside(rng: np.random.Generator, mu: Array, d: int, size: float, many: int) -> Any:
+    """Test tractions of the truncated cone, ``(many, n_c, d)``, its edges included."""
+    n = len(mu)
+    side = rng.normal(size=(many, n, d - 1))
+    side /= np.linalg.norm(side, axis=2, keepdims=True)
+    press = size * rng.choice([0.0, 1.0, rng.random()], size=(many, n))
+    share = rng.choice([1.0, rng.random()], size=(many, n))
+    return np.concatenate(
+        [press[..., None], (share * mu * press)[..., None] * side], axis=2
+    )
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_no_test_field_is_worse_than_the_worst(d: int) -> None:
+    rng = np.random.default_rng(5)
+    gaps = []
+    for _ in range(40):
+        mu = rng.uniform(0.05, 1.0, 3)
+        size = 4.0
+        t = bp.project(rng.normal(size=(3, d)) + np.eye(1, d), mu)[0]
+        v = rng.normal(size=(3, d))
+        v_t = np.linalg.norm(v[:, 1:], axis=1)
+        # (74): all of ṽ·(t* - t).
+        found = coupled(t, v, mu, size)
+        corrected = v.copy()
+        corrected[:, 0] += mu * v_t
+        trials = inside(rng, mu, d, size, 4000)
+        values = np.sum(corrected * (trials - t), axis=2)
+        # Sums of a few products of numbers of order one to ten.
+        assert (values >= -found.residual - 1e-13).all()
+        assert np.sum(corrected * (found.worst - t), axis=1) == pytest.approx(
+            -found.residual, abs=1e-13
+        )
+        gaps.append((values.min(axis=0) + found.residual).max())
+        # (76)-(78): any t_n*, any t_t* of the disc of t.
+        found = alternated(t, v, mu, size)
+        disc = trials[..., 1:] / np.maximum(trials[..., :1], 1e-300) * t[:, :1]
+        values = v[:, 0] * (trials[..., 0] - t[:, 0])
+        values += np.sum(v[:, 1:] * (disc - t[:, 1:]), axis=2)
+        assert (values >= -found.residual - 1e-13).all()
+        # (75): displacements that do not penetrate, for tractions of any sign.
+        pulls = rng.normal(size=(3, d))
+        opened = v.copy()
+        opened[:, 0] = np.abs(opened[:, 0])
+        found = displacements(pulls, opened, mu, size)
+        moves = rng.normal(size=(4000, 3, d))
+        moves *= size / np.linalg.norm(moves[..., 1:], axis=2, keepdims=True)
+        moves[..., 0] = size * rng.choice([0.0, 1.0, rng.random()], size=(4000, 3))
+        moves[..., 1:] *= rng.choice([0.0, 1.0, rng.random()], size=(4000, 3, 1))
+        values = np.sum(pulls * (moves - opened), axis=2)
+        values += (
+            mu
+            * pulls[:, 0]
+            * (
+                np.linalg.norm(moves[..., 1:], axis=2)
+                - np.linalg.norm(opened[:, 1:], axis=1)
+            )
+        )
+        assert (values >= -found.residual - 1e-13).all()
+    # 4000 directions miss the worst one by their spacing, squared in space.
+    assert max(gaps) < (1e-13 if d == 2 else 1e-2)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_three_agree_on_pairs(d: int) -> None:
+    rng = np.random.default_rng(6)
+    for _ in range(100):
+        mu = rng.uniform(0.0, 1.0, 6) * (rng.random(6) < 0.8)
+        t, v = on_the_law(rng, mu, d)
+        size = 2 + max(t.max(), np.abs(v).max())
+        for form in FORMS:
+            # Products of numbers of order one.
+            assert form(t, v, mu, size).total <= 1e-14 * size
+        # Off the law, one thing at a time; t stays in the cone, v does not penetrate.
+        pressed = t[:, 0] > 0
+        wrong_t = t + np.eye(1, d)
+        away = v + 0.5 * np.eye(1, d)
+        turned = v.copy()
+        turned[:, 1:] *= -1
+        slid = pressed & (mu > 0) & (np.linalg.norm(v[:, 1:], axis=1) > 1e-3)
+        for tractions, moved, off in (
+            (wrong_t, away, np.ones(6, bool)),
+            (t, away, pressed),
+            (t, turned, slid),
+        ):
+            one = coupled(tractions, moved, mu, size)
+            two = displacements(tractions, moved, mu, size)
+            other = alternated(tractions, moved, mu, size)
+            # Inside the cone and without penetration all three are the bipotential gap.
+            gap = np.sum(tractions * moved, axis=1)
+            gap += mu * tractions[:, 0] * np.linalg.norm(moved[:, 1:], axis=1)
+            for found in (one, two, other):
+                assert found.residual == pytest.approx(gap, abs=1e-13)
+                assert (found.residual[off] > 1e-6).all()
+        # (74) and (78) are one residual, penetration or not.
+        deep = v - 0.7 * np.eye(1, d)
+        one, other = coupled(t, deep, mu, size), alternated(t, deep, mu, size)
+        assert one.residual == pytest.approx(other.residual, abs=1e-13)
+        assert (one.residual[deep[:, 0] < 0] > 0).all()
+        # Outside of the cone only (75) has something to say.
+        out = t.copy()
+        out[:, 1] += 2 * mu * t[:, 0] + 0.1
+        excess = np.linalg.norm(out[:, 1:], axis=1) - mu * t[:, 0]
+        said = displacements(out, v, mu, size).residual
+        assert (said[excess > 1e-3] > 0).all()
+        for form in (coupled, alternated):
+            with pytest.raises(ValueError, match="is outside of its cone by"):
+                form(out, v, mu, size)
+
+
+KINDS = ["held", "graded", "frictionless", "flat", "open"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("d", [2, 3])
+def test_at_solutions_they_hold_and_elsewhere_not(kind: str, d: int) -> None:
+    for seed in range(15):
+        rng = np.random.default_rng(seed)
+        given = random_problem(kind, d, seed)
+        solution = given.problem().solve(tol=1e-14)
+        t, v = solution.reaction, solution.relative_displacement
+        # A start state of any kind: increments are what is left to the totals.
+        t0, offset = rng.normal(size=t.shape), rng.normal(size=t.shape)
+        offset[:, 1:] = 0.0
+        response = Response(given.problem(), reaction=t0, offset=offset)
+        force, length = response.sizes()
+        if not length:
+            continue  # nothing is loaded, and nothing happens
+        force, length = 2 * max(force, t.max()), 2 * max(length, np.abs(v).max())
+        one = inequality_74(response, t - t0, force)
+        held = v.copy()
+        held[:, 0] = np.maximum(v[:, 0], 0.0)  # rounding of closed contacts
+        two = inequality_75(response, held - offset, length)
+        three = inequality_78(response, t - t0, force)
+        # In the units of work of the bounds; E and E⁻¹ lose the condition of W.
+        digits = 1e-12 * (1e4 if kind == "graded" else 1.0)
+        extent = force * length * len(t)
+        assert one.total <= digits * extent
+        assert three.total <= digits * extent
+        assert two.total <= 100 * digits * extent
+        # Another admissible traction.
+        other, _ = bp.project(t + 0.1 * force * rng.normal(size=t.shape), given.mu)
+        if np.abs(other - t).max() > 1e-3 * force and kind != "graded":
+            first = inequality_74(response, other - t0, 2 * force)
+            assert first.total > 1e-9 * extent
+            last = inequality_78(response, other - t0, 2 * force)
+            assert last.residual == pytest.approx(first.residual, abs=1e-12 * extent)
+            # The worst field found is a field of the set.
+            bp.project(first.worst, given.mu, base=t0)
+            total = first.worst + t0
+            kept, _ = bp.project(total, given.mu)
+            assert np.abs(kept - total).max() <= 1e-13 * force
+
+
+def test_operators_are_inverse_and_monotone() -> None:
+    rng = np.random.default_rng(8)
+    for kind in ("held", "floating"):
+        for seed in range(10):
+            given = random_problem(kind, 3, seed)
+            response = Response(given.problem(), offset=rng.normal(size=given.q.shape))
+            a = rng.normal(size=0 if given.rigid is None else len(given.rigid[1]))
+            r = rng.normal(size=given.q.shape)
+            if given.rigid is not None:
+                R, e = given.rigid
+                r -= (R @ np.linalg.solve(R.T @ R, R.T @ r.ravel() + e)).reshape(
+                    r.shape
+                )
+            du = response.displacement(r, a if len(a) else None)
+            # Condition numbers of some hundred.
+            assert response.traction(du) == pytest.approx(r, abs=1e-11)
+            other = rng.normal(size=r.shape)
+            back = response.traction(du + other) - response.traction(du)
+            gain, size = np.sum(back * other), np.sum(other**2)
+            assert response.inverse_monotonicity is not None
+            assert gain >= (response.inverse_monotonicity - 1e-12) * size
+            values, vectors = np.linalg.eigh(given.W)
+            assert response.monotonicity == pytest.approx(values[0], rel=1e-10)
+            if kind == "floating":
+                assert response.inverse_monotonicity == 0
+                rigid = (given.rigid[0] @ np.ones(3)).reshape(r.shape)  # type: ignore[index]
+                still = response.traction(du + rigid)
+                assert still == pytest.approx(r, abs=1e-11)
+                with pytest.raises(ValueError, match="rigid is missing"):
+                    response.displacement(r)
+            else:
+                assert response.inverse_monotonicity == pytest.approx(
+                    1 / values[-1], rel=1e-10
+                )
+                # Sharp: along the softest direction nothing less would do.
+                way = vectors[:, 0].reshape(r.shape)
+                gain = np.sum(
+                    (response.displacement(way) - response.displacement(0 * way)) * way
+                )
+                assert gain == pytest.approx(response.monotonicity, rel=1e-9)
+    singular = Response(random_problem("redundant", 3, 3).problem())
+    assert singular.inverse_monotonicity is None
+    with pytest.raises(ValueError, match="singular compliance"):
+        singular.traction(np.zeros_like(singular.offset))
+
+
+@pytest.mark.parametrize(
+    ("name", "n"),
+    [
+        ("sheared_cube", 3),
+        ("cattaneo_mindlin", 3),
+        ("two_blocks", 4),
+        ("cyclic_cube", 3),
+    ],
+)
+def test_every_step_of_a_scene_satisfies_them(name: str, n: int) -> None:
+    whole = scene.read(name, [f"mesh.n={n}"])
+    case = scene.assemble(whole, scene.bodies(whole))
+    problem = case.model.problem()
+    result = problem.solve(case.load, case.prescribed, tol=1e-14)
+    for k in sorted({0, 1, len(result) // 2, len(result) - 1}):
+        step, before = result[k], result[k - 1] if k else None
+        reduced = problem.reduced(step.load, step.prescribed, before)
+        t0, offset = np.zeros_like(step.reaction), np.zeros_like(step.reaction)
+        if before is not None:
+            t0 = before.reaction
+            offset[:, 0] = before.relative_displacement[:, 0]
+        response = Response(reduced, reaction=t0, offset=offset)
+        force, length = response.sizes()
+        force = 2 * max(force, step.reaction.max())
+        extent = force * length
+        for form in (inequality_74, inequality_78):
+            # Each contact to the digits of W, whose condition is some thousands.
+            found = form(response, step.reaction - t0, force)
+            assert found.residual.max() <= 1e-11 * extent
+        # (75) of the same pair, of which rounding is not to penetrate.
+        v = response.displacement(step.reaction - t0) + offset
+        v[:, 0] = np.maximum(v[:, 0], 0.0)
+        reach = 2 * max(length, np.abs(v).max())
+        found = displacements(step.reaction, v, reduced.mu, reach)
+        assert found.residual.max() <= 1e-11 * force * reach
+        # Somewhere else in the cone they fail.
+        half = 0.5 * step.reaction
+        assert inequality_74(response, half - t0, force).total > 1e-6 * extent
+
+
+def test_prints_of_74_and_78_fail_at_solutions() -> None:
+    wrong_74 = wrong_78 = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        given = random_problem("held", 3, seed)
+        solution = given.problem().solve(tol=1e-14)
+        t, v = solution.reaction, solution.relative_displacement
+        # A start on the law: h0 apart from u_n0, t0 inside of the cone.
+        t0 = 0.5 * t
+        offset = np.zeros_like(t)
+        du, dt = v - offset, t - t0
+        trial = inside(rng, given.mu, 3, 2 * t.max() + 1, 500) - t0
+        first = (v[:, 0] + given.mu * np.linalg.norm(v[:, 1:], axis=1)) * (
+            trial[..., 0] - dt[:, 0]
+        )
+        right = first + np.sum(du[:, 1:] * (trial - dt)[..., 1:], axis=2)
+        printed = first + np.sum(dt[:, 1:] * (trial - dt)[..., 1:], axis=2)
+        assert right.sum(axis=1).min() >= -1e-12
+        wrong_74 += printed.sum(axis=1).min() < -1e-3
+        # (78): û_n + u_n0 + h0 (Δt_n* - Δt_n), h0 = 0.3 and u_n0 what that leaves.
+        h0 = 0.3
+        u_n0 = offset[:, 0] - h0
+        bracket = (v[:, 0] - offset[:, 0]) + u_n0 + h0 * (trial - dt)[..., 0]
+        assert ((v[:, 0]) * (trial - dt)[..., 0]).sum(axis=1).min() >= -1e-12
+        wrong_78 += bracket.sum(axis=1).min() < -1e-3
+    assert wrong_74 >= 10
+    assert wrong_78 >= 10
+
+
+def test_bounds_and_members_are_checked() -> None:
+    t, v = np.array([[1.0, 0.2]]), np.array([[0.0, 0.0]])
+    with pytest.raises(
+        ValueError, match=r"size is 0\.5, expected a positive number, 1\.0"
+    ):
+        coupled(t, v, 0.5, 0.5)
+    with pytest.raises(ValueError, match=r"v of contact 0 penetrates by 1\.0"):
+        displacements(t, v - [1.0, 0.0], 0.5, 2.0)
+    with pytest.raises(ValueError, match=r"v has shape \(2, 2\), expected \(1, 2\)"):
+        alternated(t, np.zeros((2, 2)), 0.5, 2.0)
+    with pytest.raises(TypeError, match="problem is a NoneType"):
+        Response(None)  # type: ignore[arg-type]
+
+
+def dragged(steps: int, turn: float = np.pi) -> tuple[bp.ContactProblem, Array]:
+    """One contact on springs, pressed, dragged until it slides, then round in a circle."""
+    problem = bp.ContactProblem(np.diag([2.0, 1.0, 1.0]), np.eye(3), gap=[0.0], mu=0.4)
+    angle = np.linspace(0, turn, steps + 1)[1:]
+    # Slides from t = -0.4: in the first step by hand, to the border of the cone and on.
+    pull = np.column_stack([np.cos(angle), np.sin(angle)]) * 2.0
+    way = np.vstack([[[0.4, 0.0]], [[2.0, 0.0]], pull])
+    return problem, np.column_stack([np.full(len(way), -1.0), way])
+
+
+def test_explicit_scheme_drifts_and_implicit_does_not() -> None:
+    drift, sizes = [], (50, 100, 200, 400)
+    for steps in sizes:
+        problem, load = dragged(steps)
+        path = explicit_path(problem, load)
+        assert path.reaction[:2, 0] == pytest.approx(
+            np.array([[1.0, -0.4, 0.0], [1.0, -0.4, 0.0]]), abs=1e-14
+        )
+        drift.append(path.excess[-1, 0])
+        # Outwards only, and more with each step.
+        assert (np.diff(path.excess[2:, 0]) > 0).all()
+        result = problem.solve(load, tol=1e-14)
+        kept, _ = bp.project(result.reaction[:, 0], 0.4)
+        # The cone, to rounding.
+        assert np.abs(kept - result.reaction[:, 0]).max() <= 1e-15
+    orders = np.log2(np.array(drift[:-1]) / drift[1:])
+    # First order; what is left of the next term halves with the step.
+    assert (np.abs(orders - 1) <= 4 / np.array(sizes[:-1])).all()
+    # A traction that turns by θ in a step, at constant pressure, follows the tangent: it
+    # grows by sec θ. Not so in the first of the circle, where it sticks at first.
+    problem, load = dragged(400)
+    path = explicit_path(problem, load)
+    across = path.reaction[2:, 0, 1:]
+    turned = np.diff(np.unwrap(np.arctan2(across[:, 1], across[:, 0])))
+    growth = -np.log(np.cos(turned)).sum()
+    size = np.linalg.norm(across, axis=1)
+    # 400 steps of rounding.
+    assert np.log(size[-1] / size[0]) == pytest.approx(growth, rel=1e-11)
+    size = size[-1] / 0.4
+    assert path.excess[-1, 0] == pytest.approx(
+        0.4 * (size - 1) / np.hypot(1, 0.4), rel=1e-9
+    )
+
+
+def test_explicit_and_implicit_go_to_one_path() -> None:
+    problem, load = dragged(1000)
+    explicit = explicit_path(problem, load).reaction[-1, 0]
+    implicit = problem.solve(load).reaction[-1, 0]
+    # Both first order in the step of π/1000, and over a turn of 4.5.
+    assert np.abs(explicit - implicit).max() < 4.5 * np.pi / 1000
+
+
+def test_explicit_scheme_lets_go_and_closes() -> None:
+    # Pressed, lifted, pressed again, all in the normal direction: exact but one step late.
+    problem = bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.1], mu=0.3)
+    load = np.array([[0.0, 0.0], [-0.2, 0.0], [-0.2, 0.0], [0.5, 0.0], [0.5, 0.0]])
+    path = explicit_path(problem, load)
+    assert path.reaction[:, 0, 0] == pytest.approx(
+        [0.0, 0.0, 0.1, -0.6, 0.0], abs=1e-15
+    )
+    assert path.relative_displacement[:, 0, 0] == pytest.approx(
+        [0.1, -0.1, 0.0, 0.0, 0.6], abs=1e-15
+    )
+    slider = bp.ContactProblem(np.diag([1.0, 0.0]), np.eye(2), gap=[0.0], mu=0.3)
+    with pytest.raises(ValueError, match="a body that contact alone holds"):
+        explicit_path(slider, [-1.0, 0.0])
