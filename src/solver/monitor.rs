@@ -134,6 +134,12 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.settings.tol
     }
 
+    /// Iterations so far.
+    #[must_use]
+    pub fn iterations(&self) -> usize {
+        self.log.iterations
+    }
+
     /// Counts products with `W`.
     pub fn count(&mut self, products: f64) {
         self.log.work += products;
