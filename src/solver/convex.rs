@@ -52,6 +52,13 @@ impl<const D: usize> Point<D> {
         residual(problem, &self.r, &self.v, &self.rigid)
     }
 
+    /// What η is relative to.
+    #[must_use]
+    pub fn size(&self, problem: &Reduced<D>) -> f64 {
+        let eta = self.residual(problem);
+        if eta > 0.0 { self.merit(problem) / eta } else { 0.0 }
+    }
+
     /// With `v` afresh.
     #[must_use]
     pub fn new(problem: &Reduced<D>, r: Vec<[f64; D]>, rigid: Vec<f64>) -> Self {
@@ -99,8 +106,12 @@ pub fn least<const D: usize>(
             break;
         }
         if round == 0 {
-            // At the rounding of W r + q nothing helps, and the point may do.
+            // Below the rounding of W r + q nothing helps.
             monitor.measure_floor(&point.r, &point.rigid);
+            let rounding = monitor.floor() * point.size(problem);
+            if near.merit(problem, &point.r, &point.v) <= rounding {
+                break;
+            }
         }
         let r = std::mem::take(&mut point.r);
         match uzawa::burst(problem, &near.frozen, r, &point.rigid, monitor, steps)? {

@@ -230,6 +230,12 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.log.work += 2.0;
     }
 
+    /// What rounding allows of η, as last measured.
+    #[must_use]
+    pub fn floor(&self) -> f64 {
+        self.floor
+    }
+
     /// Rigid motion of the last point: it goes on growing where a body slides away.
     #[must_use]
     pub fn last_rigid(&self) -> &[f64] {

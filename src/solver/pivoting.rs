@@ -47,6 +47,9 @@ const FINER: f64 = 1.0 / 16.0;
 /// Refinements at the most.
 const STAGES: usize = 100;
 
+/// Refinements in a row that do not halve η.
+const PATIENCE: usize = 10;
+
 /// Corrections of the linear law of the last cells.
 const CORRECTIONS: usize = 3;
 
@@ -299,8 +302,8 @@ pub fn run<const D: usize>(
     // Direction and spacing of the corners of contacts that slide.
     let mut fans: Vec<Option<(f64, f64)>> = vec![None; r.len()];
     let mut known = !start.reaction.is_empty();
-    let mut best = f64::INFINITY;
-    for stage in 0..STAGES {
+    let (mut best, mut waited) = (f64::INFINITY, 0);
+    for _ in 0..STAGES {
         let polygons: Vec<Polygon<D>> = fans
             .iter()
             .map(|fan| match *fan {
@@ -327,17 +330,8 @@ pub fn run<const D: usize>(
         if let Some(outcome) = path.correct(monitor)? {
             return Ok(outcome);
         }
-        (r, v, known) = (path.r, path.v, true);
-        let eta = residual(problem, &r, &v, &[]);
-        if eta > 0.5 * best {
-            monitor.measure_floor(&r, &[]);
-            if D == 2 && stage > 0 {
-                break; // the law is piecewise linear: rounding alone is left
-            }
-        }
-        best = best.min(eta);
         for (i, fan) in fans.iter_mut().enumerate() {
-            *fan = sliding(problem, i, &r[i], &v[i]).map(|centre| {
+            *fan = path.direction(i, fan.is_some()).map(|centre| {
                 let spacing = fan.map_or(WIDEST, |(last, spacing)| {
                     let turn = (centre - last).rem_euclid(TAU);
                     let moved = turn.min(TAU - turn);
@@ -347,6 +341,17 @@ pub fn run<const D: usize>(
                 });
                 (centre, spacing)
             });
+        }
+        (r, v, known) = (path.r, path.v, true);
+        let eta = residual(problem, &r, &v, &[]);
+        if eta > 0.5 * best {
+            monitor.measure_floor(&r, &[]);
+            waited += 1;
+            if waited > PATIENCE || D == 2 {
+                break; // in the plane the law is linear by pieces: rounding is left
+            }
+        } else {
+            (best, waited) = (eta, 0);
         }
     }
     Ok(Outcome::Stalled)
@@ -361,19 +366,6 @@ fn trial<const D: usize>(
 ) -> [f64; D] {
     let scaling = &problem.scaling;
     std::array::from_fn(|k| r[k] * scaling.to_r[i] - v[k] * scaling.to_v[i])
-}
-
-/// The angle of friction of a contact that slides: that of `r̂_t − v̂_t`, between the
-/// reaction and what opposes the slip, nearer to the larger of the two.
-fn sliding<const D: usize>(
-    problem: &Reduced<D>,
-    i: usize,
-    r: &[f64; D],
-    v: &[f64; D],
-) -> Option<f64> {
-    let (x, mu) = (trial(problem, i, r, v), problem.mu[i]);
-    let slides = mu > 0.0 && x[0] > 0.0 && tangential_norm(&x) > mu * x[0];
-    slides.then(|| x[D - 1].atan2(x[1]))
 }
 
 /// A fraction without a pattern, between 0 and 1: multiples of the golden ratio.
@@ -486,6 +478,22 @@ impl<'p, const D: usize> Path<'p, D> {
     /// `v` of the problem itself.
     fn own_displacement(&self) -> Vec<[f64; D]> {
         plus(&self.v, -self.t, &self.c)
+    }
+
+    /// The angle of friction of a contact that slides, or did so (`slid`): that of
+    /// `r̂_t − v̂_t`, between the reaction and what opposes the slip, nearer to the larger
+    /// of the two.
+    ///
+    /// What slides on a polygon may stick on the disc around it: both are asked.
+    fn direction(&self, i: usize, slid: bool) -> Option<f64> {
+        let x = trial(self.problem, i, &self.r[i], &self.v[i]);
+        let mu = self.problem.mu[i];
+        let slides = match self.cells[i] {
+            Cell::Open | Cell::Free => false,
+            Cell::Stick => slid || tangential_norm(&x) > mu * x[0],
+            Cell::Edge(_) | Cell::Corner(_) => true,
+        };
+        slides.then(|| x[D - 1].atan2(x[1]))
     }
 
     /// The law of the cells, with `by_r r + by_v v` of a field as its value.
