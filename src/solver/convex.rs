@@ -91,6 +91,7 @@ pub fn least<const D: usize>(
 ) -> Result<Least<D>, Error> {
     let near = Near::frozen(frozen);
     let mut point = from.clone();
+    let mut enough = enough.max(rounding(problem, from, monitor));
     let mut steps = FIRST_BURST;
     for round in 0..ROUNDS {
         if near.merit(problem, &point.r, &point.v) <= enough {
@@ -106,10 +107,9 @@ pub fn least<const D: usize>(
             break;
         }
         if round == 0 {
-            // Below the rounding of W r + q nothing helps.
             monitor.measure_floor(&point.r, &point.rigid);
-            let rounding = monitor.floor() * point.size(problem);
-            if near.merit(problem, &point.r, &point.v) <= rounding {
+            enough = enough.max(rounding(problem, &point, monitor));
+            if near.merit(problem, &point.r, &point.v) <= enough {
                 break;
             }
         }
@@ -122,6 +122,11 @@ pub fn least<const D: usize>(
         steps *= 2;
     }
     Ok(Least::At(point))
+}
+
+/// Below the rounding of `W r + q`, as last measured, nothing helps.
+fn rounding<const D: usize>(problem: &Reduced<D>, point: &Point<D>, monitor: &Monitor<D>) -> f64 {
+    monitor.floor() * point.size(problem)
 }
 
 /// How well the next problem of a principle at a point is to be solved: to a share of

@@ -67,6 +67,7 @@ pub fn run_told<const D: usize>(
 ) -> Result<Outcome, Error> {
     let mut of_u: Option<Point<D>> = None;
     iterate(problem, start, monitor, |of_r, monitor| {
+        monitor.measure_floor(&of_r.r, &of_r.rigid);
         let enough = enough(problem, of_r);
         let limits = displacement_principle::frozen(problem, &of_r.r);
         let from = of_u.as_ref().unwrap_or(of_r);
