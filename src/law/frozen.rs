@@ -132,12 +132,7 @@ fn onto_disc<const D: usize>(x: &mut [f64; D], radius: f64) {
 }
 
 /// `0 ≤ v_n ⊥ r_n ≥ 0`.
-fn normal_row<const D: usize>(
-    rows: &mut Linearised<D>,
-    x: &[f64; D],
-    r: &[f64; D],
-    v: &[f64; D],
-) {
+fn normal_row<const D: usize>(rows: &mut Linearised<D>, x: &[f64; D], r: &[f64; D], v: &[f64; D]) {
     if x[0] > 0.0 {
         rows.by_v[(0, 0)] = 1.0;
         rows.value[0] = v[0];

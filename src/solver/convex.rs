@@ -56,7 +56,11 @@ impl<const D: usize> Point<D> {
     #[must_use]
     pub fn size(&self, problem: &Reduced<D>) -> f64 {
         let eta = self.residual(problem);
-        if eta > 0.0 { self.merit(problem) / eta } else { 0.0 }
+        if eta > 0.0 {
+            self.merit(problem) / eta
+        } else {
+            0.0
+        }
     }
 
     /// With `v` afresh.

@@ -28,11 +28,7 @@ const SHARE: f64 = 0.01;
 ///
 /// `W (τ − r)` is the difference of the two `v`, so that no product is needed.
 #[must_use]
-pub fn bifunctional<const D: usize>(
-    problem: &Reduced<D>,
-    of_u: &Point<D>,
-    of_r: &Point<D>,
-) -> f64 {
+pub fn bifunctional<const D: usize>(problem: &Reduced<D>, of_u: &Point<D>, of_r: &Point<D>) -> f64 {
     (0..problem.contacts())
         .map(|i| {
             let energy: f64 = (0..D)

@@ -218,12 +218,8 @@ pub fn solve_watched<const D: usize>(
         Method::UzawaTwoProjection => {
             uzawa::run(problem, Variant::TwoProjections, start, &mut monitor)?
         }
-        Method::DisplacementPrinciple => {
-            displacement_principle::run(problem, start, &mut monitor)?
-        }
-        Method::AlternatingPrinciples => {
-            alternating_principles::run(problem, start, &mut monitor)?
-        }
+        Method::DisplacementPrinciple => displacement_principle::run(problem, start, &mut monitor)?,
+        Method::AlternatingPrinciples => alternating_principles::run(problem, start, &mut monitor)?,
         Method::StressPrinciple => stress_principle::run(problem, start, &mut monitor)?,
         Method::MinimisingSequence => minimising_sequence::run(problem, start, &mut monitor)?,
         Method::Pivoting => pivoting::run(problem, start, &mut monitor)?,

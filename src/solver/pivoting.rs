@@ -358,12 +358,7 @@ pub fn run<const D: usize>(
 }
 
 /// `r̂ − v̂` of a contact.
-fn trial<const D: usize>(
-    problem: &Reduced<D>,
-    i: usize,
-    r: &[f64; D],
-    v: &[f64; D],
-) -> [f64; D] {
+fn trial<const D: usize>(problem: &Reduced<D>, i: usize, r: &[f64; D], v: &[f64; D]) -> [f64; D] {
     let scaling = &problem.scaling;
     std::array::from_fn(|k| r[k] * scaling.to_r[i] - v[k] * scaling.to_v[i])
 }

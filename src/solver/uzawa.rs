@@ -291,11 +291,9 @@ impl<'p, const D: usize> Map<'p, D> {
 
     /// Predictor (80) and corrector (81) at every contact.
     fn one_projection(&self, from: &Point<D>) -> Vec<[f64; D]> {
-        let node = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| {
-            match self.frozen.get(i) {
-                Some(law) => law.step(r, v, self.rho(i)),
-                None => law_step(r, v, self.rho(i), self.problem.mu[i]).0,
-            }
+        let node = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| match self.frozen.get(i) {
+            Some(law) => law.step(r, v, self.rho(i)),
+            None => law_step(r, v, self.rho(i), self.problem.mu[i]).0,
         };
         from.r.iter().zip(&from.v).enumerate().map(node).collect()
     }
