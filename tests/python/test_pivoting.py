@@ -31,7 +31,7 @@ def test_one_of_the_answers_whatever_friction_is() -> None:
             # η of 1e-10 at the most, the condition of W, some hundreds, and what
             # friction adds to it.
             assert min(apart) <= 1e-7 * max(size, 1e-30)
-    assert several > 5
+    assert several >= 3  # of 90; where there is one, nothing is chosen
 
 
 def test_three_answers_of_one_contact() -> None:
