@@ -132,10 +132,13 @@ fn methods(criterion: &mut Criterion) {
         let problem = Reduced::new(&compliance, &q, &mu, &Rigid::default()).unwrap();
         let mut group = criterion.benchmark_group("iterations, 1 thread");
         for (name, method) in Method::NAMES {
-            let most = match name {
-                "auto" => continue, // one of the others at any time
-                "newton" => NEWTON_ITERATIONS,
-                _ => ITERATIONS,
+            let most = match method {
+                Method::Auto => continue, // one of the others at any time
+                Method::GaussSeidel
+                | Method::Nesterov
+                | Method::Uzawa
+                | Method::UzawaTwoProjection => ITERATIONS,
+                _ => NEWTON_ITERATIONS, // a system is solved in each
             };
             let seen = pool.install(|| iterations(&problem, method, most));
             let closed = seen.status.iter().filter(|&&s| s != Status::Open).count();

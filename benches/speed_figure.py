@@ -16,6 +16,11 @@ STYLES = {
     "nesterov": ("#009E73", "D", "Nesterov, restarted"),
     "uzawa": ("#CC79A7", "v", "Uzawa, one projection"),
     "uzawa_two_projection": ("#E69F00", "P", "Uzawa, two projections"),
+    "displacement_principle": ("#56B4E9", "<", "displacement principle"),
+    "alternating_principles": ("#8B6914", ">", "alternating principles"),
+    "stress_principle": ("#7F7F7F", "X", "stress principle"),
+    "minimising_sequence": ("#B2182B", "*", "minimising sequence"),
+    "pivoting": ("#4D004B", "p", "pivoting"),
 }
 TITLES = {
     "held": "held blocks",

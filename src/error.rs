@@ -61,6 +61,12 @@ pub enum Error {
         found: f64,
         expected: &'static str,
     },
+    /// A method that cannot balance the loads on a body that contact alone holds.
+    #[error(
+        "method '{method}' needs bodies that supports hold, and contact alone holds one here: \
+         expected 'auto' or another method that balances rigid motions"
+    )]
+    NotHeld { method: &'static str },
     /// A stiffness matrix that is not symmetric to rounding.
     #[error(
         "stiffness K is not symmetric: K[{row}, {column}] = {upper:e} but K[{column}, {row}] = {lower:e}"

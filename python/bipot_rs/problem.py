@@ -362,7 +362,13 @@ class ContactProblem:
         method
             ``"auto"``, or one of those it is compared with: ``"newton"``,
             ``"gauss_seidel"``, ``"nesterov"``, ``"uzawa"`` (one projection,
-            [dSF91, 79-81]), ``"uzawa_two_projection"`` ([dSF91, 82-87]).
+            [dSF91, 79-81]), ``"uzawa_two_projection"`` ([dSF91, 82-87]), and the
+            paper's principles: ``"displacement_principle"`` ([dSF91, 68]),
+            ``"alternating_principles"`` ([dSF91, 69, 70]), ``"stress_principle"``
+            ([dSF91, 72]), ``"minimising_sequence"`` ([dSF91, 31-34]), ``"pivoting"``
+            (complementary pivoting, after [dSF91, 75]). The second, fourth and fifth
+            need bodies that supports hold, else a `ValueError` says so. Each of them
+            may come to a stand where friction is strong.
         tol
             Residual η to reach; rounding may allow no less than `Solution.tolerance`.
         max_iterations, max_seconds

@@ -4,5 +4,6 @@ pub mod alart_curnier;
 pub mod bipotential;
 pub mod cone;
 pub mod frame;
+pub mod frozen;
 pub mod one_node;
 mod sliding;

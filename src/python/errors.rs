@@ -21,6 +21,7 @@ impl From<Error> for PyErr {
             | Error::SparseStructure { .. }
             | Error::Friction { .. }
             | Error::Setting { .. }
+            | Error::NotHeld { .. }
             | Error::Range { .. }
             | Error::ThreadCount { .. }
             | Error::Asymmetric { .. }

@@ -2,6 +2,7 @@
 
 use crate::law::alart_curnier::{Linearised, linearised};
 use crate::law::cone::Status;
+use crate::law::frozen::Frozen;
 use crate::linalg::small::{Block, Vector};
 use crate::problem::reduced::Reduced;
 
@@ -44,6 +45,8 @@ pub struct Linearisation<const D: usize> {
     pub at: Vec<Linearised<D>>,
     /// The `α` of `dv = (Ŵ + α) dr + …`: zero but for a proximal step.
     pub shift: f64,
+    /// Whether statuses say what (19) says: `v_n = 0` where closed, `v = 0` where stuck.
+    pub by_status: bool,
 }
 
 impl<const D: usize> Linearisation<D> {
@@ -65,6 +68,38 @@ impl<const D: usize> Linearisation<D> {
         Self {
             at: (0..r.len()).map(of_node).collect(),
             shift: 0.0,
+            by_status: true,
+        }
+    }
+
+    /// Of frozen laws, one a contact, at a point `(r, v)`.
+    #[must_use]
+    pub fn frozen(
+        problem: &Reduced<D>,
+        laws: &[Frozen<D>],
+        r: &[[f64; D]],
+        v: &[[f64; D]],
+    ) -> Self {
+        let scaling = &problem.scaling;
+        let of_node = |i: usize| {
+            let (to_v, to_r) = (scaling.to_v[i], scaling.to_r[i]);
+            let (r, v) = (r[i].map(|c| c * to_r), v[i].map(|c| c * to_v));
+            let mut at = laws[i].scaled(to_v, to_r).linearised(&r, &v);
+            for k in 0..D {
+                // What nothing can move cannot be held by a reaction.
+                if at.status != Status::Open && !movable(problem, i, k) {
+                    at.by_v.fill_row(k, 0.0);
+                    at.by_r.fill_row(k, 0.0);
+                    at.by_r[(k, k)] = 1.0;
+                    at.value[k] = 0.0;
+                }
+            }
+            at
+        };
+        Self {
+            at: (0..r.len()).map(of_node).collect(),
+            shift: 0.0,
+            by_status: false,
         }
     }
 
@@ -97,6 +132,7 @@ impl<const D: usize> Linearisation<D> {
         Self {
             at: (0..r.len()).map(of_node).collect(),
             shift: 0.0,
+            by_status: true,
         }
     }
 }
@@ -129,7 +165,8 @@ fn hold<const D: usize>(
 }
 
 /// Whether anything moves a component of a contact.
-fn movable<const D: usize>(problem: &Reduced<D>, node: usize, k: usize) -> bool {
+#[must_use]
+pub fn movable<const D: usize>(problem: &Reduced<D>, node: usize, k: usize) -> bool {
     let mut modes = problem.scaling.modes.iter();
     problem.compliance.block(node)[(k, k)] > 0.0 || modes.any(|mode| mode[node][k] != 0.0)
 }

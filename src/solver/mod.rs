@@ -1,20 +1,26 @@
 //! Algorithms on the reduced problem, and nothing else: what they are given,
 //! what they return, and how they are watched.
 
+pub mod alternating_principles;
 pub mod anderson;
 pub mod auto;
 pub mod compliance_form;
+pub mod convex;
+pub mod displacement_principle;
 pub mod enumerate;
 pub mod gauss_seidel;
 pub mod index;
 pub mod linearisation;
+pub mod minimising_sequence;
 pub mod monitor;
 pub mod monotony;
 pub mod newton;
+pub mod pivoting;
 pub mod proximal;
 pub mod refine;
 pub mod solution;
 pub mod stiffness_form;
+pub mod stress_principle;
 pub mod uniqueness;
 pub mod uzawa;
 
@@ -48,18 +54,52 @@ pub enum Method {
     Uzawa,
     /// Two projections with the same step, [dSF91, 82–87].
     UzawaTwoProjection,
+    /// Friction limits frozen at the last pressures, [dSF91, 68].
+    DisplacementPrinciple,
+    /// Contact, then friction, the other's reactions frozen, [dSF91, 69, 70].
+    AlternatingPrinciples,
+    /// Slip frozen at the last displacements, [dSF91, 72].
+    StressPrinciple,
+    /// Displacements and reactions in turn, the bifunctional falling, [dSF91, 31–34].
+    MinimisingSequence,
+    /// Complementary pivoting on the piecewise linear law, after [dSF91, 75].
+    Pivoting,
 }
 
 impl Method {
     /// The names a user writes, in the order of documentation.
-    pub const NAMES: [(&'static str, Method); 6] = [
+    pub const NAMES: [(&'static str, Method); 11] = [
         ("auto", Method::Auto),
         ("newton", Method::Newton),
         ("gauss_seidel", Method::GaussSeidel),
         ("nesterov", Method::Nesterov),
         ("uzawa", Method::Uzawa),
         ("uzawa_two_projection", Method::UzawaTwoProjection),
+        ("displacement_principle", Method::DisplacementPrinciple),
+        ("alternating_principles", Method::AlternatingPrinciples),
+        ("stress_principle", Method::StressPrinciple),
+        ("minimising_sequence", Method::MinimisingSequence),
+        ("pivoting", Method::Pivoting),
     ];
+
+    /// The name a user writes.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        let mut names = Self::NAMES.iter();
+        names
+            .find(|(_, method)| *method == self)
+            .map_or("", |(name, _)| name)
+    }
+
+    /// Whether it takes bodies that contact alone holds: frozen tangential reactions
+    /// or none leave nothing to balance the loads on them with.
+    #[must_use]
+    pub fn balances(self) -> bool {
+        !matches!(
+            self,
+            Self::AlternatingPrinciples | Self::MinimisingSequence | Self::Pivoting
+        )
+    }
 }
 
 /// What the user may set; validated once.
@@ -129,8 +169,9 @@ pub struct Start<const D: usize> {
 /// Not converged is an outcome, not an error: the best point seen comes back.
 ///
 /// # Errors
-/// [`Error::Setting`] for settings out of range, [`Error::Interrupted`] when
-/// `stop` is raised.
+/// [`Error::Setting`] for settings out of range, [`Error::NotHeld`] where contact alone
+/// holds a body and the method cannot balance it, [`Error::Interrupted`] when `stop` is
+/// raised.
 pub fn solve<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
@@ -152,6 +193,11 @@ pub fn solve_watched<const D: usize>(
     progress: &Progress,
 ) -> Result<Solution<D>, Error> {
     settings.validate()?;
+    if !problem.rigid.modes.is_empty() && !settings.method.balances() {
+        return Err(Error::NotHeld {
+            method: settings.method.name(),
+        });
+    }
     let mut monitor = Monitor::new(problem, settings, stop, progress);
     if problem.contradiction.is_some() {
         return Ok(finish(problem, settings, monitor, Outcome::NoEquilibrium));
@@ -172,6 +218,11 @@ pub fn solve_watched<const D: usize>(
         Method::UzawaTwoProjection => {
             uzawa::run(problem, Variant::TwoProjections, start, &mut monitor)?
         }
+        Method::DisplacementPrinciple => displacement_principle::run(problem, start, &mut monitor)?,
+        Method::AlternatingPrinciples => alternating_principles::run(problem, start, &mut monitor)?,
+        Method::StressPrinciple => stress_principle::run(problem, start, &mut monitor)?,
+        Method::MinimisingSequence => minimising_sequence::run(problem, start, &mut monitor)?,
+        Method::Pivoting => pivoting::run(problem, start, &mut monitor)?,
     };
     let last = monitor.last_rigid().to_vec();
     let mut solution = finish(problem, settings, monitor, outcome);

@@ -4,6 +4,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use crate::error::Error;
+use crate::law::cone::project;
+use crate::linalg::small::tangential_norm;
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::{self, Certificate};
 use crate::solver::{Outcome, Settings};
@@ -134,6 +136,12 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.settings.tol
     }
 
+    /// Iterations so far.
+    #[must_use]
+    pub fn iterations(&self) -> usize {
+        self.log.iterations
+    }
+
     /// Counts products with `W`.
     pub fn count(&mut self, products: f64) {
         self.log.work += products;
@@ -170,6 +178,8 @@ impl<'p, const D: usize> Monitor<'p, D> {
         let at_rest = self.log.iterations >= self.last_halved + REST;
         let claims = eta <= self.settings.tol || (eta <= self.floor && at_rest);
         if claims && eta <= 0.5 * self.refuted {
+            let within = within_cones(self.problem, r);
+            let r = within.as_deref().unwrap_or(r);
             let fresh = Certificate::new(self.problem, r, a);
             self.log.work += 2.0;
             self.floor = fresh.floor;
@@ -224,6 +234,12 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.log.work += 2.0;
     }
 
+    /// What rounding allows of η, as last measured.
+    #[must_use]
+    pub fn floor(&self) -> f64 {
+        self.floor
+    }
+
     /// Rigid motion of the last point: it goes on growing where a body slides away.
     #[must_use]
     pub fn last_rigid(&self) -> &[f64] {
@@ -247,4 +263,25 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.log.seconds = self.started.elapsed().as_secs_f64();
         self.log
     }
+}
+
+/// A point that claims to be an answer, brought into the cones; nothing where it is
+/// there already. A large μ hides from η how far outside it lies: a little pressure
+/// more would do.
+fn within_cones<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Option<Vec<[f64; D]>> {
+    /// What sliding contacts may miss the rim by, and come from rounding.
+    const RIM: f64 = 1e-12;
+    let outside =
+        |(r, &mu): (&[f64; D], &f64)| tangential_norm(r) > mu * r[0] * (1.0 + RIM) || r[0] < 0.0;
+    if !r.iter().zip(&problem.mu).any(outside) {
+        return None;
+    }
+    let inside = |pair: (&[f64; D], &f64)| {
+        if outside(pair) {
+            project(pair.0, *pair.1).0
+        } else {
+            *pair.0
+        }
+    };
+    Some(r.iter().zip(&problem.mu).map(inside).collect())
 }

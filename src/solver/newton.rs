@@ -8,6 +8,8 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::cone::Status;
+use crate::law::frozen::Frozen;
+use crate::linalg::small::{length, norm};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::{merit, residual, scaled_imbalance};
 use crate::solver::compliance_form::{self, ComplianceForm, Solved};
@@ -86,14 +88,16 @@ pub fn run<const D: usize>(
     run_near(problem, &Near::nothing(), r, rigid, 0.0, monitor)
 }
 
-/// The problem with `α (r̂ − ĉ)` added to `v̂`: whose matrix is not singular, and
-/// whose answer is `c` where `c` is an answer.
+/// A problem near by: with `α (r̂ − ĉ)` added to `v̂`, whose matrix is not singular and
+/// whose answer is `c` where `c` is an answer; or with laws that are frozen.
 #[derive(Clone, Debug)]
 pub struct Near<const D: usize> {
     /// `α`.
     pub shift: f64,
     /// `c`; what it is does not matter where `α` is zero.
     pub centre: Vec<[f64; D]>,
+    /// Laws in the place of Coulomb's, one a contact; none for Coulomb's.
+    pub frozen: Vec<Frozen<D>>,
 }
 
 impl<const D: usize> Near<D> {
@@ -103,7 +107,21 @@ impl<const D: usize> Near<D> {
         Self {
             shift: 0.0,
             centre: Vec::new(),
+            frozen: Vec::new(),
         }
+    }
+
+    /// The problem of frozen laws.
+    #[must_use]
+    pub fn frozen(frozen: Vec<Frozen<D>>) -> Self {
+        Self {
+            frozen,
+            ..Self::nothing()
+        }
+    }
+
+    fn is_nothing(&self) -> bool {
+        self.shift == 0.0 && self.frozen.is_empty()
     }
 
     /// The `v` of the changed problem at `r`, from that of the problem.
@@ -127,7 +145,37 @@ impl<const D: usize> Near<D> {
     /// Its merit at `r`.
     #[must_use]
     pub fn merit(&self, problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> f64 {
-        merit(problem, r, &self.felt(problem, r, v))
+        if self.frozen.is_empty() {
+            return merit(problem, r, &self.felt(problem, r, v));
+        }
+        let scaling = &problem.scaling;
+        let (mut squares, mut largest) = (0.0, 0.0_f64);
+        for (i, law) in self.frozen.iter().enumerate() {
+            let (to_v, to_r) = (scaling.to_v[i], scaling.to_r[i]);
+            let (r, v) = (r[i].map(|c| c * to_r), v[i].map(|c| c * to_v));
+            let next = law.scaled(to_v, to_r).step(&r, &v, 1.0);
+            for (x, y) in r.iter().zip(&next) {
+                squares += (x - y).powi(2);
+                largest = largest.max((x - y).abs());
+            }
+        }
+        let imbalance = norm(&scaled_imbalance(problem, r));
+        length(squares, largest).hypot(imbalance)
+    }
+
+    /// Its law, linearised at `r` and the `v` that it feels.
+    fn linearised(
+        &self,
+        problem: &Reduced<D>,
+        r: &[[f64; D]],
+        felt: &[[f64; D]],
+    ) -> Linearisation<D> {
+        if !self.frozen.is_empty() {
+            return Linearisation::frozen(problem, &self.frozen, r, felt);
+        }
+        let mut law = Linearisation::new(problem, r, felt);
+        law.shift = self.shift;
+        law
     }
 }
 
@@ -152,12 +200,11 @@ pub fn run_near<const D: usize>(
     let started = recent[0];
     let mut best = (started, r.clone(), rigid.clone());
     for _ in 0..MOST_STEPS {
-        if best.0 <= enough && near.shift > 0.0 {
+        if best.0 <= enough && !near.is_nothing() {
             break;
         }
         let felt = near.felt(problem, &r, &v);
-        let mut law = Linearisation::new(problem, &r, &felt);
-        law.shift = near.shift;
+        let law = near.linearised(problem, &r, &felt);
         let eta = residual(problem, &r, &v, &rigid);
         let forcing = (FORCING * monitor.wish() / eta).clamp(LEAST_FORCING, MOST_FORCING);
         let imbalance = scaled_imbalance(problem, &r);
@@ -277,7 +324,7 @@ pub fn solve<const D: usize>(
     count: &mut impl FnMut(f64),
     stop: &AtomicBool,
 ) -> Result<Option<Solved<D>>, Error> {
-    if law.shift == 0.0 && step_cost(problem, law).1 {
+    if law.shift == 0.0 && law.by_status && step_cost(problem, law).1 {
         if problem.compliance.inverse_known().is_none() {
             count(inversion_cost(problem));
         }

@@ -12,6 +12,7 @@ use std::ops::Range;
 
 use crate::error::Error;
 use crate::law::bipotential::{corrected, law_step};
+use crate::law::frozen::Frozen;
 use crate::linalg::small::{dot, minus_scaled, tangential_norm};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::scaled_imbalance;
@@ -80,7 +81,7 @@ pub fn run<const D: usize>(
     start: &Start<D>,
     monitor: &mut Monitor<D>,
 ) -> Result<Outcome, Error> {
-    let mut map = Map::new(problem, variant, start);
+    let mut map = Map::new(problem, variant, &[], start);
     let mut point = map.start(start);
     monitor.count(1.0);
     if let Verdict::Stop(outcome) = monitor.look(&point.r, &point.v, &map.rigid(&point), false)? {
@@ -93,17 +94,66 @@ pub fn run<const D: usize>(
     }
 }
 
+/// How a number of steps on frozen laws ended.
+#[derive(Debug)]
+pub enum Burst<const D: usize> {
+    /// The monitor stopped it.
+    Stop(Outcome),
+    /// At `(r, a)`.
+    End(Vec<[f64; D]>, Vec<f64>),
+}
+
+/// Steps with momentum on frozen laws, `count` of them, from `(r, a)`: for a symmetric
+/// positive semidefinite `W` they come to an answer, if slowly.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn burst<const D: usize>(
+    problem: &Reduced<D>,
+    frozen: &[Frozen<D>],
+    r: Vec<[f64; D]>,
+    rigid: &[f64],
+    monitor: &mut Monitor<D>,
+    count: usize,
+) -> Result<Burst<D>, Error> {
+    let start = Start {
+        reaction: r,
+        rigid: rigid.to_vec(),
+        closed: Vec::new(),
+    };
+    let mut map = Map::new(problem, Variant::Momentum, frozen, &start);
+    // The motion that belongs to the point is the one that was given.
+    let s = scaled_imbalance(problem, &start.reaction);
+    for (a, s) in map.proximal.iter_mut().zip(s) {
+        *a -= s / DELTA;
+    }
+    let mut point = map.start(&start);
+    monitor.count(1.0);
+    if let Some(outcome) = map.iterate(&mut point, monitor, count)? {
+        return Ok(Burst::Stop(outcome));
+    }
+    let rigid = map.rigid(&point);
+    Ok(Burst::End(point.r, rigid))
+}
+
 /// The map of one problem, with its step and the rigid motions.
 struct Map<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
     variant: Variant,
+    /// Laws in the place of Coulomb's, one a contact; none for Coulomb's.
+    frozen: &'p [Frozen<D>],
     rho: f64,
     /// `â` of the proximal form.
     proximal: Vec<f64>,
 }
 
 impl<'p, const D: usize> Map<'p, D> {
-    fn new(problem: &'p Reduced<'p, D>, variant: Variant, start: &Start<D>) -> Self {
+    fn new(
+        problem: &'p Reduced<'p, D>,
+        variant: Variant,
+        frozen: &'p [Frozen<D>],
+        start: &Start<D>,
+    ) -> Self {
         let proximal = if start.rigid.is_empty() {
             vec![0.0; problem.rigid.modes.len()]
         } else {
@@ -112,6 +162,7 @@ impl<'p, const D: usize> Map<'p, D> {
         Self {
             problem,
             variant,
+            frozen,
             rho: 1.0,
             proximal,
         }
@@ -240,8 +291,9 @@ impl<'p, const D: usize> Map<'p, D> {
 
     /// Predictor (80) and corrector (81) at every contact.
     fn one_projection(&self, from: &Point<D>) -> Vec<[f64; D]> {
-        let node = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| {
-            law_step(r, v, self.rho(i), self.problem.mu[i]).0
+        let node = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| match self.frozen.get(i) {
+            Some(law) => law.step(r, v, self.rho(i)),
+            None => law_step(r, v, self.rho(i), self.problem.mu[i]).0,
         };
         from.r.iter().zip(&from.v).enumerate().map(node).collect()
     }
@@ -291,8 +343,10 @@ impl<'p, const D: usize> Map<'p, D> {
         let (mut moved_v, mut moved_r) = (0.0, 0.0);
         for i in 0..from.r.len() {
             let subtracted = |v: &[f64; D]| match self.variant {
-                Variant::TwoProjections => *v,
-                _ => corrected(v, self.problem.mu[i]),
+                Variant::OneProjection | Variant::Momentum if self.frozen.is_empty() => {
+                    corrected(v, self.problem.mu[i])
+                }
+                _ => *v,
             };
             let (w, next_w) = (subtracted(&from.v[i]), subtracted(&next.v[i]));
             for k in 0..D {

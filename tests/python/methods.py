@@ -7,4 +7,12 @@ METHODS = (
     "nesterov",
     "uzawa",
     "uzawa_two_projection",
+    "displacement_principle",
+    "alternating_principles",
+    "stress_principle",
+    "minimising_sequence",
+    "pivoting",
 )
+
+# Those that need supports: they refuse bodies that contact alone holds.
+NEED_SUPPORTS = ("alternating_principles", "minimising_sequence", "pivoting")

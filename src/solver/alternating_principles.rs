@@ -1,0 +1,54 @@
+//! The two displacement principles in turn [dSF91, 69, 70]: contact without friction
+//! under the tangential reactions found last, then friction under the normal ones.
+//!
+//! Both are convex; together they are a block Gauss–Seidel iteration between the
+//! normal and the tangential components of all contacts.
+
+use crate::error::Error;
+use crate::law::frozen::Frozen;
+use crate::problem::reduced::Reduced;
+use crate::solver::convex::{Least, enough, iterate, least};
+use crate::solver::monitor::Monitor;
+use crate::solver::{Outcome, Start};
+
+/// The laws of contact, tangential reactions frozen at those of `r`.
+#[must_use]
+pub fn frozen_friction<const D: usize>(r: &[[f64; D]]) -> Vec<Frozen<D>> {
+    r.iter()
+        .map(|&tangential| Frozen::Contact { tangential })
+        .collect()
+}
+
+/// The laws of friction, normal reactions frozen at those of `r`.
+#[must_use]
+pub fn frozen_contact<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]]) -> Vec<Frozen<D>> {
+    let given = |(r, mu): (&[f64; D], &f64)| {
+        let normal = r[0].max(0.0);
+        Frozen::Friction {
+            normal,
+            limit: mu * normal,
+        }
+    };
+    r.iter().zip(&problem.mu).map(given).collect()
+}
+
+/// Runs until the monitor stops it or passes no longer help.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn run<const D: usize>(
+    problem: &Reduced<D>,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+) -> Result<Outcome, Error> {
+    iterate(problem, start, monitor, |point, monitor| {
+        let enough = enough(problem, point, monitor);
+        let contact = frozen_friction(&point.r);
+        let pressed = match least(problem, contact, point, enough, monitor)? {
+            Least::Stop(outcome) => return Ok(Least::Stop(outcome)),
+            Least::At(pressed) => pressed,
+        };
+        let friction = frozen_contact(problem, &pressed.r);
+        least(problem, friction, &pressed, enough, monitor)
+    })
+}

@@ -1,0 +1,88 @@
+//! The minimising sequence of the bifunctional [dSF91, 31–34].
+//!
+//! Displacements in equilibrium with reactions τ have `v = W τ + q`, and with reactions
+//! `r` of the law
+//!
+//! ```text
+//! B(τ, r) = ½ (τ − r)ᵀ W (τ − r) + Σ γ(v(τ), r)  ≥ 0.
+//! ```
+//!
+//! The least `B` over displacements has Tresca's reactions τ, limits frozen at `μ r_n`;
+//! the least over reactions is that of the stress principle, slip frozen at `v_t(τ)`. One
+//! after the other they make `B` fall: to 0 at an answer, or to a limit above it, where
+//! each is the least for the other and neither is an answer.
+
+use crate::error::Error;
+use crate::law::bipotential::gap;
+use crate::problem::reduced::Reduced;
+use crate::solver::convex::{Least, Point, iterate, least};
+use crate::solver::monitor::Monitor;
+use crate::solver::{Outcome, Start, displacement_principle, stress_principle};
+
+/// What a step may leave of its own merit, beside the square of what the whole
+/// misses: `B` is of second order in that, and a step solved to first order could
+/// raise it.
+const SHARE: f64 = 0.01;
+
+/// `B` of displacements in equilibrium with `of_u`, and of reactions, in joules.
+///
+/// `W (τ − r)` is the difference of the two `v`, so that no product is needed.
+#[must_use]
+pub fn bifunctional<const D: usize>(problem: &Reduced<D>, of_u: &Point<D>, of_r: &Point<D>) -> f64 {
+    (0..problem.contacts())
+        .map(|i| {
+            let energy: f64 = (0..D)
+                .map(|k| (of_u.r[i][k] - of_r.r[i][k]) * (of_u.v[i][k] - of_r.v[i][k]))
+                .sum();
+            0.5 * energy + gap(&of_r.r[i], &of_u.v[i], problem.mu[i])
+        })
+        .sum()
+}
+
+/// Runs until the monitor stops it or steps no longer help.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn run<const D: usize>(
+    problem: &Reduced<D>,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+) -> Result<Outcome, Error> {
+    run_told(problem, start, monitor, &mut |_| ())
+}
+
+/// [`run`], telling `B` after each step.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_told<const D: usize>(
+    problem: &Reduced<D>,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+    tell: &mut impl FnMut(f64),
+) -> Result<Outcome, Error> {
+    let mut of_u: Option<Point<D>> = None;
+    iterate(problem, start, monitor, |of_r, monitor| {
+        monitor.measure_floor(&of_r.r, &of_r.rigid);
+        let enough = enough(problem, of_r);
+        let limits = displacement_principle::frozen(problem, &of_r.r);
+        let from = of_u.as_ref().unwrap_or(of_r);
+        let moved = match least(problem, limits, from, enough, monitor)? {
+            Least::Stop(outcome) => return Ok(Least::Stop(outcome)),
+            Least::At(moved) => moved,
+        };
+        tell(bifunctional(problem, &moved, of_r));
+        let slips = stress_principle::frozen(problem, &moved.v);
+        let next = least(problem, slips, of_r, enough, monitor)?;
+        if let Least::At(next) = &next {
+            tell(bifunctional(problem, &moved, next));
+        }
+        of_u = Some(moved);
+        Ok(next)
+    })
+}
+
+/// To second order in what the point misses.
+fn enough<const D: usize>(problem: &Reduced<D>, point: &Point<D>) -> f64 {
+    SHARE * point.residual(problem).min(1.0) * point.merit(problem)
+}

@@ -1,0 +1,685 @@
+//! Complementary pivoting on the piecewise linear law [dSF91, 75; KB88].
+//!
+//! The disc of friction becomes a segment in the plane, which is exact, and a polygon in
+//! space. Every contact is then in one of a few cells, open, stick, a corner or an edge of
+//! its polygon, and the law of given cells is linear. Lemke's method follows
+//!
+//! ```text
+//! v = W r + q + t c
+//! ```
+//!
+//! from a large `t`, where all contacts are open and `r = 0` is the only answer, to `t = 0`.
+//! A pivot is the step to the next border of a cell, where one contact changes to the
+//! neighbouring one; `t` may rise on the way. For `W` positive definite the path cannot
+//! end on a ray, whatever μ: `rᵀW r ≤ −rᵀ(q + t c)` bounds it, and no second path comes
+//! in from infinity. Where it would pass through more than one border at once pivots
+//! could go round; for almost every `c` it does not, and `c` has no pattern.
+//!
+//! In space the polygons are refined around the directions that were found, and the path
+//! goes on from there: from the law of the finer polygons with a `q'` that makes the last
+//! point its answer, to `q`.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use crate::error::Error;
+use crate::law::alart_curnier::Linearised;
+use crate::law::cone::Status;
+use crate::linalg::small::{Block, Vector, dot, tangential_norm};
+use crate::problem::reduced::Reduced;
+use crate::problem::residual::residual;
+use crate::solver::compliance_form::ComplianceForm;
+use crate::solver::linearisation::{Linearisation, movable};
+use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::{Outcome, Start};
+
+/// Corners of a polygon that knows no direction.
+const CORNERS: usize = 8;
+
+/// Corners on each side of a direction that was found, `spacing` apart.
+const FAN: usize = 4;
+
+/// Their first spacing, and the largest: the fan keeps within two coarse corners.
+const WIDEST: f64 = 0.1;
+
+/// What spacing may fall to in one refinement.
+const FINER: f64 = 1.0 / 16.0;
+
+/// Refinements at the most.
+const STAGES: usize = 100;
+
+/// Refinements in a row that do not halve η.
+const PATIENCE: usize = 10;
+
+/// Corrections of the linear law of the last cells.
+const CORRECTIONS: usize = 3;
+
+/// Pivots between two fresh evaluations of `v`, whose running sum drifts.
+const REFRESH: usize = 50;
+
+/// A path that began at `t = 1` and goes beyond this has turned back.
+const LOST: f64 = 2.0;
+
+/// A start on a border is moved off it by this share of what it measures.
+const OFF: f64 = 1e-6;
+
+/// Share of GMRES in the accuracy of a step.
+const TIGHT: f64 = 1e-13;
+
+/// Where a contact is; corners and edges are numbered counter-clockwise, edge `j`
+/// leads from corner `j` to the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Cell {
+    Open,
+    /// Closed, without friction.
+    Free,
+    Stick,
+    Edge(usize),
+    Corner(usize),
+}
+
+/// Corners of the friction polygon of radius one, by ascending angles; in the plane
+/// the two ends of a segment.
+#[derive(Clone, Debug)]
+struct Polygon<const D: usize> {
+    angles: Vec<f64>,
+}
+
+/// A linear function that is not negative in a cell, and the cell behind its zero.
+struct Guard<const D: usize> {
+    by_r: [f64; D],
+    by_v: [f64; D],
+    to: Cell,
+}
+
+impl<const D: usize> Guard<D> {
+    fn at(&self, r: &[f64; D], v: &[f64; D]) -> f64 {
+        dot(&self.by_r, r) + dot(&self.by_v, v)
+    }
+}
+
+/// `(0, cos, sin)` in space.
+fn unit<const D: usize>(angle: f64) -> [f64; D] {
+    let (sin, cos) = angle.sin_cos();
+    std::array::from_fn(|k| [0.0, cos, sin][k])
+}
+
+impl<const D: usize> Polygon<D> {
+    fn coarse() -> Self {
+        #[expect(clippy::cast_precision_loss, reason = "a few")]
+        let angle = |k: usize| TAU * k as f64 / CORNERS as f64;
+        Self {
+            angles: (0..CORNERS).map(angle).collect(),
+        }
+    }
+
+    /// Fine around a direction, coarse elsewhere.
+    fn around(centre: f64, spacing: f64) -> Self {
+        #[expect(clippy::cast_precision_loss, reason = "a few")]
+        let shares = |range: std::ops::RangeInclusive<usize>, step: f64| {
+            range.flat_map(move |k| [centre - step * k as f64, centre + step * k as f64])
+        };
+        let mut angles = vec![centre];
+        angles.extend(shares(1..=FAN, spacing));
+        angles.extend(shares(1..=CORNERS / 2, TAU / CORNERS as f64));
+        angles.sort_by(f64::total_cmp);
+        angles.remove(0); // half a turn to either side is the same corner
+        Self { angles }
+    }
+
+    fn corners(&self) -> usize {
+        if D == 2 { 2 } else { self.angles.len() }
+    }
+
+    fn corner(&self, j: usize) -> [f64; D] {
+        if D == 2 {
+            let end = if j == 0 { 1.0 } else { -1.0 };
+            return std::array::from_fn(|k| if k == 1 { end } else { 0.0 });
+        }
+        unit(self.angles[j])
+    }
+
+    fn before(&self, j: usize) -> usize {
+        (j + self.corners() - 1) % self.corners()
+    }
+
+    fn after(&self, j: usize) -> usize {
+        (j + 1) % self.corners()
+    }
+
+    /// Angle of the middle of an edge, and half the angle that it spans.
+    fn edge(&self, e: usize) -> (f64, f64) {
+        let from = self.angles[e];
+        let to = if e + 1 < self.angles.len() {
+            self.angles[e + 1]
+        } else {
+            self.angles[0] + TAU
+        };
+        let half = 0.5 * (to - from);
+        (from + half, half)
+    }
+
+    /// `a` and `a × n`, where `a·r_t ≤ μ r_n` is the edge's side of the polygon; `a` is as
+    /// long as makes it so.
+    fn side(&self, e: usize) -> ([f64; D], [f64; D], f64) {
+        let (middle, half) = self.edge(e);
+        let along = unit(middle + FRAC_PI_2);
+        let normal = unit::<D>(middle).map(|c| c / half.cos());
+        (normal, along, half.sin())
+    }
+
+    /// The corner that friction takes where it opposes `v_t`.
+    fn against(&self, v: &[f64; D]) -> usize {
+        let worth = |j: usize| -dot(&self.corner(j), v);
+        (1..self.corners()).fold(0, |best, j| if worth(j) > worth(best) { j } else { best })
+    }
+
+    /// Calls `tell` with every guard of a cell.
+    fn guards(&self, cell: Cell, mu: f64, mut tell: impl FnMut(Guard<D>)) {
+        let nothing = [0.0; D];
+        let normal: [f64; D] = std::array::from_fn(|k| if k == 0 { 1.0 } else { 0.0 });
+        let mut guard = |by_r, by_v, to| tell(Guard { by_r, by_v, to });
+        let negative = |x: [f64; D]| x.map(|c| -c);
+        // μ r_n − a·r_t, with a share of μ r_n.
+        let below = |a: [f64; D], share: f64| {
+            let mut x = negative(a);
+            x[0] = mu * share;
+            x
+        };
+        match cell {
+            // Where it closes is decided when it does.
+            Cell::Open => guard(nothing, normal, Cell::Open),
+            Cell::Free => guard(normal, nothing, Cell::Open),
+            Cell::Stick => {
+                for j in 0..self.corners() {
+                    if D == 2 {
+                        guard(below(self.corner(j), 1.0), nothing, Cell::Corner(j));
+                    } else {
+                        guard(below(self.side(j).0, 1.0), nothing, Cell::Edge(j));
+                    }
+                }
+            }
+            Cell::Edge(e) => {
+                let (a, along, half) = self.side(e);
+                guard(nothing, negative(a), Cell::Stick);
+                guard(below(along, half), nothing, Cell::Corner(self.after(e)));
+                guard(below(negative(along), half), nothing, Cell::Corner(e));
+            }
+            Cell::Corner(j) => {
+                guard(normal, nothing, Cell::Open);
+                if D == 2 {
+                    guard(nothing, negative(self.corner(j)), Cell::Stick);
+                } else {
+                    let (next, last) = (j, self.before(j));
+                    guard(nothing, self.side(next).1, Cell::Edge(next));
+                    guard(nothing, negative(self.side(last).1), Cell::Edge(last));
+                }
+            }
+        }
+    }
+
+    /// The linear law of a cell; `value` is left to be filled in.
+    fn rows(&self, cell: Cell, mu: f64) -> Linearised<D> {
+        let mut rows = Linearised {
+            status: Status::Slip,
+            value: Vector::zeros(),
+            by_r: Block::zeros(),
+            by_v: Block::zeros(),
+        };
+        rows.by_v[(0, 0)] = 1.0;
+        match cell {
+            Cell::Open => {
+                rows.status = Status::Open;
+                rows.by_v[(0, 0)] = 0.0;
+                rows.by_r = Block::identity();
+            }
+            Cell::Free => (1..D).for_each(|k| rows.by_r[(k, k)] = 1.0),
+            Cell::Stick => {
+                rows.status = Status::Stick;
+                rows.by_v = Block::identity();
+            }
+            Cell::Edge(e) => {
+                let (a, along, _) = self.side(e);
+                for k in 1..D {
+                    rows.by_v[(1, k)] = along[k];
+                    rows.by_r[(D - 1, k)] = a[k];
+                }
+                rows.by_r[(D - 1, 0)] = -mu;
+            }
+            Cell::Corner(j) => {
+                let corner = self.corner(j);
+                for k in 1..D {
+                    rows.by_r[(k, k)] = 1.0;
+                    rows.by_r[(k, 0)] = -mu * corner[k];
+                }
+            }
+        }
+        rows
+    }
+}
+
+/// How a path ended.
+enum End {
+    Stop(Outcome),
+    /// At `t = 0`.
+    Arrived,
+    /// On a ray, back where it came from, or at a law that is singular.
+    Lost,
+}
+
+/// A path, at a point of it; all but cells in the caller's units.
+struct Path<'p, const D: usize> {
+    problem: &'p Reduced<'p, D>,
+    polygons: Vec<Polygon<D>>,
+    cells: Vec<Cell>,
+    r: Vec<[f64; D]>,
+    /// `W r + q + t c`.
+    v: Vec<[f64; D]>,
+    c: Vec<[f64; D]>,
+    t: f64,
+    /// Beyond this `t` it is lost.
+    most: f64,
+}
+
+/// Runs until the monitor stops it or no path leads on.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn run<const D: usize>(
+    problem: &Reduced<D>,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+) -> Result<Outcome, Error> {
+    let mut r = vec![[0.0; D]; problem.contacts()];
+    let mut v = problem.q.clone();
+    if !start.reaction.is_empty() {
+        r.copy_from_slice(&start.reaction);
+        v = problem.relative_displacement(&r, &[]);
+        monitor.count(1.0);
+    }
+    if let Verdict::Stop(outcome) = monitor.look(&r, &v, &[], false)? {
+        return Ok(outcome);
+    }
+    // Direction and spacing of the corners of contacts that slide.
+    let mut fans: Vec<Option<(f64, f64)>> = vec![None; r.len()];
+    let mut known = !start.reaction.is_empty();
+    let (mut best, mut waited) = (f64::INFINITY, 0);
+    for _ in 0..STAGES {
+        let polygons: Vec<Polygon<D>> = fans
+            .iter()
+            .map(|fan| match *fan {
+                Some((centre, spacing)) if D == 3 => Polygon::around(centre, spacing),
+                _ => Polygon::coarse(),
+            })
+            .collect();
+        let mut path = if known {
+            monitor.count(1.0);
+            Path::near(problem, polygons.clone(), &r, &v)
+        } else {
+            Path::far(problem, polygons.clone())
+        };
+        let mut end = path.follow(monitor)?;
+        if known && matches!(end, End::Lost) {
+            path = Path::far(problem, polygons);
+            end = path.follow(monitor)?;
+        }
+        match end {
+            End::Stop(outcome) => return Ok(outcome),
+            End::Lost => return Ok(Outcome::Stalled),
+            End::Arrived => {}
+        }
+        if let Some(outcome) = path.correct(monitor)? {
+            return Ok(outcome);
+        }
+        for (i, fan) in fans.iter_mut().enumerate() {
+            *fan = path.direction(i, fan.is_some()).map(|centre| {
+                let spacing = fan.map_or(WIDEST, |(last, spacing)| {
+                    let turn = (centre - last).rem_euclid(TAU);
+                    let moved = turn.min(TAU - turn);
+                    #[expect(clippy::cast_precision_loss, reason = "a few")]
+                    let across = moved / FAN as f64;
+                    across.max(FINER * spacing).clamp(f64::EPSILON, WIDEST)
+                });
+                (centre, spacing)
+            });
+        }
+        (r, v, known) = (path.r, path.v, true);
+        let eta = residual(problem, &r, &v, &[]);
+        if eta > 0.5 * best {
+            monitor.measure_floor(&r, &[]);
+            waited += 1;
+            if waited > PATIENCE || D == 2 {
+                break; // in the plane the law is linear by pieces: rounding is left
+            }
+        } else {
+            (best, waited) = (eta, 0);
+        }
+    }
+    Ok(Outcome::Stalled)
+}
+
+/// `r̂ − v̂` of a contact.
+fn trial<const D: usize>(problem: &Reduced<D>, i: usize, r: &[f64; D], v: &[f64; D]) -> [f64; D] {
+    let scaling = &problem.scaling;
+    std::array::from_fn(|k| r[k] * scaling.to_r[i] - v[k] * scaling.to_v[i])
+}
+
+/// A fraction without a pattern, between 0 and 1: multiples of the golden ratio.
+fn fraction(k: usize) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let turns = (k + 1) as f64 * 0.618_033_988_749_894_9;
+    turns.fract()
+}
+
+impl<'p, const D: usize> Path<'p, D> {
+    /// From far away, where all contacts are open.
+    fn far(problem: &'p Reduced<'p, D>, polygons: Vec<Polygon<D>>) -> Self {
+        let scaling = &problem.scaling;
+        let of_node = |i: usize| -> [f64; D] {
+            std::array::from_fn(|k| {
+                let part = fraction(D * i + k);
+                let share = if k == 0 {
+                    1.0 + part
+                } else if movable(problem, i, k) {
+                    // Within the dual cone: c_n > μ ‖c_t‖.
+                    0.1 * (part - 0.5) / (1.0 + problem.mu[i])
+                } else {
+                    0.0
+                };
+                share / scaling.to_v[i]
+            })
+        };
+        let c: Vec<[f64; D]> = (0..problem.contacts()).map(of_node).collect();
+        let closes = problem.q.iter().zip(&c).map(|(q, c)| -q[0] / c[0]);
+        // A little before the first contact closes.
+        let t = 1.01 * closes.fold(0.0, f64::max);
+        Self {
+            problem,
+            polygons,
+            cells: vec![Cell::Open; problem.contacts()],
+            r: vec![[0.0; D]; problem.contacts()],
+            v: plus(&problem.q, t, &c),
+            c,
+            t,
+            most: f64::INFINITY,
+        }
+    }
+
+    /// From a point near by, which becomes an answer for another `q`.
+    fn near(
+        problem: &'p Reduced<'p, D>,
+        polygons: Vec<Polygon<D>>,
+        r: &[[f64; D]],
+        v: &[[f64; D]],
+    ) -> Self {
+        let scaling = &problem.scaling;
+        let (mut cells, mut to_r, mut to_v) = (Vec::new(), r.to_vec(), v.to_vec());
+        for (i, polygon) in polygons.iter().enumerate() {
+            let (x, mu) = (trial(problem, i, &r[i], &v[i]), problem.mu[i]);
+            let size = x.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
+            let least = OFF * (1.0 + fraction(i)) * size;
+            let (least_r, least_v) = (least / scaling.to_r[i], least / scaling.to_v[i]);
+            if x[0] <= 0.0 {
+                cells.push(Cell::Open);
+                to_r[i] = [0.0; D];
+                to_v[i][0] = to_v[i][0].max(least_v);
+                continue;
+            }
+            to_r[i][0] = to_r[i][0].max(least_r);
+            to_v[i][0] = 0.0;
+            if mu == 0.0 {
+                cells.push(Cell::Free);
+                to_r[i][1..].fill(0.0);
+            } else if tangential_norm(&x) <= mu * x[0] {
+                cells.push(Cell::Stick);
+                to_v[i][1..].fill(0.0);
+                // Within the polygon, which lies within the disc.
+                let mut over = 0.0_f64;
+                polygon.guards(Cell::Stick, mu, |guard| {
+                    let mut tangential = to_r[i];
+                    tangential[0] = 0.0;
+                    over = over.max(-dot(&guard.by_r, &tangential) / (mu * to_r[i][0]));
+                });
+                let inside = 1.0 - OFF * (1.0 + fraction(i));
+                if over > inside {
+                    for c in &mut to_r[i][1..] {
+                        *c *= inside / over;
+                    }
+                }
+            } else {
+                let j = polygon.against(&x.map(|c| -c));
+                cells.push(Cell::Corner(j));
+                let slip = tangential_norm(&v[i]).max(least_v);
+                let corner = polygon.corner(j);
+                for k in 1..D {
+                    to_r[i][k] = mu * to_r[i][0] * corner[k];
+                    to_v[i][k] = -slip * corner[k];
+                }
+            }
+        }
+        let own = problem.relative_displacement(&to_r, &[]);
+        let c = plus(&to_v, -1.0, &own);
+        Self {
+            problem,
+            polygons,
+            cells,
+            r: to_r,
+            v: to_v,
+            c,
+            t: 1.0,
+            most: LOST,
+        }
+    }
+
+    /// `v` of the problem itself.
+    fn own_displacement(&self) -> Vec<[f64; D]> {
+        plus(&self.v, -self.t, &self.c)
+    }
+
+    /// The angle of friction of a contact that slides, or did so (`slid`): that of
+    /// `r̂_t − v̂_t`, between the reaction and what opposes the slip, nearer to the larger
+    /// of the two.
+    ///
+    /// What slides on a polygon may stick on the disc around it: both are asked.
+    fn direction(&self, i: usize, slid: bool) -> Option<f64> {
+        let x = trial(self.problem, i, &self.r[i], &self.v[i]);
+        let mu = self.problem.mu[i];
+        let slides = match self.cells[i] {
+            Cell::Open | Cell::Free => false,
+            Cell::Stick => slid || tangential_norm(&x) > mu * x[0],
+            Cell::Edge(_) | Cell::Corner(_) => true,
+        };
+        slides.then(|| x[D - 1].atan2(x[1]))
+    }
+
+    /// The law of the cells, with `by_r r + by_v v` of a field as its value.
+    fn law(&self, r: &[[f64; D]], v: &[[f64; D]]) -> Linearisation<D> {
+        let scaling = &self.problem.scaling;
+        let of_node = |i: usize| {
+            let mut rows = self.polygons[i].rows(self.cells[i], self.problem.mu[i]);
+            if self.cells[i] == Cell::Stick {
+                for k in 1..D {
+                    if !movable(self.problem, i, k) {
+                        (rows.by_v[(k, k)], rows.by_r[(k, k)]) = (0.0, 1.0);
+                    }
+                }
+            }
+            let r = Vector::from(r[i].map(|c| c * scaling.to_r[i]));
+            let v = Vector::from(v[i].map(|c| c * scaling.to_v[i]));
+            rows.value = rows.by_r * r + rows.by_v * v;
+            rows
+        };
+        Linearisation {
+            at: (0..self.cells.len()).map(of_node).collect(),
+            shift: 0.0,
+            by_status: false,
+        }
+    }
+
+    /// `dr` that solves a law from a point; `None` where it is singular.
+    fn solve(
+        &self,
+        law: &Linearisation<D>,
+        r: &[[f64; D]],
+        monitor: &mut Monitor<D>,
+    ) -> Result<Option<Vec<[f64; D]>>, Error> {
+        let form = ComplianceForm::new(self.problem, law);
+        if form.order() == 0 {
+            return Ok(Some(vec![[0.0; D]; r.len()]));
+        }
+        let stop = monitor.stop();
+        let mut count = |products| monitor.count(products);
+        let solved = form.solve((r, &[]), &[], TIGHT, &mut count, stop)?;
+        Ok(solved.map(|solved| solved.r))
+    }
+
+    /// Pivots until the path ends.
+    fn follow(&mut self, monitor: &mut Monitor<D>) -> Result<End, Error> {
+        let nothing = vec![[0.0; D]; self.r.len()];
+        // The contact that changed last, and from what.
+        let mut entered: Option<(usize, Cell)> = None;
+        for pivot in 1.. {
+            let against: Vec<[f64; D]> = self.c.iter().map(|c| c.map(|c| -c)).collect();
+            let law = self.law(&nothing, &against);
+            let Some(mut dr) = self.solve(&law, &nothing, monitor)? else {
+                return Ok(End::Lost);
+            };
+            let mut dv = against;
+            let mut effect = nothing.clone();
+            self.problem.compliance.product(&dr, &mut effect);
+            monitor.count(1.0);
+            for (x, y) in dv.as_flattened_mut().iter_mut().zip(effect.as_flattened()) {
+                *x += y;
+            }
+            let mut dt = -1.0;
+            if entered.is_some_and(|(i, from)| self.leaves(i, from, &dr[i], &dv[i])) {
+                dt = 1.0;
+                let fields = dr.as_flattened_mut().iter_mut();
+                fields.chain(dv.as_flattened_mut()).for_each(|x| *x = -*x);
+            }
+            let (step, event) = self.next(entered, &dr, &dv, dt);
+            if !step.is_finite() {
+                return Ok(End::Lost);
+            }
+            self.r = plus(&self.r, step, &dr);
+            self.v = plus(&self.v, step, &dv);
+            self.t += step * dt;
+            entered = event.map(|(i, to)| (i, self.enter(i, to)));
+            if entered.is_none() {
+                self.t = 0.0;
+            }
+            if pivot % REFRESH == 0 || entered.is_none() {
+                self.refresh(monitor);
+            }
+            match monitor.look(&self.r, &self.own_displacement(), &[], true)? {
+                Verdict::Stop(outcome) => return Ok(End::Stop(outcome)),
+                Verdict::Refresh => self.refresh(monitor),
+                Verdict::Continue => {}
+            }
+            if entered.is_none() {
+                return Ok(End::Arrived);
+            }
+            if self.t > self.most {
+                return Ok(End::Lost);
+            }
+        }
+        Ok(End::Lost)
+    }
+
+    fn refresh(&mut self, monitor: &mut Monitor<D>) {
+        let own = self.problem.relative_displacement(&self.r, &[]);
+        self.v = plus(&own, self.t, &self.c);
+        monitor.count(1.0);
+    }
+
+    /// Whether a contact, moved by `(dr, dv)`, goes back to the cell it came from.
+    fn leaves(&self, i: usize, from: Cell, dr: &[f64; D], dv: &[f64; D]) -> bool {
+        let mut slope = 0.0;
+        let cell = self.cells[i];
+        self.polygons[i].guards(cell, self.problem.mu[i], |guard| {
+            if cell == Cell::Open || guard.to == from {
+                slope = guard.at(&self.to_r(i, dr), &self.to_v(i, dv));
+            }
+        });
+        slope < 0.0
+    }
+
+    fn to_r(&self, i: usize, r: &[f64; D]) -> [f64; D] {
+        r.map(|c| c * self.problem.scaling.to_r[i])
+    }
+
+    fn to_v(&self, i: usize, v: &[f64; D]) -> [f64; D] {
+        v.map(|c| c * self.problem.scaling.to_v[i])
+    }
+
+    /// The length of the step to the next border, with the contact that meets it and
+    /// the cell behind it; or to `t = 0`.
+    fn next(
+        &self,
+        entered: Option<(usize, Cell)>,
+        dr: &[[f64; D]],
+        dv: &[[f64; D]],
+        dt: f64,
+    ) -> (f64, Option<(usize, Cell)>) {
+        let mut step = if dt < 0.0 { self.t } else { f64::INFINITY };
+        let mut event = None;
+        for (i, &cell) in self.cells.iter().enumerate() {
+            let (r, v) = (self.to_r(i, &self.r[i]), self.to_v(i, &self.v[i]));
+            let (dr, dv) = (self.to_r(i, &dr[i]), self.to_v(i, &dv[i]));
+            self.polygons[i].guards(cell, self.problem.mu[i], |guard| {
+                // The border that was crossed last is behind.
+                let back = |(j, from)| j == i && (cell == Cell::Open || guard.to == from);
+                let slope = guard.at(&dr, &dv);
+                if slope < 0.0 && !entered.is_some_and(back) {
+                    let reached = guard.at(&r, &v).max(0.0) / -slope;
+                    if reached < step {
+                        step = reached;
+                        event = Some((i, guard.to));
+                    }
+                }
+            });
+        }
+        (step, event)
+    }
+
+    /// Moves a contact to another cell; which one it was in.
+    fn enter(&mut self, i: usize, to: Cell) -> Cell {
+        let from = self.cells[i];
+        self.cells[i] = if from == Cell::Open {
+            self.v[i][0] = 0.0;
+            if self.problem.mu[i] > 0.0 {
+                Cell::Corner(self.polygons[i].against(&self.v[i]))
+            } else {
+                Cell::Free
+            }
+        } else {
+            to
+        };
+        if self.cells[i] == Cell::Open {
+            self.r[i] = [0.0; D];
+        }
+        from
+    }
+
+    /// Takes out what rounding has left of the linear law at `t = 0`.
+    fn correct(&mut self, monitor: &mut Monitor<D>) -> Result<Option<Outcome>, Error> {
+        let rounds = if D == 2 { CORRECTIONS } else { 1 };
+        for _ in 0..rounds {
+            let law = self.law(&self.r, &self.v);
+            let Some(next) = self.solve(&law, &self.r, monitor)? else {
+                break;
+            };
+            self.r = next;
+            self.refresh(monitor);
+            if let Verdict::Stop(outcome) = monitor.look(&self.r, &self.v, &[], true)? {
+                return Ok(Some(outcome));
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// `x + s y`.
+fn plus<const D: usize>(x: &[[f64; D]], s: f64, y: &[[f64; D]]) -> Vec<[f64; D]> {
+    let sum = |(x, y): (&[f64; D], &[f64; D])| std::array::from_fn(|k| x[k] + s * y[k]);
+    x.iter().zip(y).map(sum).collect()
+}

@@ -1,0 +1,38 @@
+//! The stress principle [dSF91, 71, 72]: a convex programme over the cones, with the
+//! slip of the reactions found last.
+//!
+//! `½ rᵀW r + (q + μ‖v_t‖ n)ᵀ r` is to be least over `r ∈ K_μ`, with `μ‖v_t‖` frozen: the
+//! associated law, whose dilatancy the frozen slip takes back.
+
+use crate::error::Error;
+use crate::law::frozen::Frozen;
+use crate::linalg::small::tangential_norm;
+use crate::problem::reduced::Reduced;
+use crate::solver::convex::{enough, iterate, least};
+use crate::solver::monitor::Monitor;
+use crate::solver::{Outcome, Start};
+
+/// The laws of a pass, with the slip of `v`.
+#[must_use]
+pub fn frozen<const D: usize>(problem: &Reduced<D>, v: &[[f64; D]]) -> Vec<Frozen<D>> {
+    let of_slip = |(v, &mu): (&[f64; D], &f64)| Frozen::Cone {
+        mu,
+        slip: mu * tangential_norm(v),
+    };
+    v.iter().zip(&problem.mu).map(of_slip).collect()
+}
+
+/// Runs until the monitor stops it or passes no longer help.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn run<const D: usize>(
+    problem: &Reduced<D>,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+) -> Result<Outcome, Error> {
+    iterate(problem, start, monitor, |point, monitor| {
+        let enough = enough(problem, point, monitor);
+        least(problem, frozen(problem, &point.v), point, enough, monitor)
+    })
+}

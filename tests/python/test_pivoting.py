@@ -1,0 +1,65 @@
+"""Complementary pivoting, and which methods take bodies that nothing else holds."""
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from methods import METHODS, NEED_SUPPORTS
+
+
+def strong(seed: int, contacts: int, mu: float) -> bp.ReducedProblem:
+    """Plane contacts coupled at random, friction beyond any proof of uniqueness."""
+    rng = np.random.default_rng(seed)
+    n = 2 * contacts
+    root = rng.normal(size=(n, n)) / np.sqrt(n)
+    W = root @ root.T + 0.05 * np.eye(n)
+    q = rng.normal(size=(contacts, 2)) - [0.5, 0.0]
+    return bp.ReducedProblem((W + W.T) / 2, q, mu)
+
+
+def test_one_of_the_answers_whatever_friction_is() -> None:
+    several = 0
+    for seed in range(30):
+        for mu in (0.5, 2.0, 8.0):
+            problem = strong(seed, 5, mu)
+            solution = problem.solve("pivoting")
+            assert solution.converged
+            answers = problem.answers()
+            several += len(answers) > 1
+            size = np.abs(solution.reaction).max()
+            apart = [np.abs(a.reaction - solution.reaction).max() for a in answers]
+            # η of 1e-10 at the most, the condition of W, some hundreds, and what
+            # friction adds to it.
+            assert min(apart) <= 1e-7 * max(size, 1e-30)
+    assert several >= 3  # of 90; where there is one, nothing is chosen
+
+
+def test_three_answers_of_one_contact() -> None:
+    # Above μ = k_t/|k_c| some loads have three answers: one of them, from any start.
+    W = np.linalg.inv(np.array([[1.0, -0.9], [-0.9, 1.0]]))
+    counted = set()
+    for angle in np.linspace(0, 2 * np.pi, 48, endpoint=False):
+        problem = bp.ReducedProblem(W, [W @ [np.cos(angle), np.sin(angle)]], 2.0)
+        answers = [a.reaction for a in problem.answers()]
+        counted.add(len(answers))
+        for start in (None, np.array([[2.0, 1.0]]), np.array([[1.0, -2.0]])):
+            solution = problem.solve("pivoting", start=start)
+            assert solution.converged
+            apart = min(np.abs(a - solution.reaction).max() for a in answers)
+            assert apart <= 1e-9  # η, and reactions of order one to ten
+    assert {1, 3} <= counted
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_free_body(method: str) -> None:
+    """Two nodes tied to each other and to nothing else, pressed on a wall."""
+    K = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2))
+    problem = bp.ContactProblem(K, np.eye(4), gap=[0.0, 0.0], mu=0.5)
+    load = [-1.0, 0.2, -1.0, 0.1]
+    if method in NEED_SUPPORTS:
+        with pytest.raises(ValueError, match=f"'{method}' needs bodies that supports"):
+            problem.solve(load, method=method)
+        return
+    result = problem.solve(load, method=method)
+    # Balance alone: the wall takes what the loads are.
+    np.testing.assert_allclose(result.reaction[0].sum(axis=0), [2.0, -0.3], atol=1e-8)
