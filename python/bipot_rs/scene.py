@@ -88,7 +88,8 @@ def bodies(scene: Scene) -> list[Body]:
     found = []
     for name, block in scene.body.items():
         axes = (block.x, block.y, block.z)
-        mesh = box([axis.grid(n) for axis in axes if axis is not None], block.cell)
+        grids = [axis.grid(n) for axis in axes if axis is not None]
+        mesh = box(grids, scene.cell(block))
         elastic = scene.material[block.material]
         material = Material(
             elastic.young, elastic.poisson, block.plane == "stress", block.thickness
