@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs.elasticity import Floats, Ints
-from bipot_rs.equilibrium import Simplices
 from bipot_rs.fem import Model
+from bipot_rs.simplices import Simplices
 
 
 @dataclass(frozen=True)

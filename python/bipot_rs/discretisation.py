@@ -19,21 +19,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg, sparse
 
+from bipot_rs import johnson_mercier
 from bipot_rs.check import floats
 from bipot_rs.contact_facets import contact_facets, prescribed_facets
 from bipot_rs.elasticity import Floats, Ints, Material
-from bipot_rs.equilibrium import (
-    Simplices,
-    complementary,
-    elastic,
-    equilibrated,
-    simplices,
-    strain,
-)
+from bipot_rs.equilibrium import moments
 from bipot_rs.fem import Model
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.scene import Case
+from bipot_rs.self_stress import relax
+from bipot_rs.simplices import (
+    Simplices,
+    complementary,
+    elastic,
+    error_energy,
+    simplices,
+    strain,
+)
 
 BOUND = "guaranteed bound"
 INDICATOR = "indicator"
@@ -184,19 +187,24 @@ class Estimator:
         for owner, (body, one) in enumerate(zip(model.bodies, self.bodies, strict=True)):
             nodes = slice(ends[owner], ends[owner + 1])
             force, pulls = self._loads(owner, k)
-            hat = equilibrated(
+            known = one.outside[:, None] & ~self.held[owner]
+            tractions = moments(
                 one,
                 elastic(body.material, strain(one, w[nodes])),
                 force,
                 given[owner] + pulls,
-                one.outside[:, None] & ~self.held[owner],
+                known,
             )
             own = elastic(body.material, strain(one, u[nodes]))
+            tractions, taken = relax(one, body.material, tractions, ~known, u[nodes], own)
+            hat = johnson_mercier.stress(
+                one.edges, one.gradients, one.by_cell(tractions)
+            )
             missing = hat - own[:, None, None]
             for bubbles in lift.bubbles:
                 if bubbles.body == owner:
                     bubbles.subtract(one, body.material, missing)
-            cells.append(body.depth * _energy(one, body.material, missing))
+            cells.append(body.depth * error_energy(one, body.material, missing))
             volumes.append(body.depth * one.volume)
             stresses.append(hat)
             energy += 0.5 * float(volumes[-1] @ complementary(body.material, own))
@@ -432,16 +440,6 @@ def _free_motions(model: Model) -> Floats:
         wide[ends[b] : ends[b + 1]] = span @ null
         found.append(wide)
     return np.hstack(found)
-
-
-def _energy(one: Simplices, material: Material, stress: Floats) -> Floats:
-    """``½ ∫ σ : C⁻¹ σ`` by cell, of stresses linear in each part; exact."""
-    dim = one.dim
-    own = complementary(material, stress).sum(axis=(1, 2))
-    mean = complementary(material, stress.sum(axis=2)).sum(axis=1)
-    # ∫ φ_a φ_b dV is the volume times (1 + δ_ab)/((d + 1)(d + 2)), of d + 1 equal parts.
-    part: Floats = one.volume / (dim + 1)
-    return 0.5 * part * (own + mean) / ((dim + 1) * (dim + 2))
 
 
 def _number(step: int, steps: int) -> int:

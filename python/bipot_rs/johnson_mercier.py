@@ -40,13 +40,13 @@ def stress(edges: Floats, gradients: Floats, moments: Floats) -> Floats:
     # σ = J Ŝ Jᵀ/det J keeps symmetry, continuity of tractions and divergence; a force
     # on a facet goes with J.
     there = np.einsum("cij,ckaj->ckai", gradients[:, 1:], moments)
-    found = np.einsum("pqijkam,ckam->cpqij", _operator(edges.shape[-1]), there)
+    found = np.einsum("pqijkam,ckam->cpqij", operator(edges.shape[-1]), there)
     scaled = edges / np.abs(np.linalg.det(edges))[:, None, None]
     return np.einsum("cim,cpqmn,cjn->cpqij", scaled, found, edges)
 
 
 @cache
-def _operator(d: int) -> Floats:
+def operator(d: int) -> Floats:
     """Stress on the reference simplex by facet moments, both as in `stress`."""
     places = np.vstack([np.zeros(d), np.eye(d)])
     gradient = np.vstack([-np.ones(d), np.eye(d)])
