@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import linalg, sparse
 
 from bipot_rs import johnson_mercier
@@ -184,7 +184,9 @@ class Estimator:
         lift = self._lift(result.relative_displacement[:, 0])
         ends = np.append(model.offset, model.n) // model.dim
         cells, volumes, stresses, energy = [], [], [], 0.0
-        for owner, (body, one) in enumerate(zip(model.bodies, self.bodies, strict=True)):
+        for owner, (body, one) in enumerate(
+            zip(model.bodies, self.bodies, strict=True)
+        ):
             nodes = slice(ends[owner], ends[owner + 1])
             force, pulls = self._loads(owner, k)
             known = one.outside[:, None] & ~self.held[owner]
@@ -196,7 +198,7 @@ class Estimator:
                 known,
             )
             own = elastic(body.material, strain(one, u[nodes]))
-            tractions, taken = relax(one, body.material, tractions, ~known, u[nodes], own)
+            tractions, _ = relax(one, body.material, tractions, ~known, u[nodes], own)
             hat = johnson_mercier.stress(
                 one.edges, one.gradients, one.by_cell(tractions)
             )
@@ -385,7 +387,9 @@ class _Elastic:
         if self.motions.shape[1]:
             # Forces that balance need no pins: those at which the motions are known best.
             free = np.setdiff1d(np.arange(model.n), model.fixed)
-            _, _, order = linalg.qr(self.motions[free].T, pivoting=True, mode="economic")
+            _, _, order = linalg.qr(
+                self.motions[free].T, pivoting=True, mode="economic"
+            )
             pins = free[order[: self.motions.shape[1]]]
         self.held = np.concatenate([model.fixed, pins])
         self.problem = ContactProblem(
@@ -411,7 +415,9 @@ class _Elastic:
                 "spread over facets, do not balance the loads: support the body, or solve "
                 "to a smaller tol"
             )
-        values = np.concatenate([prescribed, np.zeros(len(self.held) - len(prescribed))])
+        values = np.concatenate(
+            [prescribed, np.zeros(len(self.held) - len(prescribed))]
+        )
         found: Floats = self.problem.solve(load, values).displacement[-1]
         return found
 
@@ -433,7 +439,9 @@ def _free_motions(model: Model) -> Floats:
         span = np.stack([m.ravel() for m in motions], axis=1)
         # Motions are of size 1, and supports hold them by whole lengths or not at all.
         null = linalg.null_space(
-            np.vstack([span[fixed[ends[b] : ends[b + 1]]], np.zeros((1, span.shape[1]))]),
+            np.vstack(
+                [span[fixed[ends[b] : ends[b + 1]]], np.zeros((1, span.shape[1]))]
+            ),
             rcond=1e-9,
         )
         wide = np.zeros((model.n, null.shape[1]))

@@ -127,8 +127,7 @@ def moments(
     return found
 
 
-def _check(
-    cells: Simplices, asked: Floats, found: Floats) -> None:
+def _check(cells: Simplices, asked: Floats, found: Floats) -> None:
     left, terms = asked.copy(), np.abs(asked)
     for k, a in pairs(cells.dim):
         moment = found[cells.facet_of[:, k], cells.place[:, k, a]]

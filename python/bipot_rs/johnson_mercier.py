@@ -109,9 +109,7 @@ def operator(d: int) -> Floats:
     operator = np.empty((d + 1, d + 1, d, d, d + 1, d + 1, d))
     for part in range(d + 1):
         for corner in range(d + 1):
-            for unknown, (i, j) in zip(
-                unknowns[part, corner], components, strict=True
-            ):
+            for unknown, (i, j) in zip(unknowns[part, corner], components, strict=True):
                 entry = solved[unknown].reshape(d + 1, d + 1, d)
                 operator[part, corner, i, j] = operator[part, corner, j, i] = entry
     return operator

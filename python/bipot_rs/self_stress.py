@@ -16,9 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from bipot_rs import johnson_mercier
 from bipot_rs.elasticity import Floats, Ints, Material
@@ -30,6 +32,9 @@ _ENOUGH, _LAST, _MOST = 0.01, 8, 500
 # Forces that a given component of traction would have to carry are either of the size of
 # all others or rounding.
 _NONE = 1e-12
+# What makes a singular matrix definite, its diagonal being one.
+_SLACK = 1e-10
+_TINY = np.finfo(np.float64).tiny
 
 
 def relax(
@@ -60,14 +65,7 @@ def relax(
     """
     functions = _Functions(cells, free)
     energy = _energy_matrices(cells, material)
-    place, sign = cells.local_moments()
-    flat = (place[:, :, None] * cells.dim + np.arange(cells.dim)).reshape(len(place), -1)
-    sign = np.repeat(sign, cells.dim, axis=1)
-
-    def slope(m: Floats) -> Floats:
-        local = sign * np.matmul(energy, (sign * m.ravel()[flat])[..., None])[..., 0]
-        total = np.bincount(flat.ravel(), local.ravel(), minlength=m.size)
-        return np.asarray(total, dtype=np.float64).reshape(m.shape)
+    H, Z = _assembled(cells, energy), functions.matrix()
 
     # ∫ σ̂ : ε(u) dV is what facets outside and loads do on u; inside it cancels.
     outward = np.zeros(len(cells.facets))
@@ -77,29 +75,66 @@ def relax(
 
     hat = johnson_mercier.stress(cells.edges, cells.gradients, cells.by_cell(moments))
     left = float(error_energy(cells, material, hat - stress[:, None, None]).sum())
-    precondition = functions.preconditioner(energy)
-    m = moments.copy()
-    rest = functions.transposed(work - slope(m))
+    precondition = _factor(Z, H) if cells.dim == 2 else functions.preconditioner(energy)
+    m = moments.ravel().copy()
+    rest = Z.T @ (work.ravel() - H @ m)
     direction = better = precondition(rest)
     size = float(rest @ better)
     gains: list[float] = []
     while size > 0 and len(gains) < _MOST:
-        change = functions.moments(direction)
-        bent = slope(change)
-        stiffness = float(np.vdot(change, bent))
+        change = Z @ direction
+        bent = H @ change
+        stiffness = float(change @ bent)
         if stiffness <= 0:
             break
         length = size / stiffness
         m += length * change
         gains.append(0.5 * length * size)
         left -= gains[-1]
-        if sum(gains[-_LAST:]) <= _ENOUGH * left and len(gains) >= _LAST:
+        # All of the gain is expected of the first step with the factor.
+        last = 1 if cells.dim == 2 else _LAST
+        if len(gains) >= last and sum(gains[-last:]) <= _ENOUGH * left:
             break
-        rest = rest - length * functions.transposed(bent)
+        rest = rest - length * (Z.T @ bent)
         better = precondition(rest)
         size, before = float(rest @ better), size
         direction = better + size / before * direction
-    return m, len(gains)
+    return m.reshape(moments.shape), len(gains)
+
+
+def _assembled(cells: Simplices, energy: Floats) -> Any:
+    """``∫ σ̂ : C⁻¹ σ̂ dV`` of the body as a matrix of all moments."""
+    place, sign = cells.local_moments()
+    flat = (place[:, :, None] * cells.dim + np.arange(cells.dim)).reshape(
+        len(place), -1
+    )
+    sign = np.repeat(sign, cells.dim, axis=1)
+    n = cells.facets.size * cells.dim
+    data = energy * sign[:, :, None] * sign[:, None, :]
+    row = np.repeat(flat, flat.shape[1], axis=1)
+    column = np.tile(flat, (1, flat.shape[1]))
+    return sparse.coo_array(
+        (data.ravel(), (row.ravel(), column.ravel())), shape=(n, n)
+    ).tocsr()
+
+
+def _factor(Z: Any, H: Any) -> Callable[[Floats], Floats]:
+    """Inverse of ``Zᵀ H Z``, whose columns may depend on each other."""
+    from scipy.sparse.linalg import splu
+
+    S = (Z.T @ (H @ Z)).tocsc()
+    diagonal = S.diagonal()
+    # Columns scaled to one; those that are left out get a pivot of their own.
+    scale = np.where(diagonal > 0, 1 / np.sqrt(np.maximum(diagonal, _TINY)), 0.0)
+    D = sparse.diags_array(scale)
+    pivot = np.where(scale > 0, _SLACK, 1.0)
+    factor = splu(
+        (D @ S @ D + sparse.diags_array(pivot)).tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return lambda rest: scale * factor.solve(scale * rest)
 
 
 class _Functions:
@@ -199,17 +234,26 @@ class _Functions:
         shape = self.passed.shape
         self.passed[np.broadcast_to(forbidden[:, None, None, :, None], shape)] = 0.0
 
-    def moments(self, amounts: Floats) -> Floats:
-        """Moments ``(facets, d nodes, d)`` of amounts."""
-        own, passed = self._split(amounts)
-        found = np.einsum("faik,fk->fai", self.own, own)
-        return found + np.einsum("fraiw,frw->fai", self.passed, passed[self.ring])
-
-    def transposed(self, moments: Floats) -> Floats:
-        """What moments do on each function."""
-        own = np.einsum("faik,fai->fk", self.own, moments)
-        each = np.einsum("fraiw,fai->frw", self.passed, moments)
-        return np.concatenate([own.ravel(), self._gather(each).ravel()])
+    def matrix(self) -> Any:
+        """Moments, flat, by amounts."""
+        dim, count = self.cells.dim, len(self.own)
+        size = dim * dim
+        row = np.arange(count * size).reshape(count, size, 1)
+        k, w = self.own.shape[-1], self.passed.shape[-1]
+        own = self.own.reshape(count, size, k)
+        column = np.arange(count * k).reshape(count, 1, k)
+        parts = [(own, row, column)]
+        for r in range(dim):
+            column = count * k + self.ring[:, r, None, None] * w + np.arange(w)
+            parts.append((self.passed[:, r].reshape(count, size, w), row, column))
+        data, rows, columns = (
+            np.concatenate([np.broadcast_to(p[i], p[0].shape).ravel() for p in parts])
+            for i in range(3)
+        )
+        shape = (count * size, count * k + self.rings * w)
+        found = sparse.coo_array((data, (rows, columns)), shape=shape).tocsr()
+        found.eliminate_zeros()
+        return found
 
     def preconditioner(self, energy: Floats) -> Callable[[Floats], Floats]:
         """Inverse of the blocks of single facets and rings."""
@@ -236,10 +280,14 @@ class _Functions:
             rk, rm = cells.place[:, k, m], cells.place[:, m, k]
             zk, zm = local[k][every, rk], local[m][every, rm]
             both = np.concatenate([zk, zm], axis=1)
-            part = blocks[:, [k, m]][:, :, :, [k, m]].reshape(len(energy), *2 * (2 * dim * dim,))
+            part = blocks[:, [k, m]][:, :, :, [k, m]].reshape(
+                len(energy), *2 * (2 * dim * dim,)
+            )
             at_ring = self.ring[cells.facet_of[:, k], rk]
             np.add.at(ring, at_ring, both.swapaxes(1, 2) @ part @ both)
-        inverse = [np.linalg.pinv(b, rcond=1e-10, hermitian=True) for b in (facet, ring)]
+        inverse = [
+            np.linalg.pinv(b, rcond=1e-10, hermitian=True) for b in (facet, ring)
+        ]
 
         def apply(rest: Floats) -> Floats:
             parts = self._split(rest)
@@ -255,11 +303,6 @@ class _Functions:
         k = self.own.shape[-1]
         cut = len(self.own) * k
         return amounts[:cut].reshape(-1, k), amounts[cut:].reshape(self.rings, -1)
-
-    def _gather(self, each: Floats) -> Floats:
-        total = np.zeros((self.rings, each.shape[-1]))
-        np.add.at(total, self.ring, each)
-        return total
 
 
 def _spins(dim: int) -> Floats:
@@ -288,24 +331,22 @@ def _energy_matrices(cells: Simplices, material: Material) -> Floats:
     edges, gradients = cells.edges, cells.gradients[:, 1:]
     stress = np.einsum("cij,xjk,clk->cxil", edges, unit, edges)
     stress /= np.abs(np.linalg.det(edges))[:, None, None, None]
-    # C⁻¹ by polarisation would lose digits; it is the inverse of `elastic` on the basis.
-    lame = np.linalg.inv(_tensor(material, dim))
+    soft = np.linalg.inv(_tensor(material, dim))
     flat = stress.reshape(len(stress), len(basis), -1)
-    metric = (flat @ lame @ flat.swapaxes(1, 2)) * cells.volume[:, None, None]
+    metric = (flat @ soft @ flat.swapaxes(1, 2)) * cells.volume[:, None, None]
     rows = len(k) * dim
     found = metric.reshape(len(stress), -1) @ mass.reshape(len(basis) ** 2, -1)
     found = found.reshape(-1, len(k), dim, len(k), dim)
-    found = np.einsum("cim,cpmqn,cjn->cpiqj", *_both(gradients, found), optimize=True)
+    # Forces on the reference cell are J⁻¹ times those here.
+    found = np.einsum(
+        "cmi,cpmqn,cnj->cpiqj", gradients, found, gradients, optimize=True
+    )
     return np.ascontiguousarray(found.reshape(-1, rows, rows))
-
-
-def _both(gradients: Floats, found: Floats) -> tuple[Floats, Floats, Floats]:
-    inner = gradients.swapaxes(1, 2)
-    return inner, found, inner
 
 
 def _tensor(material: Material, dim: int) -> Floats:
     """C as a matrix on all d² components, made definite on the antisymmetric ones."""
     unit = np.eye(dim * dim).reshape(-1, dim, dim)
     symmetric = 0.5 * (unit + unit.swapaxes(1, 2))
-    return (elastic(material, symmetric) + 2 * material.lame(dim)[1] * (unit - symmetric)).reshape(dim * dim, -1)
+    turned = 2 * material.lame(dim)[1] * (unit - symmetric)
+    return (elastic(material, symmetric) + turned).reshape(dim * dim, -1)

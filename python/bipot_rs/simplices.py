@@ -121,9 +121,7 @@ def simplices(body: Body) -> Simplices:
     missing = corners.sum(axis=1)[:, None] - facets[listed].sum(axis=2)
     order = np.argmax(missing[:, None] == corners[:, :, None], axis=2)
     facet_of = np.take_along_axis(listed, order, axis=1)
-    place = np.argmax(
-        facets[facet_of][:, :, None] == corners[:, None, :, None], axis=3
-    )
+    place = np.argmax(facets[facet_of][:, :, None] == corners[:, None, :, None], axis=3)
     edges = (points[corners[:, 1:]] - points[corners[:, :1]]).swapaxes(1, 2)
     inner = np.linalg.inv(edges)
     gradients = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
