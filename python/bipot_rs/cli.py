@@ -86,11 +86,21 @@ def run(
         bool, typer.Option("--json", help="One JSON object a line on standard output.")
     ] = False,
     plot: Annotated[
-        bool, typer.Option("--plot", help="Write tractions.png as well.")
+        bool,
+        typer.Option(
+            "--plot", help="Write tractions.png as well; with --error, error.png."
+        ),
     ] = False,
     export: Annotated[
         bool,
         typer.Option("--fclib", help="Write problem-0000.hdf5, … for other solvers."),
+    ] = False,
+    error: Annotated[
+        bool,
+        typer.Option(
+            "--error",
+            help="Tell the discretisation error; needs --set mesh.element=P1.",
+        ),
     ] = False,
     resume: Annotated[
         bool,
@@ -106,7 +116,14 @@ def run(
     job = Job(scene, as_json=json, interrupts=context.obj)
     folder = Path("out") / Path(scene).stem if out is None else out
     status = job.run(
-        settings or [], folder, method, tol, plot=plot, fclib=export, resume=resume
+        settings or [],
+        folder,
+        method,
+        tol,
+        plot=plot,
+        fclib=export,
+        resume=resume,
+        error=error,
     )
     raise typer.Exit(status)
 

@@ -92,7 +92,7 @@ PYTHON = (
     "theory",
     "fem __init__",
     "schema simplices",
-    "resume scene plot johnson_mercier contact_facets equilibrium",
+    "error_map resume scene plot johnson_mercier contact_facets equilibrium",
     "self_stress",
     "discretisation",
     "job",
