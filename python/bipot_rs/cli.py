@@ -17,7 +17,7 @@ import typer
 from typer.exceptions import TyperException
 
 from bipot_rs.interrupts import Interrupts
-from bipot_rs.job import BAD_INPUT, INTERRUPTED, Job, complain
+from bipot_rs.job import BAD_INPUT, ENOUGH, INTERRUPTED, Job, complain
 
 
 class _App(typer.Typer):
@@ -80,7 +80,12 @@ def run(
         str | None, typer.Option(help="Contact solver, instead of the scene's.")
     ] = None,
     tol: Annotated[
-        float | None, typer.Option(help="Residual to reach, instead of the scene's.")
+        str | None,
+        typer.Option(
+            metavar="T",
+            help="Residual to reach, instead of the scene's; or discretisation: a tenth "
+            "of the error of a P1 mesh.",
+        ),
     ] = None,
     json: Annotated[
         bool, typer.Option("--json", help="One JSON object a line on standard output.")
@@ -119,7 +124,7 @@ def run(
         settings or [],
         folder,
         method,
-        tol,
+        _tol(tol),
         plot=plot,
         fclib=export,
         resume=resume,
@@ -147,6 +152,17 @@ def fclib(
     from bipot_rs import fclib_job
 
     raise typer.Exit(fclib_job.run(files, method, tol, max_seconds, as_json=json))
+
+
+def _tol(given: str | None) -> float | str | None:
+    if given is None or given == ENOUGH:
+        return given
+    try:
+        return float(given)
+    except ValueError:
+        raise typer.BadParameter(
+            f"{given!r} is neither a number nor {ENOUGH}", param_hint="'--tol'"
+        ) from None
 
 
 def _open_streams() -> None:

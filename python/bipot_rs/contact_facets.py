@@ -172,7 +172,8 @@ def prescribed_facets(
         facets = body.facets(support.surface)
         nodes = body.nodes(support.surface, support.within)
         whole = facets[np.isin(one.facets[facets], nodes).all(axis=1)]
-        held[owner][np.ix_(whole, list(support.components))] = True
+        components = np.array(support.components, dtype=np.int64)
+        held[owner][whole[:, None], components] = True
     return held
 
 

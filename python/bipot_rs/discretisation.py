@@ -167,7 +167,9 @@ class Estimator:
         if isinstance(result, Result):
             if k >= len(result):
                 raise ValueError(f"step is {step}, the result has {len(result)} steps")
-            result = result[k]
+            at: Step = result[k]
+        else:
+            at = result
         limit = None
         if threshold is not None:
             limit = floats("threshold", threshold, shape=model.mu.shape)
@@ -175,13 +177,13 @@ class Estimator:
                 raise ValueError(
                     f"threshold is {limit.min():g} at a contact, expected none below zero"
                 )
-        traction = result.reaction / self.facets.node_area[:, None]
+        traction = at.reaction / self.facets.node_area[:, None]
         given = self.facets.traction_moments(
             self.bodies, np.einsum("ck,ckd->cd", traction, model.frame)
         )
-        u = result.displacement.reshape(-1, model.dim)
+        u = at.displacement.reshape(-1, model.dim)
         w = self._consistent(given, k).reshape(-1, model.dim)
-        lift = self._lift(result.relative_displacement[:, 0])
+        lift = self._lift(at.relative_displacement[:, 0])
         ends = np.append(model.offset, model.n) // model.dim
         cells, volumes, stresses, energy = [], [], [], 0.0
         for owner, (body, one) in enumerate(
@@ -218,7 +220,7 @@ class Estimator:
             )
         return DiscretisationError(
             cells=np.concatenate(cells),
-            contacts=self._work(traction, result, mu, limit, lift.kept),
+            contacts=self._work(traction, at, mu, limit, lift.kept),
             volumes=np.concatenate(volumes),
             elastic_energy=energy,
             kind=INDICATOR if reasons else BOUND,

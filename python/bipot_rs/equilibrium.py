@@ -51,8 +51,7 @@ def moments(
         Around a node nothing can balance its force: a component is prescribed at the
         node, and on no facet that ends in it.
     """
-    dim, corners = cells.dim, cells.corners
-    count = len(corners)
+    dim = cells.dim
     # What each cell asks at each of its corners, less the mean of the two tractions.
     asked = cells.volume[:, None, None] * (
         np.einsum("cij,caj->cai", stress, cells.gradients)
@@ -71,60 +70,71 @@ def moments(
     local = pairs(dim)
     key, sign = cells.local_moments()
     facet, at = np.divmod(key, dim)
-    corner = np.array([a for _, a in local])
     rest = asked.copy()
     for p, (_, a) in enumerate(local):
         rest[:, a] -= sign[:, p, None] * found[facet[:, p], at[:, p]]
 
-    # A graph around each node: its cells, joined by the facets between them.
-    flat = corners.ravel()
-    order = np.argsort(flat, kind="stable")
-    many = np.bincount(flat, minlength=len(cells.points))
-    rank = np.empty(flat.size, dtype=np.int64)
-    start = np.concatenate([[0], np.cumsum(many)])[:-1]
-    rank[order] = np.arange(flat.size) - np.repeat(start, many)
-    rank = rank.reshape(count, dim + 1)
-    # The other cell of each facet, by its local number at the same corner.
-    key = key.ravel()
-    mine = rank[:, corner].ravel()
-    total = np.bincount(key, mine, minlength=len(size) * dim)
-    shared = ~cells.outside[facet].ravel()
-    other = np.where(shared, total[key] - mine, mine).astype(np.int64)
     # The square of a change of moment over the area: that of the change of traction.
     free = np.where(known, 0.0, size[:, None])
-    shift = np.zeros_like(rest)
-    node = corners[:, corner].ravel()
-    for n in np.unique(many[many > 0]):
-        nodes = np.flatnonzero(many == n)
-        index = np.full(len(many), -1)
-        index[nodes] = np.arange(len(nodes))
-        here = np.flatnonzero(many[node] == n)
-        row = (index[node[here]] * n + mine[here]) * n
-        whose = order[(start[nodes][:, None] + np.arange(n)).ravel()]
-        right = rest.reshape(-1, dim)[whose].reshape(len(nodes), n, dim)
-        for k in range(dim):
-            weight = free[facet.ravel()[here], k]
-            across = np.where(shared[here], weight, 0.0)
-            cells_by_cells = len(nodes) * n * n
-            graph = np.bincount(row + mine[here], weight, cells_by_cells)
-            graph -= np.bincount(row + other[here], across, cells_by_cells)
-            graph = graph.reshape(len(nodes), n, n)
-            open_ends = np.bincount(
-                index[node[here]], np.where(shared[here], 0.0, weight), len(nodes)
-            )
-            # Nothing but facets inside or given: the sum of all equations is that of
-            # the node, and the shift of all is free.
-            scale = np.trace(graph, axis1=1, axis2=2) / n
-            scale = np.where(scale > 0, scale, 1.0)
-            graph += np.where(open_ends > 0, 0.0, scale)[:, None, None] / n
-            solved = np.linalg.solve(graph, right[:, :, k, None])[..., 0]
-            shift.reshape(-1, dim)[whose, k] = solved.ravel()
+    shift = _potentials(cells, free, rest)
     for p, (_, a) in enumerate(local):
         # Each facet inside is met from both its cells, and gets the difference.
         change = sign[:, p, None] * free[facet[:, p]] * shift[:, a]
         np.add.at(found, (facet[:, p], at[:, p]), change)
     _check(cells, asked, found)
     return found
+
+
+def _potentials(cells: Simplices, free: Floats, rest: Floats) -> Floats:
+    """Multipliers of (P) at the corners of cells, ``(cells, d + 1, d)``.
+
+    The cells around a node are a graph, with an edge for each facet between two of them
+    and an open end for each facet outside; a change of moment is ``free`` times the
+    difference of the multipliers of its cells, and the sum of changes is ``rest``.
+    """
+    dim, corners = cells.dim, cells.corners
+    corner = np.array([a for _, a in pairs(dim)])
+    facet_node, _ = cells.local_moments()
+    flat = corners.ravel()
+    order = np.argsort(flat, kind="stable")
+    many = np.bincount(flat, minlength=len(cells.points))
+    start = np.concatenate([[0], np.cumsum(many)])[:-1]
+    # Number of each cell in the graph of each of its corners.
+    rank = np.empty(flat.size, dtype=np.int64)
+    rank[order] = np.arange(flat.size) - np.repeat(start, many)
+    mine = rank.reshape(corners.shape)[:, corner].ravel()
+    # The other cell of a facet: of two, their sum tells which.
+    ends = facet_node.ravel()
+    total = np.bincount(ends, mine, minlength=cells.facets.size)
+    shared = ~cells.outside[ends // dim]
+    other = np.where(shared, total[ends] - mine, mine).astype(np.int64)
+    node = corners[:, corner].ravel()
+    found = np.zeros((flat.size, dim))
+    # Graphs of one size are solved together.
+    for n in np.unique(many[many > 0]):
+        nodes = np.flatnonzero(many == n)
+        index = np.full(len(many), -1)
+        index[nodes] = np.arange(len(nodes))
+        here = np.flatnonzero(many[node] == n)
+        which = index[node[here]]
+        row = (which * n + mine[here]) * n
+        whose = order[(start[nodes][:, None] + np.arange(n)).ravel()]
+        right = rest.reshape(-1, dim)[whose].reshape(len(nodes), n, dim)
+        for k in range(dim):
+            weight = free[ends[here] // dim, k]
+            inside = np.where(shared[here], weight, 0.0)
+            entries = len(nodes) * n * n
+            graph = np.bincount(row + mine[here], weight, entries)
+            graph -= np.bincount(row + other[here], inside, entries)
+            graph = graph.reshape(len(nodes), n, n)
+            open_ends = np.bincount(which, weight - inside, len(nodes))
+            # Without an open end the equations sum up to that of the node, and one shift
+            # of all multipliers is free.
+            scale = np.trace(graph, axis1=1, axis2=2) / n
+            scale = np.where(scale > 0, scale, 1.0)
+            graph += np.where(open_ends > 0, 0.0, scale)[:, None, None] / n
+            found[whose, k] = np.linalg.solve(graph, right[:, :, k, None]).ravel()
+    return found.reshape(*corners.shape, dim)
 
 
 def _check(cells: Simplices, asked: Floats, found: Floats) -> None:

@@ -88,7 +88,9 @@ def _plane(
     panels = []
     for k, (low, high) in enumerate(views):
         axes = figure.add_subplot(1, len(views), k + 1)
-        image = PolyCollection(nodes[corners], array=share, lw=0.3, edgecolor="face", **colours)
+        image = PolyCollection(
+            list(nodes[corners]), array=share, lw=0.3, edgecolor="face", **colours
+        )
         # As one image: a polygon each would make a file of the size of the mesh.
         image.set_rasterized(True)
         axes.add_collection(image)
@@ -105,7 +107,9 @@ def _space(
     figure: Any, nodes: Floats, corners: Ints, share: Floats, colours: dict[str, Any]
 ) -> list[tuple[Any, Any]]:
     """Facets outside, from above and from below, each in the colour of its cell."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
+        Poly3DCollection,
+    )
 
     facets = np.concatenate([np.delete(corners, k, axis=1) for k in range(4)])
     _, first, count = np.unique(

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 SOLVED, NO_ANSWER, BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 1, 2, 3, 130
 RESULT = "result.h5"
+# A tolerance that depends on the mesh.
+ENOUGH = "discretisation"
 _DRAFT = ".bipot-"
 _NAMES = (RESULT, "result.pvd", "steps.csv", "tractions.png", "error.png")
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
@@ -61,13 +63,15 @@ class Job:
         self.estimator: Estimator | None = None
         self.errors: list[DiscretisationError | None] = []
         self.no_error = ""
+        # What decided the tolerance, where the mesh does.
+        self.enough = ""
 
     def run(
         self,
         settings: list[str],
         folder: Path,
         method: str | None,
-        tol: float | None,
+        tol: float | str | None,
         *,
         plot: bool,
         fclib: bool = False,
@@ -147,7 +151,7 @@ class Job:
         self,
         scene: Scene,
         method: str,
-        tol: float,
+        tol: float | str,
         folder: Path,
         done: Result | None,
         *,
@@ -167,7 +171,7 @@ class Job:
         self,
         scene: Scene,
         method: str,
-        tol: float,
+        tol: float | str,
         folder: Path,
         done: Result | None,
         *,
@@ -188,10 +192,12 @@ class Job:
                     meshed = bodies(scene)
                 with self._phase("assemble", progress):
                     case = assemble(scene, meshed)
-                    if error:
+                    estimator = None
+                    if error or tol == ENOUGH:
                         from bipot_rs.discretisation import Estimator
 
-                        self.estimator = Estimator(case)
+                        estimator = Estimator(case)
+                        self.estimator = estimator if error else None
                     if done is not None:
                         same_contacts(folder / RESULT, done, _contacts(case))
                         self.resumed = first
@@ -214,11 +220,23 @@ class Job:
                     self.interrupts.check()
 
                 with self._phase("solve", progress):
+                    if estimator is not None and tol == ENOUGH:
+                        from bipot_rs.enough import tolerance
+
+                        limit = scene.solver.max_iterations
+                        enough = tolerance(
+                            estimator, problem, method=method, max_iterations=limit
+                        )
+                        tol = enough.tol
+                        self.enough = (
+                            f"tol {enough.tol:.1e}: the mesh leaves an error of "
+                            f"{enough.discretisation:.1%}"
+                        )
                     problem.solve(
                         None if case.load is None else case.load[first:],
                         case.prescribed[first:],
                         method=method,
-                        tol=tol,
+                        tol=float(tol),
                         max_iterations=scene.solver.max_iterations,
                         start=done,
                         on_step=on_step,
@@ -227,7 +245,8 @@ class Job:
             return NO_ANSWER, self._of_path(str(error))
         except NotConvergedError as error:
             return NOT_CONVERGED, self._of_path(str(error))
-        return SOLVED, "solved"
+        without = f"no discretisation error: {self.no_error}" if self.no_error else ""
+        return SOLVED, "; ".join(filter(None, ("solved", self.enough, without)))
 
     def _row(self, k: int, parameter: float, step: Step) -> dict[str, Any]:
         """What is told of a load step, its discretisation error included if asked for."""
@@ -446,6 +465,8 @@ class Job:
         for row, _ in self.reached:
             table.add_row(*_cells(row, columns))
         console.print(table)
+        if self.enough:
+            console.print(self.enough, highlight=False, soft_wrap=True)
         if self.estimator is not None:
             told = [error for error in self.errors if error is not None]
             for kind in dict.fromkeys(error.kind for error in told):

@@ -42,7 +42,8 @@ def stress(edges: Floats, gradients: Floats, moments: Floats) -> Floats:
     there = np.einsum("cij,ckaj->ckai", gradients[:, 1:], moments)
     found = np.einsum("pqijkam,ckam->cpqij", operator(edges.shape[-1]), there)
     scaled = edges / np.abs(np.linalg.det(edges))[:, None, None]
-    return np.einsum("cim,cpqmn,cjn->cpqij", scaled, found, edges)
+    there = np.einsum("cim,cpqmn,cjn->cpqij", scaled, found, edges)
+    return np.asarray(there, dtype=np.float64)
 
 
 @cache

@@ -304,10 +304,13 @@ class LoadPath(_Table):
 
 
 class Solver(_Table):
-    """Settings of the contact solver; the command line overrides them."""
+    """Settings of the contact solver; the command line overrides them.
+
+    ``tol = "discretisation"`` goes as far as the mesh is worth (`enough`).
+    """
 
     method: str = "auto"
-    tol: Annotated[float, Field(gt=0)] = 1e-12
+    tol: Annotated[float, Field(gt=0)] | Literal["discretisation"] = 1e-12
     max_iterations: Annotated[int, Field(gt=0)] | None = None
 
 

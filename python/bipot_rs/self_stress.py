@@ -176,11 +176,10 @@ class _Functions:
         inertia = np.einsum("faki,fali->fkl", turned, turned)
         centre = cells.points[names].mean(axis=1)
         size = cells.size ** (1 / (dim - 1))
-        count = np.bincount(self.ring.ravel(), minlength=self.rings)
-        length = np.bincount(
+        total = np.bincount(
             self.ring.ravel(), np.repeat(size, dim), minlength=self.rings
         )
-        length /= count
+        length = total / np.bincount(self.ring.ravel(), minlength=self.rings)
         passed = np.zeros((len(x), dim, dim, dim, dim + len(spins)))
         for r in range(dim):
             at = self.ring[:, r]

@@ -58,12 +58,12 @@ class Simplices:
     @property
     def dim(self) -> int:
         """2 or 3."""
-        return self.points.shape[1]
+        return int(self.points.shape[1])
 
     @property
     def size(self) -> Floats:
         """Areas of the facets, ``(facets,)``."""
-        return np.linalg.norm(self.area, axis=1)
+        return np.asarray(np.linalg.norm(self.area, axis=1), dtype=np.float64)
 
     def local_moments(self) -> tuple[Ints, Floats]:
         """Which moments of facets a cell has, facet by facet, and the signs they take.
@@ -150,7 +150,7 @@ def simplices(body: Body) -> Simplices:
 def strain(cells: Simplices, displacement: Floats) -> Floats:
     """Strain ``(cells, d, d)`` of nodal displacements ``(nodes, d)``."""
     gradient = np.einsum("cai,caj->cij", displacement[cells.corners], cells.gradients)
-    return 0.5 * (gradient + gradient.swapaxes(1, 2))
+    return np.asarray(0.5 * (gradient + gradient.swapaxes(1, 2)), dtype=np.float64)
 
 
 def elastic(material: Material, deformation: Floats) -> Floats:

@@ -95,6 +95,7 @@ PYTHON = (
     "error_map resume scene plot johnson_mercier contact_facets equilibrium",
     "self_stress",
     "discretisation",
+    "enough",
     "job",
     "fclib_job",
     "cli",
