@@ -336,7 +336,10 @@ class Estimator:
 
 @dataclass(frozen=True)
 class _Bubbles:
-    """Displacements ``vector 4-free φ_i φ_j`` along edges of a body."""
+    """Displacements ``φ_i φ_j vector`` along edges of a body.
+
+    ``edges (m, 2)`` are nodes of the body, ``vector (m, d)``.
+    """
 
     body: int
     edges: Ints

@@ -42,8 +42,25 @@ def error_map(
     title, unit
         Line on top; name of the unit of length.
     """
-    from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
+    draw(figure, nodes, cells, energies, contacts=contacts, unit=unit)
+    figure.suptitle(title, fontsize=12, fontweight="bold")
+    figure.savefig(path, dpi=130)
+
+
+def draw(
+    figure: Any,
+    nodes: Floats,
+    cells: Sequence[tuple[str, Ints]],
+    energies: Floats,
+    *,
+    contacts: Floats | None = None,
+    unit: str = "",
+) -> None:
+    """Draw the picture of `error_map` on a figure of matplotlib, or a part of one."""
+    from matplotlib.colors import LogNorm
 
     count = sum(len(corners) for _, corners in cells)
     energies = floats("energies", energies, shape=(count,))
@@ -54,14 +71,11 @@ def error_map(
     corners = np.concatenate([c for _, c in cells])
     colours = {"cmap": "magma_r", "norm": LogNorm(_LOW, _HIGH)}
     label = "error energy of the element / of the mean element"
-    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
     if nodes.shape[1] == 2:
         panels = _plane(figure, nodes, corners, share, contacts, colours, unit)
     else:
         panels = _space(figure, nodes, corners, share, colours)
     figure.colorbar(panels[-1][1], ax=[axes for axes, _ in panels], label=label)
-    figure.suptitle(title, fontsize=12, fontweight="bold")
-    figure.savefig(path, dpi=130)
 
 
 def _plane(

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 
 from bipot_rs import fem, johnson_mercier
 from bipot_rs.equilibrium import moments
-from bipot_rs.self_stress import relax
+from bipot_rs.self_stress import _Functions, relax
 from bipot_rs.simplices import (
     Simplices,
     complementary,
@@ -279,6 +279,49 @@ def test_complementary_energy_is_dual(dim: int, poisson: float) -> None:
     work = np.einsum("kij,kij->k", stress, e)
     # Near ν = 1/2 a stress is 1e5 times what shears it.
     np.testing.assert_allclose(complementary(material, stress), work, rtol=1e-9)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("held", ["nothing", "bottom", "a roller", "two sides"])
+def test_self_stresses_are_all_that_there_are(dim: int, held: str) -> None:
+    """Their span is the null space of the balances of forces and torques of all cells.
+
+    All but one force and one torque from a support to another one.
+    """
+    mesh = fem.box([np.linspace(0, 1, n) for n in (3, 3, 2)[:dim]], CELLS[dim])
+    cells = simplices(fem.Body("it", mesh, fem.Material(1.0, 0.3)))
+    free = np.repeat(~cells.outside[:, None], dim, axis=1)
+    if held in ("bottom", "two sides"):
+        free[mesh.boundaries["bottom"]] = True
+    if held == "two sides":
+        free[mesh.boundaries["top"]] = True
+    if held == "a roller":
+        free[mesh.boundaries["left"], 0] = True
+    Z = _Functions(cells, free).matrix().toarray()
+    place, sign = cells.local_moments()
+    rows = []
+    for cell, corners in enumerate(cells.corners):
+        x = cells.points[corners] - cells.points[corners].mean(axis=0)
+        rigid = [np.broadcast_to(e, x.shape) for e in np.eye(dim)]
+        for i, j in combinations(range(dim), 2):
+            spin = np.zeros_like(x)
+            spin[:, i], spin[:, j] = -x[:, j], x[:, i]
+            rigid.append(spin)
+        for motion in rigid:
+            row = np.zeros((len(cells.facets) * dim, dim))
+            for p, (_, a) in enumerate(pairs(dim)):
+                row[place[cell, p]] += sign[cell, p] * motion[a]
+            rows.append(row.ravel())
+    balance = np.array(rows)
+    may = np.repeat(free[:, None], dim, axis=1).ravel()
+    # Sums of a few products of size 1.
+    assert np.abs(balance @ Z).max() <= 1e-13
+    assert np.all(Z[~may] == 0)
+    everything = may.sum() - np.linalg.matrix_rank(balance[:, may], tol=1e-9)
+    if held == "two sides":
+        everything -= 3 if dim == 2 else 6
+    assert np.linalg.matrix_rank(Z, tol=1e-9) == everything
+    assert everything > 0
 
 
 def test_a_force_that_nothing_balances_is_named() -> None:
