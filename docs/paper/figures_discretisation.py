@@ -57,6 +57,7 @@ def main() -> None:
     axes.legend(fontsize="x-small", frameon=False, loc="lower left")
     axes.spines[["top", "right"]].set_visible(False)
     axes.minorticks_off()
+    axes.set_yticks([0.02, 0.05, 0.1, 0.2, 0.4], ["2 %", "5 %", "10 %", "20 %", "40 %"])
     axes.set_xticks([2, 4, 8, 16, 32], ["2", "4", "8", "16", "32"])
     figure.savefig(HERE / "10-discretisation-error.png", dpi=80)
 

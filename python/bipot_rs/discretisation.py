@@ -28,7 +28,7 @@ from bipot_rs.fem import Model
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.scene import Case
-from bipot_rs.self_stress import relax
+from bipot_rs.self_stress import SelfStress
 from bipot_rs.simplices import (
     Simplices,
     complementary,
@@ -151,8 +151,18 @@ class Estimator:
         model = case.model
         self.bodies = [simplices(body) for body in model.bodies]
         self.facets = contact_facets(model, self.bodies)
-        self.held = prescribed_facets(model, self.bodies)
+        held = prescribed_facets(model, self.bodies)
         self.elastic = _Elastic(model)
+        self.known = [
+            one.outside[:, None] & ~prescribed
+            for one, prescribed in zip(self.bodies, held, strict=True)
+        ]
+        self.own = [
+            SelfStress(one, body.material, ~known)
+            for one, body, known in zip(
+                self.bodies, model.bodies, self.known, strict=True
+            )
+        ]
 
     def error(
         self,
@@ -191,16 +201,15 @@ class Estimator:
         ):
             nodes = slice(ends[owner], ends[owner + 1])
             force, pulls = self._loads(owner, k)
-            known = one.outside[:, None] & ~self.held[owner]
             tractions = moments(
                 one,
                 elastic(body.material, strain(one, w[nodes])),
                 force,
                 given[owner] + pulls,
-                known,
+                self.known[owner],
             )
             own = elastic(body.material, strain(one, u[nodes]))
-            tractions, _ = relax(one, body.material, tractions, ~known, u[nodes], own)
+            tractions = self.own[owner].relax(tractions, u[nodes], own)
             hat = johnson_mercier.stress(
                 one.edges, one.gradients, one.by_cell(tractions)
             )

@@ -103,7 +103,7 @@ def _plane(
     for k, (low, high) in enumerate(views):
         axes = figure.add_subplot(1, len(views), k + 1)
         image = PolyCollection(
-            list(nodes[corners]), array=share, lw=0.3, edgecolor="face", **colours
+            list(nodes[corners]), array=share, lw=0, antialiased=False, **colours
         )
         # As one image: a polygon each would make a file of the size of the mesh.
         image.set_rasterized(True)

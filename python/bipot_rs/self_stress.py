@@ -37,69 +37,81 @@ _SLACK = 1e-10
 _TINY = np.finfo(np.float64).tiny
 
 
-def relax(
-    cells: Simplices,
-    material: Material,
-    moments: Floats,
-    free: NDArray[np.bool_],
-    displacement: Floats,
-    stress: Floats,
-) -> tuple[Floats, int]:
-    """Lower ``½ ∫ (σ̂ - σ) : C⁻¹ (σ̂ - σ) dV`` over σ̂ in equilibrium.
+class SelfStress:
+    """What may be added to the tractions of one body, and what energy it has.
 
     Parameters
     ----------
     cells, material
         The body.
-    moments
-        Of tractions in equilibrium, ``(facets, d nodes, d)``.
     free
         Components of facets that may change, ``(facets, d)``.
-    displacement, stress
-        u at the nodes, ``(nodes, d)``, and its σ, ``(cells, d, d)``.
-
-    Returns
-    -------
-    moments, steps
-        Those of less energy, and in how many steps.
     """
-    functions = _Functions(cells, free)
-    energy = _energy_matrices(cells, material)
-    H, Z = _assembled(cells, energy), functions.matrix()
 
-    # ∫ σ̂ : ε(u) dV is what facets outside and loads do on u; inside it cancels.
-    outward = np.zeros(len(cells.facets))
-    np.add.at(outward, cells.facet_of, cells.sign)
-    at_nodes = displacement[cells.facets] * outward[:, None, None]
-    work = np.where(cells.outside[:, None, None], at_nodes, 0.0)
+    def __init__(
+        self, cells: Simplices, material: Material, free: NDArray[np.bool_]
+    ) -> None:
+        self.cells, self.material = cells, material
+        functions = _Functions(cells, free)
+        energy = _energy_matrices(cells, material)
+        self._H, self._Z = _assembled(cells, energy), functions.matrix()
+        self._precondition = (
+            _factor(self._Z, self._H)
+            if cells.dim == 2
+            else functions.preconditioner(energy)
+        )
 
-    hat = johnson_mercier.stress(cells.edges, cells.gradients, cells.by_cell(moments))
-    left = float(error_energy(cells, material, hat - stress[:, None, None]).sum())
-    precondition = _factor(Z, H) if cells.dim == 2 else functions.preconditioner(energy)
-    m = moments.ravel().copy()
-    rest = Z.T @ (work.ravel() - H @ m)
-    direction = better = precondition(rest)
-    size = float(rest @ better)
-    gains: list[float] = []
-    while size > 0 and len(gains) < _MOST:
-        change = Z @ direction
-        bent = H @ change
-        stiffness = float(change @ bent)
-        if stiffness <= 0:
-            break
-        length = size / stiffness
-        m += length * change
-        gains.append(0.5 * length * size)
-        left -= gains[-1]
-        # All of the gain is expected of the first step with the factor.
+    def relax(self, moments: Floats, displacement: Floats, stress: Floats) -> Floats:
+        """Lower ``½ ∫ (σ̂ - σ) : C⁻¹ (σ̂ - σ) dV`` over σ̂ in equilibrium.
+
+        Parameters
+        ----------
+        moments
+            Of tractions in equilibrium, ``(facets, d nodes, d)``.
+        displacement, stress
+            u at the nodes, ``(nodes, d)``, and its σ, ``(cells, d, d)``.
+
+        Returns
+        -------
+        moments
+            Of tractions in the same equilibrium, with less energy.
+        """
+        cells, H, Z = self.cells, self._H, self._Z
+        # ∫ σ̂ : ε(u) dV is what facets outside and loads do on u; inside it cancels.
+        outward = np.zeros(len(cells.facets))
+        np.add.at(outward, cells.facet_of, cells.sign)
+        at_nodes = displacement[cells.facets] * outward[:, None, None]
+        work = np.where(cells.outside[:, None, None], at_nodes, 0.0)
+
+        hat = johnson_mercier.stress(
+            cells.edges, cells.gradients, cells.by_cell(moments)
+        )
+        missing = hat - stress[:, None, None]
+        left = float(error_energy(cells, self.material, missing).sum())
+        # With the factor the first step is expected to gain all.
         last = 1 if cells.dim == 2 else _LAST
-        if len(gains) >= last and sum(gains[-last:]) <= _ENOUGH * left:
-            break
-        rest = rest - length * (Z.T @ bent)
-        better = precondition(rest)
-        size, before = float(rest @ better), size
-        direction = better + size / before * direction
-    return m.reshape(moments.shape), len(gains)
+        m = moments.ravel().copy()
+        rest = Z.T @ (work.ravel() - H @ m)
+        direction = better = self._precondition(rest)
+        size = float(rest @ better)
+        gains: list[float] = []
+        while size > 0 and len(gains) < _MOST:
+            change = Z @ direction
+            bent = H @ change
+            stiffness = float(change @ bent)
+            if stiffness <= 0:
+                break
+            length = size / stiffness
+            m += length * change
+            gains.append(0.5 * length * size)
+            left -= gains[-1]
+            if len(gains) >= last and sum(gains[-last:]) <= _ENOUGH * left:
+                break
+            rest = rest - length * (Z.T @ bent)
+            better = self._precondition(rest)
+            size, before = float(rest @ better), size
+            direction = better + size / before * direction
+        return m.reshape(moments.shape)
 
 
 def _assembled(cells: Simplices, energy: Floats) -> Any:

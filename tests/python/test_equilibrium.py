@@ -10,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 
 from bipot_rs import fem, johnson_mercier
 from bipot_rs.equilibrium import moments
-from bipot_rs.self_stress import _Functions, relax
+from bipot_rs.self_stress import SelfStress, _Functions
 from bipot_rs.simplices import (
     Simplices,
     complementary,
@@ -118,7 +118,7 @@ def recovered(body: fem.Body) -> Recovered:
     own = elastic(body.material, strain(one, u))
     force = np.broadcast_to(exact.force(), (len(one.corners), dim))
     first = moments(one, own, force, given, known)
-    last, _ = relax(one, body.material, first, ~known, u, own)
+    last = SelfStress(one, body.material, ~known).relax(first, u, own)
     return Recovered(one, exact, given, known, u, first, last)
 
 
@@ -217,9 +217,9 @@ def test_the_least_energy_is_reached(dim: int) -> None:
     cells, material = found.cells, body.material
     own = elastic(material, strain(cells, found.u))
     energies = []
-    m = found.first
+    functions, m = SelfStress(cells, material, ~found.known), found.first
     for _ in range(4):
-        m, _ = relax(cells, material, m, ~found.known, found.u, own)
+        m = functions.relax(m, found.u, own)
         hat = johnson_mercier.stress(cells.edges, cells.gradients, cells.by_cell(m))
         energies.append(error_energy(cells, material, hat - own[:, None, None]).sum())
     # One call ends within a hundredth of what it aims at, a few times over in space.
