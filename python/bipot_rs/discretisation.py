@@ -192,7 +192,8 @@ class Estimator:
             self.bodies, np.einsum("ck,ckd->cd", traction, model.frame)
         )
         u = at.displacement.reshape(-1, model.dim)
-        w = self._consistent(given, k).reshape(-1, model.dim)
+        forces, pulls = self._loads(k)
+        w = self._consistent(given, forces, pulls, k).reshape(-1, model.dim)
         lift = self._lift(at.relative_displacement[:, 0])
         ends = np.append(model.offset, model.n) // model.dim
         cells, volumes, stresses, energy = [], [], [], 0.0
@@ -200,12 +201,11 @@ class Estimator:
             zip(model.bodies, self.bodies, strict=True)
         ):
             nodes = slice(ends[owner], ends[owner + 1])
-            force, pulls = self._loads(owner, k)
             tractions = moments(
                 one,
                 elastic(body.material, strain(one, w[nodes])),
-                force,
-                given[owner] + pulls,
+                forces[owner],
+                given[owner] + pulls[owner],
                 self.known[owner],
             )
             own = elastic(body.material, strain(one, u[nodes]))
@@ -238,37 +238,54 @@ class Estimator:
             stress=tuple(stresses),
         )
 
-    def _consistent(self, given: list[Floats], k: int) -> Floats:
+    def _consistent(
+        self, given: list[Floats], forces: list[Floats], pulls: list[Floats], k: int
+    ) -> Floats:
         """Displacement under the loads of step k and contact tractions of these moments.
 
         u_h is in equilibrium with nodal forces; around a node they are not those of any
         tractions in the cone.
         """
         case, model = self.case, self.case.model
-        load = np.zeros(model.n) if case.load is None else case.load[k].copy()
-        for owner, one in enumerate(self.bodies):
-            nodal = np.zeros_like(one.points)
-            np.add.at(nodal, one.facets, model.bodies[owner].depth * given[owner])
+        load, contact = np.zeros(model.n), np.zeros(model.n)
+        for owner, (body, one) in enumerate(
+            zip(model.bodies, self.bodies, strict=True)
+        ):
             first = model.offset[owner]
-            load[first : first + nodal.size] += nodal.ravel()
-        return self.elastic.solve(load, case.prescribed[k])
+            own = slice(first, first + one.points.size)
+            nodal = np.zeros_like(one.points)
+            np.add.at(nodal, one.facets, pulls[owner])
+            # ∫ φ_i dV is the same for all corners of a cell.
+            share = one.volume[:, None, None] / (one.dim + 1) * forces[owner][:, None]
+            np.add.at(nodal, one.corners, share)
+            load[own] = body.depth * nodal.ravel()
+            nodal = np.zeros_like(one.points)
+            np.add.at(nodal, one.facets, given[owner])
+            contact[own] = body.depth * nodal.ravel()
+        nodal_load = np.zeros(model.n) if case.load is None else case.load[k]
+        # Sums of the same forces in another order.
+        if np.abs(load - nodal_load).max() > 1e-9 * np.abs(load).max(initial=0.0):
+            raise ValueError(
+                "loads of the case are not those whose nodal forces are in its load: "
+                "tractions and forces per volume are needed, nodal forces do not do"
+            )
+        return self.elastic.solve(load + contact, case.prescribed[k])
 
-    def _loads(self, owner: int, k: int) -> tuple[Floats, Floats]:
-        """Force per volume by cell, and moments of what acts on facets."""
-        one = self.bodies[owner]
-        force = np.zeros((len(one.corners), one.dim))
-        given = np.zeros((len(one.facets), one.dim, one.dim))
+    def _loads(self, k: int) -> tuple[list[Floats], list[Floats]]:
+        """Forces per volume by cell, and moments of what acts on facets, of each body."""
+        forces = [np.zeros((len(one.corners), one.dim)) for one in self.bodies]
+        pulls = [np.zeros((len(one.facets), one.dim, one.dim)) for one in self.bodies]
         for load in self.case.loads:
-            if load.body != owner:
-                continue
+            one = self.bodies[load.body]
             now = load.history[k] * load.density
             if load.facets is None:
-                force += now
+                forces[load.body] += now
                 continue
             by_facet = np.broadcast_to(now, (len(load.facets), one.dim))
             nodal = np.repeat(by_facet[:, None], one.dim, axis=1)
-            np.add.at(given, load.facets, one.linear_moments(load.facets, nodal))
-        return force, given
+            linear = one.linear_moments(load.facets, nodal)
+            np.add.at(pulls[load.body], load.facets, linear)
+        return forces, pulls
 
     def _lift(self, opening: Floats) -> _Lift:
         """Open what a curved gap would close between nodes.
