@@ -40,6 +40,9 @@ from bipot_rs.simplices import (
 
 BOUND = "guaranteed bound"
 INDICATOR = "indicator"
+# Of B, what penetration may have to do with; and of the elastic energy, where B is
+# rounding.
+_SOLVED, _ROUNDING = 1e-3, 1e-12
 
 
 @dataclass(frozen=True)
@@ -227,9 +230,20 @@ class Estimator:
             reasons.append(
                 "Coulomb friction, whose limit follows the exact pressure, not this one"
             )
+        if limit is not None:
+            shear = np.linalg.norm(traction[:, 1:], axis=1)
+            if (shear > limit + 1e-9 * shear.max(initial=0.0)).any():
+                reasons.append("tractions beyond the threshold of friction")
+        contacts = self._work(traction, at, mu, limit, lift.kept)
+        total = float(sum(c.sum() for c in cells) + contacts.sum())
+        # Exact pressures work on it; they are about as large as these.
+        depth = np.maximum(-at.relative_displacement[:, 0], 0.0).sum()
+        through = depth * at.reaction[:, 0].max(initial=0.0)
+        if through > _SOLVED * total + _ROUNDING * energy:
+            reasons.append("contacts that penetrate: solve to a smaller tol")
         return DiscretisationError(
             cells=np.concatenate(cells),
-            contacts=self._work(traction, at, mu, limit, lift.kept),
+            contacts=contacts,
             volumes=np.concatenate(volumes),
             elastic_energy=energy,
             kind=INDICATOR if reasons else BOUND,

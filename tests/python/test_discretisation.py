@@ -354,6 +354,24 @@ def test_loads_that_contact_alone_cannot_spread(tmp_path: Path) -> None:
         discretisation_error(wrong, result)
 
 
+def test_an_iterate_is_not_called_a_bound() -> None:
+    """What penetrates is not admissible, and a limit that is passed neither."""
+    case, _ = bench.solved("sheared_cube", [SMOOTH, "mesh.n=3"])
+    problem = case.model.problem()
+    kinds = {}
+    for tol in (1e-2, 1e-12):
+        result = problem.solve(case.load, case.prescribed, method="nesterov", tol=tol)
+        depth = -result.relative_displacement[0, :, 0].min()
+        kinds[tol] = discretisation_error(case, result, 0)
+        assert (depth > 1e-9) == (tol == 1e-2)
+    assert kinds[1e-12].kind == BOUND
+    assert kinds[1e-2].kind == INDICATOR
+    assert kinds[1e-2].reasons == ("contacts that penetrate: solve to a smaller tol",)
+    case, result = bench.solved("sheared_cube", ["mesh.n=2"])
+    error = discretisation_error(case, result, 0, threshold=np.zeros(9))
+    assert error.reasons == ("tractions beyond the threshold of friction",)
+
+
 def test_nodal_forces_alone_do_not_do(tmp_path: Path) -> None:
     case = block(tmp_path)
     result = case.model.problem().solve(case.load, case.prescribed)
