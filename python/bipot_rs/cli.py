@@ -17,7 +17,7 @@ import typer
 from typer.exceptions import TyperException
 
 from bipot_rs.interrupts import Interrupts
-from bipot_rs.job import BAD_INPUT, INTERRUPTED, Job, complain
+from bipot_rs.job import BAD_INPUT, ENOUGH, INTERRUPTED, Job, complain
 
 
 class _App(typer.Typer):
@@ -80,17 +80,32 @@ def run(
         str | None, typer.Option(help="Contact solver, instead of the scene's.")
     ] = None,
     tol: Annotated[
-        float | None, typer.Option(help="Residual to reach, instead of the scene's.")
+        str | None,
+        typer.Option(
+            metavar="T",
+            help="Residual to reach, instead of the scene's; or discretisation: a tenth "
+            "of the error of a P1 mesh.",
+        ),
     ] = None,
     json: Annotated[
         bool, typer.Option("--json", help="One JSON object a line on standard output.")
     ] = False,
     plot: Annotated[
-        bool, typer.Option("--plot", help="Write tractions.png as well.")
+        bool,
+        typer.Option(
+            "--plot", help="Write tractions.png as well; with --error, error.png."
+        ),
     ] = False,
     export: Annotated[
         bool,
         typer.Option("--fclib", help="Write problem-0000.hdf5, … for other solvers."),
+    ] = False,
+    error: Annotated[
+        bool,
+        typer.Option(
+            "--error",
+            help="Tell the discretisation error; needs --set mesh.element=P1.",
+        ),
     ] = False,
     resume: Annotated[
         bool,
@@ -106,7 +121,14 @@ def run(
     job = Job(scene, as_json=json, interrupts=context.obj)
     folder = Path("out") / Path(scene).stem if out is None else out
     status = job.run(
-        settings or [], folder, method, tol, plot=plot, fclib=export, resume=resume
+        settings or [],
+        folder,
+        method,
+        _tol(tol),
+        plot=plot,
+        fclib=export,
+        resume=resume,
+        error=error,
     )
     raise typer.Exit(status)
 
@@ -130,6 +152,17 @@ def fclib(
     from bipot_rs import fclib_job
 
     raise typer.Exit(fclib_job.run(files, method, tol, max_seconds, as_json=json))
+
+
+def _tol(given: str | None) -> float | str | None:
+    if given is None or given == ENOUGH:
+        return given
+    try:
+        return float(given)
+    except ValueError:
+        raise typer.BadParameter(
+            f"{given!r} is neither a number nor {ENOUGH}", param_hint="'--tol'"
+        ) from None
 
 
 def _open_streams() -> None:

@@ -250,6 +250,12 @@ class Body:
 def box(axes: Sequence[ArrayLike], cell: str) -> Any:
     """Tensor-product mesh of a rectangle or a box with its faces named.
 
+    Triangles halve each rectangle by the diagonal from its lowest to its highest corner;
+    tetrahedra are the six of each box whose edges climb from the lowest to the highest
+    corner, one axis after the other in each of the six orders. Opposite faces are split
+    alike, so that cells of neighbours conform, and bodies on one grid meet facet by
+    facet; and halving all cells of the grid divides each simplex into 2^d.
+
     Parameters
     ----------
     axes

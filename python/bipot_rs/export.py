@@ -176,6 +176,7 @@ def write_series(
     points: ArrayLike,
     cells: Sequence[tuple[str, NDArray[np.integer[Any]]]] | None,
     steps: Iterable[Mapping[str, Any]],
+    of_cells: Sequence[Mapping[str, NDArray[Any]]] | None = None,
 ) -> None:
     """Write a PVD index and one binary VTU beside it for each load step.
 
@@ -194,6 +195,9 @@ def write_series(
         One mapping a step: arrays ``(points,)`` and ``(points, k)`` become
         fields, those of two components with a third that is zero; all else is
         left out. The time of a step is its number.
+    of_cells
+        One mapping a step: arrays ``(cells,)`` or ``(cells, k)``, which become fields
+        of the cells.
     """
     from bipot_rs.vtu import Grid, collection
 
@@ -213,7 +217,7 @@ def write_series(
         }
         name = f"{index.stem}_{number:04d}.vtu"
         with _aside(index.with_name(name)) as draft:
-            draft.write_bytes(grid.file(fields))
+            draft.write_bytes(grid.file(fields, of_cells[number] if of_cells else None))
         names.append(name)
     with _aside(index) as draft:
         draft.write_bytes(collection(names))

@@ -99,6 +99,10 @@ class Model:
         First degree of freedom of each body.
     contact_dofs : (n_c, 2)
         First degree of freedom of the node and of its partner, -1 for a plane.
+    contacts : tuple of Contact
+        As given to `build`.
+    group : (n_c,)
+        Which of them each contact node is of.
     support_dofs : tuple of (len(components), nodes) arrays
         Degrees of freedom of each support.
     nodes : (n / d, d)
@@ -107,6 +111,7 @@ class Model:
 
     bodies: tuple[Body, ...]
     supports: tuple[Support, ...]
+    contacts: tuple[Contact, ...]
     offset: tuple[int, ...]
     K: Any
     B: Any
@@ -117,6 +122,7 @@ class Model:
     frame: Floats
     fixed: Ints
     contact_dofs: Ints
+    group: Ints
     support_dofs: tuple[Ints, ...]
     dim: int
     nodes: Floats = field(repr=False)
@@ -304,7 +310,8 @@ def build(
         np.concatenate([empty, *(c[k] for c in found)]) for k, empty in enumerate(none)
     )
     dofs = np.concatenate([np.zeros((0, 2), np.int64), *(c[4] for c in found)])
-    mu = np.repeat([float(c.mu) for c in contacts], [len(c[0]) for c in found])
+    group = np.repeat(np.arange(len(contacts)), [len(c[0]) for c in found]).astype(int)
+    mu = np.array([float(c.mu) for c in contacts])[group]
     B = _relative_displacement(frame, dofs, n)
     free = np.ones(n)
     free[fixed] = 0.0
@@ -314,6 +321,7 @@ def build(
     return Model(
         bodies=tuple(bodies),
         supports=tuple(supports),
+        contacts=tuple(contacts),
         offset=offset,
         K=_stacked([stiffness(body) for body in bodies]),
         B=B,
@@ -324,6 +332,7 @@ def build(
         frame=frame,
         fixed=fixed,
         contact_dofs=dofs,
+        group=group.astype(np.int64),
         support_dofs=tuple(support_dofs),
         dim=dim,
         nodes=np.concatenate([body.points for body in bodies]),

@@ -9,7 +9,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +20,7 @@ from bipot_rs.interrupts import Interrupts
 from bipot_rs.words import counted
 
 if TYPE_CHECKING:
+    from bipot_rs.discretisation import DiscretisationError, Estimator
     from bipot_rs.problem import ContactProblem
     from bipot_rs.result import Result, Step
     from bipot_rs.scene import Case
@@ -27,8 +28,10 @@ if TYPE_CHECKING:
 
 SOLVED, NO_ANSWER, BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 1, 2, 3, 130
 RESULT = "result.h5"
+# A tolerance that depends on the mesh.
+ENOUGH = "discretisation"
 _DRAFT = ".bipot-"
-_NAMES = (RESULT, "result.pvd", "steps.csv", "tractions.png")
+_NAMES = (RESULT, "result.pvd", "steps.csv", "tractions.png", "error.png")
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
 
 
@@ -56,17 +59,24 @@ class Job:
         self.reached: list[tuple[dict[str, Any], Step]] = []
         # How many of them an earlier run left.
         self.resumed = 0
+        # With --error: what finds it, what it found for each step, and what it could not.
+        self.estimator: Estimator | None = None
+        self.errors: list[DiscretisationError | None] = []
+        self.no_error = ""
+        # What decided the tolerance, where the mesh does.
+        self.enough = ""
 
     def run(
         self,
         settings: list[str],
         folder: Path,
         method: str | None,
-        tol: float | None,
+        tol: float | str | None,
         *,
         plot: bool,
         fclib: bool = False,
         resume: bool = False,
+        error: bool = False,
     ) -> int:
         """Go from the scene to the files; returns the exit status.
 
@@ -91,7 +101,9 @@ class Job:
                 if done.success:
                     return self._complete_already(folder, done, fclib=fclib)
             with _draft(folder) as draft:
-                code, message = self._attempt(scene, method, tol, folder, done)
+                code, message = self._attempt(
+                    scene, method, tol, folder, done, error=error
+                )
                 code, message = self._keep(
                     draft, folder, code, message, stamp, plot=plot, fclib=fclib
                 )
@@ -136,20 +148,34 @@ class Job:
         return code
 
     def _attempt(
-        self, scene: Scene, method: str, tol: float, folder: Path, done: Result | None
+        self,
+        scene: Scene,
+        method: str,
+        tol: float | str,
+        folder: Path,
+        done: Result | None,
+        *,
+        error: bool,
     ) -> tuple[int, str]:
         """Mesh, assemble, solve; the steps reached stay in `reached`."""
         try:
             try:
                 self.interrupts.release()
-                return self._solve(scene, method, tol, folder, done)
+                return self._solve(scene, method, tol, folder, done, error=error)
             finally:
                 self.interrupts.hold()
         except KeyboardInterrupt:
             return self.interrupts.status, "interrupted"
 
     def _solve(
-        self, scene: Scene, method: str, tol: float, folder: Path, done: Result | None
+        self,
+        scene: Scene,
+        method: str,
+        tol: float | str,
+        folder: Path,
+        done: Result | None,
+        *,
+        error: bool,
     ) -> tuple[int, str]:
         from bipot_rs.errors import (
             FloatingBodyError,
@@ -166,11 +192,17 @@ class Job:
                     meshed = bodies(scene)
                 with self._phase("assemble", progress):
                     case = assemble(scene, meshed)
+                    estimator = None
+                    if error or tol == ENOUGH:
+                        from bipot_rs.discretisation import Estimator
+
+                        estimator = Estimator(case)
+                        self.estimator = estimator if error else None
                     if done is not None:
                         same_contacts(folder / RESULT, done, _contacts(case))
                         self.resumed = first
                         self.reached = [
-                            (_row(k, float(case.parameter[k]), step), step)
+                            (self._row(k, float(case.parameter[k]), step), step)
                             for k, step in enumerate(_loaded(case, done))
                         ]
                         progress.skip(first)
@@ -180,7 +212,7 @@ class Job:
 
                 def on_step(local: int, step: Step) -> None:
                     k = first + local
-                    row = _row(k, float(case.parameter[k]), step)
+                    row = self._row(k, float(case.parameter[k]), step)
                     self.reached.append((row, step))
                     if self.as_json:
                         _line(**row)
@@ -188,11 +220,23 @@ class Job:
                     self.interrupts.check()
 
                 with self._phase("solve", progress):
+                    if estimator is not None and tol == ENOUGH:
+                        from bipot_rs.enough import tolerance
+
+                        limit = scene.solver.max_iterations
+                        enough = tolerance(
+                            estimator, problem, method=method, max_iterations=limit
+                        )
+                        tol = enough.tol
+                        self.enough = (
+                            f"tol {enough.tol:.1e}: the mesh leaves an error of "
+                            f"{enough.discretisation:.1%}"
+                        )
                     problem.solve(
                         None if case.load is None else case.load[first:],
                         case.prescribed[first:],
                         method=method,
-                        tol=tol,
+                        tol=float(tol),
                         max_iterations=scene.solver.max_iterations,
                         start=done,
                         on_step=on_step,
@@ -201,7 +245,31 @@ class Job:
             return NO_ANSWER, self._of_path(str(error))
         except NotConvergedError as error:
             return NOT_CONVERGED, self._of_path(str(error))
-        return SOLVED, "solved"
+        without = f"no discretisation error: {self.no_error}" if self.no_error else ""
+        return SOLVED, "; ".join(filter(None, ("solved", self.enough, without)))
+
+    def _row(self, k: int, parameter: float, step: Step) -> dict[str, Any]:
+        """What is told of a load step, its discretisation error included if asked for."""
+        row = _row(k, parameter, step)
+        if self.estimator is None:
+            return row
+        start = perf_counter()
+        found = None
+        try:
+            whole = self.estimator.error(step, k)
+            # Stresses in all parts of all elements of all steps would fill the memory.
+            found = replace(whole, stress=())
+        except ValueError as error:
+            self.no_error = str(error)
+        self.errors.append(found)
+        # It happens between load steps, and is no part of solving them.
+        seconds = perf_counter() - start
+        self.seconds["recover"] += seconds
+        self.seconds["solve"] -= seconds
+        return row | {
+            "error": None if found is None else found.relative,
+            "error_kind": None if found is None else found.kind,
+        }
 
     def _of_path(self, message: str) -> str:
         """The message with the step counted from the start of the path."""
@@ -270,12 +338,13 @@ class Job:
                         model.fields(step.displacement, step.reaction, step.status)
                         for _, step in self.reached
                     ),
+                    [self._of_cells(k) for k in range(len(self.reached))],
                 )
             with (
                 writing(self.folder / "steps.csv"),
                 (folder / "steps.csv").open("w", newline="", encoding="utf-8") as file,
             ):
-                table = csv.DictWriter(file, _COLUMNS)
+                table = csv.DictWriter(file, [*_COLUMNS, *self._extra()])
                 table.writeheader()
                 table.writerows(row for row, _ in self.reached)
             if plot and self.reached and self.scene is not None:
@@ -290,6 +359,30 @@ class Job:
                         title=title,
                         units=units,
                     )
+                last = self.errors[-1] if self.errors else None
+                if last is not None and last.total > 0:
+                    from bipot_rs.error_map import error_map
+
+                    with writing(self.folder / "error.png"):
+                        error_map(
+                            folder / "error.png",
+                            model.nodes,
+                            model.cells,
+                            last.cells,
+                            contacts=model.points,
+                            title=f"{title}: {last.kind} {last.relative:.1%}",
+                            unit=units["length"],
+                        )
+
+    def _extra(self) -> tuple[str, ...]:
+        return () if self.estimator is None else ("error", "error_kind")
+
+    def _of_cells(self, k: int) -> dict[str, Any]:
+        """Fields of the elements of a step for ParaView."""
+        found = self.errors[k] if k < len(self.errors) else None
+        if found is None:
+            return {}
+        return {"error": found.cells, "error_density": found.density}
 
     def _write_problems(self, folder: Path, message: str) -> None:
         """Write the problem of each step for other solvers."""
@@ -342,8 +435,22 @@ class Job:
                 "displacement": step.displacement,
             }
             | dict(step.stats)
-            for row, step in self.reached
+            | self._errors_of(k)
+            for k, (row, step) in enumerate(self.reached)
         ]
+
+    def _errors_of(self, k: int) -> dict[str, Any]:
+        """The discretisation error of a step, for the result file."""
+        found = self.errors[k] if k < len(self.errors) else None
+        if found is None:
+            return {}
+        return {
+            "error_cells": found.cells,
+            "error_contacts": found.contacts,
+            "error_total": found.total,
+            "error_relative": found.relative,
+            "error_kind": found.kind,
+        }
 
     def _print_table(self, folder: Path) -> None:
         from rich.console import Console
@@ -352,11 +459,30 @@ class Job:
         console = Console()
         title = self.scene.title if self.scene else None
         table = Table(title=title, title_justify="left")
-        for column in _COLUMNS:
+        columns = [*_COLUMNS, *self._extra()[:1]]
+        for column in columns:
             table.add_column(column, justify="right")
         for row, _ in self.reached:
-            table.add_row(*_cells(row))
+            table.add_row(*_cells(row, columns))
         console.print(table)
+        if self.enough:
+            console.print(self.enough, highlight=False, soft_wrap=True)
+        if self.estimator is not None:
+            told = [error for error in self.errors if error is not None]
+            for kind in dict.fromkeys(error.kind for error in told):
+                why = dict.fromkeys(
+                    r for e in told if e.kind == kind for r in e.reasons
+                )
+                reason = f" ({'; '.join(why)})" if why else ""
+                console.print(
+                    f"error: of u in the energy norm, {kind}{reason}",
+                    highlight=False,
+                    soft_wrap=True,
+                )
+            if self.no_error:
+                console.print(
+                    f"no error: {self.no_error}", highlight=False, soft_wrap=True
+                )
         times = ", ".join(
             f"{phase} {self.seconds[phase]:.2f} s" for phase in PHASES[:-1]
         )
@@ -422,9 +548,17 @@ def _row(k: int, parameter: float, step: Step) -> dict[str, Any]:
     return dict(zip(_COLUMNS, told, strict=True))
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
-    forms = {"load": "{:.6g}", "residual": "{:.1e}", "seconds": "{:.3f}"}
-    return [forms.get(name, "{}").format(row[name]) for name in _COLUMNS]
+def _cells(row: dict[str, Any], columns: Sequence[str]) -> list[str]:
+    forms = {
+        "load": "{:.6g}",
+        "residual": "{:.1e}",
+        "seconds": "{:.3f}",
+        "error": "{:.2%}",
+    }
+    return [
+        "-" if row[name] is None else forms.get(name, "{}").format(row[name])
+        for name in columns
+    ]
 
 
 class _Progress:

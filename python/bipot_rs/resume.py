@@ -28,7 +28,7 @@ _STAMPS = {
 }
 
 
-def stamps(scene: Scene, method: str, tol: float) -> dict[str, Any]:
+def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, Any]:
     """Attributes by which the file of a run is known again."""
     from importlib.metadata import version
 

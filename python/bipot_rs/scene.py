@@ -22,6 +22,29 @@ from bipot_rs.shipped import SceneError, shipped, text
 __all__ = ["Case", "SceneError", "assemble", "bodies", "read", "shipped", "text"]
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force per area of a surface, or per volume of a body, along a path.
+
+    Attributes
+    ----------
+    body
+        Its number.
+    facets : (m,) or None
+        Facets of its mesh; None for a force per volume.
+    density : (d,) or (m, d)
+        The force, of one facet or of all.
+    history : (steps,)
+        Its factor at the end of each load step.
+    """
+
+    body: int
+    facets: Ints | None
+    density: Floats
+    history: Floats
 
 
 @dataclass(frozen=True)
@@ -38,12 +61,15 @@ class Case:
         Prescribed displacements, totals [m].
     parameter : (steps,)
         The scene's own path parameter.
+    loads : tuple of Load
+        What `load` is the nodal forces of.
     """
 
     model: Model
     load: Floats | None
     prescribed: Floats
     parameter: Floats
+    loads: tuple[Load, ...] = ()
 
 
 def read(name: str, settings: Sequence[str] = ()) -> Scene:
@@ -88,7 +114,8 @@ def bodies(scene: Scene) -> list[Body]:
     found = []
     for name, block in scene.body.items():
         axes = (block.x, block.y, block.z)
-        mesh = box([axis.grid(n) for axis in axes if axis is not None], block.cell)
+        grids = [axis.grid(n) for axis in axes if axis is not None]
+        mesh = box(grids, scene.cell(block))
         elastic = scene.material[block.material]
         material = Material(
             elastic.young, elastic.poisson, block.plane == "stress", block.thickness
@@ -140,15 +167,33 @@ def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
         return number.value * (factor[number.amplitude] if number.amplitude else ones)
 
     load = np.zeros((steps, model.n))
+    loads: list[Load] = []
     unit = np.eye(model.dim)
+    place = {body.name: index for index, body in enumerate(meshed)}
+
+    def act(
+        on: str, facets: Ints | None, density: Floats, factor: Floats, nodal: Floats
+    ) -> None:
+        loads.append(Load(place[on], facets, density, factor))
+        np.add(load, np.outer(factor, nodal), out=load)
+
     for t in scene.traction:
+        on, face = _split(t.on)
+        facets = meshed[place[on]].facets(face)
         for k, number in t.components().items():
-            load += np.outer(history(number), model.traction(*_split(t.on), unit[k]))
+            nodal = model.traction(on, face, unit[k])
+            act(on, facets, unit[k], history(number), nodal)
     for p in scene.pressure:
-        load += np.outer(history(p), model.pressure(*_split(p.on), 1.0))
+        on, face = _split(p.on)
+        body = meshed[place[on]]
+        normals = np.asarray(body.surface(face).normals)
+        nodal = model.pressure(on, face, 1.0)
+        # Facets are plane: one normal a facet.
+        act(on, body.facets(face), -normals[:, :, 0].T, history(p), nodal)
     for b in scene.body_force:
         for k, number in b.components().items():
-            load += np.outer(history(number), model.body_force(b.on, unit[k]))
+            nodal = model.body_force(b.on, unit[k])
+            act(b.on, None, unit[k], history(number), nodal)
 
     rows = [[history(v) for v in s.components().values()] for s in scene.support]
     prescribed = [
@@ -161,6 +206,7 @@ def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
         load=load if load.any() else None,
         prescribed=np.array(prescribed).reshape(steps, len(model.fixed)),
         parameter=factor[named] if named else np.arange(1.0, steps + 1),
+        loads=tuple(loads),
     )
 
 

@@ -27,6 +27,11 @@ MOST = 1_000_000
 # them are multiplied; in no system of units are there such.
 LARGEST = 1e60
 _DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+# Cells that carry an element, by dimension.
+_CARRIES = {
+    "P1": {2: "triangle", 3: "tetrahedron"},
+    "Q1": {2: "quadrilateral", 3: "hexahedron"},
+}
 
 
 class _Table(BaseModel):
@@ -70,9 +75,15 @@ class Units(_Table):
 
 
 class Mesh(_Table):
-    """Resolution, the one number that a study of convergence changes."""
+    """Resolution, the one number that a study of convergence changes, and the element.
 
-    n: Annotated[int, Field(gt=0, le=MOST)]
+    With ``element`` all bodies have the cells of that element, whatever their own
+    ``cell`` says: P1 are linear triangles and tetrahedra, Q1 bilinear quadrilaterals and
+    trilinear hexahedra, on the same grid points.
+    """
+
+    n: Annotated[int | None, Field(gt=0, le=MOST)] = None
+    element: Literal["P1", "Q1"] | None = None
 
 
 class Elastic(_Table):
@@ -293,10 +304,13 @@ class LoadPath(_Table):
 
 
 class Solver(_Table):
-    """Settings of the contact solver; the command line overrides them."""
+    """Settings of the contact solver; the command line overrides them.
+
+    ``tol = "discretisation"`` goes as far as the mesh is worth (`enough`).
+    """
 
     method: str = "auto"
-    tol: Annotated[float, Field(gt=0)] = 1e-12
+    tol: Annotated[float, Field(gt=0)] | Literal["discretisation"] = 1e-12
     max_iterations: Annotated[int, Field(gt=0)] | None = None
 
 
@@ -315,6 +329,12 @@ class Scene(_Table):
     contact: Annotated[list[Touch], Field(min_length=1)]
     path: LoadPath = Field(default_factory=LoadPath)
     solver: Solver = Field(default_factory=Solver)
+
+    def cell(self, block: Block) -> str:
+        """Kind of the cells of a body: those of ``mesh.element``, else its own."""
+        if self.mesh is None or self.mesh.element is None:
+            return block.cell
+        return _CARRIES[self.mesh.element][block.dim]
 
     def varying(self) -> Iterator[tuple[str, Varying]]:
         """Every number that may have an amplitude, with its path."""

@@ -77,11 +77,25 @@ class Grid:
             )
         )
 
-    def file(self, fields: Mapping[str, NDArray[Any]]) -> bytes:
-        """The whole file of one step; fields are ``(points,)`` or ``(points, k)``."""
-        tail = b"</PointData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n"
-        arrays = (_array(name, field) for name, field in fields.items())
-        return b"".join((self._head, *arrays, tail))
+    def file(
+        self,
+        fields: Mapping[str, NDArray[Any]],
+        of_cells: Mapping[str, NDArray[Any]] | None = None,
+    ) -> bytes:
+        """The whole file of one step.
+
+        Parameters
+        ----------
+        fields, of_cells
+            ``(points,)`` or ``(points, k)``, and likewise for cells.
+        """
+        parts = [self._head, *(_array(name, field) for name, field in fields.items())]
+        parts.append(b"</PointData>\n")
+        if of_cells:
+            arrays = (_array(name, field) for name, field in of_cells.items())
+            parts += [b"<CellData>\n", *arrays, b"</CellData>\n"]
+        parts.append(b"</Piece>\n</UnstructuredGrid>\n</VTKFile>\n")
+        return b"".join(parts)
 
 
 def collection(names: Sequence[str]) -> bytes:

@@ -186,3 +186,20 @@ def test_names_of_files_are_quoted(tmp_path: Path) -> None:
     (entry,) = ET.parse(tmp_path / 'a & <"b">.pvd').getroot().findall(".//DataSet")
     assert entry.get("file") == 'a & <"b">_0000.vtu'
     assert (tmp_path / 'a & <"b">_0000.vtu').exists()
+
+
+def test_fields_of_cells(tmp_path: Path) -> None:
+    """Of several kinds of cells, in their order; absent where a step has none."""
+    points = np.random.default_rng(0).normal(size=(6, 3))
+    cells = [
+        ("triangle", np.array([[0, 1, 2], [3, 4, 5]])),
+        ("quad", np.array([[0, 1, 4, 3]])),
+    ]
+    error = np.array([1.0, 2.0, 3.0])
+    export.write_series(
+        tmp_path / "a.pvd", points, cells, [{}, {}], [{"error": error}, {}]
+    )
+    mesh = meshio.read(tmp_path / "a_0000.vtu")
+    np.testing.assert_array_equal(mesh.cell_data["error"][0], error[:2])
+    np.testing.assert_array_equal(mesh.cell_data["error"][1], error[2:])
+    assert meshio.read(tmp_path / "a_0001.vtu").cell_data == {}

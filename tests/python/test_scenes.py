@@ -334,3 +334,93 @@ def test_peer_prints_json(repository: Path) -> None:
         env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
     )
     assert json.loads(run.stdout)["contacts"] == 16
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("pressed_block", ["mesh.n=8"]),
+        ("sheared_cube", ["mesh.n=3"]),
+        ("two_blocks", ["mesh.n=4"]),
+        ("cattaneo_mindlin", ["mesh.n=5"]),
+    ],
+)
+def test_linear_cells_on_the_same_grid(name: str, settings: list[str]) -> None:
+    case, result = solve(name, *settings)
+    linear, other = solve(name, *settings, "mesh.element=P1")
+    # The same nodes, supports and contacts; the areas add up to the same surface.
+    np.testing.assert_array_equal(linear.model.nodes, case.model.nodes)
+    np.testing.assert_array_equal(linear.model.fixed, case.model.fixed)
+    np.testing.assert_array_equal(linear.model.points, case.model.points)
+    assert linear.model.area.sum() == pytest.approx(case.model.area.sum(), rel=1e-13)
+    assert {kind for kind, _ in linear.model.cells} <= {"triangle", "tetra"}
+    if case.load is not None:
+        # Loads on edges are the same; in space halves of a square differ from it.
+        np.testing.assert_allclose(linear.load, case.load, atol=1e-12 * case.load.max())
+    # Stiffer than the richer space: more energy under the same displacements.
+    energy = [
+        0.5 * r.displacement[0] @ (c.model.K @ r.displacement[0])
+        for c, r in ((case, result), (linear, other))
+    ]
+    force = [abs(r.reaction[0, :, 0].sum()) for r in (result, other)]
+    # Coarse meshes, 3 to 10 % apart by their discretisation errors of 10 to 30 %.
+    assert energy[1] == pytest.approx(energy[0], rel=0.1)
+    assert force[1] == pytest.approx(force[0], rel=0.1)
+    counts = [
+        [int((r.status[0] == k).sum()) for k in range(3)] for r in (result, other)
+    ]
+    # Zones agree but for nodes at their borders.
+    assert np.abs(np.subtract(*counts)).max() <= 0.25 * len(case.model.gap)
+
+
+def test_linear_cells_approach_the_same_answer() -> None:
+    """Energies of both elements, refined: the gap closes with h, to the power 1.5 here."""
+    gaps = []
+    for n in (4, 8, 16):
+        energies = []
+        for element in ("Q1", "P1"):
+            case, result = solve(
+                "pressed_block", f"mesh.n={n}", f"mesh.element={element}"
+            )
+            u = result.displacement[0]
+            energies.append(0.5 * u @ (case.model.K @ u))
+        gaps.append(abs(energies[1] / energies[0] - 1))
+    # Each error in energy falls with h² or, at the ends of contact, a little slower.
+    assert gaps[0] / gaps[1] > 2**1.5
+    assert gaps[1] / gaps[2] > 2**1.5
+
+
+def test_triangles_of_a_scene_stay_as_the_body_says() -> None:
+    own = scene.read("pressed_block", ["body.block.cell=triangle", "mesh.n=2"])
+    by_mesh = scene.read("pressed_block", ["mesh.element=P1", "mesh.n=2"])
+    back = scene.read(
+        "pressed_block", [*("body.block.cell=triangle", "mesh.n=2"), "mesh.element=Q1"]
+    )
+    kinds = [type(scene.bodies(read)[0].mesh).__name__ for read in (own, by_mesh, back)]
+    assert kinds == ["MeshTri1", "MeshTri1", "MeshQuad1"]
+
+
+def test_elements_that_there_are_not() -> None:
+    with pytest.raises(scene.SceneError, match=r"mesh.element: should be 'P1' or 'Q1'"):
+        scene.read("pressed_block", ["mesh.element=P2"])
+
+
+def test_halved_grids_divide_every_simplex() -> None:
+    """Each simplex of a grid is the union of 2^d of the halved one."""
+    for name, n in (("pressed_block", 2), ("sheared_cube", 2)):
+        meshes = []
+        for size in (n, 2 * n):
+            read = scene.read(name, [f"mesh.n={size}", "mesh.element=P1"])
+            meshes.append(scene.bodies(read)[0].mesh)
+        coarse, fine = meshes
+        dim = coarse.p.shape[0]
+        centre = fine.p[:, fine.t].mean(axis=1)
+        inside = coarse.element_finder()(*centre)
+        assert np.all(np.bincount(inside) == 2**dim)
+        # And none of them reaches out: all its corners are in the same closed simplex.
+        x = coarse.p[:, coarse.t[:, inside]].transpose(2, 1, 0)
+        matrix = np.concatenate([np.ones((*x.shape[:2], 1)), x], axis=2)
+        corners = fine.p[:, fine.t].transpose(2, 1, 0)
+        ones = np.concatenate([np.ones((*corners.shape[:2], 1)), corners], axis=2)
+        barycentric = np.linalg.solve(matrix.swapaxes(1, 2), ones.swapaxes(1, 2))
+        assert barycentric.min() >= -1e-12

@@ -1,0 +1,57 @@
+"""A tolerance that the mesh is worth: the error it leaves is small beside the mesh's."""
+
+import discretisation as bench
+import numpy as np
+import pytest
+
+from bipot_rs.discretisation import Estimator
+from bipot_rs.enough import LOOSEST, TIGHTEST, tolerance
+
+
+@pytest.mark.parametrize("method", ["auto", "gauss_seidel", "nesterov", "uzawa"])
+@pytest.mark.parametrize(
+    ("name", "n"), [("sheared_cube", 3), ("two_blocks", 4), ("cattaneo_mindlin", 5)]
+)
+def test_what_is_left_is_small_beside_the_mesh(name: str, n: int, method: str) -> None:
+    case, exact = bench.solved(name, [f"mesh.n={n}"])
+    problem, estimator = case.model.problem(), Estimator(case)
+    enough = tolerance(estimator, problem, method=method)
+    assert TIGHTEST <= enough.tol <= LOOSEST
+    assert enough.algebraic <= 0.1 * enough.discretisation
+    assert enough.work > 0
+    done = problem.solve(case.load, case.prescribed, method=method, tol=enough.tol)
+    K = case.model.K
+    for k in range(len(done)):
+        left = done.displacement[k] - exact.displacement[k]
+        u = exact.displacement[k]
+        error = np.sqrt((left @ (K @ left)) / (u @ (K @ u)))
+        # A tenth is what the rule is for, on the step it looked at; errors of a path
+        # add up over its two steps.
+        assert error <= 0.2 * estimator.error(exact, k).relative
+    long = problem.solve(case.load, case.prescribed, method=method, tol=TIGHTEST)
+    assert done.work.sum() <= long.work.sum()
+    if method != "auto":
+        # Of ten digits one or two are wanted.
+        assert done.work.sum() <= 0.5 * long.work.sum()
+
+
+def test_a_smaller_share_is_tighter() -> None:
+    case, _ = bench.solved("two_blocks", ["mesh.n=4"])
+    problem, estimator = case.model.problem(), Estimator(case)
+    tols = [
+        tolerance(estimator, problem, method="gauss_seidel", share=share).tol
+        for share in (1.0, 0.1, 0.001)
+    ]
+    assert tols[0] > tols[1] > tols[2]
+
+
+def test_without_contact_force_nothing_is_loosened() -> None:
+    case, _ = bench.solved("sheared_cube", ["mesh.n=2", "support.0.z=0.05"])
+    assert tolerance(Estimator(case), case.model.problem()).tol == TIGHTEST
+
+
+@pytest.mark.parametrize("share", [0.0, -1.0, 1.5, np.nan])
+def test_shares_that_make_no_sense(share: float) -> None:
+    case, _ = bench.solved("sheared_cube", ["mesh.n=2"])
+    with pytest.raises(ValueError, match="share is"):
+        tolerance(Estimator(case), case.model.problem(), share=share)
