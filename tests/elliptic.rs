@@ -1,10 +1,16 @@
-//! The projection onto the elliptic cone: what only the nearest point satisfies, for
-//! coefficients from 1e-8 to 1e8 of one another and at any size.
+//! Friction along two tangents. The projection onto the elliptic cone: what only the
+//! nearest point satisfies, for coefficients from 1e-8 to 1e8 of one another and at any
+//! size. The change of variables: what it keeps.
 
 #![expect(clippy::float_cmp, reason = "bits are compared on purpose")]
 
+use std::borrow::Cow;
+
+use bipot_rs::law::bipotential::{gap, law_step};
 use bipot_rs::law::cone::{Status, project};
 use bipot_rs::law::elliptic::{project_elliptic, project_elliptic_increment};
+use bipot_rs::problem::compliance::Compliance;
+use bipot_rs::problem::stretch::Stretch;
 use proptest::prelude::*;
 
 const EPS: f64 = f64::EPSILON;
@@ -188,4 +194,85 @@ fn the_apex_the_axis_and_no_friction() {
         let back = far.map(|c| c / size);
         assert!(norm(&minus(&back, &by_hand)) <= 16.0 * EPS * norm(&by_hand));
     }
+}
+
+/// A symmetric `W` of two contacts, dense.
+fn compliance() -> Compliance<'static, 3> {
+    let n = 6_u8;
+    let entry = |i: u8, j: u8| {
+        let (i, j) = (f64::from(i), f64::from(j));
+        (1.0 + i + j).recip() + f64::from(u8::from(i == j))
+    };
+    let dense = (0..n).flat_map(|i| (0..n).map(move |j| entry(i, j)));
+    Compliance::from_dense(2, Cow::Owned(dense.collect())).unwrap()
+}
+
+#[test]
+fn stretching_is_t_w_t_and_leads_back() {
+    let (mu, stretch) = Stretch::new(&[[0.3, 0.1], [0.2, 0.7]]).unwrap();
+    let stretch = stretch.unwrap();
+    assert_eq!(mu, [0.3, 0.7]);
+    let t = [1.0, 1.0, 0.1 / 0.3, 1.0, 0.2 / 0.7, 1.0];
+    let given = compliance();
+    let made = given.stretched(&stretch).unwrap();
+    assert!(made.is_symmetric(), "what is symmetric stays so to the bit");
+    let (whole, stretched) = (given.to_dense(), made.to_dense());
+    for (k, (w, s)) in whole.iter().zip(&stretched).enumerate() {
+        assert_eq!(*s, w * (t[k / 6] * t[k % 6]));
+    }
+    let back = made.stretched(&stretch.inverse()).unwrap().to_dense();
+    // Four products and two quotients.
+    let apart = back.iter().zip(&whole).map(|(a, b)| (a - b).abs());
+    assert!(apart.fold(0.0, f64::max) <= 4.0 * EPS);
+    // From one stretch to another, as from none to the other.
+    let (_, other) = Stretch::new(&[[0.1, 0.1], [0.5, 0.4]]).unwrap();
+    let other = other.unwrap();
+    let change = Stretch::between(Some(&stretch), Some(&other)).unwrap();
+    let changed = made.stretched(&change).unwrap().to_dense();
+    let straight = given.stretched(&other).unwrap().to_dense();
+    let apart = changed.iter().zip(&straight).map(|(a, b)| (a - b).abs());
+    assert!(apart.fold(0.0, f64::max) <= 4.0 * EPS);
+    assert!(Stretch::between(None, None).is_none());
+}
+
+#[test]
+fn the_law_of_one_is_that_of_the_other() {
+    // Slip along (3, 4) with μ = (0.4, 0.2), by hand: r_t = −(0.48, 0.16)/√2.08.
+    let (mu, stretch) = Stretch::new(&[[0.4, 0.2]]).unwrap();
+    let stretch = stretch.unwrap();
+    let size = 2.08_f64.sqrt();
+    let (r, v) = ([1.0, -0.48 / size, -0.16 / size], [0.0, 3.0, 4.0]);
+    let (flat_r, flat_v) = (stretch.over(&[r])[0], stretch.times(&[v])[0]);
+    // Work is the same, and none is missing from the law: a few roundings of size 1.
+    assert!((dot(&flat_r, &flat_v) - dot(&r, &v)).abs() <= 8.0 * EPS);
+    assert!(gap(&flat_r, &flat_v, mu[0]).abs() <= 8.0 * EPS);
+    let (step, status) = law_step(&flat_r, &flat_v, 1.0, mu[0]);
+    assert_eq!(status, Status::Slip);
+    assert!(norm(&minus(&step, &flat_r)) <= 8.0 * EPS);
+}
+
+#[test]
+fn equal_coefficients_stretch_nothing() {
+    let (mu, stretch) = Stretch::new(&[[0.3, 0.3], [0.0, 0.0], [1e-300, 1e-300]]).unwrap();
+    assert_eq!(mu, [0.3, 0.0, 1e-300]);
+    assert!(stretch.is_none());
+}
+
+#[test]
+fn coefficients_that_cannot_be_are_named() {
+    let told = |pair: [f64; 2]| {
+        let wrong = Stretch::new(&[[0.3, 0.3], pair]);
+        wrong.unwrap_err().to_string()
+    };
+    let node = "mu of contact 1 is ";
+    assert_eq!(
+        told([0.3, -1.0]),
+        format!("{node}-1, expected a finite number, zero or positive")
+    );
+    assert!(told([f64::NAN, 0.3]).starts_with(&format!("{node}NaN")));
+    for wrong in [[0.3, 0.0], [0.0, 0.3], [0.3, 2.9e-7], [1e300, 1e-300]] {
+        let expected = format!("{node}({}, {}), expected two positive", wrong[0], wrong[1]);
+        assert!(told(wrong).starts_with(&expected), "{}", told(wrong));
+    }
+    assert!(Stretch::new(&[[0.3, 3.1e-7]]).is_ok());
 }

@@ -159,7 +159,7 @@ def _two_coefficients(mu: Array, ratio: float) -> None:
             f"numbers from {_LEAST:g} to {_MOST:g} where they differ",
         ),
         (
-            apart & (least * ratio < most),
+            apart & (least < most / ratio),
             f"numbers within a factor of {ratio:g} of each other",
         ),
     ):
