@@ -1,6 +1,6 @@
 //! Friction along two tangents. The projection onto the elliptic cone: what only the
-//! nearest point satisfies, for coefficients from 1e-8 to 1e8 of one another and at any
-//! size. The change of variables: what it keeps.
+//! nearest point satisfies, for all coefficients that are allowed and at any size. The
+//! change of variables: what it keeps.
 
 #![expect(clippy::float_cmp, reason = "bits are compared on purpose")]
 

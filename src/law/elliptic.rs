@@ -24,8 +24,7 @@ pub const LEAST: f64 = 1e-75;
 /// equation of trust regions, and a straight line where one direction dominates. So for
 /// `τ_n ≥ 0` `F` is convex and decreasing and Newton's steps from `λ = 0` never pass the
 /// root; for `τ_n < 0` it is concave, and neither do those from the zero of its
-/// asymptote on the right. They end where rounding lets them advance no further.
-/// Whatever `λ` is then, `r` is on the cone.
+/// asymptote on the right, but for rounding, within which they end. Whatever `λ` is then, `r` is on the cone.
 #[must_use]
 pub fn project_elliptic(tau: &[f64; 3], mu: [f64; 2]) -> ([f64; 3], Status) {
     if mu[0].to_bits() == mu[1].to_bits() {
@@ -44,8 +43,9 @@ pub fn project_elliptic_increment(
     translated(tau, base, |total| project_elliptic(total, mu))
 }
 
-/// Newton's steps. Of 10⁷ points with coefficients from 1e-75 to 1e75, a half of them
-/// near the borders, none took more than 18, most one or two.
+/// Newton's steps. Of 10⁷ points, a half of them near the borders of the cone and its
+/// polar, none took more than 14 with coefficients from 1e-8 to 1e8, or 61 with all that
+/// are allowed; two on the average.
 const MOST_STEPS: usize = 100;
 
 fn onto(tau: &[f64; 3], mu: [f64; 2]) -> ([f64; 3], Status) {
@@ -59,13 +59,15 @@ fn onto(tau: &[f64; 3], mu: [f64; 2]) -> ([f64; 3], Status) {
         return (*tau, Status::Stick);
     }
     let squares = mu.map(|m| m * m);
-    let mut lambda = 0.0;
+    // The sign of τ_n tells on which side of 1 the root is.
+    let (mut lambda, mut low, mut high) = (0.0, 0.0, 2.0);
     if n < 0.0 {
         // h lies below its asymptote (λ + m)/‖D τ_t‖, m the mean of μ_i² weighted with
         // (μ_i τ_i)².
         let (a, b) = (mu[0] * t1 / drag, mu[1] * t2 / drag);
         let mean = a * a * squares[0] + b * b * squares[1];
         lambda = (drag - n * mean) / (drag + n);
+        (low, high) = (0.5, lambda);
     }
     let at = |lambda: f64| {
         let u = [t1 / (mu[0] + lambda / mu[0]), t2 / (mu[1] + lambda / mu[1])];
@@ -77,14 +79,20 @@ fn onto(tau: &[f64; 3], mu: [f64; 2]) -> ([f64; 3], Status) {
         let slope: f64 = (0..2)
             .map(|i| (u[i] / phi).powi(2) / (squares[i] + lambda))
             .sum();
-        let next = lambda + (1.0 - lambda - n / phi) / (1.0 + n / phi * slope);
-        // Against its way, or beyond where the sign of τ_n puts the root: rounding, as
-        // of a slope that vanishes near the polar cone. Written so that a NaN ends it.
-        let advances = if n < 0.0 {
-            1.0 <= next && next < lambda
+        let value = 1.0 - lambda - n / phi;
+        if value > 0.0 {
+            low = lambda;
         } else {
-            lambda < next && next <= 1.0
-        };
+            high = lambda;
+        }
+        let mut next = lambda + value / (1.0 + n / phi * slope);
+        // From afar a step may lose all digits of a root near 1, and pass it.
+        if n < 0.0 && low < 1.0 && next <= 1.0 {
+            next = high.sqrt();
+        }
+        // What a long step has lost by rounding the next one makes good; where no
+        // number is left between those that have been, all is said.
+        let advances = low < next && next < high;
         if !advances {
             break;
         }
