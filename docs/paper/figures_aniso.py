@@ -30,18 +30,18 @@ def ellipse(axes):
         *(MU[:, None] * [np.cos(turn), np.sin(turn)]), color=GREY, alpha=0.5, lw=0
     )
     axes.plot(*(MU[:, None] * [np.cos(turn), np.sin(turn)]), color="black", lw=1)
-    # Slip in all directions: points far out come back along the normals of the cone.
+    # Points aside of the cone come back along its normals: the remainder is -v_t.
     side = np.arange(12) * np.pi / 6 + np.pi / 12
-    slip = np.stack([np.cos(side), np.sin(side)], axis=1)
-    friction = MU**2 * slip / np.linalg.norm(MU * slip, axis=1)[:, None]
-    drag = np.linalg.norm(MU * slip, axis=1)
-    out = np.column_stack([1 - drag, friction + slip])
-    nearest, _ = bp.project(out, np.tile(MU, (len(out), 1)))
-    assert np.allclose(nearest[:, 1:], friction)
-    zero = np.zeros(len(slip))
+    out = np.column_stack(
+        [np.zeros(12), MU[::-1] * np.stack([np.cos(side), np.sin(side)], 1)]
+    )
+    nearest, _ = bp.project(out, np.tile(MU, (12, 1)))
+    friction, slip = nearest[:, 1:] / nearest[:, :1], (out - nearest)[:, 1:]
+    slip /= np.linalg.norm(slip, axis=1)[:, None]
+    zero = np.zeros(12)
     style = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.005}
-    axes.quiver(zero, zero, *nearest[:, 1:].T, color=RED, **style)
-    axes.quiver(*nearest[:, 1:].T, *(0.1 * slip.T), color=BLUE, **style)
+    axes.quiver(zero, zero, *friction.T, color=RED, **style)
+    axes.quiver(*friction.T, *(0.1 * slip.T), color=BLUE, **style)
     axes.set_aspect("equal")
     axes.set_xlim(-0.45, 0.45)
     axes.set_ylim(-0.3, 0.3)
