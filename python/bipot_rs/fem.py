@@ -310,10 +310,10 @@ def build(
         np.concatenate([empty, *(c[k] for c in found)]) for k, empty in enumerate(none)
     )
     dofs = np.concatenate([np.zeros((0, 2), np.int64), *(c[4] for c in found)])
-    two = any(np.ndim(c.mu) == 1 for c in contacts)
-    given = [np.broadcast_to(c.mu, (2,)) if two else float(c.mu) for c in contacts]  # type: ignore[arg-type]
-    given = np.array(given, np.float64).reshape(len(contacts), *((2,) if two else ()))
-    mu = np.repeat(given, [len(c[0]) for c in found], axis=0)
+    pairs = np.array([np.broadcast_to(c.mu, 2) for c in contacts], np.float64)
+    mu = np.repeat(pairs.reshape(-1, 2), [len(c[0]) for c in found], axis=0)
+    if all(np.ndim(c.mu) == 0 for c in contacts):
+        mu = mu[:, 0].copy()
     B = _relative_displacement(frame, dofs, n)
     free = np.ones(n)
     free[fixed] = 0.0
@@ -403,7 +403,7 @@ def _contact(
     what = f"mu of the contact on {contact.surface!r}"
     if np.ndim(contact.mu) == 1:
         friction(np.asarray(contact.mu)[None], 1, bodies[0].dim, ratio=RATIO)
-    elif not (np.isfinite(number(what, contact.mu)) and contact.mu >= 0):
+    elif not 0 <= number(what, contact.mu) < np.inf:
         raise ValueError(
             f"{what} is {contact.mu}, expected a finite number, zero or positive"
         )

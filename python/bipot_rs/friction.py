@@ -20,7 +20,7 @@ def dissipation(mu: Array, v_t: Array) -> Array:
     """``‖D v_t‖``, friction's work by unit pressure, of each contact ``(n_c,)``."""
     if mu.ndim == 1:
         return np.asarray(mu * np.linalg.norm(v_t, axis=1), np.float64)
-    return np.linalg.norm(mu * v_t, axis=1)
+    return np.asarray(np.linalg.norm(mu * v_t, axis=1), np.float64)
 
 
 def resisting(mu: Array, v_t: Array) -> Array:
@@ -42,4 +42,5 @@ def limit(mu: Array, r_t: Array) -> Array:
     # Of the ellipse's point r e: r ‖D⁻¹ e‖ = 1, without division by a zero of D.
     across = np.linalg.norm(mu[:, ::-1] * unit, axis=1)
     area = mu.prod(axis=1)
-    return np.divide(area, across, out=np.zeros_like(area), where=across > 0)
+    reach = np.divide(area, across, out=np.zeros_like(area), where=across > 0)
+    return np.asarray(reach, np.float64)

@@ -94,7 +94,7 @@ def _checked(
     if x.ndim != 2 or x.shape[1] not in (2, 3) or not len(x):
         raise ValueError(f"x of contacts has shape {x.shape}, expected (n_c, 2 or 3)")
     n, d = x.shape
-    two = d == 3 and np.shape(contacts.get("mu")) == (n, 2)
+    two = d == 3 and np.asarray(contacts.get("mu")).ndim == 2
     coefficients = (n, 2) if two else (n,)
     shapes_known = {"area": (n,), "mu": coefficients, "frame": (n, d, d)}
     known = taken("contacts", contacts, shapes_known)

@@ -51,7 +51,9 @@ impl Far {
             let length = values.len() / factors.len().max(1);
             let columns = values.chunks_exact_mut(length.max(1));
             for (column, t) in columns.zip(factors) {
-                column.iter_mut().for_each(|value| *value *= t);
+                for value in column {
+                    *value *= t;
+                }
             }
         }
     }
@@ -172,7 +174,9 @@ impl<const D: usize> Surface<D> {
         for share in &mut self.shares {
             let factors: Vec<f64> = share.rows.iter().map(|row| factor(row.row)).collect();
             for (row, t) in share.rows.iter_mut().zip(&factors) {
-                row.entries.iter_mut().for_each(|(_, value)| *value *= t);
+                for (_, value) in &mut row.entries {
+                    *value *= t;
+                }
             }
             if let Some(far) = &mut share.far {
                 far.stretch(&factors);
