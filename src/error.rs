@@ -54,6 +54,13 @@ pub enum Error {
     /// A friction coefficient that is negative or not finite.
     #[error("mu of contact {node} is {mu}, expected a finite number, zero or positive")]
     Friction { node: usize, mu: f64 },
+    /// Friction coefficients along two tangents that no solve can tell apart from
+    /// friction along one of them only.
+    #[error(
+        "mu of contact {node} is ({}, {}), expected two positive numbers within a factor \
+         of 1e6 of each other, or twice zero", mu[0], mu[1]
+    )]
+    EllipticFriction { node: usize, mu: [f64; 2] },
     /// A setting out of its range.
     #[error("{what} is {found}, expected {expected}")]
     Setting {

@@ -1,6 +1,7 @@
 """The compiled core. Private: `bipot_rs` checks arguments before they come here.
 
-Arrays are C-ordered; nodes are rows ``(n_c, d)``, components normal first.
+Arrays are C-ordered; nodes are rows ``(n_c, d)``, components normal first. Friction
+coefficients ``mu`` are ``(n_c,)``, or in space ``(n_c, 2)``.
 """
 
 from collections.abc import Callable

@@ -62,7 +62,7 @@ def search(
     size
         Sizes of reactions to start from, ``(n_c,)``.
     mu
-        Friction coefficients, ``(n_c,)``.
+        Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
     dim, restarts, seed
         ``d``; how many starts; of the random ones among them.
     """
@@ -87,14 +87,15 @@ def _starts(
 ) -> Iterator[Array | None]:
     """Nothing, all pressed and sticking, all sliding one way, then random ones."""
     yield None
-    limits = size * mu
+    limits = (size * mu.T).T.reshape(len(size), -1)
     directions = np.vstack([np.zeros(dim - 1), np.eye(dim - 1), -np.eye(dim - 1)])
     for direction in directions:
-        yield np.column_stack([size, limits[:, None] * direction])
+        yield np.column_stack([size, limits * direction])
     for _ in range(max(restarts - 1 - len(directions), 0)):
         pressed = size * (rng.random(len(size)) < 0.7) * 10 ** rng.uniform(-1, 1)
         side = rng.normal(size=(len(size), dim - 1))
         side /= np.linalg.norm(side, axis=1, keepdims=True)
         # Half of them inside the cone, half on its border.
         share = np.minimum(2 * rng.random(len(size)), 1.0)
-        yield np.column_stack([pressed, (share * pressed * mu)[:, None] * side])
+        reach = (share * pressed * mu.T).T.reshape(len(size), -1)
+        yield np.column_stack([pressed, reach * side])

@@ -117,21 +117,57 @@ def csr(what: str, value: Any) -> Csr:
     return Csr(matrix, (int(rows), int(columns)), parts)
 
 
-def friction(mu: ArrayLike, contacts: int) -> Array:
-    """Friction coefficients, ``(n_c,)``."""
+# Squares of these, and what they are multiplied by, stay in the range of doubles.
+_LEAST, _MOST = 1e-75, 1e75
+# Beyond, the slip along the tangent of little friction has lost the digits of the judge.
+RATIO = 1e6
+
+
+def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> Array:
+    """Friction coefficients ``(n_c,)``, or in space one a tangent, ``(n_c, 2)``.
+
+    Those of one contact are within ``ratio`` of each other, or both zero.
+    """
     found = floats("mu", mu)
     if found.ndim == 0:
         found = np.full(contacts, float(found))
-    if found.shape != (contacts,):
-        raise ValueError(
-            f"mu has shape {found.shape}, expected a number or ({contacts},)"
-        )
+    shapes = [(contacts,), (contacts, 2)][: d - 1]
+    if found.shape not in shapes:
+        wished = " or ".join(map(str, shapes))
+        raise ValueError(f"mu has shape {found.shape}, expected a number or {wished}")
     if (found < 0).any():
-        at = int(np.argmax(found < 0))
+        at = np.argwhere(found < 0)[0]
+        along = "" if len(at) == 1 else f" along its tangent {at[1] + 1}"
         raise ValueError(
-            f"mu of contact {at} is {found[at]}, expected zero or positive"
+            f"mu of contact {at[0]}{along} is {found[tuple(at)]}, expected zero or positive"
         )
+    if found.ndim == 2:
+        _two_coefficients(found, ratio)
     return found
+
+
+def _two_coefficients(mu: Array, ratio: float) -> None:
+    least, most = mu.min(axis=1), mu.max(axis=1)
+    apart = least != most
+    for wrong, expected in (
+        (
+            apart & (least == 0),
+            "two positive numbers, or twice zero",
+        ),
+        (
+            apart & ((least < _LEAST) | (most > _MOST)),
+            f"numbers from {_LEAST:g} to {_MOST:g} where they differ",
+        ),
+        (
+            apart & (least < most / ratio),
+            f"numbers within a factor of {ratio:g} of each other",
+        ),
+    ):
+        if wrong.any():
+            at = int(np.argmax(wrong))
+            raise ValueError(
+                f"mu of contact {at} is {shown(mu[at].tolist())}, expected {expected}"
+            )
 
 
 def indices(what: str, value: ArrayLike | None, limit: int) -> NDArray[np.int64]:

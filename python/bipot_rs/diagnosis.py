@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs.check import Array
+from bipot_rs.friction import dissipation, largest, limit, resisting
 from bipot_rs.result import Outcome, Solution
 
 # Above so many components of W its rank and its softest motion are not looked for:
@@ -184,7 +185,7 @@ def _scale(W: Array | None, v: Array, r: Array) -> Array:
 
 
 def misses(r: Array, v: Array, mu: Array, scale: Array) -> Array:
-    """By how much each contact misses each part of the law (6), (8), ``(4, n_c)``.
+    """By how much each contact misses each part of the law (6), (8e), ``(4, n_c)``.
 
     As displacements beside ``√scale``: penetration or pull, force on an open contact,
     friction above its limit, slip that friction does not oppose at its limit.
@@ -193,14 +194,14 @@ def misses(r: Array, v: Array, mu: Array, scale: Array) -> Array:
     r, v = r * root[:, None], v / root[:, None]
     push, shear = r[:, 0], np.linalg.norm(r[:, 1:], axis=1)
     slip = np.linalg.norm(v[:, 1:], axis=1)
-    unit = v[:, 1:] / np.where(slip > 0, slip, 1.0)[:, None]
-    off = np.linalg.norm(r[:, 1:] + (mu * push)[:, None] * unit, axis=1)
+    against = push[:, None] * resisting(mu, v[:, 1:])
+    off = np.linalg.norm(r[:, 1:] + against, axis=1)
     whole = slip + off + shear
     return np.stack(
         [
             np.maximum(-v[:, 0], 0) + np.maximum(-push, 0),
             np.maximum(np.minimum(push, v[:, 0]), 0),
-            np.maximum(shear - mu * push, 0),
+            np.maximum(shear - limit(mu, r[:, 1:]) * push, 0),
             # Where a contact hardly slips the direction of that says little.
             slip * np.divide(off, whole, out=np.zeros_like(off), where=whole > 0),
         ]
@@ -333,7 +334,8 @@ def _indefinite(tried: Tried, W: Array, scaled: Array, modes: Array) -> Finding 
 def _rounding_of_slip(tried: Tried, W: Array, r: Array, v: Array) -> Finding | None:
     """Where all that is left of the law is ``μ`` times the rounding of ``v_t``."""
     # The rounding of rigid motions is not known here.
-    if tried.mu.max(initial=0.0) < _HUGE_FRICTION or not r.any() or tried.modes().size:
+    most = largest(tried.mu)
+    if most.max(initial=0.0) < _HUGE_FRICTION or not r.any() or tried.modes().size:
         return None
     moved = (np.abs(W) @ np.abs(r).ravel()).reshape(v.shape)
     # Terms of a sum of len(W), each with its rounding, and q = v - W r with its own.
@@ -343,14 +345,11 @@ def _rounding_of_slip(tried: Tried, W: Array, r: Array, v: Array) -> Finding | N
     size = np.sqrt(scale).max() * np.abs(r).max()
     left = misses(r, exact, tried.mu, scale).max()
     hidden = np.linalg.norm(v[:, 1:] - exact[:, 1:], axis=1)
-    if (
-        left > _FAR * size
-        or not (tried.mu * hidden / np.sqrt(scale) > _FAR * size).any()
-    ):
+    if left > _FAR * size or not (most * hidden / np.sqrt(scale) > _FAR * size).any():
         return None
-    i = int(np.argmax(tried.mu * hidden / np.sqrt(scale)))
+    i = int(np.argmax(most * hidden / np.sqrt(scale)))
     return Finding(
-        f"rounding, for the reactions meet the law, and what is left is mu = {tried.mu[i]:.0e} "
+        f"rounding, for the reactions meet the law, and what is left is mu = {most[i]:.0e} "
         f"times the {hidden[i]:.0e} that rounding leaves of the slip of {_name(tried, i)}",
         "a smaller mu, the answer is the same while contacts stick",
         True,
@@ -368,7 +367,8 @@ def _of_compliance(
         more = f" and {len(wedged) - 1} more" if len(wedged) > 1 else ""
         cause = f"friction that can jam {_name(tried, i)}{more}"
         yield Finding(
-            f"{cause}, mu ‖W_nt‖ ≥ W_nn with mu = {tried.mu[i]:.3g}", "a smaller mu"
+            f"{cause}, mu ‖W_nt‖ ≥ W_nn with mu = {largest(tried.mu)[i]:.3g}",
+            "a smaller mu",
         )
     if not np.isfinite(scaled).all():
         return
@@ -380,14 +380,14 @@ def _of_compliance(
     if not scaled.size:
         return
     values = np.linalg.eigvalsh(scaled)[::-1]
-    largest = max(float(values[0]), _SMALL)
+    most = max(float(values[0]), _SMALL)
     # Below zero is what rounding made of zero, before W came here.
-    zero = max(_ROUNDING * len(values), -2 * float(values[-1]) / largest)
-    rank = int((values > zero * largest).sum())
+    zero = max(_ROUNDING * len(values), -2 * float(values[-1]) / most)
+    rank = int((values > zero * most).sum())
     # What W leaves open, the rigid motions may determine.
     known = rank
     if modes.size:
-        whole = np.hstack([scaled / largest, modes])
+        whole = np.hstack([scaled / most, modes])
         known = int(np.linalg.matrix_rank(whole, tol=zero))
     if known < len(values):
         ways = f"in {known} independent ways only" if known != 1 else "in one way only"
@@ -407,13 +407,15 @@ def _of_compliance(
 
 
 def _wedged(W: Array, mu: Array, d: int) -> NDArray[np.intp]:
-    """Contacts that alone can jam or have several answers: ``μ ‖W_nt‖ ≥ W_nn``."""
+    """Contacts that alone can jam or have several answers: ``‖D W_nt‖ ≥ W_nn``."""
     blocks = W.reshape(len(mu), d, len(mu), d)[
         np.arange(len(mu)), :, np.arange(len(mu))
     ]
-    coupling = np.linalg.norm(blocks[:, 0, 1:], axis=1)
-    coupling[coupling <= _UNCOUPLED * np.abs(blocks).max(axis=(1, 2))] = 0.0
-    return np.flatnonzero((mu * coupling >= blocks[:, 0, 0]) & (mu * coupling > 0))
+    coupling = blocks[:, 0, 1:].copy()
+    none = np.linalg.norm(coupling, axis=1)
+    coupling[none <= _UNCOUPLED * np.abs(blocks).max(axis=(1, 2))] = 0.0
+    pushed = dissipation(mu, coupling)
+    return np.flatnonzero((pushed >= blocks[:, 0, 0]) & (pushed > 0))
 
 
 def _last_gain(solution: Solution) -> float | None:

@@ -174,6 +174,11 @@ def write(
             f"problem is a {type(problem).__name__}, expected a ReducedProblem or a "
             "GlobalProblem: ContactProblem.reduced gives one, write_path a whole path"
         )
+    if problem.mu.ndim == 2:
+        raise ValueError(
+            f"mu has shape {problem.mu.shape}, expected ({len(problem.mu)},): FCLIB holds "
+            "one friction coefficient a contact, and none for each tangent"
+        )
     unknown = sorted(set(info or {}) - set(_INFO))
     if unknown:
         raise ValueError(f"info has {unknown[0]!r}, expected {', '.join(_INFO)}")

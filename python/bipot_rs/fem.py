@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from bipot_rs.check import floats, number
+from bipot_rs.check import RATIO, floats, friction, number
 from bipot_rs.elasticity import (
     FACES,
     Body,
@@ -65,16 +65,20 @@ class Contact:
     The obstacle is a rigid plane, ``plane = (point, normal)`` with the normal
     towards the body, or the surface ``against = (body, surface)`` of another
     body whose nodes lie opposite, one to one. ``clearance`` adds to the gap:
-    a number, or a function of the places ``(nodes, d)`` [m].
+    a number, or a function of the places ``(nodes, d)`` [m]. In space ``mu`` may be
+    a pair, friction along the tangents t1 and t2: t1 is then ``axis (d,)``, a direction
+    of the material such as its grain, made orthogonal to the normal, and t2 at right
+    angles to it; without ``axis``, they are those of `frames`.
     """
 
     body: str
     surface: str
-    mu: float
+    mu: float | Sequence[float]
     plane: tuple[ArrayLike, ArrayLike] | None = None
     against: tuple[str, str] | None = None
     clearance: float | Callable[[Floats], ArrayLike] = 0.0
     within: Box | None = None
+    axis: ArrayLike | None = None
 
 
 @dataclass(frozen=True)
@@ -87,8 +91,10 @@ class Model:
         Stiffness [N/m], symmetric to the bit.
     B : scipy.sparse.csr_array (d n_c, n)
         ``B u`` is the displacement relative to the obstacle, ``(n, t1[, t2])``.
-    gap, mu, area : (n_c,)
-        Normal gap [m], friction coefficient, tributary area [m²].
+    gap, area : (n_c,)
+        Normal gap [m], tributary area [m²].
+    mu : (n_c,) or (n_c, 2)
+        Friction coefficient, or those along t1 and t2 where a contact has two.
     points : (n_c, d)
         Contact nodes (those of ``Contact.body``).
     frame : (n_c, d, d)
@@ -311,12 +317,15 @@ def build(
     )
     dofs = np.concatenate([np.zeros((0, 2), np.int64), *(c[4] for c in found)])
     group = np.repeat(np.arange(len(contacts)), [len(c[0]) for c in found]).astype(int)
-    mu = np.array([float(c.mu) for c in contacts])[group]
+    pairs = np.array([np.broadcast_to(c.mu, 2) for c in contacts], np.float64)
+    mu = pairs.reshape(-1, 2)[group]
+    if all(np.ndim(c.mu) == 0 for c in contacts):
+        mu = mu[:, 0].copy()
     B = _relative_displacement(frame, dofs, n)
     free = np.ones(n)
     free[fixed] = 0.0
     mobile = (abs(B) @ free).reshape(-1, dim)
-    mu = np.where(mobile[:, 1:].any(axis=1), mu, 0.0)
+    mu[~mobile[:, 1:].any(axis=1)] = 0.0
 
     return Model(
         bodies=tuple(bodies),
@@ -339,11 +348,13 @@ def build(
     )
 
 
-def frames(normals: ArrayLike) -> Floats:
+def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Floats:
     """Orthonormal bases with rows n, t1[, t2], from normals ``(n_c, d)``.
 
     The tangents are the coordinate axes, in their order, made orthogonal to the
-    normal, leaving out the axis nearest to it: with n = z they are x and y.
+    normal, leaving out the axis nearest to it: with n = z they are x and y. In space
+    ``axis (3,)`` may be given: t1 is that direction made orthogonal to the normal, and
+    t2 = n × t1.
     """
     n = floats("normals", normals, ndim=2)
     dim = n.shape[1]
@@ -356,6 +367,9 @@ def frames(normals: ArrayLike) -> Floats:
     nearest = np.argmax(np.abs(n), axis=1)
     frame = np.empty((len(n), dim, dim))
     frame[:, 0] = n
+    if axis is not None:
+        _along(frame, axis)
+        return frame
     for k in range(1, dim):
         # The k-th axis other than the nearest one.
         axis = np.where(k - 1 < nearest, k - 1, k)
@@ -368,12 +382,37 @@ def frames(normals: ArrayLike) -> Floats:
     return frame
 
 
+def _along(frame: Floats, axis: ArrayLike) -> None:
+    """Fill tangents in behind the normals: the first along ``axis``."""
+    if frame.shape[1] != 3:
+        raise ValueError("axis was given, in the plane there is one tangent")
+    direction = floats("axis", axis, shape=(3,))
+    size = np.abs(direction).max()
+    if size == 0:
+        raise ValueError("axis is zero, expected a direction")
+    n, t = frame[:, 0], np.broadcast_to(direction / size, (len(frame), 3))
+    for _ in range(2):  # as in `frames`
+        t = t - np.sum(t * n, axis=1, keepdims=True) * n
+    length = np.linalg.norm(t, axis=1)
+    # Below, the direction is the rounding of the normal.
+    if (length < 1e-8).any():
+        at = int(np.argmin(length))
+        raise ValueError(
+            f"axis is {direction.tolist()}, expected a direction aside of the normal, "
+            f"which is {n[at].tolist()} at contact {at}"
+        )
+    frame[:, 1] = t / length[:, None]
+    frame[:, 2] = np.cross(n, frame[:, 1])
+
+
 def _contact(
     bodies: Sequence[Body], offset: Sequence[int], contact: Contact
 ) -> tuple[Floats, Floats, Floats, Floats, Ints]:
     """Points, frames, gaps, areas and first degrees of freedom of one contact."""
     what = f"mu of the contact on {contact.surface!r}"
-    if not (np.isfinite(number(what, contact.mu)) and contact.mu >= 0):
+    if np.ndim(contact.mu) == 1:
+        friction(np.asarray(contact.mu)[None], 1, bodies[0].dim, ratio=RATIO)
+    elif not 0 <= number(what, contact.mu) < np.inf:
         raise ValueError(
             f"{what} is {contact.mu}, expected a finite number, zero or positive"
         )
@@ -399,11 +438,11 @@ def _contact(
                 f"{what} has shapes {point.shape} and {normal.shape}, expected "
                 f"({body.dim},)"
             )
-        frame = frames(np.broadcast_to(normal, points.shape))
+        frame = frames(np.broadcast_to(normal, points.shape), contact.axis)
         partner = np.full(len(nodes), -1, dtype=np.int64)
         distance = points - point
     elif contact.against is not None and contact.plane is None:
-        frame = frames(-_normals(facets)[nodes])
+        frame = frames(-_normals(facets)[nodes], contact.axis)
         o = _index(bodies, contact.against[0])
         if o == b:
             raise ValueError(f"body {body.name!r} is in contact with itself")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs.check import Array, csr, floats, friction
+from bipot_rs.check import RATIO, Array, csr, floats, friction
 from bipot_rs.problem import ContactProblem
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Solution
@@ -44,7 +44,8 @@ class GlobalProblem:
     w
         ``u`` at ``v = 0``, ``(n_c, d)``, normal first.
     mu
-        Friction coefficient, a number or ``(n_c,)``.
+        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, as in
+        `ContactProblem`.
 
     Raises
     ------
@@ -72,7 +73,7 @@ class GlobalProblem:
             )
         self.M, self.H = M, H
         self.f = floats("f", f, shape=(n,))
-        self.mu = friction(mu, contacts)
+        self.mu = friction(mu, contacts, d, ratio=RATIO)
         self._mass, self._contact = mass.matrix, contact.matrix
 
     @cached_property

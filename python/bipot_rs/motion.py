@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs.check import Array
+from bipot_rs.friction import dissipation
 
 # Parts of a motion below this, relative to the whole, are not worth a word. Where the
 # loads pass the limit of friction by little, turning a proof by ω changes what it
@@ -40,9 +41,9 @@ def describe(
     direction
         Motion of each contact, ``(n_c, d)``, normal first, the largest of length 1.
     mu
-        Friction coefficients, ``(n_c,)``. Where a motion opens a contact by just the
-        ``mu |v_t|`` of the dual cone, the contact slides without opening: that is
-        what is told if it is a rigid motion.
+        Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``. Where a motion opens a
+        contact by just the ``mu |v_t|`` of the dual cone, the contact slides without
+        opening: that is what is told if it is a rigid motion.
     points, frame
         Places ``(n_c, d)`` and bases ``(n_c, d, d)`` of the contacts; without them the
         contacts that move most are named.
@@ -52,7 +53,7 @@ def describe(
     length = np.linalg.norm(direction, axis=1)
     # Where no answer was found by trying all statuses, the motion is what an
     # iteration ran away along, and need not lie in the dual cone.
-    slack = direction[:, 0] - mu * np.linalg.norm(direction[:, 1:], axis=1)
+    slack = direction[:, 0] - dissipation(mu, direction[:, 1:])
     if slack.min(initial=0.0) < -_WORTH:
         mu = np.zeros_like(mu)
     moved = np.flatnonzero(length > _WORTH * length.max(initial=0.0))
@@ -74,7 +75,7 @@ def describe(
 def _sliding(v: Array, mu: Array) -> Array:
     """The motion whose ``v + mu |v_t| n`` is given, as in (9)."""
     slid = v.copy()
-    slid[:, 0] -= mu * np.linalg.norm(v[:, 1:], axis=1)
+    slid[:, 0] -= dissipation(mu, v[:, 1:])
     return slid
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs.check import floats
+from bipot_rs.friction import dissipation
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
@@ -35,7 +36,7 @@ def tractions(
     path
         Picture to write; the suffix chooses the format.
     contacts
-        ``x (n_c, d)``, ``area (n_c,)``, ``mu (n_c,)``, ``frame (n_c, d, d)``, as
+        ``x (n_c, d)``, ``area (n_c,)``, ``mu``, ``frame (n_c, d, d)``, as
         in a result file.
     steps
         At least one, each with ``load``, ``reaction (n_c, d)``, ``status (n_c,)``.
@@ -93,7 +94,10 @@ def _checked(
     if x.ndim != 2 or x.shape[1] not in (2, 3) or not len(x):
         raise ValueError(f"x of contacts has shape {x.shape}, expected (n_c, 2 or 3)")
     n, d = x.shape
-    known = taken("contacts", contacts, {"area": (n,), "mu": (n,), "frame": (n, d, d)})
+    two = d == 3 and np.asarray(contacts.get("mu")).ndim == 2
+    coefficients = (n, 2) if two else (n,)
+    shapes_known = {"area": (n,), "mu": coefficients, "frame": (n, d, d)}
+    known = taken("contacts", contacts, shapes_known)
     shapes: dict[str, tuple[int, ...]] = {"reaction": (n, d), "status": (n,)}
     return known | {"x": x}, [
         taken(f"step {k}", step, shapes) for k, step in enumerate(steps)
@@ -267,7 +271,11 @@ def _path(
     style = {"marker": "o", "ms": 3, "lw": 1.5}
     left.plot(number, press, color=_COLOURS[2], label="normal force", **style)
     left.plot(number, drag @ main, color="#c0392b", label="tangential force", **style)
-    limit = reaction[:, :, 0] @ contacts["mu"]
+    mu = contacts["mu"]
+    if mu.ndim == 2:
+        # The most that an ellipse's points reach along the line of the drag.
+        mu = dissipation(mu, contacts["frame"][:, 1:] @ main)
+    limit = reaction[:, :, 0] @ mu
     label = "within ±Σ μ × normal force"
     left.fill_between(
         number, -limit, limit, color=_COLOURS[1], alpha=0.15, lw=0, label=label

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs import _core, motion
 from bipot_rs.check import (
+    RATIO,
     Array,
     Csr,
     callback,
@@ -38,14 +39,16 @@ from bipot_rs.words import counted
 def project(
     tau: ArrayLike, mu: ArrayLike, base: ArrayLike | None = None
 ) -> tuple[Array, NDArray[np.int8]]:
-    """Project onto Coulomb's cone, contact by contact, in parallel.
+    """Project onto Coulomb's cone or an elliptic one, contact by contact, in parallel.
 
     Parameters
     ----------
     tau
         Points to project, ``(n_c, d)``, normal first.
     mu
-        Friction coefficient, a number or ``(n_c,)``.
+        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, one a
+        tangent: the cone is then ``‖D⁻¹ r_t‖ ≤ r_n``, ``D = diag(mu_1, mu_2)``. Those of
+        a contact are both positive, or both zero.
     base
         Start state ``t0``, ``(n_c, d)``. With it ``tau`` is an increment, projected
         onto ``ΔK_μ = K_μ - t0`` [dSF91, 53].
@@ -64,7 +67,7 @@ def project(
     points = floats("tau", tau, ndim=2, copy=False)
     if points.shape[1] not in (2, 3):
         raise ValueError(f"tau has shape {points.shape}, expected (n_c, 2) or (n_c, 3)")
-    coefficients = friction(mu, len(points))
+    coefficients = friction(mu, *points.shape)
     start = None if base is None else floats("base", base, shape=points.shape)
     if start is not None:
         with np.errstate(over="ignore"):
@@ -93,7 +96,9 @@ class ContactProblem:
         Normal gap, ``(n_c,)``, open when positive, or ``(n_c, d)`` to offset every
         component.
     mu
-        Friction coefficient, a number or ``(n_c,)``.
+        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, those
+        along ``t1`` and ``t2`` of each contact (8e): both zero, or both positive and
+        within a factor of 1e6 of each other.
     fixed
         Prescribed degrees of freedom, integers.
     area
@@ -185,7 +190,7 @@ class ContactProblem:
         if num_threads is not None:
             num_threads = threads(num_threads)
         bases = frames(frame, contacts, d)
-        coefficients = friction(mu, contacts)
+        coefficients = friction(mu, contacts, d, ratio=RATIO)
         self._contacts: dict[str, NDArray[Any] | None] = {
             "x": contact_array("points", points, contacts, d),
             "normal": None if bases is None else bases[:, 0, :].copy(),
@@ -455,7 +460,7 @@ class ContactProblem:
             try:
                 totals.append(self._totals(case.get("load"), case.get("prescribed")))
                 if case.get("mu") is not None:
-                    mu = friction(case["mu"], self._shape[1])
+                    mu = friction(case["mu"], *self._shape[1:], ratio=RATIO)
                     core = core.with_mu(mu)
                 start = case.get("start")
                 paths.append(self._following(core, mu, chosen, start))

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from bipot_rs import _core, check, existence, motion
 from bipot_rs.answers import Answers, search
 from bipot_rs.check import (
+    RATIO,
     Array,
     csr,
     floats,
@@ -40,7 +41,9 @@ class ReducedProblem:
     q
         Relative displacement without reactions, ``(n_c, d)``, normal first.
     mu
-        Friction coefficient, a number or ``(n_c,)``.
+        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, as in
+        `ContactProblem`. What is solved and judged is then Coulomb's problem in stretched
+        variables, of which a copy of ``W`` is made at every call.
     rigid
         ``(R (d n_c, k), e (k,))`` for bodies held by contact alone:
         ``v = W r + R a + q`` with ``Rᵀ r + e = 0``.
@@ -83,7 +86,7 @@ class ReducedProblem:
             modes = np.ascontiguousarray(border.T)
         self.W = W
         self.q = free
-        self.mu = friction(mu, contacts)
+        self.mu = friction(mu, contacts, d, ratio=RATIO)
         self.rigid = None if rigid is None else (modes.T, force)
         self._core = _core.Reduced(parts, free, self.mu, modes, force)
 
@@ -99,7 +102,8 @@ class ReducedProblem:
     def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:
         """η of (13) at the reactions ``r (n_c, d)``: the one certificate of every method.
 
-        With ``rigid`` and no ``a (k,)``, at the rigid motion of least squares.
+        With ``rigid`` and no ``a (k,)``, at the rigid motion of least squares. Where ``mu``
+        is ``(n_c, 2)``, in the stretched variables of section 3 of ``docs/theory.md``.
         """
         reaction = floats("r", r, shape=self.q.shape)
         count = 0 if self.rigid is None else len(self.rigid[1])

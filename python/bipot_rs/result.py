@@ -92,7 +92,7 @@ class Solution:
         A row ``(work, residual)`` an iteration.
     bipotential_gap
         ``r·v + mu r_n |v_t|`` of each contact in units of work, ``(n_c,)``: zero
-        exactly on the law, (10).
+        exactly on the law, (10); with two coefficients ``r·v + r_n |D v_t|``, (10e).
     seconds
         Time taken.
     stats

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from bipot_rs.fem import Body, Contact, Material, Model, Support, box, build
-from bipot_rs.schema import Pressure, Scene, Varying, inconsistencies
+from bipot_rs.schema import KIND, Pressure, Scene, Varying, inconsistencies
 from bipot_rs.shipped import SceneError, shipped, text
 
 __all__ = ["Case", "SceneError", "assemble", "bodies", "read", "shipped", "text"]
@@ -154,6 +154,7 @@ def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
             against=_split(c.against) if c.against else None,
             clearance=c.clearance.at,
             within=c.within.box() if c.within else None,
+            axis=c.axis,
         )
         for c in scene.contact
     ]
@@ -212,7 +213,8 @@ def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
 
 def _mistake(error: Any) -> str:
     """One line of pydantic's report, in the words of the scene file."""
-    path = ".".join(str(part) for part in error["loc"])
+    parts = [str(part) for part in error["loc"]]
+    path = ".".join(part for part in parts if not part.startswith(KIND))
     kind, message = error["type"], error["msg"]
     if kind == "extra_forbidden":
         return f"{path}: unknown key"

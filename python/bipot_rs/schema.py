@@ -14,8 +14,16 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+)
 
+from bipot_rs.check import RATIO
 from bipot_rs.fem import FACES
 from bipot_rs.words import counted
 
@@ -64,6 +72,15 @@ def _expression(value: Any) -> Any:
 Expression = Annotated[str, BeforeValidator(_expression)]
 Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 Vector = Annotated[list[float], Field(min_length=2, max_length=3)]
+_Coefficient = Annotated[float, Field(ge=0)]
+_Pair = Annotated[list[_Coefficient], Field(min_length=2, max_length=2)]
+# What a union calls its kinds is no part of a place in the file: it begins with this.
+KIND = "|"
+Friction = Annotated[
+    Annotated[_Coefficient, Tag(f"{KIND}number")]
+    | Annotated[_Pair, Tag(f"{KIND}pair")],
+    Discriminator(lambda v: KIND + ("pair" if isinstance(v, list) else "number")),
+]
 
 
 class Units(_Table):
@@ -260,10 +277,14 @@ class Clearance(_Table):
 
 
 class Touch(_Table):
-    """Nodes of a surface that may meet a rigid plane or another body."""
+    """Nodes of a surface that may meet a rigid plane or another body.
+
+    Two numbers ``mu`` are friction along ``axis``, made tangential, and across it.
+    """
 
     on: str
-    mu: Annotated[float, Field(ge=0)]
+    mu: Friction
+    axis: Vector | None = None
     plane: Plane | None = None
     against: str | None = None
     clearance: Annotated[Clearance, _wrap("height")] = Field(default_factory=Clearance)
@@ -408,14 +429,36 @@ def inconsistencies(scene: Scene) -> list[str]:
             ("plane.point", contact.plane.point if contact.plane else None),
             ("plane.normal", contact.plane.normal if contact.plane else None),
             ("clearance.centre", contact.clearance.centre),
+            ("axis", contact.axis),
         ):
             if vector is not None and len(vector) != dim:
                 found.append(f"contact.{i}.{key}: should have {dim} components")
         if contact.plane and not any(contact.plane.normal):
             found.append(f"contact.{i}.plane.normal: should not be zero")
+        if isinstance(contact.mu, list):
+            found += _elliptic(f"contact.{i}", contact.mu, contact.axis, dim)
+        elif contact.axis is not None:
+            found.append(f"contact.{i}.axis: mu is one number, the same all around")
         if contact.clearance.radius == 0:
             found.append(f"contact.{i}.clearance.radius: should not be zero")
     return found + _path_inconsistencies(scene)
+
+
+def _elliptic(
+    path: str, mu: Sequence[float], axis: Sequence[float] | None, dim: int
+) -> Iterator[str]:
+    """Friction along two tangents."""
+    if dim == 2:
+        yield f"{path}.mu: has two numbers, in two dimensions there is one tangent"
+    elif axis is None:
+        yield f"{path}.axis: is missing, the direction of the first number of mu"
+    elif not any(axis):
+        yield f"{path}.axis: should not be zero"
+    if not min(mu) * RATIO >= max(mu):
+        yield (
+            f"{path}.mu: should be two positive numbers within a factor of {RATIO:g} of "
+            f"each other, or twice zero, got {list(mu)}"
+        )
 
 
 def _out_of_range(value: Any, path: str = "") -> Iterator[str]:

@@ -22,20 +22,30 @@ pub enum Status {
 /// for all nodes.
 #[must_use]
 pub fn project<const D: usize>(tau: &[f64; D], mu: f64) -> ([f64; D], Status) {
-    let size = tau.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
-    if size.is_finite() && (size > HUGE || (size < 1.0 / HUGE && size > 0.0)) {
-        // Homogeneity brings the ends of the range, where squares overflow and
-        // quotients lose digits, back to its middle; powers of two are exact.
-        let exponent = if size > 1.0 { -SHIFT } else { SHIFT };
-        let (up, down) = (2.0_f64.powi(exponent), 2.0_f64.powi(-exponent));
-        let (r, status) = project(&tau.map(|c| c * up), mu);
-        return (r.map(|c| c * down), status);
-    }
-    let height = tau[0] + mu * tangential_norm(tau);
-    project_with_height(tau, height, mu)
+    shifted(tau, |tau| {
+        let height = tau[0] + mu * tangential_norm(tau);
+        project_with_height(tau, height, mu)
+    })
 }
 
-/// Beyond `HUGE` and below its inverse, [`project`] shifts the exponent by `SHIFT`.
+/// A projection onto a cone at any size. Homogeneity brings the ends of the range,
+/// where squares overflow and quotients lose digits, back to its middle; powers of two
+/// are exact.
+pub(super) fn shifted<const D: usize>(
+    tau: &[f64; D],
+    project: impl Fn(&[f64; D]) -> ([f64; D], Status),
+) -> ([f64; D], Status) {
+    let size = tau.iter().fold(0.0_f64, |m, c| m.max(c.abs()));
+    if size.is_finite() && (size > HUGE || (size < 1.0 / HUGE && size > 0.0)) {
+        let exponent = if size > 1.0 { -SHIFT } else { SHIFT };
+        let (up, down) = (2.0_f64.powi(exponent), 2.0_f64.powi(-exponent));
+        let (r, status) = project(&tau.map(|c| c * up));
+        return (r.map(|c| c * down), status);
+    }
+    project(tau)
+}
+
+/// Beyond `HUGE` and below its inverse, [`shifted`] shifts the exponent by `SHIFT`.
 const HUGE: f64 = 1e150;
 const SHIFT: i32 = 512;
 
@@ -82,8 +92,17 @@ pub fn project_increment<const D: usize>(
     base: &[f64; D],
     mu: f64,
 ) -> ([f64; D], Status) {
+    translated(tau, base, |total| project(total, mu))
+}
+
+/// Onto a cone translated by `−t⁰`, by a projection onto the cone itself.
+pub(super) fn translated<const D: usize>(
+    tau: &[f64; D],
+    base: &[f64; D],
+    project: impl Fn(&[f64; D]) -> ([f64; D], Status),
+) -> ([f64; D], Status) {
     let total: [f64; D] = std::array::from_fn(|k| base[k] + tau[k]);
-    let (r, status) = project(&total, mu);
+    let (r, status) = project(&total);
     #[expect(clippy::float_cmp, reason = "a sticking point is returned bit for bit")]
     let sticks = r == total;
     let increment = if sticks {

@@ -19,6 +19,7 @@ use crate::problem::compliance::Compliance;
 use crate::problem::condense::{Condensed, Sorted, analyse, contact_set};
 use crate::problem::memory::Budget;
 use crate::problem::stats::Stats;
+use crate::problem::stretch::Stretch;
 use crate::problem::surface::{Far, Share, Surface};
 
 /// Degrees of freedom in the contact set of a body up to which all are kept: `W` of
@@ -177,6 +178,20 @@ impl<const D: usize> Problem<D> {
         })
     }
 
+    /// The same contacts in stretched variables, on the same bodies.
+    ///
+    /// # Errors
+    /// As [`Condensed::stretched`].
+    pub fn stretched(&self, stretch: &Stretch) -> Result<Self, Error> {
+        Ok(match self {
+            Self::Whole(problem) => Self::Whole(problem.stretched(stretch)?),
+            Self::Growing { candidates, mu } => Self::Growing {
+                candidates: Arc::new(candidates.stretched(stretch)),
+                mu: mu.clone(),
+            },
+        })
+    }
+
     /// What the rigid motions are at all contacts, `B R`.
     ///
     /// # Errors
@@ -277,6 +292,21 @@ impl<const D: usize> Candidates<D> {
             seeds,
             whole: OnceLock::new(),
         })
+    }
+
+    /// Gaps along normals, and with them the seeds, are as they were.
+    fn stretched(&self, stretch: &Stretch) -> Self {
+        let mut surface = self.surface.clone();
+        surface.stretch(stretch);
+        Self {
+            bodies: Arc::clone(&self.bodies),
+            surface,
+            budget: self.budget,
+            stats: self.stats.clone(),
+            reach: self.reach.clone(),
+            seeds: self.seeds.clone(),
+            whole: OnceLock::new(),
+        }
     }
 
     /// Contacts to begin with, ascending.

@@ -17,6 +17,7 @@ use crate::linalg::small::Block;
 use crate::linalg::sparse_lu::Analysis;
 use crate::problem::island::PARALLEL_ROWS;
 pub use crate::problem::island::{Island, Part};
+use crate::problem::stretch::Stretch;
 
 /// First block of each row, columns, and entries.
 pub type BlockRows = (Vec<usize>, Vec<usize>, Vec<f64>);
@@ -79,6 +80,18 @@ impl<'a, const D: usize> Compliance<'a, D> {
     /// As [`Compliance::new`].
     pub fn from_dense(contacts: usize, matrix: Cow<'a, [f64]>) -> Result<Self, Error> {
         Self::new(vec![((0..contacts).collect(), Part::Dense(matrix))])
+    }
+
+    /// `T W T`.
+    ///
+    /// # Errors
+    /// As [`Compliance::new`], where factors leave the range of doubles.
+    pub fn stretched(&self, stretch: &Stretch) -> Result<Compliance<'static, D>, Error> {
+        let part = |island: &Island<'a, D>| {
+            let caller = &self.order[island.nodes.clone()];
+            (caller.to_vec(), island.part().stretched(stretch, caller))
+        };
+        Compliance::new(self.islands.iter().map(part).collect())
     }
 
     #[must_use]

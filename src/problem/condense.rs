@@ -23,6 +23,7 @@ use crate::problem::memory::Budget;
 use crate::problem::reduced::{Reduced, Rigid};
 use crate::problem::sparse::{self, Owned, Rows};
 use crate::problem::stats::Stats;
+use crate::problem::stretch::Stretch;
 use crate::problem::surface::{Share, Surface};
 
 /// What a contact problem is made of, borrowed from the caller.
@@ -244,6 +245,20 @@ impl<const D: usize> Condensed<D> {
     pub fn with_mu(&self, mu: Vec<f64>) -> Result<Self, Error> {
         check_friction(&mu, self.contacts())?;
         Ok(Self { mu, ..self.clone() })
+    }
+
+    /// The same contacts in stretched variables, on the same bodies.
+    ///
+    /// # Errors
+    /// As [`Compliance::stretched`].
+    pub fn stretched(&self, stretch: &Stretch) -> Result<Self, Error> {
+        let mut surface = (*self.surface).clone();
+        surface.stretch(stretch);
+        Ok(Self {
+            surface: Arc::new(surface),
+            compliance: Arc::new(self.compliance.stretched(stretch)?),
+            ..self.clone()
+        })
     }
 
     #[must_use]

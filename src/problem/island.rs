@@ -18,6 +18,7 @@ use crate::linalg::dense;
 use crate::linalg::exact::{self, Sum};
 use crate::linalg::small::{Block, Vector, dot_long};
 use crate::problem::memory;
+use crate::problem::stretch::Stretch;
 
 /// Below this many rows a product is not worth a second thread.
 pub(super) const PARALLEL_ROWS: usize = 768;
@@ -28,6 +29,30 @@ pub enum Part<'a, const D: usize> {
     /// Row-major, of order `D` times the contacts.
     Dense(Cow<'a, [f64]>),
     Sparse(Cow<'a, Blocks<D>>),
+}
+
+impl<const D: usize> Part<'_, D> {
+    /// `T W T` of the contacts `caller`, in their order.
+    #[must_use]
+    pub fn stretched(&self, stretch: &Stretch, caller: &[usize]) -> Part<'static, D> {
+        match self {
+            Part::Sparse(blocks) => {
+                let of = |i: usize, j: usize, w: &Block<D>| stretch.block(w, caller[i], caller[j]);
+                Part::Sparse(Cow::Owned(blocks.map(of)))
+            }
+            Part::Dense(matrix) => {
+                let factor = |k: usize| stretch.factor(caller[k / D], k % D);
+                let factors: Vec<f64> = (0..D * caller.len()).map(factor).collect();
+                // As `Stretch::block`: the product of factors first.
+                let row = |(row, t): (&[f64], &f64)| {
+                    let entries = row.iter().zip(&factors);
+                    entries.map(|(w, s)| w * (t * s)).collect::<Vec<f64>>()
+                };
+                let rows = matrix.chunks_exact(factors.len().max(1)).zip(&factors);
+                Part::Dense(Cow::Owned(rows.flat_map(row).collect()))
+            }
+        }
+    }
 }
 
 /// Contacts that feel each other.
@@ -85,6 +110,12 @@ impl<'a, const D: usize> Island<'a, D> {
     /// Unknowns.
     fn order(&self) -> usize {
         D * self.nodes.len()
+    }
+
+    /// What it is made of.
+    #[must_use]
+    pub fn part(&self) -> &Part<'a, D> {
+        &self.part
     }
 
     /// Its blocks, where it is sparse.

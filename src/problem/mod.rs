@@ -17,4 +17,5 @@ pub mod reduced;
 pub mod residual;
 pub mod sparse;
 pub mod stats;
+pub mod stretch;
 pub mod surface;

@@ -7,6 +7,7 @@ use crate::linalg::reach::Reach;
 use crate::linalg::small::dot_long;
 use crate::problem::body::Body;
 use crate::problem::sparse::{Owned, Rows};
+use crate::problem::stretch::Stretch;
 
 /// A row of `B` restricted to a body: its local degrees of freedom, and values.
 #[derive(Clone, Debug)]
@@ -42,6 +43,19 @@ impl Far {
             &self.inside[k * reached..(k + 1) * reached],
             &self.kept[k * kept..(k + 1) * kept],
         )
+    }
+
+    /// Every column times its factor.
+    fn stretch(&mut self, factors: &[f64]) {
+        for values in [&mut self.inside, &mut self.kept] {
+            let length = values.len() / factors.len().max(1);
+            let columns = values.chunks_exact_mut(length.max(1));
+            for (column, t) in columns.zip(factors) {
+                for value in column {
+                    *value *= t;
+                }
+            }
+        }
     }
 }
 
@@ -146,6 +160,28 @@ impl<const D: usize> Surface<D> {
     #[must_use]
     pub fn contacts(&self) -> usize {
         self.gap.len()
+    }
+
+    /// `T B` and `T g` in the place of `B` and `g`.
+    pub fn stretch(&mut self, stretch: &Stretch) {
+        self.gap = stretch.times(&self.gap);
+        let factor = |row: usize| stretch.factor(row / D, row % D);
+        for (row, ends) in self.held.pointer.windows(2).enumerate() {
+            for value in &mut self.held.values[ends[0]..ends[1]] {
+                *value *= factor(row);
+            }
+        }
+        for share in &mut self.shares {
+            let factors: Vec<f64> = share.rows.iter().map(|row| factor(row.row)).collect();
+            for (row, t) in share.rows.iter_mut().zip(&factors) {
+                for (_, value) in &mut row.entries {
+                    *value *= t;
+                }
+            }
+            if let Some(far) = &mut share.far {
+                far.stretch(&factors);
+            }
+        }
     }
 
     /// `B u + gap` of a displacement, in twice the precision and rounded once;

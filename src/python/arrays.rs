@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 
 use crate::error::Error;
 use crate::law::cone::Status;
+use crate::problem::stretch::{Friction, Stretch};
 
 /// A C-contiguous vector of `f64`.
 pub(super) type Vector<'py> = PyReadonlyArray1<'py, f64>;
@@ -19,6 +20,27 @@ pub(super) type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 pub(super) enum Indices<'py> {
     Narrow(PyReadonlyArray1<'py, i32>),
     Wide(PyReadonlyArray1<'py, i64>),
+}
+
+/// Friction coefficients, one a contact or one a tangent of each.
+#[derive(FromPyObject)]
+pub(super) enum Coefficients<'py> {
+    Round(Vector<'py>),
+    Elliptic(Matrix<'py>),
+}
+
+impl Coefficients<'_> {
+    /// `μ` of the problem that is solved in space of `D` dimensions, and the change of
+    /// variables that leads to it.
+    pub(super) fn friction<const D: usize>(&self) -> PyResult<Friction> {
+        match self {
+            Self::Round(mu) => Ok((mu.as_slice()?.to_vec(), None)),
+            Self::Elliptic(_) if D == 2 => Err(PyValueError::new_err(
+                "mu has two coefficients a contact, in the plane there is one tangent",
+            )),
+            Self::Elliptic(mu) => Ok(Stretch::new(rows::<2>(mu)?)?),
+        }
+    }
 }
 
 /// The rows of an `(n_c, D)` array.

@@ -20,6 +20,7 @@ impl From<Error> for PyErr {
             | Error::Repeated { .. }
             | Error::SparseStructure { .. }
             | Error::Friction { .. }
+            | Error::EllipticFriction { .. }
             | Error::Setting { .. }
             | Error::NotHeld { .. }
             | Error::Range { .. }

@@ -6,7 +6,6 @@ use crate::error::Error;
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::scaled_imbalance;
 use crate::python::arrays::{self, Matrix, Vector};
-use crate::python::several::left;
 use crate::python::{interrupt, problem, solver};
 use crate::solver::refine::{Point, forward_error};
 use crate::stepping::{evaluate, reduced_step};
@@ -40,13 +39,13 @@ pub(super) fn forward_errors(
         solver::Kind::Two(owned) => {
             let reaction = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
-                forward_error(problem, &of(problem, reaction, rigid), &[], stop)
+                forward_error(problem, &of(problem, &reaction, rigid), &[], stop)
             })
         }
         solver::Kind::Three(owned) => {
             let reaction = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
-                forward_error(problem, &of(problem, reaction, rigid), &[], stop)
+                forward_error(problem, &of(problem, &reaction, rigid), &[], stop)
             })
         }
     }
@@ -69,16 +68,17 @@ pub(super) fn forward_errors_of_step(
     macro_rules! of {
         ($inner:expr) => {{
             let contacts = $inner.contacts();
-            let state = before.as_ref().map(|v| left(v, contacts)).transpose()?;
-            let reaction = arrays::rows_of("reaction", &reaction, contacts)?;
+            let state = before.as_ref().map(|v| problem.left(v, contacts));
+            let state = state.transpose()?;
+            let reaction = problem.reaction(&reaction, contacts)?;
             let motions = $inner.bodies().motions().len();
             arrays::length("rigid_motion", rigid.len(), motions)?;
             interrupt::run(py, problem.num_threads, |stop| -> Result<_, Error> {
-                let view = working_set::around($inner, reaction, stop)?;
+                let view = working_set::around($inner, &reaction, stop)?;
                 let (members, of_view) = (&view.members, &view.problem);
                 let state = state.map(|state| working_set::at(&state, members));
                 let r = of_view.compliance();
-                let r = r.gather(&working_set::pick(reaction, members));
+                let r = r.gather(&working_set::pick(&reaction, members));
                 let reduced = reduced_step(of_view, loads.0, loads.1, state.as_ref())?;
                 let point = evaluate(of_view, &reduced, loads, state.as_ref(), r, rigid.to_vec())?;
                 // Of a step, the total is what is told: gaps are total anyway.

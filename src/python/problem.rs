@@ -16,7 +16,8 @@ use crate::problem::candidates::Problem;
 use crate::problem::condense::{Given, Sorted};
 use crate::problem::memory::{self, Budget};
 use crate::problem::sparse::Rows;
-use crate::python::arrays::{self, Indices, Matrix, Vector};
+use crate::problem::stretch::{Stretch, over, times};
+use crate::python::arrays::{self, Coefficients, Indices, Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::solver::{settings, solution_dict};
 use crate::solver::{Outcome, Settings};
@@ -51,7 +52,9 @@ macro_rules! either {
 /// `K`, `B`, gap and friction, condensed onto the contact set.
 #[pyclass(frozen, module = "bipot_rs._core")]
 pub(super) struct Condensed {
+    /// In the variables of [`Stretch`].
     pub(super) kind: Kind,
+    pub(super) stretch: Option<Stretch>,
     pub(super) num_threads: Option<usize>,
 }
 
@@ -76,7 +79,8 @@ impl<'a> Sparse<'a> {
 struct Asked<'a> {
     stiffness: Sparse<'a>,
     contact: Sparse<'a>,
-    mu: &'a [f64],
+    mu: Vec<f64>,
+    stretch: Option<Stretch>,
     fixed: Vec<usize>,
     places: Option<&'a [[f64; 3]]>,
     known: Option<Vec<Loads>>,
@@ -92,7 +96,7 @@ impl Asked<'_> {
         stop: &AtomicBool,
     ) -> Result<Arc<Problem<D>>, Error> {
         // The indices that the core counts are gone before the factor is made.
-        let sorted = {
+        let mut sorted = {
             let (k, b) = (self.stiffness, self.contact);
             let n = k.pointer.len().saturating_sub(1);
             Sorted::new(Given {
@@ -103,13 +107,16 @@ impl Asked<'_> {
                     values: b.values,
                 },
                 gap,
-                mu: self.mu,
+                mu: &self.mu,
                 fixed: &self.fixed,
                 places: self.places,
                 known: self.known,
                 budget: Budget { limit: self.limit },
             })?
         };
+        if let Some(stretch) = &self.stretch {
+            sorted.surface.stretch(stretch);
+        }
         Problem::new(sorted, self.grow, before, stop).map(Arc::new)
     }
 }
@@ -131,7 +138,7 @@ impl Condensed {
         stiffness: Csr<'py>,
         contact: Csr<'py>,
         gap: Matrix<'py>,
-        mu: Vector<'py>,
+        mu: Coefficients<'py>,
         fixed: Indices<'py>,
         num_threads: Option<usize>,
         places: Option<Matrix<'py>>,
@@ -144,18 +151,25 @@ impl Condensed {
             Ok((load.as_slice()?.to_vec(), moved.as_slice()?.to_vec()))
         };
         let known = known.map(|steps| steps.iter().map(loads).collect::<PyResult<_>>());
+        let plane = gap.as_array().ncols() == 2;
+        let (mu, stretch) = if plane {
+            mu.friction::<2>()?
+        } else {
+            mu.friction::<3>()?
+        };
         let asked = Asked {
             stiffness: Sparse::new(&stiffness, "K")?,
             contact: Sparse::new(&contact, "B")?,
             fixed: arrays::indices(&fixed, "fixed")?,
-            mu: mu.as_slice()?,
+            mu,
+            stretch: stretch.clone(),
             places: places.as_ref().map(arrays::rows::<3>).transpose()?,
             known: known.transpose()?,
             limit: memory_limit.map(u128::from),
             grow,
         };
         let before = before.as_ref().map(|problem| &problem.kind);
-        let kind = if gap.as_array().ncols() == 2 {
+        let kind = if plane {
             let gap = arrays::rows::<2>(&gap)?;
             let before = match before {
                 Some(Kind::Two(problem)) => Some(&**problem),
@@ -172,7 +186,11 @@ impl Condensed {
             let made = interrupt::run(py, num_threads, |stop| asked.condense(gap, before, stop));
             Kind::Three(made?)
         };
-        Ok(Self { kind, num_threads })
+        Ok(Self {
+            kind,
+            stretch,
+            num_threads,
+        })
     }
 
     /// `W`, dense.
@@ -181,7 +199,11 @@ impl Condensed {
             let n = components(inner);
             memory::check("the dense compliance W", 8 * (n as u128).pow(2))?;
             let dense = interrupt::run(py, self.num_threads, |stop| {
-                Ok(inner.whole(stop)?.compliance().to_dense())
+                let whole = inner.whole(stop)?;
+                Ok(match self.unstretch() {
+                    None => whole.compliance().to_dense(),
+                    Some(inverse) => whole.compliance().stretched(&inverse)?.to_dense(),
+                })
             });
             (dense?, n)
         });
@@ -197,7 +219,11 @@ impl Condensed {
     ) -> PyResult<Option<(Vec<usize>, Vec<usize>, Bound<'py, PyArray1<f64>>)>> {
         let blocks = either!(&self.kind, inner => {
             interrupt::run(py, self.num_threads, |stop| {
-                inner.whole(stop)?.compliance().rows_of_blocks()
+                let whole = inner.whole(stop)?;
+                match self.unstretch() {
+                    None => whole.compliance().rows_of_blocks(),
+                    Some(inverse) => whole.compliance().stretched(&inverse)?.rows_of_blocks(),
+                }
             })?
         });
         Ok(blocks.map(|(start, column, values)| (start, column, arrays::from_vec(py, values))))
@@ -215,9 +241,9 @@ impl Condensed {
             let part = interrupt::run(py, self.num_threads, |stop| {
                 inner.whole(stop)?.free_part(load, prescribed)
             })?;
-            let modes = as_rows(py, &part.rigid.modes, components(inner))?;
+            let modes = as_rows(py, &part.rigid.modes, components(inner), self.stretch.as_ref())?;
             Ok((
-                arrays::from_rows(py, &part.q)?,
+                arrays::from_rows(py, &over(self.stretch.as_ref(), &part.q))?,
                 modes,
                 arrays::from_vec(py, part.rigid.load),
             ))
@@ -228,7 +254,7 @@ impl Condensed {
     fn modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         either!(&self.kind, inner => {
             let modes = interrupt::run(py, self.num_threads, |_| inner.modes())?;
-            as_rows(py, &modes, components(inner))
+            as_rows(py, &modes, components(inner), self.stretch.as_ref())
         })
     }
 
@@ -250,13 +276,19 @@ impl Condensed {
         states: Vec<(Vector<'py>, Vector<'py>, Matrix<'py>, Vector<'py>)>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         either!(&self.kind, inner => {
+            let stretch = self.stretch.as_ref();
+            let reactions = states
+                .iter()
+                .map(|(_, _, reaction, _)| Ok(over(stretch, arrays::rows(reaction)?)))
+                .collect::<PyResult<Vec<_>>>()?;
             let loaded = states
                 .iter()
-                .map(|(load, prescribed, reaction, rigid)| {
+                .zip(&reactions)
+                .map(|((load, prescribed, _, rigid), reaction)| {
                     Ok(Loaded {
                         load: load.as_slice()?,
                         prescribed: prescribed.as_slice()?,
-                        reaction: arrays::rows(reaction)?,
+                        reaction,
                         rigid: rigid.as_slice()?,
                     })
                 })
@@ -267,14 +299,30 @@ impl Condensed {
     }
 
     /// The same bodies and contacts with other friction coefficients.
-    fn with_mu(&self, mu: Vector<'_>) -> PyResult<Self> {
-        let mu = mu.as_slice()?.to_vec();
+    fn with_mu(&self, mu: Coefficients<'_>) -> PyResult<Self> {
+        fn of<const D: usize>(
+            inner: &Arc<Problem<D>>,
+            mu: Vec<f64>,
+            change: Option<&Stretch>,
+        ) -> Result<Arc<Problem<D>>, Error> {
+            let made = inner.with_mu(mu)?;
+            Ok(Arc::new(match change {
+                None => made,
+                Some(change) => made.stretched(change)?,
+            }))
+        }
+        let (mu, stretch) = match &self.kind {
+            Kind::Two(_) => mu.friction::<2>()?,
+            Kind::Three(_) => mu.friction::<3>()?,
+        };
+        let change = Stretch::between(self.stretch.as_ref(), stretch.as_ref());
         let kind = match &self.kind {
-            Kind::Two(inner) => Kind::Two(Arc::new(inner.with_mu(mu)?)),
-            Kind::Three(inner) => Kind::Three(Arc::new(inner.with_mu(mu)?)),
+            Kind::Two(inner) => Kind::Two(of(inner, mu, change.as_ref())?),
+            Kind::Three(inner) => Kind::Three(of(inner, mu, change.as_ref())?),
         };
         Ok(Self {
             kind,
+            stretch,
             num_threads: self.num_threads,
         })
     }
@@ -317,6 +365,36 @@ impl Condensed {
     }
 }
 
+impl Condensed {
+    /// From the variables that are solved for to the caller's.
+    fn unstretch(&self) -> Option<Stretch> {
+        self.stretch.as_ref().map(Stretch::inverse)
+    }
+
+    /// `r̃` of a reaction.
+    pub(super) fn reaction<const D: usize>(
+        &self,
+        array: &Matrix<'_>,
+        contacts: usize,
+    ) -> PyResult<Vec<[f64; D]>> {
+        let rows = arrays::rows_of("reaction", array, contacts)?;
+        Ok(over(self.stretch.as_ref(), rows).into_owned())
+    }
+
+    /// As much of the state before a step as its reduced problem asks for: `ṽ`.
+    pub(super) fn left<const D: usize>(
+        &self,
+        before: &Matrix<'_>,
+        contacts: usize,
+    ) -> PyResult<State<D>> {
+        let rows = arrays::rows_of("before", before, contacts)?;
+        Ok(State {
+            relative_displacement: times(self.stretch.as_ref(), rows).into_owned(),
+            ..State::default()
+        })
+    }
+}
+
 /// Number of contact components, `D n_c`.
 fn components<const D: usize>(problem: &Problem<D>) -> usize {
     D * problem.contacts()
@@ -326,8 +404,11 @@ fn as_rows<'py, const D: usize>(
     py: Python<'py>,
     modes: &[Vec<[f64; D]>],
     components: usize,
+    stretch: Option<&Stretch>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let flat = modes.iter().flat_map(|mode| mode.as_flattened().to_vec());
+    let flat = modes
+        .iter()
+        .flat_map(|mode| over(stretch, mode).as_flattened().to_vec());
     arrays::square(py, flat.collect(), modes.len(), components)
 }
 
@@ -340,6 +421,7 @@ enum Progress {
 #[pyclass(module = "bipot_rs._core")]
 pub(super) struct Path {
     progress: Progress,
+    stretch: Option<Stretch>,
     num_threads: Option<usize>,
 }
 
@@ -353,6 +435,7 @@ type StartArrays<'py> = (
 
 fn state<const D: usize>(
     problem: &Problem<D>,
+    stretch: Option<&Stretch>,
     (reaction, displacement, status, rigid): &StartArrays<'_>,
 ) -> PyResult<State<D>> {
     let status = status.as_slice()?.iter().map(|s| match s {
@@ -361,9 +444,11 @@ fn state<const D: usize>(
         _ => Status::Open,
     });
     let contacts = problem.contacts();
+    let reaction = arrays::rows_of("start", reaction, contacts)?;
+    let displacement = arrays::rows_of("start", displacement, contacts)?;
     let state = State {
-        reaction: arrays::rows_of("start", reaction, contacts)?.to_vec(),
-        relative_displacement: arrays::rows_of("start", displacement, contacts)?.to_vec(),
+        reaction: over(stretch, reaction).into_owned(),
+        relative_displacement: times(stretch, displacement).into_owned(),
         status: status.collect(),
         rigid: rigid.as_slice()?.to_vec(),
     };
@@ -373,9 +458,14 @@ fn state<const D: usize>(
     Ok(state)
 }
 
-fn step_dict<'py, const D: usize>(py: Python<'py>, step: &Step<D>) -> PyResult<Bound<'py, PyDict>> {
-    let dict = solution_dict(py, &step.solution)?;
-    let flat = step.slip.iter().flat_map(|s| s[1..].to_vec()).collect();
+fn step_dict<'py, const D: usize>(
+    py: Python<'py>,
+    step: &Step<D>,
+    stretch: Option<&Stretch>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let dict = solution_dict(py, &step.solution, stretch)?;
+    let slip = over(stretch, &step.slip);
+    let flat = slip.iter().flat_map(|s| s[1..].to_vec()).collect();
     dict.set_item("slip", arrays::square(py, flat, step.slip.len(), D - 1)?)?;
     Ok(dict)
 }
@@ -385,20 +475,22 @@ impl Path {
     #[new]
     #[pyo3(signature = (problem, start=None))]
     fn new(problem: &Condensed, start: Option<StartArrays<'_>>) -> PyResult<Self> {
+        let stretch = problem.stretch.as_ref();
         let progress = match &problem.kind {
             Kind::Two(inner) => {
-                let state = start.as_ref().map(|arrays| state(inner, arrays));
+                let state = start.as_ref().map(|arrays| state(inner, stretch, arrays));
                 let path = working_set::Path::new(state.transpose()?);
                 Progress::Two(Arc::clone(inner), path)
             }
             Kind::Three(inner) => {
-                let state = start.as_ref().map(|arrays| state(inner, arrays));
+                let state = start.as_ref().map(|arrays| state(inner, stretch, arrays));
                 let path = working_set::Path::new(state.transpose()?);
                 Progress::Three(Arc::clone(inner), path)
             }
         };
         Ok(Self {
             progress,
+            stretch: problem.stretch.clone(),
             num_threads: problem.num_threads,
         })
     }
@@ -425,13 +517,13 @@ impl Path {
                 let step = interrupt::run(py, self.num_threads, |stop| {
                     path.advance(inner, load, prescribed, &settings, stop)
                 })?;
-                step_dict(py, &step)
+                step_dict(py, &step, self.stretch.as_ref())
             }
             Progress::Three(inner, path) => {
                 let step = interrupt::run(py, self.num_threads, |stop| {
                     path.advance(inner, load, prescribed, &settings, stop)
                 })?;
-                step_dict(py, &step)
+                step_dict(py, &step, self.stretch.as_ref())
             }
         }
     }
@@ -462,6 +554,7 @@ pub(super) fn follow<'py>(
         };
         loads.push(steps.iter().map(pair).collect::<PyResult<Vec<_>>>()?);
     }
+    let stretches: Vec<_> = paths.iter().map(|path| path.stretch.clone()).collect();
     let all: Vec<&mut Path> = paths.iter_mut().map(|path| &mut **path).collect();
     let followed = interrupt::run(py, num_threads, |stop| {
         all.into_par_iter()
@@ -470,10 +563,11 @@ pub(super) fn follow<'py>(
             .collect::<Result<Vec<_>, Error>>()
     })?;
     let mut out = Vec::with_capacity(followed.len());
-    for (steps, error) in followed {
+    for ((steps, error), stretch) in followed.into_iter().zip(&stretches) {
+        let stretch = stretch.as_ref();
         let dicts: PyResult<Vec<_>> = match steps {
-            Steps::Two(steps) => steps.iter().map(|step| step_dict(py, step)).collect(),
-            Steps::Three(steps) => steps.iter().map(|step| step_dict(py, step)).collect(),
+            Steps::Two(steps) => steps.iter().map(|s| step_dict(py, s, stretch)).collect(),
+            Steps::Three(steps) => steps.iter().map(|s| step_dict(py, s, stretch)).collect(),
         };
         let error = error.map(|error| PyErr::from(error).into_value(py).into_any());
         out.push((dicts?, error));

@@ -5,14 +5,14 @@ use pyo3::types::PyDict;
 
 use crate::error::Error;
 use crate::problem::candidates::Problem;
-use crate::python::arrays::{self, Matrix, Vector};
+use crate::python::arrays::{Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::solver::solution_dict;
 use crate::python::{problem, solver};
 use crate::solver::enumerate;
 use crate::solver::uniqueness;
 use crate::solver::{Settings, judged};
-use crate::stepping::{State, reduced_step};
+use crate::stepping::reduced_step;
 
 /// The answers, and whether there is no other.
 type Answers<'py> = (Vec<Bound<'py, PyDict>>, bool);
@@ -36,7 +36,7 @@ pub(super) fn answers<'py>(
         let all: Result<Vec<_>, Error> = found.answers.iter().map(as_solution).collect();
         Ok((all?, found.complete))
     })?;
-    let dicts = all.iter().map(|solution| solution_dict(py, solution));
+    let dicts = all.iter().map(|solution| solution_dict(py, solution, None));
     Ok(Some((dicts.collect::<PyResult<_>>()?, complete)))
 }
 
@@ -53,13 +53,13 @@ pub(super) fn assess(
         solver::Kind::Two(owned) => {
             let r = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
-                uniqueness::assess_plane(problem, &problem.compliance.gather(r), stop)
+                uniqueness::assess_plane(problem, &problem.compliance.gather(&r), stop)
             })?
         }
         solver::Kind::Three(owned) => {
             let r = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
-                uniqueness::assess(problem, &problem.compliance.gather(r), stop)
+                uniqueness::assess(problem, &problem.compliance.gather(&r), stop)
             })?
         }
     };
@@ -82,14 +82,15 @@ pub(super) fn assess_step(
     macro_rules! of {
         ($inner:expr, $assess:path) => {{
             let contacts = $inner.contacts();
-            let state = before.as_ref().map(|v| left(v, contacts)).transpose()?;
-            let reaction = arrays::rows_of("reaction", &reaction, contacts)?;
+            let state = before.as_ref().map(|v| problem.left(v, contacts));
+            let state = state.transpose()?;
+            let reaction = problem.reaction(&reaction, contacts)?;
             let Problem::Whole(whole) = &**$inner else {
                 // Of the contacts outside a working set nothing is known but that
                 // they are open in this answer.
                 return Ok(uniqueness::Unique::Unknown.name());
             };
-            let r = whole.compliance().gather(reaction);
+            let r = whole.compliance().gather(&reaction);
             interrupt::run(py, problem.num_threads, |stop| {
                 let reduced = reduced_step(whole, load, prescribed, state.as_ref())?;
                 $assess(&reduced, &r, stop)
@@ -101,12 +102,4 @@ pub(super) fn assess_step(
         problem::Kind::Three(inner) => of!(inner, uniqueness::assess),
     };
     Ok(verdict.name())
-}
-
-/// As much of the state before a step as its reduced problem asks for.
-pub(super) fn left<const D: usize>(before: &Matrix<'_>, contacts: usize) -> PyResult<State<D>> {
-    Ok(State {
-        relative_displacement: arrays::rows_of("before", before, contacts)?.to_vec(),
-        ..State::default()
-    })
 }

@@ -10,13 +10,15 @@ use pyo3::types::PyDict;
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::law::cone;
+use crate::law::cone::Status;
+use crate::law::{cone, elliptic};
 use crate::linalg::blocks::Blocks;
 use crate::panics::caught;
 use crate::problem::compliance::{self, Compliance, Part};
 use crate::problem::reduced::{Reduced as Problem, Rigid};
 use crate::problem::residual::{Certificate, best_motion};
-use crate::python::arrays::{self, Matrix, Vector};
+use crate::problem::stretch::{Stretch, over, times};
+use crate::python::arrays::{self, Coefficients, Matrix, Vector};
 use crate::python::interrupt;
 use crate::solver::monitor::Progress;
 use crate::solver::{self, Method, Settings, Solution, Start};
@@ -32,23 +34,51 @@ type Projected<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i8>>);
 pub(super) fn project<'py>(
     py: Python<'py>,
     tau: Matrix<'py>,
-    mu: Vector<'py>,
+    mu: Coefficients<'py>,
     base: Option<Matrix<'py>>,
 ) -> PyResult<Projected<'py>> {
-    match tau.as_array().ncols() {
-        2 => project_rows::<2>(py, &tau, &mu, base.as_ref()),
-        _ => project_rows::<3>(py, &tau, &mu, base.as_ref()),
+    let base = base.as_ref();
+    match (&mu, tau.as_array().ncols()) {
+        (Coefficients::Elliptic(mu), _) => {
+            project_rows::<3, _>(py, &tau, arrays::rows::<2>(mu)?, base, onto_elliptic)
+        }
+        (Coefficients::Round(mu), 2) => {
+            project_rows::<2, _>(py, &tau, mu.as_slice()?, base, onto_round)
+        }
+        (Coefficients::Round(mu), _) => {
+            project_rows::<3, _>(py, &tau, mu.as_slice()?, base, onto_round)
+        }
     }
 }
 
-fn project_rows<'py, const D: usize>(
+type Onto<const D: usize, M> = fn(&[f64; D], Option<&[f64; D]>, M) -> ([f64; D], Status);
+
+fn onto_round<const D: usize>(
+    tau: &[f64; D],
+    base: Option<&[f64; D]>,
+    mu: f64,
+) -> ([f64; D], Status) {
+    match base {
+        Some(base) => cone::project_increment(tau, base, mu),
+        None => cone::project(tau, mu),
+    }
+}
+
+fn onto_elliptic(tau: &[f64; 3], base: Option<&[f64; 3]>, mu: [f64; 2]) -> ([f64; 3], Status) {
+    match base {
+        Some(base) => elliptic::project_elliptic_increment(tau, base, mu),
+        None => elliptic::project_elliptic(tau, mu),
+    }
+}
+
+fn project_rows<'py, const D: usize, M: Copy + Send + Sync>(
     py: Python<'py>,
     tau: &Matrix<'py>,
-    mu: &Vector<'py>,
+    mu: &[M],
     base: Option<&Matrix<'py>>,
+    onto: Onto<D, M>,
 ) -> PyResult<Projected<'py>> {
     let tau = arrays::rows::<D>(tau)?;
-    let mu = mu.as_slice()?;
     let base = base.map(arrays::rows::<D>).transpose()?;
     if mu.len() != tau.len() || base.is_some_and(|b| b.len() != tau.len()) {
         return Err(PyValueError::new_err("tau, mu and base differ in length"));
@@ -61,10 +91,7 @@ fn project_rows<'py, const D: usize>(
             let first = chunk * NODES_A_TASK;
             for (k, (t, s)) in out.iter_mut().zip(status).enumerate() {
                 let i = first + k;
-                let (projected, found) = match base {
-                    Some(base) => cone::project_increment(&tau[i], &base[i], mu[i]),
-                    None => cone::project(&tau[i], mu[i]),
-                };
+                let (projected, found) = onto(&tau[i], base.map(|b| &b[i]), mu[i]);
                 *t = projected;
                 *s = found as i8;
             }
@@ -115,15 +142,16 @@ pub(super) fn settings(
     Ok(settings)
 }
 
-/// What a solver returns, as a dictionary for `bipot_rs.result.Solution`.
+/// What a solver returns, in the caller's variables, as a dictionary for
+/// `bipot_rs.result.Solution`.
 pub(super) fn solution_dict<'py, const D: usize>(
     py: Python<'py>,
     solution: &Solution<D>,
+    stretch: Option<&Stretch>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let numbers = solution
-        .reaction
-        .iter()
-        .chain(&solution.relative_displacement);
+    let reaction = times(stretch, &solution.reaction);
+    let relative_displacement = over(stretch, &solution.relative_displacement);
+    let numbers = reaction.iter().chain(&*relative_displacement);
     if !numbers.flatten().all(|c| c.is_finite()) || solution.residual.is_nan() {
         return Err(PyValueError::new_err(
             "W r + q leaves the range of doubles: the entries of W differ by too much; \
@@ -131,8 +159,8 @@ pub(super) fn solution_dict<'py, const D: usize>(
         ));
     }
     let dict = PyDict::new(py);
-    dict.set_item("reaction", arrays::from_rows(py, &solution.reaction)?)?;
-    let v = arrays::from_rows(py, &solution.relative_displacement)?;
+    dict.set_item("reaction", arrays::from_rows(py, &reaction)?)?;
+    let v = arrays::from_rows(py, &relative_displacement)?;
     dict.set_item("relative_displacement", v)?;
     dict.set_item("status", arrays::from_status(py, &solution.status))?;
     dict.set_item(
@@ -199,11 +227,13 @@ enum Stored<const D: usize> {
     Sparse(Blocks<D>),
 }
 
-/// A problem whose dense `W` stays where the caller has it.
+/// A problem whose dense `W` stays where the caller has it. All else is in the
+/// variables of [`Stretch`].
 pub(super) struct Owned<const D: usize> {
     parts: Vec<(Vec<usize>, Stored<D>)>,
     q: Vec<[f64; D]>,
     mu: Vec<f64>,
+    stretch: Option<Stretch>,
     rigid: Rigid<D>,
 }
 
@@ -212,11 +242,13 @@ impl<const D: usize> Owned<D> {
         py: Python<'_>,
         given: Vec<Given>,
         q: &Matrix<'_>,
-        mu: &Vector<'_>,
+        mu: &Coefficients<'_>,
         modes: &Matrix<'_>,
         load: &Vector<'_>,
     ) -> PyResult<Self> {
-        let q = arrays::rows::<D>(q)?.to_vec();
+        let q = arrays::rows::<D>(q)?;
+        let (mu, stretch) = mu.friction::<D>()?;
+        arrays::length("mu", mu.len(), q.len())?;
         check_partition(&given, q.len())?;
         let (count, size) = modes.as_array().dim();
         if count > 0 {
@@ -225,7 +257,7 @@ impl<const D: usize> Owned<D> {
         let columns = modes.as_slice()?.chunks_exact(D * q.len().max(1));
         let rigid = Rigid {
             modes: columns
-                .map(|column| column.as_chunks::<D>().0.to_vec())
+                .map(|column| times(stretch.as_ref(), column.as_chunks::<D>().0).into_owned())
                 .collect(),
             load: load.as_slice()?.to_vec(),
         };
@@ -243,8 +275,9 @@ impl<const D: usize> Owned<D> {
         }
         Ok(Self {
             parts,
-            q,
-            mu: mu.as_slice()?.to_vec(),
+            q: times(stretch.as_ref(), q).into_owned(),
+            mu,
+            stretch,
             rigid,
         })
     }
@@ -253,8 +286,10 @@ impl<const D: usize> Owned<D> {
         self.q.len()
     }
 
-    pub(super) fn reaction<'a>(&self, array: &'a Matrix<'_>) -> PyResult<&'a [[f64; D]]> {
-        arrays::rows_of("reaction", array, self.contacts())
+    /// `r̃` of a reaction.
+    pub(super) fn reaction<'a>(&self, array: &'a Matrix<'_>) -> PyResult<Cow<'a, [[f64; D]]>> {
+        let rows = arrays::rows_of("reaction", array, self.contacts())?;
+        Ok(over(self.stretch.as_ref(), rows))
     }
 
     /// Runs `work` off the interpreter's lock, on a `W` that is read in place and
@@ -265,6 +300,24 @@ impl<const D: usize> Owned<D> {
         num_threads: Option<usize>,
         callback: Option<&Py<PyAny>>,
         work: impl FnOnce(&Problem<'_, D>, &AtomicBool, &Progress) -> Result<T, Error> + Send,
+    ) -> PyResult<T> {
+        self.with_compliance(py, num_threads, callback, |given, stop, progress| {
+            let made = match &self.stretch {
+                None => given,
+                Some(stretch) => given.stretched(stretch)?,
+            };
+            let problem = Problem::new(&made, &self.q, &self.mu, &self.rigid)?;
+            work(&problem, stop, progress)
+        })
+    }
+
+    /// The same with `W` alone, as it was given.
+    fn with_compliance<T: Send>(
+        &self,
+        py: Python<'_>,
+        num_threads: Option<usize>,
+        callback: Option<&Py<PyAny>>,
+        work: impl FnOnce(Compliance<'_, D>, &AtomicBool, &Progress) -> Result<T, Error> + Send,
     ) -> PyResult<T> {
         let view = |stored: &Stored<D>| -> PyResult<Option<PyReadonlyArray1<f64>>> {
             match stored {
@@ -290,9 +343,7 @@ impl<const D: usize> Owned<D> {
             })
         };
         interrupt::watch(py, num_threads, &tell, |stop| {
-            let compliance = Compliance::new(parts)?;
-            let problem = Problem::new(&compliance, &self.q, &self.mu, &self.rigid)?;
-            work(&problem, stop, &progress)
+            work(Compliance::new(parts)?, stop, &progress)
         })
     }
 
@@ -310,13 +361,13 @@ impl<const D: usize> Owned<D> {
         }
         let solved = self.run(py, num_threads, callback, |problem, stop, progress| {
             let start = Start {
-                reaction: reaction.map_or_else(Vec::new, |r| problem.compliance.gather(r)),
+                reaction: reaction.map_or_else(Vec::new, |r| problem.compliance.gather(&r)),
                 rigid,
                 closed: Vec::new(),
             };
             solver::solve_watched(problem, settings, &start, stop, progress)
         })?;
-        solution_dict(py, &solved)
+        solution_dict(py, &solved, self.stretch.as_ref())
     }
 
     fn certificate(&self, py: Python<'_>, r: &Matrix<'_>, a: Option<&[f64]>) -> PyResult<f64> {
@@ -325,16 +376,20 @@ impl<const D: usize> Owned<D> {
             arrays::length("rigid_motion", a.len(), self.rigid.modes.len())?;
         }
         self.run(py, None, None, |problem, _, _| {
-            let r = problem.compliance.gather(r);
+            let r = problem.compliance.gather(&r);
             let a = a.map_or_else(|| best_motion(problem, &r), <[f64]>::to_vec);
             Ok(Certificate::new(problem, &r, &a).residual)
         })
     }
 
+    /// Refuses what only the core looks at.
+    fn check(&self, py: Python<'_>) -> PyResult<()> {
+        self.run(py, None, None, |_, _, _| Ok(()))
+    }
+
+    /// Of `W` as it was given.
     fn asymmetry(&self, py: Python<'_>) -> PyResult<f64> {
-        self.run(py, None, None, |problem, _, _| {
-            Ok(problem.compliance.asymmetry())
-        })
+        self.with_compliance(py, None, None, |given, _, _| Ok(given.asymmetry()))
     }
 }
 
@@ -373,17 +428,20 @@ impl Reduced {
         py: Python<'_>,
         parts: Vec<Given>,
         q: Matrix<'_>,
-        mu: Vector<'_>,
+        mu: Coefficients<'_>,
         modes: Matrix<'_>,
         load: Vector<'_>,
     ) -> PyResult<Self> {
-        let made = match q.as_array().ncols() {
-            2 => Kind::Two(Owned::new(py, parts, &q, &mu, &modes, &load)?),
-            _ => Kind::Three(Owned::new(py, parts, &q, &mu, &modes, &load)?),
+        let kind = if q.as_array().ncols() == 2 {
+            let owned = Owned::new(py, parts, &q, &mu, &modes, &load)?;
+            owned.check(py)?;
+            Kind::Two(owned)
+        } else {
+            let owned = Owned::new(py, parts, &q, &mu, &modes, &load)?;
+            owned.check(py)?;
+            Kind::Three(owned)
         };
-        let made = Self { kind: made };
-        made.asymmetry(py)?; // the border: everything is checked here
-        Ok(made)
+        Ok(Self { kind })
     }
 
     /// Largest `|W_ij − W_ji|` over the largest entry.

@@ -40,9 +40,13 @@ RUST_SIBLINGS = {
         "solves",
         "reach",
     ),
-    "law": ("frame cone sliding", "alart_curnier bipotential one_node", "frozen"),
+    "law": (
+        "frame cone sliding",
+        "alart_curnier bipotential elliptic one_node",
+        "frozen",
+    ),
     "problem": (
-        "border memory null_space sparse stats",
+        "border memory null_space sparse stats stretch",
         "island",
         "compliance",
         "reduced",
@@ -80,6 +84,7 @@ PYTHON = (
     "export",
     "structure",
     "check plane_friction result",
+    "friction",
     "answers diagnosis errors existence motion",
     "reduced",
     "following",

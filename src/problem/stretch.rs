@@ -1,0 +1,141 @@
+//! Friction that depends on direction, made Coulomb's by a change of variables.
+//!
+//! With coefficients `D = diag(μ₁, μ₂)` along the tangents of a contact, the cone is
+//! `‖D⁻¹ r_t‖ ≤ r_n`, and a contact that slides has `r_t = −r_n D² v_t / ‖D v_t‖`. Let
+//! `μ = max(μ₁, μ₂)`, `T = 1 ⊕ D/μ`, and
+//!
+//! ```text
+//! r = T r̃,   ṽ = T v:   r·v = r̃·ṽ,   ‖D⁻¹ r_t‖ = ‖r̃_t‖/μ,   ‖D v_t‖ = μ ‖ṽ_t‖
+//! ```
+//!
+//! so that the law between `r` and `v` is Coulomb's with `μ` between `r̃` and `ṽ`, and
+//! `v = W r + R a + q`, `Rᵀ r + e = 0` is the same problem with `T W T`, `T R`, `T q`,
+//! which are those of the contact matrix `T B` and the gap `T g`. Everything behind the
+//! border solves and judges that one. Equal coefficients have `T = I`, to the bit.
+
+use std::borrow::Cow;
+
+use crate::error::Error;
+use crate::linalg::small::Block;
+
+/// The tangential part of `T` of each contact in space, in the caller's numbering.
+#[derive(Clone, Debug)]
+pub struct Stretch {
+    tangents: Vec<[f64; 2]>,
+}
+
+/// What [`Stretch::new`] finds in coefficients along two tangents: `μ`, and `T` unless
+/// it is the identity at every contact.
+pub type Friction = (Vec<f64>, Option<Stretch>);
+
+/// Coefficients of a contact lie within this factor of each other. `v_t` is `T⁻¹ ṽ_t`:
+/// along the tangent of little friction it has that many times the error of `ṽ_t`, and
+/// the judge, who sees `ṽ`, would let pass what is no answer any more.
+pub const MOST_RATIO: f64 = 1e6;
+
+impl Stretch {
+    /// # Errors
+    /// [`Error::Friction`] for a coefficient that is negative or not finite,
+    /// [`Error::EllipticFriction`] for two that differ by more than [`MOST_RATIO`], as
+    /// where one of them is zero.
+    pub fn new(mu: &[[f64; 2]]) -> Result<Friction, Error> {
+        let mut round = Vec::with_capacity(mu.len());
+        let mut tangents = Vec::with_capacity(mu.len());
+        for (node, &pair) in mu.iter().enumerate() {
+            // Written so that a NaN fails it.
+            if let Some(&mu) = pair.iter().find(|m| !(m.is_finite() && **m >= 0.0)) {
+                return Err(Error::Friction { node, mu });
+            }
+            let largest = pair[0].max(pair[1]);
+            let t = if largest > 0.0 {
+                pair.map(|m| m / largest)
+            } else {
+                [1.0; 2]
+            };
+            if t[0].min(t[1]) * MOST_RATIO < 1.0 {
+                return Err(Error::EllipticFriction { node, mu: pair });
+            }
+            round.push(largest);
+            tangents.push(t);
+        }
+        let identity = tangents
+            .iter()
+            .flatten()
+            .all(|t| t.to_bits() == 1.0_f64.to_bits());
+        Ok((round, (!identity).then_some(Self { tangents })))
+    }
+
+    /// `T'' = T' T⁻¹`, from variables stretched by the one to those stretched by the
+    /// other, nothing standing for the identity.
+    #[must_use]
+    pub fn between(from: Option<&Self>, to: Option<&Self>) -> Option<Self> {
+        let contacts = from.or(to)?.tangents.len();
+        let of = |stretch: Option<&Self>, i: usize| stretch.map_or([1.0; 2], |s| s.tangents[i]);
+        let ratio = |i: usize| {
+            let (from, to) = (of(from, i), of(to, i));
+            [to[0] / from[0], to[1] / from[1]]
+        };
+        Some(Self {
+            tangents: (0..contacts).map(ratio).collect(),
+        })
+    }
+
+    /// `T⁻¹`.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        let inverse = |t: &[f64; 2]| t.map(|t| 1.0 / t);
+        Self {
+            tangents: self.tangents.iter().map(inverse).collect(),
+        }
+    }
+
+    /// Component `k` of `T` at a contact.
+    #[must_use]
+    pub fn factor(&self, contact: usize, k: usize) -> f64 {
+        if k == 0 {
+            1.0
+        } else {
+            self.tangents[contact][k - 1]
+        }
+    }
+
+    /// `T_i w T_j`, of the block by which the reaction at `pushed` moves the contact
+    /// `moved`. The product of factors comes first, so that what is symmetric stays so
+    /// to the bit.
+    #[must_use]
+    pub fn block<const D: usize>(&self, w: &Block<D>, moved: usize, pushed: usize) -> Block<D> {
+        Block::from_fn(|k, l| w[(k, l)] * (self.factor(moved, k) * self.factor(pushed, l)))
+    }
+
+    /// `T x`: `r` from `r̃`, `ṽ` from `v`.
+    #[must_use]
+    pub fn times<const D: usize>(&self, x: &[[f64; D]]) -> Vec<[f64; D]> {
+        let at = |(i, x): (usize, &[f64; D])| std::array::from_fn(|k| x[k] * self.factor(i, k));
+        x.iter().enumerate().map(at).collect()
+    }
+
+    /// `T⁻¹ x`: `r̃` from `r`, `v` from `ṽ`.
+    #[must_use]
+    pub fn over<const D: usize>(&self, x: &[[f64; D]]) -> Vec<[f64; D]> {
+        let at = |(i, x): (usize, &[f64; D])| std::array::from_fn(|k| x[k] / self.factor(i, k));
+        x.iter().enumerate().map(at).collect()
+    }
+}
+
+/// [`Stretch::times`], or `x` itself where nothing is stretched.
+#[must_use]
+pub fn times<'a, const D: usize>(
+    stretch: Option<&Stretch>,
+    x: &'a [[f64; D]],
+) -> Cow<'a, [[f64; D]]> {
+    stretch.map_or(Cow::Borrowed(x), |s| Cow::Owned(s.times(x)))
+}
+
+/// [`Stretch::over`], or `x` itself where nothing is stretched.
+#[must_use]
+pub fn over<'a, const D: usize>(
+    stretch: Option<&Stretch>,
+    x: &'a [[f64; D]],
+) -> Cow<'a, [[f64; D]]> {
+    stretch.map_or(Cow::Borrowed(x), |s| Cow::Owned(s.over(x)))
+}

@@ -1,0 +1,278 @@
+//! Friction along two tangents. The projection onto the elliptic cone: what only the
+//! nearest point satisfies, for all coefficients that are allowed and at any size. The
+//! change of variables: what it keeps.
+
+#![expect(clippy::float_cmp, reason = "bits are compared on purpose")]
+
+use std::borrow::Cow;
+
+use bipot_rs::law::bipotential::{gap, law_step};
+use bipot_rs::law::cone::{Status, project};
+use bipot_rs::law::elliptic::{project_elliptic, project_elliptic_increment};
+use bipot_rs::problem::compliance::Compliance;
+use bipot_rs::problem::stretch::Stretch;
+use proptest::prelude::*;
+
+const EPS: f64 = f64::EPSILON;
+
+fn norm(a: &[f64; 3]) -> f64 {
+    a.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+fn minus(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| a[k] - b[k])
+}
+
+/// `‖D⁻¹ x_t‖`.
+fn shear(x: &[f64; 3], mu: [f64; 2]) -> f64 {
+    (x[1] / mu[0]).hypot(x[2] / mu[1])
+}
+
+/// `‖D x_t‖`.
+fn drag(x: &[f64; 3], mu: [f64; 2]) -> f64 {
+    (x[1] * mu[0]).hypot(x[2] * mu[1])
+}
+
+/// Points of all kinds: in the middle, and near the borders of the cone and of its
+/// polar, where the status changes.
+fn point_and_mu() -> impl Strategy<Value = ([f64; 3], [f64; 2])> {
+    let component = || prop_oneof![Just(0.0), -1.0..1.0_f64, -1e3..1e3_f64, -1e-6..1e-6_f64];
+    let mu = || {
+        prop_oneof![
+            0.01..3.0_f64,
+            (-8.0..8.0_f64).prop_map(|e| 10.0_f64.powf(e))
+        ]
+    };
+    let place = prop_oneof![Just(None), Just(Some(true)), Just(Some(false))];
+    let parts = (component(), component(), component(), mu(), mu());
+    (parts, place, -16.0..0.0_f64).prop_map(|((n, t1, t2, m1, m2), place, apart)| {
+        let mu = [m1, m2];
+        let near = 1.0 - 10.0_f64.powf(apart);
+        let n = match place {
+            None => n,
+            Some(true) => shear(&[n, t1, t2], mu) * near,
+            Some(false) => -drag(&[n, t1, t2], mu) * near,
+        };
+        ([n, t1, t2], mu)
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(4000))]
+
+    #[test]
+    fn the_remainder_is_normal_to_the_cone_at_the_projection((tau, mu) in point_and_mu()) {
+        let (r, status) = project_elliptic(&tau, mu);
+        let size = norm(&tau);
+        let rest = minus(&tau, &r);
+        // On the cone to the rounding of its own formula: a few operations a component.
+        prop_assert!(r[0] >= 0.0 && shear(&r, mu) <= r[0] * (1.0 + 8.0 * EPS));
+        // In the polar cone to the rounding of the point, over the length of its rays.
+        let ray = mu[0].max(mu[1]).hypot(1.0);
+        prop_assert!((rest[0] + drag(&rest, mu)) / ray <= 16.0 * EPS * size, "{rest:?}");
+        // These two and orthogonality are the projection (Moreau); |τ|² bounds products.
+        prop_assert!(dot(&r, &rest).abs() <= 16.0 * EPS * size * size);
+        // A point of the boundary may move by its rounding.
+        let (again, _) = project_elliptic(&r, mu);
+        prop_assert!(norm(&minus(&again, &r)) <= 16.0 * EPS * size);
+        match status {
+            Status::Open => prop_assert_eq!(r, [0.0; 3]),
+            Status::Stick => prop_assert_eq!(r, tau),
+            Status::Slip => prop_assert!(r[0] > 0.0),
+        }
+    }
+
+    #[test]
+    fn it_brings_no_two_points_apart(
+        (a, mu) in point_and_mu(), b in proptest::array::uniform3(-10.0..10.0_f64)
+    ) {
+        let apart = norm(&minus(&project_elliptic(&a, mu).0, &project_elliptic(&b, mu).0));
+        // The rounding of both projections.
+        prop_assert!(apart <= norm(&minus(&a, &b)) + 32.0 * EPS * (norm(&a) + norm(&b)));
+    }
+
+    #[test]
+    fn its_size_and_the_order_of_its_axes_do_not_matter((tau, mu) in point_and_mu()) {
+        let (r, status) = project_elliptic(&tau, mu);
+        // Powers of two, into the range where squares overflow too: to the bit.
+        for power in [-3, 40] {
+            let scale = 2.0_f64.powi(power);
+            let (scaled, same) = project_elliptic(&tau.map(|c| scale * c), mu);
+            prop_assert_eq!((scaled, same), (r.map(|c| scale * c), status));
+        }
+        let (turned, same) = project_elliptic(&[tau[0], tau[2], tau[1]], [mu[1], mu[0]]);
+        prop_assert_eq!(same, status);
+        // Sums of two numbers in the other order, which `hypot` need not round alike.
+        prop_assert!(norm(&minus(&[turned[0], turned[2], turned[1]], &r)) <= 16.0 * EPS * norm(&tau));
+        let (mirrored, _) = project_elliptic(&[tau[0], -tau[1], tau[2]], mu);
+        prop_assert_eq!(mirrored, [r[0], -r[1], r[2]]);
+    }
+
+    #[test]
+    fn equal_coefficients_are_coulombs((tau, mu) in point_and_mu()) {
+        prop_assert_eq!(project_elliptic(&tau, [mu[0]; 2]), project(&tau, mu[0]));
+        // And nearly equal ones nearly so: an ulp of μ moves r by an ulp of its size.
+        let close = [mu[0], mu[0] * (1.0 + EPS)];
+        let apart = minus(&project_elliptic(&tau, close).0, &project(&tau, mu[0]).0);
+        prop_assert!(norm(&apart) <= 32.0 * EPS * norm(&tau));
+    }
+
+    #[test]
+    fn along_an_axis_it_is_the_plane_cone(n in -3.0..3.0_f64, t in -3.0..3.0_f64, mu in 0.01..3.0_f64) {
+        // The plane of normal and axis is one of symmetry, so the point stays in it.
+        let ([r_n, r_t], status) = project(&[n, t], mu);
+        let (first, same) = project_elliptic(&[n, t, 0.0], [mu, 0.7]);
+        prop_assert_eq!(same, status);
+        // Two formulas for one point, some operations each.
+        prop_assert!(norm(&minus(&first, &[r_n, r_t, 0.0])) <= 16.0 * EPS * (n.abs() + t.abs()));
+    }
+
+    #[test]
+    fn no_point_of_the_cone_is_nearer(
+        tau in proptest::array::uniform3(-2.0..2.0_f64),
+        mu in proptest::array::uniform2(0.05..2.0_f64),
+    ) {
+        let (r, _) = project_elliptic(&tau, mu);
+        let distance = norm(&minus(&tau, &r));
+        // The best point of 720 rays of the border, each projected onto: none is nearer
+        // but for rounding, and one is nearly as near: the distance is smooth in the
+        // angle, so half a step of it costs its square.
+        let mut best = norm(&tau);
+        for k in 0..720 {
+            let angle = f64::from(k) * std::f64::consts::PI / 360.0;
+            let ray = [1.0, mu[0] * angle.cos(), mu[1] * angle.sin()];
+            let along = (dot(&ray, &tau) / dot(&ray, &ray)).max(0.0);
+            best = best.min(norm(&minus(&tau, &ray.map(|c| along * c))));
+        }
+        let inside = shear(&tau, mu) <= tau[0];
+        prop_assert!(inside || distance <= best * (1.0 + 8.0 * EPS));
+        let step = std::f64::consts::PI / 720.0;
+        let reach = norm(&tau) * mu[0].max(mu[1]) * step;
+        prop_assert!(inside || best * best <= distance * distance + 2.0 * reach * norm(&tau) * step + reach * reach);
+    }
+
+    #[test]
+    fn an_increment_is_a_translated_point(
+        (tau, mu) in point_and_mu(), base in proptest::array::uniform3(-1.0..1.0_f64)
+    ) {
+        let (t, status) = project_elliptic_increment(&tau, &base, mu);
+        let total = std::array::from_fn(|k| base[k] + tau[k]);
+        let (r, same) = project_elliptic(&total, mu);
+        prop_assert_eq!(status, same);
+        if status == Status::Stick {
+            prop_assert_eq!(t, tau);
+        } else {
+            prop_assert_eq!(t, minus(&r, &base));
+        }
+    }
+}
+
+#[test]
+fn the_apex_the_axis_and_no_friction() {
+    let mu = [0.5, 0.1];
+    assert_eq!(project_elliptic(&[0.0; 3], mu), ([0.0; 3], Status::Open));
+    let pulled = [-1.0, 0.0, 0.0];
+    assert_eq!(project_elliptic(&pulled, mu), ([0.0; 3], Status::Open));
+    let pressed = [1.0, 0.0, 0.0];
+    assert_eq!(project_elliptic(&pressed, mu), (pressed, Status::Stick));
+    // Both zero: the half-line, where a pressed contact slides.
+    let frictionless = project_elliptic(&[2.0, 1.0, 1.0], [0.0; 2]);
+    assert_eq!(frictionless, ([2.0, 0.0, 0.0], Status::Slip));
+    // τ_n = 0: λ = 1, r_n = ‖(τ_i μ_i/(1 + μ_i²))‖ by hand.
+    let (r, status) = project_elliptic(&[0.0, 3.0, 4.0], [1.0, 0.5]);
+    assert_eq!(status, Status::Slip);
+    let by_hand = [1.5_f64.hypot(1.6), 1.5, 0.8];
+    assert!(norm(&minus(&r, &by_hand)) <= 8.0 * EPS * norm(&by_hand));
+    // The ends of the range.
+    for size in [1e-305, 1e305] {
+        let (far, status) = project_elliptic(&[0.0, 3.0 * size, 4.0 * size], [1.0, 0.5]);
+        assert_eq!(status, Status::Slip);
+        let back = far.map(|c| c / size);
+        assert!(norm(&minus(&back, &by_hand)) <= 16.0 * EPS * norm(&by_hand));
+    }
+}
+
+/// A symmetric `W` of two contacts, dense.
+fn compliance() -> Compliance<'static, 3> {
+    let n = 6_u8;
+    let entry = |i: u8, j: u8| {
+        let (i, j) = (f64::from(i), f64::from(j));
+        (1.0 + i + j).recip() + f64::from(u8::from(i == j))
+    };
+    let dense = (0..n).flat_map(|i| (0..n).map(move |j| entry(i, j)));
+    Compliance::from_dense(2, Cow::Owned(dense.collect())).unwrap()
+}
+
+#[test]
+fn stretching_is_t_w_t_and_leads_back() {
+    let (mu, stretch) = Stretch::new(&[[0.3, 0.1], [0.2, 0.7]]).unwrap();
+    let stretch = stretch.unwrap();
+    assert_eq!(mu, [0.3, 0.7]);
+    let t = [1.0, 1.0, 0.1 / 0.3, 1.0, 0.2 / 0.7, 1.0];
+    let given = compliance();
+    let made = given.stretched(&stretch).unwrap();
+    assert!(made.is_symmetric(), "what is symmetric stays so to the bit");
+    let (whole, stretched) = (given.to_dense(), made.to_dense());
+    for (k, (w, s)) in whole.iter().zip(&stretched).enumerate() {
+        assert_eq!(*s, w * (t[k / 6] * t[k % 6]));
+    }
+    let back = made.stretched(&stretch.inverse()).unwrap().to_dense();
+    // Four products and two quotients.
+    let apart = back.iter().zip(&whole).map(|(a, b)| (a - b).abs());
+    assert!(apart.fold(0.0, f64::max) <= 4.0 * EPS);
+    // From one stretch to another, as from none to the other.
+    let (_, other) = Stretch::new(&[[0.1, 0.1], [0.5, 0.4]]).unwrap();
+    let other = other.unwrap();
+    let change = Stretch::between(Some(&stretch), Some(&other)).unwrap();
+    let changed = made.stretched(&change).unwrap().to_dense();
+    let straight = given.stretched(&other).unwrap().to_dense();
+    let apart = changed.iter().zip(&straight).map(|(a, b)| (a - b).abs());
+    assert!(apart.fold(0.0, f64::max) <= 4.0 * EPS);
+    assert!(Stretch::between(None, None).is_none());
+}
+
+#[test]
+fn the_law_of_one_is_that_of_the_other() {
+    // Slip along (3, 4) with μ = (0.4, 0.2), by hand: r_t = −(0.48, 0.16)/√2.08.
+    let (mu, stretch) = Stretch::new(&[[0.4, 0.2]]).unwrap();
+    let stretch = stretch.unwrap();
+    let size = 2.08_f64.sqrt();
+    let (r, v) = ([1.0, -0.48 / size, -0.16 / size], [0.0, 3.0, 4.0]);
+    let (flat_r, flat_v) = (stretch.over(&[r])[0], stretch.times(&[v])[0]);
+    // Work is the same, and none is missing from the law: a few roundings of size 1.
+    assert!((dot(&flat_r, &flat_v) - dot(&r, &v)).abs() <= 8.0 * EPS);
+    assert!(gap(&flat_r, &flat_v, mu[0]).abs() <= 8.0 * EPS);
+    let (step, status) = law_step(&flat_r, &flat_v, 1.0, mu[0]);
+    assert_eq!(status, Status::Slip);
+    assert!(norm(&minus(&step, &flat_r)) <= 8.0 * EPS);
+}
+
+#[test]
+fn equal_coefficients_stretch_nothing() {
+    let (mu, stretch) = Stretch::new(&[[0.3, 0.3], [0.0, 0.0], [1e-300, 1e-300]]).unwrap();
+    assert_eq!(mu, [0.3, 0.0, 1e-300]);
+    assert!(stretch.is_none());
+}
+
+#[test]
+fn coefficients_that_cannot_be_are_named() {
+    let told = |pair: [f64; 2]| {
+        let wrong = Stretch::new(&[[0.3, 0.3], pair]);
+        wrong.unwrap_err().to_string()
+    };
+    let node = "mu of contact 1 is ";
+    assert_eq!(
+        told([0.3, -1.0]),
+        format!("{node}-1, expected a finite number, zero or positive")
+    );
+    assert!(told([f64::NAN, 0.3]).starts_with(&format!("{node}NaN")));
+    for wrong in [[0.3, 0.0], [0.0, 0.3], [0.3, 2.9e-7], [1e300, 1e-300]] {
+        let expected = format!("{node}({}, {}), expected two positive", wrong[0], wrong[1]);
+        assert!(told(wrong).starts_with(&expected), "{}", told(wrong));
+    }
+    assert!(Stretch::new(&[[0.3, 3.1e-7]]).is_ok());
+}

@@ -1,0 +1,357 @@
+"""Friction along two tangents: the law by hand, by an independent solver, by symmetry."""
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import root
+
+import bipot_rs as bp
+from methods import METHODS
+
+Array = NDArray[np.float64]
+OPEN, SLIP, STICK = bp.Status.OPEN, bp.Status.SLIP, bp.Status.STICK
+
+
+def friction(r_n: float, mu: Array, v_t: Array) -> Array:
+    """What the law (8e) says of a contact that slides."""
+    return -r_n * mu**2 * v_t / np.linalg.norm(mu * v_t)
+
+
+def random_problem(
+    n: int, seed: int, ratio: float = 10.0
+) -> tuple[Array, Array, Array]:
+    """W definite, q and (n, 2) coefficients so small that the answer is unique."""
+    rng = np.random.default_rng([n, seed])
+    root_of = rng.normal(size=(3 * n, 3 * n)) / np.sqrt(3 * n)
+    q = rng.normal(size=(n, 3))
+    q[:, 0] -= 0.7
+    mu = rng.uniform(0.1, 0.3, (n, 1)) * [1.0, 1.0]
+    mu[np.arange(n), rng.integers(0, 2, n)] *= ratio ** -rng.random(n)
+    return root_of @ root_of.T + np.eye(3 * n), q, mu
+
+
+class TestOneContact:
+    """W = diag(2, 3, 3), so that sticking friction is -q_t/3 and r_n = -q_n/2."""
+
+    W = np.diag([2.0, 3.0, 3.0])
+    MU = np.array([0.4, 0.2])
+
+    def solve(self, q: list[float], method: str = "auto") -> bp.Solution:
+        solution = bp.ReducedProblem(self.W, [q], [self.MU]).solve(method, tol=1e-14)
+        assert solution.converged
+        return solution
+
+    @pytest.mark.parametrize("method", METHODS)
+    def test_sticks_within_the_ellipse_only(self, method: str) -> None:
+        # r_n = 1; friction (0.4, 0.2) cos/sin 45° is on the ellipse, to either side.
+        edge = 3 * self.MU * np.sqrt(0.5)
+        held = self.solve([-2.0, *(0.99 * edge)], method)
+        assert held.status[0] == STICK
+        # η = 1e-14 of reactions of size one, and the scaling of W.
+        np.testing.assert_allclose(
+            held.reaction[0], [1, *(-0.99 * edge / 3)], atol=1e-13
+        )
+        assert self.solve([-2.0, *(1.01 * edge)], method).status[0] == SLIP
+
+    @pytest.mark.parametrize("axis", [0, 1])
+    def test_slides_along_an_axis_as_in_the_plane(self, axis: int) -> None:
+        q = np.zeros(3)
+        q[0], q[1 + axis] = -2.0, -5.0
+        solution = self.solve(list(q))
+        mu = self.MU[axis]
+        r = np.zeros(3)
+        r[0], r[1 + axis] = 1.0, mu
+        np.testing.assert_allclose(solution.reaction[0], r, atol=1e-13)
+        v = solution.relative_displacement[0]
+        # -5 + 3 μ along the axis, and nothing across it.
+        assert v[1 + axis] == pytest.approx(-5 + 3 * mu, rel=1e-13)
+        assert abs(v[2 - axis]) < 1e-13
+
+    def test_slides_obliquely_not_against_friction(self) -> None:
+        # Slip along (3, 4): D v = (1.2, 0.8), of length √2.08; friction is along
+        # D² v = (0.48, 0.16), 18.4° from the first axis where slip is at 53.1°.
+        v_t = np.array([3.0, 4.0])
+        r_t = -np.array([0.48, 0.16]) / np.sqrt(2.08)
+        solution = self.solve([-2.0, *(v_t - 3 * r_t)])
+        assert solution.status[0] == SLIP
+        np.testing.assert_allclose(solution.reaction[0], [1, *r_t], atol=1e-13)
+        v = solution.relative_displacement[0]
+        np.testing.assert_allclose(v[1:], v_t, rtol=1e-13)
+        angle = np.degrees(
+            np.arctan2(-solution.reaction[0, 2], -solution.reaction[0, 1])
+        )
+        assert angle == pytest.approx(18.4349, abs=1e-4)  # arctan(1/3), printed digits
+
+    def test_separates(self) -> None:
+        solution = self.solve([0.1, 1.0, -1.0])
+        assert solution.status[0] == OPEN
+        np.testing.assert_array_equal(solution.reaction, 0.0)
+        # Back through the change of variables: x/T·T, two roundings.
+        np.testing.assert_allclose(
+            solution.relative_displacement, [[0.1, 1.0, -1.0]], rtol=4e-16
+        )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_finds_a_made_answer(method: str) -> None:
+    """r on the border and v along the law, chosen; q = v - W r makes them the answer."""
+    rng = np.random.default_rng(5)
+    W, _, mu = random_problem(6, 1)
+    r, v = np.zeros((2, 6, 3))
+    r[:4, 0] = rng.uniform(0.5, 2, 4)
+    v[:2, 1:] = rng.normal(size=(2, 2))
+    for i in range(2):  # sliding
+        r[i, 1:] = friction(r[i, 0], mu[i], v[i, 1:])
+    r[2:4, 1:] = 0.6 * r[2:4, :1] * mu[2:4] * [0.6, -0.8]  # sticking
+    v[4:] = rng.uniform(0.1, 1, (2, 3))  # open
+    q = v - (W @ r.ravel()).reshape(6, 3)
+    problem = bp.ReducedProblem(W, q, mu)
+    solution = problem.solve(method, tol=1e-12)
+    assert solution.converged
+    np.testing.assert_array_equal(
+        solution.status, [SLIP, SLIP, STICK, STICK, OPEN, OPEN]
+    )
+    # η = 1e-12 in stretched variables, whose condition is that of W: below 10; the
+    # slip along the weaker tangent is ṽ_t over a ratio of up to 10.
+    np.testing.assert_allclose(solution.reaction, r, atol=1e-10)
+    np.testing.assert_allclose(solution.relative_displacement, v, atol=1e-9)
+    assert problem.residual(r) <= 1e-14
+    assert problem.residual(solution.reaction) == pytest.approx(
+        solution.residual, rel=0.1, abs=1e-15
+    )
+
+
+def _answers(W: Array, q: Array, mu: Array) -> Iterator[Array]:
+    """Reactions of all assignments of statuses that fulfil the law, by a general root finder."""
+    n = len(q)
+    turn = np.arange(6) * np.pi / 3
+    sides = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    for status in product((OPEN, SLIP, STICK), repeat=n):
+        starts = [sides if s == SLIP else sides[:1] for s in status]
+        for side in product(*starts):
+
+            def rows(x: Array, status: tuple[int, ...] = status) -> Array:
+                r = x.reshape(n, 3)
+                v = (W @ x).reshape(n, 3) + q
+                out = np.where(np.array(status)[:, None] == OPEN, r, v)
+                for i in range(n):
+                    if status[i] == SLIP:
+                        steep = np.linalg.norm(mu[i] * v[i, 1:])
+                        out[i, 1:] = r[i, 1:] * steep + r[i, 0] * mu[i] ** 2 * v[i, 1:]
+                return np.asarray(out.ravel())
+
+            guess = np.zeros((n, 3))
+            guess[:, 0] = np.maximum(-q[:, 0] / W.diagonal()[::3], 0.1)
+            guess[:, 1:] = -guess[:, :1] * mu * np.array(side)
+            found = root(rows, guess.ravel(), tol=1e-13)
+            r, v = found.x.reshape(n, 3), (W @ found.x).reshape(n, 3) + q
+            if np.abs(found.fun).max() < 1e-10 and _fulfils(r, v, mu, status):
+                yield r
+                break
+
+
+def _fulfils(r: Array, v: Array, mu: Array, status: tuple[int, ...]) -> bool:
+    """The inequalities; those of slip include that friction opposes it."""
+    inside = np.linalg.norm(r[:, 1:] / mu, axis=1) <= r[:, 0] * (1 + 1e-8) + 1e-9
+    against = np.array(
+        [s != SLIP or r[i, 1:] @ v[i, 1:] <= 0 for i, s in enumerate(status)]
+    )
+    return bool((inside & against & (r[:, 0] > -1e-9) & (v[:, 0] > -1e-9)).all())
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_an_exhaustive_solver_agrees(seed: int) -> None:
+    W, q, mu = random_problem(2, seed)
+    problem = bp.ReducedProblem(W, q, mu)
+    solution = problem.solve(tol=1e-13)
+    assert solution.unique == "proved"
+    found = list(_answers(W, q, mu))
+    assert found
+    for r in found:
+        # The root finder's 1e-10 of the law, through a W of condition below 10.
+        np.testing.assert_allclose(solution.reaction, r, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_answers_fulfil_the_law_in_the_callers_variables(seed: int) -> None:
+    """The fixed point (11) by the Euclidean projection, which no solver uses."""
+    W, q, mu = random_problem(5, seed, ratio=100.0)
+    solution = bp.ReducedProblem(W, q, mu).solve(tol=1e-12)
+    assert solution.converged
+    r, v = solution.reaction, solution.relative_displacement
+    drag = np.linalg.norm(mu * v[:, 1:], axis=1)
+    corrected = v + np.outer(drag, [1.0, 0.0, 0.0])
+    again, _ = bp.project(r - corrected, mu)
+    # η of 1e-12 of r̃, and of ṽ over ratios of up to 100.
+    np.testing.assert_allclose(again, r, atol=1e-9 * np.abs(r).max())
+    # The gap of the bipotential (10e) is what the definition says, and no less than zero.
+    work = (r * v).sum(axis=1) + r[:, 0] * drag
+    size = (np.abs(r) * np.abs(v)).sum(axis=1).max()
+    np.testing.assert_allclose(solution.bipotential_gap, work, atol=1e-14 * size)
+    assert np.abs(work).max() <= 1e-10 * size
+    assert solution.error_estimate is not None
+    assert max(solution.error_estimate) < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(5))
+class TestSymmetries:
+    def test_tangents_exchanged_or_turned(self, seed: int) -> None:
+        W, q, mu = random_problem(4, seed)
+        reference = bp.ReducedProblem(W, q, mu).solve(tol=1e-13)
+        exchanged = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]])
+        quarter = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+        for turn in (exchanged, quarter):
+            whole = np.kron(np.eye(4), turn)
+            turned = bp.ReducedProblem(whole @ W @ whole.T, q @ turn.T, mu[:, ::-1])
+            solution = turned.solve(tol=1e-13)
+            # Two solves to η = 1e-13, condition below 10.
+            np.testing.assert_allclose(
+                solution.reaction @ turn, reference.reaction, atol=1e-11
+            )
+            np.testing.assert_array_equal(solution.status, reference.status)
+
+    def test_units(self, seed: int) -> None:
+        W, q, mu = random_problem(4, seed)
+        one = bp.ReducedProblem(W, q, mu).solve()
+        other = bp.ReducedProblem(W * 2.0**-30, q * 2.0**7, mu).solve()
+        # Powers of two change no bit of stretched and scaled variables.
+        np.testing.assert_array_equal(other.reaction, one.reaction * 2.0**37)
+        assert (other.iterations, other.residual) == (one.iterations, one.residual)
+
+    def test_equal_coefficients_are_coulombs_law_to_the_bit(self, seed: int) -> None:
+        W, q, mu = random_problem(4, seed)
+        mu[:, 1] = mu[:, 0]
+        mu[0] = 0.0
+        two = bp.ReducedProblem(W, q, mu).solve()
+        one = bp.ReducedProblem(W, q, mu[:, 0]).solve()
+        np.testing.assert_array_equal(two.reaction, one.reaction)
+        np.testing.assert_array_equal(
+            two.relative_displacement, one.relative_displacement
+        )
+        assert (two.residual, two.work) == (one.residual, one.work)
+
+    def test_sparse_as_dense(self, seed: int) -> None:
+        from scipy.sparse import block_diag, csr_array
+
+        W, q, mu = random_problem(3, seed)
+        whole = csr_array(block_diag([W] * 30))
+        solution = bp.ReducedProblem(whole, np.tile(q, (30, 1)), np.tile(mu, (30, 1)))
+        single = bp.ReducedProblem(W, q, mu).solve(tol=1e-13)
+        found = solution.solve(tol=1e-13)
+        assert found.converged
+        np.testing.assert_allclose(
+            found.reaction, np.tile(single.reaction, (30, 1)), atol=1e-11
+        )
+
+
+class TestHeldByFrictionAlone:
+    """A plate on three contacts, pressed by 3, drawn sideways: an ellipse of limit loads."""
+
+    MU = np.array([0.5, 0.1])
+
+    def problem(self, sideways: Array) -> bp.ReducedProblem:
+        W = np.diag(np.tile([1.0, 2.0, 2.0], 3))
+        R = np.tile(np.eye(3), (3, 1))
+        e = np.array([-3.0, *sideways])
+        q = np.zeros((3, 3))
+        return bp.ReducedProblem(W, q, np.tile(self.MU, (3, 1)), rigid=(R, e))
+
+    @pytest.mark.parametrize("angle", [0.0, 0.4, 1.0, np.pi / 2, 2.5])
+    def test_limit_load(self, angle: float) -> None:
+        e = np.array([np.cos(angle), np.sin(angle)])
+        limit = 3 / np.linalg.norm(e / self.MU)
+        held = self.problem(0.999 * limit * e).solve()
+        assert held.converged
+        np.testing.assert_allclose(
+            held.reaction.sum(axis=0), [3, *(-0.999 * limit * e)], rtol=1e-8, atol=1e-8
+        )
+        let_go = self.problem(1.001 * limit * e).solve()
+        assert let_go.outcome is bp.Outcome.NO_EQUILIBRIUM
+        assert let_go.free_motion is not None
+        # The proof (section 7): a motion d in the dual cone, v_n ≥ ‖D v_t‖, e·d > 0.
+        d = let_go.free_motion
+        assert d[0] >= np.linalg.norm(self.MU * d[1:]) * (1 - 1e-9)
+        assert np.array([-3, *(1.001 * limit * e)]) @ d > 0
+        assert "no answer exists" in let_go.message
+
+    def test_residual_finds_the_motion(self) -> None:
+        problem = self.problem(np.array([0.3, 0.1]))
+        solution = problem.solve(tol=1e-12)
+        assert problem.residual(solution.reaction) <= 1e-11
+        assert problem.residual(solution.reaction, solution.rigid_motion) <= 1e-11
+        assert problem.residual(1.1 * solution.reaction) > 1e-2
+
+
+def test_what_ends_early_is_told() -> None:
+    W, q, mu = random_problem(8, 3)
+    solution = bp.ReducedProblem(W, q, mu).solve("uzawa", max_iterations=1)
+    assert not solution.converged
+    assert "worst at contact" in solution.message
+    assert solution.unique == "unknown"
+
+
+def test_answers_of_a_definite_problem_are_one() -> None:
+    W, q, mu = random_problem(3, 2)
+    assert len(bp.ReducedProblem(W, q, mu).answers(restarts=8)) == 1
+
+
+def test_projection_of_many_is_that_of_each() -> None:
+    rng = np.random.default_rng(0)
+    tau, mu = rng.normal(size=(5000, 3)), 10 ** rng.uniform(-4, 4, (5000, 2))
+    mu[::7] = 0.0
+    whole, status = bp.project(tau, mu)
+    one, kind = bp.project(tau[4321:4322], mu[4321:4322])
+    np.testing.assert_array_equal(whole[4321:4322], one)
+    assert status[4321] == kind[0]
+    # Moreau: τ = r + rest, rest·r = 0 and rest in the polar cone; products of four
+    # roundings each, over the length of the cone's rays.
+    rest = tau - whole
+    np.testing.assert_allclose((rest * whole).sum(axis=1), 0.0, atol=1e-14)
+    height = rest[:, 0] + np.linalg.norm(mu * rest[:, 1:], axis=1)
+    assert (height <= 1e-14 * np.hypot(1, mu.max(axis=1))).all()
+    base = rng.normal(size=tau.shape)
+    np.testing.assert_array_equal(
+        bp.project(tau, mu, base)[1], bp.project(tau + base, mu)[1]
+    )
+
+
+class TestBadCoefficients:
+    @pytest.mark.parametrize(
+        ("mu", "said"),
+        [
+            ([[0.3, 0.0]], r"mu of contact 0 is \[0.3, 0.0\], expected two positive"),
+            (
+                [[0.3, -0.1]],
+                "mu of contact 0 along its tangent 2 is -0.1, expected zero",
+            ),
+            ([[0.3, 2e-7]], "within a factor of 1e\\+06 of each other"),
+            ([[0.3, np.nan]], r"mu is nan at \(0, 1\), expected finite"),
+            (
+                [[0.3, 0.1, 0.2]],
+                r"mu has shape \(1, 3\), expected a number or \(1,\) or",
+            ),
+            (
+                [[0.3, 0.1]] * 2,
+                r"mu has shape \(2, 2\), expected a number or \(1,\) or",
+            ),
+        ],
+    )
+    def test_are_refused(self, mu: list[list[float]], said: str) -> None:
+        with pytest.raises(ValueError, match=said):
+            bp.ReducedProblem(np.eye(3), [[-1.0, 0, 0]], mu)
+        with pytest.raises(ValueError, match=said):
+            bp.ContactProblem(np.eye(3), np.eye(3), gap=[0.0], mu=mu)
+
+    def test_in_the_plane(self) -> None:
+        with pytest.raises(ValueError, match=r"expected a number or \(1,\)$"):
+            bp.ReducedProblem(np.eye(2), [[-1.0, 0.0]], [[0.3, 0.1]])
+        with pytest.raises(ValueError, match=r"expected a number or \(1,\)$"):
+            bp.project([[1.0, 0.0]], [[0.3, 0.1]])
+
+    def test_of_a_projection(self) -> None:
+        bp.project([[1.0, 1.0, 0.0]], [[1e-9, 1e9]])
+        with pytest.raises(ValueError, match="from 1e-75 to 1e\\+75 where they differ"):
+            bp.project([[1.0, 1.0, 0.0]], [[1e-80, 1.0]])

@@ -1,0 +1,353 @@
+"""Friction along two tangents on bodies: paths, scenes, files."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.sparse import diags_array
+
+import bipot_rs as bp
+from bipot_rs import fem, scene
+from children import bipot
+
+Array = NDArray[np.float64]
+MU = np.array([0.3, 0.06])
+GRAIN = ["contact.0.mu=[0.3, 0.06]", "contact.0.axis=[1.0, 1.0, 0.0]"]
+
+
+def cube(*settings: str, n: int = 4) -> scene.Case:
+    asked = scene.read("sheared_cube", [f"mesh.n={n}", *settings])
+    return scene.assemble(asked, scene.bodies(asked))
+
+
+def path() -> tuple[fem.Model, Array, Array]:
+    """Pressed, dragged there and back: slip reverses. Coefficients by contact."""
+    case = cube(*GRAIN)
+    drag = np.array([0.0, 1.0, -0.5, 0.2])[:, None]
+    pressed, moved = case.prescribed[0], case.prescribed[1] - case.prescribed[0]
+    rng = np.random.default_rng(0)
+    mu = MU * rng.uniform(0.5, 1.5, (len(case.model.mu), 2))
+    return case.model, pressed + drag * moved, mu
+
+
+def problem(model: fem.Model, mu: Any, **more: Any) -> bp.ContactProblem:
+    return bp.ContactProblem(
+        model.K, model.B, gap=model.gap, mu=mu, fixed=model.fixed, **more
+    )
+
+
+def test_a_path_is_that_of_the_stretched_problem() -> None:
+    """r = T r̃ and ṽ = T v with B and gap stretched by hand and Coulomb's μ, step by step."""
+    model, moved, mu = path()
+    result = problem(model, mu, area=model.area).solve(None, moved, tol=1e-12)
+    largest = mu.max(axis=1)
+    T = np.column_stack([np.ones(len(mu)), mu / largest[:, None]])
+    by_hand = bp.ContactProblem(
+        model.K,
+        diags_array(T.ravel()) @ model.B,
+        gap=model.gap,
+        mu=largest,
+        fixed=model.fixed,
+    ).solve(None, moved, tol=1e-12)
+    # The same numbers up to the products T r̃ and quotients, whose rounding goes through
+    # the history of four steps; η = 1e-12 of either.
+    for name, ours, theirs in (
+        ("reaction", result.reaction, T * by_hand.reaction),
+        ("v", result.relative_displacement, by_hand.relative_displacement / T),
+        ("slip", result.slip, by_hand.slip / T[:, 1:]),
+        ("u", result.displacement, by_hand.displacement),
+    ):
+        np.testing.assert_allclose(
+            ours, theirs, atol=1e-10 * np.abs(theirs).max(), err_msg=name
+        )
+    np.testing.assert_array_equal(result.status, by_hand.status)
+    np.testing.assert_array_equal(
+        result.traction, result.reaction / model.area[:, None]
+    )
+    # Both states of friction are there, or nothing was tested.
+    assert {1, 2} <= set(result.status[-1])
+
+
+def test_every_step_fulfils_the_law_and_the_balance() -> None:
+    model, moved, mu = path()
+    whole = problem(model, mu)
+    result = whole.solve(None, moved, tol=1e-12)
+    for k, step in enumerate(result):
+        r, size = step.reaction, np.abs(step.reaction).max()
+        # η = 1e-12 of the reactions, and a digit for the norm it is taken in.
+        shear = np.linalg.norm(r[:, 1:] / mu, axis=1)
+        assert (shear <= r[:, 0] + 1e-10 * size).all()
+        drag = np.linalg.norm(mu * step.slip, axis=1)
+        sliding = (step.status == bp.Status.SLIP) & (drag > 1e-9 * drag.max())
+        friction = -r[:, :1] * mu**2 * step.slip / np.where(drag > 0, drag, 1)[:, None]
+        # The direction of slip is as good as slip: 1e-12 of the largest over 1e-9.
+        np.testing.assert_allclose(r[sliding, 1:], friction[sliding], atol=1e-3 * size)
+        work = (r[:, 1:] * step.slip).sum(axis=1) + r[:, 0] * drag
+        assert np.abs(work).max() <= 1e-11 * size * np.abs(step.slip).max()
+        # B u + gap is the relative displacement, and K u - Bᵀ r acts on supports only.
+        u = step.displacement
+        v = (model.B @ u).reshape(r.shape)
+        v[:, 0] += model.gap
+        far = np.abs(u).max()
+        np.testing.assert_allclose(step.relative_displacement, v, atol=1e-10 * far)
+        force = model.K @ u - model.B.T @ r.ravel()
+        force[model.fixed] = 0
+        assert np.abs(force).max() <= 1e-9 * size
+        reduced = whole.reduced(None, moved[k], start=result[k - 1] if k else None)
+        assert reduced.residual(r) <= 1e-11
+        assert step.unique == "proved"
+        assert step.error_estimate is not None
+        assert max(step.error_estimate) < 1e-7
+
+
+def test_what_a_problem_tells_is_in_the_callers_variables() -> None:
+    model, moved, mu = path()
+    two, one = problem(model, mu), problem(model, 0.3)
+    W = one.compliance
+    # Sums of stretched entries: rounding of W, of which its largest entry is a measure.
+    atol = 1e-14 * np.abs(W).max()
+    np.testing.assert_allclose(two.compliance, W, atol=atol)
+    np.testing.assert_allclose(two.reduced(None, moved[1]).W, W, atol=atol)
+    q = one.reduced(None, moved[1]).q
+    np.testing.assert_allclose(
+        two.reduced(None, moved[1]).q, q, atol=1e-14 * np.abs(q).max()
+    )
+    assert two.reduced(None, moved[1]).mu.shape == mu.shape
+
+
+def test_a_body_that_contact_alone_holds() -> None:
+    """A block under its weight, drawn along the diagonal: the limit is on the ellipse."""
+    case = cube(*GRAIN, n=2)
+    model = case.model
+    held = bp.ContactProblem(
+        model.K,
+        model.B,
+        gap=0 * model.gap,
+        mu=model.mu,
+        frame=model.frame,
+        points=model.points,
+    )
+    assert len(held.rigid_motions) == 6
+    weight = model.body_force("cube", np.array([0.0, 0, -1.0]))
+    pressed = -weight.sum()
+    e = np.array([1.0, 0.0, 0.0])
+    tangents = model.frame[0, 1:]
+    limit = pressed / np.linalg.norm(tangents @ e / MU)
+    # Drawn at the base, so that the block does not tip.
+    base = model.nodes[:, 2] == 0
+    pull = np.zeros((len(model.nodes), 3))
+    pull[base] = e / base.sum()
+    result = held.solve(weight + 0.99 * limit * pull.ravel())
+    total = np.einsum("ck,ckd->d", result[0].reaction, model.frame)
+    # The balance is met to η = 1e-10.
+    np.testing.assert_allclose(total, [-0.99 * limit, 0, pressed], atol=1e-8 * pressed)
+    with pytest.raises(bp.NoEquilibriumError) as refused:
+        held.solve(weight + 1.01 * limit * pull.ravel())
+    direction = refused.value.direction
+    assert direction is not None
+    # In the dual cone of every contact: a proof, to the rounding that a refusal allows.
+    opens = direction[:, 0] - np.linalg.norm(MU * direction[:, 1:], axis=1)
+    assert opens.min() >= -1e-8
+    assert "translation along" in str(refused.value)
+
+
+def test_many_paths_on_one_factorisation() -> None:
+    """Coefficients of any kind for any kind, with the bits that a fresh problem has or nearly."""
+    model, moved, mu = path()
+    coulomb = mu[:, 0]
+    for given in (mu, coulomb):
+        whole = problem(model, given)
+        cases = [{"prescribed": moved, "mu": m} for m in (mu, coulomb, mu[:, ::-1])]
+        several = whole.solve_many([*cases, {"prescribed": moved}], tol=1e-12)
+        for found, m in zip(several, (mu, coulomb, mu[:, ::-1], given), strict=True):
+            fresh = problem(model, m).solve(None, moved, tol=1e-12)
+            size = np.abs(fresh.reaction).max()
+            np.testing.assert_allclose(
+                found.reaction, fresh.reaction, atol=1e-10 * size
+            )
+    with pytest.raises(ValueError, match="case 0: mu of contact 0 is"):
+        whole.solve_many([{"mu": np.tile([0.3, 0.0], (len(mu), 1))}])
+
+
+def test_a_working_set_and_another_stiffness() -> None:
+    case = cube(*GRAIN, "body.cube.z.cells=1", "support.0.z=-0.5", n=14)
+    model, moved = case.model, case.prescribed
+    mu = MU * np.random.default_rng(1).uniform(0.5, 1.5, (len(model.mu), 2))
+    gap = 1e-4 * model.points[:, 0] ** 2  # a roof: some 60 of 225 close
+    ends = []
+    for working_set in (True, False):
+        made = bp.ContactProblem(
+            2 * model.K,
+            model.B,
+            gap=gap,
+            mu=mu,
+            fixed=model.fixed,
+            working_set=working_set,
+        )
+        made.update(model.K)
+        assert (made.stats["working_set"] is not None) == working_set
+        other = {"prescribed": moved, "mu": 0.5 * mu[:, ::-1]}
+        solved = [made.solve(None, moved), *made.solve_many([other])]
+        assert 0 < (solved[0].status[-1] > 0).sum() < 150
+        ends.append([r.reaction for r in solved])
+        ends[-1] += [r.slip for r in solved] + [r.displacement for r in solved]
+        estimate = solved[0][-1].error_estimate
+        assert estimate is not None
+        assert max(estimate) < 1e-6
+    for one, two in zip(*ends, strict=True):
+        # Two solves to η = 1e-10, slip along the weaker tangent with 5 to 15 times that.
+        np.testing.assert_allclose(one, two, atol=1e-7 * np.abs(one).max())
+
+
+def test_a_path_goes_on_where_it_was_left(tmp_path: Path) -> None:
+    model, moved, mu = path()
+    whole = problem(model, mu, points=model.points)
+    straight = whole.solve(None, moved, tol=1e-12)
+    first = whole.solve(None, moved[:2], tol=1e-12)
+    first.save(tmp_path / "first.h5")
+    read = bp.load(tmp_path / "first.h5")
+    np.testing.assert_array_equal(read.contacts["mu"], mu)
+    np.testing.assert_array_equal(read.reaction, first.reaction)
+    rest = whole.solve(None, moved[2:], tol=1e-12, start=read)
+    size = np.abs(straight.reaction).max()
+    np.testing.assert_allclose(rest.reaction, straight.reaction[2:], atol=1e-10 * size)
+    straight.write(tmp_path / "contacts.pvd")
+    assert (tmp_path / "contacts.pvd").is_file()
+
+
+def test_fclib_has_no_place_for_it(tmp_path: Path) -> None:
+    model, moved, mu = path()
+    reduced = problem(model, mu).reduced(None, moved[1])
+    with pytest.raises(ValueError, match=r"mu has shape .*one friction coefficient"):
+        bp.fclib.write(tmp_path / "x.hdf5", reduced)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_global_problem() -> None:
+    model, moved, mu = path()
+    free = np.setdiff1d(np.arange(model.n), model.fixed)
+    f = -(model.K[:, model.fixed] @ moved[1])[free]
+    w = np.zeros((len(mu), 3))
+    w[:, 0] = model.gap
+    given = bp.fclib.GlobalProblem(model.K[free][:, free], model.B[:, free].T, f, w, mu)
+    found = given.solve(tol=1e-12)
+    straight = problem(model, mu).solve(None, moved[1], tol=1e-12)
+    size = np.abs(straight.reaction).max()
+    np.testing.assert_allclose(found.reaction, straight.reaction[0], atol=1e-10 * size)
+    u = straight.displacement[0, free]
+    np.testing.assert_allclose(given.velocity(found), u, atol=1e-9 * np.abs(u).max())
+
+
+class TestGrainOfTheCube:
+    def test_dragged_far_it_resists_by_the_law(self) -> None:
+        """All nodes slide by 10 along x, the cube deforms by 0.05: so is the direction."""
+        case = cube(*GRAIN, "support.0.x.value=10.0")
+        step = bp.ContactProblem(
+            case.model.K,
+            case.model.B,
+            gap=case.model.gap,
+            mu=case.model.mu,
+            fixed=case.model.fixed,
+        ).solve(None, case.prescribed)[-1]
+        assert (step.status != bp.Status.STICK).all()
+        total = np.einsum("ck,ckd->d", step.reaction, case.model.frame)
+        along, across = np.array([1, 1]) / np.sqrt(2), np.array([-1, 1]) / np.sqrt(2)
+        slip = MU * [along[0], across[0]]
+        shear = -MU * slip / np.linalg.norm(slip)
+        expected = total[2] * (shear[0] * along + shear[1] * across)
+        np.testing.assert_allclose(total[:2], expected, atol=0.02 * total[2])
+        # It is drawn aside, along the grain: nearly as much sideways as back.
+        assert total[1] < 0.8 * total[0] < 0
+
+    def test_the_axis_turns_with_the_coefficients(self) -> None:
+        totals = []
+        for mu, axis in (
+            ("[0.3, 0.06]", "[0.0, 2.0, 5.0]"),
+            ("[0.06, 0.3]", "[1.0, 0.0, 0.0]"),
+        ):
+            case = cube(f"contact.0.mu={mu}", f"contact.0.axis={axis}")
+            step = case.model.problem().solve(None, case.prescribed, tol=1e-12)[-1]
+            totals.append(np.einsum("ck,ckd->cd", step.reaction, case.model.frame))
+        size = np.abs(totals[0]).max()
+        # Two solves to η = 1e-12.
+        np.testing.assert_allclose(totals[0], totals[1], atol=1e-9 * size)
+
+    def test_equal_coefficients_are_the_scene_itself(self) -> None:
+        two = cube("contact.0.mu=[0.3, 0.3]", "contact.0.axis=[0.3, 0.4, 0.0]")
+        one = cube()
+        ends = []
+        for case in (two, one):
+            step = case.model.problem().solve(None, case.prescribed, tol=1e-12)[-1]
+            ends.append(np.einsum("ck,ckd->cd", step.reaction, case.model.frame))
+        np.testing.assert_allclose(*ends, atol=1e-9 * np.abs(ends[1]).max())
+
+    def test_frames_follow_the_axis(self) -> None:
+        normals = np.array([[0.0, 0, 2], [0, -1, 1], [1, 1, 1]])
+        frame = fem.frames(normals, [3.0, 1.0, 0.0])
+        np.testing.assert_allclose(
+            frame @ frame.swapaxes(1, 2), np.tile(np.eye(3), (3, 1, 1)), atol=4e-16
+        )
+        np.testing.assert_allclose(np.linalg.det(frame), 1.0, rtol=1e-15)
+        # t1 is the direction less its normal part: its product with it is their length.
+        n = normals / np.linalg.norm(normals, axis=1)[:, None]
+        along = np.array([3.0, 1.0, 0.0])
+        length = np.sqrt(10 - (n @ along) ** 2)
+        np.testing.assert_allclose(frame[:, 1] @ along, length, rtol=1e-15)
+        np.testing.assert_allclose(frame[:, 2] @ along, 0.0, atol=2e-15)
+
+    def test_a_node_that_supports_hold_has_none(self) -> None:
+        case = cube(*GRAIN, "support.0.on=cube.bottom", "support.0.z=0.0")
+        np.testing.assert_array_equal(case.model.mu, np.zeros_like(case.model.mu))
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (
+            ["contact.0.mu=[0.3,-0.1]"],
+            "contact.0.mu.1: should be greater than or equal",
+        ),
+        (["contact.0.mu=[0.3]"], "contact.0.mu: List should have at least 2 items"),
+        (["contact.0.mu=[0.3,0.1]"], "contact.0.axis: is missing"),
+        (["contact.0.axis=[1,0,0]"], "contact.0.axis: mu is one number"),
+        ([GRAIN[0], "contact.0.axis=[0,0,0]"], "contact.0.axis: should not be zero"),
+        (
+            [GRAIN[0], "contact.0.axis=[1,0]"],
+            "contact.0.axis: should have 3 components",
+        ),
+        (["contact.0.mu=[0.3,0]", GRAIN[1]], "contact.0.mu: should be two positive"),
+    ],
+)
+def test_scenes_that_make_no_sense(settings: list[str], said: str) -> None:
+    with pytest.raises(scene.SceneError, match=said.replace(".", r"\.")):
+        scene.read("sheared_cube", settings)
+
+
+def test_scenes_that_make_no_sense_on_their_mesh() -> None:
+    with pytest.raises(scene.SceneError, match=r"axis is .* aside of the normal"):
+        cube(GRAIN[0], "contact.0.axis=[0,0,1]")
+    with pytest.raises(
+        scene.SceneError, match="in two dimensions there is one tangent"
+    ):
+        scene.read("pressed_block", ["contact.0.mu=[0.3,0.1]", "contact.0.axis=[1,0]"])
+    with pytest.raises(ValueError, match="in the plane there is one tangent"):
+        fem.frames([[0.0, 1.0]], [1.0, 0.0])
+
+
+def test_from_the_command_line(tmp_path: Path) -> None:
+    sets = [word for s in ("mesh.n=3", *GRAIN) for word in ("--set", s)]
+    asked = ("sheared_cube", *sets, "--out", "out", "--json", "--plot")
+    run = bipot("run", *asked, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    out = tmp_path / "out"
+    last = json.loads(run.stdout.splitlines()[-1])
+    assert last["success"]
+    assert (out / "tractions.png").stat().st_size > 0
+    result = bp.load(out / "result.h5")
+    np.testing.assert_array_equal(result.contacts["mu"], np.tile(MU, (16, 1)))
+    frame = result.contacts["frame"]
+    assert frame is not None
+    np.testing.assert_allclose(frame[:, 1], np.tile([1, 1, 0] / np.sqrt(2), (16, 1)))
