@@ -11,6 +11,20 @@ import numpy as np
 from bipot_rs.check import Array
 
 
+def isotropic(mu: Array, d: int) -> tuple[Array, Array]:
+    """Factors of the components, ``(n_c, d)``, that make the law Coulomb's, and its mu.
+
+    With ``r = T r̃``, ``ṽ = T v`` and ``T = diag(1, D)`` the law between ``r̃`` and ``ṽ`` has
+    ``mu = 1``; contacts without friction keep theirs, and so do those of Coulomb.
+    """
+    by = np.ones((len(mu), d))
+    if mu.ndim == 1:
+        return by, mu
+    slides = mu.max(axis=1) > 0
+    by[slides, 1:] = mu[slides]
+    return by, slides.astype(np.float64)
+
+
 def largest(mu: Array) -> Array:
     """The larger coefficient of each contact, ``(n_c,)``."""
     return mu if mu.ndim == 1 else np.asarray(mu.max(axis=1), np.float64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from bipot_rs.check import (
 )
 from bipot_rs.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.existence import Existence
+from bipot_rs.friction import isotropic
 from bipot_rs.result import Outcome, Solution
 from bipot_rs.words import counted
 
@@ -222,22 +223,30 @@ class ReducedProblem:
         """
         if not isinstance(exhaust, bool):
             raise TypeError(f"exhaust is {check.shown(exhaust)}, expected a bool")
-        mu = self.mu
-        if self.rigid is not None and len(self.rigid[1]):
-            R, e = self.rigid
+        # In components times these, friction that depends on direction is Coulomb's.
+        by, mu = isotropic(self.mu, self.q.shape[1])
+        rigid = self.rigid
+        if rigid is not None and len(rigid[1]):
+            rigid = by.ravel()[:, None] * rigid[0], rigid[1]
             a = self.solve(max_iterations=1).free_motion
             if a is not None and existence.proves_none(
-                (R @ a).reshape(self.q.shape), mu, e, a
+                (rigid[0] @ a).reshape(self.q.shape), mu, rigid[1], a
             ):
-                direction = motion.at_contacts(R.T, a, self.q.shape[1])
-                words = motion.describe(direction, mu)
+                direction = motion.at_contacts(rigid[0].T, a, self.q.shape[1]) / by
+                words = motion.describe(direction, self.mu)
                 return Existence(
                     verdict="none",
                     reason="the loads lie outside what contact can carry, nothing stops "
                     f"this motion: {words}",
                     motion=direction,
                 )
-        found = existence.judge(existence.dense(self.W), self.q, mu, self.rigid)
+        W = by.ravel()[:, None] * existence.dense(self.W) * by.ravel()
+        found = existence.judge(W, by * self.q, mu, rigid)
+        found = replace(
+            found,
+            motion=None if found.motion is None else found.motion / by,
+            inside=None if found.inside is None else found.inside / by,
+        )
         if found.verdict == "unknown" and exhaust:
             tried = _core.answers(self._core)
             if tried is not None and (len(tried[0]) or tried[1]):

@@ -387,3 +387,27 @@ def test_the_scenes_have_answers() -> None:
         problem = case.model.problem()
         load = None if case.load is None else case.load[0]
         assert problem.existence(load, case.prescribed[0]).verdict == "guaranteed"
+
+
+def test_a_block_with_a_grain_in_its_feet() -> None:
+    """Friction of two coefficients: the limit is where the ellipse is left."""
+    centre, mu = np.array([0.2, -0.3]), np.array([0.5, 0.2])
+    for angle in np.linspace(0, 6, 7):
+        # r_t / r_n on the ellipse ‖D⁻¹ r_t‖ = r_n.
+        way = mu * np.array([np.cos(angle), np.sin(angle)])
+        for share, verdict in ((0.99, "guaranteed"), (1.001, "none")):
+            given = block_on_a_plane(share * way, centre, 0.0)
+            problem = bp.ReducedProblem(
+                given.W, given.q, np.tile(mu, (9, 1)), rigid=given.rigid
+            )
+            found = problem.existence()
+            assert found.verdict == verdict
+            assert problem.solve(max_iterations=3000).converged == (share < 1)
+            if found.motion is not None:
+                # It lies in every dual cone, v_n >= ‖D v_t‖, to the rounding of it.
+                v = found.motion
+                slip = np.linalg.norm(mu * v[:, 1:], axis=1)
+                assert (v[:, 0] - slip >= -1e-9).all()
+            if found.inside is not None:
+                slip = np.linalg.norm(mu * found.inside[:, 1:], axis=1)
+                assert (found.inside[:, 0] > slip).all()
