@@ -244,8 +244,9 @@ fn told<const D: usize>(case: &Case<D>, start: &Start<D>, tol: f64) -> (Vec<f64>
 /// Falling at each step, as far as rounding lets it be seen.
 fn falls(history: &[f64], energy: f64) {
     for pair in history.windows(2) {
-        // γ and energy are sums of products that cancel.
-        let rounding = 1e-13 * energy;
+        // Steps are solved to the rounding of the law, 1e-14 of its terms, which penetration
+        // then has; reactions work on it at all contacts.
+        let rounding = 1e-12 * energy;
         assert!(pair[1] <= pair[0] + rounding, "{history:?}");
         assert!(pair[1] >= -rounding);
     }
@@ -459,7 +460,7 @@ fn work_is_counted_and_pinned() {
         (Method::DisplacementPrinciple, 188.9),
         (Method::AlternatingPrinciples, 476.0),
         (Method::StressPrinciple, 262.6),
-        (Method::MinimisingSequence, 0.0),
+        (Method::MinimisingSequence, 685.6),
         (Method::Pivoting, 1397.7),
     ];
     for (method, before) in measured {

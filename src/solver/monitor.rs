@@ -173,8 +173,6 @@ impl<'p, const D: usize> Monitor<'p, D> {
             return Ok(Verdict::Stop(Outcome::Converged));
         }
         self.log.history.push((self.log.work, eta.min(f64::MAX)));
-        let best = self.best.min(eta);
-        self.progress.tell(self.log.iterations, self.log.work, best);
         let at_rest = self.log.iterations >= self.last_halved + REST;
         let claims = eta <= self.settings.tol || (eta <= self.floor && at_rest);
         if claims && eta <= 0.5 * self.refuted {
@@ -189,6 +187,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
                 self.log.best_reaction.copy_from_slice(r);
                 self.log.best_rigid.copy_from_slice(a);
             }
+            self.tell();
             if converged {
                 return Ok(Verdict::Stop(Outcome::Converged));
             }
@@ -205,11 +204,17 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.log.best_reaction.copy_from_slice(r);
             self.log.best_rigid.copy_from_slice(a);
         }
+        self.tell();
         if eta < 0.5 * self.halved {
             self.halved = eta;
             self.last_halved = self.log.iterations;
         }
         Ok(self.limits().map_or(Verdict::Continue, Verdict::Stop))
+    }
+
+    fn tell(&self) {
+        let log = &self.log;
+        self.progress.tell(log.iterations, log.work, self.best);
     }
 
     /// Where no reaction at all is an answer, η is relative to reactions that an
