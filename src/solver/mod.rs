@@ -4,7 +4,9 @@
 pub mod anderson;
 pub mod auto;
 pub mod compliance_form;
+pub mod contraction;
 pub mod enumerate;
+pub mod error_bound;
 pub mod gauss_seidel;
 pub mod index;
 pub mod linearisation;
@@ -17,6 +19,7 @@ pub mod solution;
 pub mod stiffness_form;
 pub mod uniqueness;
 pub mod uzawa;
+pub mod weights;
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;

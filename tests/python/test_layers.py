@@ -32,7 +32,7 @@ RUST_SIBLINGS = {
         "blocks csc",
         "gmres least_squares packed",
         "dense nonnegative ordering quotient",
-        "lu tree",
+        "below lu tree",
         "symbolic",
         "walk",
         "sweep",
@@ -40,7 +40,7 @@ RUST_SIBLINGS = {
         "solves",
         "reach",
     ),
-    "law": ("frame cone sliding", "alart_curnier bipotential one_node"),
+    "law": ("frame cone sliding", "alart_curnier bipotential one_node", "face"),
     "problem": (
         "border memory null_space sparse stats",
         "island",
@@ -57,12 +57,18 @@ RUST_SIBLINGS = {
         "anderson enumerate index linearisation monitor monotony",
         "compliance_form",
         "stiffness_form",
-        "gauss_seidel newton uniqueness uzawa",
-        "proximal",
-        "auto refine",
+        "gauss_seidel newton uzawa weights",
+        "contraction proximal uniqueness",
+        "auto error_bound refine",
         "solution",
     ),
-    "python": ("errors arrays interrupt", "solver", "problem", "several", "estimate"),
+    "python": (
+        "errors arrays interrupt",
+        "solver",
+        "problem",
+        "several",
+        "bound estimate",
+    ),
 }
 # Word of the code: the only files that may hold it. An upgrade of a library, or
 # a review of what the compiler cannot check, then has few places to go.
@@ -75,7 +81,7 @@ RUST_NAMES = {
 }
 PYTHON = (
     "_core early interrupts shipped vtu words",
-    "export",
+    "export error_bound",
     "structure",
     "check result",
     "answers diagnosis errors motion",
