@@ -176,8 +176,10 @@ def error_bound_of_step(
     reported: _Floats,
     rigid: _Floats,
 ) -> dict[str, Any] | None:
-    """The same for a step of a load path: total loads, the total relative displacement
-    that the step before left, and that of the step. Nothing with a working set.
+    """The same for a step of a load path; nothing with a working set.
+
+    Total loads, the total relative displacement that the step before left, and that
+    of the step.
     """
 
 def follow(
