@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "benches"), str(ROOT / "tests" / "python")]
 
 import problems  # noqa: E402
+
 from random_problems import random_problem  # noqa: E402
 
 Array = NDArray[np.float64]
@@ -76,7 +77,8 @@ def ratios(
         whole = norm(given.W, answer.reaction)
         for point, bound in zip(points, problem.error_bounds(points), strict=True):
             true = norm(given.W, point - answer.reaction)
-            assert bound.energy is not None and answer.error.energy is not None
+            assert bound.energy is not None
+            assert answer.error.energy is not None
             assert true <= bound.energy + answer.error.energy
             if true <= 100 * answer.error.energy:
                 continue  # the answer is not known well enough

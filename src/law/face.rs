@@ -122,6 +122,30 @@ impl<const D: usize> Face<D> {
             }
         }
     }
+    /// The same where the reaction is known to lie on the ray of this face, so that
+    /// `V·r = p v_n r_n`: of a contact that slides in a known direction.
+    #[must_use]
+    pub fn misfit_along(&self, v: f64, dv: f64, p: f64) -> (f64, f64) {
+        if self.place == Place::Apex && v > dv {
+            return (0.0, 0.0);
+        }
+        let e = -p * v;
+        let error = p * dv * (1.0 + ROUNDING) + ROUNDING * e.abs();
+        match self.place {
+            Place::Apex => (e.max(0.0), error),
+            _ => (e, error),
+        }
+    }
+
+    /// The same where `v = 0` is known: `V = (p v_n, v_t)` and `y = 0`.
+    #[must_use]
+    pub fn misfit_held(v: &[f64; D], dv: &[f64; D], p: f64) -> ([f64; D], [f64; D]) {
+        let mut e = v.map(|c| -c);
+        let mut error = *dv;
+        e[0] = -p * v[0];
+        error[0] = p * dv[0] * (1.0 + ROUNDING) + ROUNDING * e[0].abs();
+        (e, error)
+    }
 }
 
 fn normal_part<const D: usize>(v: &[f64; D]) -> [f64; D] {

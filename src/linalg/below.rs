@@ -82,6 +82,11 @@ impl Lower {
         }))
     }
 
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.n
+    }
+
     /// `‖A − L Lᵀ‖`, from above.
     #[must_use]
     pub fn lowered(&self) -> f64 {
@@ -187,15 +192,18 @@ impl Below {
         columns.map(|column| room * norm(column)).collect()
     }
 
-    /// The same along the `rows` of a matrix, row by row of length n.
+    /// The same along the `rows` of a matrix, row by row of length n, each of which may
+    /// be off by as much as `errors` say in norm.
     #[must_use]
-    pub fn widths_along(&self, rows: &[f64]) -> Vec<f64> {
+    pub fn widths_along(&self, rows: &[f64], errors: &[f64]) -> Vec<f64> {
         let room = (1.0 + gamma(self.order())) * (1.0 + self.kappa());
         let mut solved = rows.to_vec();
         let count = rows.len() / self.order().max(1);
         dense::solve_lower(&self.lower.factor, self.order(), &mut solved, count);
-        let columns = solved.chunks_exact(self.order().max(1));
-        columns.map(|column| room * norm(column)).collect()
+        let columns = solved.chunks_exact(self.order().max(1)).zip(errors);
+        columns
+            .map(|(column, error)| room * (norm(column) + self.inverse_norm * error))
+            .collect()
     }
 
     /// What is lost of `‖L⁻¹ e‖` by the rounding of a solve, relative to it.

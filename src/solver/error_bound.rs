@@ -25,7 +25,9 @@ use crate::linalg::binary::times_two_to;
 use crate::linalg::small::{dot, norm, tangential_norm};
 use crate::problem::reduced::Reduced;
 use crate::solver::contraction::contraction;
-use crate::solver::monotony::{Known, Monotony, Touching, Units, Weights, product, scaled_entry};
+use crate::solver::monotony::{
+    Known, Monotony, Ties, Touching, Units, Weights, least_ratio, product, scaled_entry,
+};
 use crate::solver::weights::{self, Common};
 
 /// Unknowns of an island above which nothing is proved: some ten dense matrices of
@@ -188,20 +190,23 @@ struct Island<const D: usize> {
     monotony: Monotony<D>,
     /// Below the symmetric part of `W`, which is `half`.
     of_w: Below,
+    /// `|d_j| ≤ width · ‖d‖`.
+    widths_of_w: Vec<f64>,
     half: Vec<f64>,
     common: Common,
     refined: Option<Weights>,
     contraction: Option<f64>,
-    global: Option<Certificate>,
+    global: Option<Certificate<D>>,
     /// Rows of `Ŵ` of all components of the island, each over its unknowns.
     rows: Vec<f64>,
 }
 
 /// A factor below `A` and what follows from it for any point.
 #[derive(Debug)]
-struct Certificate {
-    kept: Vec<usize>,
+struct Certificate<const D: usize> {
+    ties: Ties,
     normal: Vec<f64>,
+    known: Vec<Known<D>>,
     below: Below,
     /// `L Lᵀ ≽ α W`.
     alpha: f64,
@@ -507,6 +512,7 @@ impl<const D: usize> Island<D> {
         }
         let mut island = Self {
             half,
+            widths_of_w: of_w.widths(),
             of_w,
             common,
             refined,
@@ -518,7 +524,8 @@ impl<const D: usize> Island<D> {
         let known = vec![Known::Nothing; island.monotony.mu.len()];
         let tried: Vec<Weights> = island.tried().cloned().collect();
         for weights in tried {
-            island.global = island.certificate(all.clone(), &weights, &known, stop)?;
+            island.global =
+                island.certificate(Ties::none(all.clone()), &weights, known.clone(), stop)?;
             if let Some(certificate) = &mut island.global {
                 certificate.widths = widths(&island.rows, &island.monotony, certificate);
                 break;
@@ -543,22 +550,23 @@ impl<const D: usize> Island<D> {
 
     fn certificate(
         &self,
-        kept: Vec<usize>,
+        ties: Ties,
         weights: &Weights,
-        known: &[Known<D>],
+        known: Vec<Known<D>>,
         stop: &AtomicBool,
-    ) -> Result<Option<Certificate>, Error> {
-        let (form, error) = self.monotony.form(&kept, weights, known);
-        let Some(below) = Below::new(form.clone(), kept.len(), error, stop)? else {
+    ) -> Result<Option<Certificate<D>>, Error> {
+        let all = ties.unknowns();
+        let (form, error) = ties.compress(self.monotony.form(&all, weights, &known));
+        let Some(below) = Below::new(form.clone(), ties.len(), error, stop)? else {
             return Ok(None);
         };
-        let ratio = self
-            .monotony
-            .least_ratio(&kept, (&form, error), below.lower(), stop)?;
+        let (half, of_half) = ties.compress(self.monotony.symmetric_part(&all));
+        let ratio = least_ratio((&form, error), below.lower(), (&half, of_half), stop)?;
         Ok(ratio.map(|alpha| Certificate {
             normal: weights.normal.clone(),
             widths: Widths::default(),
-            kept,
+            ties,
+            known,
             below,
             alpha,
         }))
@@ -587,41 +595,52 @@ impl<const D: usize> Island<D> {
     }
 
     /// The ellipsoid that holds `d`, over the unknowns kept.
-    fn ellipsoid(&self, certificate: &Certificate, candidate: &Candidate<D>) -> Ellipsoid {
-        let (e, error) = self.misfit(&certificate.kept, &certificate.normal, candidate);
+    fn ellipsoid(&self, certificate: &Certificate<D>, candidate: &Candidate<D>) -> Ellipsoid {
+        let Certificate { ties, known, .. } = certificate;
+        let (e, error) = self.misfit(ties, &certificate.normal, known, candidate);
         certificate.below.ellipsoid(&e, &error)
     }
 
     fn misfit(
         &self,
-        kept: &[usize],
+        ties: &Ties,
         normal: &[f64],
+        known: &[Known<D>],
         candidate: &Candidate<D>,
     ) -> (Vec<f64>, Vec<f64>) {
         let first = self.monotony.nodes.start;
-        let of = |&unknown: &usize| {
+        let of = |(&unknown, tied): (&usize, &Option<(usize, f64)>)| {
             let (contact, k) = self.monotony.contact(unknown);
             let at = first + contact;
             let (v, dv) = (&candidate.v[at], &candidate.dv[at]);
-            let (e, error) =
-                candidate.faces[at].misfit(v, dv, normal[contact], self.monotony.mu[contact]);
+            let (face, p) = (&candidate.faces[at], normal[contact]);
+            if tied.is_some() {
+                return face.misfit_along(v[0], dv[0], p);
+            }
+            let (e, error) = match known[contact] {
+                Known::Sticks => Face::misfit_held(v, dv, p),
+                _ => face.misfit(v, dv, p, self.monotony.mu[contact]),
+            };
             (e[k], error[k])
         };
-        kept.iter().map(of).unzip()
+        ties.kept.iter().zip(&ties.tied).map(of).unzip()
     }
 
     /// `‖d‖` in the norm of `W`, from above.
-    fn length(&self, certificate: &Certificate, ellipsoid: &Ellipsoid) -> f64 {
-        let whole = self.spread(&certificate.kept, &ellipsoid.centre);
+    fn length(&self, certificate: &Certificate<D>, ellipsoid: &Ellipsoid) -> f64 {
+        let whole = self.spread(&certificate.ties, &ellipsoid.centre);
         let room = 1.0 + gamma(whole.len());
         room * (self.norm(&whole) + ellipsoid.radius / certificate.alpha.sqrt())
     }
 
-    /// Values of some unknowns among zeros.
-    fn spread(&self, kept: &[usize], values: &[f64]) -> Vec<f64> {
+    /// Values of the unknowns kept, and what they carry along, among zeros.
+    fn spread(&self, ties: &Ties, values: &[f64]) -> Vec<f64> {
         let mut whole = vec![0.0; self.monotony.order()];
-        for (&unknown, &value) in kept.iter().zip(values) {
+        for ((&unknown, tied), &value) in ties.kept.iter().zip(&ties.tied).zip(values) {
             whole[unknown] = value;
+            if let Some((other, factor)) = *tied {
+                whole[other] = factor * value;
+            }
         }
         whole
     }
@@ -674,19 +693,16 @@ impl<const D: usize> Island<D> {
     /// What an ellipsoid around a candidate says of `r` and of the `v` reported with it.
     fn found(
         &self,
-        certificate: &Certificate,
+        certificate: &Certificate<D>,
         candidate: &Candidate<D>,
         given: &(Vec<[f64; D]>, Vec<[f64; D]>),
         ellipsoid: &Ellipsoid,
         ball: f64,
     ) -> Found<D> {
         let nodes = self.monotony.nodes.clone();
-        let centre = self.spread(&certificate.kept, &ellipsoid.centre);
+        let centre = self.spread(&certificate.ties, &ellipsoid.centre);
         let radius = ellipsoid.radius;
-        let mut width = vec![0.0; centre.len()];
-        for (&unknown, w) in certificate.kept.iter().zip(&certificate.widths.reaction) {
-            width[unknown] = *w;
-        }
+        let width = self.spread(&certificate.ties, &certificate.widths.reaction);
         let n = self.monotony.order();
         let room = 1.0 + gamma(n);
         let mut reaction = vec![[0.0; D]; nodes.len()];
@@ -709,7 +725,7 @@ impl<const D: usize> Island<D> {
                 };
                 let off = candidate.off[position][k].abs() + candidate.faces[position].moved;
                 reaction[contact][k] =
-                    room * (off + centre[unknown].abs() + radius * width[unknown]);
+                    room * (off + centre[unknown].abs() + radius * width[unknown].abs());
             }
         }
         let off = self.off(candidate);
@@ -726,10 +742,12 @@ impl<const D: usize> Island<D> {
     /// In the ball `‖d‖ ≤ R`, with the norm of `W`, `w_n` is at most `√W_nn R` and `‖w_t‖` at
     /// most `ω = √‖W_tt‖ R`. Contacts that stay open by this have no reaction at any point of
     /// it that can be an answer, those that slide by more than ω keep their direction to
-    /// [`Known::Slides`]. If `A` made with this is positive definite and bounds `d` by less
-    /// than `R`, the variational inequality on cone and ball, which has a solution since
-    /// that is compact, has it inside the ball, and so is an answer; two of them
-    /// in the ball would contradict the monotony.
+    /// [`Known::Slides`], in the plane with a reaction on one ray, and those whose reaction
+    /// stays inside its cone stick. If `A` made with this is positive definite and bounds `d` by less
+    /// than `R`, the variational inequality on the ball and on cones that know this (zero,
+    /// the ray, or all of space where `v = 0`), which has a solution since that is compact,
+    /// has it inside the ball, and so is an answer; two of them in the ball would
+    /// contradict the monotony.
     fn local_bound(
         &self,
         candidates: &[Candidate<D>; 2],
@@ -744,7 +762,9 @@ impl<const D: usize> Island<D> {
         }
         for candidate in candidates {
             for weights in self.tried() {
-                let (e, error) = self.misfit(&self.monotony.all(), &weights.normal, candidate);
+                let nothing = vec![Known::Nothing; self.monotony.mu.len()];
+                let all = Ties::none(self.monotony.all());
+                let (e, error) = self.misfit(&all, &weights.normal, &nothing, candidate);
                 let unit = 2.0 * self.of_w.ellipsoid(&e, &error).radius + f64::EPSILON;
                 let mut found = None;
                 for radii in RADII {
@@ -785,12 +805,12 @@ impl<const D: usize> Island<D> {
         weights: &Weights,
         candidate: &Candidate<D>,
         stop: &AtomicBool,
-    ) -> Result<Option<(Certificate, f64)>, Error> {
+    ) -> Result<Option<(Certificate<D>, f64)>, Error> {
         let n = self.monotony.order();
         let room = 1.0 + gamma(D);
         let entry = |i: usize, j: usize| self.half[j * n + i];
         let mut known = vec![Known::Nothing; self.monotony.mu.len()];
-        let mut kept = Vec::with_capacity(n);
+        let mut ties = Ties::default();
         for (contact, position) in self.monotony.nodes.clone().enumerate() {
             let at = |k: usize| self.monotony.unknown(position, k);
             let (v, dv) = (&candidate.v[position], &candidate.dv[position]);
@@ -799,19 +819,32 @@ impl<const D: usize> Island<D> {
             if open {
                 continue;
             }
-            kept.extend((0..D).filter_map(at));
+            let face = &candidate.faces[position];
+            let mu = self.monotony.mu[contact];
             let tangents: Vec<usize> = (1..D).filter_map(at).collect();
+            if face.place == Place::Inside && mu > 0.0 {
+                let mut lengths = [0.0; D];
+                for (k, length) in lengths.iter_mut().enumerate() {
+                    *length = at(k).map_or(0.0, |i| self.widths_of_w[i] * radius * room);
+                }
+                let least = mu * (face.reaction[0] - lengths[0]) / room;
+                let most = room * (tangential_norm(&face.reaction) + tangential_norm(&lengths));
+                if least > most {
+                    known[contact] = Known::Sticks;
+                }
+            }
+            let sticks = matches!(known[contact], Known::Sticks);
             let largest = match tangents[..] {
                 [i] => entry(i, i),
                 [i, j] => {
                     let (a, b, c) = (entry(i, i), entry(i, j), entry(j, j));
                     0.5 * (a + c) + (0.5 * (a - c)).hypot(b)
                 }
-                _ => continue,
+                _ => 0.0,
             };
             let slip = tangential_norm(v) / room;
             let turned = room * (room * largest.sqrt() * radius + room * tangential_norm(dv));
-            if slip > turned {
+            if slip > turned && !sticks && !tangents.is_empty() {
                 let mut direction = v.map(|c| c / tangential_norm(v));
                 direction[0] = 0.0;
                 // ‖x/‖x‖ − y/‖y‖‖ ≤ 2 ‖x − y‖/‖x‖; in the plane, no turn at all.
@@ -824,9 +857,22 @@ impl<const D: usize> Island<D> {
                 if turn < 1.0 {
                     known[contact] = Known::Slides { direction, turn };
                 }
+                // In the plane the reaction is known to its size, where r̂ agrees.
+                let agrees = match face.place {
+                    Place::Apex => true,
+                    Place::Ray(ray) => ray[1] * direction[1] < 0.0,
+                    Place::Inside => false,
+                };
+                if let (2, true, [tangent], Some(normal)) = (D, agrees, &tangents[..], at(0)) {
+                    ties.push(normal, Some((*tangent, -mu * direction[1].signum())));
+                    continue;
+                }
+            }
+            for unknown in (0..D).filter_map(at) {
+                ties.push(unknown, None);
             }
         }
-        let certificate = self.certificate(kept, weights, &known, stop)?;
+        let certificate = self.certificate(ties, weights, known, stop)?;
         Ok(certificate.map(|certificate| {
             let ellipsoid = self.ellipsoid(&certificate, candidate);
             let length = self.length(&certificate, &ellipsoid);
@@ -878,17 +924,26 @@ impl<const D: usize> Island<D> {
 fn widths<const D: usize>(
     rows: &[f64],
     monotony: &Monotony<D>,
-    certificate: &Certificate,
+    certificate: &Certificate<D>,
 ) -> Widths {
     let count = D * monotony.nodes.len();
     let mut displacement = vec![0.0; count];
-    if !certificate.kept.is_empty() {
-        let of_row = |row: &[f64]| certificate.kept.iter().map(|&j| row[j]).collect::<Vec<_>>();
-        let kept: Vec<f64> = rows
-            .chunks_exact(monotony.order())
-            .flat_map(of_row)
-            .collect();
-        displacement = certificate.below.widths_along(&kept);
+    let Ties { kept, tied } = &certificate.ties;
+    if !kept.is_empty() {
+        let mut along = Vec::with_capacity(count * kept.len());
+        let mut errors = Vec::with_capacity(count);
+        for row in rows.chunks_exact(monotony.order()) {
+            let mut rounding = 0.0;
+            for (&unknown, tied) in kept.iter().zip(tied) {
+                let other = tied.map_or(0.0, |(other, factor)| factor * row[other]);
+                if other != 0.0 {
+                    rounding += 4.0 * f64::EPSILON * (row[unknown].abs() + other.abs());
+                }
+                along.push(row[unknown] + other);
+            }
+            errors.push(rounding);
+        }
+        displacement = certificate.below.widths_along(&along, &errors);
     }
     Widths {
         reaction: certificate.below.widths(),

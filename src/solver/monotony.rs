@@ -18,7 +18,8 @@ use crate::error::Error;
 use crate::linalg::below::{self, Lower, gamma};
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::dense::{self, Op};
-use crate::linalg::small::norm;
+use crate::linalg::signs::signs;
+use crate::linalg::small::{dot_long, norm};
 use crate::problem::reduced::Reduced;
 
 /// Weights of contacts, one each.
@@ -40,6 +41,100 @@ pub enum Known<const D: usize> {
         direction: [f64; D],
         turn: f64,
     },
+    /// Its reaction lies inside the cone, and so `v = 0`: there `V` may as well be
+    /// `(p v_n, v_t)`, without the correction that the inequalities are for.
+    Sticks,
+}
+
+impl<const D: usize> Known<D> {
+    /// The share of Young's term that is left.
+    fn share(self) -> f64 {
+        match self {
+            Self::Nothing => 1.0,
+            Self::Slides { turn, .. } => turn,
+            Self::Sticks => 0.0,
+        }
+    }
+}
+
+/// Reactions that are combinations of fewer unknowns: each is one of those kept,
+/// and some of these carry another along, `d_tied = factor · d_kept`.
+#[derive(Clone, Debug, Default)]
+pub struct Ties {
+    /// Unknowns kept.
+    pub kept: Vec<usize>,
+    pub tied: Vec<Option<(usize, f64)>>,
+}
+
+impl Ties {
+    #[must_use]
+    pub fn none(kept: Vec<usize>) -> Self {
+        let tied = vec![None; kept.len()];
+        Self { kept, tied }
+    }
+
+    pub fn push(&mut self, unknown: usize, tied: Option<(usize, f64)>) {
+        self.kept.push(unknown);
+        self.tied.push(tied);
+    }
+
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.kept.len()
+    }
+
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.kept.is_empty()
+    }
+
+    /// Unknowns that take part, ascending.
+    #[must_use]
+    pub fn unknowns(&self) -> Vec<usize> {
+        let tied = self.tied.iter().flatten().map(|&(unknown, _)| unknown);
+        let mut all: Vec<usize> = self.kept.iter().copied().chain(tied).collect();
+        all.sort_unstable();
+        all
+    }
+
+    /// `‖Z‖²`, `d = Z δ`, from above.
+    fn stretch(&self) -> f64 {
+        let squares = self.tied.iter().flatten().map(|(_, f)| f * f);
+        (1.0 + squares.fold(0.0, f64::max)) * (1.0 + gamma(0))
+    }
+
+    /// `Zᵀ A Z` of a symmetric matrix over [`Ties::unknowns`] that is right to `error`.
+    #[must_use]
+    pub fn compress(&self, (a, error): (Vec<f64>, f64)) -> (Vec<f64>, f64) {
+        if self.tied.iter().all(Option::is_none) {
+            return (a, error);
+        }
+        let all = self.unknowns();
+        let at = |unknown: usize| all.partition_point(|&other| other < unknown);
+        let columns = self.kept.iter().zip(&self.tied);
+        let columns: Vec<_> = columns
+            .map(|(&kept, tied)| (at(kept), tied.map(|(unknown, f)| (at(unknown), f))))
+            .collect();
+        let entry = |i: usize, j: usize| a[j * all.len() + i];
+        let mut small = Vec::with_capacity(self.len().pow(2));
+        for &(j, of_j) in &columns {
+            for &(i, of_i) in &columns {
+                let mut sum = entry(i, j);
+                if let Some((t, f)) = of_i {
+                    sum += f * entry(t, j);
+                }
+                if let Some((t, f)) = of_j {
+                    sum += f * entry(i, t);
+                    if let Some((u, g)) = of_i {
+                        sum += f * g * entry(u, t);
+                    }
+                }
+                small.push(sum);
+            }
+        }
+        let error = self.stretch() * (error + 16.0 * f64::EPSILON * norm(&a));
+        (small, error)
+    }
 }
 
 /// Units of a problem in powers of two: what is scaled by them is exact.
@@ -205,10 +300,7 @@ impl<const D: usize> Monotony<D> {
         let mut rows = Vec::new();
         for &unknown in kept {
             let (contact, k) = self.contact(unknown);
-            let share = match known[contact] {
-                Known::Nothing => 1.0,
-                Known::Slides { turn, .. } => turn,
-            };
+            let share = known[contact].share();
             let weight = share * self.mu[contact] * weights.theta[contact];
             if k > 0 && weight > 0.0 {
                 rows.push((unknown, weight.sqrt()));
@@ -263,10 +355,7 @@ impl<const D: usize> Monotony<D> {
         let mut largest = 0.0_f64;
         for (i, &unknown) in kept.iter().enumerate() {
             let (contact, k) = self.contact(unknown);
-            let share = match known[contact] {
-                Known::Nothing => 1.0,
-                Known::Slides { turn, .. } => turn,
-            };
+            let share = known[contact].share();
             if k == 0 && self.mu[contact] > 0.0 {
                 let loss = 0.5 * share * self.mu[contact] / weights.theta[contact];
                 a[i * (m + 1)] -= loss;
@@ -279,44 +368,43 @@ impl<const D: usize> Monotony<D> {
             + gamma(rows.len() + 8) * norm(&young).powi(2);
         (a, error)
     }
+}
 
-    /// An `α` with `L Lᵀ ≽ α sym W` on some unknowns, proved: `lower` is below `form`.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
-    pub fn least_ratio(
-        &self,
-        kept: &[usize],
-        (form, error): (&[f64], f64),
-        lower: &Lower,
-        stop: &AtomicBool,
-    ) -> Result<Option<f64>, Error> {
-        /// Above what the iteration finds, which lies below the truth.
-        const ABOVE: [f64; 5] = [1.02, 1.1, 1.3, 2.0, 8.0];
-        let m = kept.len();
-        if m == 0 {
-            return Ok(Some(1.0));
-        }
-        let (half, of_half) = self.symmetric_part(kept);
-        let largest = power(m, |x| {
-            lower.backward(x);
-            let y = product(&half, x);
-            x.copy_from_slice(&y);
-            lower.forward(x);
-        });
-        for above in ABOVE {
-            let alpha = 1.0 / (above * largest);
-            let pairs = form.iter().zip(&half);
-            let rest: Vec<f64> = pairs.map(|(a, w)| a - alpha * w).collect();
-            // L Lᵀ itself lies lower than A.
-            let sizes = norm(form) + alpha * norm(&half);
-            let room = error + alpha * of_half + lower.lowered() + 4.0 * f64::EPSILON * sizes;
-            if below::is_definite(rest, m, room, stop)? {
-                return Ok(Some(alpha));
-            }
-        }
-        Ok(None)
+/// An `α` with `L Lᵀ ≽ α H`, proved, for a symmetric `A` of which `lower` is below, and
+/// a positive definite `H`; each with what rounding has made of it.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn least_ratio(
+    (form, error): (&[f64], f64),
+    lower: &Lower,
+    (half, of_half): (&[f64], f64),
+    stop: &AtomicBool,
+) -> Result<Option<f64>, Error> {
+    /// Above what the iteration finds, which lies below the truth.
+    const ABOVE: [f64; 5] = [1.02, 1.1, 1.3, 2.0, 8.0];
+    let m = lower.order();
+    if m == 0 {
+        return Ok(Some(1.0));
     }
+    let largest = largest(m, |x| {
+        lower.backward(x);
+        let y = product(half, x);
+        x.copy_from_slice(&y);
+        lower.forward(x);
+    });
+    for above in ABOVE {
+        let alpha = 1.0 / (above * largest);
+        let pairs = form.iter().zip(half);
+        let rest: Vec<f64> = pairs.map(|(a, w)| a - alpha * w).collect();
+        // L Lᵀ itself lies lower than A.
+        let sizes = norm(form) + alpha * norm(half);
+        let room = error + alpha * of_half + lower.lowered() + 4.0 * f64::EPSILON * sizes;
+        if below::is_definite(rest, m, room, stop)? {
+            return Ok(Some(alpha));
+        }
+    }
+    Ok(None)
 }
 
 /// An entry of `Ŵ`: by the reaction of one component on another.
@@ -330,28 +418,69 @@ pub(super) fn scaled_entry<const D: usize>(
     times_two_to(entry, units.to_v[i] - units.to_r[j])
 }
 
-/// The largest eigenvalue of a symmetric positive semidefinite operator, from below.
-pub(super) fn power(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
-    const PRODUCTS: usize = 30;
-    let mut x = crate::linalg::signs::signs(n, 0);
-    let mut reached = 0.0;
-    for _ in 0..PRODUCTS {
-        let length = norm(&x);
+/// The largest eigenvalue of a symmetric positive semidefinite operator, from below:
+/// Lanczos, whose first vector no structure is blind to.
+pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
+    const PRODUCTS: usize = 40;
+    let mut x = signs(n, 0);
+    let mut before = vec![0.0; n];
+    let (mut diagonal, mut beside) = (Vec::new(), Vec::new());
+    let mut length = norm(&x);
+    for _ in 0..PRODUCTS.min(n) {
         if !(length > 0.0) {
             break;
         }
         for value in &mut x {
             *value /= length;
         }
-        apply(&mut x);
-        reached = norm(&x);
+        let mut y = x.clone();
+        apply(&mut y);
+        let along = dot_long(&x, &y);
+        if !along.is_finite() {
+            break;
+        }
+        if !diagonal.is_empty() {
+            beside.push(length);
+        }
+        diagonal.push(along);
+        let of_last = if beside.is_empty() { 0.0 } else { length };
+        for ((y, x), b) in y.iter_mut().zip(&x).zip(&before) {
+            *y -= along * x + of_last * b;
+        }
+        length = norm(&y);
+        // What is left is rounding: all that the start holds has been seen.
+        if length <= f64::EPSILON * along.abs() {
+            break;
+        }
+        before = std::mem::replace(&mut x, y);
     }
-    reached
+    largest_of_tridiagonal(&diagonal, &beside)
+}
+
+/// By bisection, counting negative pivots.
+fn largest_of_tridiagonal(diagonal: &[f64], beside: &[f64]) -> f64 {
+    const HALVINGS: usize = 50;
+    let size = |values: &[f64]| values.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    let (mut low, mut high) = (0.0, size(diagonal) + 2.0 * size(beside));
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        let mut pivot = 1.0;
+        let below = diagonal.iter().enumerate().all(|(k, d)| {
+            let square = if k == 0 { 0.0 } else { beside[k - 1].powi(2) };
+            pivot = d - middle - square / pivot;
+            pivot < 0.0
+        });
+        if below {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    low
 }
 
 /// `A x` of a symmetric matrix.
 pub(super) fn product(a: &[f64], x: &[f64]) -> Vec<f64> {
     let rows = a.chunks_exact(x.len().max(1));
-    rows.map(|row| crate::linalg::small::dot_long(row, x))
-        .collect()
+    rows.map(|row| dot_long(row, x)).collect()
 }

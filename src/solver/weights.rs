@@ -22,7 +22,7 @@ use crate::error::Error;
 use crate::linalg::below::Lower;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::small::dot_long;
-use crate::solver::monotony::{Known, Monotony, Weights, power, product};
+use crate::solver::monotony::{Known, Monotony, Weights, largest, product};
 
 /// Below this κ a bound gains less from other weights than they cost.
 const GOOD: f64 = 0.5;
@@ -73,13 +73,13 @@ pub fn common<const D: usize>(monotony: &Monotony<D>, lower: &Lower) -> Common {
             *x *= s;
         }
     };
-    let alpha = power(n, |x| {
+    let alpha = largest(n, |x| {
         scale(x, &on_tangent);
         let y = product(&half, x);
         x.copy_from_slice(&y);
         scale(x, &on_tangent);
     });
-    let beta = power(n, |x| {
+    let beta = largest(n, |x| {
         scale(x, &on_normal);
         lower.forward(x);
         lower.backward(x);
@@ -285,12 +285,12 @@ impl<'a, const D: usize> Search<'a, D> {
     /// The least eigenvalue of `A − σ W` against `W`, estimated.
     fn least(&self, here: &Centre) -> f64 {
         let n = self.kept.len();
-        let largest = power(n, |x| {
+        let most = largest(n, |x| {
             dense::solve_lower_transpose(&here.factor, n, x, 1);
             let y = product(&self.half, x);
             x.copy_from_slice(&y);
             dense::solve_lower(&here.factor, n, x, 1);
         });
-        1.0 / largest
+        1.0 / most
     }
 }
