@@ -423,11 +423,12 @@ pub(super) fn scaled_entry<const D: usize>(
 pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
     const PRODUCTS: usize = 40;
     let mut x = signs(n, 0);
-    let mut before = vec![0.0; n];
+    let mut basis: Vec<Vec<f64>> = Vec::new();
     let (mut diagonal, mut beside) = (Vec::new(), Vec::new());
-    let mut length = norm(&x);
+    let (mut length, mut size) = (norm(&x), 0.0_f64);
     for _ in 0..PRODUCTS.min(n) {
-        if !(length > 0.0) {
+        // What is left is rounding: all that the start holds has been seen.
+        if !(length > 1e-10 * size) {
             break;
         }
         for value in &mut x {
@@ -443,16 +444,19 @@ pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
             beside.push(length);
         }
         diagonal.push(along);
-        let of_last = if beside.is_empty() { 0.0 } else { length };
-        for ((y, x), b) in y.iter_mut().zip(&x).zip(&before) {
-            *y -= along * x + of_last * b;
+        size = size.max(along.abs()).max(norm(&y));
+        basis.push(x);
+        // Against all of them: without, what has converged comes back.
+        for _ in 0..2 {
+            for earlier in &basis {
+                let part = dot_long(earlier, &y);
+                for (y, b) in y.iter_mut().zip(earlier) {
+                    *y -= part * b;
+                }
+            }
         }
         length = norm(&y);
-        // What is left is rounding: all that the start holds has been seen.
-        if length <= f64::EPSILON * along.abs() {
-            break;
-        }
-        before = std::mem::replace(&mut x, y);
+        x = y;
     }
     largest_of_tridiagonal(&diagonal, &beside)
 }
