@@ -92,8 +92,10 @@ def limit(W: Array, d: int, *, most: float = 10.0) -> tuple[float, float]:
     """The largest μ with a bound for every load: in closed form, and with weights sought."""
     n = np.arange(0, len(W), d)
     t = np.setdiff1d(np.arange(len(W)), n)
-    alpha = np.linalg.eigvalsh(W[np.ix_(t, t)])[-1]
-    beta = np.linalg.eigvalsh(np.linalg.inv(W)[np.ix_(n, n)])[-1]
+    scale = np.repeat(1 / np.sqrt(np.diag(W).reshape(-1, d).mean(axis=1)), d)
+    scaled = W * np.outer(scale, scale)
+    alpha = np.linalg.eigvalsh(scaled[np.ix_(t, t)])[-1]
+    beta = np.linalg.eigvalsh(np.linalg.inv(scaled)[np.ix_(n, n)])[-1]
     low, high = 0.0, most
     q = np.tile([-1.0, *[0.1] * (d - 1)], (len(n), 1))
     zero = np.zeros_like(q)

@@ -28,7 +28,11 @@ pub fn contraction<const D: usize>(
     }
     let n = monotony.order();
     let (half, _) = monotony.symmetric_part(&monotony.all());
-    let friction = |unknown: usize| monotony.mu[monotony.contact(unknown).0];
+    let friction = |unknown: usize| {
+        let (contact, k) = monotony.contact(unknown);
+        let (mu, shape) = (monotony.mu[contact], monotony.shape[contact]);
+        if k == 0 { mu / shape } else { mu * shape }
+    };
     let tangents: Vec<usize> = (0..n).filter(|&i| monotony.contact(i).1 > 0).collect();
     if tangents.is_empty() || common.alpha == 0.0 {
         // Without friction nothing couples the two principles.
@@ -43,7 +47,7 @@ pub fn contraction<const D: usize>(
                 .map(|&i| (friction(i) * friction(j)).sqrt() * half[j * n + i]),
         );
     }
-    let of_rough = 4.0 * f64::EPSILON * norm(&rough);
+    let of_rough = 8.0 * f64::EPSILON * norm(&rough);
     let mut alpha = None;
     for above in ABOVE {
         let c = above * common.alpha;

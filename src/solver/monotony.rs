@@ -174,6 +174,9 @@ pub struct Monotony<const D: usize> {
     /// Unknown of each component of each contact.
     place: Vec<[Option<usize>; D]>,
     pub mu: Vec<f64>,
+    /// By what a common θ differs among contacts in these units: squares of what
+    /// rounding the scaling to powers of two has left out.
+    pub shape: Vec<f64>,
     /// Column by column.
     matrix: Vec<f64>,
     /// Symmetric to the bit.
@@ -227,6 +230,10 @@ impl<const D: usize> Monotony<D> {
             (0..order).all(|j| (0..j).all(|i| matrix[j * order + i] == matrix[i * order + j]));
         Ok(Self {
             mu: problem.mu[nodes.clone()].to_vec(),
+            shape: nodes
+                .clone()
+                .map(|i| times_two_to(problem.scaling.to_v[i], -units.to_v[i]).powi(2))
+                .collect(),
             nodes,
             components,
             place,

@@ -49,7 +49,7 @@ impl Common {
     }
 }
 
-/// The best common θ with `p = 1`; `lower` is below the symmetric part of `W`.
+/// The best common θ, in scaled variables, with `p = 1`; `lower` is below the symmetric part of `W`.
 #[must_use]
 pub fn common<const D: usize>(monotony: &Monotony<D>, lower: &Lower) -> Common {
     let contacts = monotony.mu.len();
@@ -58,11 +58,11 @@ pub fn common<const D: usize>(monotony: &Monotony<D>, lower: &Lower) -> Common {
     let root = |normal: bool| -> Vec<f64> {
         let of = |unknown: usize| {
             let (contact, k) = monotony.contact(unknown);
-            let counts = (k == 0) == normal;
-            if counts {
-                monotony.mu[contact].sqrt()
-            } else {
-                0.0
+            let (mu, shape) = (monotony.mu[contact], monotony.shape[contact]);
+            match (k == 0, normal) {
+                (true, true) => (mu / shape).sqrt(),
+                (false, false) => (mu * shape).sqrt(),
+                _ => 0.0,
             }
         };
         (0..n).map(of).collect()
@@ -90,7 +90,11 @@ pub fn common<const D: usize>(monotony: &Monotony<D>, lower: &Lower) -> Common {
     Common {
         weights: Weights {
             normal: vec![1.0; contacts],
-            theta: vec![if usable { theta } else { 1.0 }; contacts],
+            theta: monotony
+                .shape
+                .iter()
+                .map(|s| if usable { theta * s } else { *s })
+                .collect(),
         },
         alpha,
         beta,

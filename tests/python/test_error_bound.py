@@ -537,10 +537,13 @@ def sharpness_of(seed: int) -> list[float]:
     n, d = q.shape
     normal = np.arange(0, n * d, d)
     tangent = np.setdiff1d(np.arange(n * d), normal)
-    root = np.sqrt(np.repeat(mu, d - 1))
+    # In scaled variables, as L is defined: blocks of W have the mean diagonal one.
+    scale = 1 / np.sqrt(np.diag(W).reshape(n, d).mean(axis=1))
+    root = np.repeat(np.sqrt(mu) * scale, d - 1)
     K = np.linalg.inv(W)
     alpha = np.linalg.eigvalsh(root[:, None] * W[np.ix_(tangent, tangent)] * root)
-    beta = np.linalg.eigvalsh(np.sqrt(np.outer(mu, mu)) * K[np.ix_(normal, normal)])
+    inner = np.sqrt(mu) / scale
+    beta = np.linalg.eigvalsh(inner[:, None] * K[np.ix_(normal, normal)] * inner)
     L = np.sqrt(alpha[-1] * beta[-1])
     answer = bp.ReducedProblem(W, q, mu).solve(tol=1e-15)
     if L >= 1 or not answer.reaction.any():
