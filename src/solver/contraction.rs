@@ -30,7 +30,7 @@ pub fn contraction<const D: usize>(
     let (half, _) = monotony.symmetric_part(&monotony.all());
     let friction = |unknown: usize| {
         let (contact, k) = monotony.contact(unknown);
-        let (mu, shape) = (monotony.mu[contact], monotony.shape[contact]);
+        let (mu, shape) = (monotony.mu[contact], common.shape[contact]);
         if k == 0 { mu / shape } else { mu * shape }
     };
     let tangents: Vec<usize> = (0..n).filter(|&i| monotony.contact(i).1 > 0).collect();

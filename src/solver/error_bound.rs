@@ -310,7 +310,7 @@ impl<const D: usize> Prepared<D> {
             Err(reason) => return Ok(bound.none(*reason)),
         };
         let caller = problem.compliance.order();
-        let r = self.scaled(r, &self.units.to_r);
+        let r = scaled(r, &self.units.to_r);
         for island in islands {
             if let Some(position) = island.impossible(&r) {
                 let contact = caller[position];
@@ -320,10 +320,7 @@ impl<const D: usize> Prepared<D> {
         let (here, here_error) = self.displacement(problem, &r, &[]);
         let given = match given {
             None => (here.clone(), here_error),
-            Some((v, error)) => (
-                self.scaled(v, &self.units.to_v),
-                self.scaled(error, &self.units.to_v),
-            ),
+            Some((v, error)) => (scaled(v, &self.units.to_v), scaled(error, &self.units.to_v)),
         };
         let onto_cone: Vec<_> = r
             .iter()
@@ -340,13 +337,11 @@ impl<const D: usize> Prepared<D> {
             [by_law, onto_cone].map(|point| self.candidate(problem, islands, &r, point));
         let (mut squares, mut by_gap, mut size) = (0.0, Some(0.0), 0.0);
         for island in islands {
-            let found = match island.global_bound(&candidates, &given) {
-                Some(found) => Some(found),
-                None => {
-                    bound.kind = Kind::Local;
-                    island.local_bound(&candidates, &given, stop)?
-                }
-            };
+            let mut found = island.global_bound(&candidates, &given);
+            if found.is_none() {
+                bound.kind = Kind::Local;
+                found = island.local_bound(&candidates, &given, stop)?;
+            }
             let nodes = island.monotony.nodes.clone();
             let Some(found) = found else {
                 let contact = caller[nodes.start];
@@ -373,8 +368,8 @@ impl<const D: usize> Prepared<D> {
         bound.energy = self.energy(energy);
         bound.alone_within = self.energy(bound.alone_within) * (1.0 - gamma(0));
         bound.energy_by_gap = by_gap.map(|sum| self.energy(room * sum.sqrt()));
-        self.unscale(&mut bound.reaction, &self.units.to_r);
-        self.unscale(&mut bound.relative_displacement, &self.units.to_v);
+        unscale(&mut bound.reaction, &self.units.to_r);
+        unscale(&mut bound.relative_displacement, &self.units.to_v);
         let rows = bound.reaction.iter().chain(&bound.relative_displacement);
         if !bound.energy.is_finite() || !rows.flatten().all(|x| x.is_finite()) {
             return Ok(bound.none(Reason::Range));
@@ -389,18 +384,6 @@ impl<const D: usize> Prepared<D> {
     pub fn unique(&self) -> bool {
         let islands = self.islands.as_ref();
         islands.is_ok_and(|islands| islands.iter().all(|island| island.global.is_some()))
-    }
-
-    fn scaled(&self, rows: &[[f64; D]], exponents: &[i32]) -> Vec<[f64; D]> {
-        let rows = rows.iter().zip(exponents);
-        rows.map(|(row, &e)| row.map(|c| times_two_to(c, e)))
-            .collect()
-    }
-
-    fn unscale(&self, rows: &mut [[f64; D]], exponents: &[i32]) {
-        for (row, &e) in rows.iter_mut().zip(exponents) {
-            *row = row.map(|c| times_two_to(c, -e));
-        }
     }
 
     /// A square root of energy in the caller's units, from above.
@@ -424,15 +407,15 @@ impl<const D: usize> Prepared<D> {
         moved: &[f64],
     ) -> (Vec<[f64; D]>, Vec<[f64; D]>) {
         let mut plain = r.to_vec();
-        self.unscale(&mut plain, &self.units.to_r);
-        let v = self.scaled(&problem.exact_displacement(&plain, &[]), &self.units.to_v);
+        unscale(&mut plain, &self.units.to_r);
+        let v = scaled(&problem.exact_displacement(&plain, &[]), &self.units.to_v);
         let sizes = |rows: &[[f64; D]]| {
             let mut sizes = vec![[0.0; D]; rows.len()];
             problem.compliance.absolute_product(rows, &mut sizes);
-            self.scaled(&sizes, &self.units.to_v)
+            scaled(&sizes, &self.units.to_v)
         };
         let terms = sizes(&plain);
-        let free = self.scaled(&problem.q, &self.units.to_v);
+        let free = scaled(&problem.q, &self.units.to_v);
         let gamma = gamma(D * r.len());
         // Of a sum as in twice the precision [ORO05, proposition 5.5].
         let mut error: Vec<[f64; D]> = v
@@ -446,7 +429,7 @@ impl<const D: usize> Prepared<D> {
             .collect();
         if moved.iter().any(|&m| m > 0.0) {
             let mut by: Vec<[f64; D]> = moved.iter().map(|&m| [m; D]).collect();
-            self.unscale(&mut by, &self.units.to_r);
+            unscale(&mut by, &self.units.to_r);
             for (error, more) in error.iter_mut().zip(sizes(&by)) {
                 for (e, more) in error.iter_mut().zip(more) {
                     *e += (1.0 + gamma) * more;
@@ -484,6 +467,18 @@ impl<const D: usize> Prepared<D> {
             v,
             dv,
         }
+    }
+}
+
+fn scaled<const D: usize>(rows: &[[f64; D]], exponents: &[i32]) -> Vec<[f64; D]> {
+    let rows = rows.iter().zip(exponents);
+    rows.map(|(row, &e)| row.map(|c| times_two_to(c, e)))
+        .collect()
+}
+
+fn unscale<const D: usize>(rows: &mut [[f64; D]], exponents: &[i32]) {
+    for (row, &e) in rows.iter_mut().zip(exponents) {
+        *row = row.map(|c| times_two_to(c, -e));
     }
 }
 

@@ -174,9 +174,9 @@ pub struct Monotony<const D: usize> {
     /// Unknown of each component of each contact.
     place: Vec<[Option<usize>; D]>,
     pub mu: Vec<f64>,
-    /// By what a common θ differs among contacts in these units: squares of what
-    /// rounding the scaling to powers of two has left out.
-    pub shape: Vec<f64>,
+    /// A common θ of other variables in these units, up to a factor: of those with blocks
+    /// of `W` of mean diagonal one, and of the caller's.
+    pub shapes: [Vec<f64>; 2],
     /// Column by column.
     matrix: Vec<f64>,
     /// Symmetric to the bit.
@@ -200,7 +200,7 @@ impl<const D: usize> Monotony<D> {
         let mut components = Vec::new();
         let mut place = vec![[None; D]; nodes.len()];
         for position in nodes.clone() {
-            for k in 0..D {
+            for (k, unknown) in place[position - nodes.start].iter_mut().enumerate() {
                 if k > 0 && problem.mu[position] == 0.0 {
                     continue;
                 }
@@ -209,7 +209,7 @@ impl<const D: usize> Monotony<D> {
                     acts || problem.compliance.pair(other, position).column(k).amax() > 0.0
                 };
                 if nodes.clone().any(felt) {
-                    place[position - nodes.start][k] = Some(components.len());
+                    *unknown = Some(components.len());
                     components.push((position, k));
                 } else if problem.q[position][k] == 0.0 {
                     return Err(Touching(position));
@@ -230,10 +230,16 @@ impl<const D: usize> Monotony<D> {
             (0..order).all(|j| (0..j).all(|i| matrix[j * order + i] == matrix[i * order + j]));
         Ok(Self {
             mu: problem.mu[nodes.clone()].to_vec(),
-            shape: nodes
-                .clone()
-                .map(|i| times_two_to(problem.scaling.to_v[i], -units.to_v[i]).powi(2))
-                .collect(),
+            shapes: [
+                nodes
+                    .clone()
+                    .map(|i| times_two_to(problem.scaling.to_v[i], -units.to_v[i]).powi(2))
+                    .collect(),
+                nodes
+                    .clone()
+                    .map(|i| times_two_to(1.0, 2 * (units.to_v[nodes.start] - units.to_v[i])))
+                    .collect(),
+            ],
             nodes,
             components,
             place,

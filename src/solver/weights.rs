@@ -37,6 +37,8 @@ const ROUNDS: usize = 24;
 #[derive(Clone, Debug)]
 pub struct Common {
     pub weights: Weights,
+    /// `θ` is a multiple of this: α and β are of `diag(μ shape)`, `diag(μ / shape)`.
+    pub shape: Vec<f64>,
     pub alpha: f64,
     pub beta: f64,
 }
@@ -49,16 +51,26 @@ impl Common {
     }
 }
 
-/// The best common θ, in scaled variables, with `p = 1`; `lower` is below the symmetric part of `W`.
+/// The best common θ, of scaled variables or of the caller's, with `p = 1`; `lower` is below the symmetric part of `W`.
 #[must_use]
 pub fn common<const D: usize>(monotony: &Monotony<D>, lower: &Lower) -> Common {
+    let of_shapes = monotony.shapes.each_ref();
+    let [scaled, plain] = of_shapes.map(|shape| of_shape(monotony, lower, shape));
+    if plain.kappa() < scaled.kappa() {
+        plain
+    } else {
+        scaled
+    }
+}
+
+fn of_shape<const D: usize>(monotony: &Monotony<D>, lower: &Lower, shape: &[f64]) -> Common {
     let contacts = monotony.mu.len();
     let n = monotony.order();
     let (half, _) = monotony.symmetric_part(&monotony.all());
     let root = |normal: bool| -> Vec<f64> {
         let of = |unknown: usize| {
             let (contact, k) = monotony.contact(unknown);
-            let (mu, shape) = (monotony.mu[contact], monotony.shape[contact]);
+            let (mu, shape) = (monotony.mu[contact], shape[contact]);
             match (k == 0, normal) {
                 (true, true) => (mu / shape).sqrt(),
                 (false, false) => (mu * shape).sqrt(),
@@ -90,12 +102,12 @@ pub fn common<const D: usize>(monotony: &Monotony<D>, lower: &Lower) -> Common {
     Common {
         weights: Weights {
             normal: vec![1.0; contacts],
-            theta: monotony
-                .shape
+            theta: shape
                 .iter()
                 .map(|s| if usable { theta * s } else { *s })
                 .collect(),
         },
+        shape: shape.to_vec(),
         alpha,
         beta,
     }

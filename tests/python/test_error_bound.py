@@ -537,20 +537,23 @@ def sharpness_of(seed: int) -> list[float]:
     n, d = q.shape
     normal = np.arange(0, n * d, d)
     tangent = np.setdiff1d(np.arange(n * d), normal)
-    # In scaled variables, as L is defined: blocks of W have the mean diagonal one.
-    scale = 1 / np.sqrt(np.diag(W).reshape(n, d).mean(axis=1))
-    root = np.repeat(np.sqrt(mu) * scale, d - 1)
     K = np.linalg.inv(W)
-    alpha = np.linalg.eigvalsh(root[:, None] * W[np.ix_(tangent, tangent)] * root)
-    inner = np.sqrt(mu) / scale
-    beta = np.linalg.eigvalsh(inner[:, None] * K[np.ix_(normal, normal)] * inner)
-    L = np.sqrt(alpha[-1] * beta[-1])
+    # Of scaled variables, blocks of W with the mean diagonal one, or of these.
+    mean = 1 / np.sqrt(np.diag(W).reshape(n, d).mean(axis=1))
+    limits = []
+    for scale in (mean, np.ones(n)):
+        root = np.repeat(np.sqrt(mu) * scale, d - 1)
+        alpha = np.linalg.eigvalsh(root[:, None] * W[np.ix_(tangent, tangent)] * root)
+        inner = np.sqrt(mu) / scale
+        beta = np.linalg.eigvalsh(inner[:, None] * K[np.ix_(normal, normal)] * inner)
+        limits.append(np.sqrt(alpha[-1] * beta[-1]))
+    L = min(limits)
     answer = bp.ReducedProblem(W, q, mu).solve(tol=1e-15)
     if L >= 1 or not answer.reaction.any():
         return []
     found = answer.error.contraction
     # What is proved lies above L by a few per cent.
-    assert (found is not None and L <= found <= 1.2 * L) or L > 0.9
+    assert L > 0.9 or (found is not None and L <= found <= 1.1 * L)
 
     def missing(v: Array, r: Array) -> float:
         x = (v - q).ravel() - W @ r.ravel()
