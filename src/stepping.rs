@@ -56,6 +56,24 @@ pub fn incremental<const D: usize>(q: &[[f64; D]], state: Option<&State<D>>) -> 
     q
 }
 
+/// `v` of a step from the total one, as in (22), and what the subtraction rounds.
+#[must_use]
+pub fn increment<const D: usize>(
+    total: &[[f64; D]],
+    state: Option<&State<D>>,
+) -> (Vec<[f64; D]>, Vec<[f64; D]>) {
+    let v = incremental(total, state);
+    let mut rounding = vec![[0.0; D]; v.len()];
+    if state.is_some() {
+        for (error, v) in rounding.iter_mut().zip(&v) {
+            for k in 1..D {
+                error[k] = f64::EPSILON * v[k].abs();
+            }
+        }
+    }
+    (v, rounding)
+}
+
 /// The reduced problem of a step to the total loads, of which a state has the
 /// relative displacement that the step before left.
 ///

@@ -16,6 +16,7 @@ the rest by the functions that need them.
 import bipot_rs.early  # noqa: F401
 from bipot_rs import fclib
 from bipot_rs.answers import Answers
+from bipot_rs.error_bound import ErrorBound
 from bipot_rs.errors import (
     BipotError,
     FloatingBodyError,
@@ -31,6 +32,7 @@ __all__ = [
     "Answers",
     "BipotError",
     "ContactProblem",
+    "ErrorBound",
     "Existence",
     "FloatingBodyError",
     "NoEquilibriumError",

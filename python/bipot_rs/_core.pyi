@@ -18,6 +18,8 @@ __all__ = [
     "assess",
     "assess_step",
     "build_profile",
+    "error_bound_of_step",
+    "error_bounds",
     "follow",
     "forward_errors",
     "forward_errors_of_step",
@@ -153,6 +155,33 @@ def assess_step(
     reaction: _Floats,
 ) -> str:
     """The same for a step, from the relative displacement that the step before left."""
+
+def error_bounds(
+    problem: Reduced,
+    reactions: _Floats,
+    rigid: _Floats,
+    reported: _Floats | None = None,
+    num_threads: int | None = None,
+) -> list[dict[str, Any]]:
+    """Bounds at some reactions, one below the other, of one problem.
+
+    `reported` is what is told as relative displacement beside each of them.
+    """
+
+def error_bound_of_step(
+    problem: Condensed,
+    load: _Floats,
+    prescribed: _Floats,
+    before: _Floats | None,
+    reaction: _Floats,
+    reported: _Floats,
+    rigid: _Floats,
+) -> dict[str, Any] | None:
+    """The same for a step of a load path; nothing with a working set.
+
+    Total loads, the total relative displacement that the step before left, and that
+    of the step.
+    """
 
 def follow(
     paths: list[Path],

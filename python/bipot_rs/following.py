@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bipot_rs import _core, motion
 from bipot_rs.check import Array
 from bipot_rs.diagnosis import NEAR, Tried, diagnose
+from bipot_rs.error_bound import ErrorBound, from_core, without
 from bipot_rs.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.reduced import opening, solution_fields
 from bipot_rs.result import Outcome, Result, Solution, Step
@@ -83,7 +84,12 @@ class Following:
             traction=None if area is None else raw["reaction"] / area[:, None],
             _recover=self._recover,
             _problem=_StepProblem(
-                self._core, load, prescribed, self._last, self._tried(load, prescribed)
+                self._core,
+                load,
+                prescribed,
+                self._last,
+                self._tried(load, prescribed),
+                area,
             ),
         )
         if not step.converged:
@@ -216,6 +222,7 @@ class _StepProblem:
     prescribed: Array
     before: Array | None
     tried: Tried
+    area: Array | None
 
     def unique(self, step: Solution, /) -> str:
         return _core.assess_step(
@@ -229,6 +236,21 @@ class _StepProblem:
         return _core.forward_errors_of_step(
             self.core, self.load, self.prescribed, self.before, step.reaction, motion
         )
+
+    def error(self, step: Any, /) -> ErrorBound:
+        motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
+        raw = _core.error_bound_of_step(
+            self.core,
+            self.load,
+            self.prescribed,
+            self.before,
+            step.reaction,
+            step.relative_displacement,
+            motion,
+        )
+        if raw is None:
+            return without("working set", step.bipotential_gap)
+        return from_core(raw, self.area)
 
     def diagnosis(self, step: Any, /) -> str:
         # The law of a step is on its slip, not on where the contact has been before.

@@ -24,6 +24,7 @@ from bipot_rs.check import (
     threads,
 )
 from bipot_rs.diagnosis import NEAR, Tried, diagnose
+from bipot_rs.error_bound import ErrorBound, from_core
 from bipot_rs.existence import Existence
 from bipot_rs.friction import isotropic
 from bipot_rs.result import Outcome, Solution
@@ -110,6 +111,37 @@ class ReducedProblem:
         count = 0 if self.rigid is None else len(self.rigid[1])
         rigid = None if a is None else floats("a", a, shape=(count,))
         return self._core.residual(reaction, rigid)
+
+    def error_bound(self, r: ArrayLike) -> ErrorBound:
+        """How far reactions ``r (n_c, d)`` are from the answer, as far as it can be proved.
+
+        Any ``r``, in its cones or not; its ``v`` is ``W r + q``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``r`` is not ``(n_c, d)`` finite numbers.
+        """
+        return self.error_bounds(floats("r", r, shape=self.q.shape)[None])[0]
+
+    def error_bounds(self, reactions: ArrayLike) -> list[ErrorBound]:
+        """`error_bound` at many reactions ``(k, n_c, d)``: what W and mu ask is done once.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``reactions`` is not ``(k, n_c, d)`` finite numbers.
+        """
+        found = floats("reactions", reactions, ndim=3)
+        if found.shape[1:] != self.q.shape:
+            raise ValueError(
+                f"reactions has shape {found.shape}, expected (k, *{self.q.shape})"
+            )
+        if not found.size:
+            return []
+        rigid = np.zeros(0 if self.rigid is None else len(self.rigid[1]))
+        rows = found.reshape(-1, self.q.shape[1])
+        return [from_core(raw) for raw in _core.error_bounds(self._core, rows, rigid)]
 
     def solve(
         self,
@@ -309,6 +341,13 @@ class _ReducedInquiry:
         amounts = solution.rigid_motion
         rigid = np.empty(0) if amounts is None else amounts
         return _core.forward_errors(self.core, solution.reaction, rigid)
+
+    def error(self, solution: Solution, /) -> ErrorBound:
+        amounts = solution.rigid_motion
+        rigid = np.empty(0) if amounts is None else amounts
+        reported = solution.relative_displacement
+        (raw,) = _core.error_bounds(self.core, solution.reaction, rigid, reported)
+        return from_core(raw)
 
     def diagnosis(self, solution: Solution, /) -> str:
         return diagnose(self.tried, solution, solution.relative_displacement)

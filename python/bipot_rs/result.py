@@ -12,7 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs import export
+from bipot_rs import error_bound, export
+from bipot_rs.error_bound import ErrorBound
 from bipot_rs.words import counted
 
 Array = NDArray[np.float64]
@@ -55,6 +56,9 @@ class Inquiry(Protocol):
 
     def error_estimate(self, solution: Any, /) -> tuple[float, float] | None:
         """Its relative forward errors."""
+
+    def error(self, solution: Any, /) -> ErrorBound:
+        """How far it is from the answer, as far as that can be proved."""
 
     def diagnosis(self, solution: Any, /) -> str:
         """Why it is no answer, in a sentence."""
@@ -148,6 +152,21 @@ class Solution:
         """
         estimate: tuple[float, float] | None = self._ask("error_estimate", None)
         return estimate
+
+    @property
+    def error(self) -> ErrorBound:
+        """A guaranteed bound of the error, found out when first asked for.
+
+        Of what has not converged, too. Some factorisations of the size of ``W``; where
+        there is none `ErrorBound.reason` says why. Its constitutive part is there in
+        any case.
+        """
+        if "error" not in self._known:
+            if self._problem is None:
+                return error_bound.without("lost", self.bipotential_gap)
+            self._known["error"] = self._problem.error(self)
+        found: ErrorBound = self._known["error"]
+        return found
 
     @property
     def unique(self) -> str:
@@ -367,6 +386,11 @@ class Result(Sequence[Step]):
     def work(self) -> Array:
         """Cost of each step in products with ``W``, ``(steps,)``."""
         return self._stack("work", (0,))
+
+    @property
+    def error(self) -> tuple[ErrorBound, ...]:
+        """`Solution.error` of each step, found out when first asked for."""
+        return tuple(step.error for step in self.steps)
 
     @property
     def residual(self) -> Array:

@@ -4,6 +4,7 @@ pub mod alart_curnier;
 pub mod bipotential;
 pub mod cone;
 pub mod elliptic;
+pub mod face;
 pub mod frame;
 pub mod frozen;
 pub mod one_node;

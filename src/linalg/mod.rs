@@ -3,6 +3,7 @@
 //! The one idea is the partial factorisation: eliminate the interior of a
 //! symmetric matrix, stop at the kept unknowns, and what is left there is `S`.
 
+pub mod below;
 pub mod binary;
 pub mod blocks;
 pub mod csc;

@@ -6,6 +6,7 @@
 )]
 
 mod arrays;
+mod bound;
 mod errors;
 mod estimate;
 mod interrupt;
@@ -17,6 +18,8 @@ use pyo3::prelude::*;
 
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::bound::{error_bound_of_step, error_bounds};
     #[pymodule_export]
     use super::estimate::{forward_errors, forward_errors_of_step};
     #[pymodule_export]

@@ -1,197 +1,503 @@
-//! Monotony of `r ↦ ṽ`, which proves that there is one answer, whatever the load.
+//! Monotony of `r ↦ V`, which proves that there is one answer and bounds how far it is.
 //!
-//! For `W` symmetric positive definite, with `M = diag μ`, in scaled variables:
+//! With weights `p_i`, `θ_i > 0`, `S = diag(p on n, 1 on t)`, `V = (p v_n + μ‖v_t‖, v_t)`,
+//! `d = r − r'` and `w = W d`, the triangle inequality and Young's give
 //!
 //! ```text
-//! λ_max(M½ W_tt M½) · λ_max(M½ (W⁻¹)_nn M½) < 4
+//! (V − V')·d ≥ dᵀSWd − Σ μ ‖w_t‖ |d_n| ≥ dᵀ A d,
+//! A = sym(S W) − ½ [ Wᵀ P_tᵀ diag(μθ) P_t W + P_nᵀ diag(μ/θ) P_n ]
 //! ```
 //!
-//! With `d = r − r'` and the norm `‖·‖` of `W`, `(ṽ − ṽ')·d ≥ ‖d‖² − Σ μ ‖(W d)_t‖ |d_n|`.
-//! Young's inequality with one weight θ bounds the sum by
-//! `½ (θ ‖M½ P_t W d‖² + ‖M½ P_n d‖²/θ)`, and since `P_t P_nᵀ = 0` the two quadratic
-//! forms live on subspaces that are orthogonal in `‖·‖`: the larger of their norms
-//! counts, not the sum. With the best θ what is left is positive under the condition.
+//! `W` need not be symmetric. Where it is known that a contact slides, and nearly
+//! whither, the triangle inequality is not needed: see [`Known`].
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
-use crate::linalg::dense;
+use crate::linalg::below::{self, Lower, gamma};
+use crate::linalg::binary::{exponent, times_two_to};
+use crate::linalg::dense::{self, Op};
 use crate::linalg::signs::signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::problem::reduced::Reduced;
 
-/// `W` is symmetric to rounding below this, beside its largest entry.
-const SYMMETRIC: f64 = 1e-13;
-
-/// The symmetric part of `Ŵ` on the components that friction can act on.
+/// Weights of contacts, one each.
 #[derive(Clone, Debug)]
-pub struct Monotony {
-    order: usize,
-    /// Column by column.
-    matrix: Vec<f64>,
-    /// μ of the contact at normal components, and at tangential ones.
-    normal: Vec<f64>,
-    tangential: Vec<f64>,
-    symmetric: bool,
-    /// What rounding may have done to an eigenvalue.
-    rounding: f64,
+pub struct Weights {
+    /// `p`.
+    pub normal: Vec<f64>,
+    /// `θ`.
+    pub theta: Vec<f64>,
 }
 
-impl Monotony {
-    /// `None` where a component that nothing moves is not determined.
-    ///
-    /// Left out are tangents without friction, whose reaction is zero, and what is
-    /// prescribed: rows and columns of zeros, where the rest determines `r` if the
-    /// contact stays open or slides by a given amount.
+/// What is known of `v_t` at a contact, at all points between which `V` is compared.
+#[derive(Clone, Copy, Debug)]
+pub enum Known<const D: usize> {
+    Nothing,
+    /// It has, within `turn`, the direction of this vector `(0, t)`:
+    /// `|‖v_t‖ − ‖v_t'‖ − t·w_t| ≤ turn ‖w_t‖`.
+    Slides {
+        direction: [f64; D],
+        turn: f64,
+    },
+    /// Its reaction lies inside the cone, and so `v = 0`: there `V` may as well be
+    /// `(p v_n, v_t)`, without the correction that the inequalities are for.
+    Sticks,
+}
+
+impl<const D: usize> Known<D> {
+    /// The share of Young's term that is left.
+    fn share(self) -> f64 {
+        match self {
+            Self::Nothing => 1.0,
+            Self::Slides { turn, .. } => turn,
+            Self::Sticks => 0.0,
+        }
+    }
+}
+
+/// Reactions that are combinations of fewer unknowns: each is one of those kept,
+/// and some of these carry another along, `d_tied = factor · d_kept`.
+#[derive(Clone, Debug, Default)]
+pub struct Ties {
+    /// Unknowns kept.
+    pub kept: Vec<usize>,
+    pub tied: Vec<Option<(usize, f64)>>,
+}
+
+impl Ties {
     #[must_use]
-    pub fn new<const D: usize>(problem: &Reduced<D>, nodes: Range<usize>) -> Option<Self> {
+    pub fn none(kept: Vec<usize>) -> Self {
+        let tied = vec![None; kept.len()];
+        Self { kept, tied }
+    }
+
+    pub fn push(&mut self, unknown: usize, tied: Option<(usize, f64)>) {
+        self.kept.push(unknown);
+        self.tied.push(tied);
+    }
+
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.kept.len()
+    }
+
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.kept.is_empty()
+    }
+
+    /// Unknowns that take part, ascending.
+    #[must_use]
+    pub fn unknowns(&self) -> Vec<usize> {
+        let tied = self.tied.iter().flatten().map(|&(unknown, _)| unknown);
+        let mut all: Vec<usize> = self.kept.iter().copied().chain(tied).collect();
+        all.sort_unstable();
+        all
+    }
+
+    /// `‖Z‖²`, `d = Z δ`, from above.
+    fn stretch(&self) -> f64 {
+        let squares = self.tied.iter().flatten().map(|(_, f)| f * f);
+        (1.0 + squares.fold(0.0, f64::max)) * (1.0 + gamma(0))
+    }
+
+    /// `Zᵀ A Z` of a symmetric matrix over [`Ties::unknowns`] that is right to `error`.
+    #[must_use]
+    pub fn compress(&self, (a, error): (Vec<f64>, f64)) -> (Vec<f64>, f64) {
+        if self.tied.iter().all(Option::is_none) {
+            return (a, error);
+        }
+        let all = self.unknowns();
+        let at = |unknown: usize| all.partition_point(|&other| other < unknown);
+        let columns = self.kept.iter().zip(&self.tied);
+        let columns: Vec<_> = columns
+            .map(|(&kept, tied)| (at(kept), tied.map(|(unknown, f)| (at(unknown), f))))
+            .collect();
+        let entry = |i: usize, j: usize| a[j * all.len() + i];
+        let mut small = Vec::with_capacity(self.len().pow(2));
+        for &(j, of_j) in &columns {
+            for &(i, of_i) in &columns {
+                let mut sum = entry(i, j);
+                if let Some((t, f)) = of_i {
+                    sum += f * entry(t, j);
+                }
+                if let Some((t, f)) = of_j {
+                    sum += f * entry(i, t);
+                    if let Some((u, g)) = of_i {
+                        sum += f * g * entry(u, t);
+                    }
+                }
+                small.push(sum);
+            }
+        }
+        let error = self.stretch() * (error + 16.0 * f64::EPSILON * norm(&a));
+        (small, error)
+    }
+}
+
+/// Units of a problem in powers of two: what is scaled by them is exact.
+#[derive(Clone, Debug)]
+pub struct Units {
+    /// `v̂ = v · 2^to_v`, contact by contact.
+    pub to_v: Vec<i32>,
+    /// `r̂ = r · 2^to_r`.
+    pub to_r: Vec<i32>,
+    /// `v̂·r̂ = v·r · 2^to_energy`.
+    pub to_energy: i32,
+}
+
+impl Units {
+    /// The scaling of a problem, rounded to powers of two.
+    #[must_use]
+    pub fn of<const D: usize>(problem: &Reduced<D>) -> Self {
+        let scaling = &problem.scaling;
+        let product = scaling.to_v.first().map_or(1.0, |v| v * scaling.to_r[0]);
+        // A power of two but for rounding.
+        let to_energy = exponent(1.25 * product);
+        let to_v: Vec<i32> = scaling.to_v.iter().map(|&s| exponent(s)).collect();
+        Self {
+            to_r: to_v.iter().map(|e| to_energy - e).collect(),
+            to_v,
+            to_energy,
+        }
+    }
+}
+
+/// `Ŵ` on the components that friction can act on, exactly.
+#[derive(Clone, Debug)]
+pub struct Monotony<const D: usize> {
+    pub nodes: Range<usize>,
+    /// Position and component of each unknown.
+    pub components: Vec<(usize, usize)>,
+    /// Unknown of each component of each contact.
+    place: Vec<[Option<usize>; D]>,
+    pub mu: Vec<f64>,
+    /// A common θ of other variables in these units, up to a factor: of those with blocks
+    /// of `W` of mean diagonal one, and of the caller's.
+    pub shapes: [Vec<f64>; 2],
+    /// Column by column.
+    matrix: Vec<f64>,
+    /// Symmetric to the bit.
+    pub symmetric: bool,
+}
+
+/// Nothing moves the contact at this position, which just touches or does not slide:
+/// its reaction is any.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Touching(pub usize);
+
+impl<const D: usize> Monotony<D> {
+    /// Left out are tangents without friction, whose reaction is zero; contacts that
+    /// stay open since nothing moves their normals; and tangents that nothing moves,
+    /// on which `V` depends by a constant.
+    ///
+    /// # Errors
+    /// [`Touching`] where the reaction of a component that nothing moves is not
+    /// determined by the rest.
+    pub fn new(problem: &Reduced<D>, units: &Units, nodes: Range<usize>) -> Result<Self, Touching> {
         let mut components = Vec::new();
-        for node in nodes.clone() {
-            for k in 0..D {
-                if k > 0 && problem.mu[node] == 0.0 {
+        let mut place = vec![[None; D]; nodes.len()];
+        for position in nodes.clone() {
+            for (k, unknown) in place[position - nodes.start].iter_mut().enumerate() {
+                if k > 0 && problem.mu[position] == 0.0 {
                     continue;
                 }
                 let felt = |other: usize| {
-                    let acts = problem.compliance.pair(node, other).row(k).amax() > 0.0;
-                    acts || problem.compliance.pair(other, node).column(k).amax() > 0.0
+                    let acts = problem.compliance.pair(position, other).row(k).amax() > 0.0;
+                    acts || problem.compliance.pair(other, position).column(k).amax() > 0.0
                 };
                 if nodes.clone().any(felt) {
-                    components.push((node, k));
-                } else if problem.q[node][k] == 0.0 {
-                    return None;
+                    *unknown = Some(components.len());
+                    components.push((position, k));
+                } else if problem.q[position][k] == 0.0 {
+                    return Err(Touching(position));
+                } else if k == 0 {
+                    break;
                 }
             }
         }
         let order = components.len();
         let mut matrix = vec![0.0; order * order];
-        let (mut skew, mut size) = (0.0_f64, 0.0_f64);
-        let scaling = &problem.scaling;
-        let entry = |(i, k): (usize, usize), (j, l): (usize, usize)| {
-            problem.compliance.pair(i, j)[(k, l)] * (scaling.to_v[i] / scaling.to_r[j])
-        };
-        for (c, &column) in components.iter().enumerate() {
-            for (l, &row) in components.iter().enumerate().skip(c) {
-                let (below, above) = (entry(row, column), entry(column, row));
-                skew = skew.max((below - above).abs());
-                size = size.max(below.abs()).max(above.abs());
-                matrix[c * order + l] = 0.5 * (below + above);
+        for (column, &pushed) in matrix.chunks_exact_mut(order.max(1)).zip(&components) {
+            for (value, &moved) in column.iter_mut().zip(&components) {
+                *value = scaled_entry(problem, units, moved, pushed);
             }
         }
-        let of_components = |wanted: bool| {
-            let mu = |&(node, k): &(usize, usize)| {
-                if (k == 0) == wanted {
-                    problem.mu[node]
-                } else {
-                    0.0
-                }
-            };
-            components.iter().map(mu).collect::<Vec<f64>>()
-        };
-        #[expect(clippy::cast_precision_loss, reason = "an order of a matrix")]
-        let n = order as f64;
-        let trace: f64 = (0..order).map(|i| matrix[i * (order + 1)].abs()).sum();
-        Some(Self {
-            order,
-            normal: of_components(true),
-            tangential: of_components(false),
+        #[expect(clippy::float_cmp, reason = "symmetric to the bit is what is asked")]
+        let symmetric =
+            (0..order).all(|j| (0..j).all(|i| matrix[j * order + i] == matrix[i * order + j]));
+        Ok(Self {
+            mu: problem.mu[nodes.clone()].to_vec(),
+            shapes: [
+                nodes
+                    .clone()
+                    .map(|i| times_two_to(problem.scaling.to_v[i], -units.to_v[i]).powi(2))
+                    .collect(),
+                nodes
+                    .clone()
+                    .map(|i| times_two_to(1.0, 2 * (units.to_v[nodes.start] - units.to_v[i])))
+                    .collect(),
+            ],
+            nodes,
+            components,
+            place,
             matrix,
-            symmetric: skew <= SYMMETRIC * size,
-            // Cholesky's backward error is below (n + 2) ε tr W in norm; then n
-            // times what scaling, and taking the symmetric part, do to an entry.
-            rounding: (n + 2.0) * f64::EPSILON * trace
-                + n * (4.0 * f64::EPSILON * size + skew.min(SYMMETRIC * size)),
+            symmetric,
         })
     }
 
-    /// Whether `W − c Mₙ` is positive definite, rounding subtracted.
-    fn less(&self, c: f64, stop: &AtomicBool) -> Result<bool, Error> {
-        let mut shifted = self.matrix.clone();
-        for (i, mu) in self.normal.iter().enumerate() {
-            shifted[i * (self.order + 1)] -= c * mu + self.rounding;
-        }
-        has_cholesky(shifted, self.order, stop)
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.components.len()
     }
 
-    /// Whether `W` is positive definite, rounding subtracted.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
-    pub fn definite(&self, stop: &AtomicBool) -> Result<bool, Error> {
-        self.less(0.0, stop)
+    /// All unknowns.
+    #[must_use]
+    pub fn all(&self) -> Vec<usize> {
+        (0..self.order()).collect()
     }
 
-    /// The criterion: with `α ≥ λ_max(M½ W_tt M½)`, `(α/4) λ_max(M½ (W⁻¹)_nn M½) < 1`
-    /// if and only if `W − (α/4) Mₙ` is positive definite.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
-    pub fn holds(&self, stop: &AtomicBool) -> Result<bool, Error> {
-        if !self.symmetric {
-            return Ok(false);
-        }
-        match self.largest_tangential(stop)? {
-            Some(alpha) => self.less(0.25 * alpha, stop),
-            None => Ok(false),
-        }
+    /// Unknown of a component of the contact at a position, where it is one.
+    #[must_use]
+    pub fn unknown(&self, position: usize, k: usize) -> Option<usize> {
+        self.place[position - self.nodes.start][k]
     }
 
-    /// An upper bound of `λ_max(M½ W_tt M½)` that is certain: a power iteration
-    /// gives a lower one, and `c I − M½ W_tt M½` is shown to be definite for a `c`
-    /// above it.
-    fn largest_tangential(&self, stop: &AtomicBool) -> Result<Option<f64>, Error> {
-        /// Products of the power iteration.
-        const PRODUCTS: usize = 20;
-        /// Tried above its result; the last ones for clustered eigenvalues.
-        const ABOVE: [f64; 3] = [1.02, 1.1, 1.5];
-        let rough: Vec<usize> = (0..self.order)
-            .filter(|&i| self.tangential[i] > 0.0)
-            .collect();
-        let n = rough.len();
-        if n == 0 {
-            return Ok(Some(0.0));
-        }
-        let mut matrix = vec![0.0; n * n];
-        for (c, &j) in rough.iter().enumerate() {
-            for (l, &i) in rough.iter().enumerate().skip(c) {
-                let entry = (self.tangential[i] * self.tangential[j]).sqrt()
-                    * self.matrix[j * self.order + i];
-                matrix[c * n + l] = entry;
-                matrix[l * n + c] = entry;
+    /// Contact, counted from the first, and component of an unknown.
+    #[must_use]
+    pub fn contact(&self, unknown: usize) -> (usize, usize) {
+        let (position, k) = self.components[unknown];
+        (position - self.nodes.start, k)
+    }
+
+    /// A tangent with friction that nothing moves, at a contact that may close: its
+    /// reaction follows from the others, and no bound of theirs is one of it.
+    #[must_use]
+    pub fn led_tangent(&self) -> Option<usize> {
+        self.nodes.clone().find(|&position| {
+            let contact = position - self.nodes.start;
+            let place = &self.place[contact];
+            self.mu[contact] > 0.0 && place[0].is_some() && place.iter().any(Option::is_none)
+        })
+    }
+
+    /// The symmetric part of `Ŵ` on some unknowns, column by column, and what rounding
+    /// has made of it in norm.
+    #[must_use]
+    pub fn symmetric_part(&self, kept: &[usize]) -> (Vec<f64>, f64) {
+        let order = self.order();
+        let mut half = Vec::with_capacity(kept.len().pow(2));
+        for &j in kept {
+            for &i in kept {
+                half.push(0.5 * (self.matrix[j * order + i] + self.matrix[i * order + j]));
             }
         }
-        let mut x = signs(n, 0);
-        let mut reached = 0.0;
-        for _ in 0..PRODUCTS {
-            let y: Vec<f64> = matrix
-                .chunks_exact(n)
-                .map(|row| dot_long(row, &x))
-                .collect();
-            let length = norm(&y);
-            reached = length / norm(&x);
-            x = y.iter().map(|value| value / length).collect();
-        }
-        let greatest = self.tangential.iter().fold(0.0_f64, |m, &mu| m.max(mu));
-        for bound in ABOVE.map(|factor| factor * reached) {
-            let mut below: Vec<f64> = matrix.iter().map(|x| -x).collect();
-            for i in 0..n {
-                // (n + 2) ε tr(c I) besides what W itself brings.
-                #[expect(clippy::cast_precision_loss, reason = "an order of a matrix")]
-                let own = (n * (n + 2)) as f64 * f64::EPSILON * bound;
-                below[i * (n + 1)] += bound - greatest * self.rounding - own;
+        let error = if self.symmetric {
+            0.0
+        } else {
+            2.0 * f64::EPSILON * norm(&half)
+        };
+        (half, error)
+    }
+
+    /// `A` on some unknowns, column by column, and what rounding has made of it in
+    /// norm. `kept` is ascending; contacts none of whose unknowns is kept have the
+    /// same reaction at all points that are compared.
+    #[must_use]
+    pub fn form(&self, kept: &[usize], weights: &Weights, known: &[Known<D>]) -> (Vec<f64>, f64) {
+        let (m, order) = (kept.len(), self.order());
+        let entry = |row: usize, column: usize| self.matrix[column * order + row];
+        // Rows of the Young term: unknown, and root of its weight.
+        let mut rows = Vec::new();
+        for &unknown in kept {
+            let (contact, k) = self.contact(unknown);
+            let share = known[contact].share();
+            let weight = share * self.mu[contact] * weights.theta[contact];
+            if k > 0 && weight > 0.0 {
+                rows.push((unknown, weight.sqrt()));
             }
-            if has_cholesky(below, n, stop)? {
-                return Ok(Some(bound));
+        }
+        // S W with the directions of sliding in its normal rows, and its sizes.
+        let mut moved = Vec::with_capacity(m * m);
+        let mut young = Vec::with_capacity(rows.len() * m);
+        let mut squares = 0.0;
+        for &column in kept {
+            for &row in kept {
+                let (contact, k) = self.contact(row);
+                let mut value = entry(row, column);
+                let mut size = value.abs();
+                if k == 0 {
+                    value *= weights.normal[contact];
+                    size *= weights.normal[contact];
+                    if let Known::Slides { direction, .. } = known[contact] {
+                        for (l, t) in direction.iter().enumerate().skip(1) {
+                            if let Some(tangent) = self.place[contact][l] {
+                                let term = self.mu[contact] * t * entry(tangent, column);
+                                value += term;
+                                size += term.abs();
+                            }
+                        }
+                    }
+                }
+                moved.push(value);
+                squares += size * size;
+            }
+            young.extend(rows.iter().map(|&(row, root)| root * entry(row, column)));
+        }
+        let mut a = vec![0.0; m * m];
+        for j in 0..m {
+            for i in 0..m {
+                a[j * m + i] = 0.5 * (moved[j * m + i] + moved[i * m + j]);
             }
         }
-        Ok(None)
+        if !rows.is_empty() {
+            let shape = (m, m, rows.len());
+            dense::matmul(
+                &mut a,
+                shape,
+                -0.5,
+                &young,
+                Op::Transposed,
+                &young,
+                Op::Plain,
+                1.0,
+            );
+        }
+        let mut largest = 0.0_f64;
+        for (i, &unknown) in kept.iter().enumerate() {
+            let (contact, k) = self.contact(unknown);
+            let share = known[contact].share();
+            if k == 0 && self.mu[contact] > 0.0 {
+                let loss = 0.5 * share * self.mu[contact] / weights.theta[contact];
+                a[i * (m + 1)] -= loss;
+                largest = largest.max(loss);
+            }
+        }
+        // Of each entry of S W some three roundings, of the product those of sums of
+        // as many terms as it has rows, of their difference one more.
+        let error = 8.0 * f64::EPSILON * (squares.sqrt() + largest)
+            + gamma(rows.len() + 8) * norm(&young).powi(2);
+        (a, error)
     }
 }
 
-/// Whether a symmetric matrix has a Cholesky factor.
-fn has_cholesky(mut matrix: Vec<f64>, n: usize, stop: &AtomicBool) -> Result<bool, Error> {
-    if stop.load(Ordering::Relaxed) {
-        return Err(Error::Interrupted);
+/// An `α` with `L Lᵀ ≽ α H`, proved, for a symmetric `A` of which `lower` is below, and
+/// a positive definite `H`; each with what rounding has made of it.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn least_ratio(
+    (form, error): (&[f64], f64),
+    lower: &Lower,
+    (half, of_half): (&[f64], f64),
+    stop: &AtomicBool,
+) -> Result<Option<f64>, Error> {
+    /// Above what the iteration finds, which lies below the truth.
+    const ABOVE: [f64; 5] = [1.02, 1.1, 1.3, 2.0, 8.0];
+    let m = lower.order();
+    if m == 0 {
+        return Ok(Some(1.0));
     }
-    Ok(dense::cholesky(&mut matrix, n, stop)?.is_none())
+    let largest = largest(m, |x| {
+        lower.backward(x);
+        let y = product(half, x);
+        x.copy_from_slice(&y);
+        lower.forward(x);
+    });
+    for above in ABOVE {
+        let alpha = 1.0 / (above * largest);
+        let pairs = form.iter().zip(half);
+        let rest: Vec<f64> = pairs.map(|(a, w)| a - alpha * w).collect();
+        // L Lᵀ itself lies lower than A.
+        let sizes = norm(form) + alpha * norm(half);
+        let room = error + alpha * of_half + lower.lowered() + 4.0 * f64::EPSILON * sizes;
+        if below::is_definite(rest, m, room, stop)? {
+            return Ok(Some(alpha));
+        }
+    }
+    Ok(None)
+}
+
+/// An entry of `Ŵ`: by the reaction of one component on another.
+pub(super) fn scaled_entry<const D: usize>(
+    problem: &Reduced<D>,
+    units: &Units,
+    (i, k): (usize, usize),
+    (j, l): (usize, usize),
+) -> f64 {
+    let entry = problem.compliance.pair(i, j)[(k, l)];
+    times_two_to(entry, units.to_v[i] - units.to_r[j])
+}
+
+/// The largest eigenvalue of a symmetric positive semidefinite operator, from below:
+/// Lanczos, whose first vector no structure is blind to.
+pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
+    const PRODUCTS: usize = 40;
+    let mut x = signs(n, 0);
+    let mut basis: Vec<Vec<f64>> = Vec::new();
+    let (mut diagonal, mut beside) = (Vec::new(), Vec::new());
+    let (mut length, mut size) = (norm(&x), 0.0_f64);
+    for _ in 0..PRODUCTS.min(n) {
+        // What is left is rounding: all that the start holds has been seen.
+        if !(length > 1e-10 * size) {
+            break;
+        }
+        for value in &mut x {
+            *value /= length;
+        }
+        let mut y = x.clone();
+        apply(&mut y);
+        let along = dot_long(&x, &y);
+        if !along.is_finite() {
+            break;
+        }
+        if !diagonal.is_empty() {
+            beside.push(length);
+        }
+        diagonal.push(along);
+        size = size.max(along.abs()).max(norm(&y));
+        basis.push(x);
+        // Against all of them: without, what has converged comes back.
+        for _ in 0..2 {
+            for earlier in &basis {
+                let part = dot_long(earlier, &y);
+                for (y, b) in y.iter_mut().zip(earlier) {
+                    *y -= part * b;
+                }
+            }
+        }
+        length = norm(&y);
+        x = y;
+    }
+    largest_of_tridiagonal(&diagonal, &beside)
+}
+
+/// By bisection, counting negative pivots.
+fn largest_of_tridiagonal(diagonal: &[f64], beside: &[f64]) -> f64 {
+    const HALVINGS: usize = 50;
+    let size = |values: &[f64]| values.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    let (mut low, mut high) = (0.0, size(diagonal) + 2.0 * size(beside));
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        let mut pivot = 1.0;
+        let below = diagonal.iter().enumerate().all(|(k, d)| {
+            let square = if k == 0 { 0.0 } else { beside[k - 1].powi(2) };
+            pivot = d - middle - square / pivot;
+            pivot < 0.0
+        });
+        if below {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    low
+}
+
+/// `A x` of a symmetric matrix.
+pub(super) fn product(a: &[f64], x: &[f64]) -> Vec<f64> {
+    let rows = a.chunks_exact(x.len().max(1));
+    rows.map(|row| dot_long(row, x)).collect()
 }

@@ -5,10 +5,12 @@ use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
+use crate::linalg::below::{self, Lower};
 use crate::problem::reduced::Reduced;
 use crate::solver::enumerate;
 use crate::solver::index::index;
-use crate::solver::monotony::Monotony;
+use crate::solver::monotony::{Known, Monotony, Units, Weights};
+use crate::solver::weights;
 
 /// What is known of the number of answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -113,13 +115,27 @@ fn assess_island<const D: usize>(
     v: &[[f64; D]],
     stop: &AtomicBool,
 ) -> Result<Unique, Error> {
-    let Some(monotony) = Monotony::new(problem, nodes.clone()) else {
+    let units = Units::of(problem);
+    let Ok(monotony) = Monotony::new(problem, &units, nodes.clone()) else {
         return Ok(Unique::Unknown);
     };
-    if !monotony.definite(stop)? {
+    let (kept, n) = (monotony.all(), monotony.order());
+    let (half, error) = monotony.symmetric_part(&kept);
+    let Some(lower) = Lower::new(half, n, error, stop)? else {
         return Ok(Unique::Unknown);
+    };
+    let known = vec![Known::Nothing; monotony.mu.len()];
+    let monotone = |weights: &Weights| {
+        let (form, error) = monotony.form(&kept, weights, &known);
+        below::is_definite(form, n, error, stop)
+    };
+    let common = weights::common(&monotony, &lower);
+    if monotone(&common.weights)? {
+        return Ok(Unique::Proved);
     }
-    if monotony.holds(stop)? {
+    if let Some(refined) = weights::refined(&monotony, &common, stop)?
+        && monotone(&refined)?
+    {
         return Ok(Unique::Proved);
     }
     let index = index(problem, nodes, r, v, stop)?;

@@ -170,6 +170,12 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "assess": (_core.assess, [held, GAP]),
         "assess, floating": (_core.assess, [floating, GAP]),
         "assess_step": (_core.assess_step, [condensed, LOAD, NONE, None, GAP]),
+        "error_bounds": (_core.error_bounds, [held, GAP, NONE, GAP]),
+        "error_bounds, floating": (_core.error_bounds, [floating, GAP, np.zeros(2)]),
+        "error_bound_of_step": (
+            _core.error_bound_of_step,
+            [condensed, LOAD, NONE, None, GAP, GAP, NONE],
+        ),
         "forward_errors": (_core.forward_errors, [held, GAP, NONE]),
         "forward_errors, floating": (
             _core.forward_errors,

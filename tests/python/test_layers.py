@@ -32,7 +32,7 @@ RUST_SIBLINGS = {
         "blocks csc",
         "gmres least_squares packed",
         "dense nonnegative ordering quotient",
-        "lu tree",
+        "below lu tree",
         "symbolic",
         "walk",
         "sweep",
@@ -43,7 +43,7 @@ RUST_SIBLINGS = {
     "law": (
         "frame cone sliding",
         "alart_curnier bipotential elliptic one_node",
-        "frozen",
+        "face frozen",
     ),
     "problem": (
         "border memory null_space sparse stats stretch",
@@ -61,14 +61,20 @@ RUST_SIBLINGS = {
         "anderson enumerate index linearisation monitor monotony",
         "compliance_form",
         "stiffness_form",
-        "gauss_seidel newton uniqueness uzawa",
-        "proximal convex pivoting",
+        "gauss_seidel newton uzawa weights",
+        "contraction proximal uniqueness convex pivoting",
         "displacement_principle stress_principle alternating_principles",
         "minimising_sequence",
-        "auto refine",
+        "auto error_bound refine",
         "solution",
     ),
-    "python": ("errors arrays interrupt", "solver", "problem", "several", "estimate"),
+    "python": (
+        "errors arrays interrupt",
+        "solver",
+        "problem",
+        "several",
+        "bound estimate",
+    ),
 }
 # Word of the code: the only files that may hold it. An upgrade of a library, or
 # a review of what the compiler cannot check, then has few places to go.
@@ -81,7 +87,7 @@ RUST_NAMES = {
 }
 PYTHON = (
     "_core early interrupts shipped vtu words",
-    "export",
+    "export error_bound",
     "structure",
     "check plane_friction result",
     "friction",

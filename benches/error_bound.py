@@ -1,0 +1,149 @@
+"""What the guaranteed bound of the error is worth: a table for `docs/paper`.
+
+    python benches/error_bound.py [--seeds 40]
+
+For problems of `problems.SETS` and those of the tests, points that an iteration passes
+on its way (accelerated sweeps, momentum) and random ones near the answer; the ratio of
+bound and true error in the norm of W, by the size of the error. Then up to which μ there
+is a bound for all loads, and what a bound costs beside a solve, in multiplications.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / "benches"), str(ROOT / "tests" / "python")]
+
+import problems  # noqa: E402
+
+from random_problems import random_problem  # noqa: E402
+
+Array = NDArray[np.float64]
+# Unknowns above which a problem is left out: the table is of many small ones.
+MOST = 450
+CLASSES = ((3e-2, np.inf), (1e-5, 3e-2), (1e-8, 1e-5), (1e-11, 1e-8))
+
+
+def norm(W: Array, d: Array) -> float:
+    return float(np.sqrt(max(d.ravel() @ W @ d.ravel(), 0.0)))
+
+
+def iterates(problem: bp.ReducedProblem, seed: int) -> Iterator[Array]:
+    """Points of two iterations, and some near the answer."""
+    for method in ("gauss_seidel", "nesterov"):
+        for count in (1, 2, 4, 8, 16, 32, 64, 128):
+            yield problem.solve(method, 1e-13, max_iterations=count).reaction
+    answer = problem.solve(tol=1e-14).reaction
+    rng = np.random.default_rng(seed)
+    size = np.abs(answer).max(axis=1, keepdims=True)
+    for digits in (1, 3, 6, 9):
+        yield answer * (1 + 10.0**-digits * rng.normal(size=answer.shape)) + 0.0 * size
+
+
+def drawn(kind: str) -> Callable[[int], problems.Problem]:
+    def problem(seed: int) -> problems.Problem:
+        given = random_problem(kind, 2 + seed % 2, seed)
+        return problems.Problem(f"{kind} {seed}", given.W, given.q, given.mu)
+
+    return problem
+
+
+def ratios(
+    of_seed: Callable[[int], problems.Problem], seeds: int
+) -> dict[str, list[float]]:
+    """Ratios by class of error; and, named, how many problems each verdict has."""
+    found: dict[str, list[float]] = {str(c): [] for c in CLASSES}
+    found |= {"global": [], "local": [], "not available": []}
+    for seed in range(seeds):
+        given = of_seed(seed)
+        if given.q.size > MOST or given.rigid is not None:
+            continue
+        problem = bp.ReducedProblem(given.W, given.q, given.mu)
+        answer = problem.solve(tol=1e-14)
+        if not answer.converged:
+            continue
+        kind = answer.error.kind
+        found[kind].append(1.0)
+        if kind != "global":
+            continue
+        points = np.array(list(iterates(problem, seed)))
+        whole = norm(given.W, answer.reaction)
+        for point, bound in zip(points, problem.error_bounds(points), strict=True):
+            true = norm(given.W, point - answer.reaction)
+            assert bound.energy is not None
+            assert answer.error.energy is not None
+            assert true <= bound.energy + answer.error.energy
+            if true <= 100 * answer.error.energy:
+                continue  # the answer is not known well enough
+            for least, most in CLASSES:
+                if least <= true / whole < most:
+                    found[str((least, most))].append(bound.energy / true)
+    return found
+
+
+def limit(W: Array, d: int, *, most: float = 10.0) -> tuple[float, float]:
+    """The largest μ with a bound for every load: in closed form, and with weights sought."""
+    n = np.arange(0, len(W), d)
+    t = np.setdiff1d(np.arange(len(W)), n)
+    scale = np.repeat(1 / np.sqrt(np.diag(W).reshape(-1, d).mean(axis=1)), d)
+    scaled = W * np.outer(scale, scale)
+    alpha = np.linalg.eigvalsh(scaled[np.ix_(t, t)])[-1]
+    beta = np.linalg.eigvalsh(np.linalg.inv(scaled)[np.ix_(n, n)])[-1]
+    low, high = 0.0, most
+    q = np.tile([-1.0, *[0.1] * (d - 1)], (len(n), 1))
+    zero = np.zeros_like(q)
+    while high - low > 0.02 * high:
+        middle = (low + high) / 2
+        kind = bp.ReducedProblem(W, q, middle).error_bound(zero)
+        low, high = (middle, high) if kind.unique else (low, middle)
+    return 2 / float(np.sqrt(alpha * beta)), low
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=40)
+    seeds = parser.parse_args().seeds
+    sets: dict[str, Callable[[int], problems.Problem]] = {
+        "tests: held": drawn("held"),
+        "tests: graded": drawn("graded"),
+        "tests: frictionless": drawn("frictionless"),
+        "random": problems.random,
+        "held": problems.held,
+        "two bodies": problems.two_bodies,
+    }
+    head = ["> 3e-2", "3e-2 to 1e-5", "1e-5 to 1e-8", "1e-8 to 1e-11"]
+    print("| set | global, local, none | " + " | ".join(head) + " |")
+    print("|---|---|" + "---|" * len(head))
+    for name, of_seed in sets.items():
+        found = ratios(of_seed, seeds)
+        kinds = (len(found[kind]) for kind in ("global", "local", "not available"))
+        cells = [
+            f"{np.median(x):.1f} / {np.quantile(x, 0.9):.1f} ({len(x)})" if x else "–"
+            for x in (found[str(c)] for c in CLASSES)
+        ]
+        print(f"| {name} | {', '.join(map(str, kinds))} | " + " | ".join(cells) + " |")
+    print("\n| W | L = 2 at | proved up to |\n|---|---|---|")
+    bodies = [
+        ("2D block, 20 contacts, ν = 0.3", problems.block(2, 20, 0.3), 2),
+        ("2D block, 60 contacts, ν = 0.3", problems.block(2, 60, 0.3), 2),
+        ("3D block, 36 contacts, ν = 0.3", problems.block(3, 6, 0.3), 3),
+        ("3D block, 36 contacts, ν = 0.4999", problems.block(3, 6, 0.4999), 3),
+    ]
+    for label, body, d in bodies:
+        closed, sought = limit(body["W"], d)
+        print(f"| {label} | {closed:.2f} | {sought:.2f} |")
+    for d in (2, 3):
+        pairs = [limit(random_problem("held", d, seed).W, d) for seed in range(seeds)]
+        closed, sought = np.median(pairs, axis=0)
+        print(f"| random, {d}D, median | {closed:.2f} | {sought:.2f} |")
+
+
+if __name__ == "__main__":
+    main()

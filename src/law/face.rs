@@ -1,0 +1,155 @@
+//! The face of `K_μ` that a reaction lies on, and how far `V(v)` is from the face of
+//! the dual that is orthogonal to it: what a bound of the error is made of.
+//!
+//! `V = (p v_n + μ‖v_t‖, v_t)` with any weight `p > 0`; `p = 1` is de Saxcé's ṽ. The law (9)
+//! reads `K_μ ∋ r ⊥ V ∈ K*_μ` for each of them, `V·r` being a sum of terms ≥ 0.
+//!
+//! Numbers are not points of a cone but to rounding. So a face stands for the *exact*
+//! point of it next to the numbers, with the distance, and what is computed comes
+//! with what rounding may have made of it.
+
+use crate::law::bipotential::law_step;
+use crate::linalg::small::tangential_norm;
+
+/// Lengths and quotients of two or three components are right to this.
+const ROUNDING: f64 = 8.0 * f64::EPSILON;
+
+/// A reaction below this is none: products with it would leave the range of doubles.
+/// Variables are scaled to order one.
+const NOTHING: f64 = 1e-200;
+
+/// Where in the cone a reaction lies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Place<const D: usize> {
+    Apex,
+    /// On the ray `(1, μ t)`; the unit vector `(0, t)` to rounding.
+    Ray([f64; D]),
+    /// Within; of a cone without friction, on its axis.
+    Inside,
+}
+
+/// A point of `K_μ`, as numbers that are right to `moved` in each component.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Face<const D: usize> {
+    pub reaction: [f64; D],
+    pub place: Place<D>,
+    pub moved: f64,
+}
+
+impl<const D: usize> Face<D> {
+    /// Of a reaction that lies in the cone to rounding, as a projection gives it.
+    #[must_use]
+    pub fn of(r: &[f64; D], mu: f64) -> Self {
+        let mut axis = [0.0; D];
+        if !(r[0] > NOTHING) {
+            return Self {
+                reaction: axis,
+                place: Place::Apex,
+                moved: 0.0,
+            };
+        }
+        axis[0] = r[0];
+        let t = tangential_norm(r);
+        if mu == 0.0 || t == 0.0 {
+            return Self {
+                reaction: axis,
+                place: Place::Inside,
+                moved: 0.0,
+            };
+        }
+        if t * (1.0 + ROUNDING) <= mu * r[0] * (1.0 - ROUNDING) {
+            return Self {
+                reaction: *r,
+                place: Place::Inside,
+                moved: 0.0,
+            };
+        }
+        let mut direction = r.map(|c| c / t);
+        direction[0] = 0.0;
+        Self {
+            reaction: *r,
+            place: Place::Ray(direction),
+            moved: (mu * r[0] - t).abs() + ROUNDING * (mu * r[0] + t),
+        }
+    }
+
+    /// `e = y − V(v)`, `y` the nearest to `V` of those points of `K*_μ` that are
+    /// orthogonal to the face, and what `e` may be off by, for any `v` within `dv`.
+    ///
+    /// `y` is the projection of `V` onto a convex set, the dual at the apex, a ray along
+    /// `m = (μ, −t)` on a ray, zero inside; so `e` moves no more than `V` does.
+    #[must_use]
+    pub fn misfit(&self, v: &[f64; D], dv: &[f64; D], p: f64, mu: f64) -> ([f64; D], [f64; D]) {
+        // Without friction K* is v_n ≥ 0, and y has the tangents of V.
+        let (v, dv) = if mu == 0.0 {
+            (&normal_part(v), &normal_part(dv))
+        } else {
+            (v, dv)
+        };
+        let slip = tangential_norm(v);
+        let size = p * v[0].abs() + (1.0 + mu) * slip;
+        let spread = (p * dv[0] + (1.0 + mu) * tangential_norm(dv)) * (1.0 + ROUNDING);
+        let uncertain = spread + 8.0 * ROUNDING * size;
+        match self.place {
+            Place::Apex => {
+                // V lies in K*_μ if and only if v_n ≥ 0: certain, then e is zero exactly.
+                if v[0] > dv[0] {
+                    return ([0.0; D], [0.0; D]);
+                }
+                // y − V is the projection of −V onto K_μ.
+                let mut weighted = *v;
+                weighted[0] *= p;
+                let (e, _) = law_step(&[0.0; D], &weighted, 1.0, mu);
+                (e, [uncertain; D])
+            }
+            Place::Inside => {
+                let mut e = v.map(|c| -c);
+                let mut error = *dv;
+                e[0] = -(p * v[0] + mu * slip);
+                error[0] = spread + ROUNDING * size;
+                (e, error)
+            }
+            Place::Ray(direction) => {
+                let length = mu.hypot(1.0);
+                let mut m = direction.map(|t| -t / length);
+                m[0] = mu / length;
+                let mut corrected = *v;
+                corrected[0] = p * v[0] + mu * slip;
+                let along: f64 = m.iter().zip(&corrected).map(|(m, x)| m * x).sum();
+                let along = along.max(0.0);
+                let e = std::array::from_fn(|k| along * m[k] - corrected[k]);
+                (e, [uncertain; D])
+            }
+        }
+    }
+    /// The same where the reaction is known to lie on the ray of this face, so that
+    /// `V·r = p v_n r_n`: of a contact that slides in a known direction.
+    #[must_use]
+    pub fn misfit_along(&self, v: f64, dv: f64, p: f64) -> (f64, f64) {
+        if self.place == Place::Apex && v > dv {
+            return (0.0, 0.0);
+        }
+        let e = -p * v;
+        let error = p * dv * (1.0 + ROUNDING) + ROUNDING * e.abs();
+        match self.place {
+            Place::Apex => (e.max(0.0), error),
+            _ => (e, error),
+        }
+    }
+
+    /// The same where `v = 0` is known: `V = (p v_n, v_t)` and `y = 0`.
+    #[must_use]
+    pub fn misfit_held(v: &[f64; D], dv: &[f64; D], p: f64) -> ([f64; D], [f64; D]) {
+        let mut e = v.map(|c| -c);
+        let mut error = *dv;
+        e[0] = -p * v[0];
+        error[0] = p * dv[0] * (1.0 + ROUNDING) + ROUNDING * e[0].abs();
+        (e, error)
+    }
+}
+
+fn normal_part<const D: usize>(v: &[f64; D]) -> [f64; D] {
+    let mut normal = [0.0; D];
+    normal[0] = v[0];
+    normal
+}

@@ -1,0 +1,240 @@
+//! Matrices `L Lᵀ` that are proved to lie below a symmetric one, in the order of
+//! quadratic forms, with rounding counted: what is concluded of them holds for the
+//! exact matrix.
+//!
+//! If Cholesky's algorithm runs to its end on `M` of order n, in whatever order sums
+//! are taken, its factor satisfies `L Lᵀ = M + E` with `‖E‖ ≤ (n + 1) u tr M / (1 − (n + 1) u)`,
+//! `u` half of `f64::EPSILON` [Rump 2006]. So for `M = A − s 1` with `s` above that, `L Lᵀ ≼ A`.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::error::Error;
+use crate::linalg::dense;
+use crate::linalg::small::norm;
+
+/// What sums of `n` products may lose, relative to the sum of sizes: twice
+/// `(n + 8) u`, which leaves room for its own rounding.
+#[must_use]
+pub fn gamma(n: usize) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "an order of a matrix")]
+    let terms = (n + 8) as f64;
+    terms * f64::EPSILON
+}
+
+/// `L` with `L Lᵀ ≼ A`.
+#[derive(Clone, Debug)]
+pub struct Lower {
+    n: usize,
+    /// Lower triangle, column by column.
+    factor: Vec<f64>,
+    /// `‖A − L Lᵀ‖`, from above.
+    lowered: f64,
+}
+
+/// The same with the inverse of `L`: what solves with it are worth.
+#[derive(Clone, Debug)]
+pub struct Below {
+    lower: Lower,
+    /// Columns of the inverse, to rounding.
+    inverse: Vec<f64>,
+    /// `‖L⁻¹‖`, from above.
+    inverse_norm: f64,
+    /// `‖1 − L Y‖` for the inverse `Y` at hand, from above.
+    miss: f64,
+}
+
+/// A point `c` and a radius, see [`Below::ellipsoid`].
+#[derive(Clone, Debug)]
+pub struct Ellipsoid {
+    pub centre: Vec<f64>,
+    pub radius: f64,
+}
+
+impl Lower {
+    /// From a symmetric matrix, column by column, its lower triangle, that differs
+    /// from `A` by at most `error` in norm. Nothing where `A` is not positive
+    /// definite, rounding subtracted.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn new(
+        mut a: Vec<f64>,
+        n: usize,
+        error: f64,
+        stop: &AtomicBool,
+    ) -> Result<Option<Self>, Error> {
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        let trace: f64 = (0..n).map(|i| a[i * (n + 1)].abs()).sum();
+        let shift = error + gamma(n) * trace;
+        if !shift.is_finite() || !a.iter().all(|x| x.is_finite()) {
+            return Ok(None);
+        }
+        for i in 0..n {
+            a[i * (n + 1)] -= shift;
+        }
+        let refused = dense::cholesky(&mut a, n, stop)?;
+        Ok(refused.is_none().then_some(Self {
+            n,
+            factor: a,
+            lowered: 2.0 * shift,
+        }))
+    }
+
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.n
+    }
+
+    /// `‖A − L Lᵀ‖`, from above.
+    #[must_use]
+    pub fn lowered(&self) -> f64 {
+        self.lowered
+    }
+
+    /// `x ← L⁻¹ x`, to rounding.
+    pub fn forward(&self, x: &mut [f64]) {
+        dense::solve_lower(&self.factor, self.n, x, 1);
+    }
+
+    /// `x ← L⁻ᵀ x`, to rounding.
+    pub fn backward(&self, x: &mut [f64]) {
+        dense::solve_lower_transpose(&self.factor, self.n, x, 1);
+    }
+}
+
+impl Below {
+    /// As [`Lower::new`]; nothing, too, where the factor is too nearly singular for
+    /// anything to be said of solves with it.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn new(
+        a: Vec<f64>,
+        n: usize,
+        error: f64,
+        stop: &AtomicBool,
+    ) -> Result<Option<Self>, Error> {
+        let Some(lower) = Lower::new(a, n, error, stop)? else {
+            return Ok(None);
+        };
+        let mut inverse = vec![0.0; n * n];
+        for k in 0..n {
+            inverse[k * (n + 1)] = 1.0;
+        }
+        dense::solve_lower(&lower.factor, n, &mut inverse, n);
+        let room = 1.0 + gamma(n);
+        let (size, of_inverse) = (room * norm(&lower.factor), room * norm(&inverse));
+        // (L + ΔL) y = e_j with |ΔL| ≤ γ |L|, column by column.
+        let miss = gamma(n) * size * of_inverse;
+        if !(miss < 0.1) {
+            return Ok(None);
+        }
+        Ok(Some(Self {
+            lower,
+            inverse,
+            inverse_norm: of_inverse / (1.0 - miss) * room,
+            miss,
+        }))
+    }
+
+    #[must_use]
+    pub fn lower(&self) -> &Lower {
+        &self.lower
+    }
+
+    fn order(&self) -> usize {
+        self.lower.n
+    }
+
+    /// All `d` with `dᵀ L Lᵀ d + e·d ≤ 0`, whatever `e` is within `error` of what is
+    /// given: `d = −c + L⁻ᵀ x` with `‖x‖` at most the radius.
+    ///
+    /// With `f = L⁻¹ e` the condition is `‖Lᵀ d + ½ f‖ ≤ ½ ‖f‖`. For the computed `f̃` and
+    /// `c = ½ L⁻ᵀ f̃`, whose solves have backward errors `γ |L|`,
+    ///
+    /// ```text
+    /// ‖f − f̃‖ ≤ φ = ‖L⁻¹ δe‖ + κ ‖f̃‖,   ‖Lᵀ c − ½ f‖ ≤ ½ φ + γ ‖L‖ ‖c‖
+    /// ```
+    #[must_use]
+    pub fn ellipsoid(&self, e: &[f64], error: &[f64]) -> Ellipsoid {
+        let room = 1.0 + gamma(self.order());
+        let mut f = e.to_vec();
+        self.lower.forward(&mut f);
+        let mut centre: Vec<f64> = f.iter().map(|x| 0.5 * x).collect();
+        self.lower.backward(&mut centre);
+        let length = room * norm(&f);
+        let wander = self.reach(error) + self.kappa() * length;
+        let radius = 0.5 * (length + wander)
+            + 0.5 * wander
+            + gamma(self.order()) * self.size() * (room * norm(&centre));
+        Ellipsoid {
+            centre,
+            radius: room * radius,
+        }
+    }
+
+    /// `‖L⁻¹ e‖` from above.
+    #[must_use]
+    pub fn length(&self, e: &[f64]) -> f64 {
+        let mut f = e.to_vec();
+        self.lower.forward(&mut f);
+        (1.0 + gamma(self.order())) * (1.0 + self.kappa()) * norm(&f)
+    }
+
+    /// `‖L⁻¹ e_j‖` for every `j`, from above: half the widths of the unit ellipsoid
+    /// of `L Lᵀ` along the axes.
+    #[must_use]
+    pub fn widths(&self) -> Vec<f64> {
+        let room = (1.0 + gamma(self.order())) * (1.0 + self.kappa());
+        let columns = self.inverse.chunks_exact(self.order().max(1));
+        columns.map(|column| room * norm(column)).collect()
+    }
+
+    /// The same along the `rows` of a matrix, row by row of length n, each of which may
+    /// be off by as much as `errors` say in norm.
+    #[must_use]
+    pub fn widths_along(&self, rows: &[f64], errors: &[f64]) -> Vec<f64> {
+        let room = (1.0 + gamma(self.order())) * (1.0 + self.kappa());
+        let mut solved = rows.to_vec();
+        let count = rows.len() / self.order().max(1);
+        dense::solve_lower(&self.lower.factor, self.order(), &mut solved, count);
+        let columns = solved.chunks_exact(self.order().max(1)).zip(errors);
+        columns
+            .map(|(column, error)| room * (norm(column) + self.inverse_norm * error))
+            .collect()
+    }
+
+    /// What is lost of `‖L⁻¹ e‖` by the rounding of a solve, relative to it.
+    fn kappa(&self) -> f64 {
+        gamma(self.order()) * self.size() * self.inverse_norm
+    }
+
+    /// `‖L‖`, from above.
+    fn size(&self) -> f64 {
+        (1.0 + gamma(self.order())) * norm(&self.lower.factor)
+    }
+
+    /// `max ‖L⁻¹ x‖` over `|x| ≤ error`, from above.
+    fn reach(&self, error: &[f64]) -> f64 {
+        let mut sums = vec![0.0; self.order()];
+        for (column, &x) in self.inverse.chunks_exact(self.order().max(1)).zip(error) {
+            for (sum, y) in sums.iter_mut().zip(column) {
+                *sum += y.abs() * x;
+            }
+        }
+        let room = 1.0 + gamma(self.order());
+        // L⁻¹ = Y + L⁻¹ (1 − L Y).
+        room * (norm(&sums) + self.inverse_norm * self.miss * norm(error))
+    }
+}
+
+/// Whether all that differs from a symmetric matrix, given as in [`Lower::new`], by at
+/// most `error` is positive definite.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn is_definite(a: Vec<f64>, n: usize, error: f64, stop: &AtomicBool) -> Result<bool, Error> {
+    Ok(Lower::new(a, n, error, stop)?.is_some())
+}

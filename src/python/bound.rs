@@ -1,0 +1,136 @@
+//! How far a point is from the answer, proved.
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::problem::candidates::Problem;
+use crate::python::arrays::{self, Matrix, Vector};
+use crate::python::several::left;
+use crate::python::{interrupt, problem, solver};
+use crate::solver::error_bound::{Bound, Kind, Prepared};
+use crate::stepping::{increment, reduced_step};
+
+type Dicts<'py> = Vec<Told<'py>>;
+type Told<'py> = pyo3::Bound<'py, PyDict>;
+
+/// Bounds at some reactions, one below the other, of one problem.
+///
+/// `reported` is what is told as relative displacement beside each of them.
+#[pyfunction]
+#[pyo3(signature = (problem, reactions, rigid, reported=None, num_threads=None))]
+pub(super) fn error_bounds<'py>(
+    py: Python<'py>,
+    problem: &solver::Reduced,
+    reactions: Matrix<'py>,
+    rigid: Vector<'py>,
+    reported: Option<Matrix<'py>>,
+    num_threads: Option<usize>,
+) -> PyResult<Dicts<'py>> {
+    let rigid = rigid.as_slice()?;
+    problem.check_motion(rigid)?;
+    macro_rules! of {
+        ($owned:expr, $d:literal) => {{
+            let rows = arrays::rows::<$d>(&reactions)?;
+            let contacts = $owned.contacts();
+            if contacts == 0 || !rows.len().is_multiple_of(contacts) {
+                arrays::length("reactions", rows.len(), contacts)?;
+            }
+            let told = reported.as_ref().map(arrays::rows::<$d>).transpose()?;
+            if let Some(told) = told {
+                arrays::length("reported", told.len(), rows.len())?;
+            }
+            let found = $owned.run(py, num_threads, None, |problem, stop, _| {
+                let prepared = Prepared::new(problem, stop)?;
+                let exactly = vec![[0.0; $d]; contacts];
+                let mut found = Vec::new();
+                for (k, r) in rows.chunks_exact(contacts.max(1)).enumerate() {
+                    let r = problem.compliance.gather(r);
+                    let told =
+                        told.map(|v| problem.compliance.gather(&v[k * contacts..][..contacts]));
+                    let given = told.as_ref().map(|v| (v.as_slice(), exactly.as_slice()));
+                    found.push(prepared.bound(problem, (&r, rigid), given, stop)?);
+                }
+                Ok((found, prepared.unique()))
+            })?;
+            let (found, unique) = found;
+            found.iter().map(|bound| dict(py, bound, unique)).collect()
+        }};
+    }
+    match &problem.kind {
+        solver::Kind::Two(owned) => of!(owned, 2),
+        solver::Kind::Three(owned) => of!(owned, 3),
+    }
+}
+
+/// The same for a step of a load path: total loads, the total relative displacement
+/// that the step before left, and that of the step. Nothing with a working set.
+#[pyfunction]
+#[pyo3(signature = (problem, load, prescribed, before, reaction, reported, rigid))]
+#[expect(clippy::too_many_arguments, reason = "what makes a step, from Python")]
+pub(super) fn error_bound_of_step<'py>(
+    py: Python<'py>,
+    problem: &problem::Condensed,
+    load: Vector<'py>,
+    prescribed: Vector<'py>,
+    before: Option<Matrix<'py>>,
+    reaction: Matrix<'py>,
+    reported: Matrix<'py>,
+    rigid: Vector<'py>,
+) -> PyResult<Option<Told<'py>>> {
+    let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
+    let rigid = rigid.as_slice()?;
+    macro_rules! of {
+        ($inner:expr) => {{
+            let contacts = $inner.contacts();
+            let state = before.as_ref().map(|v| left(v, contacts)).transpose()?;
+            let reaction = arrays::rows_of("reaction", &reaction, contacts)?;
+            let reported = arrays::rows_of("reported", &reported, contacts)?;
+            arrays::length("rigid_motion", rigid.len(), $inner.bodies().motions().len())?;
+            let Problem::Whole(whole) = &**$inner else {
+                return Ok(None);
+            };
+            let (bound, unique) = interrupt::run(py, problem.num_threads, |stop| {
+                let reduced = reduced_step(whole, load, prescribed, state.as_ref())?;
+                let order = whole.compliance();
+                let (v, error) = increment(reported, state.as_ref());
+                let (v, error) = (order.gather(&v), order.gather(&error));
+                let r = order.gather(reaction);
+                let prepared = Prepared::new(&reduced, stop)?;
+                let bound = prepared.bound(&reduced, (&r, rigid), Some((&v, &error)), stop)?;
+                Ok((bound, prepared.unique()))
+            })?;
+            Ok(Some(dict(py, &bound, unique)?))
+        }};
+    }
+    match &problem.kind {
+        problem::Kind::Two(inner) => of!(inner),
+        problem::Kind::Three(inner) => of!(inner),
+    }
+}
+
+fn dict<'py, const D: usize>(
+    py: Python<'py>,
+    bound: &Bound<D>,
+    unique: bool,
+) -> PyResult<Told<'py>> {
+    let dict = PyDict::new(py);
+    dict.set_item("kind", bound.kind.name())?;
+    dict.set_item("unique", unique)?;
+    dict.set_item("gap", arrays::from_vec(py, bound.gap.clone()))?;
+    dict.set_item("stored", bound.stored)?;
+    if let Kind::NotAvailable(reason) = bound.kind {
+        let (word, which) = reason.told();
+        dict.set_item("reason", word)?;
+        dict.set_item("which", which)?;
+        return Ok(dict);
+    }
+    dict.set_item("energy", bound.energy)?;
+    dict.set_item("relative", bound.relative)?;
+    dict.set_item("alone_within", bound.alone_within)?;
+    dict.set_item("reaction", arrays::from_rows(py, &bound.reaction)?)?;
+    let moved = arrays::from_rows(py, &bound.relative_displacement)?;
+    dict.set_item("relative_displacement", moved)?;
+    dict.set_item("contraction", bound.contraction)?;
+    dict.set_item("energy_by_gap", bound.energy_by_gap)?;
+    Ok(dict)
+}

@@ -1,0 +1,84 @@
+//! The number `L = √(αβ)` of section 10, from above: with `L < 1` alternating principles
+//! contract, and the energy `B` that is missing from an answer bounds its error.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::linalg::below::{self, gamma};
+use crate::linalg::small::norm;
+use crate::solver::monotony::Monotony;
+use crate::solver::weights::Common;
+
+/// An upper bound of `L` that is certain, where it is below 1 and `W` symmetric.
+///
+/// `c ≥ α = λ_max(M½ W_tt M½)` if `c 1 − M½ W_tt M½` has a Cholesky factor, and then `L ≤ ℓ`
+/// if `W − (c/ℓ²) P_nᵀ M P_n` has one.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn contraction<const D: usize>(
+    monotony: &Monotony<D>,
+    common: &Common,
+    stop: &AtomicBool,
+) -> Result<Option<f64>, Error> {
+    /// Above what was estimated; the last ones for clustered eigenvalues.
+    const ABOVE: [f64; 3] = [1.02, 1.1, 1.5];
+    if !monotony.symmetric {
+        return Ok(None);
+    }
+    let n = monotony.order();
+    let (half, _) = monotony.symmetric_part(&monotony.all());
+    let friction = |unknown: usize| {
+        let (contact, k) = monotony.contact(unknown);
+        let (mu, shape) = (monotony.mu[contact], common.shape[contact]);
+        if k == 0 { mu / shape } else { mu * shape }
+    };
+    let tangents: Vec<usize> = (0..n).filter(|&i| monotony.contact(i).1 > 0).collect();
+    if tangents.is_empty() || common.alpha == 0.0 {
+        // Without friction nothing couples the two principles.
+        return Ok(tangents.is_empty().then_some(0.0));
+    }
+    let m = tangents.len();
+    let mut rough = Vec::with_capacity(m * m);
+    for &j in &tangents {
+        rough.extend(
+            tangents
+                .iter()
+                .map(|&i| (friction(i) * friction(j)).sqrt() * half[j * n + i]),
+        );
+    }
+    let of_rough = 8.0 * f64::EPSILON * norm(&rough);
+    let mut alpha = None;
+    for above in ABOVE {
+        let c = above * common.alpha;
+        let mut rest: Vec<f64> = rough.iter().map(|x| -x).collect();
+        for i in 0..m {
+            rest[i * (m + 1)] += c;
+        }
+        let error = of_rough + 2.0 * f64::EPSILON * c;
+        if below::is_definite(rest, m, error, stop)? {
+            alpha = Some(c);
+            break;
+        }
+    }
+    let Some(alpha) = alpha else { return Ok(None) };
+    for above in ABOVE {
+        let least = above * (alpha * common.beta).sqrt();
+        if !(least < 1.0) {
+            break;
+        }
+        let share = alpha / (least * least);
+        let mut rest = half.clone();
+        let mut largest = 0.0_f64;
+        for i in (0..n).filter(|&i| monotony.contact(i).1 == 0) {
+            let loss = share * friction(i);
+            rest[i * (n + 1)] -= loss;
+            largest = largest.max(loss);
+        }
+        let error = gamma(0) * (largest + norm(&half));
+        if below::is_definite(rest, n, error, stop)? {
+            return Ok(Some(least * (1.0 + gamma(0))));
+        }
+    }
+    Ok(None)
+}

@@ -1,0 +1,312 @@
+//! Weights that make the matrix `A` of [`monotony`](crate::solver::monotony) as definite
+//! as may be.
+//!
+//! Any weights are right: what follows from them is proved afterwards. For `p = 1` and
+//! one common θ, `A ≽ (1 − κ) W` with, in closed form, `κ = ½ √(αβ)` at `θ = √(β/α)`, where
+//! `α = λ_max(M½ W_tt M½)`, `β = λ_max(M½ (W⁻¹)_nn M½)`, `M = diag μ`.
+//!
+//! Where that is not enough they are found contact by contact. `A` is concave in `θ` in
+//! the order of quadratic forms, and so is `log det (A − σ W)`: at its maximum
+//!
+//! ```text
+//! θ_i² = X_nn,ii / tr (W X Wᵀ)_tt,ii,      X = (A − σ W)⁻¹
+//! ```
+//!
+//! and with `− Σ log p_i`, which takes out that p only scales rows, `p_i = 1/(W X)_nn,ii · p_i`.
+//! Steps towards these, in logarithms, go up component by component; they are shortened
+//! until the sum does. Then σ follows the least eigenvalue of `A` against `W` from below.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::linalg::below::Lower;
+use crate::linalg::dense::{self, Op};
+use crate::linalg::small::dot_long;
+use crate::solver::monotony::{Known, Monotony, Weights, largest, product};
+
+/// Below this κ a bound gains less from other weights than they cost.
+const GOOD: f64 = 0.5;
+
+/// Unknowns up to which weights are sought contact by contact.
+pub const MOST_UNKNOWNS: usize = 1000;
+
+/// Rounds of that search: about five products of matrices each.
+const ROUNDS: usize = 24;
+
+/// Weights in closed form, with estimates of what they follow from.
+#[derive(Clone, Debug)]
+pub struct Common {
+    pub weights: Weights,
+    /// `θ` is a multiple of this: α and β are of `diag(μ shape)`, `diag(μ / shape)`.
+    pub shape: Vec<f64>,
+    pub alpha: f64,
+    pub beta: f64,
+}
+
+impl Common {
+    /// κ, estimated.
+    #[must_use]
+    pub fn kappa(&self) -> f64 {
+        0.5 * (self.alpha * self.beta).sqrt()
+    }
+}
+
+/// The best common θ, of scaled variables or of the caller's, with `p = 1`; `lower` is below the symmetric part of `W`.
+#[must_use]
+pub fn common<const D: usize>(monotony: &Monotony<D>, lower: &Lower) -> Common {
+    let of_shapes = monotony.shapes.each_ref();
+    let [scaled, plain] = of_shapes.map(|shape| of_shape(monotony, lower, shape));
+    if plain.kappa() < scaled.kappa() {
+        plain
+    } else {
+        scaled
+    }
+}
+
+fn of_shape<const D: usize>(monotony: &Monotony<D>, lower: &Lower, shape: &[f64]) -> Common {
+    let contacts = monotony.mu.len();
+    let n = monotony.order();
+    let (half, _) = monotony.symmetric_part(&monotony.all());
+    let root = |normal: bool| -> Vec<f64> {
+        let of = |unknown: usize| {
+            let (contact, k) = monotony.contact(unknown);
+            let (mu, shape) = (monotony.mu[contact], shape[contact]);
+            match (k == 0, normal) {
+                (true, true) => (mu / shape).sqrt(),
+                (false, false) => (mu * shape).sqrt(),
+                _ => 0.0,
+            }
+        };
+        (0..n).map(of).collect()
+    };
+    let (on_normal, on_tangent) = (root(true), root(false));
+    let scale = |x: &mut [f64], by: &[f64]| {
+        for (x, s) in x.iter_mut().zip(by) {
+            *x *= s;
+        }
+    };
+    let alpha = largest(n, |x| {
+        scale(x, &on_tangent);
+        let y = product(&half, x);
+        x.copy_from_slice(&y);
+        scale(x, &on_tangent);
+    });
+    let beta = largest(n, |x| {
+        scale(x, &on_normal);
+        lower.forward(x);
+        lower.backward(x);
+        scale(x, &on_normal);
+    });
+    let theta = (beta / alpha).sqrt();
+    let usable = theta.is_finite() && theta > 0.0;
+    Common {
+        weights: Weights {
+            normal: vec![1.0; contacts],
+            theta: shape
+                .iter()
+                .map(|s| if usable { theta * s } else { *s })
+                .collect(),
+        },
+        shape: shape.to_vec(),
+        alpha,
+        beta,
+    }
+}
+
+/// Weights contact by contact, from common ones; nothing where those will do, or the
+/// search would take too long.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn refined<const D: usize>(
+    monotony: &Monotony<D>,
+    start: &Common,
+    stop: &AtomicBool,
+) -> Result<Option<Weights>, Error> {
+    if start.kappa() < GOOD || monotony.order() > MOST_UNKNOWNS {
+        return Ok(None);
+    }
+    let mut search = Search::new(monotony);
+    let mut weights = start.weights.clone();
+    // 1 − κ is the least eigenvalue at the start.
+    let mut least = 1.0 - start.kappa();
+    let mut gap = 0.3 * least.abs().max(0.1);
+    let mut best = (f64::NEG_INFINITY, None);
+    let mut centre = None;
+    for _ in 0..ROUNDS {
+        let here = match centre.take() {
+            Some(here) => Some(here),
+            None => search.at(&weights, least - gap, stop)?,
+        };
+        let Some(here) = here else {
+            gap *= 3.0; // the estimate of the least eigenvalue lay above it
+            continue;
+        };
+        let step = search.step(&here, &weights);
+        let mut moved = None;
+        for halvings in 0..8 {
+            let trial = towards(&weights, &step, 0.5_f64.powi(halvings));
+            if let Some(there) = search.at(&trial, here.sigma, stop)?
+                && there.value > here.value
+            {
+                moved = Some((trial, there));
+                break;
+            }
+        }
+        let failed = moved.is_none();
+        let there = match moved {
+            Some((trial, there)) => {
+                weights = trial;
+                there
+            }
+            None => here,
+        };
+        let before = least;
+        least = there.sigma + search.least(&there);
+        if least > best.0 {
+            best = (least, Some(weights.clone()));
+        }
+        gap = if failed { 3.0 } else { 0.3 } * (least - there.sigma);
+        gap = gap.max(0.2 * least.abs());
+        if least > 0.02 && !failed && least - before < 0.02 * least {
+            break;
+        }
+    }
+    Ok(best.1)
+}
+
+/// `log p` and `log θ` of every contact.
+type Step = (Vec<f64>, Vec<f64>);
+
+fn towards(weights: &Weights, step: &Step, share: f64) -> Weights {
+    let along = |from: &[f64], by: &[f64]| {
+        let pairs = from.iter().zip(by);
+        pairs.map(|(w, s)| w * (share * s).exp()).collect()
+    };
+    Weights {
+        normal: along(&weights.normal, &step.0),
+        theta: along(&weights.theta, &step.1),
+    }
+}
+
+struct Search<'a, const D: usize> {
+    monotony: &'a Monotony<D>,
+    kept: Vec<usize>,
+    known: Vec<Known<D>>,
+    half: Vec<f64>,
+}
+
+/// A factor of `A − σ W`, and what is made as large as may be.
+struct Centre {
+    sigma: f64,
+    factor: Vec<f64>,
+    value: f64,
+}
+
+impl<'a, const D: usize> Search<'a, D> {
+    fn new(monotony: &'a Monotony<D>) -> Self {
+        let kept = monotony.all();
+        let (half, _) = monotony.symmetric_part(&kept);
+        Self {
+            monotony,
+            known: vec![Known::Nothing; monotony.mu.len()],
+            kept,
+            half,
+        }
+    }
+
+    fn at(
+        &self,
+        weights: &Weights,
+        sigma: f64,
+        stop: &AtomicBool,
+    ) -> Result<Option<Centre>, Error> {
+        let n = self.kept.len();
+        let (mut a, _) = self.monotony.form(&self.kept, weights, &self.known);
+        for (a, w) in a.iter_mut().zip(&self.half) {
+            *a -= sigma * w;
+        }
+        if !a.iter().all(|x| x.is_finite()) || dense::cholesky(&mut a, n, stop)?.is_some() {
+            return Ok(None);
+        }
+        let determinant: f64 = (0..n).map(|i| 2.0 * a[i * (n + 1)].ln()).sum();
+        let scales: f64 = weights.normal.iter().map(|p| p.ln()).sum();
+        Ok(Some(Centre {
+            sigma,
+            factor: a,
+            value: determinant - scales,
+        }))
+    }
+
+    fn step(&mut self, here: &Centre, weights: &Weights) -> Step {
+        /// In logarithms.
+        const LONGEST: f64 = 1.5;
+        let n = self.kept.len();
+        // L⁻¹ and L⁻¹ Wᵀ: their columns have the lengths that are asked for.
+        let mut inverse = vec![0.0; n * n];
+        for k in 0..n {
+            inverse[k * (n + 1)] = 1.0;
+        }
+        dense::solve_lower(&here.factor, n, &mut inverse, n);
+        let mut moved = vec![0.0; n * n];
+        let shape = (n, n, n);
+        // Of an asymmetric W the symmetric part: weights need not be the best ones.
+        dense::matmul(
+            &mut moved,
+            shape,
+            1.0,
+            &inverse,
+            Op::Plain,
+            &self.half,
+            Op::Plain,
+            0.0,
+        );
+        let column = |a: &'_ [f64], j: usize| -> Vec<f64> { a[j * n..(j + 1) * n].to_vec() };
+        let contacts = self.monotony.mu.len();
+        let (mut normal, mut theta) = (vec![0.0; contacts], vec![0.0; contacts]);
+        let mut against = vec![0.0; contacts];
+        for j in 0..n {
+            let (contact, k) = self.monotony.contact(j);
+            let w = column(&moved, j);
+            if k == 0 {
+                let x = column(&inverse, j);
+                theta[contact] += dot_long(&x, &x);
+                normal[contact] = weights.normal[contact] * dot_long(&x, &w);
+            } else {
+                against[contact] += dot_long(&w, &w);
+            }
+        }
+        for contact in 0..contacts {
+            let ratio = theta[contact] / against[contact];
+            theta[contact] = if self.monotony.mu[contact] > 0.0 && ratio > 0.0 {
+                (0.5 * ratio.ln() - weights.theta[contact].ln())
+                    .clamp(-2.0 * LONGEST, 2.0 * LONGEST)
+            } else {
+                0.0
+            };
+            let slope = normal[contact];
+            normal[contact] = if slope > 0.0 {
+                slope.ln().clamp(-LONGEST, LONGEST)
+            } else {
+                0.0
+            };
+        }
+        let finite = |values: Vec<f64>| -> Vec<f64> {
+            let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
+            values.into_iter().map(finite).collect()
+        };
+        (finite(normal), finite(theta))
+    }
+
+    /// The least eigenvalue of `A − σ W` against `W`, estimated.
+    fn least(&self, here: &Centre) -> f64 {
+        let n = self.kept.len();
+        let most = largest(n, |x| {
+            dense::solve_lower_transpose(&here.factor, n, x, 1);
+            let y = product(&self.half, x);
+            x.copy_from_slice(&y);
+            dense::solve_lower(&here.factor, n, x, 1);
+        });
+        1.0 / most
+    }
+}
