@@ -27,6 +27,8 @@ _REASONS = {
     "with contact {0}: there may be several answers, or none near enough was isolated",
     "impossible": "contact {0} has a reaction where the law leaves none, a tangential one "
     "without friction, or one of a contact that must stay open",
+    "directional": "friction depends on direction: the rounding of the change of variables "
+    "that makes it Coulomb's is not counted",
     "range": "the numbers leave the range of doubles",
     "working set": "the problem was solved on a working set of its contacts, of the rest "
     "no compliance is at hand",

@@ -4,10 +4,10 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::problem::candidates::Problem;
+use crate::problem::stretch::over;
 use crate::python::arrays::{self, Matrix, Vector};
-use crate::python::several::left;
 use crate::python::{interrupt, problem, solver};
-use crate::solver::error_bound::{Bound, Kind, Prepared};
+use crate::solver::error_bound::{Bound, Kind, Prepared, Reason};
 use crate::stepping::{increment, reduced_step};
 
 type Dicts<'py> = Vec<Told<'py>>;
@@ -39,12 +39,16 @@ pub(super) fn error_bounds<'py>(
             if let Some(told) = told {
                 arrays::length("reported", told.len(), rows.len())?;
             }
+            let stretch = $owned.stretch.as_ref();
             let found = $owned.run(py, num_threads, None, |problem, stop, _| {
-                let prepared = Prepared::new(problem, stop)?;
+                let prepared = match stretch {
+                    None => Prepared::new(problem, stop)?,
+                    Some(_) => Prepared::refused(problem, Reason::Directional),
+                };
                 let exactly = vec![[0.0; $d]; contacts];
                 let mut found = Vec::new();
                 for (k, r) in rows.chunks_exact(contacts.max(1)).enumerate() {
-                    let r = problem.compliance.gather(r);
+                    let r = problem.compliance.gather(&over(stretch, r));
                     let told =
                         told.map(|v| problem.compliance.gather(&v[k * contacts..][..contacts]));
                     let given = told.as_ref().map(|v| (v.as_slice(), exactly.as_slice()));
@@ -82,8 +86,10 @@ pub(super) fn error_bound_of_step<'py>(
     macro_rules! of {
         ($inner:expr) => {{
             let contacts = $inner.contacts();
-            let state = before.as_ref().map(|v| left(v, contacts)).transpose()?;
-            let reaction = arrays::rows_of("reaction", &reaction, contacts)?;
+            let state = before.as_ref().map(|v| problem.left(v, contacts));
+            let state = state.transpose()?;
+            let reaction = problem.reaction(&reaction, contacts)?;
+            let stretched = problem.stretch.is_some();
             let reported = arrays::rows_of("reported", &reported, contacts)?;
             arrays::length("rigid_motion", rigid.len(), $inner.bodies().motions().len())?;
             let Problem::Whole(whole) = &**$inner else {
@@ -94,8 +100,12 @@ pub(super) fn error_bound_of_step<'py>(
                 let order = whole.compliance();
                 let (v, error) = increment(reported, state.as_ref());
                 let (v, error) = (order.gather(&v), order.gather(&error));
-                let r = order.gather(reaction);
-                let prepared = Prepared::new(&reduced, stop)?;
+                let r = order.gather(&reaction);
+                let prepared = if stretched {
+                    Prepared::refused(&reduced, Reason::Directional)
+                } else {
+                    Prepared::new(&reduced, stop)?
+                };
                 let bound = prepared.bound(&reduced, (&r, rigid), Some((&v, &error)), stop)?;
                 Ok((bound, prepared.unique()))
             })?;

@@ -233,7 +233,7 @@ pub(super) struct Owned<const D: usize> {
     parts: Vec<(Vec<usize>, Stored<D>)>,
     q: Vec<[f64; D]>,
     mu: Vec<f64>,
-    stretch: Option<Stretch>,
+    pub(super) stretch: Option<Stretch>,
     rigid: Rigid<D>,
 }
 

@@ -70,6 +70,9 @@ pub enum Reason {
     Impossible {
         contact: usize,
     },
+    /// Friction that depends on direction: the rounding of the change of variables
+    /// that makes it Coulomb's is not counted.
+    Directional,
     /// Numbers beyond the range of doubles.
     Range,
 }
@@ -87,6 +90,7 @@ impl Reason {
             Self::NotDefinite { contact } => ("not definite", contact),
             Self::Friction { contact } => ("friction", contact),
             Self::Impossible { contact } => ("impossible", contact),
+            Self::Directional => ("directional", 0),
             Self::Range => ("range", 0),
         }
     }
@@ -252,6 +256,15 @@ impl<const D: usize> Prepared<D> {
         let units = Units::of(problem);
         let islands = Self::islands(problem, &units, stop)?;
         Ok(Self { units, islands })
+    }
+
+    /// Of a problem of which nothing can be proved.
+    #[must_use]
+    pub fn refused(problem: &Reduced<D>, reason: Reason) -> Self {
+        Self {
+            units: Units::of(problem),
+            islands: Err(reason),
+        }
     }
 
     fn islands(
