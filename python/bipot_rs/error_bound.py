@@ -79,7 +79,8 @@ class ErrorBound:
     traction
         ``reaction / area``, ``(n_c, d)``; ``None`` without areas.
     contraction
-        ``L`` of section 10 of ``docs/theory.md``, from above, where it is below 1.
+        ``L`` of section 10 of ``docs/theory.md``, from above, where it is below 1; of scaled
+        variables or the caller's, whichever is smaller.
     energy_by_gap
         Another bound of ``‖r - r*‖``, by what is missing in energy, where ``L < 1``:
         ``½ (1 - L) (‖u - u*‖² + ‖r - r*‖²) ≤ B``. It goes with the root of the gap, and is
