@@ -146,6 +146,11 @@ def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> 
     return found
 
 
+def coulomb(mu: ArrayLike, contacts: int) -> Array:
+    """Friction coefficients ``(n_c,)``, where one a contact is all that is understood."""
+    return friction(mu, contacts, 2)
+
+
 def _two_coefficients(mu: Array, ratio: float) -> None:
     least, most = mu.min(axis=1), mu.max(axis=1)
     apart = least != most

@@ -152,6 +152,12 @@ class Estimator:
     def __init__(self, case: Case) -> None:
         self.case = case
         model = case.model
+        for k, contact in enumerate(model.contacts):
+            if np.ndim(contact.mu):
+                raise ValueError(
+                    f"mu of contacts[{k}] is {np.ravel(contact.mu).tolist()}, expected one "
+                    "number: the error of the mesh knows Coulomb's law only"
+                )
         self.bodies = [simplices(body) for body in model.bodies]
         self.facets = contact_facets(model, self.bodies)
         held = prescribed_facets(model, self.bodies)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bipot_rs.check import coulomb
 from bipot_rs.check import loads as steps_of
 from bipot_rs.problem import ContactProblem, project
 
@@ -70,6 +71,7 @@ def explicit_path(
     n, contacts, d = problem._shape
     steps = steps_of(load, prescribed, n, len(problem._fixed))
     first = problem.reduced(np.zeros(n), np.zeros(len(problem._fixed)))
+    mu = coulomb(first.mu, contacts)
     if first.rigid is not None:
         raise ValueError(
             "problem has a body that contact alone holds, expected supports that do: the "
@@ -80,14 +82,14 @@ def explicit_path(
     kept_t, kept_v = [], []
     for force, moved in steps:
         free = problem.reduced(force, moved).q
-        dt = _step(W, free - q, t, v, first.mu)
+        dt = _step(W, free - q, t, v, mu)
         v = v + (W @ dt.ravel()).reshape(v.shape) + free - q
         t, q = t + dt, free
         kept_t.append(t)
         kept_v.append(v)
     shape = (len(steps), contacts, d)
     reaction = np.array(kept_t).reshape(shape)
-    inside, _ = project(reaction.reshape(-1, d), np.tile(first.mu, len(steps)))
+    inside, _ = project(reaction.reshape(-1, d), np.tile(mu, len(steps)))
     excess = np.linalg.norm(reaction - inside.reshape(shape), axis=2)
     return ExplicitPath(
         reaction=reaction,

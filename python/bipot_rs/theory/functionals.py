@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import csr, floats, integer, number
+from bipot_rs.check import coulomb, csr, floats, integer, number
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result
 
@@ -108,7 +108,7 @@ class Functionals:
         self._stiffness = stiffness.matrix
         self._contact = _matrix(problem)
         self._fixed = fixed
-        self._mu = problem._mu
+        self._mu = coulomb(problem._mu, contacts)
         self._shape = (contacts, d)
         self._slack = number("slack", slack)
         force = np.zeros(n) if load is None else floats("load", load, shape=(n,))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import csr, floats, friction, integer, number
+from bipot_rs.check import coulomb, csr, floats, integer, number
 
 Array = NDArray[np.float64]
 
@@ -163,7 +163,7 @@ class Truss:
                 f"B has shape {self._B.shape}, expected ({self._gap.size}, {n})"
             )
         self._load = floats("load", load, shape=(n,))
-        self._mu = friction(mu, len(self._gap))
+        self._mu = coulomb(mu, len(self._gap))
         elastic = self._C.T * bars.stiffness @ self._C
         # Springs of ten times the size of the structure's own bring multipliers home
         # quickly, and cost Newton's matrix one digit.

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import floats, friction, number
+from bipot_rs.check import coulomb, floats, number
 from bipot_rs.reduced import ReducedProblem
 
 Array = NDArray[np.float64]
@@ -357,7 +357,7 @@ def _pair(t: ArrayLike, v: ArrayLike, mu: ArrayLike) -> tuple[Array, Array, Arra
     if force.shape[1] not in (2, 3):
         raise ValueError(f"t has shape {force.shape}, expected (n_c, 2) or (n_c, 3)")
     moved = floats("v", v, shape=force.shape)
-    return force, moved, friction(mu, len(force))
+    return force, moved, coulomb(mu, len(force))
 
 
 def _bound(what: str, value: float, least: float, of: str) -> float:

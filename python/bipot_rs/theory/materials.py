@@ -20,7 +20,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import Array, floats, friction, positive
+from bipot_rs.check import Array, coulomb, floats, positive
 from bipot_rs.problem import project
 from bipot_rs.theory.convex import (
     dot,
@@ -446,7 +446,7 @@ class Coulomb:
     start: Start
 
     def __init__(self, mu: ArrayLike, start: Start) -> None:
-        object.__setattr__(self, "mu", friction(mu, len(start.gap)))
+        object.__setattr__(self, "mu", coulomb(mu, len(start.gap)))
         object.__setattr__(self, "start", start)
 
     def admissible(self, dt: ArrayLike) -> NDArray[np.bool_]:
