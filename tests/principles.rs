@@ -1,11 +1,7 @@
 //! The paper's variational principles and complementary pivoting as methods: what
 //! each is proved to do, and what it honestly does not.
 
-#![expect(
-    clippy::cast_precision_loss,
-    clippy::unwrap_used,
-    reason = "small counts; a helper of a test may fail"
-)]
+#![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
 #[path = "common/cases.rs"]
 mod cases;
