@@ -1,11 +1,7 @@
 //! The paper's variational principles and complementary pivoting as methods: what
 //! each is proved to do, and what it honestly does not.
 
-#![expect(
-    clippy::cast_precision_loss,
-    clippy::unwrap_used,
-    reason = "small counts; a helper of a test may fail"
-)]
+#![expect(clippy::unwrap_used, reason = "a helper of a test may fail")]
 
 #[path = "common/cases.rs"]
 mod cases;
@@ -14,7 +10,7 @@ use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use bipot_rs::error::Error;
-use bipot_rs::law::cone::project;
+use bipot_rs::law::cone::{Status, project};
 use bipot_rs::law::frozen::Frozen;
 use bipot_rs::linalg::dense::symmetric_eigen;
 use bipot_rs::problem::compliance::Compliance;
@@ -254,22 +250,31 @@ fn falls(history: &[f64], energy: f64) {
 
 #[test]
 fn the_bifunctional_falls_to_zero_at_every_step() {
+    let mut slid = 0;
     for seed in 0..12 {
         for mu in [0.2, 0.6, 1.2] {
             let case = Case::<3>::held(8, mu, seed);
-            let (history, outcome) = told(&case, &Start::default(), 1e-7);
+            let (history, outcome) = told(&case, &Start::default(), 1e-9);
             assert_eq!(outcome, Outcome::Converged);
             assert!(history.len() > 4);
             // What reactions do on the free displacement, of which B is a difference.
-            let r = case.solve(Method::Auto).reaction;
+            let solved = case.solve(Method::Auto);
+            let r = &solved.reaction;
             let work = r.as_flattened().iter().zip(case.q.as_flattened());
             let energy: f64 = work.map(|(r, q)| (r * q).abs()).sum();
             falls(&history, energy);
-            // Of second order: a residual of 1e-7 leaves B of 1e-14, with a condition.
-            assert!(*history.last().unwrap() <= 1e-11 * energy);
+            // Of second order: a residual of 1e-9 leaves rounding alone, and the step before
+            // the one that ends it, which is not told, little more.
+            // Where nothing slides a step meets the answer on its way, whatever is frozen.
+            if solved.status.contains(&Status::Slip) {
+                slid += 1;
+                let last = *history.last().unwrap() / energy;
+                assert!(last <= 1e-11, "{seed} {mu} {last:e}: {history:?}");
+            }
             assert!(history[0] >= 1e-4 * energy);
         }
     }
+    assert!(slid > 20, "{slid}");
 }
 
 #[test]

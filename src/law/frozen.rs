@@ -153,9 +153,9 @@ fn disc_rows<const D: usize>(
 ) {
     let length = tangential_norm(x);
     if radius > 0.0 && length <= radius {
-        for k in 1..D {
+        for (k, c) in v.iter().enumerate().skip(1) {
             rows.by_v[(k, k)] = 1.0;
-            rows.value[k] = v[k];
+            rows.value[k] = *c;
         }
         return;
     }

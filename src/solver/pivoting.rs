@@ -97,6 +97,13 @@ impl<const D: usize> Guard<D> {
     }
 }
 
+/// The angle between corners of a polygon that knows no direction.
+fn coarse_step() -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "a few")]
+    let corners = CORNERS as f64;
+    TAU / corners
+}
+
 /// `(0, cos, sin)` in space.
 fn unit<const D: usize>(angle: f64) -> [f64; D] {
     let (sin, cos) = angle.sin_cos();
@@ -106,7 +113,7 @@ fn unit<const D: usize>(angle: f64) -> [f64; D] {
 impl<const D: usize> Polygon<D> {
     fn coarse() -> Self {
         #[expect(clippy::cast_precision_loss, reason = "a few")]
-        let angle = |k: usize| TAU * k as f64 / CORNERS as f64;
+        let angle = |k: usize| coarse_step() * k as f64;
         Self {
             angles: (0..CORNERS).map(angle).collect(),
         }
@@ -115,12 +122,14 @@ impl<const D: usize> Polygon<D> {
     /// Fine around a direction, coarse elsewhere.
     fn around(centre: f64, spacing: f64) -> Self {
         #[expect(clippy::cast_precision_loss, reason = "a few")]
-        let shares = |range: std::ops::RangeInclusive<usize>, step: f64| {
-            range.flat_map(move |k| [centre - step * k as f64, centre + step * k as f64])
+        let shares = |most: usize, step: f64| {
+            (1..=most).flat_map(move |k| [centre - step * k as f64, centre + step * k as f64])
         };
+        // Half of the coarse corners to either side.
+        let (half, coarse) = (CORNERS / 2, coarse_step());
         let mut angles = vec![centre];
-        angles.extend(shares(1..=FAN, spacing));
-        angles.extend(shares(1..=CORNERS / 2, TAU / CORNERS as f64));
+        angles.extend(shares(FAN, spacing));
+        angles.extend(shares(half, coarse));
         angles.sort_by(f64::total_cmp);
         angles.remove(0); // half a turn to either side is the same corner
         Self { angles }
@@ -246,10 +255,9 @@ impl<const D: usize> Polygon<D> {
                 rows.by_r[(D - 1, 0)] = -mu;
             }
             Cell::Corner(j) => {
-                let corner = self.corner(j);
-                for k in 1..D {
+                for (k, c) in self.corner(j).iter().enumerate().skip(1) {
                     rows.by_r[(k, k)] = 1.0;
-                    rows.by_r[(k, 0)] = -mu * corner[k];
+                    rows.by_r[(k, 0)] = -mu * c;
                 }
             }
         }
