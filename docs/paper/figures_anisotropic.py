@@ -1,6 +1,6 @@
 """Draws the picture of the chapter on friction that depends on direction.
 
-python docs/paper/figures_aniso.py
+python docs/paper/figures_anisotropic.py
 
 Points and arrows are computed by the package: the ellipse by projection onto its cone,
 the cube by its scene.

@@ -1,6 +1,6 @@
 """Draws the pictures of the chapters on materials, prox, contact law and Uzawa's algorithm.
 
-python docs/paper/figures_mats.py
+python docs/paper/figures_law.py
 
 Figs. 1 to 3 of the paper are among them; points, arrows and sets are computed by the
 package, from the materials and laws that the chapters describe.

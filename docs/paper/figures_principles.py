@@ -1,4 +1,4 @@
-"""Figures of chapters 3, 6 and 7, from the program itself: `python figures_func.py`."""
+"""Figures of chapters 3, 6 and 7, from the program itself: `python figures_principles.py`."""
 
 from __future__ import annotations
 
