@@ -159,11 +159,12 @@ def assess_step(
 def error_bounds(
     problem: Reduced,
     reactions: _Floats,
+    points: int,
     rigid: _Floats,
     reported: _Floats | None = None,
     num_threads: int | None = None,
 ) -> list[dict[str, Any]]:
-    """Bounds at some reactions, one below the other, of one problem.
+    """Bounds at some points of one problem, their reactions one below the other.
 
     `reported` is what is told as relative displacement beside each of them.
     """

@@ -52,6 +52,7 @@ def search(
     dim: int,
     restarts: int,
     seed: int,
+    moved: float,
 ) -> Answers:
     """Distinct answers from many starts; nothing proves that there are no others.
 
@@ -65,21 +66,24 @@ def search(
         Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
     dim, restarts, seed
         ``d``; how many starts; of the random ones among them.
+    moved
+        Largest displacement that reactions undo, where contacts stick.
     """
     found: list[Solution] = []
     rng = np.random.default_rng(seed)
     for start in _starts(rng, size, mu, dim, restarts):
         solution = solve(start)
-        if solution.converged and not any(_same(solution, s) for s in found):
+        if solution.converged and not any(_same(solution, s, moved) for s in found):
             found.append(solution)
     return Answers(found, complete=False)
 
 
-def _same(one: Solution, other: Solution) -> bool:
-    # By v: where W has not full rank, one v belongs to many reactions.
+def _same(one: Solution, other: Solution, moved: float) -> bool:
+    # By v: where W has not full rank, one v belongs to many reactions. Where all
+    # contacts stick v is the rounding of what reactions have undone.
     apart = np.abs(one.relative_displacement - other.relative_displacement)
     sizes = (np.abs(s.relative_displacement).max(initial=0.0) for s in (one, other))
-    return bool(apart.max(initial=0.0) <= _SAME * max(sizes))
+    return bool(apart.max(initial=0.0) <= _SAME * max(*sizes, moved))
 
 
 def _starts(

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,7 +43,7 @@ BOUND = "guaranteed bound"
 INDICATOR = "indicator"
 # Of B, what penetration may have to do with; and of the elastic energy, where B is
 # rounding.
-_SOLVED, _ROUNDING = 1e-3, 1e-12
+_SOLVED, _ROUNDING = 1e-6, 1e-12
 
 
 @dataclass(frozen=True)
@@ -60,9 +61,11 @@ class DiscretisationError:
     elastic_energy
         Of u_h, ``½ uᵀK u`` [J].
     kind
-        ``"guaranteed bound"``: ``½‖u - u_h‖² + ½‖σ - σ̂‖² <= total``, in the energy norm,
+        ``"guaranteed bound"``: ``½‖u - û‖² + ½‖σ - σ̂‖² <= total``, in the energy norm,
         for the exact solution u, σ of this load step (from the computed state at its
-        start); or ``"indicator"``, with no such promise.
+        start), where û is u_h, and over curved gaps u_h with what opens facets that
+        would penetrate between nodes. Penetration at the nodes is taken for rounding up to
+        a millionth of B. Or ``"indicator"``, with no such promise.
     reasons
         Why it is an indicator only.
     traction : (n_c, d)
@@ -94,9 +97,9 @@ class DiscretisationError:
 
     @property
     def relative(self) -> float:
-        """Error of u_h in the energy norm, relative to u_h, that B allows: √share.
+        """Error of û in the energy norm, relative to u_h, that B allows: √share.
 
-        ``‖u - u_h‖ <= relative ‖u_h‖`` for a guaranteed bound.
+        ``‖u - û‖ <= relative ‖u_h‖`` for a guaranteed bound.
         """
         return float(np.sqrt(self.energy_share))
 
@@ -235,6 +238,10 @@ class Estimator:
         if limit is None and mu.any():
             reasons.append(
                 "Coulomb friction, whose limit follows the exact pressure, not this one"
+            )
+        if any(not _quadratic(contact.clearance) for contact in model.contacts):
+            reasons.append(
+                "a gap that is known at the nodes and at the middles of edges only"
             )
         if limit is not None:
             shear = np.linalg.norm(traction[:, 1:], axis=1)
@@ -426,6 +433,13 @@ class _Lift:
     kept: Floats
     bubbles: list[_Bubbles]
     reasons: tuple[str, ...]
+
+
+def _quadratic(clearance: Any) -> bool:
+    """Whether three values on an edge tell a clearance: a number, or a table of a scene."""
+    if not callable(clearance):
+        return True
+    return getattr(getattr(clearance, "__self__", None), "QUADRATIC", False)
 
 
 class _Elastic:

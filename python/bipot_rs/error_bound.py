@@ -89,7 +89,7 @@ class ErrorBound:
 
     constitutive: Array
     total: float
-    share: float
+    share: float | None
     kind: str
     reason: str = ""
     unique: bool = False
@@ -133,19 +133,20 @@ def from_core(raw: Mapping[str, Any], area: Array | None = None) -> ErrorBound:
     )
 
 
-def without(reason: str, gap: Array, stored: float = float("nan")) -> ErrorBound:
+def without(reason: str, gap: Array) -> ErrorBound:
     """Nothing but the gap."""
-    total = float(gap.sum())
     return ErrorBound(
         constitutive=gap,
-        total=total,
-        share=_share(total, stored),
+        total=float(gap.sum()),
+        share=None,
         kind="not available",
         reason=_REASONS[reason],
     )
 
 
-def _share(total: float, stored: float) -> float:
+def _share(total: float, stored: float) -> float | None:
     if total == 0.0:
         return 0.0
+    if not (np.isfinite(total) and np.isfinite(stored)):
+        return None
     return total / stored if stored != 0.0 else float(np.copysign(np.inf, total))

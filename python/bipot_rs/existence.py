@@ -135,6 +135,12 @@ def judge(
     if p.R.shape[1]:
         reason = "normal reactions alone can balance the loads"
         pressure, rest = _balanced(p)
+        if pressure is None and rest is None:
+            return Existence(
+                verdict="unknown",
+                reason="to balance the loads, normal reactions would have to be a billion "
+                "times as large",
+            )
         if rest is not None and holds(
             p.R[p.normal], p.R[~p.normal], p.e, mu, q.shape[1]
         ):
@@ -280,15 +286,24 @@ def _inside(p: _Scaled) -> Array | None:
 
 
 def _balanced(p: _Scaled) -> tuple[Array | None, Array | None]:
-    """Normal reactions that balance the loads; else the motion that they do not stop."""
+    """Normal reactions that balance the loads; else the motion that they do not stop.
+
+    Neither, where such reactions would be larger than any that count as an answer.
+    """
     from scipy.optimize import nnls
 
-    columns = p.R[p.normal]
+    # Of a normal along which nothing can move a body, rounding leaves something: a
+    # pressure of a billion times the loads would balance them by it.
+    columns = p.R[p.normal].copy()
+    columns[np.abs(columns) * _BEYOND <= np.abs(p.motions).max(initial=0.0)] = 0.0
     amounts, _ = nnls(columns.T, -p.e)
     rest = columns.T @ amounts + p.e
     size = max(float(np.linalg.norm(p.e)), p.size)
-    if float(np.linalg.norm(rest)) <= _BALANCED * size:
+    balanced = float(np.linalg.norm(rest)) <= _BALANCED * size
+    if balanced and float(amounts.max(initial=0.0)) <= _BEYOND * size:
         return np.asarray(amounts * p.scale), None
+    if balanced:
+        return None, None
     # The shortest rest works on no normal reaction: R_n rest >= 0, e·rest = |rest|².
     return None, rest
 

@@ -137,11 +137,10 @@ class ReducedProblem:
             raise ValueError(
                 f"reactions has shape {found.shape}, expected (k, *{self.q.shape})"
             )
-        if not found.size:
-            return []
         rigid = np.zeros(0 if self.rigid is None else len(self.rigid[1]))
         rows = found.reshape(-1, self.q.shape[1])
-        return [from_core(raw) for raw in _core.error_bounds(self._core, rows, rigid)]
+        raw = _core.error_bounds(self._core, rows, len(found), rigid)
+        return [from_core(bound) for bound in raw]
 
     def solve(
         self,
@@ -230,6 +229,7 @@ class ReducedProblem:
             d,
             restarts,
             seed,
+            0.0 if self.rigid is not None else float(np.abs(self.q).max(initial=0.0)),
         )
 
     def existence(self, *, exhaust: bool = False) -> Existence:
@@ -346,7 +346,7 @@ class _ReducedInquiry:
         amounts = solution.rigid_motion
         rigid = np.empty(0) if amounts is None else amounts
         reported = solution.relative_displacement
-        (raw,) = _core.error_bounds(self.core, solution.reaction, rigid, reported)
+        (raw,) = _core.error_bounds(self.core, solution.reaction, 1, rigid, reported)
         return from_core(raw)
 
     def diagnosis(self, solution: Solution, /) -> str:

@@ -10,7 +10,7 @@ import math
 import os
 import re
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -262,6 +262,9 @@ class Plane(_Table):
 
 class Clearance(_Table):
     """What is added to the gap: a height, and r²/(2 radius) around a centre."""
+
+    # Along an edge three values tell it.
+    QUADRATIC: ClassVar[bool] = True
 
     height: float = 0.0
     radius: float | None = None

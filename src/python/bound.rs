@@ -13,15 +13,16 @@ use crate::stepping::{increment, reduced_step};
 type Dicts<'py> = Vec<Told<'py>>;
 type Told<'py> = pyo3::Bound<'py, PyDict>;
 
-/// Bounds at some reactions, one below the other, of one problem.
+/// Bounds at some points of one problem, their reactions one below the other.
 ///
 /// `reported` is what is told as relative displacement beside each of them.
 #[pyfunction]
-#[pyo3(signature = (problem, reactions, rigid, reported=None, num_threads=None))]
+#[pyo3(signature = (problem, reactions, points, rigid, reported=None, num_threads=None))]
 pub(super) fn error_bounds<'py>(
     py: Python<'py>,
     problem: &solver::Reduced,
     reactions: Matrix<'py>,
+    points: usize,
     rigid: Vector<'py>,
     reported: Option<Matrix<'py>>,
     num_threads: Option<usize>,
@@ -32,9 +33,7 @@ pub(super) fn error_bounds<'py>(
         ($owned:expr, $d:literal) => {{
             let rows = arrays::rows::<$d>(&reactions)?;
             let contacts = $owned.contacts();
-            if contacts == 0 || !rows.len().is_multiple_of(contacts) {
-                arrays::length("reactions", rows.len(), contacts)?;
-            }
+            arrays::length("reactions", rows.len(), points.saturating_mul(contacts))?;
             let told = reported.as_ref().map(arrays::rows::<$d>).transpose()?;
             if let Some(told) = told {
                 arrays::length("reported", told.len(), rows.len())?;
@@ -47,7 +46,8 @@ pub(super) fn error_bounds<'py>(
                 };
                 let exactly = vec![[0.0; $d]; contacts];
                 let mut found = Vec::new();
-                for (k, r) in rows.chunks_exact(contacts.max(1)).enumerate() {
+                for k in 0..points {
+                    let r = &rows[k * contacts..][..contacts];
                     let r = problem.compliance.gather(&over(stretch, r));
                     let told =
                         told.map(|v| problem.compliance.gather(&v[k * contacts..][..contacts]));

@@ -229,13 +229,20 @@ pub fn solve_watched<const D: usize>(
     };
     let last = monitor.last_rigid().to_vec();
     let mut solution = finish(problem, settings, monitor, outcome);
-    if matches!(solution.outcome, Outcome::Stalled | Outcome::IterationLimit)
-        && overlap(problem, &problem.compliance.gather(&solution.reaction))
-    {
+    // What only rounding has let pass may be reactions that have grown until they drown
+    // the walls between which they grew.
+    let doubted = match solution.outcome {
+        Outcome::Converged => solution.residual > settings.tol,
+        outcome => matches!(outcome, Outcome::Stalled | Outcome::IterationLimit),
+    };
+    if doubted && overlap(problem, &problem.compliance.gather(&solution.reaction)) {
         solution.outcome = Outcome::NoEquilibrium;
     }
     if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
         exhaust(problem, settings, &mut solution, stop)?;
+    }
+    if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
+        creep(problem, settings, &mut solution, stop, progress)?;
     }
     if solution.outcome != Outcome::Converged && !last.is_empty() {
         let r = problem.compliance.gather(&solution.reaction);
@@ -274,6 +281,51 @@ fn exhaust<const D: usize>(
             solution.outcome = Outcome::Converged;
             return Ok(());
         }
+    }
+    Ok(())
+}
+
+/// Where every method has come to a stand, projections from nothing may still creep to
+/// an answer: they need no matrix that is sound, and do not look for statuses.
+fn creep<const D: usize>(
+    problem: &Reduced<D>,
+    settings: &Settings,
+    solution: &mut Solution<D>,
+    stop: &AtomicBool,
+    progress: &Progress,
+) -> Result<(), Error> {
+    /// Products that are worth it, of matrices that are small, and additions and
+    /// multiplications of large ones.
+    const MOST: usize = 20_000;
+    const MOST_OPERATIONS: usize = 10_000_000_000;
+    let affordable = MOST_OPERATIONS / problem.compliance.entries().max(1);
+    for method in [Method::Nesterov, Method::Uzawa] {
+        let left = settings.max_iterations.saturating_sub(solution.iterations);
+        let seconds = settings.max_seconds - solution.seconds;
+        let max_iterations = left.min(MOST).min(affordable);
+        if max_iterations == 0 || seconds <= 0.0 {
+            return Ok(());
+        }
+        let slow = Settings {
+            method,
+            max_iterations,
+            max_seconds: seconds,
+            ..*settings
+        };
+        let mut found = solve_watched(problem, &slow, &Start::default(), stop, progress)?;
+        found.iterations += solution.iterations;
+        found.work += solution.work;
+        found.seconds += solution.seconds;
+        if found.outcome == Outcome::Converged {
+            let earlier = std::mem::take(&mut solution.history);
+            let offset = earlier.last().map_or(0.0, |row| row.0);
+            let later = found.history.iter().map(|row| (row.0 + offset, row.1));
+            found.history = earlier.into_iter().chain(later).collect();
+            *solution = found;
+            return Ok(());
+        }
+        (solution.iterations, solution.work) = (found.iterations, found.work);
+        solution.seconds = found.seconds;
     }
     Ok(())
 }

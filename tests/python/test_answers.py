@@ -211,3 +211,11 @@ def test_what_has_not_converged_is_unknown() -> None:
     stopped = problem.solve("uzawa", max_iterations=1)
     assert not stopped.converged
     assert stopped.unique == "unknown"
+
+
+def test_an_answer_that_sticks_is_one() -> None:
+    """All contacts stick: v is the rounding of what reactions have undone."""
+    W = [[2.0, 0.3, 0.1], [0.3, 3.0, 0.2], [0.1, 0.2, 2.5]]
+    problem = bp.ReducedProblem(W, [[-1.0, 0.13, 0.07]], 1.0)
+    assert problem.solve().unique == "proved"
+    assert len(problem.answers()) == 1

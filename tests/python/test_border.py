@@ -170,8 +170,11 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "assess": (_core.assess, [held, GAP]),
         "assess, floating": (_core.assess, [floating, GAP]),
         "assess_step": (_core.assess_step, [condensed, LOAD, NONE, None, GAP]),
-        "error_bounds": (_core.error_bounds, [held, GAP, NONE, GAP]),
-        "error_bounds, floating": (_core.error_bounds, [floating, GAP, np.zeros(2)]),
+        "error_bounds": (_core.error_bounds, [held, GAP, 1, NONE, GAP]),
+        "error_bounds, floating": (
+            _core.error_bounds,
+            [floating, GAP, 1, np.zeros(2)],
+        ),
         "error_bound_of_step": (
             _core.error_bound_of_step,
             [condensed, LOAD, NONE, None, GAP, GAP, NONE],

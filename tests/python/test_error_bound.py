@@ -307,7 +307,7 @@ def test_threads_change_no_bit() -> None:
     problem = bp.ReducedProblem((W + W.T) / 2, q, 0.05)
     point = problem.solve(tol=1e-4).reaction
     one, two = (
-        _core.error_bounds(problem._core, point, np.empty(0), None, threads)[0]
+        _core.error_bounds(problem._core, point, 1, np.empty(0), None, threads)[0]
         for threads in (1, 2)
     )
     assert one["kind"] == "global"
@@ -598,3 +598,23 @@ def test_missing_energy_bounds_the_error() -> None:
     assert len(sharpness) > 20
     assert np.quantile(sharpness, 0.1) > 0.5
     assert np.quantile(sharpness, 0.9) < 2
+
+
+def test_without_contacts_nothing_is_off() -> None:
+    problem = bp.ReducedProblem(np.zeros((0, 0)), np.zeros((0, 2)), 0.3)
+    for bound in (problem.error_bound(np.zeros((0, 2))), problem.solve().error):
+        assert bound.total == 0.0
+        assert bound.energy == 0.0
+    assert problem.error_bounds(np.zeros((3, 0, 2)))[2].energy == 0.0
+
+
+def test_friction_that_depends_on_direction_has_no_bound() -> None:
+    mu = np.array([[0.3, 0.1]])
+    problem = bp.ReducedProblem(np.eye(3), [[-1.0, 0.2, 0.3]], mu)
+    solution = problem.solve()
+    assert solution.error.kind == "not available"
+    assert "direction" in solution.error.reason
+    # The gap is that of the law, in work.
+    np.testing.assert_allclose(
+        solution.error.constitutive, solution.bipotential_gap, atol=1e-15
+    )

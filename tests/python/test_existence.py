@@ -411,3 +411,20 @@ def test_a_block_with_a_grain_in_its_feet() -> None:
             if found.inside is not None:
                 slip = np.linalg.norm(mu * found.inside[:, 1:], axis=1)
                 assert (found.inside[:, 0] > slip).all()
+
+
+@pytest.mark.parametrize("turns", [-7, -3, 1, 5, 9])
+def test_a_normal_that_rounding_has_tilted_balances_nothing(turns: int) -> None:
+    """cos(π/2) is 6e-17: a pressure of 1e16 would balance the loads by it."""
+    angle = turns * np.pi / 2
+    n = np.array([np.cos(angle), np.sin(angle)])
+    side = np.array([-n[1], n[0]])
+    for sign in (-1.0, 1.0):
+        load = sign * n - 0.3 * np.array([1.0, 0.0])
+        problem = bp.ContactProblem(
+            np.diag([0.0, 1.0]), np.array([n, side]), gap=[0.0], mu=0.2
+        )
+        found = problem.existence(load)
+        assert found.verdict != "guaranteed"
+        with pytest.raises((bp.NoEquilibriumError, bp.NotConvergedError)):
+            problem.solve(load)

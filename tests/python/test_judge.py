@@ -342,3 +342,27 @@ def test_the_oracle_and_the_judge_agree() -> None:
             # The oracle keeps what misses the law by 1e-10 of its sizes at the most.
             assert judged(small, answer.r).worst <= 1e-9
             assert small.problem().residual(answer.r) <= 1e-9
+
+
+def test_walls_that_overlap_are_no_answer_when_a_body_runs_away() -> None:
+    """Three smooth contacts whose normals span a plane press each other without moving
+    anything, a fourth slides off: reactions grow until rounding hides the overlap."""
+    rng = np.random.default_rng(2)
+    weights = np.array([0.62, 0.44, 0.18])
+    slopes = rng.normal(size=(3, 2))
+    slopes[2] = -(weights[0] * slopes[0] + weights[1] * slopes[1]) / weights[2]
+    G = np.zeros((12, 2))
+    G[0] = rng.normal(size=2)
+    G[3::3] = slopes
+    angle = np.array([0.1, 1.8, 2.5, 3.6])
+    R = np.zeros((12, 2))
+    R[1::3] = np.c_[np.cos(angle), np.sin(angle)]
+    R[2::3] = np.c_[-np.sin(angle), np.cos(angle)]
+    q = 0.1 * rng.normal(size=(4, 3))
+    q[1:, 0] = -0.1  # no displacement opens all three: weights · v_n is below zero
+    problem = bp.ReducedProblem(
+        G @ G.T, q, [0.6, 0.0, 0.0, 0.0], rigid=(R / 2, [-0.73, 0.06])
+    )
+    for method in ("auto", "gauss_seidel", "newton", "nesterov", "uzawa"):
+        solution = problem.solve(method, max_iterations=3000)
+        assert not solution.converged
