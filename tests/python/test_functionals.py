@@ -452,3 +452,33 @@ def test_rotations_do_not_strain_a_body() -> None:
     u[body.basis.nodal_dofs[0]] = turn * body.basis.mesh.p[0]
     stiff = young * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     assert f.strain_energy(u) == pytest.approx(0.5 * stiff * turn**2, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_friction_that_depends_on_direction(seed: int) -> None:
+    """Zero at the answer, the energy out of balance and ``r·v + r_n ‖D v_t‖`` elsewhere."""
+    g = given(3, seed)
+    rng = np.random.default_rng(seed)
+    mu = rng.uniform(0.05, 0.8, (4, 2))
+    problem = bp.ContactProblem(g.K, g.B, gap=g.gap, mu=mu, fixed=g.fixed)
+    result = problem.solve(g.load, g.prescribed, tol=1e-14)
+    f = Functionals.of_step(problem, g.K, result, 1)
+    t0, u0 = result[0].reaction, result[0].displacement
+    u, r = result[1].displacement - u0, result[1].reaction - t0
+    size = f.strain_energy(u) + f.complementary_energy(r) + abs(f.load) @ abs(u)
+    # The solver's tolerance in joules, a hundredfold for the condition of K.
+    assert abs(f.bifunctional(u, r) + f.start_work) <= 1e-11 * size
+    trial = kinematic(rng, g, f)
+    pushed = static(rng, np.ones(4), 3)
+    pushed[:, 1:] *= mu  # now in the elliptic cone
+    w = f.elastic_answer(pushed - t0)
+    assert w is not None
+    v = f.relative_displacement(trial)
+    slips = np.linalg.norm(mu * v[:, 1:], axis=1)
+    gaps = (pushed * v).sum(axis=1) + pushed[:, 0] * slips
+    assert (gaps >= -1e-12 * np.abs(pushed * v).sum()).all()
+    right = 0.5 * (trial - w) @ g.K @ (trial - w) + gaps.sum() - f.start_work
+    left = f.bifunctional(trial, pushed - t0)
+    scale = f.strain_energy(trial) + f.complementary_energy(pushed - t0) + abs(right)
+    scale += abs(f.load) @ abs(trial)
+    assert abs(left - right) <= 1e-12 * scale  # sums of tens of products

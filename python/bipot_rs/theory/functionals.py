@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import coulomb, csr, floats, integer, number
+from bipot_rs.check import csr, floats, integer, number
+from bipot_rs.friction import isotropic
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result
 
@@ -108,7 +109,7 @@ class Functionals:
         self._stiffness = stiffness.matrix
         self._contact = _matrix(problem)
         self._fixed = fixed
-        self._mu = coulomb(problem._mu, contacts)
+        self._by, self._mu = isotropic(problem._mu, d)
         self._shape = (contacts, d)
         self._slack = number("slack", slack)
         force = np.zeros(n) if load is None else floats("load", load, shape=(n,))
@@ -286,10 +287,7 @@ class Functionals:
         size = self._reach + (abs(self._contact) @ np.abs(u)).max(initial=0.0)
         size += np.abs(self.offset).max(initial=0.0)
         outside = v[:, 0] < -self._slack * size
-        force = np.abs(r).max(initial=0.0) + np.abs(self._before).max(initial=0.0)
-        limit = self._mu * np.maximum(r[:, 0], 0.0) + self._slack * force
-        outside |= r[:, 0] < -self._slack * force
-        outside |= np.linalg.norm(r[:, 1:], axis=1) > limit
+        outside |= self._beyond(r)
         return np.where(outside, np.inf, finite)
 
     def bifunctional(
@@ -321,7 +319,7 @@ class Functionals:
             return np.inf
         v = self._relative(u) + self.offset
         r = self._before + np.asarray(dr, np.float64)
-        friction = self._mu * r[:, 0] * np.linalg.norm(v[:, 1:], axis=1)
+        friction = self._mu * r[:, 0] * self._slip(v)
         return self._energy(u - w) + float(np.sum(r * v) + friction.sum())
 
     def displacement_functional(self, du: ArrayLike, dr: ArrayLike) -> float:
@@ -349,12 +347,7 @@ class Functionals:
         """
         reaction = floats("dr", dr, shape=self._shape)
         r = self._before + reaction
-        force = np.abs(r).max(initial=0.0) + np.abs(self._before).max(initial=0.0)
-        limit = self._mu * np.maximum(r[:, 0], 0.0) + self._slack * force
-        inside = (r[:, 0] >= -self._slack * force) & (
-            np.linalg.norm(r[:, 1:], axis=1) <= limit
-        )
-        if not inside.all():
+        if self._beyond(r).any():
             return np.inf
         work = float(np.sum(reaction * self.offset))
         friction = self._friction(self._admissible(du), reaction)
@@ -394,11 +387,23 @@ class Functionals:
         return 0.5 * float(u @ (self._stiffness @ u))
 
     def _friction(self, u: Array, reaction: Array) -> float:
-        slip = np.linalg.norm((self._relative(u) + self.offset)[:, 1:], axis=1)
+        slip = self._slip(self._relative(u) + self.offset)
         return float(np.sum(self._mu * (self._before + reaction)[:, 0] * slip))
 
+    def _slip(self, v: Array) -> Array:
+        # In the components in which friction is Coulomb's.
+        return np.asarray(np.linalg.norm((self._by * v)[:, 1:], axis=1))
+
+    def _beyond(self, r: Array) -> NDArray[np.bool_]:
+        """Contacts whose reaction is outside its cone, by more than the slack."""
+        force = np.abs(r).max(initial=0.0) + np.abs(self._before).max(initial=0.0)
+        shear = np.linalg.norm((r / self._by)[:, 1:], axis=1)
+        slack = self._slack * force
+        limit = self._mu * np.maximum(r[:, 0], 0.0) + slack / self._by.min(axis=1)
+        return np.asarray((r[:, 0] < -slack) | (shear > limit))
+
     def _finite(self, moved: Array, reaction: Array) -> Array:
-        slip = np.linalg.norm((moved + self.offset)[:, 1:], axis=1)
+        slip = self._slip(moved + self.offset)
         r_n = self._before[:, 0] + reaction[:, 0]
         at_start = self._before * moved + reaction * self.offset
         return np.asarray(at_start.sum(axis=1) + self._mu * r_n * slip, np.float64)
