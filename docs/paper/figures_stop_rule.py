@@ -1,6 +1,6 @@
 """Draws 10-stop-rule.png: speed against error, down to what the mesh is worth.
 
-    python docs/paper/figures_stop_rule.py
+python docs/paper/figures_stop_rule.py
 """
 
 from pathlib import Path

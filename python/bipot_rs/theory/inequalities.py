@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import coulomb, floats, number
 from bipot_rs.reduced import ReducedProblem
+from bipot_rs.theory.convex import direction
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,7 @@ def coupled(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdict:
     _in_cone(t, mu)
     worst = np.zeros_like(t)
     worst[:, 0] = np.where(v[:, 0] < 0, limit, 0.0)
-    worst[:, 1:] = -(mu * worst[:, 0])[:, None] * _direction(v[:, 1:])
+    worst[:, 1:] = -(mu * worst[:, 0])[:, None] * direction(v[:, 1:])
     corrected = v.copy()
     corrected[:, 0] += mu * np.linalg.norm(v[:, 1:], axis=1)
     least = np.sum(corrected * (worst - t), axis=1)
@@ -117,7 +118,7 @@ def displacements(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Ver
     worst = np.zeros_like(v)
     worst[:, 0] = np.where(t[:, 0] < 0, limit, 0.0)
     # A contact that pulls drags by a negative limit, along any direction.
-    away = _direction(t[:, 1:])
+    away = direction(t[:, 1:])
     away[(drag == 0) & (t[:, 0] < 0), :1] = 1.0
     worst[:, 1:] = -np.where(drag > mu * t[:, 0], limit, 0.0)[:, None] * away
     normal = t[:, 0] * (worst[:, 0] - v[:, 0])
@@ -150,7 +151,7 @@ def alternated(t: ArrayLike, v: ArrayLike, mu: ArrayLike, size: float) -> Verdic
     _in_cone(t, mu)
     worst = np.zeros_like(t)
     worst[:, 0] = np.where(v[:, 0] < 0, limit, 0.0)
-    worst[:, 1:] = -(mu * t[:, 0])[:, None] * _direction(v[:, 1:])
+    worst[:, 1:] = -(mu * t[:, 0])[:, None] * direction(v[:, 1:])
     normal = v[:, 0] * (worst[:, 0] - t[:, 0])
     tangential = np.sum(v[:, 1:] * (worst[:, 1:] - t[:, 1:]), axis=1)
     return Verdict(np.maximum(-normal, 0.0) + np.maximum(-tangential, 0.0), worst)
@@ -380,13 +381,6 @@ def _in_cone(t: Array, mu: Array) -> None:
             f"t of contact {at} is outside of its cone by {lack[at]}, expected reactions "
             "inside: the inequality asks for them"
         )
-
-
-def _direction(x: Array) -> Array:
-    """Unit vectors, zero where there is none."""
-    length = np.linalg.norm(x, axis=1, keepdims=True)
-    unit: Array = np.divide(x, length, where=length > 0, out=np.zeros_like(x))
-    return unit
 
 
 def _least(A: Array) -> float:
