@@ -61,6 +61,7 @@ class Following:
             core.make_inverse()
         self.steps: list[Step] = []
         self._seconds = {"condense": condense, "solve": 0.0, "recover": 0.0}
+        self._recovery = _Recovery(core, self._seconds)
 
     def advance(self, load: Array, prescribed: Array) -> Step:
         """Take one step; raise what ends the path."""
@@ -82,7 +83,7 @@ class Following:
             load=load,
             prescribed=prescribed,
             traction=None if area is None else raw["reaction"] / area[:, None],
-            _recover=self._recover,
+            _recover=self._recovery,
             _problem=_StepProblem(
                 self._core,
                 load,
@@ -145,23 +146,6 @@ class Following:
             return self.result(False, str(failed))
         return self.result()
 
-    def _recover(self, steps: Sequence[Step]) -> Array:
-        began = time.perf_counter()
-        none = np.empty(0)
-        states = [
-            (step.load, step.prescribed, step.reaction, step.rigid_motion)
-            for step in steps
-        ]
-        u = self._core.displacements(
-            [
-                (load, moved, r, none if a is None else a)
-                for load, moved, r, a in states
-                if load is not None and moved is not None
-            ]
-        )
-        self._seconds["recover"] += time.perf_counter() - began
-        return u
-
     def _tried(self, load: Array, prescribed: Array) -> Tried:
         core, before = self._core, self._last
 
@@ -174,17 +158,12 @@ class Following:
             method=self._settings[0],
             max_seconds=self._settings[3],
             mu=self._mu,
-            W=self._compliance,
+            W=lambda: _compliance(core),
             modes=lambda: core.modes().T,
             several=several,
             condition=lambda: float(core.stats["cond_S"]),
             points=self._contacts["x"],
         )
-
-    def _compliance(self) -> Array | None:
-        if self._core.stats["working_set"] is not None:
-            return None  # a look is not worth condensing onto all candidates
-        return self._core.compliance()
 
     def _words(self, raw: dict[str, Any]) -> str:
         """The free motion in words, body by body."""
@@ -290,3 +269,38 @@ def _start(
             f"start has {counted(len(rigid), 'rigid motion')}, this problem {motions}"
         )
     return step.reaction, step.relative_displacement, step.status, rigid
+
+
+@dataclass(frozen=True, eq=False)
+class _Recovery:
+    """Displacements of steps, when asked for.
+
+    Steps hold this and not their path: a path knows the step it started from, and of a
+    long chain all would stay alive.
+    """
+
+    core: _core.Condensed
+    seconds: dict[str, float]
+
+    def __call__(self, steps: Sequence[Step]) -> Array:
+        began = time.perf_counter()
+        none = np.empty(0)
+        states = [
+            (step.load, step.prescribed, step.reaction, step.rigid_motion)
+            for step in steps
+        ]
+        u = self.core.displacements(
+            [
+                (load, moved, r, none if a is None else a)
+                for load, moved, r, a in states
+                if load is not None and moved is not None
+            ]
+        )
+        self.seconds["recover"] += time.perf_counter() - began
+        return u
+
+
+def _compliance(core: _core.Condensed) -> Array | None:
+    if core.stats["working_set"] is not None:
+        return None  # a look is not worth condensing onto all candidates
+    return core.compliance()
