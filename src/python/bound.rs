@@ -86,8 +86,7 @@ pub(super) fn error_bound_of_step<'py>(
     macro_rules! of {
         ($inner:expr) => {{
             let contacts = $inner.contacts();
-            let state = before.as_ref().map(|v| problem.left(v, contacts));
-            let state = state.transpose()?;
+            let state = problem.left(before.as_ref(), contacts)?;
             let reaction = problem.reaction(&reaction, contacts)?;
             let stretched = problem.stretch.is_some();
             let reported = arrays::rows_of("reported", &reported, contacts)?;

@@ -68,8 +68,7 @@ pub(super) fn forward_errors_of_step(
     macro_rules! of {
         ($inner:expr) => {{
             let contacts = $inner.contacts();
-            let state = before.as_ref().map(|v| problem.left(v, contacts));
-            let state = state.transpose()?;
+            let state = problem.left(before.as_ref(), contacts)?;
             let reaction = problem.reaction(&reaction, contacts)?;
             let motions = $inner.bodies().motions().len();
             arrays::length("rigid_motion", rigid.len(), motions)?;

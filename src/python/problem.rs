@@ -381,17 +381,21 @@ impl Condensed {
         Ok(over(self.stretch.as_ref(), rows).into_owned())
     }
 
-    /// As much of the state before a step as its reduced problem asks for: `ṽ`.
+    /// As much of the state before a step, if there was one, as its reduced problem asks
+    /// for: `ṽ`.
     pub(super) fn left<const D: usize>(
         &self,
-        before: &Matrix<'_>,
+        before: Option<&Matrix<'_>>,
         contacts: usize,
-    ) -> PyResult<State<D>> {
+    ) -> PyResult<Option<State<D>>> {
+        let Some(before) = before else {
+            return Ok(None);
+        };
         let rows = arrays::rows_of("before", before, contacts)?;
-        Ok(State {
+        Ok(Some(State {
             relative_displacement: times(self.stretch.as_ref(), rows).into_owned(),
             ..State::default()
-        })
+        }))
     }
 }
 

@@ -82,8 +82,7 @@ pub(super) fn assess_step(
     macro_rules! of {
         ($inner:expr, $assess:path) => {{
             let contacts = $inner.contacts();
-            let state = before.as_ref().map(|v| problem.left(v, contacts));
-            let state = state.transpose()?;
+            let state = problem.left(before.as_ref(), contacts)?;
             let reaction = problem.reaction(&reaction, contacts)?;
             let Problem::Whole(whole) = &**$inner else {
                 // Of the contacts outside a working set nothing is known but that

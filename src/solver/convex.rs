@@ -182,6 +182,22 @@ pub fn iterate<const D: usize>(
     Ok(Outcome::Stalled)
 }
 
+/// Passes of one convex problem each, whose laws follow from the point before it.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn iterate_frozen<const D: usize>(
+    problem: &Reduced<D>,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+    frozen: impl Fn(&Point<D>) -> Vec<Frozen<D>>,
+) -> Result<Outcome, Error> {
+    iterate(problem, start, monitor, |point, monitor| {
+        let enough = enough(problem, point, monitor);
+        least(problem, frozen(point), point, enough, monitor)
+    })
+}
+
 /// The point that a start names.
 fn begin<const D: usize>(
     problem: &Reduced<D>,

@@ -8,7 +8,7 @@ use crate::error::Error;
 use crate::law::frozen::Frozen;
 use crate::linalg::small::tangential_norm;
 use crate::problem::reduced::Reduced;
-use crate::solver::convex::{enough, iterate, least};
+use crate::solver::convex::iterate_frozen;
 use crate::solver::monitor::Monitor;
 use crate::solver::{Outcome, Start};
 
@@ -31,8 +31,5 @@ pub fn run<const D: usize>(
     start: &Start<D>,
     monitor: &mut Monitor<D>,
 ) -> Result<Outcome, Error> {
-    iterate(problem, start, monitor, |point, monitor| {
-        let enough = enough(problem, point, monitor);
-        least(problem, frozen(problem, &point.v), point, enough, monitor)
-    })
+    iterate_frozen(problem, start, monitor, |point| frozen(problem, &point.v))
 }
