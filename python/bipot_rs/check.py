@@ -146,6 +146,18 @@ def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> 
     return found
 
 
+def by_contact(what: str, value: ArrayLike, contacts: int) -> Array:
+    """A number, the same for all contacts, or one each ``(n_c,)``."""
+    found = floats(what, value)
+    if found.ndim == 0:
+        found = np.full(contacts, float(found))
+    if found.shape != (contacts,):
+        raise ValueError(
+            f"{what} has shape {found.shape}, expected a number or ({contacts},)"
+        )
+    return found
+
+
 def coulomb(mu: ArrayLike, contacts: int) -> Array:
     """Friction coefficients ``(n_c,)``, where one a contact is all that is understood."""
     return friction(mu, contacts, 2)

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import Array, floats, integer, number
+from bipot_rs.check import Array, by_contact, floats, integer, number
 from bipot_rs.problem import project
 from bipot_rs.result import Result
 from bipot_rs.theory.convex import (
@@ -118,14 +118,7 @@ def _pair(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> _Pair:
 
 
 def _steps(law: Coulomb, rho: ArrayLike) -> Array:
-    found = floats("rho", rho)
-    contacts = len(law.mu)
-    if found.ndim == 0:
-        found = np.full(contacts, float(found))
-    if found.shape != (contacts,):
-        raise ValueError(
-            f"rho has shape {found.shape}, expected a number or ({contacts},)"
-        )
+    found = by_contact("rho", rho, len(law.mu))
     if not (found > 0).all():
         raise ValueError(f"rho is {float(found.min())}, expected positive numbers")
     return found

@@ -20,7 +20,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import Array, coulomb, floats, positive
+from bipot_rs.check import Array, by_contact, coulomb, floats, positive
 from bipot_rs.problem import project
 from bipot_rs.theory.convex import (
     dot,
@@ -380,14 +380,7 @@ class Tresca:
     start: Start
 
     def __init__(self, limit: ArrayLike, start: Start) -> None:
-        found = floats("limit", limit)
-        count = len(start.gap)
-        if found.ndim == 0:
-            found = np.full(count, float(found))
-        if found.shape != (count,):
-            raise ValueError(
-                f"limit has shape {found.shape}, expected a number or ({count},)"
-            )
+        found = by_contact("limit", limit, len(start.gap))
         if (found < 0).any():
             at = int(np.argmax(found < 0))
             raise ValueError(
