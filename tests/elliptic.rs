@@ -123,6 +123,21 @@ proptest! {
     }
 
     #[test]
+    fn on_the_borders_it_keeps_the_digits_of_the_point((tau, mu) in point_and_mu()) {
+        let (drag, shear) = (drag(&tau, mu), shear(&tau, mu));
+        for ulps in -3_i32..=3 {
+            // A few roundings from the border of the polar cone the nearest point is the
+            // apex but for as many; at the border of the cone it is the point itself.
+            let apart = 1.0 + f64::from(ulps) * EPS;
+            let polar = [-drag * apart, tau[1], tau[2]];
+            prop_assert!(norm(&project_elliptic(&polar, mu).0) <= 16.0 * EPS * norm(&polar));
+            let border = [shear * apart, tau[1], tau[2]];
+            let moved = minus(&project_elliptic(&border, mu).0, &border);
+            prop_assert!(norm(&moved) <= 16.0 * EPS * norm(&border));
+        }
+    }
+
+    #[test]
     fn along_an_axis_it_is_the_plane_cone(n in -3.0..3.0_f64, t in -3.0..3.0_f64, mu in 0.01..3.0_f64) {
         // The plane of normal and axis is one of symmetry, so the point stays in it.
         let ([r_n, r_t], status) = project(&[n, t], mu);
