@@ -1,123 +1,56 @@
-"""One elastic body by scikit-fem: mesh, material, stiffness, nodal forces of (1).
+"""One elastic body by scikit-fem: mesh, materials, stiffness, nodal forces of (1).
 
 Shape functions, quadrature and mappings are scikit-fem's. Degrees of freedom go
-node by node, ``dim * node + component``.
+node by node, ``dim * node + component``; nodes on edges, faces and in cells of second
+order are nodes as those at corners are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-import skfem
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
-from skfem.quadrature import get_quadrature
 
-from bipot_rs.check import floats, number
+from bipot_rs.boxes import FACES, box
+from bipot_rs.check import floats
+from bipot_rs.elements import (
+    KINDS,
+    Floats,
+    Ints,
+    Kind,
+    cell_nodes,
+    cross,
+    facet_nodes,
+    inverse,
+    jacobian,
+    reference,
+)
+from bipot_rs.materials import Elastic, Material, Orthotropic
 
-Floats: TypeAlias = NDArray[np.float64]
-Ints: TypeAlias = NDArray[np.int64]
+__all__ = [
+    "FACES",
+    "Body",
+    "Box",
+    "Elastic",
+    "Field",
+    "Floats",
+    "Ints",
+    "Material",
+    "Orthotropic",
+    "Quadrature",
+    "box",
+    "nodal_forces",
+    "stiffness",
+    "surface_stiffness",
+    "vtk_cells",
+]
+
 Field: TypeAlias = ArrayLike | Callable[[Floats], ArrayLike]
 Box: TypeAlias = Mapping[int, tuple[float, float]]
-
-# Scalar element and quadrature order by mesh type. Simplices have constant
-# gradients; order 2 is full Gauss quadrature, 2 points a direction.
-_ELEMENTS: dict[type, tuple[type, int]] = {
-    skfem.MeshTri1: (skfem.ElementTriP1, 1),
-    skfem.MeshQuad1: (skfem.ElementQuad1, 2),
-    skfem.MeshTet1: (skfem.ElementTetP1, 1),
-    skfem.MeshHex1: (skfem.ElementHex1, 2),
-}
-# Scalar element on a facet.
-_FACETS: dict[type, type] = {
-    skfem.MeshTri1: skfem.ElementLineP1,
-    skfem.MeshQuad1: skfem.ElementLineP1,
-    skfem.MeshTet1: skfem.ElementTriP1,
-    skfem.MeshHex1: skfem.ElementQuad1,
-}
-_CELLS: dict[str, type] = {
-    "triangle": skfem.MeshTri1,
-    "quadrilateral": skfem.MeshQuad1,
-    "tetrahedron": skfem.MeshTet1,
-    "hexahedron": skfem.MeshHex1,
-}
-# Faces of a box, (axis, end); the last axis points up.
-FACES: dict[int, dict[str, tuple[int, int]]] = {
-    2: {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)},
-    3: {
-        "left": (0, 0),
-        "right": (0, 1),
-        "front": (1, 0),
-        "back": (1, 1),
-        "bottom": (2, 0),
-        "top": (2, 1),
-    },
-}
-# VTK's name, corners on the reference cell, neighbours of corner 0 along the
-# axes, and an order of the corners that mirrors the cell.
-_RING = ((0, 0), (1, 0), (1, 1), (0, 1))
-_VTK: dict[type, tuple[str, list[tuple[int, ...]], list[int], list[int]]] = {
-    skfem.MeshTri1: ("triangle", [(0, 0), (1, 0), (0, 1)], [1, 2], [0, 2, 1]),
-    skfem.MeshQuad1: ("quad", [*_RING], [1, 3], [0, 3, 2, 1]),
-    skfem.MeshTet1: (
-        "tetra",
-        [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
-        [1, 2, 3],
-        [0, 2, 1, 3],
-    ),
-    skfem.MeshHex1: (
-        "hexahedron",
-        [(x, y, z) for z in (0, 1) for x, y in _RING],
-        [1, 3, 4],
-        [4, 5, 6, 7, 0, 1, 2, 3],
-    ),
-}
-
-
-@dataclass(frozen=True)
-class Material:
-    """Isotropic linear elasticity.
-
-    Parameters
-    ----------
-    young
-        Young's modulus, > 0 [Pa].
-    poisson
-        Poisson's ratio, in (-1, 1/2).
-    plane_stress
-        In 2D, plane stress instead of plane strain; of no effect in 3D.
-    thickness
-        Out of plane, in 2D, > 0 [m]; of no effect in 3D.
-    """
-
-    young: float
-    poisson: float
-    plane_stress: bool = False
-    thickness: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name in ("young", "poisson", "thickness"):
-            number(name, getattr(self, name))
-        if not (np.isfinite(self.young) and self.young > 0):
-            raise ValueError(f"young is {self.young}, expected a finite number > 0")
-        if not -1 < self.poisson < 0.5:
-            raise ValueError(f"poisson is {self.poisson}, expected it in (-1, 1/2)")
-        if not (np.isfinite(self.thickness) and self.thickness > 0):
-            raise ValueError(
-                f"thickness is {self.thickness}, expected a finite number > 0"
-            )
-
-    def lame(self, dim: int) -> tuple[float, float]:
-        """Lamé's constants λ and μ [Pa], λ made that of plane stress if asked."""
-        lame_mu = self.young / (2 * (1 + self.poisson))
-        lame_lambda = 2 * lame_mu * self.poisson / (1 - 2 * self.poisson)
-        if dim == 2 and self.plane_stress:
-            # 2λμ/(λ + 2μ), written so that it does not divide by λ = 0.
-            lame_lambda = 2 * lame_mu * self.poisson / (1 - self.poisson)
-        return lame_lambda, lame_mu
 
 
 @dataclass(frozen=True)
@@ -157,18 +90,44 @@ class Quadrature:
 
 @dataclass(frozen=True)
 class Body:
-    """A mesh with named surfaces (``mesh.boundaries``) and its material."""
+    """A mesh with named surfaces (``mesh.boundaries``) and its material.
+
+    Parameters
+    ----------
+    name
+        Names differ among the bodies of a model.
+    mesh
+        Of scikit-fem: triangles, quadrilaterals, tetrahedra, hexahedra, of first or
+        second order, as of `box` or `mesh_file.read_mesh`.
+    material
+        Of the whole body, or one by the name of each of its volumes
+        (``mesh.subdomains``), which cover it without overlap.
+    """
 
     name: str
     mesh: Any
-    material: Material
+    material: Elastic | Mapping[str, Elastic]
 
     def __post_init__(self) -> None:
-        if type(self.mesh) not in _ELEMENTS:
+        if type(self.mesh) not in KINDS:
             raise TypeError(
                 f"mesh of body {self.name!r} is a {type(self.mesh).__name__}, expected "
-                + ", ".join(t.__name__ for t in _ELEMENTS)
+                + ", ".join(t.__name__ for t in KINDS)
             )
+        if isinstance(self.material, Mapping):
+            self.material_of_cells  # noqa: B018 - says what does not fit
+            if len({(m.plane_stress, m.thickness) for m in self.materials}) > 1:
+                raise ValueError(
+                    f"materials of body {self.name!r} differ in plane_stress or in "
+                    "thickness, expected the same in all its volumes"
+                )
+        for material in self.materials:
+            material.tensor(self.dim)  # one of three dimensions may not fit a plane
+
+    @property
+    def kind(self) -> Kind:
+        """What is to know of its cells."""
+        return KINDS[type(self.mesh)]
 
     @property
     def dim(self) -> int:
@@ -181,16 +140,70 @@ class Body:
         return np.ascontiguousarray(self.mesh.p.T, dtype=np.float64)
 
     @property
+    def cells(self) -> Ints:
+        """Nodes of each cell in the order of its element, ``(cells, c)``."""
+        return cell_nodes(self.mesh)
+
+    @property
+    def materials(self) -> list[Elastic]:
+        """Those of its volumes, or its only one."""
+        if isinstance(self.material, Mapping):
+            return list(self.material.values())
+        return [self.material]
+
+    @property
+    def material_of_cells(self) -> Ints:
+        """Which of `materials` each cell has, ``(cells,)``.
+
+        Raises
+        ------
+        ValueError
+            A volume that the mesh does not name, cells of none or of two.
+        """
+        found = np.full(int(self.mesh.t.shape[1]), -1, dtype=np.int64)
+        if not isinstance(self.material, Mapping):
+            return np.zeros_like(found)
+        for k, volume in enumerate(self.material):
+            cells = self.volume_cells(volume)
+            twice = cells[found[cells] >= 0]
+            if twice.size:
+                raise ValueError(
+                    f"volume {volume!r} of body {self.name!r} shares "
+                    f"{len(twice)} cells with another one that has a material"
+                )
+            found[cells] = k
+        if (found < 0).any():
+            bare = self.mesh.p[:, self.mesh.t[:, np.argmin(found)]].mean(axis=1)
+            place = ", ".join(f"{x:g}" for x in bare)
+            raise ValueError(
+                f"material of body {self.name!r} leaves {(found < 0).sum()} cells "
+                f"without one, the first at ({place}), expected volumes that cover it"
+            )
+        return found
+
+    @property
+    def isotropic(self) -> Material:
+        """Its material, for what knows only one that is isotropic; else `ValueError`."""
+        if not isinstance(self.material, Material):
+            many = isinstance(self.material, Mapping)
+            raise ValueError(
+                f"body {self.name!r} has {'several materials' if many else 'an '}"
+                f"{'' if many else 'orthotropic material'}, expected one that is "
+                "isotropic"
+            )
+        return self.material
+
+    @property
     def depth(self) -> float:
         """What turns areas of the mesh into volumes: thickness in 2D, 1 in 3D."""
-        return self.material.thickness if self.dim == 2 else 1.0
+        return self.materials[0].thickness if self.dim == 2 else 1.0
 
     def volume(self) -> Quadrature:
         """Quadrature on the cells."""
-        corners = np.asarray(self.mesh.t, dtype=np.int64).T
+        corners = self.cells
         x = self.points[corners]
-        phi, slopes, weights = _reference(*_ELEMENTS[type(self.mesh)])
-        _, determinant = _inverse(_jacobian(x, slopes))
+        phi, slopes, weights = reference(self.kind.scalar, self.kind.order)
+        _, determinant = inverse(jacobian(x, slopes))
         return Quadrature(
             corners=corners,
             phi=phi,
@@ -199,6 +212,16 @@ class Body:
             normals=None,
             nodes=len(self.points),
         )
+
+    def volume_cells(self, volume: str) -> Ints:
+        """Cells of a named volume; `ValueError` lists the names there are."""
+        known = self.mesh.subdomains or {}
+        if volume not in known:
+            raise ValueError(
+                f"body {self.name!r} has no volume {volume!r}, expected one of "
+                + (", ".join(sorted(known)) or "none: its mesh names no volume")
+            )
+        return np.asarray(known[volume], dtype=np.int64)
 
     def facets(self, surface: str) -> Ints:
         """Facets of a named surface; `ValueError` lists the names there are."""
@@ -213,14 +236,14 @@ class Body:
     def surface(self, name: str) -> Quadrature:
         """Quadrature on the facets of a named surface."""
         facets = self.facets(name)
-        corners = np.asarray(self.mesh.facets, dtype=np.int64)[:, facets].T
+        corners = facet_nodes(self.mesh, facets)
         x = self.points[corners]
-        phi, slopes, weights = _reference(_FACETS[type(self.mesh)], 2)
-        tangents = _jacobian(x, slopes).swapaxes(0, 1)
+        phi, slopes, weights = reference(self.kind.facet, self.kind.facet_order)
+        tangents = jacobian(x, slopes).swapaxes(0, 1)
         if self.dim == 2:
             area = np.stack([tangents[0, :, 1], -tangents[0, :, 0]], axis=1)
         else:
-            area = _cross(*tangents)
+            area = cross(*tangents)
         size = np.linalg.norm(area, axis=1)
         cells = self.mesh.t[:, self.mesh.f2t[0, facets]]
         inwards = self.mesh.p[:, cells].mean(axis=1) - x.mean(axis=1).T
@@ -237,7 +260,7 @@ class Body:
 
     def nodes(self, surface: str, within: Box | None = None) -> Ints:
         """Nodes of a named surface, ascending; ``within`` keeps ``low ≤ x[axis] ≤ high``."""
-        corners = self.mesh.facets[:, self.facets(surface)]
+        corners = facet_nodes(self.mesh, self.facets(surface))
         nodes = np.unique(corners).astype(np.int64)
         for axis, (low, high) in (within or {}).items():
             x = self.mesh.p[axis, nodes]
@@ -247,82 +270,71 @@ class Body:
         return nodes
 
 
-def box(axes: Sequence[ArrayLike], cell: str) -> Any:
-    """Tensor-product mesh of a rectangle or a box with its faces named.
-
-    Triangles halve each rectangle by the diagonal from its lowest to its highest corner;
-    tetrahedra are the six of each box whose edges climb from the lowest to the highest
-    corner, one axis after the other in each of the six orders. Opposite faces are split
-    alike, so that cells of neighbours conform, and bodies on one grid meet facet by
-    facet; and halving all cells of the grid divides each simplex into 2^d.
-
-    Parameters
-    ----------
-    axes
-        Grid points of each axis, in any order, at least two distinct ones [m].
-    cell
-        ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"``, ``"hexahedron"``.
-
-    Returns
-    -------
-    skfem.Mesh
-        With boundaries ``left``/``right`` (x), ``bottom``/``top`` (last axis),
-        and in 3D ``front``/``back`` (y).
-    """
-    grids = [
-        np.sort(floats(f"axis {k} of axes", axis, ndim=1))
-        for k, axis in enumerate(axes)
-    ]
-    dim = 2 if cell in ("triangle", "quadrilateral") else 3
-    if cell not in _CELLS or len(grids) != dim:
-        raise ValueError(
-            f"cell is {cell!r} with {len(grids)} axes, expected triangle or "
-            "quadrilateral with 2, tetrahedron or hexahedron with 3"
-        )
-    for k, grid in enumerate(grids):
-        if grid.size < 2 or not np.all(np.diff(grid) > 0):
-            raise ValueError(f"axis {k} needs two or more distinct grid points")
-    mesh: Any = _CELLS[cell].init_tensor(*grids)  # type: ignore[attr-defined]
-    facets = mesh.boundary_facets()
-    vertices = mesh.p[:, mesh.facets[:, facets]]
-    named = mesh.with_boundaries(
-        {
-            name: facets[(vertices[axis] == grids[axis][-end]).all(axis=0)]
-            for name, (axis, end) in FACES[dim].items()
-        }
-    )
-    # Names do not change facets and their cells: what is known of them is kept, as
-    # finding it takes longer than assembling K.
-    known = vars(named)
-    known.update({key: value for key, value in vars(mesh).items() if key not in known})
-    return named
-
-
 def stiffness(body: Body) -> Any:
     """Stiffness of one body, CSR ``(dim * nodes, dim * nodes)``, symmetric to the bit.
 
     With ``E_kl = ∫ ∂_k φ_i ∂_l φ_j`` the block of nodes i, j is
 
-        K_kl = λ E_kl + μ E_lk + δ_kl μ Σ_m E_mm,
+        K_kl = Σ_ab C_kalb E_ab = λ E_kl + μ E_lk + δ_kl μ Σ_m E_mm,
 
-    so d(d+1)/2 scalar forms do the work of a vector form. Cells of one shape have one
-    matrix, and all d² components share one sparsity pattern.
+    the latter where the material is isotropic, so d(d+1)/2 scalar forms do the work of
+    a vector form. Cells of one shape and material have one matrix, and all d²
+    components share one sparsity pattern.
+
+    Raises
+    ------
+    ValueError
+        A cell that is folded or flat: its number, and where it is.
     """
     dim, nodes = body.dim, int(body.mesh.p.shape[1])
-    cells = np.asarray(body.mesh.t, dtype=np.int64).T  # (cells, corners)
+    cells = body.cells
     shapes, which = _shapes(body.points[cells])
+    material = np.zeros(len(shapes), dtype=np.int64)
+    if len(body.materials) > 1:
+        both = which * len(body.materials) + body.material_of_cells
+        kept, which = np.unique(both, return_inverse=True)
+        shape, material = np.divmod(kept, len(body.materials))
+        shapes = shapes[shape]
+    gradients = _gradients(body, shapes, which)
     start, column, gather = _node_pairs(cells, which, len(shapes), nodes)
     data = np.empty((dim, dim, len(column)))
-    for k, m, values in _components(body, shapes):
+    for k, m, values in _components(body, gradients, material):
         # The sum over cells: a row of `gather` for each pair of nodes that share one.
         data[k, m] = gather @ values.ravel()
         if m != k:
             data[m, k] = gather @ values.swapaxes(0, 1).ravel()
-    blocks = sparse.bsr_array(
-        (np.ascontiguousarray(data.transpose(2, 0, 1)), column, start),
-        shape=(dim * nodes, dim * nodes),
+    return _matrix(data, column, start)
+
+
+def surface_stiffness(body: Body, surface: str, density: Floats) -> Any:
+    """``∫ φ_i k φ_j`` over a surface, CSR as `stiffness`, symmetric to the bit.
+
+    Parameters
+    ----------
+    density
+        Stiffness per area k, symmetric, at the points of ``body.surface(surface)``:
+        ``(d, d, facets, points)`` [N/m³].
+    """
+    points = body.surface(surface)
+    phi, weights = points.phi, body.depth * points.weights
+    parts = len(points.corners)
+    start, column, gather = _node_pairs(
+        points.corners, np.arange(parts), parts, points.nodes
     )
-    return blocks.tocsr()
+    data = np.empty((body.dim, body.dim, len(column)))
+    for k in range(body.dim):
+        for m in range(k, body.dim):
+            values = np.einsum("pq,iq,jq->ijp", weights * density[k, m], phi, phi)
+            values = 0.5 * (values + values.swapaxes(0, 1))
+            data[k, m] = data[m, k] = gather @ values.ravel()
+    return _matrix(data, column, start)
+
+
+def _matrix(data: Floats, column: NDArray[Any], start: NDArray[Any]) -> Any:
+    """CSR of components ``(d, d, pairs)`` on a pattern of nodes."""
+    n = len(data) * (len(start) - 1)
+    blocks = (np.ascontiguousarray(data.transpose(2, 0, 1)), column, start)
+    return sparse.bsr_array(blocks, shape=(n, n)).tocsr()
 
 
 def _shapes(corners: Floats) -> tuple[Floats, Ints]:
@@ -356,27 +368,59 @@ def _shapes(corners: Floats) -> tuple[Floats, Ints]:
     return offset[first], which.astype(np.int64)
 
 
-def _components(body: Body, shapes: Floats) -> Iterator[tuple[int, int, Floats]]:
+def _gradients(body: Body, shapes: Floats, which: Ints) -> Floats:
+    """``∂_a φ_i √(weight)``, ``(q, i, a, shapes)``: products of two sum to integrals."""
+    _, slopes, weights = reference(body.kind.scalar, body.kind.order)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inner, determinant = inverse(jacobian(shapes, slopes))
+    # A mirrored numbering has one sign all over; a cell that is folded has both.
+    good = (determinant * np.sign(determinant[0]) > 0).all(axis=0)
+    if not good.all():
+        cell = int(np.argmin(good[which]))
+        place = body.points[body.cells[cell]].mean(axis=0)
+        raise ValueError(
+            f"cell {cell} of body {body.name!r} is folded or flat, at "
+            f"({', '.join(f'{x:g}' for x in place)}): its mapping has the determinants "
+            f"{determinant[:, which[cell]].min():g} to "
+            f"{determinant[:, which[cell]].max():g} within it"
+        )
+    root = np.sqrt(weights[:, None] * np.abs(determinant) * body.depth)
+    inner *= root[:, None, None]
+    # Shapes last makes every loop below a long one.
+    return np.asarray(np.einsum("qbi,qbac->qiac", slopes, inner), dtype=np.float64)
+
+
+def _components(
+    body: Body, gradients: Floats, material: Ints
+) -> Iterator[tuple[int, int, Floats]]:
     """Components ``K_km``, k ≤ m, of the stiffness of each shape, one at a time.
+
+    Parameters
+    ----------
+    gradients
+        As of `_gradients`.
+    material
+        Which material of the body each shape has.
 
     Yields
     ------
     k, m, values
         ``(corners, corners, shapes)``, for k = m symmetric to the bit.
     """
-    _, slopes, weights = _reference(*_ELEMENTS[type(body.mesh)])
-    inverse, determinant = _inverse(_jacobian(shapes, slopes))
-    root = np.sqrt(weights[:, None] * np.abs(determinant) * body.depth)
-    inverse *= root[:, None, None]
-    # ∂_a φ_i as (q, i, a, shapes); shapes last makes every loop below a long one.
-    grad = np.einsum("qbi,qbac->qiac", slopes, inverse)
     dim = body.dim
-    lame_lambda, lame_mu = body.material.lame(dim)
 
     def integral(k: int, m: int) -> Floats:
-        found = np.einsum("qic,qjc->ijc", grad[:, :, k], grad[:, :, m])
+        found = np.einsum("qic,qjc->ijc", gradients[:, :, k], gradients[:, :, m])
         return np.asarray(found, dtype=np.float64)
 
+    plain = [one for one in body.materials if isinstance(one, Material)]
+    if len(plain) < len(body.materials):
+        yield from _anisotropic(body, integral, material)
+        return
+    lame: list[Any] = [*plain[0].lame(dim)]
+    if len(plain) > 1:
+        lame = list(np.array([one.lame(dim) for one in plain])[material].T)
+    lame_lambda, lame_mu = lame
     diagonal = [integral(k, k) for k in range(dim)]
     trace = sum(diagonal[1:], start=diagonal[0])
     for k in range(dim):
@@ -388,48 +432,23 @@ def _components(body: Body, shapes: Floats) -> Iterator[tuple[int, int, Floats]]
             yield k, m, lame_lambda * mixed + lame_mu * mixed.swapaxes(0, 1)
 
 
-def _reference(element: type, order: int) -> tuple[Floats, Floats, Floats]:
-    """Shape functions of scikit-fem on the reference cell, at its points of Gauss.
-
-    Returns
-    -------
-    phi, slopes, weights
-        ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``.
-    """
-    own = element()
-    points, weights = get_quadrature(own.refdom, order)
-    both = [own.lbasis(points, i) for i in range(own.doflocs.shape[0])]
-    # Constant ones come without a column for each point.
-    phi = np.stack([np.broadcast_to(f, weights.shape) for f, _ in both])
-    slopes = np.stack([np.broadcast_to(df, points.shape) for _, df in both], axis=-1)
-    return phi, np.ascontiguousarray(slopes.transpose(1, 0, 2)), weights
-
-
-def _jacobian(corners: Floats, slopes: Floats) -> Floats:
-    """``∂x_a/∂ξ_b``, ``(q, b, a, parts)``, of corners ``(parts, c, a)``."""
-    # From the first corner: far from the origin the digits of x would be lost.
-    offset = np.ascontiguousarray((corners - corners[:, :1]).transpose(1, 2, 0))
-    return np.asarray(np.einsum("qbi,iac->qbac", slopes, offset), dtype=np.float64)
-
-
-def _inverse(jacobian: Floats) -> tuple[Floats, Floats]:
-    """``∂ξ_b/∂x_a``, ``(q, b, a, parts)``, and determinants ``(q, parts)``."""
-    tangents = jacobian.swapaxes(0, 1)
-    if len(tangents) == 2:
-        (x, y), (z, w) = tangents.swapaxes(1, 2)
-        determinant = x * w - y * z
-        cofactors = np.stack([w, -z, -y, x], axis=1).reshape(jacobian.shape)
-    else:
-        s, t, r = tangents
-        cofactors = np.stack([_cross(t, r), _cross(r, s), _cross(s, t)], axis=1)
-        determinant = np.sum(s * cofactors[:, 0], axis=1)
-    return cofactors / determinant[:, None, None], determinant
-
-
-def _cross(u: Floats, v: Floats) -> Floats:
-    """Vector products of ``(q, 3, parts)``."""
-    (u0, u1, u2), (v0, v1, v2) = u.swapaxes(0, 1), v.swapaxes(0, 1)
-    return np.stack([u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0], axis=1)
+def _anisotropic(
+    body: Body, integral: Callable[[int, int], Floats], material: Ints
+) -> Iterator[tuple[int, int, Floats]]:
+    """`_components` of any elasticity."""
+    dim = body.dim
+    tensors = np.stack([one.tensor(dim) for one in body.materials], axis=-1)
+    forms = {(a, b): integral(a, b) for a in range(dim) for b in range(a, dim)}
+    # E_ba of nodes i, j is E_ab of j, i.
+    forms |= {(b, a): form.swapaxes(0, 1) for (a, b), form in forms.items()}
+    for k in range(dim):
+        for m in range(k, dim):
+            total = np.zeros_like(forms[0, 0])
+            for (a, b), form in forms.items():
+                C = tensors[k, a, m, b]
+                if C.any():
+                    total += C[material] * form
+            yield k, m, total if m > k else 0.5 * (total + total.swapaxes(0, 1))
 
 
 def _node_pairs(
@@ -515,12 +534,13 @@ def nodal_forces(body: Body, points: Quadrature, value: Field) -> Floats:
 
 
 def vtk_cells(body: Body) -> tuple[str, Ints]:
-    """Kind and corners of the cells, which scikit-fem may number mirrored."""
-    kind, corners, axes, mirror = _VTK[type(body.mesh)]
-    element, _ = _ELEMENTS[type(body.mesh)]
-    theirs = [tuple(int(c) for c in place) for place in element().doflocs]
-    cells = body.mesh.t[[theirs.index(corner) for corner in corners]].T.astype(np.int64)
-    edges = body.points[cells[:, axes]] - body.points[cells[:, :1]]
-    inverted = np.linalg.det(edges) < 0
-    cells[inverted] = cells[inverted][:, mirror]
-    return kind, cells
+    """Kind and nodes of the cells, which scikit-fem may number mirrored."""
+    kind = body.kind
+    cells = body.cells[:, kind.order_of_vtk]
+    edges = kind.places[: kind.corners] - kind.places[0]
+    # Neighbours of corner 0 along the axes.
+    axes = [int(np.argmax((edges == axis).all(axis=1))) for axis in np.eye(kind.dim)]
+    sides = body.points[cells[:, axes]] - body.points[cells[:, :1]]
+    inverted = np.linalg.det(sides) < 0
+    cells[inverted] = cells[inverted][:, kind.mirror]
+    return kind.vtk, cells

@@ -293,7 +293,7 @@ def build(
     if len(set(names)) < len(names):
         raise ValueError(f"names of bodies repeat: {names}")
     dim = dims.pop()
-    ends = np.cumsum([0] + [dim * body.mesh.nvertices for body in bodies])
+    ends = np.cumsum([0] + [dim * len(body.points) for body in bodies])
     offset, n = tuple(int(e) for e in ends[:-1]), int(ends[-1])
 
     support_dofs = []

@@ -97,7 +97,10 @@ PYTHON = (
     "problem",
     "global_problem",
     "fclib",
-    "elasticity analytic",
+    "analytic elements materials",
+    "boxes",
+    "elasticity",
+    "stress",
     "theory.convex",
     "theory.materials",
     "theory.law theory.soils",
@@ -116,7 +119,7 @@ PYTHON = (
 )
 PYTHON_NAMES = {
     "meshio": (),
-    "skfem": ("elasticity",),
+    "skfem": ("elements",),
     "h5py": ("export", "fclib"),
 }
 
