@@ -161,7 +161,13 @@ class Estimator:
                     f"mu of contacts[{k}] is {np.ravel(contact.mu).tolist()}, expected one "
                     "number: the error of the mesh knows Coulomb's law only"
                 )
+        if model.springs:
+            raise ValueError(
+                f"the model has {len(model.springs)} springs: the error of the mesh knows "
+                "supports that are rigid only"
+            )
         self.bodies = [simplices(body) for body in model.bodies]
+        self.materials = [body.isotropic for body in model.bodies]
         self.facets = contact_facets(model, self.bodies)
         held = prescribed_facets(model, self.bodies)
         self.elastic = _Elastic(model)
@@ -170,9 +176,9 @@ class Estimator:
             for one, prescribed in zip(self.bodies, held, strict=True)
         ]
         self.own = [
-            SelfStress(one, body.material, ~known)
-            for one, body, known in zip(
-                self.bodies, model.bodies, self.known, strict=True
+            SelfStress(one, material, ~known)
+            for one, material, known in zip(
+                self.bodies, self.materials, self.known, strict=True
             )
         ]
 
@@ -213,14 +219,15 @@ class Estimator:
             zip(model.bodies, self.bodies, strict=True)
         ):
             nodes = slice(ends[owner], ends[owner + 1])
+            material = self.materials[owner]
             tractions = moments(
                 one,
-                elastic(body.material, strain(one, w[nodes])),
+                elastic(material, strain(one, w[nodes])),
                 forces[owner],
                 given[owner] + pulls[owner],
                 self.known[owner],
             )
-            own = elastic(body.material, strain(one, u[nodes]))
+            own = elastic(material, strain(one, u[nodes]))
             tractions = self.own[owner].relax(tractions, u[nodes], own)
             hat = johnson_mercier.stress(
                 one.edges, one.gradients, one.by_cell(tractions)
@@ -228,11 +235,11 @@ class Estimator:
             missing = hat - own[:, None, None]
             for bubbles in lift.bubbles:
                 if bubbles.body == owner:
-                    bubbles.subtract(one, body.material, missing)
-            cells.append(body.depth * error_energy(one, body.material, missing))
+                    bubbles.subtract(one, material, missing)
+            cells.append(body.depth * error_energy(one, material, missing))
             volumes.append(body.depth * one.volume)
             stresses.append(hat)
-            energy += 0.5 * float(volumes[-1] @ complementary(body.material, own))
+            energy += 0.5 * float(volumes[-1] @ complementary(material, own))
         reasons = list(lift.reasons)
         mu = np.array([np.max(c.mu) for c in model.contacts])[model.group]
         if limit is None and mu.any():

@@ -79,7 +79,8 @@ class Kind:
     order, facet_order : int
         Of their quadrature. Simplices of first order have constant gradients; 2 and 4
         are full Gauss quadrature, 2 and 3 points a direction, which on straight cells
-        is exact, and on curved ones still for constant stresses and pressures.
+        is exact, and on curved ones still for constant stresses and pressures. The
+        rules for tetrahedra of orders 3 and 4 have negative weights, that of 5 has not.
     vtk : str
         VTK's and meshio's name of a cell.
     face : str
@@ -175,7 +176,7 @@ KINDS: dict[type, Kind] = {
             *(skfem.ElementLineP2, 4, "quad8", "line3"),
         ),
         Kind(
-            *(skfem.MeshTet2, "tetrahedron", 2, skfem.ElementTetP2, 4),
+            *(skfem.MeshTet2, "tetrahedron", 2, skfem.ElementTetP2, 5),
             *(skfem.ElementTriP2, 4, "tetra10", "triangle6", False),
         ),
         Kind(

@@ -23,13 +23,17 @@ from bipot_rs.elasticity import (
     Floats,
     Ints,
     Material,
+    Orthotropic,
     Quadrature,
     box,
     nodal_forces,
     stiffness,
     vtk_cells,
 )
+from bipot_rs.elements import second_order
 from bipot_rs.problem import ContactProblem
+from bipot_rs.stress import Initial, initial_forces, stress, thermal, von_mises
+from bipot_rs.surfaces import Spring, Symmetry, plane_of, spring_stiffness
 
 __all__ = [
     "FACES",
@@ -37,11 +41,18 @@ __all__ = [
     "Contact",
     "Material",
     "Model",
+    "Orthotropic",
+    "Spring",
     "Support",
+    "Symmetry",
     "box",
     "build",
     "frames",
+    "second_order",
     "stiffness",
+    "stress",
+    "thermal",
+    "von_mises",
 ]
 
 # Up to so many pairs of nodes comparing all takes less time than importing a tree.
@@ -113,6 +124,12 @@ class Model:
         Degrees of freedom of each support.
     nodes : (n / d, d)
         Places of all nodes, body after body.
+    supports
+        Those given, and behind them one for each plane of symmetry.
+    symmetries : int
+        How many these are.
+    springs : tuple of Spring
+        Whose stiffness is in K.
     """
 
     bodies: tuple[Body, ...]
@@ -132,6 +149,8 @@ class Model:
     support_dofs: tuple[Ints, ...]
     dim: int
     nodes: Floats = field(repr=False)
+    symmetries: int = 0
+    springs: tuple[Spring, ...] = ()
 
     @property
     def n(self) -> int:
@@ -225,14 +244,41 @@ class Model:
         index = _index(self.bodies, body)
         return self._forces(index, self.bodies[index].volume(), value)
 
-    def _forces(self, index: int, points: Quadrature, value: Field) -> Floats:
+    def initial_strain(self, body: str, strain: Initial) -> Floats:
+        """Nodal forces ``(n,)`` by which an initial strain, such as heat, acts [N].
+
+        Parameters
+        ----------
+        body
+            Its name.
+        strain
+            What the body would do if nothing held it: a tensor ``(d, d)`` or ``(3, 3)``,
+            a function of the places, `thermal`, or a mapping of volumes of the body to
+            these (`bipot_rs.stress`). `stress` takes it as ``initial``.
+        """
+        index = _index(self.bodies, body)
+        return self._at(index, initial_forces(self.bodies[index], strain))
+
+    def displacement_of(self, body: str, displacement: ArrayLike) -> Floats:
+        """Displacement of one body, ``(nodes, d)``, out of that of all, ``(n,)``."""
+        index = _index(self.bodies, body)
+        u = floats("displacement", displacement, shape=(self.n,))
+        first = self.offset[index]
+        size = self.bodies[index].points.size
+        return u[first : first + size].reshape(-1, self.dim)
+
+    def _at(self, index: int, own: Floats) -> Floats:
         f, first = np.zeros(self.n), self.offset[index]
-        own = nodal_forces(self.bodies[index], points, value)
         f[first : first + own.size] = own
         return f
 
+    def _forces(self, index: int, points: Quadrature, value: Field) -> Floats:
+        return self._at(index, nodal_forces(self.bodies[index], points, value))
+
     def prescribed(self, values: Sequence[Sequence[float]]) -> Floats:
         """Values of `fixed`, from one number a component of each support [m].
+
+        Planes of symmetry are held at zero and take none.
 
         Raises
         ------
@@ -240,17 +286,18 @@ class Model:
             Two supports give different values to one degree of freedom, or there are
             not as many values as supports and their components.
         """
-        if len(values) != len(self.supports):
+        count = len(self.supports) - self.symmetries
+        if len(values) != count:
             raise ValueError(
-                f"values are {len(values)}, expected one for each of the "
-                f"{len(self.supports)} supports"
+                f"values are {len(values)}, expected one for each of the {count} supports"
             )
         known = [
             floats(f"values of support {i}", given, shape=(len(support.components),))
             for i, (support, given) in enumerate(
-                zip(self.supports, values, strict=True)
+                zip(self.supports[:count], values, strict=True)
             )
         ]
+        known += [np.zeros(1)] * self.symmetries
         at = np.full(self.n, np.nan)
         for support, dofs, numbers in zip(
             self.supports, self.support_dofs, known, strict=True
@@ -272,8 +319,22 @@ def build(
     bodies: Sequence[Body],
     contacts: Sequence[Contact],
     supports: Sequence[Support] = (),
+    *,
+    symmetries: Sequence[Symmetry] = (),
+    springs: Sequence[Spring] = (),
 ) -> Model:
     """Assemble K, B and the contact data of elastic bodies.
+
+    Parameters
+    ----------
+    bodies, contacts
+        What meets.
+    supports
+        Prescribed displacements; their values are those of `Model.prescribed`.
+    symmetries
+        Planes that cut the bodies in two alike halves, of which the bodies are one.
+    springs
+        Elastic foundations.
 
     A contact node whose tangential displacement is prescribed, on both sides of
     a pair, gets ``mu = 0``: nothing is left for friction to decide there.
@@ -295,6 +356,12 @@ def build(
     dim = dims.pop()
     ends = np.cumsum([0] + [dim * len(body.points) for body in bodies])
     offset, n = tuple(int(e) for e in ends[:-1]), int(ends[-1])
+    planes = [(s, plane_of(bodies[_index(bodies, s.body)], s)) for s in symmetries]
+    supports = [*supports, *(Support(s.body, s.surface, (k,)) for s, k in planes)]
+    matrices = [stiffness(body) for body in bodies]
+    for spring in springs:
+        b = _index(bodies, spring.body)
+        matrices[b] = matrices[b] + spring_stiffness(bodies[b], spring)
 
     support_dofs = []
     for support in supports:
@@ -332,7 +399,7 @@ def build(
         supports=tuple(supports),
         contacts=tuple(contacts),
         offset=offset,
-        K=_stacked([stiffness(body) for body in bodies]),
+        K=_stacked(matrices),
         B=B,
         gap=gap,
         mu=mu,
@@ -345,6 +412,8 @@ def build(
         support_dofs=tuple(support_dofs),
         dim=dim,
         nodes=np.concatenate([body.points for body in bodies]),
+        symmetries=len(symmetries),
+        springs=tuple(springs),
     )
 
 
@@ -424,6 +493,7 @@ def _contact(
             f"contact on {contact.surface!r} of body {body.name!r} has no nodes: "
             "within leaves none"
         )
+    _refuse_negative_areas(body, contact.surface)
     facets = body.surface(contact.surface)
     area = body.depth * facets.moment(np.ones(facets.weights.shape))[nodes]
     points = body.points[nodes]
@@ -464,6 +534,18 @@ def _contact(
         )
     gap = np.einsum("cd,cd->c", frame[:, 0], distance) + clearance
     return points, frame, gap, area, np.stack([first, partner], axis=1)
+
+
+def _refuse_negative_areas(body: Body, surface: str) -> None:
+    """Contact at nodes needs a positive area at each of them."""
+    if not body.kind.lumps:
+        face = {"triangle6": "of 6 nodes", "quad8": "of 8 nodes"}[body.kind.face]
+        none = "none at all" if body.kind.face == "triangle6" else "a negative one"
+        raise ValueError(
+            f"contact on {surface!r} of body {body.name!r} is at nodes of faces {face}, "
+            f'where a constant pressure gives corners {none}: use pairing="mortar", '
+            "or cells of first order or of 27 nodes"
+        )
 
 
 def _normals(facets: Quadrature) -> Floats:

@@ -109,11 +109,11 @@ def simplices(body: Body) -> Simplices:
         Its cells are no triangles or tetrahedra.
     """
     mesh, points, dim = body.mesh, body.points, body.dim
-    corners = np.asarray(mesh.t, dtype=np.int64).T
+    corners = body.cells
     if corners.shape[1] != dim + 1:
         raise ValueError(
-            f"body {body.name!r} has cells of {corners.shape[1]} corners, expected "
-            'triangles or tetrahedra: mesh.element = "P1"'
+            f"body {body.name!r} has cells of {corners.shape[1]} nodes, expected "
+            'triangles or tetrahedra of first order: mesh.element = "P1"'
         )
     facets = np.asarray(mesh.facets, dtype=np.int64).T
     listed = np.asarray(mesh.t2f, dtype=np.int64).T

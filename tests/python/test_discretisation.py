@@ -310,7 +310,7 @@ def test_the_lift_costs_what_it_should() -> None:
 def test_bad_calls(tmp_path: Path) -> None:
     read = scene.read("sheared_cube", ["mesh.n=2"])
     case = scene.assemble(read, scene.bodies(read))
-    with pytest.raises(ValueError, match=r"'cube' has cells of 8 corners.*P1"):
+    with pytest.raises(ValueError, match=r"'cube' has cells of 8 nodes.*P1"):
         Estimator(case)
     case, result = bench.solved("sheared_cube", ["mesh.n=2"])
     estimator = Estimator(case)

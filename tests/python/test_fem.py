@@ -333,8 +333,8 @@ def test_bodies_that_cannot_be() -> None:
         fem.Material(1.0, 0.5)
     with pytest.raises(ValueError, match="young is 0"):
         fem.Material(0.0, 0.3)
-    with pytest.raises(TypeError, match="MeshTri2"):
-        fem.Body("it", skfem.MeshTri2(), fem.Material(1.0, 0.3))
+    with pytest.raises(TypeError, match="MeshWedge1"):
+        fem.Body("it", skfem.MeshWedge1(), fem.Material(1.0, 0.3))
     with pytest.raises(ValueError, match="names of bodies repeat"):
         fem.build([body("triangle"), body("triangle")], [])
     with pytest.raises(ValueError, match="axis 1 needs two"):

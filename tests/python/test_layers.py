@@ -100,7 +100,7 @@ PYTHON = (
     "analytic elements materials",
     "boxes",
     "elasticity",
-    "stress",
+    "stress surfaces",
     "theory.convex",
     "theory.materials",
     "theory.law theory.soils",

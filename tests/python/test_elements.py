@@ -1,0 +1,300 @@
+"""Elements of both orders: what holds for each of them on bent meshes."""
+
+from itertools import combinations
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+import skfem
+from numpy.typing import NDArray
+from scipy.sparse.linalg import spsolve
+from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+from bipot_rs import elements, fem
+from bipot_rs.elasticity import vtk_cells
+from bipot_rs.stress import stress_at_points
+from bipot_rs.vtu import Grid
+
+Floats = NDArray[np.float64]
+DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+# Kind of cell in VTK's words: shape, whether it is the one of fewer nodes.
+SECOND = {
+    "triangle6": ("triangle", False),
+    "quad9": ("quadrilateral", False),
+    "quad8": ("quadrilateral", True),
+    "tetra10": ("tetrahedron", False),
+    "hexahedron27": ("hexahedron", False),
+    "hexahedron20": ("hexahedron", True),
+}
+MATERIAL = fem.Material(2.0, 0.3)
+
+
+def grid(vtk: str, n: int, bent: float = 0.0) -> skfem.Mesh:
+    """A unit box; its inner nodes moved, those between corners too, if ``bent``."""
+    shape, few = SECOND[vtk]
+    made = fem.box([np.linspace(0, 1, n + 1)] * DIM[shape], shape)
+    made = elements.second_order(made, serendipity=few)
+    inner = ((made.p > 1e-9) & (made.p < 1 - 1e-9)).all(axis=0)
+    random = np.random.default_rng(11)
+    moved = made.p + bent / n * inner * random.uniform(-1, 1, made.p.shape)
+    return type(made)(moved, made.t, made.boundaries)
+
+
+def rigid_motions(points: Floats) -> Floats:
+    d = points.shape[1]
+    motions = [np.broadcast_to(axis, points.shape) for axis in np.eye(d)]
+    for i, j in combinations(range(d), 2):
+        turn = np.zeros_like(points)
+        turn[:, i], turn[:, j] = -points[:, j], points[:, i]
+        motions.append(turn)
+    return np.stack([m.ravel() for m in motions], axis=1)
+
+
+@pytest.mark.parametrize("vtk", SECOND)
+def test_stiffness_is_that_of_scikit_fem(vtk: str) -> None:
+    mesh = grid(vtk, 2, bent=0.1)
+    K = fem.stiffness(fem.Body("it", mesh, MATERIAL))
+    kind = elements.KINDS[type(mesh)]
+    basis = skfem.Basis(mesh, skfem.ElementVector(kind.scalar()), intorder=kind.order)
+    theirs = linear_elasticity(*lame_parameters(2.0, 0.3)).assemble(basis)
+    # Theirs numbers degrees of freedom by entity, ours node by node.
+    at = basis.doflocs
+    order = np.empty(at.shape[1], dtype=int)
+    node = np.argmin(np.abs(at[:, :, None] - mesh.p[:, None]).sum(axis=0), axis=1)
+    for component in range(at.shape[0]):
+        mine = np.zeros(at.shape[1], dtype=bool)
+        for names in (
+            basis.nodal_dofs,
+            basis.facet_dofs,
+            basis.edge_dofs,
+            basis.interior_dofs,
+        ):
+            # One scalar degree of freedom on an entity, d components each.
+            mine[names[component :: at.shape[0]].ravel()] = True
+        order[mine] = at.shape[0] * node[mine] + component
+    assert np.array_equal(np.sort(order), np.arange(at.shape[1]))
+    ours = K[order][:, order]
+    # Sums of up to 27 points and 8 cells of products of about the same size.
+    assert abs(ours - theirs).max() <= 1e-13 * abs(theirs).max()
+    assert (K != K.T).nnz == 0
+    assert K.has_canonical_format
+
+
+@pytest.mark.parametrize("vtk", SECOND)
+def test_kernel_is_the_rigid_motions(vtk: str) -> None:
+    body = fem.Body("it", grid(vtk, 2, bent=0.1), MATERIAL)
+    K, R = fem.stiffness(body), rigid_motions(body.points)
+    # Rounding of the sums over the nodes of a row, some 200 entries.
+    assert np.abs(K @ R).max() <= 1e-13 * abs(K).max() * 10
+    eigen = np.linalg.eigvalsh(K.toarray())
+    assert (eigen > 1e-10 * eigen[-1]).sum() == K.shape[0] - R.shape[1]
+
+
+@pytest.mark.parametrize("vtk", SECOND)
+def test_patch(vtk: str) -> None:
+    """A linear field, held on the border, is what is found within, and its stress."""
+    body = fem.Body("it", grid(vtk, 2, bent=0.15), MATERIAL)
+    x, d = body.points, body.dim
+    gradient = np.random.default_rng(2).uniform(-1, 1, (d, d))
+    wanted = (x @ gradient.T).ravel()
+    K = fem.stiffness(body).tocsc()
+    border = ((x <= 0) | (x >= 1)).any(axis=1)
+    held = np.repeat(border, d)
+    u = np.where(held, wanted, 0.0)
+    u[~held] = spsolve(K[~held][:, ~held], -(K @ u)[~held])
+    # Rounding times the condition of a mesh of 2 cells a side, below 1e3.
+    np.testing.assert_allclose(u, wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("vtk", SECOND)
+def test_areas_and_normals(vtk: str) -> None:
+    """Divergence: a pressure all around has no resultant, and measures the volume."""
+    mesh = grid(vtk, 2)
+    # A smooth map of the whole, so that the border is curved too.
+    x = mesh.p
+    bent = x + 0.1 * np.sin(2 * x[::-1] + np.arange(len(x))[:, None])
+    mesh = type(mesh)(bent, mesh.t)
+    mesh = mesh.with_boundaries({"all": mesh.boundary_facets()})
+    body = fem.Body("it", mesh, MATERIAL)
+    points = body.surface("all")
+    normals = np.asarray(points.normals)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=0), 1.0, rtol=1e-14)
+    model = fem.build([body], [])
+    force = model.pressure("it", "all", -1.0).reshape(-1, body.dim)
+    area = points.weights.sum()
+    # The mapping is a polynomial that the points of Gauss integrate exactly.
+    np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-14 * area)
+    volume = body.volume().weights.sum()
+    assert np.sum(force * body.points) / body.dim == pytest.approx(volume, rel=1e-13)
+    turn = rigid_motions(body.points)[:, body.dim :]
+    np.testing.assert_allclose(force.ravel() @ turn, 0.0, atol=1e-13 * area)
+
+
+def smooth(x: Floats) -> Floats:
+    """A displacement that no element holds; of the places ``(d, ...)``."""
+    return np.stack([np.sin(x[k] + 2 * x[k - 1]) for k in range(len(x))])
+
+
+def energy_error(vtk: str, n: int) -> float:
+    """‖u - u_h‖ in the energy norm, squared, of u_h by the border values of u."""
+    body = fem.Body("it", grid(vtk, n, bent=0.0), MATERIAL)
+    d = body.dim
+    lame_lambda, lame_mu = MATERIAL.lame(d)
+
+    def force(x: Floats) -> Floats:
+        # -div σ with u_k = sin(s_k), s_k = x_k + 2 x_{k-1}, k counted around.
+        s = np.stack([x[k] + 2 * x[k - 1] for k in range(d)])
+        slope = np.eye(d) + 2 * np.roll(np.eye(d), -1, axis=1)  # ∂s_k/∂x_a
+        second = -np.sin(s)
+        laplace = np.stack([second[k] * (slope[k] @ slope[k]) for k in range(d)])
+        divergence = np.stack(
+            [
+                sum(second[k] * slope[k, k] * slope[k, a] for k in range(d))
+                for a in range(d)
+            ]
+        )
+        return -((lame_lambda + lame_mu) * divergence + lame_mu * laplace)
+
+    model = fem.build([body], [])
+    x = body.points
+    held = np.repeat(((x <= 0) | (x >= 1)).any(axis=1), d)
+    wanted = smooth(x.T).T.ravel()
+    u = np.where(held, wanted, 0.0)
+    f = model.body_force("it", force)
+    K = model.K.tocsc()
+    u[~held] = spsolve(K[~held][:, ~held], (f - K @ u)[~held])
+    # At the points of Gauss, beside those of the smooth field.
+    points = body.volume()
+    s = np.stack([points.places[k] + 2 * points.places[k - 1] for k in range(d)])
+    slope = np.eye(d) + 2 * np.roll(np.eye(d), -1, axis=1)
+    gradient = np.cos(s)[:, None] * slope[:, :, None, None]
+    strain = 0.5 * (gradient + gradient.swapaxes(0, 1))
+    exact = np.einsum("abcd,cdpq->abpq", MATERIAL.tensor(d), strain)
+    off = stress_at_points(body, u)[:d, :d] - exact
+    return float(np.einsum("abpq,abpq,pq->", off, off, points.weights))
+
+
+@pytest.mark.parametrize("vtk", SECOND)
+def test_energy_converges_as_the_fourth_power(vtk: str) -> None:
+    few, many = (3, 6) if DIM[SECOND[vtk][0]] == 3 else (6, 12)
+    order = np.log2(energy_error(vtk, few) / energy_error(vtk, many))
+    # At the points of Gauss stresses of some elements are better than elsewhere.
+    assert order > 3.6
+
+
+@pytest.mark.parametrize("vtk", SECOND)
+def test_vtk_has_the_volume_and_the_places(vtk: str, tmp_path: Path) -> None:
+    """What a reader that knows VTK's order finds, by a formula of its own."""
+    body = fem.Body("it", grid(vtk, 2, bent=0.1), MATERIAL)
+    kind, cells = vtk_cells(body)
+    assert kind == vtk
+    points = np.zeros((len(body.points), 3))
+    points[:, : body.dim] = body.points
+    (tmp_path / "it.vtu").write_bytes(Grid(points, [(kind, cells)]).file({}))
+    read = meshio.read(tmp_path / "it.vtu")
+    assert [block.type for block in read.cells] == [vtk]
+    nodes = read.points[read.cells[0].data]  # (cells, nodes, 3)
+    volume = sum(monomial_volume(vtk, cell[:, : body.dim]) for cell in nodes)
+    assert volume == pytest.approx(1.0, rel=1e-12)
+
+
+def monomial_volume(vtk: str, nodes: Floats) -> float:
+    """Volume of one cell by fitting monomials to its nodes, in VTK's order as its manual
+    lists them, and integrating the Jacobian by many points; negative if mirrored."""
+    corner = {
+        "tri": [(0, 0), (1, 0), (0, 1)],
+        "qua": [(0, 0), (1, 0), (1, 1), (0, 1)],
+        "tet": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+        "hex": [
+            (0, 0, 0),
+            (1, 0, 0),
+            (1, 1, 0),
+            (0, 1, 0),
+            (0, 0, 1),
+            (1, 0, 1),
+            (1, 1, 1),
+            (0, 1, 1),
+        ],
+    }[vtk[:3]]
+    pairs = {
+        "tri": "01 12 20",
+        "qua": "01 12 23 30",
+        "tet": "01 12 20 03 13 23",
+        "hex": "01 12 23 30 45 56 67 74 04 15 26 37",
+    }[vtk[:3]]
+    at = [np.array(c, float) for c in corner]
+    at += [0.5 * (at[int(a)] + at[int(b)]) for a, b in pairs.split()]
+    faces = {"hexahedron27": "0473 1265 0154 3762 0321 4567", "quad9": ""}
+    if vtk in faces:
+        at += [np.mean([at[int(k)] for k in f], axis=0) for f in faces[vtk].split()]
+        at.append(np.mean(at[: len(corner)], axis=0))
+    xi = np.array(at)
+    d = xi.shape[1]
+    simplex = vtk[:3] in ("tri", "tet")
+    powers = [p for p in np.ndindex(*[3] * d) if (sum(p) <= 2 if simplex else True)]
+    if vtk in ("quad8", "hexahedron20"):  # superlinear degree at most 2
+        powers = [p for p in powers if sum(k for k in p if k > 1) <= 2]
+    V = np.stack([np.prod(xi**p, axis=1) for p in np.array(powers)], axis=1)
+    coefficient = np.linalg.solve(V, nodes)
+    g, w = np.polynomial.legendre.leggauss(6)
+    g, w = 0.5 * (g + 1), 0.5 * w
+    q = np.stack(np.meshgrid(*[g] * d, indexing="ij"), -1).reshape(-1, d)
+    weight = np.prod(np.stack(np.meshgrid(*[w] * d, indexing="ij"), -1), -1).ravel()
+    if simplex:  # Duffy's map of the cube onto the simplex
+        cube = q.copy()
+        for k in range(1, d):
+            q[:, k] = cube[:, k] * np.prod(1 - cube[:, :k], axis=1)
+            weight = weight * (1 - cube[:, k - 1]) ** (d - k)
+    jacobian = np.zeros((len(q), d, d))
+    for p, c in zip(powers, coefficient, strict=True):
+        for b in range(d):
+            if p[b]:
+                lower = np.array(p)
+                lower[b] -= 1
+                jacobian[:, :, b] += p[b] * np.prod(q**lower, axis=1)[:, None] * c
+    return float(weight @ np.linalg.det(jacobian))
+
+
+@pytest.mark.parametrize("vtk", SECOND)
+def test_mirrored_meshes_are_written_upright(vtk: str) -> None:
+    made = grid(vtk, 1)
+    mirrored = type(made)(
+        made.p * np.array([-1.0] + [1.0] * (len(made.p) - 1))[:, None], made.t
+    )
+    body = fem.Body("it", mirrored, MATERIAL)
+    _, cells = vtk_cells(body)
+    volumes = [monomial_volume(vtk, body.points[cell]) for cell in cells]
+    assert min(volumes) > 0
+    assert sum(volumes) == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("vtk", ["tetra10", "hexahedron20"])
+def test_contact_at_nodes_refuses_negative_areas(vtk: str) -> None:
+    body = fem.Body("it", grid(vtk, 1), MATERIAL)
+    contact = fem.Contact("it", "bottom", 0.3, plane=((0, 0, 0), (0, 0, 1)))
+    with pytest.raises(ValueError, match=r"'bottom'.*pairing=\"mortar\""):
+        fem.build([body], [contact])
+    # The areas that it refuses.
+    points = body.surface("bottom")
+    area = points.moment(np.ones(points.weights.shape))[body.nodes("bottom")]
+    assert area.min() < 1e-15
+    assert area.sum() == pytest.approx(1.0, rel=1e-14)
+
+
+@pytest.mark.parametrize("vtk", ["triangle6", "quad9", "quad8", "hexahedron27"])
+def test_pressed_block_of_second_order(vtk: str) -> None:
+    """Uniform pressure on a plane, without friction: the tractions are that pressure."""
+    body = fem.Body("it", grid(vtk, 2), MATERIAL)
+    d = body.dim
+    point, normal = np.zeros(d), np.eye(d)[-1]
+    contact = fem.Contact("it", "bottom", 0.0, plane=(point, normal))
+    symmetries = [fem.Symmetry("it", name) for name in ("left", "front")[: d - 1]]
+    model = fem.build([body], [contact], symmetries=symmetries)
+    load = model.pressure("it", "top", 0.01)
+    result = model.problem().solve(load, model.prescribed([]))
+    np.testing.assert_allclose(result.traction[0, :, 0], 0.01, rtol=1e-9)
+    # ε = p/E upwards in 3D, p (1 - ν²)/E in plane strain.
+    height = result.displacement[0].reshape(-1, d)[body.nodes("top"), -1]
+    share = 1 if d == 3 else 1 - 0.3**2
+    np.testing.assert_allclose(height, -0.01 / 2.0 * share, rtol=1e-8)
