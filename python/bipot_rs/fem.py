@@ -31,9 +31,18 @@ from bipot_rs.elasticity import (
     vtk_cells,
 )
 from bipot_rs.elements import second_order
+from bipot_rs.mesh_check import check_mesh
+from bipot_rs.mesh_file import read_mesh, read_meshes
 from bipot_rs.problem import ContactProblem
 from bipot_rs.stress import Initial, initial_forces, stress, thermal, von_mises
-from bipot_rs.surfaces import Spring, Symmetry, plane_of, spring_stiffness
+from bipot_rs.surfaces import (
+    Spring,
+    Symmetry,
+    plane_of,
+    spring_stiffness,
+    surface,
+    with_surfaces,
+)
 
 __all__ = [
     "FACES",
@@ -47,12 +56,17 @@ __all__ = [
     "Symmetry",
     "box",
     "build",
+    "check_mesh",
     "frames",
+    "read_mesh",
+    "read_meshes",
     "second_order",
     "stiffness",
     "stress",
+    "surface",
     "thermal",
     "von_mises",
+    "with_surfaces",
 ]
 
 # Up to so many pairs of nodes comparing all takes less time than importing a tree.

@@ -97,10 +97,11 @@ PYTHON = (
     "problem",
     "global_problem",
     "fclib",
-    "analytic elements materials",
+    "analytic elements inp materials",
     "boxes",
     "elasticity",
-    "stress surfaces",
+    "mesh_check stress surfaces",
+    "mesh_file",
     "theory.convex",
     "theory.materials",
     "theory.law theory.soils",
@@ -118,7 +119,7 @@ PYTHON = (
     "__main__",
 )
 PYTHON_NAMES = {
-    "meshio": (),
+    "meshio": ("mesh_file",),
     "skfem": ("elements",),
     "h5py": ("export", "fclib"),
 }
