@@ -239,12 +239,17 @@ class Step(Solution):
         ``None`` in a result that was read from a file.
     traction
         ``reaction / area``, ``(n_c, d)``; ``None`` without areas.
+    s, ahead
+        Where on a path of automatic steps this one ends, and the length that is tried
+        next (`ContactProblem.follow`); ``None`` where steps were given.
     """
 
     slip: Array
     load: Array | None = None
     prescribed: Array | None = None
     traction: Array | None = None
+    s: float | None = None
+    ahead: float | None = None
     _recover: Callable[[Sequence[Step]], Array] | None = None
     _kept: dict[str, Array] = field(default_factory=dict)
 
@@ -386,6 +391,13 @@ class Result(Sequence[Step]):
     def work(self) -> Array:
         """Cost of each step in products with ``W``, ``(steps,)``."""
         return self._stack("work", (0,))
+
+    @property
+    def s(self) -> Array | None:
+        """Where on the path each step ends, ``(steps,)``; ``None`` where steps were given."""
+        if any(step.s is None for step in self.steps):
+            return None
+        return self._stack("s", (0,))
 
     @property
     def error(self) -> tuple[ErrorBound, ...]:

@@ -94,6 +94,7 @@ PYTHON = (
     "answers diagnosis errors existence motion",
     "reduced",
     "following",
+    "adaptive",
     "problem",
     "global_problem",
     "fclib",
