@@ -432,11 +432,15 @@ class Result(Sequence[Step]):
         export.write_result(
             path,
             self.contacts,
-            [_record(step, k) for k, step in enumerate(self.steps)],
+            [_record(step, self._load(k)) for k, step in enumerate(self.steps)],
             complete=self.success,
             attributes={"message": self.message}
             | {f"seconds_{name}": value for name, value in self.seconds.items()},
         )
+
+    def _load(self, k: int) -> float:
+        """By what step ``k`` is told in a file."""
+        return float(k + 1)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write a PVD series of the contacts for ParaView, a point each.
@@ -468,11 +472,11 @@ class Result(Sequence[Step]):
 _NOT_WRITTEN = {"load", "prescribed", "traction", "free_motion", "stats"}
 
 
-def _record(step: Step, number: int) -> dict[str, Any]:
+def _record(step: Step, load: float) -> dict[str, Any]:
     record = {name: getattr(step, name) for name in _written()}
     record["outcome"] = str(step.outcome)
     record |= step.stats
-    record["load"] = float(number + 1)
+    record["load"] = load
     record["displacement"] = step._kept.get("u")
     # What has not been asked for is not worth a factorisation.
     record["unique"] = step._known.get("unique")

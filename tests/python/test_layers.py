@@ -86,7 +86,7 @@ RUST_NAMES = {
     "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
 }
 PYTHON = (
-    "_core early interrupts shipped vtu words",
+    "_core early interrupts shipped toml_text vtu words",
     "export error_bound",
     "structure",
     "check plane_friction result",
@@ -111,8 +111,9 @@ PYTHON = (
     "schema.root",
     "schema.consistency",
     "schema simplices",
+    "case",
     "error_map resume scene plot johnson_mercier contact_facets equilibrium",
-    "self_stress",
+    "model self_stress",
     "discretisation",
     "enough",
     "job",

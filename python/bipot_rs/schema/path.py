@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal
 
 import numpy as np
@@ -28,24 +27,25 @@ class Amplitude(Table):
         factors: Floats = np.sin(2 * np.pi * turns)
         return factors
 
-    def at(self, t: float, steps: int) -> float:
-        """Factor at ``t``, load step k ending at k + 1.
+    def at(self, t: Floats, steps: int) -> Floats:
+        """Factors at places ``t`` from 0 to ``steps``, load step k ending at k + 1.
 
         In between tables are linear and waves what they are; the first load step goes
         linearly from zero, for the bodies are unloaded before it.
         """
-        known = self.values(steps)
-        k = math.floor(t) - 1
-        if t == k + 1 and k >= 0:
-            return float(known[k])
-        if t < 1:
-            return float(t * known[0])
+        known = np.concatenate([[0.0], self.values(steps)])
+        whole = np.floor(t).astype(np.int64)
+        share = t - whole
+        before, after = known[whole], known[np.minimum(whole + 1, steps)]
+        between = (1 - share) * before + share * after
         if self.wave == "ramp":
-            return t / steps
-        if self.wave == "sine":
-            return math.sin(2 * math.pi * (t - 1) / (self.period or 1.0))
-        share = t - (k + 1)
-        return float((1 - share) * known[k] + share * known[k + 1])
+            between = t / steps
+        elif self.wave == "sine":
+            turns = (t - 1) / (self.period or 1.0)
+            between = np.where(whole > 0, np.sin(2 * np.pi * turns), between)
+        # At the ends of load steps the very bits of `values`.
+        found: Floats = np.where(share == 0, before, between)
+        return found
 
 
 class Automatic(Table):
