@@ -9,9 +9,13 @@ discretisation, with a residual that proves it::
 
 `ContactProblem`, `solve`, `ReducedProblem` and `project` are the ways in;
 `Result` and `Solution` what comes out; `fclib` reads and writes the problems of that
-collection. Only NumPy is imported here, SciPy and
+collection. Bodies described by name are a `Model`.
+Only NumPy is imported here, SciPy and
 the rest by the functions that need them.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import bipot_rs.early  # noqa: F401
 from bipot_rs import fclib
@@ -27,6 +31,10 @@ from bipot_rs.existence import Existence
 from bipot_rs.problem import ContactProblem, project, solve
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
+
+if TYPE_CHECKING:
+    from bipot_rs.model import Model as Model
+    from bipot_rs.model import ModelResult as ModelResult
 
 __all__ = [
     "Answers",
@@ -48,3 +56,26 @@ __all__ = [
     "project",
     "solve",
 ]
+
+# What needs scikit-fem and pydantic is loaded by who asks for it; not in __all__, for a
+# star would ask for it.
+_LAZY = {"Model": "bipot_rs.model", "ModelResult": "bipot_rs.model"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module 'bipot_rs' has no attribute {name!r}")
+    try:
+        return getattr(import_module(_LAZY[name]), name)
+    except ModuleNotFoundError as error:
+        if error.name not in ("pydantic", "skfem"):
+            raise
+        raise ModuleNotFoundError(
+            f"bipot_rs.{name} needs {error.name}, which is not installed: it comes with "
+            "the extra cli, as in pip install 'bipot-rs[cli]'",
+            name=error.name,
+        ) from None
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_LAZY])

@@ -51,32 +51,49 @@ class Following:
         self._shape = shape
         self._settings = settings
         self._before = state(start, *shape)
-        self._last = (
-            None if self._before is None else self._before.relative_displacement
-        )
-        motions = core.stats["rigid_motions"]
-        self.path = _core.Path(core, _start(self._before, motions))
-        if self._before is not None and self._before.stats.get("bytes_beside_W", 0):
-            # The inverse of W was made in a step before, and counted as its work.
-            core.make_inverse()
         self.steps: list[Step] = []
+        self.rewind()
         self._seconds = {"condense": condense, "solve": 0.0, "recover": 0.0}
         self._recovery = _Recovery(core, self._seconds)
 
+    def rewind(self) -> None:
+        """Stand behind the last of the steps, as a path that is started from there."""
+        at = self.steps[-1] if self.steps else self._before
+        self._last = None if at is None else at.relative_displacement
+        self.path = _core.Path(
+            self._core, _start(at, self._core.stats["rigid_motions"])
+        )
+        if at is not None and at.stats.get("bytes_beside_W", 0):
+            # The inverse of W was made in a step before, and counted as its work.
+            self._core.make_inverse()
+
     def advance(self, load: Array, prescribed: Array) -> Step:
         """Take one step; raise what ends the path."""
+        try:
+            step = self.attempt(load, prescribed)
+        except NoEquilibriumError as error:
+            raise self.ended(error) from None
+        return self._add(step)
+
+    def attempt(self, load: Array, prescribed: Array) -> Step:
+        """Try a step, which is none of the path's before it is accepted.
+
+        Raises
+        ------
+        NoEquilibriumError
+            What the core says of it, of contacts that contradict each other.
+        """
         began = time.perf_counter()
         try:
             raw = self.path.step(load, prescribed, *self._settings)
-        except NoEquilibriumError as error:
-            raise self.ended(error) from None
-        self._seconds["solve"] += time.perf_counter() - began
-        return self.add(raw, load, prescribed)
+        finally:
+            self._seconds["solve"] += time.perf_counter() - began
+        return self._made(raw, load, prescribed)
 
-    def add(self, raw: dict[str, Any], load: Array, prescribed: Array) -> Step:
-        """A step that the core has taken; raise if it did not converge."""
+    def _made(self, raw: dict[str, Any], load: Array, prescribed: Array) -> Step:
+        """A step that the core has tried."""
         area = self._contacts["area"]
-        step = Step(
+        return Step(
             **solution_fields(raw),
             _words=self._words(raw),
             slip=raw["slip"],
@@ -93,19 +110,30 @@ class Following:
                 area,
             ),
         )
+
+    def _add(self, step: Step) -> Step:
+        """Accept a step; raise if it did not converge."""
         if not step.converged:
-            message = f"step {len(self.steps)}: {step.message}"
-            none = step.outcome is Outcome.NO_EQUILIBRIUM
-            direction = None
-            if step.free_motion is not None:
-                modes, d = self._core.modes(), self._shape[1]
-                direction = motion.at_contacts(modes, step.free_motion, d)
-            raise (NoEquilibriumError if none else NotConvergedError)(
-                message, self.result(False, message), direction
-            )
+            raise self.failure(step)
+        self.accept(step)
+        return step
+
+    def accept(self, step: Step) -> None:
+        """Make a step that converged the last of the path."""
         self.steps.append(step)
         self._last = step.relative_displacement
-        return step
+
+    def failure(self, step: Step) -> NoEquilibriumError | NotConvergedError:
+        """What a step that did not converge ends the path with."""
+        message = f"step {len(self.steps)}: {step.message}"
+        none = step.outcome is Outcome.NO_EQUILIBRIUM
+        direction = None
+        if step.free_motion is not None:
+            modes, d = self._core.modes(), self._shape[1]
+            direction = motion.at_contacts(modes, step.free_motion, d)
+        return (NoEquilibriumError if none else NotConvergedError)(
+            message, self.result(False, message), direction
+        )
 
     def ended(self, error: Exception) -> NoEquilibriumError:
         """What the core says of a step without an answer, with the steps before."""
@@ -137,7 +165,7 @@ class Following:
         try:
             for raw, (load, prescribed) in zip(raws, loads, strict=False):
                 self._seconds["solve"] += raw["seconds"]
-                self.add(raw, load, prescribed)
+                self._add(self._made(raw, load, prescribed))
             if isinstance(error, NoEquilibriumError):
                 raise self.ended(error)
             if error is not None:

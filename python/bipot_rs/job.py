@@ -97,7 +97,8 @@ class Job:
             stamp = stamps(scene, method, tol)
             done = None
             if resume:
-                done = earlier(folder / RESULT, stamp, scene.path.count())
+                most = None if scene.path.increments else scene.path.count()
+                done = earlier(folder / RESULT, stamp, most)
                 if done.success:
                     return self._complete_already(folder, done, fclib=fclib)
             with _draft(folder) as draft:
@@ -187,13 +188,20 @@ class Job:
 
         first = 0 if done is None else len(done)
         try:
-            with _Progress(scene.path.count(), quiet=self.as_json) as progress:
+            # Nobody knows how many automatic steps there will be.
+            count = None if scene.path.increments else scene.path.count()
+            with _Progress(count, quiet=self.as_json) as progress:
                 with self._phase("mesh", progress):
                     meshed = bodies(scene)
                 with self._phase("assemble", progress):
                     case = assemble(scene, meshed)
                     estimator = None
                     if error or tol == ENOUGH:
+                        if scene.path.increments:
+                            raise ValueError(
+                                "path.automatic: the discretisation error is told of "
+                                "load steps as given, without automatic ones"
+                            )
                         from bipot_rs.discretisation import Estimator
 
                         estimator = Estimator(case)
@@ -202,8 +210,8 @@ class Job:
                         same_contacts(folder / RESULT, done, _contacts(case))
                         self.resumed = first
                         self.reached = [
-                            (self._row(k, float(case.parameter[k]), step), step)
-                            for k, step in enumerate(_loaded(case, done))
+                            (self._row(k, case.step_parameter(k, step), step), step)
+                            for k, step in enumerate(case.loaded(done))
                         ]
                         progress.skip(first)
                     self.case = case
@@ -212,7 +220,7 @@ class Job:
 
                 def on_step(local: int, step: Step) -> None:
                     k = first + local
-                    row = self._row(k, float(case.parameter[k]), step)
+                    row = self._row(k, case.step_parameter(k, step), step)
                     self.reached.append((row, step))
                     if self.as_json:
                         _line(**row)
@@ -232,13 +240,12 @@ class Job:
                             f"tol {enough.tol:.1e}: the mesh leaves an error of "
                             f"{enough.discretisation:.1%}"
                         )
-                    problem.solve(
-                        None if case.load is None else case.load[first:],
-                        case.prescribed[first:],
+                    case.solve(
+                        problem,
                         method=method,
                         tol=float(tol),
-                        max_iterations=scene.solver.max_iterations,
                         start=done,
+                        first=first,
                         on_step=on_step,
                     )
         except (NoEquilibriumError, FloatingBodyError) as error:
@@ -526,6 +533,8 @@ _FIELDS = (
     "rigid_motion",
     "bipotential_gap",
     "seconds",
+    "s",
+    "ahead",
 )
 
 
@@ -564,7 +573,7 @@ def _cells(row: dict[str, Any], columns: Sequence[str]) -> list[str]:
 class _Progress:
     """A bar over load steps on a terminal, lines elsewhere; on standard error."""
 
-    def __init__(self, steps: int, *, quiet: bool) -> None:
+    def __init__(self, steps: int | None, *, quiet: bool) -> None:
         self.steps = steps
         self.bar: Any = None
         self.lines = not quiet and not sys.stderr.isatty()
@@ -613,8 +622,9 @@ class _Progress:
         if self.bar is not None:
             self.bar.advance(0)
         if self.lines:
+            of = "" if self.steps is None else f" of {self.steps}"
             _tell(
-                f"step {row['step'] + 1} of {self.steps}: load {row['load']:.6g}, "
+                f"step {row['step'] + 1}{of}: load {row['load']:.6g}, "
                 f"open {row['open']}, slip {row['slip']}, stick {row['stick']}, "
                 f"residual {row['residual']:.1e}",
                 sys.stderr,
@@ -673,16 +683,6 @@ def _replace(draft: Path, folder: Path) -> None:
     for old in _ours(folder):
         if old.name not in new:
             old.unlink()
-
-
-def _loaded(case: Case, done: Result) -> Iterator[Step]:
-    """Steps read from a file, which holds no loads, with those of the scene."""
-    import numpy as np
-
-    nothing = np.zeros(case.model.n)
-    for k, step in enumerate(done):
-        load = nothing if case.load is None else case.load[k]
-        yield replace(step, load=load, prescribed=case.prescribed[k])
 
 
 def _ours(folder: Path) -> list[Path]:

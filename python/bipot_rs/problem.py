@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs import _core, motion
+from bipot_rs.adaptive import follow, increments, proportional
 from bipot_rs.check import (
     RATIO,
     Array,
@@ -403,6 +404,74 @@ class ContactProblem:
             if on_step is not None:
                 on_step(k, step)
         return following.result()
+
+    def follow(
+        self,
+        load: ArrayLike | Callable[[float], ArrayLike] | None = None,
+        prescribed: ArrayLike | Callable[[float], ArrayLike] | None = None,
+        *,
+        stops: ArrayLike = 1.0,
+        first: float | None = None,
+        largest: float | None = None,
+        smallest: float | None = None,
+        slip: float | None = None,
+        method: str = "auto",
+        tol: float = 1e-10,
+        max_iterations: int | None = None,
+        max_seconds: float | None = None,
+        start: Result | Step | None = None,
+        on_step: Callable[[int, Step], object] | None = None,
+    ) -> Result:
+        """Follow a load path in steps as long as they may be, with slip history.
+
+        A step that has no answer, does not converge or slips too far is halved; after
+        one that was not, the next may be twice as long. The answer of each step is, to
+        the bit, that of `solve` over the same load points, which ``result.s`` tells.
+
+        Parameters
+        ----------
+        load, prescribed
+            Totals at ``s``, functions that return ``(n,)`` and ``(len(fixed),)``, called
+            once for each attempt; or arrays, which grow in proportion to ``s``. Missing
+            is zero.
+        stops
+            Ascending values of ``s`` at which a step must end, such as corners of the
+            path; the last is its end.
+        first, largest, smallest
+            The first step tried, ``largest`` if not given; the longest, if not given the
+            whole path; and the shortest, below which the path is given up, if not given
+            a thousandth of it.
+        slip
+            The most that a pressed contact may slip over a step [length].
+        method, tol, max_iterations, max_seconds, on_step
+            As in `solve`.
+        start
+            A `Result` of such a path or one of its steps: it goes on where that ended,
+            with the steps and the bits it would have had. From a state of another path
+            it begins at ``s = 0``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            A wrong argument, named.
+        NoEquilibriumError, NotConvergedError
+            No step of length ``smallest`` leads on, with the last ``s``. ``.result``
+            holds the steps up to there.
+        """
+        chosen = settings(method, tol, max_iterations, max_seconds)
+        callback("on_step", on_step)
+        plan = increments(stops, first, largest, smallest, slip)
+        n, contacts, d = self._shape
+        end = plan.stops[-1]
+        force = proportional("load", load, n, end)
+        moved = proportional("prescribed", prescribed, len(self._fixed), end)
+        return follow(
+            self._following(self._core, self._mu, chosen, start),
+            lambda s: (force(s), moved(s)),
+            plan,
+            state(start, contacts, d),
+            on_step,
+        )
 
     def solve_many(
         self,

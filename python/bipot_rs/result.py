@@ -239,12 +239,17 @@ class Step(Solution):
         ``None`` in a result that was read from a file.
     traction
         ``reaction / area``, ``(n_c, d)``; ``None`` without areas.
+    s, ahead
+        Where on a path of automatic steps this one ends, and the length that is tried
+        next (`ContactProblem.follow`); ``None`` where steps were given.
     """
 
     slip: Array
     load: Array | None = None
     prescribed: Array | None = None
     traction: Array | None = None
+    s: float | None = None
+    ahead: float | None = None
     _recover: Callable[[Sequence[Step]], Array] | None = None
     _kept: dict[str, Array] = field(default_factory=dict)
 
@@ -388,6 +393,13 @@ class Result(Sequence[Step]):
         return self._stack("work", (0,))
 
     @property
+    def s(self) -> Array | None:
+        """Where on the path each step ends, ``(steps,)``; ``None`` where steps were given."""
+        if any(step.s is None for step in self.steps):
+            return None
+        return self._stack("s", (0,))
+
+    @property
     def error(self) -> tuple[ErrorBound, ...]:
         """`Solution.error` of each step, found out when first asked for."""
         return tuple(step.error for step in self.steps)
@@ -420,11 +432,15 @@ class Result(Sequence[Step]):
         export.write_result(
             path,
             self.contacts,
-            [_record(step, k) for k, step in enumerate(self.steps)],
+            [_record(step, self._load(k)) for k, step in enumerate(self.steps)],
             complete=self.success,
             attributes={"message": self.message}
             | {f"seconds_{name}": value for name, value in self.seconds.items()},
         )
+
+    def _load(self, k: int) -> float:
+        """By what step ``k`` is told in a file."""
+        return float(k + 1)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write a PVD series of the contacts for ParaView, a point each.
@@ -456,11 +472,11 @@ class Result(Sequence[Step]):
 _NOT_WRITTEN = {"load", "prescribed", "traction", "free_motion", "stats"}
 
 
-def _record(step: Step, number: int) -> dict[str, Any]:
+def _record(step: Step, load: float) -> dict[str, Any]:
     record = {name: getattr(step, name) for name in _written()}
     record["outcome"] = str(step.outcome)
     record |= step.stats
-    record["load"] = float(number + 1)
+    record["load"] = load
     record["displacement"] = step._kept.get("u")
     # What has not been asked for is not worth a factorisation.
     record["unique"] = step._known.get("unique")

@@ -42,7 +42,7 @@ def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, Any]:
     }
 
 
-def earlier(path: Path, expected: Mapping[str, Any], count: int) -> Result:
+def earlier(path: Path, expected: Mapping[str, Any], count: int | None) -> Result:
     """The steps that ``path`` holds of the run known by ``expected``.
 
     Parameters
@@ -52,7 +52,7 @@ def earlier(path: Path, expected: Mapping[str, Any], count: int) -> Result:
     expected
         The `stamps` of this run.
     count
-        Load steps of the whole path.
+        Load steps of the whole path; None where they are automatic.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def earlier(path: Path, expected: Mapping[str, Any], count: int) -> Result:
                 told = "it does not say of which scene and settings it is"
             raise ValueError(f"cannot resume {path}: {told}")
     found = result.load(path)
-    if len(found) > count:
+    if count is not None and len(found) > count:
         raise ValueError(
             f"cannot resume {path}: it holds {counted(len(found), 'load step')} of {count}"
         )

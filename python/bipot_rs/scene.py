@@ -7,69 +7,30 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from bipot_rs.case import Case, Load, along
 from bipot_rs.fem import Body, Contact, Material, Model, Support, box, build
-from bipot_rs.schema import KIND, Pressure, Scene, Varying, inconsistencies
+from bipot_rs.schema import KIND, Scene, inconsistencies
 from bipot_rs.shipped import SceneError, shipped, text
 
-__all__ = ["Case", "SceneError", "assemble", "bodies", "read", "shipped", "text"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Load:
-    """A force per area of a surface, or per volume of a body, along a path.
-
-    Attributes
-    ----------
-    body
-        Its number.
-    facets : (m,) or None
-        Facets of its mesh; None for a force per volume.
-    density : (d,) or (m, d)
-        The force, of one facet or of all.
-    history : (steps,)
-        Its factor at the end of each load step.
-    """
-
-    body: int
-    facets: Ints | None
-    density: Floats
-    history: Floats
-
-
-@dataclass(frozen=True)
-class Case:
-    """A scene as arrays: what `ContactProblem` takes, and its load path.
-
-    Attributes
-    ----------
-    model
-        K, B, gap, … (`fem.Model`).
-    load : (steps, n) or None
-        Totals at the end of each load step [N]; None without loads.
-    prescribed : (steps, len(model.fixed))
-        Prescribed displacements, totals [m].
-    parameter : (steps,)
-        The scene's own path parameter.
-    loads : tuple of Load
-        What `load` is the nodal forces of.
-    """
-
-    model: Model
-    load: Floats | None
-    prescribed: Floats
-    parameter: Floats
-    loads: tuple[Load, ...] = ()
+__all__ = [
+    "Case",
+    "Load",
+    "SceneError",
+    "assemble",
+    "bodies",
+    "checked",
+    "parsed",
+    "put",
+    "read",
+    "shipped",
+    "text",
+]
 
 
 def read(name: str, settings: Sequence[str] = ()) -> Scene:
@@ -88,23 +49,31 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
     SceneError
         With every mistake found, each with its path.
     """
-    source = text(name)
+    table = parsed(name, text(name))
+    problems = [p for p in (_override(table, item) for item in settings) if p]
+    return checked(name, table, problems)
+
+
+def parsed(name: str, source: str) -> dict[str, Any]:
+    """The tables of a TOML text; `SceneError` where it is none."""
     try:
-        table = tomllib.loads(source)
+        return tomllib.loads(source)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(name, [f"is not TOML: {error}"]) from error
     except RecursionError:
         raise SceneError(name, ["is not TOML: it is nested too deeply"]) from None
-    problems = [p for p in (_override(table, item) for item in settings) if p]
+
+
+def checked(name: str, table: dict[str, Any], problems: Sequence[str] = ()) -> Scene:
+    """The scene of a table; `SceneError` with all mistakes, ``problems`` first."""
+    found = list(problems)
     try:
         scene = Scene.model_validate(table)
     except ValidationError as error:
-        raise SceneError(
-            name, problems + [_mistake(e) for e in error.errors()]
-        ) from None
-    problems += inconsistencies(scene)
-    if problems:
-        raise SceneError(name, problems)
+        raise SceneError(name, found + [_mistake(e) for e in error.errors()]) from None
+    found += inconsistencies(scene)
+    if found:
+        raise SceneError(name, found)
     return scene
 
 
@@ -160,55 +129,36 @@ def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
     ]
     model = build(meshed, contacts, supports)
 
-    steps = scene.path.count()
-    factor = {name: a.values(steps) for name, a in scene.path.amplitude.items()}
+    return along(
+        scene,
+        model,
+        tuple(_loads(scene, meshed, model)),
+        np.arange(1.0, scene.path.count() + 1),
+    )
 
-    def history(number: Varying | Pressure) -> Floats:
-        ones = np.ones(steps)
-        return number.value * (factor[number.amplitude] if number.amplitude else ones)
 
-    load = np.zeros((steps, model.n))
-    loads: list[Load] = []
-    unit = np.eye(model.dim)
+def _loads(scene: Scene, meshed: Sequence[Body], model: Model) -> Iterator[Load]:
+    """Forces of a scene, each of factor 1."""
+    unit, none = np.eye(model.dim), np.zeros(0)
     place = {body.name: index for index, body in enumerate(meshed)}
-
-    def act(
-        on: str, facets: Ints | None, density: Floats, factor: Floats, nodal: Floats
-    ) -> None:
-        loads.append(Load(place[on], facets, density, factor))
-        np.add(load, np.outer(factor, nodal), out=load)
-
     for t in scene.traction:
         on, face = _split(t.on)
         facets = meshed[place[on]].facets(face)
         for k, number in t.components().items():
             nodal = model.traction(on, face, unit[k])
-            act(on, facets, unit[k], history(number), nodal)
+            yield Load(place[on], facets, unit[k], none, nodal, number)
     for p in scene.pressure:
         on, face = _split(p.on)
         body = meshed[place[on]]
         normals = np.asarray(body.surface(face).normals)
         nodal = model.pressure(on, face, 1.0)
         # Facets are plane: one normal a facet.
-        act(on, body.facets(face), -normals[:, :, 0].T, history(p), nodal)
+        inwards = -normals[:, :, 0].T
+        yield Load(place[on], body.facets(face), inwards, none, nodal, p)
     for b in scene.body_force:
         for k, number in b.components().items():
             nodal = model.body_force(b.on, unit[k])
-            act(b.on, None, unit[k], history(number), nodal)
-
-    rows = [[history(v) for v in s.components().values()] for s in scene.support]
-    prescribed = [
-        model.prescribed([[float(h[step]) for h in row] for row in rows])
-        for step in range(steps)
-    ]
-    named = scene.path.parameter
-    return Case(
-        model=model,
-        load=load if load.any() else None,
-        prescribed=np.array(prescribed).reshape(steps, len(model.fixed)),
-        parameter=factor[named] if named else np.arange(1.0, steps + 1),
-        loads=tuple(loads),
-    )
+            yield Load(place[b.on], None, unit[k], none, nodal, number)
 
 
 def _mistake(error: Any) -> str:
@@ -232,29 +182,34 @@ def _mistake(error: Any) -> str:
 def _override(table: dict[str, Any], setting: str) -> str | None:
     """Put ``key=value`` into the table; a message if there is no such place."""
     key, equals, value = setting.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
+    if not equals or not all(key.strip().split(".")):
         return f"--set {setting}: should be KEY=VALUE"
     try:
-        parsed = tomllib.loads(f"v = {value}")["v"]
+        meant = tomllib.loads(f"v = {value}")["v"]
     except (tomllib.TOMLDecodeError, RecursionError):
-        parsed = value
+        meant = value
+    wrong = put(table, key.strip(), meant)
+    return wrong and f"--set {key}: {wrong}"
+
+
+def put(table: dict[str, Any], key: str, value: Any) -> str | None:
+    """Put a value at ``"key.0.key"`` of a table; a message if there is no such place."""
+    parts = key.split(".")
     at: Any = table
     for depth, part in enumerate(parts):
-        last = depth == len(parts) - 1
+        place, last = ".".join(parts[:depth]), depth == len(parts) - 1
         if isinstance(at, list):
             if not part.isdigit() or int(part) >= len(at):
-                place = ".".join(parts[:depth])
-                return f"--set {key}: {place} has entries 0 to {len(at) - 1}"
+                return f"{place} has entries 0 to {len(at) - 1}"
             index: Any = int(part)
         elif isinstance(at, dict):
             index = part
             if not last and index not in at:
                 at[index] = {}
         else:
-            return f"--set {key}: {'.'.join(parts[:depth])} is not a table"
+            return f"{place} is not a table"
         if last:
-            at[index] = parsed
+            at[index] = value
         else:
             at = at[index]
     return None

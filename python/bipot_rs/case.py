@@ -1,0 +1,290 @@
+"""A scene as arrays, and its load path at any place between the load steps given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.fem import Model
+from bipot_rs.problem import ContactProblem
+from bipot_rs.result import Result, Step
+from bipot_rs.schema import Pressure, Scene, Varying
+from bipot_rs.words import counted
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force per area of a surface, or per volume of a body, along a path.
+
+    Attributes
+    ----------
+    body
+        Its number.
+    facets : (m,) or None
+        Facets of its mesh; None for a force per volume.
+    density : (d,) or (m, d)
+        The force, of one facet or of all.
+    history : (steps,)
+        Its factor at the end of each load step.
+    nodal : (n,) or None
+        Its nodal forces, of factor 1.
+    number
+        What the scene says of its factor.
+    """
+
+    body: int
+    facets: Ints | None
+    density: Floats
+    history: Floats
+    nodal: Floats | None = None
+    number: Varying | Pressure | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene as arrays: what `ContactProblem` takes, and its load path.
+
+    Attributes
+    ----------
+    model
+        K, B, gap, … (`fem.Model`).
+    load : (steps, n) or None
+        Totals at the end of each load step [N]; None without loads.
+    prescribed : (steps, len(model.fixed))
+        Prescribed displacements, totals [m].
+    parameter : (steps,)
+        The scene's own path parameter.
+    loads : tuple of Load
+        What `load` is the nodal forces of.
+    scene : Scene or None
+        What it was made from.
+    """
+
+    model: Model
+    load: Floats | None
+    prescribed: Floats
+    parameter: Floats
+    loads: tuple[Load, ...] = ()
+    scene: Scene | None = None
+
+    def problem(self, *, num_threads: int | None = None) -> ContactProblem:
+        """Condense: the contact problem of these arrays."""
+        return self.model.problem(num_threads=num_threads)
+
+    def sampled(self, t: ArrayLike) -> Case:
+        """The same with load steps that end at ``t``, where load step k of the scene is k + 1.
+
+        Tables are linear in between and waves what they are; the first load step goes
+        linearly from the unloaded bodies, at ``t = 0``.
+        """
+        if self.scene is None:
+            raise ValueError(
+                "this case has no scene, which tells what is between steps"
+            )
+        return along(self.scene, self.model, self.loads, np.atleast_1d(np.asarray(t)))
+
+    def solve(
+        self,
+        problem: ContactProblem | None = None,
+        *,
+        method: str | None = None,
+        tol: float | None = None,
+        max_iterations: int | None = None,
+        start: Result | Step | None = None,
+        first: int = 0,
+        on_step: Callable[[int, Step], object] | None = None,
+    ) -> Result:
+        """Follow the path as the scene says: its load steps, or automatic ones.
+
+        Parameters
+        ----------
+        problem
+            `problem` of this case, where it is at hand.
+        method, tol, max_iterations
+            Instead of those of the scene.
+        start
+            What an earlier run has reached, `first` steps.
+        first
+            Load steps that are done already.
+        on_step
+            Called as ``on_step(k, step)``, k counted from ``first``.
+
+        Raises
+        ------
+        NoEquilibriumError, NotConvergedError
+            As `ContactProblem.solve` and `ContactProblem.follow`.
+        """
+        if self.scene is None:
+            raise ValueError("this case has no scene, which tells how it is solved")
+        settings = self.scene.solver
+        tolerance = settings.tol if tol is None else tol
+        if isinstance(tolerance, str):
+            raise ValueError(
+                f"tol is {tolerance!r}, which depends on the mesh: expected a number"
+            )
+        chosen: dict[str, Any] = {
+            "method": settings.method if method is None else method,
+            "tol": tolerance,
+            "max_iterations": settings.max_iterations
+            if max_iterations is None
+            else max_iterations,
+            "start": start,
+            "on_step": on_step,
+        }
+        asked = self.problem() if problem is None else problem
+        plan = self.scene.path.increments
+        if plan is None:
+            load = None if self.load is None else self.load[first:]
+            return asked.solve(load, self.prescribed[first:], **chosen)
+        steps = self.scene.path.count()
+        return asked.follow(
+            lambda t: self._at(t)[0],
+            lambda t: self._at(t)[1],
+            stops=np.arange(1.0, steps + 1),
+            first=plan.largest if plan.first is None else plan.first,
+            largest=plan.largest,
+            smallest=plan.smallest,
+            slip=plan.slip,
+            **chosen,
+        )
+
+    def step_parameter(self, k: int, step: Step) -> float:
+        """The scene's own path parameter at the end of step ``k`` of a result."""
+        if step.s is None:
+            return float(self.parameter[k])
+        return float(self.sampled(step.s).parameter[0])
+
+    def loaded(self, result: Sequence[Step]) -> list[Step]:
+        """Steps that were read from a file, which holds no loads, with their own."""
+        nothing = np.zeros(self.model.n)
+        found = []
+        for k, step in enumerate(result):
+            if step.s is None:
+                load = None if self.load is None else self.load[k]
+                moved = self.prescribed[k]
+            else:
+                load, moved = self._at(step.s)
+            found.append(
+                replace(step, load=nothing if load is None else load, prescribed=moved)
+            )
+        return found
+
+    def _at(self, t: float) -> tuple[Floats, Floats]:
+        case = self.sampled(t)
+        load = np.zeros(self.model.n) if case.load is None else case.load[0]
+        return load, case.prescribed[0]
+
+    def contacts_of(self, name: str) -> Ints:
+        """Numbers of the contacts on a surface ``"body.surface"``, ascending.
+
+        Of the surface whose nodes are the contacts', ``on`` of its table.
+
+        Raises
+        ------
+        ValueError
+            No contact is on it; the message says on which there are.
+        """
+        known = self.contacts
+        if name not in known:
+            raise ValueError(
+                f"there is no contact on {name!r}, expected one of {', '.join(known)}"
+            )
+        return known[name]
+
+    @property
+    def contacts(self) -> dict[str, Ints]:
+        """Numbers of the contacts on each surface that has some."""
+        names = [f"{c.body}.{c.surface}" for c in self.model.contacts]
+        own = np.array(names)[self.model.group]
+        return {name: np.flatnonzero(own == name) for name in dict.fromkeys(names)}
+
+    def resultant(self, result: Result, name: str) -> Floats:
+        """Force on a body through the contacts on a surface, ``(steps, d)`` [N].
+
+        In global components; on the body whose surface it is.
+        """
+        contacts = self.contacts_of(name)
+        force = result.reaction[:, contacts]
+        found: Floats = np.einsum("sck,ckd->sd", force, self.model.frame[contacts])
+        return found
+
+    def support_force(self, result: Result, name: str) -> Floats:
+        """Force of the supports on a surface on their body, ``(steps, d)`` [N].
+
+        ``K u - f - Bᵀ r`` at the components they prescribe, in global components; a
+        degree of freedom that several supports prescribe counts once, and for each
+        surface that has it.
+
+        Raises
+        ------
+        ValueError
+            No support is on it; the message says on which there are.
+        """
+        model = self.model
+        names = [f"{s.body}.{s.surface}" for s in model.supports]
+        mine = [
+            d
+            for d, known in zip(model.support_dofs, names, strict=True)
+            if known == name
+        ]
+        if not mine:
+            raise ValueError(
+                f"there is no support on {name!r}, expected one of "
+                f"{', '.join(dict.fromkeys(names)) or 'none'}"
+            )
+        dofs = np.unique(np.concatenate([d.ravel() for d in mine]))
+        found = np.zeros((len(result), model.dim))
+        for force, step in zip(found, result, strict=True):
+            out = model.K[dofs] @ step.displacement
+            out -= model.B[:, dofs].T @ step.reaction.ravel()
+            if step.load is not None:
+                out -= step.load[dofs]
+            np.add.at(force, dofs % model.dim, out)
+        return found
+
+
+def along(scene: Scene, model: Model, loads: Sequence[Load], t: Floats) -> Case:
+    """The case of load steps that end at ``t (steps,)``."""
+    count = scene.path.count()
+    if not ((t >= 0) & (t <= count)).all():
+        raise ValueError(
+            f"t is {t.tolist()}, expected places from 0 to {counted(count, 'load step')}"
+        )
+    factor = {name: a.at(t, count) for name, a in scene.path.amplitude.items()}
+    # What has no amplitude is there from the first load step on.
+    constant = np.minimum(t, 1.0)
+
+    def history(number: Varying | Pressure) -> Floats:
+        found: Floats = number.value * (
+            factor[number.amplitude] if number.amplitude else constant
+        )
+        return found
+
+    load = np.zeros((len(t), model.n))
+    acting = []
+    for one in loads:
+        if one.number is None or one.nodal is None:
+            raise ValueError("a load has no number: it does not come from a scene")
+        acting.append(replace(one, history=history(one.number)))
+        np.add(load, np.outer(acting[-1].history, one.nodal), out=load)
+    rows = [[history(v) for v in s.components().values()] for s in scene.support]
+    prescribed = [
+        model.prescribed([[float(h[step]) for h in row] for row in rows])
+        for step in range(len(t))
+    ]
+    named = scene.path.parameter
+    return Case(
+        model=model,
+        load=load if load.any() else None,
+        prescribed=np.array(prescribed).reshape(len(t), len(model.fixed)),
+        parameter=factor[named] if named else t.astype(np.float64),
+        loads=tuple(acting),
+        scene=scene,
+    )

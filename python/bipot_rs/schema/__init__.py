@@ -1,0 +1,38 @@
+"""Tables of a scene, and what is wrong with them: pydantic says what is, by file.
+
+`Scene` is the root of all. A name `on` is ``"body.surface"``; what no table shows by
+itself is said by `inconsistencies`.
+"""
+
+from bipot_rs.schema.consistency import inconsistencies
+from bipot_rs.schema.contact import Clearance, Plane, Touch
+from bipot_rs.schema.load import BodyForce, Prescribed, Pressure, Traction
+from bipot_rs.schema.material import Elastic
+from bipot_rs.schema.mesh import Axis, Block, Mesh, Within
+from bipot_rs.schema.path import Amplitude, Automatic, LoadPath
+from bipot_rs.schema.root import Scene, Solver, Units
+from bipot_rs.schema.table import KIND, Varying
+
+__all__ = [
+    "KIND",
+    "Amplitude",
+    "Automatic",
+    "Axis",
+    "Block",
+    "BodyForce",
+    "Clearance",
+    "Elastic",
+    "LoadPath",
+    "Mesh",
+    "Plane",
+    "Prescribed",
+    "Pressure",
+    "Scene",
+    "Solver",
+    "Touch",
+    "Traction",
+    "Units",
+    "Varying",
+    "Within",
+    "inconsistencies",
+]
