@@ -81,7 +81,12 @@ impl<const D: usize> Path<D> {
     ) -> Result<(Step<D>, State<D>), Error> {
         let mu = problem.mu();
         let mut view = match self.view.take() {
-            Some(view) => view,
+            Some(mut view) => {
+                // The view was made with the gaps of an earlier step.
+                let gap = pick(&problem.surface().gap, &view.members);
+                view.problem = view.problem.with_gap(gap);
+                view
+            }
             None => match candidates.view(self.first(candidates), mu, None) {
                 // Those to begin with do not feel a motion that others do.
                 Err(Error::FloatingBody { .. }) => all(problem, stop)?,

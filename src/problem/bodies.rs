@@ -181,7 +181,7 @@ impl Bodies {
         v: &mut [[f64; D]],
     ) -> Vec<f64> {
         let mut load = Vec::with_capacity(self.motions.len());
-        for (body, share) in self.list.iter().zip(&surface.shares) {
+        for (body, share) in self.list.iter().zip(surface.shares.iter()) {
             let condensed = body.condense(&force.values, force.known);
             share.add_free_displacement(body, &condensed, v.as_flattened_mut());
             load.extend(body.rigid_load(&condensed));
@@ -216,7 +216,7 @@ impl Bodies {
         }
         let forces: Vec<&[f64]> = forces.iter().map(Vec::as_slice).collect();
         let mut first = 0;
-        for (body, share) in self.list.iter().zip(&surface.shares) {
+        for (body, share) in self.list.iter().zip(surface.shares.iter()) {
             let motions = first..first + body.motions();
             first = motions.end;
             let own: Vec<&[f64]> = states.iter().map(|s| &s.rigid[motions.clone()]).collect();

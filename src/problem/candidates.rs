@@ -14,7 +14,7 @@ use crate::linalg::reach::Reach;
 use crate::problem::analysed::Analysed;
 use crate::problem::assemble::{Source, assemble};
 use crate::problem::bodies::{Bodies, Loaded, needed};
-use crate::problem::border::check_friction;
+use crate::problem::border::{check_finite, check_friction, check_length};
 use crate::problem::compliance::Compliance;
 use crate::problem::condense::{Condensed, Sorted, analyse, contact_set};
 use crate::problem::memory::Budget;
@@ -49,7 +49,8 @@ pub struct Candidates<const D: usize> {
     /// What columns can reach, of bodies with rows beyond the kept unknowns.
     reach: Vec<Option<Arc<Reach>>>,
     seeds: Vec<usize>,
-    whole: OnceLock<Condensed<D>>,
+    /// With gaps that may be those of another step.
+    whole: Arc<OnceLock<Condensed<D>>>,
 }
 
 /// The problem of some of the candidates.
@@ -159,7 +160,10 @@ impl<const D: usize> Problem<D> {
     pub fn whole(&self, stop: &AtomicBool) -> Result<Condensed<D>, Error> {
         match self {
             Self::Whole(problem) => Ok(problem.clone()),
-            Self::Growing { candidates, mu } => candidates.whole(stop)?.with_mu(mu.clone()),
+            Self::Growing { candidates, mu } => candidates
+                .whole(stop)?
+                .with_gap(candidates.surface.gap.clone())
+                .with_mu(mu.clone()),
         }
     }
 
@@ -174,6 +178,22 @@ impl<const D: usize> Problem<D> {
             Self::Growing { candidates, .. } => Self::Growing {
                 candidates: Arc::clone(candidates),
                 mu,
+            },
+        })
+    }
+
+    /// The same bodies and contacts with other gaps, of which those to begin with stay.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`].
+    pub fn with_gap(&self, gap: Vec<[f64; D]>) -> Result<Self, Error> {
+        check_length("gap", gap.len(), self.contacts())?;
+        check_finite("gap", gap.as_flattened())?;
+        Ok(match self {
+            Self::Whole(problem) => Self::Whole(problem.with_gap(gap)),
+            Self::Growing { candidates, mu } => Self::Growing {
+                candidates: Arc::new(candidates.with_gap(gap)),
+                mu: mu.clone(),
             },
         })
     }
@@ -243,7 +263,7 @@ impl<const D: usize> Candidates<D> {
             ..
         } = sorted;
         let few = surface.of(&seeds);
-        let all = surface.shares.iter().zip(&few.shares).zip(&parts);
+        let all = surface.shares.iter().zip(few.shares.iter()).zip(&parts);
         let kept = all.map(|((share, few), (dofs, _))| {
             let whole = contact_set(share, dofs.len());
             if whole.len() <= MANY {
@@ -273,7 +293,7 @@ impl<const D: usize> Candidates<D> {
         let reach = bodies
             .list
             .iter()
-            .zip(&surface.shares)
+            .zip(surface.shares.iter())
             .map(|(body, share)| {
                 let unknowns = || {
                     let entries = share.rows.iter().flat_map(|row| &row.entries);
@@ -290,8 +310,24 @@ impl<const D: usize> Candidates<D> {
             budget,
             stats,
             seeds,
-            whole: OnceLock::new(),
+            whole: Arc::default(),
         })
+    }
+
+    /// On the same bodies, and with them what has been formed of all contacts.
+    fn with_gap(&self, gap: Vec<[f64; D]>) -> Self {
+        Self {
+            bodies: Arc::clone(&self.bodies),
+            surface: Surface {
+                gap,
+                ..self.surface.clone()
+            },
+            budget: self.budget,
+            stats: self.stats.clone(),
+            reach: self.reach.clone(),
+            seeds: self.seeds.clone(),
+            whole: Arc::clone(&self.whole),
+        }
     }
 
     /// Gaps along normals, and with them the seeds, are as they were.
@@ -305,7 +341,7 @@ impl<const D: usize> Candidates<D> {
             stats: self.stats.clone(),
             reach: self.reach.clone(),
             seeds: self.seeds.clone(),
-            whole: OnceLock::new(),
+            whole: Arc::default(),
         }
     }
 
@@ -348,8 +384,8 @@ impl<const D: usize> Candidates<D> {
         for (b, reach) in self.reach.iter().enumerate() {
             if let Some(reach) = reach {
                 let old = before.map(|view| (&view.members[..], &view.problem.surface().shares[b]));
-                surface.shares[b].far =
-                    Some(self.far(b, reach, &surface.shares[b], &members, old)?);
+                let far = self.far(b, reach, &surface.shares[b], &members, old)?;
+                Arc::make_mut(&mut surface.shares)[b].far = Some(far);
             }
         }
         let source = &mut Source::Shared(&self.bodies.list);
@@ -373,7 +409,7 @@ impl<const D: usize> Candidates<D> {
         let mut sums = vec![[0.0; D]; compliance.contacts()];
         compliance.absolute_product(&ones, &mut sums);
         let flexible = sums.as_flattened().iter().fold(0.0, |m: f64, &s| m.max(s));
-        let bodies = self.bodies.list.iter().zip(&surface.shares);
+        let bodies = self.bodies.list.iter().zip(surface.shares.iter());
         let stiffest = bodies.map(|(body, share)| {
             let entries = share.rows.iter().flat_map(|row| &row.entries);
             body.stiffest(entries.map(|&(i, _)| i))
@@ -448,7 +484,7 @@ impl<const D: usize> Candidates<D> {
         if let Some(made) = self.whole.get() {
             return Ok(made);
         }
-        let bodies = self.bodies.list.iter().zip(&self.surface.shares);
+        let bodies = self.bodies.list.iter().zip(self.surface.shares.iter());
         let parts = bodies
             .map(|(body, share)| Analysed::again(body, contact_set(share, body.dofs().len())));
         let parts = parts.collect::<Result<Vec<_>, _>>()?;
@@ -471,7 +507,7 @@ fn seeds<const D: usize>(surface: &Surface<D>, always: bool) -> Option<Vec<usize
     let touches = |i: usize| surface.gap[i][0] <= TOUCHING * largest;
     let mut chosen = vec![false; surface.contacts()];
     let mut grows = false;
-    for share in &surface.shares {
+    for share in surface.shares.iter() {
         let mut contacts: Vec<usize> = share.rows.iter().map(|row| row.row / D).collect();
         contacts.dedup();
         let touching = contacts.iter().filter(|&&i| touches(i)).count();

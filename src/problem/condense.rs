@@ -177,7 +177,7 @@ impl<const D: usize> Condensed<D> {
             budget,
         } = sorted;
         let sizes = parts.iter().map(|(dofs, _)| dofs.len());
-        let kept = sizes.zip(&surface.shares);
+        let kept = sizes.zip(surface.shares.iter());
         let kept = kept.map(|(n, share)| contact_set(share, n)).collect();
         let parts = analyse(parts, kept, places, before)?;
         Self::from_parts(parts, supports, surface, mu, &budget, stop)
@@ -245,6 +245,18 @@ impl<const D: usize> Condensed<D> {
     pub fn with_mu(&self, mu: Vec<f64>) -> Result<Self, Error> {
         check_friction(&mu, self.contacts())?;
         Ok(Self { mu, ..self.clone() })
+    }
+
+    /// The same contacts with other gaps, one a contact and finite.
+    #[must_use]
+    pub fn with_gap(&self, gap: Vec<[f64; D]>) -> Self {
+        Self {
+            surface: Arc::new(Surface {
+                gap,
+                ..(*self.surface).clone()
+            }),
+            ..self.clone()
+        }
     }
 
     /// The same contacts in stretched variables, on the same bodies.
@@ -317,7 +329,7 @@ impl<const D: usize> Condensed<D> {
         let held = &self.surface.held;
         held.add_product(prescribed, q.as_flattened_mut());
         held.add_absolute_product(prescribed, size.as_flattened_mut());
-        for &i in &self.surface.unmoved {
+        for &i in self.surface.unmoved.iter() {
             // A wall moved exactly onto the surface of a held node touches it: what
             // the sum leaves of zero is rounding, not penetration.
             if q[i][0].abs() <= 4.0 * f64::EPSILON * size[i][0] {

@@ -114,17 +114,18 @@ impl Share {
     }
 }
 
-/// All that is known of contacts but their friction.
+/// All that is known of contacts but their friction. Copies share all but the gap,
+/// which obstacles that move change from step to step.
 #[derive(Clone, Debug, Default)]
 pub struct Surface<const D: usize> {
     /// One a body.
-    pub shares: Vec<Share>,
+    pub shares: Arc<Vec<Share>>,
     /// `B` at the prescribed degrees of freedom.
-    pub held: Owned,
+    pub held: Arc<Owned>,
     /// Gap, by component.
     pub gap: Vec<[f64; D]>,
     /// Contacts whose normal row touches no free degree of freedom.
-    pub unmoved: Vec<usize>,
+    pub unmoved: Arc<Vec<usize>>,
 }
 
 impl<const D: usize> Surface<D> {
@@ -150,10 +151,10 @@ impl<const D: usize> Surface<D> {
             }
         }
         Self {
-            shares,
-            held: contact.select(|j| position[j]),
+            shares: Arc::new(shares),
+            held: Arc::new(contact.select(|j| position[j])),
             gap: gap.to_vec(),
-            unmoved,
+            unmoved: Arc::new(unmoved),
         }
     }
 
@@ -166,12 +167,13 @@ impl<const D: usize> Surface<D> {
     pub fn stretch(&mut self, stretch: &Stretch) {
         self.gap = stretch.times(&self.gap);
         let factor = |row: usize| stretch.factor(row / D, row % D);
-        for (row, ends) in self.held.pointer.windows(2).enumerate() {
-            for value in &mut self.held.values[ends[0]..ends[1]] {
+        let held = Arc::make_mut(&mut self.held);
+        for (row, ends) in held.pointer.windows(2).enumerate() {
+            for value in &mut held.values[ends[0]..ends[1]] {
                 *value *= factor(row);
             }
         }
-        for share in &mut self.shares {
+        for share in Arc::make_mut(&mut self.shares) {
             let factors: Vec<f64> = share.rows.iter().map(|row| factor(row.row)).collect();
             for (row, t) in share.rows.iter_mut().zip(&factors) {
                 for (_, value) in &mut row.entries {
@@ -233,13 +235,13 @@ impl<const D: usize> Surface<D> {
             far: None,
         };
         let rows: Vec<usize> = members.iter().flat_map(|&i| D * i..D * (i + 1)).collect();
+        let unmoved = |&k: &usize| self.unmoved.binary_search(&members[k]).is_ok();
+        let unmoved = (0..members.len()).filter(unmoved);
         Self {
-            shares: self.shares.iter().map(share).collect(),
-            held: self.held.rows(&rows),
+            shares: Arc::new(self.shares.iter().map(share).collect()),
+            held: Arc::new(self.held.rows(&rows)),
             gap: members.iter().map(|&i| self.gap[i]).collect(),
-            unmoved: (0..members.len())
-                .filter(|&k| self.unmoved.binary_search(&members[k]).is_ok())
-                .collect(),
+            unmoved: Arc::new(unmoved.collect()),
         }
     }
 }

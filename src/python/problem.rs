@@ -12,6 +12,7 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::csc::Symmetric;
 use crate::problem::bodies::{Loaded, Loads};
+use crate::problem::border::check_length;
 use crate::problem::candidates::Problem;
 use crate::problem::condense::{Given, Sorted};
 use crate::problem::memory::{self, Budget};
@@ -327,6 +328,19 @@ impl Condensed {
         })
     }
 
+    /// The same bodies and contacts with other gaps, as a step has where obstacles move.
+    fn with_gap(&self, gap: Matrix<'_>) -> PyResult<Self> {
+        let rows = gap.as_slice()?;
+        Ok(Self {
+            kind: match &self.kind {
+                Kind::Two(inner) => Kind::Two(moved(inner, self.stretch.as_ref(), Some(rows))?),
+                Kind::Three(inner) => Kind::Three(moved(inner, self.stretch.as_ref(), Some(rows))?),
+            },
+            stretch: self.stretch.clone(),
+            num_threads: self.num_threads,
+        })
+    }
+
     /// Counts and seconds of the condensation.
     #[getter]
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
@@ -397,6 +411,23 @@ impl Condensed {
             ..State::default()
         }))
     }
+}
+
+/// The problem of one step: with the gaps of the step, rows one after the other, or
+/// its own where there are none.
+fn moved<const D: usize>(
+    problem: &Arc<Problem<D>>,
+    stretch: Option<&Stretch>,
+    gap: Option<&[f64]>,
+) -> Result<Arc<Problem<D>>, Error> {
+    let Some(gap) = gap else {
+        return Ok(Arc::clone(problem));
+    };
+    let rows = gap.as_chunks::<D>().0;
+    check_length("gap", rows.len(), problem.contacts())?;
+    Ok(Arc::new(
+        problem.with_gap(times(stretch, rows).into_owned())?,
+    ))
 }
 
 /// Number of contact components, `D n_c`.
@@ -499,7 +530,9 @@ impl Path {
         })
     }
 
-    /// One step to the total loads; the path moves on only where it converged.
+    /// One step to the total loads, with the gaps of the problem unless others are
+    /// given; the path moves on only where it converged.
+    #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds))]
     #[expect(
         clippy::too_many_arguments,
         reason = "the settings of one call from Python"
@@ -509,6 +542,7 @@ impl Path {
         py: Python<'py>,
         load: Vector<'py>,
         prescribed: Vector<'py>,
+        gap: Option<Matrix<'py>>,
         method: &str,
         tol: f64,
         max_iterations: Option<usize>,
@@ -516,14 +550,17 @@ impl Path {
     ) -> PyResult<Bound<'py, PyDict>> {
         let settings = settings(method, tol, max_iterations, max_seconds)?;
         let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
+        let gap = gap.as_ref().map(|rows| rows.as_slice()).transpose()?;
         match &mut self.progress {
             Progress::Two(inner, path) => {
+                let inner = &moved(inner, self.stretch.as_ref(), gap)?;
                 let step = interrupt::run(py, self.num_threads, |stop| {
                     path.advance(inner, load, prescribed, &settings, stop)
                 })?;
                 step_dict(py, &step, self.stretch.as_ref())
             }
             Progress::Three(inner, path) => {
+                let inner = &moved(inner, self.stretch.as_ref(), gap)?;
                 let step = interrupt::run(py, self.num_threads, |stop| {
                     path.advance(inner, load, prescribed, &settings, stop)
                 })?;
@@ -536,14 +573,20 @@ impl Path {
 /// A path's steps, and what ended it early.
 type Followed<'py> = (Vec<Bound<'py, PyDict>>, Option<Py<PyAny>>);
 
-/// Takes several paths through their steps, side by side: total forces and prescribed
-/// displacements, step by step. Of each the steps taken, of which the last may not
+/// What is asked of one step: total forces, prescribed displacements, and gaps where
+/// they are not the problem's.
+type AskedStep<'py> = (Vector<'py>, Vector<'py>, Option<Matrix<'py>>);
+
+/// The same in memory of ours, gaps row after row.
+type OwnStep = (Vec<f64>, Vec<f64>, Option<Vec<f64>>);
+
+/// Takes several paths through their steps, side by side. Of each the steps taken, of which the last may not
 /// have converged, and the exception that ended it.
 #[pyfunction]
 pub(super) fn follow<'py>(
     py: Python<'py>,
     mut paths: Vec<PyRefMut<'py, Path>>,
-    cases: Vec<Vec<(Vector<'py>, Vector<'py>)>>,
+    cases: Vec<Vec<AskedStep<'py>>>,
     method: &str,
     tol: f64,
     max_iterations: Option<usize>,
@@ -553,17 +596,19 @@ pub(super) fn follow<'py>(
     let num_threads = paths.first().and_then(|path| path.num_threads);
     let mut loads = Vec::with_capacity(cases.len());
     for steps in &cases {
-        let pair = |(f, u): &(Vector<'py>, Vector<'py>)| -> PyResult<Loads> {
-            Ok((f.as_slice()?.to_vec(), u.as_slice()?.to_vec()))
+        let own = |(f, u, gap): &AskedStep<'_>| -> PyResult<OwnStep> {
+            let gap = gap.as_ref().map(|rows| rows.as_slice()).transpose()?;
+            let gap = gap.map(<[f64]>::to_vec);
+            Ok((f.as_slice()?.to_vec(), u.as_slice()?.to_vec(), gap))
         };
-        loads.push(steps.iter().map(pair).collect::<PyResult<Vec<_>>>()?);
+        loads.push(steps.iter().map(own).collect::<PyResult<Vec<_>>>()?);
     }
     let stretches: Vec<_> = paths.iter().map(|path| path.stretch.clone()).collect();
     let all: Vec<&mut Path> = paths.iter_mut().map(|path| &mut **path).collect();
     let followed = interrupt::run(py, num_threads, |stop| {
         all.into_par_iter()
             .zip(&loads)
-            .map(|(path, steps)| path.progress.follow(steps, &settings, stop))
+            .map(|(path, steps)| path.follow(steps, &settings, stop))
             .collect::<Result<Vec<_>, Error>>()
     })?;
     let mut out = Vec::with_capacity(followed.len());
@@ -584,24 +629,26 @@ enum Steps {
     Three(Vec<Step<3>>),
 }
 
-impl Progress {
+impl Path {
     /// All steps, or those up to one that did not converge or failed.
     fn follow(
         &mut self,
-        loads: &[Loads],
+        asked: &[OwnStep],
         settings: &Settings,
         stop: &AtomicBool,
     ) -> Result<(Steps, Option<Error>), Error> {
         fn through<const D: usize>(
-            problem: &Problem<D>,
+            (problem, stretch): (&Arc<Problem<D>>, Option<&Stretch>),
             path: &mut working_set::Path<D>,
-            loads: &[Loads],
+            asked: &[OwnStep],
             settings: &Settings,
             stop: &AtomicBool,
         ) -> Result<(Vec<Step<D>>, Option<Error>), Error> {
-            let mut done = Vec::with_capacity(loads.len());
-            for (load, prescribed) in loads {
-                match path.advance(problem, load, prescribed, settings, stop) {
+            let mut done = Vec::with_capacity(asked.len());
+            for (load, prescribed, gap) in asked {
+                let taken = moved(problem, stretch, gap.as_deref())
+                    .and_then(|of_step| path.advance(&of_step, load, prescribed, settings, stop));
+                match taken {
                     Ok(step) => {
                         let converged = step.solution.outcome == Outcome::Converged;
                         done.push(step);
@@ -615,13 +662,14 @@ impl Progress {
             }
             Ok((done, None))
         }
-        Ok(match self {
-            Self::Two(problem, path) => {
-                let (steps, error) = through(problem, path, loads, settings, stop)?;
+        let stretch = self.stretch.as_ref();
+        Ok(match &mut self.progress {
+            Progress::Two(problem, path) => {
+                let (steps, error) = through((problem, stretch), path, asked, settings, stop)?;
                 (Steps::Two(steps), error)
             }
-            Self::Three(problem, path) => {
-                let (steps, error) = through(problem, path, loads, settings, stop)?;
+            Progress::Three(problem, path) => {
+                let (steps, error) = through((problem, stretch), path, asked, settings, stop)?;
                 (Steps::Three(steps), error)
             }
         })
