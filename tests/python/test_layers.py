@@ -105,6 +105,8 @@ PYTHON = (
     "theory.explicit theory.functionals theory.inequalities theory.inelastic",
     "theory",
     "fem __init__",
+    "text_tables",
+    "stiffness_files",
     "schema.table",
     "schema.material schema.mesh schema.path",
     "schema.contact schema.load",
@@ -117,7 +119,7 @@ PYTHON = (
     "discretisation",
     "enough",
     "job",
-    "fclib_job",
+    "fclib_job stiffness_job",
     "cli",
     "__main__",
 )
