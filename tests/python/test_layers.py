@@ -104,7 +104,7 @@ PYTHON = (
     "theory.law theory.soils",
     "theory.explicit theory.functionals theory.inequalities theory.inelastic",
     "theory",
-    "fem __init__",
+    "fem",
     "text_tables",
     "stiffness_files",
     "schema.table",
@@ -121,7 +121,7 @@ PYTHON = (
     "job",
     "fclib_job stiffness_job",
     "cli",
-    "__main__",
+    "__main__ __init__",
 )
 PYTHON_NAMES = {
     "meshio": (),
