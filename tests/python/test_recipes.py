@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
+from bipot_rs import _core
 from bipot_rs.scene import assemble, bodies, read
 from children import bipot
 
@@ -47,7 +48,7 @@ def test_scikit_fem(capsys: pytest.CaptureFixture[str]) -> None:
     assert force[1, 0] < 0 < force[1, 1]
     assert {0, 1, 2} <= set(result.status.ravel().tolist())
     # Near the crown the bar is a parabola of its radius: the scene's own clearance.
-    flat = bp.Model("as a scene", n=6)
+    flat = bp.Model("as a scene")
     flat.material("steel", young=space["YOUNG"], poisson=space["POISSON"])
     flat.body(
         "block",
@@ -106,9 +107,16 @@ def test_matrix_market(tmp_path: Path) -> None:
     assert read.reaction.tobytes() == result.reaction.tobytes()
 
 
-def getfem_python() -> list[str]:
-    """A Python that has GetFEM, NumPy and SciPy, of which there may be none."""
-    code = "import getfem, numpy, scipy.sparse"
+# What a recipe imports, and where Debian has it.
+ELSEWHERE = {
+    "with_getfem": ("getfem", "python3-getfem++"),
+    "with_fenicsx": ("dolfinx.fem, ufl, mpi4py", "python3-dolfinx"),
+}
+
+
+def python_with(modules: str, package: str) -> str:
+    """A Python that has them, NumPy and SciPy; of which there may be none."""
+    code = f"import {modules}, numpy, scipy.sparse"
     for python in (sys.executable, str(SYSTEM)):
         try:
             done = subprocess.run(
@@ -117,24 +125,23 @@ def getfem_python() -> list[str]:
         except OSError:
             continue
         if done.returncode == 0:
-            return [python]
-    pytest.skip("no Python here has GetFEM (Debian: python3-getfem++)")
+            return python
+    pytest.skip(f"no Python here has {modules} (Debian: {package})")
 
 
-def test_getfem(tmp_path: Path) -> None:
-    python = getfem_python()
-    package = str(Path(bp.__file__).resolve().parents[1])
-    from bipot_rs import _core
-
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_another_program(name: str, tmp_path: Path) -> None:
+    """A cube on hexahedra, which the scene has too."""
+    python = python_with(*ELSEWHERE[name])
     # The compiled core may lie elsewhere than the Python files.
-    paths = [str(Path(_core.__file__ or "").parents[1]), package]
+    places = [Path(file or "").parents[1] for file in (_core.__file__, bp.__file__)]
     done = subprocess.run(
-        [*python, str(EXAMPLES / "with_getfem.py"), str(tmp_path / "found.npz")],
+        [python, str(EXAMPLES / f"{name}.py"), str(tmp_path / "found.npz")],
         capture_output=True,
         text=True,
         check=False,
         cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, places))},
     )
     assert done.returncode == 0, done.stderr
     assert "step 1" in done.stdout
