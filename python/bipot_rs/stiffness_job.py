@@ -69,8 +69,9 @@ def run(
         from bipot_rs.stiffness_files import read
 
         require()
-        folder.mkdir(parents=True, exist_ok=True)
         given = read(**files)  # type: ignore[arg-type]
+        # Before the work: one that cannot be made is found then.
+        folder.mkdir(parents=True, exist_ok=True)
         try:
             result = given.problem().solve(
                 given.load, given.prescribed, method=method, tol=tol, on_step=on_step
@@ -87,7 +88,11 @@ def run(
             _write(folder, given, result, reached)
     except KeyboardInterrupt:
         code, message = interrupts.status, "interrupted"
-    except (ImportError, ValueError, TypeError, OSError, MemoryError) as error:
+    except OSError as error:
+        code, message = BAD_INPUT, str(error)
+        if error.strerror and error.filename:
+            message = f"{error.filename}: {error.strerror}"
+    except (ImportError, ValueError, TypeError, MemoryError) as error:
         code, message = BAD_INPUT, str(error) or type(error).__name__
     interrupts.told = True
     if as_json:

@@ -325,6 +325,15 @@ def test_numbers_of_contacts(row: str, words: str, tmp_path: Path) -> None:
     assert f"contacts.csv line 3: {words}" in run.stderr
 
 
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    command, _ = written(tmp_path, "block")
+    (tmp_path / "load.csv").unlink()
+    run = bipot(*command, cwd=tmp_path)
+    assert run.returncode == 2
+    assert run.stderr == "bipot: load.csv: No such file or directory\n"
+    assert not (tmp_path / "out").exists()
+
+
 def test_degrees_of_freedom_without_nodes(tmp_path: Path) -> None:
     command, _ = written(tmp_path, "block", by_dof=True)
     path = tmp_path / "contacts.csv"
