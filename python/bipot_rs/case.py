@@ -144,9 +144,18 @@ class Case:
             load = None if self.load is None else self.load[first:]
             return asked.solve(load, self.prescribed[first:], **chosen)
         steps = self.scene.path.count()
+        known: dict[float, tuple[Floats, Floats]] = {}
+
+        def at(t: float) -> tuple[Floats, Floats]:
+            # Asked for twice, the load and the displacement of one attempt.
+            if t not in known:
+                known.clear()
+                known[t] = self._at(t)
+            return known[t]
+
         return asked.follow(
-            lambda t: self._at(t)[0],
-            lambda t: self._at(t)[1],
+            lambda t: at(t)[0],
+            lambda t: at(t)[1],
             stops=np.arange(1.0, steps + 1),
             first=plan.largest if plan.first is None else plan.first,
             largest=plan.largest,
@@ -159,7 +168,11 @@ class Case:
         """The scene's own path parameter at the end of step ``k`` of a result."""
         if step.s is None:
             return float(self.parameter[k])
-        return float(self.sampled(step.s).parameter[0])
+        if self.scene is None or self.scene.path.parameter is None:
+            return step.s
+        path = self.scene.path
+        amplitude = path.amplitude[self.scene.path.parameter]
+        return float(amplitude.at(np.array([step.s]), path.count())[0])
 
     def loaded(self, result: Sequence[Step]) -> list[Step]:
         """Steps that were read from a file, which holds no loads, with their own."""

@@ -154,6 +154,57 @@ def fclib(
     raise typer.Exit(fclib_job.run(files, method, tol, max_seconds, as_json=json))
 
 
+@app.command()
+def solve(
+    context: typer.Context,
+    stiffness: Annotated[
+        Path,
+        typer.Option(help="Matrix Market, or node, component, … as Abaqus writes it."),
+    ],
+    contacts: Annotated[
+        Path, typer.Option(help="Table: node, nx, ny[, nz], mu[, other, gap, area].")
+    ],
+    nodes: Annotated[
+        Path | None,
+        typer.Option(help="Table: node, x, y[, z]; or a file with a *NODE listing."),
+    ] = None,
+    load: Annotated[
+        Path | None, typer.Option(help="Table: node, fx, fy[, fz][, step].")
+    ] = None,
+    fixed: Annotated[
+        Path | None,
+        typer.Option(help="Table: node, ux, uy[, uz][, step], blank where free."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the results; out/STIFFNESS if not given."),
+    ] = None,
+    method: Annotated[str, typer.Option(help="Contact solver.")] = "auto",
+    tol: Annotated[float, typer.Option(help="Residual to reach.")] = 1e-10,
+    json: Annotated[
+        bool, typer.Option("--json", help="One JSON object a line on standard output.")
+    ] = False,
+) -> None:
+    """Solve contacts on a stiffness that another program has written.
+
+    Degrees of freedom may be given instead of nodes: dof_x, dof_y[, dof_z], counted
+    from 0, in the contacts, dof and force or value in the other tables. Writes
+    reactions.csv, displacements.csv, steps.csv, result.h5, and with nodes result.pvd.
+    """
+    from bipot_rs import stiffness_job
+
+    folder = Path("out") / stiffness.stem if out is None else out
+    files = {
+        "stiffness": stiffness,
+        "contacts": contacts,
+        "nodes": nodes,
+        "load": load,
+        "fixed": fixed,
+    }
+    status = stiffness_job.run(files, folder, method, tol, context.obj, as_json=json)
+    raise typer.Exit(status)
+
+
 def _tol(given: str | None) -> float | str | None:
     if given is None or given == ENOUGH:
         return given

@@ -12,7 +12,8 @@ solution alone. docs/paper/10-discretisation-error.md has the proofs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import copy
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
@@ -191,6 +192,13 @@ class Estimator:
     ) -> DiscretisationError:
         """Error of a load step, as `discretisation_error`."""
         case, model = self.case, self.case.model
+        if isinstance(result, Result) and result.s is not None:
+            result = result[_number(step, len(result))]
+        if isinstance(result, Step) and result.s is not None:
+            # The loads where it ends, which may be between those of the load steps.
+            there = copy.copy(self)
+            there.case = case.sampled(result.s)
+            return there.error(replace(result, s=None), 0, threshold=threshold)
         k = _number(step, len(case.parameter))
         if isinstance(result, Result):
             if k >= len(result):

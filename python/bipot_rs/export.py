@@ -89,7 +89,7 @@ def write_result(
     digits = max(4, len(str(max(len(steps) - 1, 0))))
     # HDF5 writes through Python's file: with one of its own, a full disk leaves it
     # unable to close what it cannot write, and it brings the process down.
-    with _aside(path) as draft, draft.open("w+b") as raw:
+    with aside(path) as draft, draft.open("w+b") as raw:
         with h5py.File(raw, "w") as file:
             file.attrs.update(dict(attributes or {}))
             file.attrs.update(format=FORMAT, version=VERSION, complete=bool(complete))
@@ -216,10 +216,10 @@ def write_series(
             and np.asarray(value).dtype.kind in "fiub"
         }
         name = f"{index.stem}_{number:04d}.vtu"
-        with _aside(index.with_name(name)) as draft:
+        with aside(index.with_name(name)) as draft:
             draft.write_bytes(grid.file(fields, of_cells[number] if of_cells else None))
         names.append(name)
-    with _aside(index) as draft:
+    with aside(index) as draft:
         draft.write_bytes(collection(names))
     written = set(names)
     for old in index.parent.glob(f"{index.stem}_[0-9][0-9][0-9][0-9]*.vtu"):
@@ -251,7 +251,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[None]:
 
 
 @contextmanager
-def _aside(path: str | os.PathLike[str]) -> Iterator[Path]:
+def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Place to write ``path`` to; renamed on success, removed on failure."""
     target = place(path)
     # The name keeps its suffix and differs between processes.

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import Array, floats
-from bipot_rs.export import _aside, library, place
+from bipot_rs.export import aside, library, place
 from bipot_rs.global_problem import GlobalProblem
 from bipot_rs.problem import ContactProblem
 from bipot_rs.reduced import ReducedProblem
@@ -190,7 +190,7 @@ def write(
         answer = None
     # Through Python's file, as in `export.write_result`.
     with (
-        _aside(target) as draft,
+        aside(target) as draft,
         draft.open("w+b") as raw,
         h5py.File(raw, "w") as file,
     ):

@@ -197,11 +197,6 @@ class Job:
                     case = assemble(scene, meshed)
                     estimator = None
                     if error or tol == ENOUGH:
-                        if scene.path.increments:
-                            raise ValueError(
-                                "path.automatic: the discretisation error is told of "
-                                "load steps as given, without automatic ones"
-                            )
                         from bipot_rs.discretisation import Estimator
 
                         estimator = Estimator(case)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from bipot_rs import toml_text
 from bipot_rs.case import Case
+from bipot_rs.errors import BipotError
 from bipot_rs.result import Result, Step
 from bipot_rs.scene import assemble, bodies, checked, parsed, put
 from bipot_rs.schema import Scene
@@ -285,7 +286,9 @@ class Model:
         method, tol, max_iterations
             Instead of those of `solver`.
         start
-            What an earlier run of this path has reached: it goes on from there.
+            The result of an earlier run of this path that was left off, from a file too:
+            it goes on from there, to the bits of one that went through. Of automatic
+            steps one of them does.
         on_step
             Called as ``on_step(k, step)`` after each step.
 
@@ -296,18 +299,31 @@ class Model:
         TypeError, ValueError
             A wrong argument, named.
         NoEquilibriumError, FloatingBodyError, NotConvergedError
-            As `ContactProblem.solve`, with ``.result``.
+            As `ContactProblem.solve`, with a `ModelResult` as ``.result``.
         """
         case = self.assemble()
-        first = 0 if not isinstance(start, Result) else len(start)
-        result = case.solve(
-            method=method,
-            tol=tol,
-            max_iterations=max_iterations,
-            start=start,
-            first=first,
-            on_step=on_step,
-        )
+        first = 0
+        if isinstance(start, Result):
+            before = start._first if isinstance(start, ModelResult) else 0
+            first = before + len(start)
+        elif start is not None and getattr(start, "s", None) is None:
+            raise TypeError(
+                f"start is a {type(start).__name__}, expected a Result: how many steps "
+                "it has tells where the path goes on"
+            )
+        try:
+            result = case.solve(
+                method=method,
+                tol=tol,
+                max_iterations=max_iterations,
+                start=start,
+                first=first,
+                on_step=on_step,
+            )
+        except BipotError as error:
+            if error.result is not None:
+                error.result = ModelResult(error.result, case, first)
+            raise
         return ModelResult(result, case, first)
 
     def __eq__(self, other: object) -> bool:

@@ -395,7 +395,7 @@ class Result(Sequence[Step]):
     @property
     def s(self) -> Array | None:
         """Where on the path each step ends, ``(steps,)``; ``None`` where steps were given."""
-        if any(step.s is None for step in self.steps):
+        if not self.steps or any(step.s is None for step in self.steps):
             return None
         return self._stack("s", (0,))
 

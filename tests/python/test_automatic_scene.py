@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
+from bipot_rs.discretisation import discretisation_error
 from bipot_rs.scene import assemble, bodies, read
 from bipot_rs.schema import Amplitude
 from children import bipot, bipot_with
@@ -148,11 +149,21 @@ def test_mistakes(setting: str, words: str) -> None:
     assert words in str(refused.value)
 
 
-def test_the_error_of_the_mesh_is_refused(tmp_path: Path) -> None:
-    run = bipot(
-        *("run", "two_blocks", "--set", "mesh.n=2", "--set", "mesh.element=P1"),
-        *("--set", "path.automatic=true", "--error"),
-        cwd=tmp_path,
-    )
-    assert run.returncode == 2
-    assert "load steps as given" in run.stderr
+def test_the_error_of_the_mesh(tmp_path: Path) -> None:
+    """Of steps in between, that of the same load points; by the command too."""
+    p1 = (*SLIDING, "mesh.element=P1", "mesh.n=2")
+    case = made("two_blocks", *p1)
+    result = case.solve()
+    at = case.sampled(result.s)
+    fixed = at.problem().solve(at.load, at.prescribed, tol=1e-12)
+    found = [discretisation_error(case, result, k) for k in range(len(result))]
+    for k, error in enumerate(found):
+        other = discretisation_error(at, fixed, k)
+        assert error.cells.tobytes() == other.cells.tobytes()
+    command = ["run", "two_blocks", "--error", "--json"]
+    for setting in p1:
+        command += ["--set", setting]
+    run = bipot(*command, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    *steps, _ = map(json.loads, run.stdout.splitlines())
+    assert [step["error"] for step in steps] == [error.relative for error in found]

@@ -108,7 +108,9 @@ PYTHON = (
     "theory.law theory.soils",
     "theory.explicit theory.functionals theory.inequalities theory.inelastic",
     "theory",
-    "fem __init__",
+    "fem",
+    "text_tables",
+    "stiffness_files",
     "schema.table",
     "schema.material schema.mesh schema.path",
     "schema.contact schema.load",
@@ -121,9 +123,9 @@ PYTHON = (
     "discretisation",
     "enough",
     "job",
-    "fclib_job",
+    "fclib_job stiffness_job",
     "cli",
-    "__main__",
+    "__main__ __init__",
 )
 PYTHON_NAMES = {
     "meshio": ("mesh_file",),

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import bipot_rs as bp
 import bipot_rs.model
 from bipot_rs import scene, toml_text
+from bipot_rs.schema import Scene
 from children import bipot
 
 
@@ -296,6 +297,43 @@ def test_what_is_wrong_at_once() -> None:
         bp.Model.from_toml("nowhere.toml")
     with pytest.raises(ValueError, match="is not TOML"):
         bp.Model.from_toml("a = 1\nb = \n")
+
+
+def test_what_was_reached_has_names_and_goes_on(tmp_path: Path) -> None:
+    """Left off by too few iterations, through a file, and by pieces."""
+    m = blocks(shear=[0.0, 0.5, 1.0])
+    whole = m.solve()
+    with pytest.raises(bp.NotConvergedError) as stopped:
+        m.solve(max_iterations=1, method="uzawa")
+    assert stopped.value.result.resultant("upper.bottom").shape == (0, 2)
+
+    class Stopped(Exception):
+        pass
+
+    def stop(k: int, step: Any) -> None:
+        steps.append(step)
+        if k == 0:
+            raise Stopped
+
+    steps: list[Any] = []
+    with pytest.raises(Stopped):
+        m.solve(on_step=stop)
+    whole[0].displacement  # noqa: B018 - kept by the step, and so in the file
+    part = bp.ModelResult(whole, whole.case)
+    part.steps = part.steps[:1]
+    part.save(tmp_path / "part.h5")
+    rest = m.solve(start=bp.load(tmp_path / "part.h5"))
+    assert rest.reaction.tobytes() == whole.reaction[1:].tobytes()
+    assert rest.parameter.tolist() == [0.5, 1.0]
+    assert len(m.solve(start=rest)) == 0
+    with pytest.raises(TypeError, match="start is a Step, expected a Result"):
+        m.solve(start=whole[0])
+
+
+def test_the_schema_of_the_scene_is_json() -> None:
+    told = Scene.model_json_schema(by_alias=True)
+    assert {"body", "contact", "path"} <= told["properties"].keys()
+    assert "automatic" in told["$defs"]["LoadPath"]["properties"]
 
 
 def test_tol_of_the_mesh_is_refused() -> None:

@@ -53,7 +53,8 @@ class Automatic(Table):
 
     Steps start with ``first`` (``largest`` if not given), are halved where they fail or
     slip by more than ``slip`` [length], grow up to ``largest`` again, and are given up
-    below ``smallest``. Each load step is met at its end.
+    below ``smallest``. Each load step is met at its end. Steps are told by ``s``, where
+    load step k, from 0, ends at k + 1.
     """
 
     first: Annotated[float | None, Field(gt=0, le=1)] = None

@@ -1,0 +1,208 @@
+"""The command `bipot solve`: files of another program in, tables and result.h5 out."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from bipot_rs.interrupts import Interrupts
+from bipot_rs.job import (
+    BAD_INPUT,
+    NO_ANSWER,
+    NOT_CONVERGED,
+    RESULT,
+    SOLVED,
+    complain,
+)
+from bipot_rs.words import counted
+
+if TYPE_CHECKING:
+    from bipot_rs.result import Result, Step
+    from bipot_rs.stiffness_files import Given
+
+_STATUS = ("open", "slip", "stick")
+_STEPS = ("step", *_STATUS, "residual", "iterations", "seconds")
+
+
+def run(
+    files: dict[str, Path | None],
+    folder: Path,
+    method: str,
+    tol: float,
+    interrupts: Interrupts,
+    *,
+    as_json: bool,
+) -> int:
+    """Read, solve, write; returns the exit status.
+
+    Parameters
+    ----------
+    files
+        ``stiffness``, ``contacts``, ``nodes``, ``load``, ``fixed``, as
+        `stiffness_files.read` takes them.
+    """
+    began = perf_counter()
+    given: Given | None = None
+    result: Result | None = None
+    reached: list[dict[str, Any]] = []
+    steps: list[Step] = []
+
+    def on_step(k: int, step: Any) -> None:
+        row = _row(k, step)
+        reached.append(row)
+        steps.append(step)
+        if as_json:
+            _print(json.dumps(row))
+        else:
+            counts = ", ".join(f"{name} {row[name]}" for name in _STATUS)
+            _print(f"step {k}: {counts}, residual {row['residual']:.1e}")
+        interrupts.check()
+
+    code, message = SOLVED, "solved"
+    try:
+        from bipot_rs.errors import BipotError, NotConvergedError
+        from bipot_rs.export import require
+        from bipot_rs.stiffness_files import read
+
+        require()
+        given = read(**files)  # type: ignore[arg-type]
+        # Before the work: one that cannot be made is found then.
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            result = given.problem().solve(
+                given.load, given.prescribed, method=method, tol=tol, on_step=on_step
+            )
+        except BipotError as error:
+            result, message = error.result, str(error)
+            code = NOT_CONVERGED if isinstance(error, NotConvergedError) else NO_ANSWER
+        except KeyboardInterrupt:
+            interrupts.hold()
+            code, message = interrupts.status, "interrupted"
+            if steps:
+                result = _of(given, steps, message)
+        if result is not None:
+            _write(folder, given, result, reached)
+    except KeyboardInterrupt:
+        code, message = interrupts.status, "interrupted"
+    except OSError as error:
+        code, message = BAD_INPUT, str(error)
+        if error.strerror and error.filename:
+            message = f"{error.filename}: {error.strerror}"
+    except (ImportError, ValueError, TypeError, MemoryError) as error:
+        code, message = BAD_INPUT, str(error) or type(error).__name__
+    interrupts.told = True
+    if as_json:
+        last = {
+            "stiffness": str(files["stiffness"]),
+            "dofs": None if given is None else given.K.shape[0],
+            "contacts": None if given is None else len(given.gap),
+            "steps": len(reached),
+            "success": code == SOLVED,
+            "seconds": round(perf_counter() - began, 6),
+            "message": message,
+        }
+        _print(json.dumps(last))
+    elif code != SOLVED:
+        complain(message)
+    elif given is not None:
+        size = f"{given.K.shape[0]} degrees of freedom, {counted(len(given.gap), 'contact')}"
+        names = ", ".join(sorted(path.name for path in _ours(folder, given)))
+        _print(f"{size}, {perf_counter() - began:.2f} s\n{folder}: {names}")
+    return code
+
+
+def _row(k: int, step: Any) -> dict[str, Any]:
+    counts = [int((step.status == number).sum()) for number in range(len(_STATUS))]
+    told = (k, *counts, step.residual, step.iterations, step.seconds)
+    return dict(zip(_STEPS, told, strict=True))
+
+
+def _of(given: Given, steps: Sequence[Step], message: str) -> Result:
+    """What was reached before an interrupt."""
+    from bipot_rs.result import Result
+
+    contacts = {
+        "x": given.points,
+        "normal": given.frame[:, 0].copy(),
+        "frame": given.frame,
+        "area": given.area,
+        "gap": given.gap,
+        "mu": given.mu,
+    }
+    return Result(
+        steps,
+        contacts=contacts,
+        shape=(len(given.gap), given.frame.shape[1]),
+        success=False,
+        message=message,
+    )
+
+
+def _write(
+    folder: Path, given: Given, result: Result, reached: Sequence[dict[str, Any]]
+) -> None:
+    """The result file, tables, and the contacts for ParaView where places are known."""
+    from bipot_rs.result import recover
+    from bipot_rs.text_tables import write
+
+    recover(result.steps)  # saved, and a table of it
+    result.save(folder / RESULT)
+    write(folder / "steps.csv", _STEPS, (list(row.values()) for row in reached))
+    write(folder / "reactions.csv", _header(given), _reactions(given, result))
+    write(
+        folder / "displacements.csv",
+        ("step", "dof", "node", "component", "displacement"),
+        (
+            (k, dof, node if name else "", name, float(u))
+            for k, step in enumerate(result)
+            for dof, ((node, name), u) in enumerate(
+                zip(given.labels, step.displacement, strict=True)
+            )
+        ),
+    )
+    if given.points is not None:
+        result.write(folder / "result.pvd")
+
+
+def _ours(folder: Path, given: Given) -> Iterator[Path]:
+    names = [RESULT, "steps.csv", "reactions.csv", "displacements.csv"]
+    if given.points is not None:
+        names.append("result.pvd")
+    return map(folder.joinpath, names)
+
+
+def _header(given: Given) -> list[str]:
+    dim = given.frame.shape[1]
+    local = ("n", "t1", "t2")[:dim]
+    return [
+        *("step", "contact", "node", "status"),
+        *(f"r_{c}" for c in local),
+        *(f"f_{a}" for a in "xyz"[:dim]),
+        *(f"v_{c}" for c in local),
+        *(f"slip_{c}" for c in local[1:]),
+    ]
+
+
+def _reactions(given: Given, result: Result) -> Iterator[list[Any]]:
+    """Of each step and contact: force in its frame and in global axes, displacement."""
+    for k, step in enumerate(result):
+        force = (step.reaction[:, :, None] * given.frame).sum(axis=1)
+        for c in range(len(given.gap)):
+            yield [
+                *(k, c, "" if given.nodes is None else int(given.nodes[c])),
+                _STATUS[step.status[c]],
+                *step.reaction[c].tolist(),
+                *force[c].tolist(),
+                *step.relative_displacement[c].tolist(),
+                *step.slip[c].tolist(),
+            ]
+
+
+def _print(line: str) -> None:
+    # Flushed: who reads it through a pipe wants to see progress.
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
