@@ -241,6 +241,8 @@ class _Reader:
                 f"has cells of node {unknown[0]}, which is not in the file",
             )
         numbers = np.vectorize(self.node.__getitem__, otypes=[np.int64])(table[:, 1:])
+        if kind == "line3":  # along the line here, in VTK the middle comes last
+            numbers = numbers[:, [0, 2, 1]]
         for k, number in enumerate(table[:, 0].tolist()):
             if number in self.cell:
                 raise self._error(

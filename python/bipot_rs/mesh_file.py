@@ -40,6 +40,8 @@ _FACETS = {
     "quad9": (2, 4),
 }
 _IGNORED = ("vertex",)
+# As many values are groups, however few cells there are.
+_GROUPS = 64
 _SUFFIXES = (".msh", ".inp", ".vtu")
 
 
@@ -129,14 +131,14 @@ def _open(path: Path) -> _File:
 
 def _complete(path: Path, suffix: str) -> None:
     """Its end is there: what reads it would take what there is, or say something odd."""
-    ends = {".msh": b"$EndElements", ".vtu": b"</VTKFile>"}
-    head = path.open("rb").read(64) if suffix == ".msh" else b"$MeshFormat"
-    if not head.lstrip().startswith((b"$MeshFormat", b"$Comments")):
+    content = path.read_bytes()
+    if suffix == ".msh" and not content.lstrip().startswith(
+        (b"$MeshFormat", b"$Comme")
+    ):
         raise ValueError(f"the mesh {path} is no file of gmsh: it has no $MeshFormat")
-    if ends[suffix] not in path.read_bytes():
-        raise ValueError(
-            f"the mesh {path} is cut off: it has no {ends[suffix].decode()}"
-        )
+    end = {".msh": "$EndElements", ".vtu": "</VTKFile>"}[suffix]
+    if end.encode() not in content:
+        raise ValueError(f"the mesh {path} is cut off: it has no {end}")
 
 
 def _of_inp(path: Path) -> _File:
@@ -204,7 +206,7 @@ def _add_tags(file: _File, read: Any) -> None:
         flat = np.concatenate([np.zeros(0, np.int64), *map(np.asarray, parts)])
         values = np.unique(flat)
         # Numbers of cells, not of groups.
-        if len(values) > max(1, len(flat) // 2):
+        if len(values) > max(_GROUPS, len(flat) // 2):
             continue
         for value in values.tolist():
             cells = [np.flatnonzero(np.asarray(part) == value) for part in parts]
@@ -277,12 +279,12 @@ def _mesh(
                 own[volumes[name][block]] = True
         chosen.append(own)
     kind, cells, index = _cells(path, file, chosen, volumes)
-    points = _plane(path, file.points, cells) if top == 2 else file.points
-    bad = np.flatnonzero(~np.isfinite(points[cells]).all(axis=(1, 2)))
+    bad = np.flatnonzero(~np.isfinite(file.points[cells]).all(axis=(1, 2)))
     if bad.size:
         raise ValueError(
             f"the mesh {path} has a place that is no number: a node of cell {bad[0]}"
         )
+    points = _plane(path, file.points, cells) if top == 2 else file.points
     mesh, number = _made(path, kind, points, cells)
     node = np.full(len(file.points), -1, dtype=np.int64)
     node[number] = np.arange(len(number))
