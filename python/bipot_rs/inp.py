@@ -314,12 +314,13 @@ class _Reader:
         self.name.setdefault(name.upper(), name)
         if section.parameters.get("TYPE", "ELEMENT").upper() == "NODE":
             for line, row in section.rows:
-                known, number = row[0].upper() in self.nodes_of, row[0].isdigit()
-                if not (known or number):
+                own = self.nodes_of.get(row[0].strip('"').upper())
+                if own is None and row[0].isdigit() and int(row[0]) in self.node:
+                    own = [int(row[0])]
+                if own is None:
                     raise self._error(
                         line, f"names nodes {row[0]!r} that are not known"
                     )
-                own = self.nodes_of[row[0].upper()] if known else [int(row[0])]
                 self._add(self.nodes_of, name, own)
             return
         faces = self.faces.setdefault(name.upper(), [])
