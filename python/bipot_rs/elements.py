@@ -123,10 +123,13 @@ class Kind:
 
     @property
     def mirror(self) -> Ints:
-        """An order of VTK's nodes that mirrors the cell: first two axes swapped."""
-        swapped = self.places.copy()
-        swapped[:, [0, 1]] = swapped[:, [1, 0]]
-        return _find(swapped, self.places)
+        """An order of VTK's nodes that mirrors the cell."""
+        mirrored = self.places.copy()
+        if self.shape == "hexahedron":  # upside down
+            mirrored[:, 2] = 1 - mirrored[:, 2]
+        else:  # two axes swapped
+            mirrored[:, [0, 1]] = mirrored[:, [1, 0]]
+        return _find(mirrored, self.places)
 
 
 @cache

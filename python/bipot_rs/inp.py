@@ -296,10 +296,11 @@ class _Reader:
                 else:
                     raise self._error(line, f"names a set {part!r} that is not known")
         if nodes and "ELSET" in section.parameters:
+            places: set[int] = set()
             for number in self.cells_of.get(section.parameters["ELSET"].upper(), []):
                 block, k = self.cell[number]
-                places = set(self.blocks[block][1][k].tolist())
-                own += [n for n, at in self.node.items() if at in places]
+                places.update(self.blocks[block][1][k].tolist())
+            own += [n for n, at in self.node.items() if at in places]
         missing = [n for n in own if n not in known]
         if missing and "GENERATE" not in section.parameters:
             raise self._error(

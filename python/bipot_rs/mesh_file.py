@@ -17,8 +17,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import redirect_stderr
 from dataclasses import dataclass, field
 from importlib import import_module
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -172,15 +174,28 @@ def _of_meshio(path: Path, suffix: str) -> _File:
             "extra fem, as in pip install 'bipot-rs[fem]'",
             name="meshio",
         ) from None
+    reader = {".msh": meshio.gmsh, ".vtu": meshio.vtu}[suffix]
     try:
-        read = meshio.read(path, file_format={".msh": "gmsh", ".vtu": "vtu"}[suffix])
+        # It prints warnings, of files that are refused below or are right.
+        with redirect_stderr(StringIO()):
+            read = reader.read(str(path))
     except OSError:
         raise
-    # Its readers raise whatever their parsing comes upon, and exit on some.
-    except (Exception, SystemExit) as error:
+    # Its readers raise whatever their parsing comes upon.
+    except Exception as error:
         why = str(error) or type(error).__name__
-        raise ValueError(f"the mesh {path} cannot be read: {why}") from error
+        raise ValueError(
+            f"the mesh {path} cannot be read: {why}{_hint(why)}"
+        ) from error
     blocks = [(b.type, np.asarray(b.data, dtype=np.int64)) for b in read.cells]
+    if np.ndim(read.points) != 2:
+        raise ValueError(f"the mesh {path} has no nodes")
+    for kind, nodes in blocks:
+        # Its readers give -1 to a node that is not there, which is the last one here.
+        if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(read.points):
+            raise ValueError(
+                f"the mesh {path} has a {kind} of a node that is not in the file"
+            )
     points = np.zeros((len(read.points), 3))
     points[:, : np.shape(read.points)[1]] = read.points
     file = _File(points, blocks)
@@ -189,6 +204,15 @@ def _of_meshio(path: Path, suffix: str) -> _File:
             file.sets[name] = [_numbers(part) for part in parts]
     _add_tags(file, read)
     return file
+
+
+def _hint(why: str) -> str:
+    """What to do about the refusals of meshio that are known."""
+    if "gmsh:physical" in why:
+        return ": cells of no physical group are among the others, save without Mesh.SaveAll"
+    if "parametric" in why:
+        return ": save it in version 4.1, without Mesh.SaveParametric"
+    return ""
 
 
 def _numbers(part: Any) -> Ints:

@@ -1,11 +1,14 @@
 """Elastic materials: orthotropy beside engineering constants, several in one body."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
-from bipot_rs import elements, fem
+from bipot_rs import elements, fem, scene
+from bipot_rs.discretisation import Estimator
 from bipot_rs.simplices import simplices
 
 Floats = NDArray[np.float64]
@@ -210,3 +213,17 @@ def test_the_estimator_refuses_what_it_does_not_know() -> None:
     curved = fem.Body("bar", elements.second_order(body.mesh), fem.Material(1.0, 0.3))
     with pytest.raises(ValueError, match=r"cells of 6 nodes, expected .*first order"):
         simplices(curved)
+
+
+def test_the_estimator_refuses_models_it_does_not_know() -> None:
+    read = scene.read("sheared_cube", ["mesh.n=2", "mesh.element=P1"])
+    (cube,) = scene.bodies(read)
+    case = scene.assemble(read, [cube])
+    hung = fem.Spring("cube", "bottom", 1.0)
+    with pytest.raises(
+        ValueError, match="the model has springs: the error of the mesh"
+    ):
+        Estimator(replace(case, model=replace(case.model, springs=(hung,))))
+    wood = fem.Body("cube", cube.mesh, fem.Orthotropic(*WOOD))
+    with pytest.raises(ValueError, match="'cube' has an orthotropic material"):
+        Estimator(replace(case, model=replace(case.model, bodies=(wood,))))

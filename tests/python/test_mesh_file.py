@@ -1,5 +1,6 @@
 """Meshes from files: what gmsh wrote, what a person wrote, and what is no mesh."""
 
+import sys
 from pathlib import Path
 
 import meshio
@@ -399,3 +400,66 @@ def test_surface_by_geometry() -> None:
         fem.surface(mesh, within={0: (1, 0)})
     with pytest.raises(ValueError, match="axis 3"):
         fem.surface(mesh, within={3: (1, 2)})
+
+
+@pytest.mark.parametrize(
+    "name", ["tetra.inp", "triangle6.inp", "quad8.msh", "triangle.msh"]
+)
+def test_damaged_text_is_refused_in_words(name: str, tmp_path: Path) -> None:
+    """Cut, doubled or changed at random: a mesh, or a ValueError, and nothing else."""
+    random = np.random.default_rng(len(name))
+    whole = (DATA / name).read_bytes()
+    path = tmp_path / name
+    said = []
+    for _ in range(25):
+        text = bytearray(whole)
+        at, size = random.integers(len(text)), random.integers(1, 40)
+        match random.integers(3):
+            case 0:
+                del text[at : at + size]
+            case 1:
+                text[at:at] = text[at : at + size]
+            case _:
+                text[at] = ord(random.choice(list("0179.,*-x\n")))
+        path.write_bytes(text)
+        try:
+            fem.read_mesh(path)
+        except ValueError as error:
+            said.append(str(error))
+    assert said
+    assert all(name in message for message in said)
+
+
+def test_cells_of_no_group_among_others() -> None:
+    """What gmsh saves with Mesh.SaveAll in version 4.1, and meshio does not take."""
+    with pytest.raises(
+        ValueError, match="no physical group are among the others, save"
+    ):
+        fem.read_mesh(DATA / "save_all.msh")
+
+
+def test_tags_of_lines_are_surfaces(tmp_path: Path) -> None:
+    points = [(0, 0, 3), (1, 0, 3), (2, 0, 3), (0, 1, 3), (1, 1, 3), (2, 1, 3)]
+    cells = [
+        ("quad", np.array([[0, 1, 4, 3], [1, 2, 5, 4]])),
+        ("line", np.array([[0, 1], [1, 2], [4, 5], [1, 4]])),
+    ]
+    path = tmp_path / "it.vtu"
+    tags = [np.array([1, 1]), np.array([5, 5, 6, 6])]
+    meshio.Mesh(points, cells, cell_data={"tag": tags}).write(path)
+    mesh = fem.read_mesh(path)
+    assert mesh.p.shape == (2, 6)
+    middle = {
+        name: sorted(mesh.p[:, mesh.facets[:, facets]].mean(axis=1).T.tolist())
+        for name, facets in mesh.boundaries.items()
+    }
+    # The line between the two cells is no surface of the body.
+    assert middle == {"tag 5": [[0.5, 0.0], [1.5, 0.0]], "tag 6": [[1.5, 1.0]]}
+    assert set(mesh.subdomains) == {"tag 1"}
+
+
+def test_without_meshio(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "meshio", None)
+    with pytest.raises(ModuleNotFoundError, match=r"pip install 'bipot-rs\[fem\]'"):
+        fem.read_mesh(DATA / "quad.msh")
+    assert fem.read_mesh(DATA / "tetra.inp").t.shape[1] == 200
