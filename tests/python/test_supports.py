@@ -25,6 +25,8 @@ def test_spring_resists_a_motion_by_its_stiffness(cell: str, degree: int) -> Non
     k = np.arange(1.0, d + 1) * 10
     K = fem.build([body], [], springs=[fem.Spring("it", "top", k)]).K
     assert (K != K.T).nnz == 0
+    assert K.has_canonical_format
+    assert K.indices.dtype == K.indptr.dtype == np.int32
     for axis in range(d):
         u = np.zeros((len(body.points), d))
         u[:, axis] = 2.0
