@@ -463,3 +463,23 @@ def test_without_meshio(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ModuleNotFoundError, match=r"pip install 'bipot-rs\[fem\]'"):
         fem.read_mesh(DATA / "quad.msh")
     assert fem.read_mesh(DATA / "tetra.inp").t.shape[1] == 200
+
+
+def test_cells_of_a_node_that_is_not_there(tmp_path: Path) -> None:
+    """Its number within the range of the others: meshio takes the last node instead."""
+    lines = (DATA / "quad8.msh").read_text().splitlines()
+    at = lines.index("$Nodes") + 3
+    assert lines[at : at + 2] == ["1", "0 0 0"]
+    lines[at] = "500"
+    path = tmp_path / "lost.msh"
+    path.write_text("\n".join(lines))
+    with pytest.raises(
+        ValueError, match=r"lost\.msh has a .* of a node that is not in"
+    ):
+        fem.read_mesh(path)
+    # Beyond their range.
+    path.write_text(
+        (DATA / "triangle.msh").read_text().replace("\n$EndEl", "9\n$EndEl")
+    )
+    with pytest.raises(ValueError, match=r"lost\.msh"):
+        fem.read_mesh(path)
