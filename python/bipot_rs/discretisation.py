@@ -164,8 +164,7 @@ class Estimator:
                 )
         if model.springs:
             raise ValueError(
-                f"the model has {len(model.springs)} springs: the error of the mesh knows "
-                "supports that are rigid only"
+                "the model has springs: the error of the mesh knows rigid supports only"
             )
         self.bodies = [simplices(body) for body in model.bodies]
         self.materials = [body.isotropic for body in model.bodies]

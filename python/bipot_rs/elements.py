@@ -80,7 +80,8 @@ class Kind:
         Of their quadrature. Simplices of first order have constant gradients; 2 and 4
         are full Gauss quadrature, 2 and 3 points a direction, which on straight cells
         is exact, and on curved ones still for constant stresses and pressures. The
-        rules for tetrahedra of orders 3 and 4 have negative weights, that of 5 has not.
+        rules for tetrahedra of orders 3 and 4 have negative weights, that of 5 has the
+        corners, where a curved cell that is good may fold; that of 6 has neither.
     vtk : str
         VTK's and meshio's name of a cell.
     face : str
@@ -122,10 +123,13 @@ class Kind:
 
     @property
     def mirror(self) -> Ints:
-        """An order of VTK's nodes that mirrors the cell: first two axes swapped."""
-        swapped = self.places.copy()
-        swapped[:, [0, 1]] = swapped[:, [1, 0]]
-        return _find(swapped, self.places)
+        """An order of VTK's nodes that mirrors the cell."""
+        mirrored = self.places.copy()
+        if self.shape == "hexahedron":  # upside down
+            mirrored[:, 2] = 1 - mirrored[:, 2]
+        else:  # two axes swapped
+            mirrored[:, [0, 1]] = mirrored[:, [1, 0]]
+        return _find(mirrored, self.places)
 
 
 @cache
@@ -176,7 +180,7 @@ KINDS: dict[type, Kind] = {
             *(skfem.ElementLineP2, 4, "quad8", "line3"),
         ),
         Kind(
-            *(skfem.MeshTet2, "tetrahedron", 2, skfem.ElementTetP2, 5),
+            *(skfem.MeshTet2, "tetrahedron", 2, skfem.ElementTetP2, 6),
             *(skfem.ElementTriP2, 4, "tetra10", "triangle6", False),
         ),
         Kind(

@@ -241,6 +241,8 @@ class _Reader:
                 f"has cells of node {unknown[0]}, which is not in the file",
             )
         numbers = np.vectorize(self.node.__getitem__, otypes=[np.int64])(table[:, 1:])
+        if kind == "line3":  # along the line here, in VTK the middle comes last
+            numbers = numbers[:, [0, 2, 1]]
         for k, number in enumerate(table[:, 0].tolist()):
             if number in self.cell:
                 raise self._error(
@@ -294,10 +296,11 @@ class _Reader:
                 else:
                     raise self._error(line, f"names a set {part!r} that is not known")
         if nodes and "ELSET" in section.parameters:
+            places: set[int] = set()
             for number in self.cells_of.get(section.parameters["ELSET"].upper(), []):
                 block, k = self.cell[number]
-                places = set(self.blocks[block][1][k].tolist())
-                own += [n for n, at in self.node.items() if at in places]
+                places.update(self.blocks[block][1][k].tolist())
+            own += [n for n, at in self.node.items() if at in places]
         missing = [n for n in own if n not in known]
         if missing and "GENERATE" not in section.parameters:
             raise self._error(
@@ -312,12 +315,13 @@ class _Reader:
         self.name.setdefault(name.upper(), name)
         if section.parameters.get("TYPE", "ELEMENT").upper() == "NODE":
             for line, row in section.rows:
-                known, number = row[0].upper() in self.nodes_of, row[0].isdigit()
-                if not (known or number):
+                own = self.nodes_of.get(row[0].strip('"').upper())
+                if own is None and row[0].isdigit() and int(row[0]) in self.node:
+                    own = [int(row[0])]
+                if own is None:
                     raise self._error(
                         line, f"names nodes {row[0]!r} that are not known"
                     )
-                own = self.nodes_of[row[0].upper()] if known else [int(row[0])]
                 self._add(self.nodes_of, name, own)
             return
         faces = self.faces.setdefault(name.upper(), [])

@@ -67,7 +67,8 @@ class Material:
         unit = np.eye(dim)
         shear = np.einsum("ik,jl->ijkl", unit, unit)
         found: Floats = lame_lambda * np.einsum("ij,kl->ijkl", unit, unit)
-        return found + lame_mu * (shear + shear.swapaxes(2, 3))
+        found += lame_mu * (shear + shear.swapaxes(2, 3))
+        return found
 
     @property
     def directions(self) -> Floats:

@@ -17,8 +17,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import redirect_stderr
 from dataclasses import dataclass, field
 from importlib import import_module
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,8 @@ _FACETS = {
     "quad9": (2, 4),
 }
 _IGNORED = ("vertex",)
+# As many values are groups, however few cells there are.
+_GROUPS = 64
 _SUFFIXES = (".msh", ".inp", ".vtu")
 
 
@@ -129,14 +133,14 @@ def _open(path: Path) -> _File:
 
 def _complete(path: Path, suffix: str) -> None:
     """Its end is there: what reads it would take what there is, or say something odd."""
-    ends = {".msh": b"$EndElements", ".vtu": b"</VTKFile>"}
-    head = path.open("rb").read(64) if suffix == ".msh" else b"$MeshFormat"
-    if not head.lstrip().startswith((b"$MeshFormat", b"$Comments")):
+    content = path.read_bytes()
+    if suffix == ".msh" and not content.lstrip().startswith(
+        (b"$MeshFormat", b"$Comme")
+    ):
         raise ValueError(f"the mesh {path} is no file of gmsh: it has no $MeshFormat")
-    if ends[suffix] not in path.read_bytes():
-        raise ValueError(
-            f"the mesh {path} is cut off: it has no {ends[suffix].decode()}"
-        )
+    end = {".msh": "$EndElements", ".vtu": "</VTKFile>"}[suffix]
+    if end.encode() not in content:
+        raise ValueError(f"the mesh {path} is cut off: it has no {end}")
 
 
 def _of_inp(path: Path) -> _File:
@@ -170,15 +174,28 @@ def _of_meshio(path: Path, suffix: str) -> _File:
             "extra fem, as in pip install 'bipot-rs[fem]'",
             name="meshio",
         ) from None
+    reader = {".msh": meshio.gmsh, ".vtu": meshio.vtu}[suffix]
     try:
-        read = meshio.read(path, file_format={".msh": "gmsh", ".vtu": "vtu"}[suffix])
+        # It prints warnings, of files that are refused below or are right.
+        with redirect_stderr(StringIO()):
+            read = reader.read(str(path))
     except OSError:
         raise
-    # Its readers raise whatever their parsing comes upon, and exit on some.
-    except (Exception, SystemExit) as error:
+    # Its readers raise whatever their parsing comes upon.
+    except Exception as error:
         why = str(error) or type(error).__name__
-        raise ValueError(f"the mesh {path} cannot be read: {why}") from error
+        raise ValueError(
+            f"the mesh {path} cannot be read: {why}{_hint(why)}"
+        ) from error
     blocks = [(b.type, np.asarray(b.data, dtype=np.int64)) for b in read.cells]
+    if np.ndim(read.points) != 2:
+        raise ValueError(f"the mesh {path} has no nodes")
+    for kind, nodes in blocks:
+        # Its readers give -1 to a node that is not there, which is the last one here.
+        if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(read.points):
+            raise ValueError(
+                f"the mesh {path} has a {kind} of a node that is not in the file"
+            )
     points = np.zeros((len(read.points), 3))
     points[:, : np.shape(read.points)[1]] = read.points
     file = _File(points, blocks)
@@ -187,6 +204,15 @@ def _of_meshio(path: Path, suffix: str) -> _File:
             file.sets[name] = [_numbers(part) for part in parts]
     _add_tags(file, read)
     return file
+
+
+def _hint(why: str) -> str:
+    """What to do about the refusals of meshio that are known."""
+    if "gmsh:physical" in why:
+        return ": cells of no physical group are among the others, save without Mesh.SaveAll"
+    if "parametric" in why:
+        return ": save it in version 4.1, without Mesh.SaveParametric"
+    return ""
 
 
 def _numbers(part: Any) -> Ints:
@@ -204,7 +230,7 @@ def _add_tags(file: _File, read: Any) -> None:
         flat = np.concatenate([np.zeros(0, np.int64), *map(np.asarray, parts)])
         values = np.unique(flat)
         # Numbers of cells, not of groups.
-        if len(values) > max(1, len(flat) // 2):
+        if len(values) > max(_GROUPS, len(flat) // 2):
             continue
         for value in values.tolist():
             cells = [np.flatnonzero(np.asarray(part) == value) for part in parts]
@@ -277,12 +303,12 @@ def _mesh(
                 own[volumes[name][block]] = True
         chosen.append(own)
     kind, cells, index = _cells(path, file, chosen, volumes)
-    points = _plane(path, file.points, cells) if top == 2 else file.points
-    bad = np.flatnonzero(~np.isfinite(points[cells]).all(axis=(1, 2)))
+    bad = np.flatnonzero(~np.isfinite(file.points[cells]).all(axis=(1, 2)))
     if bad.size:
         raise ValueError(
             f"the mesh {path} has a place that is no number: a node of cell {bad[0]}"
         )
+    points = _plane(path, file.points, cells) if top == 2 else file.points
     mesh, number = _made(path, kind, points, cells)
     node = np.full(len(file.points), -1, dtype=np.int64)
     node[number] = np.arange(len(number))

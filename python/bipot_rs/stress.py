@@ -117,7 +117,7 @@ def internal_forces(body: Body, stresses: Floats) -> Floats:
     cell = np.einsum("qiap,kapq,pq->kpi", _slopes(body), stresses[:d, :d], weights)
     nodes, count = body.cells.ravel(), len(body.points)
     parts = [np.bincount(nodes, part.ravel(), minlength=count) for part in cell]
-    return np.stack(parts, axis=1).ravel()
+    return np.asarray(np.stack(parts, axis=1).ravel(), dtype=np.float64)
 
 
 def thermal(
@@ -154,7 +154,8 @@ def thermal(
             raise ValueError(
                 f"temperature has shape {rise.shape}, expected {places.shape[1:]}"
             )
-        return np.multiply.outer(unit, np.broadcast_to(rise, places.shape[1:]))
+        whole = np.broadcast_to(rise, places.shape[1:])
+        return np.asarray(np.multiply.outer(unit, whole), dtype=np.float64)
 
     return strain
 

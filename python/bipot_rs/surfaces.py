@@ -177,7 +177,7 @@ def surface(
             raise ValueError(f"angle is {angle}, expected it between 0 and 180")
         body = Body("it", mesh.with_boundaries({"it": facets}), _ANY)
         points = body.surface("it")
-        mean = np.einsum("dpq,pq->dp", points.normals, points.weights)
+        mean = np.einsum("dpq,pq->dp", np.asarray(points.normals), points.weights)
         cosine = direction @ mean / (length * np.linalg.norm(mean, axis=0))
         # Facets of just that angle belong, whatever the rounding.
         keep &= cosine >= np.cos(np.deg2rad(angle)) - 1e-9

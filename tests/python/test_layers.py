@@ -99,7 +99,7 @@ PYTHON = (
     "global_problem",
     "fclib",
     "analytic elements inp materials",
-    "boxes",
+    "boxes body",
     "elasticity",
     "mesh_check stress surfaces",
     "mesh_file",

@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.sparse.linalg import spsolve
 
 from bipot_rs import elements, fem, stress
 
 Floats = NDArray[np.float64]
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+# Turned about the axes by angles of no meaning.
+ROTATION = np.linalg.qr(np.random.default_rng(8).normal(size=(3, 3)))[0]
 YOUNG, POISSON, ALPHA, HEAT = 210e9, 0.3, 12e-6, 80.0
 
 
@@ -46,3 +49,167 @@ def test_linear_displacement_has_the_stress_of_hooke(
     np.testing.assert_array_equal(
         stress.stress(body, (body.points @ gradient.T).ravel()), found[:, :d, :d]
     )
+
+
+def free(body: fem.Body, strain: stress.Initial) -> tuple[Floats, Floats]:
+    """Displacement and stress of a body that nothing but its frame holds."""
+    model = fem.build([body], [])
+    d, x = body.dim, body.points
+    f = model.initial_strain("it", strain)
+    # Resultant force and moment of what is in balance with itself: rounding.
+    size = np.abs(f).max()
+    np.testing.assert_allclose(f.reshape(-1, d).sum(axis=0), 0.0, atol=1e-12 * size)
+    # Held at three nodes as a table is by three legs: no force is needed.
+    corner = [int(np.argmin(np.abs(x - at).sum(axis=1))) for at in np.eye(d + 1, d, -1)]
+    held = [d * corner[0] + k for k in range(d)]
+    held += [d * corner[1] + k for k in range(1, d)]
+    held += [d * corner[2] + 2] if d == 3 else []
+    gone = np.delete(np.arange(model.n), held)
+    u = np.zeros(model.n)
+    K = model.K.tocsc()
+    u[gone] = spsolve(K[gone][:, gone], f[gone])
+    return u.reshape(-1, d), stress.stress(body, u, strain, space=True)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("material", ["plane strain", "plane stress", "wood"])
+def test_free_expansion_has_no_stress(cell: str, degree: int, material: str) -> None:
+    d = CELLS[cell]
+    one = {
+        "plane strain": fem.Material(YOUNG, POISSON, thickness=0.3),
+        "plane stress": fem.Material(YOUNG, POISSON, plane_stress=True),
+        "wood": fem.Orthotropic(
+            *((12e9, 0.8e9, 0.5e9), (0.4, 0.35, 0.5), (0.7e9, 0.6e9, 0.05e9)),
+            axes=[[0.8, 0.6], [-0.6, 0.8]] if d == 2 else ROTATION,
+            plane_stress=d == 2,
+        ),
+    }[material]
+    body = fem.Body("it", mesh(cell, degree), one)
+    alpha = (5e-6, 30e-6, 40e-6) if material == "wood" else ALPHA
+    heat = fem.thermal(alpha, HEAT, axes=one.directions)
+    u, found = free(body, heat)
+    own = np.asarray(heat)[:d, :d].copy()
+    out = np.zeros((3, 3))
+    if d == 2 and material == "plane strain":
+        # What cannot grow out of the plane is squeezed into it, and pressed.
+        own *= 1 + POISSON
+        out[2, 2] = -YOUNG * ALPHA * HEAT
+    # Condition of the mesh, 1e3, times rounding of the strain times the modulus.
+    scale = YOUNG * ALPHA * HEAT
+    np.testing.assert_allclose(
+        found, np.broadcast_to(out, found.shape), atol=1e-10 * scale
+    )
+    grown = u - u[0] - (body.points - body.points[0]) @ own.T
+    # But for a turn, whose gradient is skew.
+    gradient = np.linalg.lstsq(body.points - body.points[0], grown, rcond=None)[0]
+    np.testing.assert_allclose(gradient + gradient.T, 0.0, atol=1e-10 * ALPHA * HEAT)
+
+
+def test_second_order_grows_free_of_stress_by_a_gradient_of_heat() -> None:
+    """A temperature linear in the place bends a body and does not stress it (Boley)."""
+    body = fem.Body(
+        "it", mesh("tetrahedron", 2, bent=0.0), fem.Material(YOUNG, POISSON)
+    )
+    heat = fem.thermal(ALPHA, lambda x: HEAT * (1 + x[0] - 2 * x[2]))
+    _, found = free(body, heat)
+    np.testing.assert_allclose(found, 0.0, atol=1e-10 * YOUNG * ALPHA * HEAT)
+    # Linear elements do not bend so: theirs is the error of the mesh, not rounding.
+    coarse = fem.Body(
+        "it", mesh("tetrahedron", 1, bent=0.0), fem.Material(YOUNG, POISSON)
+    )
+    assert np.abs(free(coarse, heat)[1]).max() > 1e-3 * YOUNG * ALPHA * HEAT
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_clamped_bar_heated(cell: str) -> None:
+    """Between walls and free aside: -E α ΔT along it, in plane strain / (1 - ν) more."""
+    d = CELLS[cell]
+    body = fem.Body("it", mesh(cell, 1, bent=0.0), fem.Material(YOUNG, POISSON))
+    names = ["left", "right", "bottom", *(["front"] if d == 3 else [])]
+    planes = [fem.Symmetry("it", name) for name in names]
+    model = fem.build([body], [], symmetries=planes)
+    heat = fem.thermal(ALPHA, HEAT)
+    gone = np.delete(np.arange(model.n), model.fixed)
+    u = np.zeros(model.n)
+    f = model.initial_strain("it", heat)
+    K = model.K.tocsc()
+    u[gone] = spsolve(K[gone][:, gone], f[gone])
+    found = stress.stress(body, u, heat, space=True)
+    wanted = np.zeros((3, 3))
+    along = -YOUNG * ALPHA * HEAT
+    if d == 2:  # held along x and z: σ_x = σ_z = -E α ΔT/(1 - ν)
+        along /= 1 - POISSON
+        wanted[2, 2] = along
+    wanted[0, 0] = along
+    np.testing.assert_allclose(
+        found, np.broadcast_to(wanted, found.shape), atol=1e-10 * abs(along)
+    )
+    # Walls feel it: the resultant of the reactions is the stress times the area.
+    pull = (K @ u - f).reshape(-1, d)[body.nodes("left"), 0].sum()
+    assert pull == pytest.approx(-along, rel=1e-10)
+
+
+def test_heat_of_one_volume_only() -> None:
+    """The halves of a bar between walls share the heat of one: σ = -E α ΔT/2."""
+    made = fem.box([np.linspace(0, 2, 5), np.linspace(0, 1, 3)], "quadrilateral")
+    warm = np.flatnonzero(made.p[0, made.t].mean(axis=0) < 1)
+    body = fem.Body(
+        "it",
+        made.with_subdomains({"warm": warm}),
+        fem.Material(YOUNG, 0.0, plane_stress=True),
+    )
+    planes = [fem.Symmetry("it", name) for name in ("left", "right", "bottom")]
+    model = fem.build([body], [], symmetries=planes)
+    heat = {"warm": np.diag([ALPHA * HEAT, 0.0])}
+    gone = np.delete(np.arange(model.n), model.fixed)
+    u = np.zeros(model.n)
+    u[gone] = spsolve(
+        model.K.tocsc()[gone][:, gone], model.initial_strain("it", heat)[gone]
+    )
+    found = stress.stress(body, u, heat)
+    wanted = np.diag([-YOUNG * ALPHA * HEAT / 2, 0.0])
+    np.testing.assert_allclose(
+        found, np.broadcast_to(wanted, found.shape), atol=1e-11 * YOUNG * ALPHA * HEAT
+    )
+
+
+def test_initial_strains_that_cannot_be() -> None:
+    body = fem.Body("it", mesh("triangle"), fem.Material(YOUNG, POISSON))
+    model = fem.build([body], [])
+    with pytest.raises(ValueError, match=r"strain of body 'it' has shape \(2,\)"):
+        model.initial_strain("it", [1.0, 2.0])
+    with pytest.raises(ValueError, match="is not symmetric"):
+        model.initial_strain("it", [[0.0, 1.0], [0.0, 0.0]])
+    with pytest.raises(ValueError, match="shears out of the plane"):
+        model.initial_strain("it", [[0, 0, 1.0], [0, 0, 0], [1.0, 0, 0]])
+    with pytest.raises(ValueError, match="no volume 'warm', expected one of none"):
+        model.initial_strain("it", {"warm": np.eye(2)})
+    with pytest.raises(ValueError, match=r"expansion has shape \(2,\)"):
+        fem.thermal([1.0, 2.0], 3.0)
+    with pytest.raises(ValueError, match="temperature has shape"):
+        model.initial_strain("it", fem.thermal(1.0, lambda _: np.zeros(3)))
+    with pytest.raises(ValueError, match=r"displacement has shape \(3,\), expected"):
+        stress.stress(body, np.zeros(3))
+    with pytest.raises(ValueError, match="space=True"):
+        fem.von_mises(np.zeros((4, 2, 2)))
+
+
+def test_von_mises() -> None:
+    """Uniaxial, shear, and nothing under pressure from all sides."""
+    tension, shear, all_around = np.zeros((3, 3, 3))
+    tension[1, 1] = -7.0
+    shear[0, 2] = shear[2, 0] = 2.0
+    all_around[:] = 5 * np.eye(3)
+    found = fem.von_mises([tension, shear, all_around])
+    np.testing.assert_allclose(found, [7.0, 2 * np.sqrt(3), 0.0], rtol=1e-15)
+
+
+def test_internal_forces_are_those_of_the_stiffness() -> None:
+    """K u, found the other way: ∫ σ : ∇φ of the stress of u."""
+    for cell, d in CELLS.items():
+        body = fem.Body("it", mesh(cell, 2), fem.Material(2.0, 0.3, thickness=0.4))
+        u = np.random.default_rng(d).uniform(-1, 1, body.points.size)
+        theirs = fem.stiffness(body) @ u
+        ours = stress.internal_forces(body, stress.stress_at_points(body, u))
+        np.testing.assert_allclose(ours, theirs, atol=1e-12 * np.abs(theirs).max())

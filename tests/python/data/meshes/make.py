@@ -112,6 +112,21 @@ def disk() -> None:
     write("disk.msh", 2, False, 4.1, False)
 
 
+def save_all() -> None:
+    """Two squares of which one has a name, all cells saved."""
+    gmsh.model.add("all")
+    for x in (0, 1):
+        gmsh.model.occ.addRectangle(x, 0, 0, 1, 1)
+    gmsh.model.occ.synchronize()
+    gmsh.model.addPhysicalGroup(2, [1], name="named")
+    gmsh.option.setNumber("Mesh.MeshSizeMin", 1)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 1)
+    gmsh.model.mesh.generate(2)
+    gmsh.option.setNumber("Mesh.SaveAll", 1)
+    write("save_all.msh", 1, False, 4.1, False)
+    gmsh.option.setNumber("Mesh.SaveAll", 0)
+
+
 def main() -> None:
     """All of them."""
     # gmsh writes the name that it is given into some of the files.
@@ -123,6 +138,7 @@ def main() -> None:
         box(name, *given)
     two_bodies()
     disk()
+    save_all()
     gmsh.finalize()
 
 

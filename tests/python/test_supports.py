@@ -1,0 +1,202 @@
+"""Springs and planes of symmetry."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bipot_rs import elements, fem
+
+Floats = NDArray[np.float64]
+CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+STEEL = fem.Material(200.0, 0.3, thickness=0.5)
+
+
+def block(cell: str, degree: int = 1) -> fem.Body:
+    mesh = fem.box([np.linspace(0, 1, 4)] * CELLS[cell], cell)
+    return fem.Body("it", mesh if degree == 1 else elements.second_order(mesh), STEEL)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_spring_resists_a_motion_by_its_stiffness(cell: str, degree: int) -> None:
+    """Moved as a whole, then turned: force k A u, moment of a linear field."""
+    body, d = block(cell, degree), CELLS[cell]
+    depth = 0.5 if d == 2 else 1.0
+    k = np.arange(1.0, d + 1) * 10
+    K = fem.build([body], [], springs=[fem.Spring("it", "top", k)]).K
+    assert (K != K.T).nnz == 0
+    assert K.has_canonical_format
+    assert K.indices.dtype == K.indptr.dtype == np.int32
+    for axis in range(d):
+        u = np.zeros((len(body.points), d))
+        u[:, axis] = 2.0
+        force = (K @ u.ravel()).reshape(-1, d)
+        wanted = np.zeros(d)
+        wanted[axis] = 2.0 * k[axis] * depth
+        np.testing.assert_allclose(force.sum(axis=0), wanted, atol=1e-11)
+        u[:, axis] = body.points[:, 0] * (axis != 0)
+        turning = u[:, axis] @ (K @ u.ravel()).reshape(-1, d)[:, axis]
+        plain = u.ravel() @ (fem.stiffness(body) @ u.ravel())
+        # ∫ k x² over the top of a unit box.
+        assert turning - plain == pytest.approx(
+            k[axis] * depth / 3 * (axis != 0), abs=1e-11
+        )
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_spring_along_the_normal(cell: str) -> None:
+    """On a face that is inclined, with the same in components beside it."""
+    body, d = block(cell), CELLS[cell]
+    turn = np.linalg.qr(np.random.default_rng(d).normal(size=(d, d)))[0]
+    turn[:, 0] *= np.linalg.det(turn)
+    mesh = type(body.mesh)(turn @ body.mesh.p, body.mesh.t, body.mesh.boundaries)
+    inclined = fem.Body("it", mesh, STEEL)
+    k = np.full(d, 3.0)
+    k[-1] = 40.0
+    straight = fem.build([body], [], springs=[fem.Spring("it", "top", k)]).K.toarray()
+    own = fem.Spring("it", "top", normal=40.0, tangential=3.0)
+    other = fem.build([inclined], [], springs=[own]).K
+    assert (other != other.T).nnz == 0
+    block_of = np.kron(np.eye(len(body.points)), turn)
+    back = block_of.T @ other.toarray() @ block_of
+    assert np.abs(back - straight).max() <= 1e-13 * np.abs(straight).max()
+
+
+def test_block_on_springs_in_contact() -> None:
+    """A punch hung on springs, pressed on a plane by moving nothing but its load.
+
+    The spring takes its share: pressed rigidly against the plane, the load is carried by
+    the plane alone; lifted, by the spring alone.
+    """
+    body = block("hexahedron")
+    spring = fem.Spring("it", "top", stiffness=7.0)
+    contact = fem.Contact(
+        "it", "bottom", 0.0, plane=((0, 0, 0), (0, 0, 1)), clearance=0.01
+    )
+    model = fem.build([body], [contact], springs=[spring])
+    problem = model.problem()
+    up = problem.solve(model.traction("it", "top", [0.0, 0.0, 0.7]))
+    assert not up.reaction.any()
+    top = model.displacement_of("it", up.displacement[0])[body.nodes("top")]
+    np.testing.assert_allclose(top[:, 2], 0.1, rtol=1e-9)
+    down = problem.solve(model.traction("it", "top", [0.0, 0.0, -7.0]))
+    # Springs at the top go down by c, and by the shortening of the block besides.
+    top = model.displacement_of("it", down.displacement[0])[body.nodes("top")]
+    pressed = down.reaction[0, :, 0].sum()
+    area = model.area
+    carried = 7.0 * top[:, 2] @ (area / area.sum())  # the faces are split alike
+    assert pressed == pytest.approx(7.0 + carried, rel=1e-8)
+    assert -0.1 < top[:, 2].mean() < -0.01
+    assert pressed > 6.0
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_half_a_body_is_the_body(cell: str, degree: int) -> None:
+    """A block pressed on a plane with friction, and its half with a plane of symmetry."""
+    d = CELLS[cell]
+    if degree == 2 and cell in ("tetrahedron", "triangle"):
+        cell = "hexahedron" if d == 3 else "quadrilateral"
+    results = []
+    for low in (-1.0, 0.0):
+        axes = [np.linspace(low, 1, 5 if low else 3), *[np.linspace(0, 1, 3)] * (d - 1)]
+        mesh = fem.box(axes, cell)
+        if cell in ("triangle", "tetrahedron"):
+            # Diagonals that are not mirrored would differ: mirror the half.
+            right = fem.box([np.linspace(0, 1, 3), *axes[1:]], cell)
+            mesh = right if not low else doubled(right)
+        mesh = mesh if degree == 1 else elements.second_order(mesh)
+        body = fem.Body("it", mesh, STEEL)
+        n = np.eye(d)[-1]
+        contact = fem.Contact("it", "bottom", 0.2, plane=(0 * n, n))
+        symmetries = [] if low else [fem.Symmetry("it", "left")]
+        # Pressed more on the rim than in the middle: the foot spreads and slips.
+        support = fem.Support("it", "top", tuple(range(1, d - 1)))
+        model = fem.build([body], [contact], [support], symmetries=symmetries)
+        load = model.traction(
+            "it", "top", lambda x, n=n: -np.multiply.outer(n, 1 + x[0] ** 2)
+        )
+        result = model.problem().solve(
+            load, model.prescribed([[0.0] * (d - 2)]), tol=1e-12
+        )
+        results.append((model, result))
+    (whole, all_of_it), (half, part) = results
+    nodes = [int(np.argmin(np.abs(whole.points - x).sum(axis=1))) for x in half.points]
+    np.testing.assert_allclose(whole.points[nodes], half.points, atol=1e-14)
+    middle = half.points[:, 0] == 0
+    share = np.where(middle, 0.5, 1.0)
+    np.testing.assert_allclose(half.area, whole.area[nodes] * share, rtol=1e-13)
+    normal = all_of_it.reaction[0, nodes, 0] * share
+    scale = normal.max()
+    np.testing.assert_allclose(part.reaction[0, :, 0], normal, atol=1e-7 * scale)
+    np.testing.assert_allclose(
+        part.reaction[0, ~middle, 1:],
+        all_of_it.reaction[0, nodes][~middle, 1:],
+        atol=1e-7 * scale,
+    )
+    assert 1 in part.status[0]
+
+
+def doubled(right: object) -> object:
+    """A mesh and its mirror image about x = 0, one mesh, with ``bottom`` and ``top``."""
+    p, t = right.p, right.t
+    mirrored = p * np.array([-1.0] + [1.0] * (len(p) - 1))[:, None]
+    both = np.hstack([p, mirrored])
+    _, first, which = np.unique(
+        (both + 0.0).round(9), axis=1, return_index=True, return_inverse=True
+    )
+    cells = which.ravel()[np.hstack([t, t + p.shape[1]])]
+    mesh = type(right)(both[:, first], cells)
+    return mesh.with_boundaries(
+        {
+            "bottom": fem.surface(mesh, within={len(p) - 1: (0, 0)}),
+            "top": fem.surface(mesh, within={len(p) - 1: (1, 1)}),
+        }
+    )
+
+
+def test_supports_and_symmetries_that_disagree() -> None:
+    body = block("triangle")
+    support = fem.Support("it", "left", (0,))
+    model = fem.build([body], [], [support], symmetries=[fem.Symmetry("it", "left")])
+    assert len(model.fixed) == len(body.nodes("left"))
+    np.testing.assert_array_equal(model.prescribed([[0.0]]), 0.0)
+    with pytest.raises(ValueError, match=r"prescribe both .* component 0 .*'left'"):
+        model.prescribed([[0.1]])
+    with pytest.raises(
+        ValueError, match="values are 2, expected one for each of the 1"
+    ):
+        model.prescribed([[0.0], [0.0]])
+
+
+def test_symmetries_that_cannot_be() -> None:
+    mesh = block("quadrilateral").mesh
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    inclined = fem.Body("it", type(mesh)(turn @ mesh.p, mesh.t, mesh.boundaries), STEEL)
+    with pytest.raises(ValueError, match=r"normal \(-?0\.8, -?0\.6\), .*turn the mesh"):
+        fem.build([inclined], [], symmetries=[fem.Symmetry("it", "left")])
+    p = mesh.p.copy()
+    p[0] += 0.1 * p[1] ** 2
+    bent = fem.Body("it", type(mesh)(p, mesh.t, mesh.boundaries), STEEL)
+    with pytest.raises(
+        ValueError, match="the surface is not plane, its nodes lie up to"
+    ):
+        fem.build([bent], [], symmetries=[fem.Symmetry("it", "left")])
+    with pytest.raises(ValueError, match="no body 'that'"):
+        fem.build([bent], [], symmetries=[fem.Symmetry("that", "left")])
+
+
+def test_springs_that_cannot_be() -> None:
+    with pytest.raises(ValueError, match="needs stiffness, or normal and tangential"):
+        fem.Spring("it", "top")
+    with pytest.raises(ValueError, match="needs stiffness, or normal and tangential"):
+        fem.Spring("it", "top", 1.0, normal=2.0)
+    with pytest.raises(ValueError, match="stiffness of the spring on 'top' is -1"):
+        fem.Spring("it", "top", -1.0)
+    with pytest.raises(ValueError, match="expected finite"):
+        fem.Spring("it", "top", normal=np.nan)
+    body = block("triangle")
+    with pytest.raises(ValueError, match=r"shape \(3,\), expected a number or \(2,\)"):
+        fem.build([body], [], springs=[fem.Spring("it", "top", [1.0, 2.0, 3.0])])
+    with pytest.raises(ValueError, match="no surface 'roof'"):
+        fem.build([body], [], springs=[fem.Spring("it", "roof", 1.0)])
