@@ -525,6 +525,7 @@ _FIELDS = (
     "work",
     "rigid_motion",
     "bipotential_gap",
+    "gap",
     "seconds",
 )
 

@@ -239,12 +239,16 @@ class Step(Solution):
         ``None`` in a result that was read from a file.
     traction
         ``reaction / area``, ``(n_c, d)``; ``None`` without areas.
+    gap
+        Gaps of this step, ``(n_c, d)``, where obstacles moved; ``None`` where they are
+        those of the problem.
     """
 
     slip: Array
     load: Array | None = None
     prescribed: Array | None = None
     traction: Array | None = None
+    gap: Array | None = None
     _recover: Callable[[Sequence[Step]], Array] | None = None
     _kept: dict[str, Array] = field(default_factory=dict)
 
@@ -555,6 +559,9 @@ def _from_record(
             raise ValueError(f"{name} has shape {value.shape}, expected {expected}")
         if value.dtype.kind not in "if" or not np.isfinite(value).all():
             raise ValueError(f"{name} holds something else than finite numbers")
+    if "gap" in record and np.shape(record["gap"]) != (contacts, d):
+        found = np.shape(record["gap"])
+        raise ValueError(f"gap has shape {found}, expected {(contacts, d)}")
     status = record["status"]
     if not np.isin(status, list(Status)).all():
         raise ValueError("status holds something else than 0, 1 and 2")

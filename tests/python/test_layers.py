@@ -98,13 +98,16 @@ PYTHON = (
     "global_problem",
     "fclib",
     "elasticity analytic",
+    "closest",
+    "facet_surface rigid_motion",
+    "obstacle",
     "theory.convex",
     "theory.materials",
     "theory.law theory.soils",
     "theory.explicit theory.functionals theory.inequalities theory.inelastic",
     "theory",
     "fem __init__",
-    "schema simplices",
+    "schema simplices inspection",
     "error_map resume scene plot johnson_mercier contact_facets equilibrium",
     "self_stress",
     "discretisation",
@@ -115,7 +118,7 @@ PYTHON = (
     "__main__",
 )
 PYTHON_NAMES = {
-    "meshio": (),
+    "meshio": ("facet_surface",),
     "skfem": ("elasticity",),
     "h5py": ("export", "fclib"),
 }
