@@ -125,14 +125,19 @@ def _without_friction(model: Model) -> Iterator[str]:
     for group, at in _groups(model):
         if not np.any(np.asarray(model.contacts[group].mu) > 0):
             continue
-        mu = model.mu[at].reshape(len(at), -1)
-        lost = int((mu == 0).all(axis=1).sum())
+        lost = int(np.sum(~_rubs(model)[at]))
         if lost:
             yield (
                 f"{lost} of the {counted(at.size, 'node')} of {_named(model, group)} have "
                 "no friction, mu = 0: supports prescribe their tangential displacement, "
                 "which leaves friction nothing to decide"
             )
+
+
+def _rubs(model: Model) -> NDArray[np.bool_]:
+    """Which contact nodes have friction."""
+    rubs = model.mu > 0
+    return rubs if rubs.ndim == 1 else rubs.any(axis=1)
 
 
 def _far(
@@ -202,7 +207,7 @@ def _unheld(model: Model) -> Iterator[str]:
     modes, owner = _modes(model)
     held = [modes[model.fixed]]
     rows = (model.B @ modes).reshape(-1, model.dim, modes.shape[1])
-    rubs = (model.mu.reshape(len(rows), -1) > 0).any(axis=1)
+    rubs = _rubs(model)
     held += [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]
     constraints = np.concatenate(held)
     for members in _meeting(model):

@@ -25,8 +25,9 @@ def slab(
     if turn is not None:
         mesh = type(mesh)(turn @ mesh.p, mesh.t).with_boundaries(mesh.boundaries)
     mesh = type(mesh)(unit * mesh.p, mesh.t).with_boundaries(mesh.boundaries)
-    # A force of one newton in all units.
-    return fem.Body("slab", mesh, fem.Material(E / unit**2, NU))
+    # A newton and, in the plane, a thickness of a metre in all units.
+    steel = fem.Material(E / unit**2, NU, thickness=unit)
+    return fem.Body("slab", mesh, steel)
 
 
 def held(
@@ -73,47 +74,50 @@ def test_gaps_under_a_ball_are_its_parabola_near_by() -> None:
 
 
 def test_hertz_under_a_rigid_cylinder() -> None:
-    """Pressures converge to Hertz's, for the force that the indentation takes.
+    """Pressures converge to Hertz's, for the force that each indentation takes.
 
-    The block is 24 half-widths wide and deep: what its finite size changes in the shape
-    of the pressure is of the order (a/L)², 0.2 %.
+    The block is 80 half-widths wide and deep: what its finite size changes in the shape
+    of the pressure is of the order (a/L)², and what Hertz's parabola leaves out smaller.
     """
-    radius, a = 1.0, 0.05
-    width = 12 * a
-    errors = []
+    radius, a, wide = 10.0, 0.05, 40
+    e_star = analytic.contact_modulus(E, NU)
+    # Where the end of contact falls among the nodes is part of the error: over several
+    # indentations, it is seen in its mean.
+    depths = np.linspace(3.8, 5.1, 8) * a**2 / (2 * radius)
+    way = np.column_stack([0 * depths, -depths])
+    errors, within = [], []
     for n in (4, 8, 16):
         inner = np.linspace(-1.5 * a, 1.5 * a, 3 * n + 1)
-        side = 1.5 * a * (width / (1.5 * a)) ** np.linspace(0, 1, 2 * n + 1)[1:]
+        side = 1.5 * a * (wide / 1.5) ** np.linspace(0, 1, 2 * n + 1)[1:]
         x = np.concatenate([-side, inner, side])
-        y = np.concatenate(
-            [-np.linspace(0, 1.5 * a, 3 * n // 2 + 1), -2 * side[n // 4 :]]
-        )
-        mesh = fem.box([x, y], "quadrilateral")
-        body = fem.Body("slab", mesh, fem.Material(E, NU))
-        # Down by about what makes the half-width a.
-        e_star = analytic.contact_modulus(E, NU)
-        depth = 3.2 * a**2 / (2 * radius)
+        y = np.concatenate([-inner[inner >= 0], -side, -2 * side[-1:]])
+        body = fem.Body("slab", fem.box([x, y], "quadrilateral"), fem.Material(E, NU))
+        roller = ob.Cylinder([0, radius], radius)
         contact = fem.Contact(
-            "slab",
-            "top",
-            0.0,
-            obstacle=ob.Cylinder([0, radius], radius),
-            motion=ob.Motion([[0, -depth]]),
+            "slab", "top", 0.0, obstacle=roller, motion=ob.Motion(way)
         )
         model, problem = held(body, [contact])
-        result = problem.solve(gap=model.gaps(1), tol=TOL)
-        force = -forces(model, result)[0, :, 1].sum()
-        half, peak = analytic.hertz_line(force, radius, e_star)
-        assert half == pytest.approx(a, rel=0.2)
-        expected = analytic.hertz_pressure(model.points[:, 0], half, peak)
-        traction = result.traction
-        assert traction is not None
-        missed = (traction[0, :, 0] - expected) ** 2 * model.area
-        errors.append(np.sqrt(missed.sum() / (expected**2 * model.area).sum()))
-    # The pressure has the slope of a root at its end: order 1 in the mean square, and
-    # where the end falls among the nodes changes it from mesh to mesh.
-    assert errors[0] / errors[2] > 2.5
-    assert errors[2] < 0.03
+        result = problem.solve(gap=model.gaps(len(way)), tol=TOL)
+        assert result.traction is not None
+        missed = []
+        for force, traction in zip(forces(model, result), result.traction, strict=True):
+            half, peak = analytic.hertz_line(-force[:, 1].sum(), radius, e_star)
+            assert half == pytest.approx(a, rel=0.25)
+            expected = analytic.hertz_pressure(model.points[:, 0], half, peak)
+            off = (traction[:, 0] - expected) ** 2 * model.area
+            core = np.abs(model.points[:, 0]) < 0.7 * half
+            missed.append(
+                np.array([off.sum(), off[core].sum()]) / (expected**2 @ model.area)
+            )
+        mean = np.sqrt(np.mean(missed, axis=0))
+        errors.append(mean[0])
+        within.append(mean[1])
+    # The pressure ends with the slope of a root: order 1 in the mean square, a factor of
+    # 4; two thirds of the half-width inside it is smooth, order 2, a factor of 16 down to
+    # (a/L)².
+    assert errors[0] / errors[2] > 3
+    assert within[0] / within[2] > 8
+    assert within[2] < 1 / wide**2
 
 
 def test_hertz_under_a_rigid_sphere() -> None:
@@ -229,7 +233,7 @@ def test_turned_and_in_other_units_it_is_the_same(unit: float) -> None:
 
     def run(turn: np.ndarray, unit: float) -> tuple[np.ndarray, bp.Result]:
         roller = ob.Cylinder(unit * turn @ [0.05, 1.0], unit)
-        wall = ob.Plane(unit * turn @ [0.45, 0], turn @ [-1, 0.5])
+        wall = ob.Plane(unit * turn @ [0.49, 0], turn @ [-1, -0.5])
         motion = ob.Motion(
             unit * (np.array([[0, -0.01], [0.002, -0.02], [0.004, -0.015]]) @ turn.T),
             [0.0, 0.01, 0.0],
@@ -336,9 +340,11 @@ def test_under_a_sphere_of_triangles_forces_converge() -> None:
         c, s = np.cos(0.4), np.sin(0.4)
         x = x @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) + [0, 0, 1.0]
         errors.append(abs(total(ob.Surface(x, faces)) / exact - 1))
-    # Distances are of second order; where a facet lies to the nodes is by chance.
+    # Distances are of second order; how a facet lies to the nodes is by chance.
     assert errors[2] < errors[0] / 6
-    assert errors[2] < 0.02
+    # Force goes with the 3/2 power of the indentation, 0.04; facets lie up to 1.1e-3
+    # within the ball.
+    assert errors[2] < 1.5 * 1.1e-3 / 0.04
 
 
 def test_clearance_adds_in_every_step() -> None:
