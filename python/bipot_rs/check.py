@@ -18,7 +18,9 @@ from bipot_rs.words import counted
 
 Array = NDArray[np.float64]
 
-R, S, T = TypeVar("R"), TypeVar("S"), TypeVar("T")
+R = TypeVar("R")
+S = TypeVar("S")
+T = TypeVar("T")
 
 # NumPy's and Python's numbers, fractions too; not its complex ones, nor its booleans.
 _REAL = numbers.Real

@@ -250,6 +250,15 @@ def test_gaps_that_cannot_be(gap: np.ndarray, message: str) -> None:
 def test_a_gap_of_one_step() -> None:
     with pytest.raises(ValueError, match=r"gap has shape \(2, 6\), expected \(6,\) or"):
         make(2).reduced(gap=np.zeros((2, 6)))
-    # Two bodies that a gap of no width pulls apart, and one that cannot open.
-    below = make(2).existence(gap=np.zeros(6) - 0.1)
-    assert below.verdict == "guaranteed"
+
+
+def test_existence_is_of_the_gaps_of_the_step() -> None:
+    """A contact that nothing can move: closed it has an answer, penetrating none."""
+    K, B = np.eye(2), np.eye(2)
+    problem = bp.ContactProblem(K, B, gap=[0.1], mu=0.3, fixed=[0])
+    assert problem.existence().verdict == "guaranteed"
+    assert problem.existence(gap=[-0.1]).verdict == "none"
+    with pytest.raises(
+        bp.NoEquilibriumError, match="step 1: contact 0 penetrates by 1"
+    ):
+        problem.solve(gap=[[0.1], [-0.1]])

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs import analytic, fem
+from bipot_rs import analytic, fem, scene
 from bipot_rs import obstacle as ob
+from bipot_rs.discretisation import discretisation_error
 from spheres import icosphere
 
 TOL = 1e-12
@@ -345,6 +346,23 @@ def test_under_a_sphere_of_triangles_forces_converge() -> None:
     # Force goes with the 3/2 power of the indentation, 0.04; facets lie up to 1.1e-3
     # within the ball.
     assert errors[2] < 1.5 * 1.1e-3 / 0.04
+
+
+def test_the_error_of_the_mesh_is_proved_over_planes_only() -> None:
+    """Between the nodes another obstacle may stand out."""
+    body = slab(2, cell="triangle")
+    floor = ob.Plane([0, 0], [0, -1])
+    by_formula = ob.Distance(lambda x: -x[:, 1])
+    for shape, says in ((floor, False), (by_formula, True)):
+        down = ob.Motion([[0, -0.01]])
+        contact = fem.Contact("slab", "top", 0.0, obstacle=shape, motion=down)
+        model, problem = held(body, [contact])
+        result = problem.solve(gap=model.gaps(1), tol=TOL)
+        case = scene.Case(model, None, np.zeros((1, len(model.fixed))), np.ones(1))
+        found = discretisation_error(case, result)
+        told = "an obstacle whose shape is known at the nodes only" in found.reasons
+        assert told == says
+        assert found.total > 0
 
 
 def test_clearance_adds_in_every_step() -> None:
