@@ -89,7 +89,8 @@ class Surface:
         self._normal = _normals(x[self._corners])
         self._size = float(np.ptp(x[np.unique(corners)], axis=0).max())
         self._neighbours()
-        self._levels = _levels(x[self._corners])
+        self._middle = x[self._corners].mean(axis=1)
+        self._levels = _levels(x[self._corners], self._middle)
 
     @classmethod
     def from_file(
@@ -205,18 +206,20 @@ class Surface:
         def compare(point: Ints, candidate: Ints) -> None:
             """The best of candidates, which come in the order of their points."""
             for first in range(0, len(point), _AT_ONCE):
-                p, c = (
-                    point[first : first + _AT_ONCE],
-                    candidate[first : first + _AT_ONCE],
-                )
+                p = point[first : first + _AT_ONCE]
+                c = candidate[first : first + _AT_ONCE]
                 y, where = _closest_on(x[p], self._x[self._corners[c]])
                 far = length(x[p] - y)
-                order = np.lexsort((c, far, p))
-                leads = order[np.r_[True, np.diff(p[order]) > 0]]
-                better = leads[far[leads] < best[p[leads]]]
-                to = p[better]
-                best[to], foot[to] = far[better], y[better]
-                facet[to], part[to] = c[better], where[better]
+                start = np.flatnonzero(np.r_[True, np.diff(p) > 0])
+                least = np.minimum.reduceat(far, start)
+                # Of equals the first of each point: written last.
+                leads = np.flatnonzero(
+                    far == np.repeat(least, np.diff([*start, len(p)]))
+                )
+                leads = leads[far[leads] < best[p[leads]]][::-1]
+                to = p[leads]
+                foot[to], facet[to], part[to] = y[leads], c[leads], where[leads]
+                best[to] = far[leads]
 
         # The facet whose middle is nearest, of each size: none farther away counts.
         for members, tree, _ in self._levels:
@@ -224,12 +227,19 @@ class Surface:
             compare(np.arange(len(x)), members[nearest])
         for members, tree, reach in self._levels:
             # Rounding must not lose the facet that was just found.
-            within = (best + reach) * (1 + 1e-12)
-            found = tree.query_ball_point(x, within, return_sorted=False)
+            found = tree.query_ball_point(x, (best + reach) * (1 + 1e-12))
             counts = np.array([len(one) for one in found])
-            if counts.any():
-                flat = np.concatenate([np.asarray(one, np.int64) for one in found])
-                compare(np.repeat(np.arange(len(x)), counts), members[flat])
+            if not counts.any():
+                continue
+            point = np.repeat(np.arange(len(x)), counts)
+            candidate = members[np.concatenate([np.array(c, np.int64) for c in found])]
+            # The ball about the point that nothing nearer leaves lies on one side of its
+            # tangent plane at the foot, and so must some of the facet.
+            way = x - foot
+            from_foot = self._middle[candidate] - foot[point]
+            ahead = _dot(from_foot, way[point]) + reach * best[point]
+            may = ahead >= -1e-12 * self._size * best[point]
+            compare(point[may], candidate[may])
         return foot, facet, part
 
     def _neighbours(self) -> None:
@@ -247,8 +257,10 @@ class Surface:
             self._at_ends()
             return
         ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
-        pairs, edge = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True)
-        edge = edge.reshape(-1)
+        count = len(self._x)
+        number = ends.min(axis=1) * count + ends.max(axis=1)
+        listed, edge = np.unique(number, return_inverse=True)
+        pairs = np.column_stack([listed // count, listed % count])
         along = np.where(ends[:, 0] < ends[:, 1], 1, -1)
         self._same_side(edge, along, pairs)
         owner = np.repeat(np.arange(k), 3)
@@ -306,7 +318,7 @@ def _normals(x: Array) -> Array:
         normal = np.column_stack([sides[:, 0, 1], -sides[:, 0, 0]])
         thin = longest == 0
     else:
-        normal = np.cross(sides[:, 0], sides[:, 1])
+        normal = np.asarray(np.cross(sides[:, 0], sides[:, 1]), np.float64)
         thin = length(normal) <= _THIN * longest**2
     if thin.any():
         at = x[np.argmax(thin)].mean(axis=0)
@@ -328,14 +340,13 @@ def _sums(to: Ints, values: Array, count: int) -> Array:
     return np.asarray(np.divide(sums, size, out=np.zeros_like(sums), where=size > 0))
 
 
-def _levels(x: Array) -> list[tuple[Ints, Any, float]]:
+def _levels(x: Array, middle: Array) -> list[tuple[Ints, Any, float]]:
     """Facets by size, each factor of two a tree of their middles with their reach.
 
     With one tree for all a single large facet would have every small one looked at.
     """
     from scipy.spatial import cKDTree
 
-    middle = x.mean(axis=1)
     reach = length(x - middle[:, None]).max(axis=1)
     size = np.floor(np.log2(reach / reach.max())).astype(np.int64)
     levels = []

@@ -136,8 +136,8 @@ def _without_friction(model: Model) -> Iterator[str]:
 
 def _rubs(model: Model) -> NDArray[np.bool_]:
     """Which contact nodes have friction."""
-    rubs = model.mu > 0
-    return rubs if rubs.ndim == 1 else rubs.any(axis=1)
+    largest = model.mu if model.mu.ndim == 1 else model.mu.max(axis=1)
+    return largest > 0
 
 
 def _far(
