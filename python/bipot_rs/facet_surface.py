@@ -333,9 +333,8 @@ def _sums(to: Ints, values: Array, count: int) -> Array:
 
     Where they cancel, between the two sides of a sheet, they are left at zero.
     """
-    sums = np.stack(
-        [np.bincount(to, column, minlength=count) for column in values.T], axis=1
-    )
+    columns = [np.bincount(to, column, minlength=count) for column in values.T]
+    sums = np.stack(columns, axis=1).astype(np.float64)
     size = length(sums)[:, None]
     return np.asarray(np.divide(sums, size, out=np.zeros_like(sums), where=size > 0))
 
