@@ -194,7 +194,7 @@ class Model:
         return fields
 
     def problem(self, *, num_threads: int | None = None) -> ContactProblem:
-        """Condense: the contact problem of these arrays."""
+        """Condense: the contact problem of these arrays, its obstacles moving as asked."""
         return ContactProblem(
             self.K,
             self.B,
@@ -207,10 +207,11 @@ class Model:
             frame=self.frame,
             coordinates=np.repeat(self.nodes, self.dim, axis=0),
             num_threads=num_threads,
+            gaps=self.moving,
         )
 
     def gaps(self, steps: int) -> Floats | None:
-        """Gaps of a load path, ``gap`` of `ContactProblem.solve`.
+        """Gaps of a load path, ``gap`` of `ContactProblem.solve`; `problem` knows them.
 
         Returns
         -------

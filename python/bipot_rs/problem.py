@@ -23,7 +23,6 @@ from bipot_rs.check import (
     floats,
     frames,
     friction,
-    gaps,
     indices,
     integer,
     settings,
@@ -31,6 +30,7 @@ from bipot_rs.check import (
     together,
 )
 from bipot_rs.check import gap as gap_of_step
+from bipot_rs.check import gaps as gaps_of_steps
 from bipot_rs.check import loads as steps_of
 from bipot_rs.errors import NoEquilibriumError
 from bipot_rs.existence import Existence
@@ -136,6 +136,10 @@ class ContactProblem:
         Whether ``W`` is formed only of contacts that may close, growing in each step
         until no other penetrates. Default: where a body has hundreds of candidates,
         and three in four or more are apart at the start.
+    gaps
+        Gaps of each load step where obstacles move, ``(steps, n_c)`` or
+        ``(steps, n_c, d)``: what `solve` takes for its ``gap`` where it is given none.
+        ``gap`` itself is that of the start.
 
     Raises
     ------
@@ -165,6 +169,7 @@ class ContactProblem:
         loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None = None,
         memory_limit: int | None = None,
         working_set: bool | None = None,
+        gaps: ArrayLike | None = None,
     ) -> None:
         stiffness = csr("K", K)
         contact = csr("B", B)
@@ -205,6 +210,7 @@ class ContactProblem:
         self._mu = coefficients
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
+        self._gaps = None if gaps is None else gaps_of_steps(gaps, contacts, d)
         self._known = _known(loads, n, len(self._fixed))
         limit = memory_limit
         if limit is not None:
@@ -287,7 +293,7 @@ class ContactProblem:
         start
             A `Result` or one of its steps, whose slip history is folded into ``q``.
         gap
-            Gaps of the step, ``(n_c,)`` or ``(n_c, d)``; default those of the problem.
+            Gaps of the step, ``(n_c,)`` or ``(n_c, d)``; default those of the start.
         """
         n, contacts, d = self._shape
         steps = steps_of(load, prescribed, n, len(self._fixed))
@@ -396,8 +402,9 @@ class ContactProblem:
             Called as ``on_step(k, step)`` after each step.
         gap
             Gaps of each step where obstacles move, ``(steps, n_c)`` along the normals
-            or ``(steps, n_c, d)`` by component; of one step also ``(n_c,)``. Totals, in
-            the place of the problem's, and as many rows as the loads have or one. A
+            or ``(steps, n_c, d)`` by component; of one step also ``(n_c,)``; default the
+            ``gaps`` of the problem, or else its ``gap`` in all steps. Totals, and as many
+            rows as the loads have or one. A
             tangential gap is where the body stands relative to its obstacle at
             ``u = 0``: an obstacle that moves by ``s`` along a tangent makes it ``-s``,
             and ``slip`` counts that motion too.
@@ -526,9 +533,12 @@ class ContactProblem:
             loaded = self._known
         else:
             loaded = steps_of(load, prescribed, self._shape[0], len(self._fixed))
-        if gap is None:
+        if gap is not None:
+            offsets = list(gaps_of_steps(gap, *self._shape[1:]))
+        elif self._gaps is not None:
+            offsets = list(self._gaps)
+        else:
             return [(f, u, None) for f, u in loaded]
-        offsets = list(gaps(gap, *self._shape[1:]))
         return together(
             "gap", offsets, "the load path", loaded, lambda g, loads: (*loads, g)
         )
@@ -587,6 +597,7 @@ def solve(
     coordinates: ArrayLike | None = None,
     memory_limit: int | None = None,
     working_set: bool | None = None,
+    gaps: ArrayLike | None = None,
     **settings: Any,
 ) -> Result:
     """``ContactProblem(K, B, ...).solve(load, prescribed, ...)`` in one call.
@@ -608,5 +619,6 @@ def solve(
         coordinates=coordinates,
         memory_limit=memory_limit,
         working_set=working_set,
+        gaps=gaps,
     )
     return problem.solve(load, prescribed, **settings)

@@ -1,5 +1,6 @@
 """Gaps that change along the load path: obstacles that move."""
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ TOL = 1e-13
 SAME = 1e-10
 
 
+@cache
 def setup(dim: int) -> tuple[Body, Any, np.ndarray]:
     """A block held at its top over a plane that falls away."""
     body = block([1.0] * dim, [5] * dim, 1.0, 0.3)
@@ -211,6 +213,17 @@ def test_files_of_steps_hold_the_problem_of_the_step(tmp_path: Path) -> None:
         alone = bp.fclib.read(path)
         assert alone.residual(step.reaction) <= step.tolerance
         close(alone.solve().reaction, step.reaction)
+
+
+def test_a_problem_that_knows_its_gaps() -> None:
+    body, fixed, gap = setup(2)
+    moving = wall(2)[1]
+    told = make(2).solve(gap=moving)
+    given: Any = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
+    found = bp.solve(body.K, body.B, gaps=moving, **given)
+    assert np.array_equal(found.reaction, told.reaction)
+    with pytest.raises(ValueError, match=r"gap has shape \(4, 5\), expected \(6,\)"):
+        bp.solve(body.K, body.B, gaps=np.zeros((4, 5)), **given)
 
 
 def test_one_step_of_loads_or_of_gaps_stands_for_all() -> None:

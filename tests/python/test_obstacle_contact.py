@@ -437,11 +437,22 @@ def test_what_cannot_be(contacts: list[fem.Contact], message: str) -> None:
 
 
 def test_steps_of_obstacles_and_of_loads() -> None:
-    contact = fem.Contact(
-        "slab", "top", 0, obstacle=FLOOR, motion=ob.Motion([[0, 0], [0, 1]])
-    )
-    model = fem.build([slab()], [contact])
+    sinking = ob.Motion([[0, 0], [0, -0.1]])
+    contact = fem.Contact("slab", "top", 0, obstacle=FLOOR, motion=sinking)
+    model, problem = held(slab(), [contact])
     with pytest.raises(
-        ValueError, match="obstacles move through 2 steps, the load path"
+        ValueError, match="obstacles move through 2 steps, the load path has 3"
     ):
         model.gaps(3)
+    # The problem knows that its obstacles move.
+    by_itself, told = problem.solve(), problem.solve(gap=model.gaps(2))
+    assert len(by_itself) == 2
+    assert by_itself.reaction[1, :, 0].min() > 0
+    assert np.array_equal(by_itself.reaction, told.reaction)
+    for paths in (
+        problem.solve_many([{}]),
+        problem.solve_many([{"gap": model.moving}]),
+    ):
+        assert np.array_equal(paths[0].reaction, told.reaction)
+    with pytest.raises(ValueError, match="gap has 2 steps but the load path has 3"):
+        problem.solve(np.zeros((3, model.n)))
