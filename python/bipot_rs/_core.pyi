@@ -82,6 +82,8 @@ class Condensed:
         """What each rigid motion is at the contacts, a row each."""
     def with_mu(self, mu: _Floats) -> Condensed:
         """The same bodies and contacts with other friction coefficients."""
+    def with_gap(self, gap: _Floats) -> Condensed:
+        """The same bodies and contacts with other gaps ``(n_c, d)``."""
 
 @final
 class Path:
@@ -96,12 +98,16 @@ class Path:
         self,
         load: _Floats,
         prescribed: _Floats,
+        gap: _Floats | None,
         method: str,
         tol: float,
         max_iterations: int | None,
         max_seconds: float | None,
     ) -> dict[str, Any]:
-        """One step to the total loads; the path moves on only where it converged."""
+        """One step to the total loads; the path moves on only where it converged.
+
+        Without `gap` the gaps are those of the problem.
+        """
 
 @final
 class Reduced:
@@ -186,7 +192,7 @@ def error_bound_of_step(
 
 def follow(
     paths: list[Path],
-    cases: list[list[tuple[_Floats, _Floats]]],
+    cases: list[list[tuple[_Floats, _Floats, _Floats | None]]],
     method: str,
     tol: float,
     max_iterations: int | None,

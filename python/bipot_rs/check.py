@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numbers
 import operator
-from collections.abc import Sequence
-from typing import Any, NamedTuple, SupportsIndex, cast
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, SupportsIndex, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,10 @@ from bipot_rs import structure
 from bipot_rs.words import counted
 
 Array = NDArray[np.float64]
+
+R = TypeVar("R")
+S = TypeVar("S")
+T = TypeVar("T")
 
 # NumPy's and Python's numbers, fractions too; not its complex ones, nor its booleans.
 _REAL = numbers.Real
@@ -326,20 +330,63 @@ def loads(
             )
         return found[None] if found.ndim == 1 else found
 
-    forces = rows("load", load, n)
-    motions = rows("prescribed", prescribed, fixed)
-    steps = max(len(forces), len(motions))
-    if min(len(forces), len(motions)) == 0:
-        steps = 0
-    elif len(forces) != len(motions) and 1 not in (len(forces), len(motions)):
+    forces = list(rows("load", load, n))
+    motions = list(rows("prescribed", prescribed, fixed))
+    return together("prescribed", motions, "load", forces, lambda u, f: (f, u))
+
+
+def together(
+    what: str,
+    ours: Sequence[S],
+    other: str,
+    theirs: Sequence[T],
+    both: Callable[[S, T], R],
+) -> list[R]:
+    """What is given step by step, put together; of one step it stands for all."""
+    counts = len(ours), len(theirs)
+    steps = 0 if 0 in counts else max(counts)
+    if steps and len(set(counts)) == 2 and 1 not in counts:
         raise ValueError(
-            f"prescribed has {counted(len(motions), 'step')} but load has {len(forces)}: "
+            f"{what} has {counted(len(ours), 'step')} but {other} has {len(theirs)}: "
             "expected as many, or one of them with one"
         )
     return [
-        (forces[min(k, len(forces) - 1)], motions[min(k, len(motions) - 1)])
+        both(ours[min(k, len(ours) - 1)], theirs[min(k, len(theirs) - 1)])
         for k in range(steps)
     ]
+
+
+def gap(value: ArrayLike, contacts: int, d: int) -> Array:
+    """Gaps of contacts ``(n_c,)``, or by component ``(n_c, d)``, as the latter."""
+    found = floats("gap", value)
+    if found.shape not in ((contacts,), (contacts, d)):
+        raise ValueError(
+            f"gap has shape {found.shape}, expected ({contacts},) or ({contacts}, {d})"
+        )
+    return found if found.ndim == 2 else by_component(found, d)
+
+
+def gaps(value: ArrayLike, contacts: int, d: int) -> Array:
+    """Gaps of each step, ``(steps, n_c)`` or ``(steps, n_c, d)``, as the latter.
+
+    Of one step also ``(n_c,)``.
+    """
+    found = floats("gap", value)
+    if found.shape == (contacts,):
+        found = found[None]
+    if found.shape[1:] not in ((contacts,), (contacts, d)):
+        raise ValueError(
+            f"gap has shape {found.shape}, expected ({contacts},), (steps, {contacts}) "
+            f"or (steps, {contacts}, {d})"
+        )
+    return found if found.ndim == 3 else by_component(found, d)
+
+
+def by_component(normal: Array, d: int) -> Array:
+    """Gaps of all components ``(..., d)`` from those along the normals ``(...)``."""
+    whole = np.zeros((*normal.shape, d))
+    whole[..., 0] = normal
+    return whole
 
 
 def settings(

@@ -27,6 +27,7 @@ from bipot_rs.contact_facets import contact_facets, prescribed_facets
 from bipot_rs.elasticity import Floats, Ints, Material
 from bipot_rs.equilibrium import moments
 from bipot_rs.fem import Model
+from bipot_rs.obstacle import Obstacle, Plane
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.scene import Case
@@ -257,6 +258,8 @@ class Estimator:
             reasons.append(
                 "a gap that is known at the nodes and at the middles of edges only"
             )
+        if any(not _flat(contact.obstacle) for contact in model.contacts):
+            reasons.append("an obstacle whose shape is known at the nodes only")
         if limit is not None:
             shear = np.linalg.norm(traction[:, 1:], axis=1)
             if (shear > limit + 1e-9 * shear.max(initial=0.0)).any():
@@ -454,6 +457,11 @@ def _quadratic(clearance: Any) -> bool:
     if not callable(clearance):
         return True
     return getattr(getattr(clearance, "__self__", None), "QUADRATIC", False)
+
+
+def _flat(obstacle: Obstacle | None) -> bool:
+    """Whether the gap is linear between nodes."""
+    return obstacle is None or isinstance(obstacle, Plane)
 
 
 class _Elastic:

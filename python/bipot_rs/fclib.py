@@ -275,7 +275,7 @@ def write_path(
                 "the loads of the result are not known: it was read from a file. Write "
                 "the path where it was solved"
             )
-        reduced = problem.reduced(step.load, step.prescribed, start=before)
+        reduced = problem.reduced(step.load, step.prescribed, before, gap=step.gap)
         u = np.column_stack([step.relative_displacement[:, 0], step.slip])
         path = base.with_name(f"{base.name}-{k:04d}.hdf5")
         title = f"{given.get('title', base.name)}, step {k + 1} of {len(result)}"

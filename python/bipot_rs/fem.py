@@ -43,6 +43,9 @@ from bipot_rs.surfaces import (
     surface,
     with_surfaces,
 )
+from bipot_rs.obstacle import Motion, Obstacle, Plane, approach
+from bipot_rs.problem import ContactProblem
+from bipot_rs.words import counted
 
 __all__ = [
     "FACES",
@@ -88,8 +91,11 @@ class Contact:
     """Nodes of a named surface that may meet an obstacle.
 
     The obstacle is a rigid plane, ``plane = (point, normal)`` with the normal
-    towards the body, or the surface ``against = (body, surface)`` of another
-    body whose nodes lie opposite, one to one. ``clearance`` adds to the gap:
+    towards the body; or another rigid ``obstacle``, as those of `bipot_rs.obstacle`; or
+    the surface ``against = (body, surface)`` of another body whose nodes lie opposite,
+    one to one. Rigid ones move along the load path by ``motion``, a
+    `bipot_rs.obstacle.Motion`. A surface may meet several obstacles, one in each of
+    several contacts. ``clearance`` adds to the gap:
     a number, or a function of the places ``(nodes, d)`` [m]. In space ``mu`` may be
     a pair, friction along the tangents t1 and t2: t1 is then ``axis (d,)``, a direction
     of the material such as its grain, made orthogonal to the normal, and t2 at right
@@ -104,6 +110,8 @@ class Contact:
     clearance: float | Callable[[Floats], ArrayLike] = 0.0
     within: Box | None = None
     axis: ArrayLike | None = None
+    obstacle: Obstacle | None = None
+    motion: Motion | None = None
 
 
 @dataclass(frozen=True)
@@ -129,7 +137,7 @@ class Model:
     offset : tuple of int
         First degree of freedom of each body.
     contact_dofs : (n_c, 2)
-        First degree of freedom of the node and of its partner, -1 for a plane.
+        First degree of freedom of the node and of its partner, -1 for a rigid obstacle.
     contacts : tuple of Contact
         As given to `build`.
     group : (n_c,)
@@ -144,6 +152,8 @@ class Model:
         How many these are.
     springs : tuple of Spring
         Whose stiffness is in K.
+    moving : (steps, n_c, d) or None
+        Gaps of each load step by component, where obstacles move; `gaps` gives them.
     """
 
     bodies: tuple[Body, ...]
@@ -165,6 +175,7 @@ class Model:
     nodes: Floats = field(repr=False)
     symmetries: int = 0
     springs: tuple[Spring, ...] = ()
+    moving: Floats | None = field(default=None, repr=False)
 
     @property
     def n(self) -> int:
@@ -217,7 +228,7 @@ class Model:
         return fields
 
     def problem(self, *, num_threads: int | None = None) -> ContactProblem:
-        """Condense: the contact problem of these arrays."""
+        """Condense: the contact problem of these arrays, its obstacles moving as asked."""
         return ContactProblem(
             self.K,
             self.B,
@@ -230,7 +241,30 @@ class Model:
             frame=self.frame,
             coordinates=np.repeat(self.nodes, self.dim, axis=0),
             num_threads=num_threads,
+            gaps=self.moving,
         )
+
+    def gaps(self, steps: int) -> Floats | None:
+        """Gaps of a load path, ``gap`` of `ContactProblem.solve`; `problem` knows them.
+
+        Returns
+        -------
+        (steps, n_c, d) or None
+            By component [m]: along the normal the distance of the obstacle as it then
+            stands, along the tangents less the way its surface has gone under the node.
+            None where nothing moves.
+
+        Raises
+        ------
+        ValueError
+            The obstacles move through another number of steps.
+        """
+        if self.moving is not None and len(self.moving) != steps:
+            raise ValueError(
+                f"obstacles move through {counted(len(self.moving), 'step')}, the load "
+                f"path has {steps}"
+            )
+        return self.moving
 
     def traction(self, body: str, surface: str, value: Field) -> Floats:
         """Consistent nodal forces ``(n,)`` of a surface traction.
@@ -425,6 +459,7 @@ def build(
         group=group.astype(np.int64),
         support_dofs=tuple(support_dofs),
         dim=dim,
+        moving=_moving(gap, dim, [(c[5], len(c[0])) for c in found]),
         nodes=np.concatenate([body.points for body in bodies]),
         symmetries=len(symmetries),
         springs=tuple(springs),
@@ -490,8 +525,11 @@ def _along(frame: Floats, axis: ArrayLike) -> None:
 
 def _contact(
     bodies: Sequence[Body], offset: Sequence[int], contact: Contact
-) -> tuple[Floats, Floats, Floats, Floats, Ints]:
-    """Points, frames, gaps, areas and first degrees of freedom of one contact."""
+) -> tuple[Floats, Floats, Floats, Floats, Ints, Floats | None]:
+    """Points, frames, gaps, areas and first degrees of freedom of one contact.
+
+    Last the gaps of each step by component, where the obstacle moves.
+    """
     what = f"mu of the contact on {contact.surface!r}"
     if np.ndim(contact.mu) == 1:
         friction(np.asarray(contact.mu)[None], 1, bodies[0].dim, ratio=RATIO)
@@ -512,7 +550,19 @@ def _contact(
     area = body.depth * facets.moment(np.ones(facets.weights.shape))[nodes]
     points = body.points[nodes]
     first = offset[b] + body.dim * nodes
-    if contact.plane is not None and contact.against is None:
+    given = [contact.plane, contact.obstacle, contact.against]
+    missing = ValueError(
+        f"contact on {contact.surface!r} needs one obstacle: plane, obstacle or against"
+    )
+    if sum(one is not None for one in given) > 1:
+        raise missing
+    if contact.motion is not None and contact.against is not None:
+        raise ValueError(
+            f"motion of the contact on {contact.surface!r} was given, but "
+            f"{contact.against} is a surface of another body: move it by supports"
+        )
+    moved = None
+    if contact.plane is not None:
         what = f"plane of the contact on {contact.surface!r}"
         if len(contact.plane) != 2:
             raise ValueError(f"{what} is not a pair of a point and a normal")
@@ -524,8 +574,14 @@ def _contact(
             )
         frame = frames(np.broadcast_to(normal, points.shape), contact.axis)
         partner = np.full(len(nodes), -1, dtype=np.int64)
-        distance = points - point
-    elif contact.against is not None and contact.plane is None:
+        gap = np.einsum("cd,cd->c", frame[:, 0], points - point)
+        if contact.motion is not None:
+            frame, moved = _rigid(contact, Plane(point, normal), points)
+    elif contact.obstacle is not None:
+        frame, moved = _rigid(contact, contact.obstacle, points)
+        partner = np.full(len(nodes), -1, dtype=np.int64)
+        gap = moved[0, :, 0].copy()
+    elif contact.against is not None:
         frame = frames(-_normals(facets)[nodes], contact.axis)
         o = _index(bodies, contact.against[0])
         if o == b:
@@ -534,11 +590,10 @@ def _contact(
         theirs = obstacle.nodes(surface)
         match = _match(points, obstacle.points[theirs], frame, contact)
         partner = offset[o] + obstacle.dim * theirs[match]
-        distance = points - obstacle.points[theirs[match]]
+        between = points - obstacle.points[theirs[match]]
+        gap = np.einsum("cd,cd->c", frame[:, 0], between)
     else:
-        raise ValueError(
-            f"contact on {contact.surface!r} needs one obstacle, plane or against"
-        )
+        raise missing
     extra = contact.clearance
     what = f"clearance of the contact on {contact.surface!r}"
     clearance = floats(what, extra(points) if callable(extra) else extra)
@@ -546,8 +601,54 @@ def _contact(
         raise ValueError(
             f"{what} has shape {clearance.shape}, expected a number or ({len(nodes)},)"
         )
-    gap = np.einsum("cd,cd->c", frame[:, 0], distance) + clearance
-    return points, frame, gap, area, np.stack([first, partner], axis=1)
+    dofs = np.stack([first, partner], axis=1)
+    if contact.motion is None or moved is None:
+        return points, frame, gap + clearance, area, dofs, None
+    moved[:, :, 0] += clearance
+    return points, frame, gap + clearance, area, dofs, moved[1:]
+
+
+def _rigid(
+    contact: Contact, obstacle: Obstacle, points: Floats
+) -> tuple[Floats, Floats]:
+    """Frames, and gaps by component at the start and after each step, of a rigid obstacle."""
+    try:
+        met = approach(obstacle, contact.motion, points)
+    except ValueError as error:
+        raise ValueError(
+            f"obstacle of the contact on {contact.surface!r}: {error}"
+        ) from None
+    frame = frames(met.normal, contact.axis)
+    gaps = -np.einsum("cij,kcj->kci", frame, met.drag)
+    gaps[:, :, 0] = met.distance
+    return frame, gaps
+
+
+def _moving(
+    gap: Floats, dim: int, found: Sequence[tuple[Floats | None, int]]
+) -> Floats | None:
+    """Gaps of each step by component, of all contacts; those at rest keep theirs."""
+    steps = sorted({len(moved) for moved, _ in found if moved is not None})
+    if not steps:
+        return None
+    if len(steps) > 1:
+        raise ValueError(
+            f"obstacles move through {' and '.join(map(str, steps))} steps, expected one "
+            "number"
+        )
+    whole = np.zeros((steps[0], len(gap), dim))
+    whole[:, :, 0] = gap
+    first = 0
+    for moved, count in found:
+        if moved is not None:
+            whole[:, first : first + count] = moved
+        first += count
+    return whole
+
+
+def outward(body: Body, surface: str) -> Floats:
+    """Outward normals at all nodes ``(nodes, d)``, by area; zero off the surface."""
+    return _normals(body.surface(surface))
 
 
 def _refuse_negative_areas(body: Body, surface: str) -> None:

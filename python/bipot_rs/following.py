@@ -22,6 +22,8 @@ from bipot_rs.words import counted
 Contacts = Mapping[str, NDArray[Any] | None]
 Settings = tuple[str, float, int | None, float | None]
 Loads = tuple[Array, Array]
+# Total load, prescribed displacements, and gaps where they are not the problem's.
+Totals = tuple[Array, Array, Array | None]
 
 
 class Following:
@@ -67,15 +69,18 @@ class Following:
             # The inverse of W was made in a step before, and counted as its work.
             self._core.make_inverse()
 
-    def advance(self, load: Array, prescribed: Array) -> Step:
-        """Take one step; raise what ends the path."""
+    def advance(self, load: Array, prescribed: Array, gap: Array | None = None) -> Step:
+        """Take one step; raise what ends the path.
+
+        ``gap (n_c, d)`` are the gaps of the step; without them, the problem's.
+        """
         try:
-            step = self.attempt(load, prescribed)
+            step = self.attempt(load, prescribed, gap)
         except NoEquilibriumError as error:
             raise self.ended(error) from None
         return self._add(step)
 
-    def attempt(self, load: Array, prescribed: Array) -> Step:
+    def attempt(self, load: Array, prescribed: Array, gap: Array | None = None) -> Step:
         """Try a step, which is none of the path's before it is accepted.
 
         Raises
@@ -85,28 +90,36 @@ class Following:
         """
         began = time.perf_counter()
         try:
-            raw = self.path.step(load, prescribed, *self._settings)
+            raw = self.path.step(load, prescribed, gap, *self._settings)
         finally:
             self._seconds["solve"] += time.perf_counter() - began
-        return self._made(raw, load, prescribed)
+        return self._made(raw, load, prescribed, gap)
 
-    def _made(self, raw: dict[str, Any], load: Array, prescribed: Array) -> Step:
+    def _made(
+        self,
+        raw: dict[str, Any],
+        load: Array,
+        prescribed: Array,
+        gap: Array | None = None,
+    ) -> Step:
         """A step that the core has tried."""
         area = self._contacts["area"]
+        core = self._core if gap is None else self._core.with_gap(gap)
         return Step(
             **solution_fields(raw),
             _words=self._words(raw),
             slip=raw["slip"],
             load=load,
             prescribed=prescribed,
+            gap=gap,
             traction=None if area is None else raw["reaction"] / area[:, None],
             _recover=self._recovery,
             _problem=_StepProblem(
-                self._core,
+                core,
                 load,
                 prescribed,
                 self._last,
-                self._tried(load, prescribed),
+                self._tried(core, load, prescribed),
                 area,
             ),
         )
@@ -157,15 +170,15 @@ class Following:
 
     def through(
         self,
-        loads: Sequence[Loads],
+        totals: Sequence[Totals],
         followed: tuple[Sequence[dict[str, Any]], Exception | None],
     ) -> Result:
         """The steps that the core has taken, whatever ended them."""
         raws, error = followed
         try:
-            for raw, (load, prescribed) in zip(raws, loads, strict=False):
+            for raw, asked in zip(raws, totals, strict=False):
                 self._seconds["solve"] += raw["seconds"]
-                self._add(self._made(raw, load, prescribed))
+                self._add(self._made(raw, *asked))
             if isinstance(error, NoEquilibriumError):
                 raise self.ended(error)
             if error is not None:
@@ -174,8 +187,8 @@ class Following:
             return self.result(False, str(failed))
         return self.result()
 
-    def _tried(self, load: Array, prescribed: Array) -> Tried:
-        core, before = self._core, self._last
+    def _tried(self, core: _core.Condensed, load: Array, prescribed: Array) -> Tried:
+        before = self._last
 
         def several(step: Solution) -> bool:
             asked = load, prescribed, before, step.reaction

@@ -527,6 +527,7 @@ _FIELDS = (
     "work",
     "rigid_motion",
     "bipotential_gap",
+    "gap",
     "seconds",
     "s",
     "ahead",

@@ -16,6 +16,7 @@ from bipot_rs.check import (
     RATIO,
     Array,
     Csr,
+    by_component,
     callback,
     choice_of_dimension,
     contact_array,
@@ -27,14 +28,20 @@ from bipot_rs.check import (
     integer,
     settings,
     threads,
+    together,
 )
+from bipot_rs.check import gap as gap_of_step
+from bipot_rs.check import gaps as gaps_of_steps
 from bipot_rs.check import loads as steps_of
 from bipot_rs.errors import NoEquilibriumError
 from bipot_rs.existence import Existence
-from bipot_rs.following import Following, Loads, Settings, state
+from bipot_rs.following import Following, Loads, Settings, Totals, state
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.words import counted
+
+# What a path of several may hold, in words.
+_CASE = "load, prescribed, gap, mu or start"
 
 
 def project(
@@ -130,6 +137,10 @@ class ContactProblem:
         Whether ``W`` is formed only of contacts that may close, growing in each step
         until no other penetrates. Default: where a body has hundreds of candidates,
         and three in four or more are apart at the start.
+    gaps
+        Gaps of each load step where obstacles move, ``(steps, n_c)`` or
+        ``(steps, n_c, d)``: what `solve` takes for its ``gap`` where it is given none.
+        ``gap`` itself is that of the start.
 
     Raises
     ------
@@ -159,6 +170,7 @@ class ContactProblem:
         loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None = None,
         memory_limit: int | None = None,
         working_set: bool | None = None,
+        gaps: ArrayLike | None = None,
     ) -> None:
         stiffness = csr("K", K)
         contact = csr("B", B)
@@ -177,11 +189,7 @@ class ContactProblem:
             )
         contacts = len(offsets)
         d = choice_of_dimension(dim, contacts, contact.shape[0], offsets)
-        whole = np.zeros((contacts, d))
-        if offsets.ndim == 1:
-            whole[:, 0] = offsets
-        else:
-            whole[:] = offsets
+        whole = by_component(offsets, d) if offsets.ndim == 1 else offsets
         areas = None if area is None else floats("area", area, shape=(contacts,))
         if areas is not None and not (areas > 0).all():
             at = int(np.argmin(areas > 0))
@@ -203,6 +211,7 @@ class ContactProblem:
         self._mu = coefficients
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
+        self._gaps = None if gaps is None else gaps_of_steps(gaps, contacts, d)
         self._known = _known(loads, n, len(self._fixed))
         limit = memory_limit
         if limit is not None:
@@ -271,6 +280,8 @@ class ContactProblem:
         load: ArrayLike | None = None,
         prescribed: ArrayLike | None = None,
         start: Result | Step | None = None,
+        *,
+        gap: ArrayLike | None = None,
     ) -> ReducedProblem:
         """The reduced problem (5) of one step, from the unloaded state or from ``start``.
 
@@ -282,6 +293,8 @@ class ContactProblem:
             Totals at the end of the step, ``(n,)`` and ``(len(fixed),)``; missing is zero.
         start
             A `Result` or one of its steps, whose slip history is folded into ``q``.
+        gap
+            Gaps of the step, ``(n_c,)`` or ``(n_c, d)``; default those of the start.
         """
         n, contacts, d = self._shape
         steps = steps_of(load, prescribed, n, len(self._fixed))
@@ -289,7 +302,10 @@ class ContactProblem:
             raise ValueError(
                 f"load and prescribed have {counted(len(steps), 'step')}, expected one"
             )
-        q, modes, force = self._core.free_part(*steps[0])
+        core = self._core
+        if gap is not None:
+            core = core.with_gap(gap_of_step(gap, contacts, d))
+        q, modes, force = core.free_part(*steps[0])
         before = state(start, contacts, d)
         if before is not None:
             q[:, 1:] -= before.relative_displacement[:, 1:]
@@ -311,6 +327,7 @@ class ContactProblem:
         start: Result | Step | None = None,
         *,
         exhaust: bool = False,
+        gap: ArrayLike | None = None,
     ) -> Existence:
         """Whether one step must have an answer, can have none, or may have either.
 
@@ -319,7 +336,7 @@ class ContactProblem:
 
         Parameters
         ----------
-        load, prescribed, start
+        load, prescribed, start, gap
             As in `reduced`.
         exhaust
             As in `ReducedProblem.existence`.
@@ -330,7 +347,7 @@ class ContactProblem:
             A wrong argument, named.
         """
         try:
-            reduced = self.reduced(load, prescribed, start)
+            reduced = self.reduced(load, prescribed, start, gap=gap)
         except NoEquilibriumError as error:
             return Existence(verdict="none", reason=str(error))
         found = reduced.existence(exhaust=exhaust)
@@ -355,6 +372,7 @@ class ContactProblem:
         max_seconds: float | None = None,
         start: Result | Step | None = None,
         on_step: Callable[[int, Step], object] | None = None,
+        gap: ArrayLike | None = None,
     ) -> Result:
         """Follow a load path, step by step, with slip history.
 
@@ -383,6 +401,14 @@ class ContactProblem:
             A `Result` or one of its steps to continue from.
         on_step
             Called as ``on_step(k, step)`` after each step.
+        gap
+            Gaps of each step where obstacles move, ``(steps, n_c)`` along the normals
+            or ``(steps, n_c, d)`` by component; of one step also ``(n_c,)``; default the
+            ``gaps`` of the problem, or else its ``gap`` in all steps. Totals, and as many
+            rows as the loads have or one. A
+            tangential gap is where the body stands relative to its obstacle at
+            ``u = 0``: an obstacle that moves by ``s`` along a tangent makes it ``-s``,
+            and ``slip`` counts that motion too.
 
         Raises
         ------
@@ -399,8 +425,8 @@ class ContactProblem:
         chosen = settings(method, tol, max_iterations, max_seconds)
         callback("on_step", on_step)
         following = self._following(self._core, self._mu, chosen, start)
-        for k, (force, moved) in enumerate(self._totals(load, prescribed)):
-            step = following.advance(force, moved)
+        for k, asked in enumerate(self._totals(load, prescribed, gap)):
+            step = following.advance(*asked)
             if on_step is not None:
                 on_step(k, step)
         return following.result()
@@ -487,8 +513,8 @@ class ContactProblem:
         Parameters
         ----------
         cases
-            Of each path a mapping with any of the keys ``load``, ``prescribed`` and
-            ``start``, as `solve` takes them, and ``mu``, friction coefficients in place
+            Of each path a mapping with any of the keys ``load``, ``prescribed``,
+            ``gap`` and ``start``, as `solve` takes them, and ``mu``, friction coefficients in place
             of the problem's.
         method, tol, max_iterations, max_seconds
             As in `solve`.
@@ -507,7 +533,7 @@ class ContactProblem:
         """
         chosen = settings(method, tol, max_iterations, max_seconds)
         paths: list[Following] = []
-        totals: list[list[Loads]] = []
+        totals: list[list[Totals]] = []
         if not isinstance(cases, Iterable):
             raise TypeError(
                 f"cases is a {type(cases).__name__}, expected mappings, one a path"
@@ -516,18 +542,16 @@ class ContactProblem:
             if not isinstance(case, Mapping):
                 raise TypeError(
                     f"case {k} is a {type(case).__name__}, expected a mapping with "
-                    "load, prescribed, mu or start"
+                    f"{_CASE}"
                 )
-            unknown = sorted(
-                set(map(str, case)) - {"load", "prescribed", "mu", "start"}
-            )
+            known = {"load", "prescribed", "gap", "mu", "start"}
+            unknown = sorted(set(map(str, case)) - known)
             if unknown:
-                raise TypeError(
-                    f"case {k} has {unknown[0]!r}, expected load, prescribed, mu or start"
-                )
+                raise TypeError(f"case {k} has {unknown[0]!r}, expected {_CASE}")
             core, mu = self._core, self._mu
             try:
-                totals.append(self._totals(case.get("load"), case.get("prescribed")))
+                asked = (case.get(name) for name in ("load", "prescribed", "gap"))
+                totals.append(self._totals(*asked))
                 if case.get("mu") is not None:
                     mu = friction(case["mu"], *self._shape[1:], ratio=RATIO)
                     core = core.with_mu(mu)
@@ -537,7 +561,7 @@ class ContactProblem:
                 raise type(error)(f"case {k}: {error}") from None
         followed = _core.follow([path.path for path in paths], totals, *chosen)
         parts = zip(paths, totals, followed, strict=True)
-        return [path.through(loaded, done) for path, loaded, done in parts]
+        return [path.through(asked, done) for path, asked, done in parts]
 
     def update(self, K: Any) -> None:
         """Take another stiffness, in place: other materials or thicknesses.
@@ -569,11 +593,24 @@ class ContactProblem:
         self._seconds = time.perf_counter() - started
 
     def _totals(
-        self, load: ArrayLike | None, prescribed: ArrayLike | None
-    ) -> list[Loads]:
+        self,
+        load: ArrayLike | None,
+        prescribed: ArrayLike | None,
+        gap: ArrayLike | None,
+    ) -> list[Totals]:
         if self._known is not None and load is None and prescribed is None:
-            return self._known
-        return steps_of(load, prescribed, self._shape[0], len(self._fixed))
+            loaded = self._known
+        else:
+            loaded = steps_of(load, prescribed, self._shape[0], len(self._fixed))
+        if gap is not None:
+            offsets = list(gaps_of_steps(gap, *self._shape[1:]))
+        elif self._gaps is not None:
+            offsets = list(self._gaps)
+        else:
+            return [(f, u, None) for f, u in loaded]
+        return together(
+            "gap", offsets, "the load path", loaded, lambda g, loads: (*loads, g)
+        )
 
     def _following(
         self,
@@ -629,6 +666,7 @@ def solve(
     coordinates: ArrayLike | None = None,
     memory_limit: int | None = None,
     working_set: bool | None = None,
+    gaps: ArrayLike | None = None,
     **settings: Any,
 ) -> Result:
     """``ContactProblem(K, B, ...).solve(load, prescribed, ...)`` in one call.
@@ -650,5 +688,6 @@ def solve(
         coordinates=coordinates,
         memory_limit=memory_limit,
         working_set=working_set,
+        gaps=gaps,
     )
     return problem.solve(load, prescribed, **settings)

@@ -242,6 +242,9 @@ class Step(Solution):
     s, ahead
         Where on a path of automatic steps this one ends, and the length that is tried
         next (`ContactProblem.follow`); ``None`` where steps were given.
+    gap
+        Gaps of this step, ``(n_c, d)``, where obstacles moved; ``None`` where they are
+        those of the problem.
     """
 
     slip: Array
@@ -250,6 +253,7 @@ class Step(Solution):
     traction: Array | None = None
     s: float | None = None
     ahead: float | None = None
+    gap: Array | None = None
     _recover: Callable[[Sequence[Step]], Array] | None = None
     _kept: dict[str, Array] = field(default_factory=dict)
 
@@ -571,6 +575,9 @@ def _from_record(
             raise ValueError(f"{name} has shape {value.shape}, expected {expected}")
         if value.dtype.kind not in "if" or not np.isfinite(value).all():
             raise ValueError(f"{name} holds something else than finite numbers")
+    if "gap" in record and np.shape(record["gap"]) != (contacts, d):
+        found = np.shape(record["gap"])
+        raise ValueError(f"gap has shape {found}, expected {(contacts, d)}")
     status = record["status"]
     if not np.isin(status, list(Status)).all():
         raise ValueError("status holds something else than 0, 1 and 2")

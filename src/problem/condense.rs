@@ -247,9 +247,12 @@ impl<const D: usize> Condensed<D> {
         Ok(Self { mu, ..self.clone() })
     }
 
-    /// The same contacts with other gaps, one a contact and finite.
+    /// The same contacts with other gaps, one a contact and finite: [`Problem::with_gap`]
+    /// sees to that.
+    ///
+    /// [`Problem::with_gap`]: crate::problem::candidates::Problem::with_gap
     #[must_use]
-    pub fn with_gap(&self, gap: Vec<[f64; D]>) -> Self {
+    pub(crate) fn with_gap(&self, gap: Vec<[f64; D]>) -> Self {
         Self {
             surface: Arc::new(Surface {
                 gap,

@@ -12,7 +12,6 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::csc::Symmetric;
 use crate::problem::bodies::{Loaded, Loads};
-use crate::problem::border::check_length;
 use crate::problem::candidates::Problem;
 use crate::problem::condense::{Given, Sorted};
 use crate::problem::memory::{self, Budget};
@@ -330,12 +329,13 @@ impl Condensed {
 
     /// The same bodies and contacts with other gaps, as a step has where obstacles move.
     fn with_gap(&self, gap: Matrix<'_>) -> PyResult<Self> {
-        let rows = gap.as_slice()?;
+        let stretch = self.stretch.as_ref();
+        let kind = match &self.kind {
+            Kind::Two(inner) => Kind::Two(moved(inner, stretch, Some(arrays::rows(&gap)?))?),
+            Kind::Three(inner) => Kind::Three(moved(inner, stretch, Some(arrays::rows(&gap)?))?),
+        };
         Ok(Self {
-            kind: match &self.kind {
-                Kind::Two(inner) => Kind::Two(moved(inner, self.stretch.as_ref(), Some(rows))?),
-                Kind::Three(inner) => Kind::Three(moved(inner, self.stretch.as_ref(), Some(rows))?),
-            },
+            kind,
             stretch: self.stretch.clone(),
             num_threads: self.num_threads,
         })
@@ -413,20 +413,18 @@ impl Condensed {
     }
 }
 
-/// The problem of one step: with the gaps of the step, rows one after the other, or
-/// its own where there are none.
+/// The problem of one step: with the gaps of the step, or its own where there are none.
 fn moved<const D: usize>(
     problem: &Arc<Problem<D>>,
     stretch: Option<&Stretch>,
-    gap: Option<&[f64]>,
+    gap: Option<&[[f64; D]]>,
 ) -> Result<Arc<Problem<D>>, Error> {
     let Some(gap) = gap else {
         return Ok(Arc::clone(problem));
     };
-    let rows = gap.as_chunks::<D>().0;
-    check_length("gap", rows.len(), problem.contacts())?;
+    arrays::length("gap", gap.len(), problem.contacts())?;
     Ok(Arc::new(
-        problem.with_gap(times(stretch, rows).into_owned())?,
+        problem.with_gap(times(stretch, gap).into_owned())?,
     ))
 }
 
@@ -550,9 +548,10 @@ impl Path {
     ) -> PyResult<Bound<'py, PyDict>> {
         let settings = settings(method, tol, max_iterations, max_seconds)?;
         let (load, prescribed) = (load.as_slice()?, prescribed.as_slice()?);
-        let gap = gap.as_ref().map(|rows| rows.as_slice()).transpose()?;
+        let gap = gap.as_ref();
         match &mut self.progress {
             Progress::Two(inner, path) => {
+                let gap = gap.map(arrays::rows).transpose()?;
                 let inner = &moved(inner, self.stretch.as_ref(), gap)?;
                 let step = interrupt::run(py, self.num_threads, |stop| {
                     path.advance(inner, load, prescribed, &settings, stop)
@@ -560,6 +559,7 @@ impl Path {
                 step_dict(py, &step, self.stretch.as_ref())
             }
             Progress::Three(inner, path) => {
+                let gap = gap.map(arrays::rows).transpose()?;
                 let inner = &moved(inner, self.stretch.as_ref(), gap)?;
                 let step = interrupt::run(py, self.num_threads, |stop| {
                     path.advance(inner, load, prescribed, &settings, stop)
@@ -580,6 +580,15 @@ type AskedStep<'py> = (Vector<'py>, Vector<'py>, Option<Matrix<'py>>);
 /// The same in memory of ours, gaps row after row.
 type OwnStep = (Vec<f64>, Vec<f64>, Option<Vec<f64>>);
 
+fn own<const D: usize>(steps: &[AskedStep<'_>]) -> PyResult<Vec<OwnStep>> {
+    let step = |(f, u, gap): &AskedStep<'_>| {
+        let gap = gap.as_ref().map(arrays::rows::<D>).transpose()?;
+        let gap = gap.map(|rows| rows.as_flattened().to_vec());
+        Ok((f.as_slice()?.to_vec(), u.as_slice()?.to_vec(), gap))
+    };
+    steps.iter().map(step).collect()
+}
+
 /// Takes several paths through their steps, side by side. Of each the steps taken, of which the last may not
 /// have converged, and the exception that ended it.
 #[pyfunction]
@@ -594,20 +603,19 @@ pub(super) fn follow<'py>(
 ) -> PyResult<Vec<Followed<'py>>> {
     let settings = settings(method, tol, max_iterations, max_seconds)?;
     let num_threads = paths.first().and_then(|path| path.num_threads);
-    let mut loads = Vec::with_capacity(cases.len());
-    for steps in &cases {
-        let own = |(f, u, gap): &AskedStep<'_>| -> PyResult<OwnStep> {
-            let gap = gap.as_ref().map(|rows| rows.as_slice()).transpose()?;
-            let gap = gap.map(<[f64]>::to_vec);
-            Ok((f.as_slice()?.to_vec(), u.as_slice()?.to_vec(), gap))
-        };
-        loads.push(steps.iter().map(own).collect::<PyResult<Vec<_>>>()?);
-    }
+    let asked = paths
+        .iter()
+        .zip(&cases)
+        .map(|(path, steps)| match path.progress {
+            Progress::Two(..) => own::<2>(steps),
+            Progress::Three(..) => own::<3>(steps),
+        });
+    let asked = asked.collect::<PyResult<Vec<_>>>()?;
     let stretches: Vec<_> = paths.iter().map(|path| path.stretch.clone()).collect();
     let all: Vec<&mut Path> = paths.iter_mut().map(|path| &mut **path).collect();
     let followed = interrupt::run(py, num_threads, |stop| {
         all.into_par_iter()
-            .zip(&loads)
+            .zip(&asked)
             .map(|(path, steps)| path.follow(steps, &settings, stop))
             .collect::<Result<Vec<_>, Error>>()
     })?;
@@ -646,7 +654,8 @@ impl Path {
         ) -> Result<(Vec<Step<D>>, Option<Error>), Error> {
             let mut done = Vec::with_capacity(asked.len());
             for (load, prescribed, gap) in asked {
-                let taken = moved(problem, stretch, gap.as_deref())
+                let gap = gap.as_ref().map(|rows| rows.as_chunks::<D>().0);
+                let taken = moved(problem, stretch, gap)
                     .and_then(|of_step| path.advance(&of_step, load, prescribed, settings, stop));
                 match taken {
                     Ok(step) => {

@@ -144,19 +144,20 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
                 _core.Condensed(
                     *arrays, np.zeros(0, np.int64), 1, None, None, None, True
                 )
-            ).step(LOAD, NONE, *limits),
+            ).step(LOAD, NONE, None, *limits),
             [EYE, EYE, GAP, MU],
         ),
         "with_mu": (condensed.with_mu, [MU]),
+        "with_gap": (condensed.with_gap, [GAP]),
         "follow": (
             lambda *loads: _core.follow([_core.Path(condensed)], [[loads]], *limits),
-            [LOAD, NONE],
+            [LOAD, NONE, GAP],
         ),
         "Path": (
-            lambda start: _core.Path(condensed, start).step(LOAD, NONE, *limits),
+            lambda start: _core.Path(condensed, start).step(LOAD, NONE, None, *limits),
             [None],
         ),
-        "step": (lambda *a: _core.Path(condensed).step(*a), [LOAD, NONE, *limits]),
+        "step": (lambda *a: _core.Path(condensed).step(*a), [LOAD, NONE, GAP, *limits]),
         "Reduced": (
             lambda *a: _core.Reduced(*a).solve(*settings),
             [ISLAND, GAP, MU, MODES, np.array([-1.0, 0.1])],

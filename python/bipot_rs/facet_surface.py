@@ -1,0 +1,401 @@
+"""A rigid obstacle of facets: triangles in space, segments in the plane.
+
+The closest point of a facet lies within it, on an edge or at a corner. On which side a
+point is, the normal there tells: that of the facet, the sum of those that meet at an edge,
+and at a corner their sum weighted by angles, which is right for every closed surface
+(Bærentzen & Aanæs 2005).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.check import Array, floats
+from bipot_rs.closest import Closest, length, place, taken
+from bipot_rs.words import counted
+
+Ints = NDArray[np.int64]
+
+# A facet thinner than this share of its longest edge has no normal.
+_THIN = 1e-12
+# Nearer to an edge or a corner than this share of the surface's size, the way to it is
+# rounding, and the normal is the one of the edge.
+_ON = 1e-10
+# Pairs of points and facets that are compared at once: some hundred megabytes.
+_AT_ONCE = 2**19
+
+
+class Surface:
+    """A triangulated surface in space, a polyline in the plane.
+
+    Its normals point to where bodies are: of a triangle by the right hand, as STL has
+    them, of a segment ``(a, b)`` to the right of the way from a to b, out of a polygon
+    that runs counter-clockwise. They are those of the facets: of a smooth surface meshed
+    with size h, distances are right to h² and normals to h.
+
+    A surface may have a border. Beyond it there is nothing to be inside of: such points
+    are outside, however they lie.
+
+    Parameters
+    ----------
+    points
+        ``(m, d)`` [m].
+    facets
+        Corners of each, ``(k, d)``: three of a triangle, two of a segment.
+    flipped
+        Whether the normals are to point the other way.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Shapes or indices that do not fit, a facet without area, neighbours whose normals
+        point to different sides; with the place.
+    """
+
+    def __init__(
+        self, points: ArrayLike, facets: ArrayLike, *, flipped: bool = False
+    ) -> None:
+        x = floats("points of the surface", points, ndim=2)
+        d = x.shape[1]
+        if d not in (2, 3):
+            raise ValueError(
+                f"points of the surface has shape {x.shape}, expected (m, 2) or (m, 3)"
+            )
+        corners = np.asarray(facets)
+        if corners.dtype.kind not in "iu":
+            raise TypeError(
+                f"facets of the surface has entries of type {corners.dtype}, expected "
+                "integers"
+            )
+        if corners.ndim != 2 or corners.shape[1] != d or not len(corners):
+            raise ValueError(
+                f"facets of the surface has shape {corners.shape}, expected (k, {d}), one "
+                "or more"
+            )
+        if corners.min() < 0 or corners.max() >= len(x):
+            bad = corners.min() if corners.min() < 0 else corners.max()
+            raise ValueError(
+                f"facets of the surface hold {bad}, expected 0 to {len(x) - 1}"
+            )
+        corners = corners.astype(np.int64)
+        self._x = x
+        self._corners = corners[:, ::-1].copy() if flipped else corners
+        self._normal = _normals(x[self._corners])
+        self._size = float(np.ptp(x[np.unique(corners)], axis=0).max())
+        self._neighbours()
+        self._middle = x[self._corners].mean(axis=1)
+        self._levels = _levels(x[self._corners], self._middle)
+
+    @classmethod
+    def from_file(
+        cls, path: str | os.PathLike[str], *, flipped: bool = False
+    ) -> Surface:
+        """The triangles of a file, such as ``die.stl``, or where it has none its lines.
+
+        Whatever meshio reads. Corners at one place are one corner, and triangles that
+        then have none left are gone. Lines make a surface in the plane, of x and y.
+
+        Raises
+        ------
+        ImportError
+            meshio is not installed.
+        OSError
+            There is no such file.
+        ValueError
+            It cannot be read, or holds neither.
+        """
+        try:
+            import meshio
+        except ImportError:
+            raise ImportError(
+                "files of surfaces need meshio, which is not installed: "
+                "pip install 'bipot-rs[fem]'",
+                name="meshio",
+            ) from None
+        file = Path(path)
+        if not file.is_file():
+            raise FileNotFoundError(f"there is no file {file}")
+        try:
+            # It takes text for binary at first, and its count of triangles overflows.
+            with np.errstate(over="ignore"):
+                mesh: Any = meshio.read(file)
+        # Readers raise what they like, and one ends the program.
+        except (Exception, SystemExit) as error:  # noqa: BLE001
+            said = " ".join(str(error).split()) or type(error).__name__
+            raise ValueError(f"{file} cannot be read as a surface: {said}") from None
+        for kind, d in (("triangle", 3), ("line", 2)):
+            cells = [block.data for block in mesh.cells if block.type == kind]
+            if cells:
+                x, number = np.unique(
+                    np.asarray(mesh.points, np.float64)[:, :d],
+                    axis=0,
+                    return_inverse=True,
+                )
+                facets = number.reshape(-1)[np.concatenate(cells)]
+                ordered = np.sort(facets, axis=1)
+                whole = (np.diff(ordered, axis=1) > 0).all(axis=1)
+                return cls(x, facets[whole], flipped=flipped)
+        kinds = ", ".join(sorted({block.type for block in mesh.cells})) or "no cells"
+        raise ValueError(
+            f"{file} has {kinds}, expected triangles, or lines in the plane"
+        )
+
+    def __repr__(self) -> str:
+        kind = "triangle" if self.dim == 3 else "segment"
+        border = "" if self.closed else ", with a border"
+        return f"Surface({counted(len(self._corners), kind)}{border})"
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return int(self._x.shape[1])
+
+    @property
+    def closed(self) -> bool:
+        """Whether it has no border."""
+        return not self._border.any()
+
+    def closest(self, points: Array, /) -> Closest:
+        """As `Obstacle`; of two places at one distance either may be taken."""
+        x = taken(points, self.dim)
+        foot = np.empty_like(x)
+        facet = np.empty(len(x), np.int64)
+        part = np.empty(len(x), np.int64)
+        for at in self._portions(x):
+            foot[at], facet[at], part[at] = self._search(x[at])
+        return self._signed(x, foot, facet, part)
+
+    def _signed(self, x: Array, foot: Array, facet: Ints, part: Ints) -> Closest:
+        """Distances with their sign, and the normals: along the way to the foot."""
+        pseudo = self._pseudo[facet, part]
+        way = x - foot
+        far = length(way)
+        across = np.einsum("nd,nd->n", way, pseudo)
+        inside = across < 0
+        # Past a border the way leads aside; below it, it is a normal of the facet.
+        border = self._border[facet, part]
+        below = far - np.abs(np.einsum("nd,nd->n", way, self._normal[facet]))
+        inside &= ~border | (below <= _ON * self._size)
+        sign = np.where(inside, -1.0, 1.0)
+        on = far <= _ON * self._size
+        smooth = (part == 0) | on
+        way = np.where(smooth[:, None], 1.0, way)
+        normal = sign[:, None] * way / length(way)[:, None]
+        normal = np.where(smooth[:, None], pseudo, normal)
+        return Closest(sign * far, normal, foot)
+
+    def _portions(self, x: Array) -> Iterator[slice]:
+        """Points in their order, as many as are compared at once."""
+        step = max(1, _AT_ONCE // 64)
+        for first in range(0, len(x), step):
+            yield slice(first, first + step)
+
+    def _search(self, x: Array) -> tuple[Array, Ints, Ints]:
+        """Closest points, the facets they are on, and which part of them."""
+        foot = np.empty_like(x)
+        facet = np.zeros(len(x), np.int64)
+        part = np.zeros(len(x), np.int64)
+        best = np.full(len(x), np.inf)
+
+        def compare(point: Ints, candidate: Ints) -> None:
+            """The best of candidates, which come in the order of their points."""
+            for first in range(0, len(point), _AT_ONCE):
+                p = point[first : first + _AT_ONCE]
+                c = candidate[first : first + _AT_ONCE]
+                y, where = _closest_on(x[p], self._x[self._corners[c]])
+                far = length(x[p] - y)
+                start = np.flatnonzero(np.r_[True, np.diff(p) > 0])
+                least = np.minimum.reduceat(far, start)
+                # Of equals the first of each point: written last.
+                leads = np.flatnonzero(
+                    far == np.repeat(least, np.diff([*start, len(p)]))
+                )
+                leads = leads[far[leads] < best[p[leads]]][::-1]
+                to = p[leads]
+                foot[to], facet[to], part[to] = y[leads], c[leads], where[leads]
+                best[to] = far[leads]
+
+        # The facet whose middle is nearest, of each size: none farther away counts.
+        for members, tree, _ in self._levels:
+            _, nearest = tree.query(x)
+            compare(np.arange(len(x)), members[nearest])
+        for members, tree, reach in self._levels:
+            # Rounding must not lose the facet that was just found.
+            found = tree.query_ball_point(x, (best + reach) * (1 + 1e-12))
+            counts = np.array([len(one) for one in found])
+            if not counts.any():
+                continue
+            point = np.repeat(np.arange(len(x)), counts)
+            candidate = members[np.concatenate([np.array(c, np.int64) for c in found])]
+            # The ball about the point that nothing nearer leaves lies on one side of its
+            # tangent plane at the foot, and so must some of the facet.
+            way = x - foot
+            from_foot = self._middle[candidate] - foot[point]
+            ahead = _dot(from_foot, way[point]) + reach * best[point]
+            may = ahead >= -1e-12 * self._size * best[point]
+            compare(point[may], candidate[may])
+        return foot, facet, part
+
+    def _neighbours(self) -> None:
+        """Normals of all parts of facets, and which parts lie on the border.
+
+        Part 0 is the inside of a facet; then come its edges, of which edge k leads from
+        corner k to the next, and its corners.
+        """
+        corners, normal = self._corners, self._normal
+        k, d = corners.shape
+        self._pseudo = np.empty((k, 1 + (d if d == 2 else 2 * d), d))
+        self._border = np.zeros(self._pseudo.shape[:2], np.bool_)
+        self._pseudo[:, 0] = normal
+        if d == 2:
+            self._at_ends()
+            return
+        ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+        count = len(self._x)
+        number = ends.min(axis=1) * count + ends.max(axis=1)
+        listed, edge = np.unique(number, return_inverse=True)
+        pairs = np.column_stack([listed // count, listed % count])
+        along = np.where(ends[:, 0] < ends[:, 1], 1, -1)
+        self._same_side(edge, along, pairs)
+        owner = np.repeat(np.arange(k), 3)
+        sums = _sums(edge, normal[owner], len(pairs))
+        self._pseudo[:, 1:4] = sums[edge].reshape(k, 3, 3)
+        alone = np.bincount(edge, minlength=len(pairs)) == 1
+        self._border[:, 1:4] = alone[edge].reshape(k, 3)
+        x = self._x[corners]
+        to = np.roll(x, -1, axis=1) - x
+        fro = np.roll(x, 1, axis=1) - x
+        angle = np.arctan2(length(np.cross(to, fro)), np.einsum("kcd,kcd->kc", to, fro))
+        weighted = angle[:, :, None] * normal[:, None]
+        sums = _sums(corners.ravel(), weighted.reshape(-1, 3), len(self._x))
+        self._pseudo[:, 4:] = sums[corners]
+        ended = np.zeros(len(self._x), np.bool_)
+        ended[pairs[alone]] = True
+        self._border[:, 4:] = ended[corners]
+
+    def _at_ends(self) -> None:
+        """The same in the plane, where segments meet at their ends."""
+        corners = self._corners
+        count = np.zeros((2, len(self._x)), np.int64)
+        for side in (0, 1):
+            np.add.at(count[side], corners[:, side], 1)
+        if (count > 1).any():
+            at = int(np.argmax((count > 1).any(axis=0)))
+            raise ValueError(
+                f"segments of the surface that meet at {place(self._x[at])} have normals "
+                "to different sides: each must go on where the one before ends"
+            )
+        sums = _sums(corners.ravel(), np.repeat(self._normal, 2, axis=0), len(self._x))
+        self._pseudo[:, 1:] = sums[corners]
+        self._border[:, 1:] = (count.sum(axis=0) == 1)[corners]
+
+    def _same_side(self, edge: Ints, along: Ints, pairs: Ints) -> None:
+        """Refuse neighbours whose normals point to different sides."""
+        count = np.bincount(edge, minlength=len(pairs))
+        balance = np.bincount(edge, along, minlength=len(pairs))
+        bad = (count > 1) & (balance != 0)
+        if bad.any():
+            at = int(np.argmax(bad))
+            middle = self._x[pairs[at]].mean(axis=0)
+            raise ValueError(
+                f"{count[at]} triangles of the surface that share the edge at "
+                f"{place(middle)} have normals to different sides: orient them alike, as "
+                "meshing programs do"
+            )
+
+
+def _normals(x: Array) -> Array:
+    """Unit normals of facets with corners ``(k, d, d)``."""
+    sides = np.roll(x, -1, axis=1) - x
+    longest = length(sides).max(axis=1)
+    if x.shape[2] == 2:
+        normal = np.column_stack([sides[:, 0, 1], -sides[:, 0, 0]])
+        thin = longest == 0
+    else:
+        normal = np.asarray(np.cross(sides[:, 0], sides[:, 1]), np.float64)
+        thin = length(normal) <= _THIN * longest**2
+    if thin.any():
+        at = x[np.argmax(thin)].mean(axis=0)
+        raise ValueError(
+            f"the facet of the surface at {place(at)} has no area, and so no normal"
+        )
+    return np.asarray(normal / length(normal)[:, None], np.float64)
+
+
+def _sums(to: Ints, values: Array, count: int) -> Array:
+    """Sums of vectors by where they belong, of length 1.
+
+    Where they cancel, between the two sides of a sheet, they are left at zero.
+    """
+    columns = [np.bincount(to, column, minlength=count) for column in values.T]
+    sums = np.stack(columns, axis=1).astype(np.float64)
+    size = length(sums)[:, None]
+    return np.asarray(np.divide(sums, size, out=np.zeros_like(sums), where=size > 0))
+
+
+def _levels(x: Array, middle: Array) -> list[tuple[Ints, Any, float]]:
+    """Facets by size, each factor of two a tree of their middles with their reach.
+
+    With one tree for all a single large facet would have every small one looked at.
+    """
+    from scipy.spatial import cKDTree
+
+    reach = length(x - middle[:, None]).max(axis=1)
+    size = np.floor(np.log2(reach / reach.max())).astype(np.int64)
+    levels = []
+    for level in np.unique(size):
+        members = np.flatnonzero(size == level)
+        levels.append((members, cKDTree(middle[members]), float(reach[members].max())))
+    return levels
+
+
+def _closest_on(x: Array, corners: Array) -> tuple[Array, Ints]:
+    """Closest points of facets ``(p, d, d)`` to points ``(p, d)``, and their parts."""
+    if x.shape[1] == 2:
+        y, t = _on_segment(x, corners[:, 0], corners[:, 1])
+        return y, np.where(t <= 0, 1, np.where(t >= 1, 2, 0)).astype(np.int64)
+    a, b, c = corners.transpose(1, 0, 2)
+    first, second = b - a, c - a
+    # x - a = s first + t second + normal part, by the normal equations.
+    away = x - a
+    gram = [_dot(p, q) for p, q in ((first, first), (first, second), (second, second))]
+    right = _dot(first, away), _dot(second, away)
+    # Of a thin triangle the determinant is its area squared; by a cross product it does
+    # not cancel.
+    cross = np.cross(first, second)
+    determinant = _dot(cross, cross)
+    s = (gram[2] * right[0] - gram[1] * right[1]) / determinant
+    t = (gram[0] * right[1] - gram[1] * right[0]) / determinant
+    within = (s > 0) & (t > 0) & (s + t < 1)
+    normal = cross / np.sqrt(determinant)[:, None]
+    y = x - _dot(away, normal)[:, None] * normal
+    part = np.zeros(len(x), np.int64)
+    best = np.where(within, -1.0, np.inf)
+    for k, (p, q) in enumerate(((a, b), (b, c), (c, a))):
+        on, along = _on_segment(x, p, q)
+        far = length(x - on)
+        nearer = far < best
+        best = np.where(nearer, far, best)
+        y = np.where(nearer[:, None], on, y)
+        edge = np.where(along <= 0, 4 + k, np.where(along >= 1, 4 + (k + 1) % 3, 1 + k))
+        part = np.where(nearer, edge, part)
+    return np.asarray(y, np.float64), part
+
+
+def _on_segment(x: Array, a: Array, b: Array) -> tuple[Array, Array]:
+    """Closest points of segments, and where along them from 0 to 1."""
+    way = b - a
+    t = np.clip(_dot(x - a, way) / _dot(way, way), 0.0, 1.0)
+    y = a + t[:, None] * way
+    # The corner itself, to the bit: facets that share it agree on it.
+    return np.where((t >= 1)[:, None], b, y), t
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("nd,nd->n", a, b), np.float64)

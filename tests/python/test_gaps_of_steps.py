@@ -1,0 +1,277 @@
+"""Gaps that change along the load path: obstacles that move."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bodies import Body, block
+
+TOL = 1e-13
+# Two answers held to η = 1e-13, of problems whose data differ by the rounding of sums.
+SAME = 1e-10
+
+
+@cache
+def setup(dim: int) -> tuple[Body, Any, np.ndarray]:
+    """A block held at its top over a plane that falls away."""
+    body = block([1.0] * dim, [5] * dim, 1.0, 0.3)
+    fixed = np.concatenate([body.dofs(dim - 1, 1.0, k) for k in range(dim)])
+    gap = 0.03 * np.abs(body.points[:, 0] - 0.4)
+    return body, fixed, gap
+
+
+def make(dim: int, mu: Any = 0.3, **more: Any) -> bp.ContactProblem:
+    body, fixed, gap = setup(dim)
+    return bp.ContactProblem(
+        body.K, body.B, gap=gap, mu=mu, fixed=fixed, area=body.area, **more
+    )
+
+
+def wall(dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """Ways of the obstacle, normal first ``(4, d)``, and the gaps they make.
+
+    It comes up, goes aside, back past the start, and sinks a little.
+    """
+    ways = np.zeros((4, dim))
+    ways[:, 0] = [0.01, 0.01, 0.012, 0.006]
+    ways[:, 1] = [0.0, 0.004, -0.003, -0.002]
+    if dim == 3:
+        ways[:, 2] = [0.0, 0.001, 0.003, 0.0]
+    gap = setup(dim)[2]
+    gaps = np.repeat(-ways[:, None], len(gap), axis=1)
+    gaps[:, :, 0] += gap
+    return ways, gaps
+
+
+def as_supports(dim: int, ways: np.ndarray) -> np.ndarray:
+    """Prescribed displacements of the top that do to the body what the wall does."""
+    fixed = len(setup(dim)[1]) // dim
+    in_axes = np.column_stack([ways[:, 1:], ways[:, 0]])
+    return np.repeat(-in_axes, fixed, axis=1)
+
+
+def close(found: np.ndarray, expected: np.ndarray) -> None:
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=SAME * np.abs(expected).max()
+    )
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_wall_that_moves_is_a_body_that_moves(dim: int) -> None:
+    problem = make(dim)
+    ways, gaps = wall(dim)
+    moving = problem.solve(gap=gaps, tol=TOL)
+    body = problem.solve(prescribed=as_supports(dim, ways), tol=TOL)
+    assert {0, 1, 2} <= set(body.status.ravel().tolist())
+    assert np.array_equal(moving.status, body.status)
+    close(moving.reaction, body.reaction)
+    close(moving.relative_displacement, body.relative_displacement)
+    close(moving.slip, body.slip)
+    # What differs is who moved.
+    shift = np.zeros((dim, len(ways)))
+    shift[:-1], shift[-1] = ways[:, 1:].T, ways[:, 0]
+    n = moving.displacement.shape[1] // dim
+    close(moving.displacement - np.tile(shift.T, n), body.displacement)
+
+
+def test_with_a_working_set_contacts_come_in_that_only_a_step_closes() -> None:
+    body = block([1.0, 1.0], [320, 4], 1.0, 0.3)
+    fixed = np.concatenate([body.dofs(1, 1.0, k) for k in range(2)])
+    x = body.points[:, 0]
+    start = 0.1 + (x - 0.2) ** 2 / 2
+    # A roller that passes by: other contacts close in each step.
+    gaps = np.array([(x - c) ** 2 / 2 - 0.002 for c in (0.2, 0.5, 0.8)])
+    results = []
+    for grow in (True, False):
+        problem = bp.ContactProblem(
+            body.K, body.B, gap=start, mu=0.4, fixed=fixed, working_set=grow
+        )
+        assert (problem.stats["working_set"] is not None) == grow
+        results.append(problem.solve(gap=gaps, tol=TOL))
+    grown, whole = results
+    assert np.array_equal(grown.status, whole.status)
+    assert [x[s != 0].mean().round(1) for s in whole.status] == [0.2, 0.5, 0.8]
+    # Cells as thin as these, 80 to 1, cost both W's three digits more than SAME.
+    for name in ("reaction", "relative_displacement"):
+        expected = getattr(whole, name)
+        within = 1e3 * SAME * np.abs(expected).max()
+        assert np.abs(getattr(grown, name) - expected).max() <= within
+
+
+@pytest.mark.parametrize("mu", [0.3, (0.3, 0.1)])
+def test_the_gaps_of_the_problem_given_again_change_no_bit(mu: Any) -> None:
+    dim = 2 if np.ndim(mu) == 0 else 3
+    gap = setup(dim)[2]
+    friction = mu if dim == 2 else np.tile(mu, (len(gap), 1))
+    problem = make(dim, friction)
+    prescribed = as_supports(dim, wall(dim)[0])
+    without = problem.solve(prescribed=prescribed)
+    given = problem.solve(prescribed=prescribed, gap=gap)
+    for name in ("reaction", "relative_displacement", "slip", "status", "displacement"):
+        assert np.array_equal(getattr(without, name), getattr(given, name))
+    assert without[0].gap is None
+    np.testing.assert_array_equal(given[0].gap[:, 0], gap)
+
+
+@pytest.mark.parametrize("mu", [0.3, (0.3, 0.1)])
+def test_a_step_is_the_problem_with_its_gaps(mu: Any) -> None:
+    """Each step again, by another problem that has the gaps of the step from the start."""
+    dim = 2 if np.ndim(mu) == 0 else 3
+    body, fixed, gap = setup(dim)
+    friction = mu if dim == 2 else np.tile(mu, (len(gap), 1))
+    problem = make(dim, friction)
+    gaps = wall(dim)[1]
+    path = problem.solve(gap=gaps, tol=TOL)
+    before = None
+    for k, step in enumerate(path):
+        own = bp.ContactProblem(
+            body.K, body.B, gap=gaps[k], mu=friction, fixed=fixed, area=body.area
+        )
+        same = own.solve(start=before, tol=TOL)[0]
+        for name in ("reaction", "relative_displacement", "slip", "displacement"):
+            found, expected = getattr(step, name), getattr(same, name)
+            # A state handed over is stretched anew where friction depends on direction.
+            assert np.array_equal(found, expected) or dim == 3, name
+            close(found, expected)
+        assert step.unique == same.unique
+        assert step.error.kind == same.error.kind
+        if dim == 2:
+            assert step.error_estimate == same.error_estimate
+            assert step.error.energy == same.error.energy
+        reduced = problem.reduced(start=before, gap=gaps[k])
+        again = reduced.solve(tol=TOL)
+        close(again.reaction, step.reaction)
+        np.testing.assert_array_equal(reduced.q, own.reduced(start=before).q)
+        before = step
+
+
+def test_history_turns_back() -> None:
+    """A wall that rubs to and fro: friction turns with it, and slip adds up."""
+    problem = make(2)
+    gap = setup(2)[2]
+    there = np.zeros((4, len(gap), 2))
+    there[:, :, 0] = gap - 0.03
+    there[:, :, 1] = -np.array([0.0, 0.05, 0.1, 0.0])[:, None]
+    result = problem.solve(gap=there, tol=TOL)
+    pressed = result.reaction[:, :, 0] > 0
+    drag = 0.3 * result.reaction[:, :, 0]
+    # Far enough that all slide; the wall carries the body along, then takes it back.
+    for k, sense in ((2, 1.0), (3, -1.0)):
+        assert pressed[k].sum() >= 5
+        np.testing.assert_allclose(result.reaction[k, :, 1], sense * drag[k], rtol=1e-9)
+    total = result.slip.sum(axis=0)[:, 0]
+    np.testing.assert_allclose(
+        total, result.relative_displacement[-1, :, 1], rtol=1e-12
+    )
+    # Relative displacement is what the body moved less what the wall did.
+    body = setup(2)[0]
+    moved = (body.B @ result.displacement.T).T.reshape(4, -1, 2)
+    close(result.relative_displacement, moved + there)
+
+
+def test_going_on_in_the_middle_gives_the_same_bits(tmp_path: Path) -> None:
+    problem = make(3)
+    gaps = wall(3)[1]
+    whole = problem.solve(gap=gaps)
+    first = problem.solve(gap=gaps[:2])
+    first.save(tmp_path / "first.h5")
+    read = bp.load(tmp_path / "first.h5")
+    np.testing.assert_array_equal(read[1].gap, gaps[1])
+    for start in (first, read):
+        rest = problem.solve(gap=gaps[2:], start=start)
+        assert np.array_equal(rest.reaction, whole.reaction[2:])
+        assert np.array_equal(rest.slip, whole.slip[2:])
+
+
+def test_paths_side_by_side_have_the_bits_of_one() -> None:
+    problem = make(3)
+    gaps = wall(3)[1]
+    cases = [{"gap": gaps}, {"gap": gaps[:, :, 0], "mu": 0.6}, {"gap": gaps[::-1]}]
+    alone = [
+        problem.solve(gap=gaps),
+        make(3, 0.6).solve(gap=gaps[:, :, 0]),
+        problem.solve(gap=gaps[::-1]),
+    ]
+    for many, one in zip(problem.solve_many(cases), alone, strict=True):
+        assert many.success
+        assert np.array_equal(many.reaction, one.reaction)
+        assert np.array_equal(many.slip, one.slip)
+        assert [step.unique for step in many] == [step.unique for step in one]
+
+
+def test_files_of_steps_hold_the_problem_of_the_step(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    problem = make(2)
+    gaps = wall(2)[1]
+    result = problem.solve(gap=gaps)
+    paths = bp.fclib.write_path(tmp_path / "wall", problem, result)
+    for path, step in zip(paths, result, strict=True):
+        alone = bp.fclib.read(path)
+        assert alone.residual(step.reaction) <= step.tolerance
+        close(alone.solve().reaction, step.reaction)
+
+
+def test_a_problem_that_knows_its_gaps() -> None:
+    body, fixed, gap = setup(2)
+    moving = wall(2)[1]
+    told = make(2).solve(gap=moving)
+    given: Any = {"gap": gap, "mu": 0.3, "fixed": fixed, "area": body.area}
+    found = bp.solve(body.K, body.B, gaps=moving, **given)
+    assert np.array_equal(found.reaction, told.reaction)
+    with pytest.raises(ValueError, match=r"gap has shape \(4, 5\), expected \(6,\)"):
+        bp.solve(body.K, body.B, gaps=np.zeros((4, 5)), **given)
+
+
+def test_one_step_of_loads_or_of_gaps_stands_for_all() -> None:
+    problem = make(2)
+    prescribed = as_supports(2, wall(2)[0])
+    gaps = wall(2)[1]
+    moved = problem.solve(prescribed=prescribed[0], gap=gaps)
+    spelled = problem.solve(prescribed=np.tile(prescribed[0], (4, 1)), gap=gaps)
+    assert np.array_equal(moved.reaction, spelled.reaction)
+    kept = problem.solve(prescribed=prescribed, gap=gaps[1:2])
+    assert len(kept) == 4
+    known = make(2, loads=(None, prescribed))
+    np.testing.assert_array_equal(
+        known.solve(gap=gaps).reaction,
+        problem.solve(prescribed=prescribed, gap=gaps).reaction,
+    )
+
+
+@pytest.mark.parametrize(
+    ("gap", "message"),
+    [
+        (np.zeros(5), r"gap has shape \(5,\), expected \(6,\), \(steps, 6\) or"),
+        (np.zeros((3, 6, 3)), r"gap has shape \(3, 6, 3\)"),
+        (np.zeros((3, 6)), "gap has 3 steps but the load path has 4: expected as many"),
+        (np.full((4, 6), np.nan), r"gap is nan at \(0, 0\), expected finite numbers"),
+    ],
+)
+def test_gaps_that_cannot_be(gap: np.ndarray, message: str) -> None:
+    problem = make(2)
+    prescribed = as_supports(2, wall(2)[0])
+    with pytest.raises(ValueError, match=message):
+        problem.solve(prescribed=prescribed, gap=gap)
+    with pytest.raises(ValueError, match="case 0: gap"):
+        problem.solve_many([{"prescribed": prescribed, "gap": gap}])
+
+
+def test_a_gap_of_one_step() -> None:
+    with pytest.raises(ValueError, match=r"gap has shape \(2, 6\), expected \(6,\) or"):
+        make(2).reduced(gap=np.zeros((2, 6)))
+
+
+def test_existence_is_of_the_gaps_of_the_step() -> None:
+    """A contact that nothing can move: closed it has an answer, penetrating none."""
+    K, B = np.eye(2), np.eye(2)
+    problem = bp.ContactProblem(K, B, gap=[0.1], mu=0.3, fixed=[0])
+    assert problem.existence().verdict == "guaranteed"
+    assert problem.existence(gap=[-0.1]).verdict == "none"
+    with pytest.raises(
+        bp.NoEquilibriumError, match="step 1: contact 0 penetrates by 1"
+    ):
+        problem.solve(gap=[[0.1], [-0.1]])

@@ -1,0 +1,178 @@
+"""What is said of a model before any work, and what is not."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bipot_rs import fem
+from bipot_rs import obstacle as ob
+from bipot_rs.inspection import inspect
+
+FLOOR = ([0, 0, 0], [0, 0, 1.0])
+
+
+def cube(
+    name: str = "a", low: float = 0.0, young: float = 1.0, size: float = 1.0
+) -> fem.Body:
+    g = size * np.linspace(0, 1, 4)
+    return fem.Body(
+        name, fem.box([g, g, size * low + g], "hexahedron"), fem.Material(young, 0.3)
+    )
+
+
+def on(plane: Any = FLOOR, mu: float = 0.3, surface: str = "bottom") -> fem.Contact:
+    return fem.Contact("a", surface, mu, plane=plane)
+
+
+def test_of_a_sound_model_nothing_is_said() -> None:
+    top = fem.Support("a", "top", (0, 1, 2))
+    model = fem.build([cube()], [on()], [top])
+    moved = np.full(len(model.fixed), -0.01)
+    assert inspect(model) == []
+    assert inspect(model, prescribed=moved) == []
+    # A block on a floor with friction: contact can hold it.
+    assert inspect(fem.build([cube()], [on()])) == []
+    # Of a round obstacle, and of a pair.
+    ball = fem.Contact("a", "bottom", 0.1, obstacle=ob.Sphere([0.4, 0.5, -1], 1.0))
+    assert inspect(fem.build([cube()], [ball], [top])) == []
+    pair = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
+    blocks = [cube(), cube("b", -1.0)]
+    ground = fem.Support("b", "bottom", (0, 1, 2))
+    assert inspect(fem.build(blocks, [pair], [ground])) == []
+
+
+def test_penetration() -> None:
+    tilted = ([0, 0, 0.05], [0.05, 0, 1.0])
+    model = fem.build([cube()], [on(tilted)])
+    (said,) = inspect(model)
+    deepest = 0.05 / np.hypot(0.05, 1)
+    assert said == (
+        "12 of the 16 nodes of surface 'bottom' of body 'a' start inside what they may "
+        f"touch, the deepest by {deepest:g} at (0, 0, 0), 5 % of the size of the model: "
+        "the first step presses them out; right for an interference fit, else move the "
+        "body or add a clearance"
+    )
+    # In other units the same; and rounding is none.
+    big = fem.build([cube(size=1e4)], [on(([0, 0, 500], [0.05, 0, 1.0]))])
+    assert inspect(big)[0].startswith("12 of the 16 nodes")
+    assert inspect(fem.build([cube()], [on(([0, 0, 1e-12], [0, 0, 1.0]))])) == []
+
+
+def test_facing_away() -> None:
+    floor = ([0, 0, -0.1], [0, 0, 1.0])
+    model = fem.build([cube()], [on(floor, surface="top")])
+    (said,) = inspect(model)
+    assert said == (
+        "surface 'top' of body 'a' faces away from what it may touch, at all of its 16 "
+        "nodes: is the normal of the obstacle towards the body, and the surface the one "
+        "that meets it?"
+    )
+    # A normal turned round: the body is inside of the floor, too.
+    turned = fem.build([cube()], [on(([0, 0, -0.1], [0, 0, -1.0]))])
+    inside, away = inspect(turned)
+    assert inside.startswith("16 of the 16 nodes of surface 'bottom'")
+    assert away.startswith("surface 'bottom' of body 'a' faces away")
+    # The partner's surface, on the other side of its body.
+    pair = fem.Contact("a", "bottom", 0.1, against=("b", "bottom"))
+    blocks = fem.build([cube(), cube("b", -1.0)], [pair])
+    assert any(
+        s.startswith("surface 'bottom' of body 'b' faces away") for s in inspect(blocks)
+    )
+
+
+def test_never_closing() -> None:
+    top = fem.Support("a", "top", (0, 1, 2))
+    model = fem.build([cube()], [on(([0, 0, -0.2], [0, 0, 1.0]))], [top])
+    moved = np.tile(-0.05, len(model.fixed))
+    assert inspect(model) == []
+    (said,) = inspect(model, prescribed=moved)
+    assert said == (
+        "surface 'bottom' of body 'a' may never touch: its nearest node, at (0, 0, 0), "
+        "stays 0.2 away, and supports move by 0.05 at the most"
+    )
+    assert inspect(model, prescribed=4 * moved) == []
+    (said,) = inspect(model, load=np.ones(model.n))
+    assert said.endswith("stays 0.2 away, 20 % of the size of the model")
+    # An obstacle that comes up closes it.
+    rising = fem.Contact(
+        "a",
+        "bottom",
+        0.3,
+        obstacle=ob.Plane([0, 0, -0.2], [0, 0, 1]),
+        motion=ob.Motion([[0, 0, 0.1], [0, 0, 0.21]]),
+    )
+    model = fem.build([cube()], [rising], [top])
+    assert inspect(model, prescribed=np.zeros((2, len(model.fixed)))) == []
+
+
+def test_friction_that_is_left_out() -> None:
+    side = fem.Support("a", "left", (0, 1))
+    model = fem.build([cube()], [on()], [side])
+    (said,) = inspect(model)
+    assert said == (
+        "4 of the 16 nodes of surface 'bottom' of body 'a' have no friction, mu = 0: "
+        "supports prescribe their tangential displacement, which leaves friction nothing "
+        "to decide"
+    )
+    assert inspect(fem.build([cube()], [on(mu=0.0)], [side])) == []
+
+
+def test_bodies_that_nothing_holds() -> None:
+    alone = inspect(fem.build([cube()], []))
+    (said,) = alone
+    assert said.startswith(
+        "nothing holds body 'a' against translation along x; translation along y; "
+        "translation along z; rotation about"
+    )
+    # On a floor without friction it slides, and turns about the vertical.
+    (said,) = inspect(fem.build([cube()], [on(mu=0.0)]))
+    assert said == (
+        "nothing holds body 'a' against translation along x; translation along y; "
+        "rotation about an axis through (0.5, 0.5, 0.5) along (0, 0, 1): add a support, "
+        "or friction or a contact that stops it"
+    )
+    rail = fem.Support("a", "left", (0, 2))
+    (said,) = inspect(fem.build([cube()], [on(mu=0.0)], [rail]))
+    assert said.startswith("nothing holds body 'a' against translation along y: add")
+
+
+def test_two_bodies_that_move_as_one() -> None:
+    pair = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
+    floor = fem.Contact("b", "bottom", 0.0, plane=([0, 0, -1], [0, 0, 1.0]))
+    apart = fem.Support("b", "left", (0,))
+    model = fem.build([cube(), cube("b", -1.0)], [pair, floor], [apart])
+    (said,) = inspect(model)
+    assert said.startswith(
+        "nothing holds bodies 'a' and 'b' against translation along y:"
+    )
+    # Without friction between them, the upper one slides by itself.
+    slick = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
+    held = fem.Support("b", "left", (0, 1, 2))
+    model = fem.build([cube(), cube("b", -1.0)], [slick, floor], [held])
+    (said,) = inspect(model)
+    assert "'a' and 'b'" in said
+    assert "of body 'a'" in said
+    assert "of body 'b'" not in said
+
+
+@pytest.mark.parametrize(
+    ("young", "size", "says"),
+    [
+        (2.1e11, 100.0, "looks like Pa, and lengths then in m, but the model is 100 "),
+        (2.1e5, 0.04, "looks like MPa, and lengths then in mm, but the model is 0.04 "),
+        (2.1e11, 0.1, None),
+        (2.1e5, 100.0, None),
+        (1.0, 1.0, None),
+    ],
+)
+def test_units(young: float, size: float, says: str | None) -> None:
+    floor = ([0, 0, 0], [0, 0, 1.0])
+    said = inspect(fem.build([cube(young=young, size=size)], [on(floor)]))
+    if says is None:
+        assert said == []
+    else:
+        assert len(said) == 1
+        assert (
+            f"Young's modulus {young:g} of body 'a' {says}across; lengths in" in said[0]
+        )

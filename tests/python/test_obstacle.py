@@ -1,0 +1,394 @@
+"""Rigid obstacles: closest points, signs, normals, and rigid motions."""
+
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bipot_rs import obstacle as ob
+from spheres import icosphere
+
+# Rounding of some ten operations on numbers of size 1.
+EXACT = 1e-14
+
+
+def around(dim: int, count: int = 300, seed: int = 0) -> np.ndarray:
+    """Points at distances 0.6 to 1.5 from the origin."""
+    random = np.random.default_rng(seed)
+    x = random.normal(size=(count, dim))
+    far = random.uniform(0.6, 1.5, count)
+    return x * (far / np.linalg.norm(x, axis=1))[:, None]
+
+
+def square(side: float = 1.0) -> ob.Surface:
+    """The square ``[0, side]²`` in the plane, as its border from outside."""
+    corners = side * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    return ob.Surface(corners, [[0, 1], [1, 2], [2, 3], [3, 0]])
+
+
+def cube() -> ob.Surface:
+    """The cube ``[0, 1]³``, two triangles a face, normals outwards."""
+    x = np.array(list(product((0.0, 1.0), repeat=3)))
+    faces = []
+    for axis, end in product(range(3), (0.0, 1.0)):
+        a, b, c, d = np.flatnonzero(x[:, axis] == end)
+        for triangle in ([a, b, d], [a, d, c]):
+            normal = np.cross(*(x[triangle[k]] - x[triangle[0]] for k in (1, 2)))
+            outwards = normal[axis] * (end - 0.5) > 0
+            faces.append(triangle if outwards else triangle[::-1])
+    return ob.Surface(x, faces)
+
+
+def box_distance(x: np.ndarray) -> np.ndarray:
+    """Signed distance of the unit square or cube, in closed form."""
+    off = np.abs(x - 0.5) - 0.5
+    outside = np.linalg.norm(np.maximum(off, 0), axis=1)
+    return outside + np.minimum(off.max(axis=1), 0)
+
+
+SHAPES: dict[str, tuple[Any, int]] = {
+    "plane": (ob.Plane([0.1, 0.2, 0.3], [1, 2, -2]), 3),
+    "line": (ob.Plane([0.1, 0.2], [3, 4]), 2),
+    "sphere": (ob.Sphere([0.1, 0, 0], 1.0), 3),
+    "cavity": (ob.Sphere([0.1, 0, 0], 1.0, inside=True), 3),
+    "disc": (ob.Cylinder([0.1, 0.2], 0.7), 2),
+    "bar": (ob.Cylinder([0, 0, 0.1], 0.5, axis=[1, 1, 0]), 3),
+    "bore": (ob.Cylinder([0, 0, 0.1], 0.5, axis=[1, 1, 0], inside=True), 3),
+    "square": (square(), 2),
+    "cube": (cube(), 3),
+    "ball of triangles": (ob.Surface(*icosphere(2)), 3),
+    "formula": (ob.Distance(lambda x: np.linalg.norm(x, axis=1) - 1), 3),
+    "two": (ob.Union([ob.Plane([0, 0, -1], [0, 0, 1]), ob.Sphere([0, 0, 0], 0.5)]), 3),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_what_holds_of_every_obstacle(name: str) -> None:
+    shape, dim = SHAPES[name]
+    x = around(dim)
+    distance, normal, foot = shape.closest(x)
+    assert distance.min() < 0 < distance.max()
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, rtol=EXACT)
+    np.testing.assert_allclose(
+        foot, x - distance[:, None] * normal, rtol=0, atol=2 * EXACT
+    )
+    # The foot lies on it, and nothing of it is nearer: |d(x) - d(y)| ≤ |x - y|.
+    assert np.abs(shape.closest(foot).distance).max() <= 1e-9
+    y = around(dim, seed=1)
+    apart = np.linalg.norm(x - y, axis=1)
+    assert (np.abs(distance - shape.closest(y).distance) <= apart + EXACT).all()
+    # Out along the normal the distance grows as fast as one goes.
+    ahead = x + 1e-6 * normal
+    grown = shape.closest(ahead).distance - distance
+    np.testing.assert_allclose(grown, 1e-6, rtol=1e-6)
+
+
+def test_round_ones_by_hand() -> None:
+    found = ob.Sphere([1, 0, 0], 2.0).closest(np.array([[1.0, 0, 5], [1, 1, 0]]))
+    np.testing.assert_allclose(found.distance, [3, -1], rtol=EXACT)
+    np.testing.assert_allclose(found.normal, [[0, 0, 1], [0, 1, 0]], atol=EXACT)
+    found = ob.Cylinder([0, 0, 9], 2.0, axis=[0, 0, -3], inside=True).closest(
+        np.array([[0.0, 1.5, 0], [3, 0, 1e6]])
+    )
+    np.testing.assert_allclose(found.distance, [0.5, -1], rtol=EXACT)
+    np.testing.assert_allclose(found.normal, [[0, -1, 0], [-1, 0, 0]], atol=EXACT)
+
+
+@pytest.mark.parametrize(("shape", "dim"), [(square(), 2), (cube(), 3)])
+def test_corners_and_edges_to_rounding(shape: ob.Surface, dim: int) -> None:
+    """Closed form of a box: faces, edges and corners, from inside and outside."""
+    random = np.random.default_rng(2)
+    x = random.uniform(-1, 2, (2000, dim))
+    found = shape.closest(x)
+    np.testing.assert_allclose(found.distance, box_distance(x), rtol=0, atol=EXACT)
+    assert (found.distance < 0).sum() > 20
+    # On the corner itself the normal leads out along the diagonal.
+    at = shape.closest(np.ones((1, dim)))
+    np.testing.assert_allclose(at.normal, 1 / np.sqrt(dim), rtol=EXACT)
+    assert abs(at.distance[0]) <= EXACT
+
+
+def test_facets_far_smaller_than_others_are_found() -> None:
+    """A big triangle under a fine mesh: of every size the nearest counts."""
+    x, faces = icosphere(3)
+    x = 0.01 * x + [0.3, 0.3, 0.05]
+    ground = np.array([[-5.0, -5, 0], [5, -5, 0], [0, 5, 0]])
+    one = ob.Surface(
+        np.concatenate([x, ground]), np.concatenate([faces, [[642, 643, 644]]])
+    )
+    assert len(x) == 642
+    points = np.random.default_rng(0).uniform([0, 0, 0.001], [0.6, 0.6, 0.1], (3000, 3))
+    ball = ob.Surface(x, faces).closest(points).distance
+    nearest = np.minimum(np.abs(ball), points[:, 2])
+    found = np.abs(one.closest(points).distance)
+    np.testing.assert_allclose(found, nearest, rtol=0, atol=EXACT)
+
+
+def test_closest_points_by_comparing_all() -> None:
+    """A crumpled sheet, its facets of all shapes, against dense samples of each."""
+    random = np.random.default_rng(3)
+    x, faces = icosphere(1)
+    x = x * random.uniform(0.7, 1.3, (len(x), 1))
+    points = around(3, 60)
+    found = ob.Surface(x, faces).closest(points)
+    k = 40
+    grid = np.array([(i, j, k - i - j) for i in range(k + 1) for j in range(k + 1 - i)])
+    samples = np.einsum("gc,fcd->fgd", grid / k, x[faces]).reshape(-1, 3)
+    away = np.linalg.norm(points[:, None] - samples, axis=2).min(axis=1)
+    # Samples are at most a side over k away from any point, which is farther off by
+    # the square of that over the distance.
+    assert (np.abs(found.distance) <= away + EXACT).all()
+    side = 1.3 / k
+    assert (away**2 <= found.distance**2 + side**2).all()
+    # The sign, by the solid angle under which the surface is seen: 4π inside, else 0.
+    a, b, c = (x[faces][:, i] - points[:, None] for i in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+    triple = np.einsum("pfd,pfd->pf", a, np.cross(b, c))
+    dots = [np.einsum("pfd,pfd->pf", v, w) for v, w in ((a, b), (b, c), (c, a))]
+    below = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
+    angle = 2 * np.arctan2(triple, below).sum(axis=1)
+    assert np.array_equal(found.distance < 0, angle > 2 * np.pi)
+
+
+def test_a_sphere_of_triangles_converges() -> None:
+    """Distances to second order in the size of the triangles, normals to first."""
+    x = around(3)
+    exact = ob.Sphere([0, 0, 0], 1.0).closest(x)
+    errors, angles = [], []
+    for halvings in range(1, 5):
+        found = ob.Surface(*icosphere(halvings)).closest(x)
+        errors.append(np.abs(found.distance - exact.distance).max())
+        angles.append(np.abs(found.normal - exact.normal).max())
+        # Inscribed: no facet sticks out.
+        assert (found.distance >= exact.distance - EXACT).all()
+    order = np.log2(np.divide(errors[:-1], errors[1:]))
+    # The first meshes are coarse, and the maximum is over some points only.
+    assert (order > 1.85).all()
+    assert order[-1] == pytest.approx(2, abs=0.1)
+    assert np.log2(angles[0] / angles[-1]) / 3 == pytest.approx(1, abs=0.25)
+
+
+def test_beyond_a_border_is_outside() -> None:
+    sheet = ob.Surface(
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]]
+    )
+    assert not sheet.closed
+    assert cube().closed
+    x = np.array(
+        [[0.4, 0.5, -0.1], [1.0, 0.5, -0.1], [1.5, 0.5, -0.1], [0.4, 0.5, 0.2]]
+    )
+    found = sheet.closest(x)
+    # Under it, straight under its border, beyond it a little lower, above it.
+    np.testing.assert_allclose(
+        found.distance, [-0.1, -0.1, np.hypot(0.5, 0.1), 0.2], rtol=EXACT
+    )
+    np.testing.assert_allclose(found.normal[[0, 1, 3]], [[0, 0, 1]] * 3, atol=EXACT)
+    line = ob.Surface([[1, 0], [0, 0]], [[0, 1]])
+    found = line.closest(np.array([[0.5, 0.1], [0.5, -0.1], [1.5, -0.1]]))
+    np.testing.assert_allclose(
+        found.distance, [0.1, -0.1, np.hypot(0.5, 0.1)], rtol=EXACT
+    )
+
+
+def test_flipped_it_is_a_die() -> None:
+    x = np.array([[0.5, 0.5, 0.9]])
+    faces = cube()._corners
+    die = ob.Surface(cube()._x, faces, flipped=True).closest(x)
+    assert die.distance[0] == pytest.approx(0.1, rel=1e-13)
+    np.testing.assert_allclose(die.normal, [[0, 0, -1]], atol=EXACT)
+
+
+@pytest.mark.parametrize("binary", [True, False])
+def test_stl(tmp_path: Path, binary: bool) -> None:
+    meshio = pytest.importorskip("meshio")
+    x, faces = icosphere(2)
+    file = tmp_path / "ball.stl"
+    meshio.Mesh(x, [("triangle", faces)]).write(file, binary=binary)
+    read = ob.Surface.from_file(file)
+    # Each triangle has corners of its own in the file: here they are one again.
+    assert read.closed
+    assert repr(read) == "Surface(320 triangles)"
+    points = around(3)
+    there, here = read.closest(points), ob.Surface(x, faces).closest(points)
+    # Binary STL has numbers of 32 bits.
+    np.testing.assert_allclose(there.distance, here.distance, rtol=0, atol=2e-7)
+
+
+def test_files_that_are_no_surface(tmp_path: Path) -> None:
+    meshio = pytest.importorskip("meshio")
+    with pytest.raises(FileNotFoundError, match=r"there is no file .*none\.stl"):
+        ob.Surface.from_file(tmp_path / "none.stl")
+    (tmp_path / "bad.vtk").write_text("nothing of the kind")
+    with pytest.raises(ValueError, match=r"bad\.vtk cannot be read as a surface: "):
+        ob.Surface.from_file(tmp_path / "bad.vtk")
+    meshio.Mesh(np.zeros((1, 3)), [("vertex", [[0]])]).write(tmp_path / "dot.vtk")
+    with pytest.raises(ValueError, match=r"has vertex, expected triangles"):
+        ob.Surface.from_file(tmp_path / "dot.vtk")
+    line = np.array([[0.0, 0, 0], [1, 0, 0], [2, 1, 0]])
+    meshio.Mesh(line, [("line", [[0, 1], [1, 2]])]).write(tmp_path / "line.vtk")
+    assert repr(ob.Surface.from_file(tmp_path / "line.vtk")) == (
+        "Surface(2 segments, with a border)"
+    )
+
+
+def test_a_distance_by_its_formula() -> None:
+    """Against the sphere: by differences, and by a gradient that is given."""
+    x = around(3)
+    exact = ob.Sphere([0, 0, 0], 1.0).closest(x)
+    plain = ob.Distance(lambda x: np.linalg.norm(x, axis=1) - 1).closest(x)
+    # Fourth order: (3e-3)⁴ over 1/0.6 of curvature, and its rounding.
+    np.testing.assert_allclose(plain.normal, exact.normal, rtol=0, atol=1e-9)
+    given = ob.Distance(
+        lambda x: np.linalg.norm(x, axis=1) - 1,
+        lambda x: x / np.linalg.norm(x, axis=1, keepdims=True),
+    ).closest(x)
+    np.testing.assert_allclose(given.foot, exact.foot, rtol=0, atol=EXACT)
+
+
+def test_of_several_the_nearest() -> None:
+    floor, ball = ob.Plane([0, 0, 0], [0, 0, 1]), ob.Sphere([0, 0, 1], 0.5)
+    x = np.array([[0, 0, 2.0], [3, 0, 0.2], [0, 0, 0.1]])
+    found = ob.Union([floor, ball]).closest(x)
+    np.testing.assert_allclose(found.distance, [0.5, 0.2, 0.1], rtol=EXACT)
+    np.testing.assert_allclose(found.normal, [[0, 0, 1]] * 3, atol=EXACT)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ob.Plane([0, 0], [0, 0]), "normal of the plane is zero"),
+        (lambda: ob.Plane([0, 0], [0, 0, 1]), r"point of the plane has shape \(2,\)"),
+        (lambda: ob.Sphere([0, 0, 0], 0), "radius of the sphere is 0, expected"),
+        (lambda: ob.Cylinder([0, 0, 0], 1.0), "axis of the cylinder is missing"),
+        (
+            lambda: ob.Cylinder([0, 0], 1.0, [0, 0, 1]),
+            "axis .* was given, in the plane",
+        ),
+        (lambda: ob.Union([]), "obstacles is empty"),
+        (
+            lambda: ob.Union([ob.Sphere([0, 0], 1), ob.Sphere([0, 0, 0], 1)]),
+            "mix two and three",
+        ),
+        (
+            lambda: ob.Sphere([0, 1, 0], 1.0).closest(np.array([[0, 1.0, 0]])),
+            r"the point \(0, 1, 0\) is at the centre of the sphere: no normal",
+        ),
+        (
+            lambda: ob.Cylinder([0, 0, 0], 1.0, [0, 0, 1]).closest(np.eye(3)),
+            r"the point \(0, 0, 1\) is at the axis of the cylinder: no normal",
+        ),
+        (
+            lambda: ob.Distance(lambda x: (x**2).sum(axis=1) - 1).closest(around(3)),
+            "the gradient of the distance has length .*, expected 1 to 1e-06",
+        ),
+        (
+            lambda: ob.Distance(
+                lambda x: np.linalg.norm(x, axis=1) - 1,
+                lambda x: np.eye(3)[[0] * len(x)],
+            ).closest(around(3)),
+            "but so far along its gradient, .* and not zero",
+        ),
+        (
+            lambda: ob.Surface([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]),
+            r"the facet of the surface at \(1, 0, 0\) has no area",
+        ),
+        (
+            lambda: ob.Surface(np.eye(4)[:, :3], [[0, 1, 2], [0, 1, 3]]),
+            r"2 triangles .* the edge at \(0.5, 0.5, 0\) have normals to different sides",
+        ),
+        (
+            lambda: ob.Surface([[0, 0], [1, 0], [2, 0]], [[0, 1], [2, 1]]),
+            r"segments .* meet at \(1, 0\) have normals to different sides",
+        ),
+        (
+            lambda: ob.Surface(np.eye(3), [[0, 1, 3]]),
+            "facets .* hold 3, expected 0 to 2",
+        ),
+        (lambda: ob.Surface(np.eye(3), np.zeros((0, 3), int)), "one or more"),
+        (lambda: ob.Motion(), "neither translation nor rotation"),
+        (lambda: ob.Motion(rotation=[1.0], about=[0, 0, 0]), "axis is missing"),
+        (
+            lambda: ob.Motion([[0, 0]], rotation=[1.0, 2.0]),
+            "rotation has 2 steps but translation has 1",
+        ),
+        (lambda: ob.Motion([[0, 0]], about=[0, 0, 0]), "about .* has 3 components"),
+        (lambda: ob.Plane([0, 0], [0, 1]).closest(np.eye(3)), r"expected \(n, 2\)"),
+    ],
+)
+def test_what_cannot_be(make: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_moving_and_back(dim: int) -> None:
+    """`back` undoes the motion, which is rigid and carries the pole by its translation."""
+    random = np.random.default_rng(5)
+    axis = None if dim == 2 else [1.0, 2.0, -1.0]
+    about = random.normal(size=dim)
+    shift = random.normal(size=(3, dim))
+    motion = ob.Motion(shift, [0.3, -2.0, 4.0], about, axis)
+    assert (motion.dim, motion.steps) == (dim, 3)
+    x = random.normal(size=(20, dim))
+    for k in (1, 2, 3):
+        seen = motion.back(x, k)
+        np.testing.assert_allclose(
+            motion.forwards(seen - about, k) + about + shift[k - 1], x, atol=4 * EXACT
+        )
+        lengths = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in (x, seen)]
+        np.testing.assert_allclose(*lengths, rtol=10 * EXACT)
+    # A right angle, by the right hand.
+    turn = ob.Motion(rotation=[np.pi / 2], axis=None if dim == 2 else [0, 0, 1])
+    np.testing.assert_allclose(
+        turn.forwards(np.eye(dim)[:1], 1), np.eye(dim)[1:2], atol=EXACT
+    )
+    assert np.array_equal(motion.back(x, 0), x)
+
+
+def test_a_roller_in_place_drags_by_its_circumference() -> None:
+    roller = ob.Cylinder([0, 1], 1.0)
+    turn = ob.Motion(rotation=[0.5, 2.0, 9.0], about=[0, 1])
+    x = np.array([[0.0, -0.1], [0.0, 0.0]])
+    met = ob.approach(roller, turn, x)
+    np.testing.assert_allclose(met.distance, [[0.1, 0.0]] * 4, atol=EXACT)
+    # Counter-clockwise its lowest point goes to the right, by ω r whatever the steps.
+    expected = np.array([0.0, 0.5, 2.0, 9.0])
+    np.testing.assert_allclose(met.drag[:, 1, 0], expected, rtol=EXACT)
+    np.testing.assert_allclose(met.drag[:, 1, 1], 0, atol=9 * EXACT)
+
+
+@pytest.mark.parametrize("steps", [1, 7])
+def test_a_roller_that_rolls_drags_nothing(steps: int) -> None:
+    way = np.linspace(0, 3, steps + 1)[1:]
+    rolling = ob.Motion(
+        np.column_stack([way, 0 * way, 0 * way]),
+        way / 2,
+        about=[0, 0, 2],
+        axis=[0, 1, 0],
+    )
+    roller = ob.Cylinder([0, 0, 2], 2.0, axis=[0, 1, 0])
+    met = ob.approach(roller, rolling, np.array([[3.0, 0.4, 0.0]]))
+    # It ends above the node, which its normal and its distance then belong to.
+    assert met.distance[-1, 0] == pytest.approx(0, abs=EXACT)
+    np.testing.assert_allclose(met.normal, [[0, 0, -1]], atol=EXACT)
+    under = ob.approach(
+        ob.Plane([0, 0, 0], [0, 0, -1]), rolling, np.array([[1.5, 0.4, 0.0]])
+    )
+    assert under.drag.shape == (steps + 1, 1, 3)
+    feet = np.array([[[3.0, 0.4, 0]], [[3.0, 0.4, 0]]])
+    feet[0, 0, 0] -= way[-1] - (way[-2] if steps > 1 else 0)
+    np.testing.assert_allclose(rolling.drag(feet, steps), 0, atol=4 * EXACT)
+
+
+def test_the_normal_is_that_of_the_nearest_approach() -> None:
+    """A ball that comes from one side, passes over a node, and is gone."""
+    ball = ob.Sphere([-5, 0, 1], 1.0)
+    passing = ob.Motion([[3, 0, 0], [5, 0, 0], [9, 0, 0]])
+    met = ob.approach(ball, passing, np.array([[0.0, 0, -0.1]]))
+    np.testing.assert_allclose(met.normal, [[0, 0, -1]], atol=EXACT)
+    np.testing.assert_allclose(
+        met.drag[:, 0], [[0, 0, 0], [3, 0, 0], [5, 0, 0], [9, 0, 0]]
+    )
+    assert np.argmin(met.distance[:, 0]) == 2

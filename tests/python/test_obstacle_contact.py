@@ -1,0 +1,458 @@
+"""Elastic bodies against rigid obstacles that have a shape and move."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs import analytic, fem, scene
+from bipot_rs import obstacle as ob
+from bipot_rs.discretisation import discretisation_error
+from spheres import icosphere
+
+TOL = 1e-12
+# Two answers held to η = 1e-12, over the smallest force that counts.
+SAME = 1e-9
+E, NU = 1000.0, 0.3
+
+
+def slab(
+    n: int = 8, dim: int = 2, turn: Any = None, unit: float = 1.0, cell: str = ""
+) -> fem.Body:
+    """A unit square or cube, top at zero, turned and in units of length of our choice."""
+    axes = [np.linspace(-0.5, 0.5, n + 1)] * (dim - 1) + [np.linspace(-1, 0, n + 1)]
+    mesh = fem.box(axes, cell or ("quadrilateral" if dim == 2 else "hexahedron"))
+    if turn is not None:
+        mesh = type(mesh)(turn @ mesh.p, mesh.t).with_boundaries(mesh.boundaries)
+    mesh = type(mesh)(unit * mesh.p, mesh.t).with_boundaries(mesh.boundaries)
+    # A newton and, in the plane, a thickness of a metre in all units.
+    steel = fem.Material(E / unit**2, NU, thickness=unit)
+    return fem.Body("slab", mesh, steel)
+
+
+def held(
+    body: fem.Body, contacts: list[fem.Contact], **more: Any
+) -> tuple[fem.Model, bp.ContactProblem]:
+    """On a ground that holds it from below."""
+    ground = fem.Support("slab", "bottom", tuple(range(body.dim)))
+    model = fem.build([body], contacts, [ground])
+    return model, model.problem(**more)
+
+
+def forces(model: fem.Model, result: bp.Result) -> np.ndarray:
+    """Contact forces on the nodes in global components, ``(steps, n_c, d)``."""
+    return np.einsum("kci,cij->kcj", result.reaction, model.frame)
+
+
+def test_a_plane_by_either_name() -> None:
+    plane = ([0.1, 0.2, 0.3], [1.0, 2.0, -4.0])
+    body = slab(3, 3)
+    by = [
+        fem.build([body], [fem.Contact("slab", "top", 0.3, plane=plane)]),
+        fem.build([body], [fem.Contact("slab", "top", 0.3, obstacle=ob.Plane(*plane))]),
+    ]
+    np.testing.assert_allclose(by[0].gap, by[1].gap, rtol=1e-14)
+    np.testing.assert_allclose(by[0].frame, by[1].frame, rtol=0, atol=1e-15)
+    assert by[0].gaps(3) is None
+    assert by[1].gaps(3) is None
+
+
+def test_gaps_under_a_ball_are_its_parabola_near_by() -> None:
+    """The distance is r²/2R along the axis, to the fourth order in r/R."""
+    ball = ob.Sphere([0, 0, 2.0], 2.0)
+    errors = []
+    for size in (1.0, 0.5, 0.25):
+        body = slab(4, 3, unit=size)
+        model = fem.build([body], [fem.Contact("slab", "top", 0.0, obstacle=ball)])
+        x = model.points[:, :2]
+        errors.append(np.abs(model.gap - (x**2).sum(axis=1) / 4).max())
+        # From the obstacle towards the body: down, and out to the sides.
+        towards = model.points - [0, 0, 2.0]
+        towards /= np.linalg.norm(towards, axis=1)[:, None]
+        np.testing.assert_allclose(model.frame[:, 0], towards, atol=1e-15)
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(4, abs=0.15)
+
+
+def test_hertz_under_a_rigid_cylinder() -> None:
+    """Pressures converge to Hertz's, for the force that each indentation takes.
+
+    The block is 80 half-widths wide and deep: what its finite size changes in the shape
+    of the pressure is of the order (a/L)², and what Hertz's parabola leaves out smaller.
+    """
+    radius, a, wide = 10.0, 0.05, 40
+    e_star = analytic.contact_modulus(E, NU)
+    # Where the end of contact falls among the nodes is part of the error: over several
+    # indentations, it is seen in its mean.
+    depths = np.linspace(3.8, 5.1, 8) * a**2 / (2 * radius)
+    way = np.column_stack([0 * depths, -depths])
+    errors, within = [], []
+    for n in (4, 8, 16):
+        inner = np.linspace(-1.5 * a, 1.5 * a, 3 * n + 1)
+        side = 1.5 * a * (wide / 1.5) ** np.linspace(0, 1, 2 * n + 1)[1:]
+        x = np.concatenate([-side, inner, side])
+        y = np.concatenate([-inner[inner >= 0], -side, -2 * side[-1:]])
+        body = fem.Body("slab", fem.box([x, y], "quadrilateral"), fem.Material(E, NU))
+        roller = ob.Cylinder([0, radius], radius)
+        contact = fem.Contact(
+            "slab", "top", 0.0, obstacle=roller, motion=ob.Motion(way)
+        )
+        model, problem = held(body, [contact])
+        result = problem.solve(gap=model.gaps(len(way)), tol=TOL)
+        assert result.traction is not None
+        missed = []
+        for force, traction in zip(forces(model, result), result.traction, strict=True):
+            half, peak = analytic.hertz_line(-force[:, 1].sum(), radius, e_star)
+            assert half == pytest.approx(a, rel=0.25)
+            expected = analytic.hertz_pressure(model.points[:, 0], half, peak)
+            off = (traction[:, 0] - expected) ** 2 * model.area
+            core = np.abs(model.points[:, 0]) < 0.7 * half
+            missed.append(
+                np.array([off.sum(), off[core].sum()]) / (expected**2 @ model.area)
+            )
+        mean = np.sqrt(np.mean(missed, axis=0))
+        errors.append(mean[0])
+        within.append(mean[1])
+    # The pressure ends with the slope of a root: order 1 in the mean square, a factor of
+    # 4; two thirds of the half-width inside it is smooth, order 2, a factor of 16 down to
+    # (a/L)².
+    assert errors[0] / errors[2] > 3
+    assert within[0] / within[2] > 8
+    assert within[2] < 1 / wide**2
+
+
+def test_hertz_under_a_rigid_sphere() -> None:
+    """Force over indentation and peak pressure, on a quarter of a block."""
+    radius, a = 1.0, 0.1
+    near = np.linspace(0, 1.3 * a, 7)
+    far = 1.3 * a * (10 * a / (1.3 * a)) ** np.linspace(0, 1, 6)[1:]
+    g = np.concatenate([near, far])
+    mesh = fem.box([g, g, -g], "hexahedron")
+    body = fem.Body("slab", mesh, fem.Material(E, NU))
+    contact = fem.Contact(
+        "slab",
+        "top",
+        0.0,
+        obstacle=ob.Sphere([0, 0, radius], radius),
+        motion=ob.Motion([[0, 0, -(a**2) / radius]]),
+    )
+    supports = [
+        fem.Support("slab", "bottom", (0, 1, 2)),
+        fem.Support("slab", "left", (0,)),
+        fem.Support("slab", "front", (1,)),
+    ]
+    model = fem.build([body], [contact], supports)
+    result = model.problem().solve(gap=model.gaps(1))
+    force = -4 * forces(model, result)[0, :, 2].sum()
+    e_star = analytic.contact_modulus(E, NU)
+    half, _, peak = analytic.hertz_sphere(force, radius, e_star)
+    assert result.traction is not None
+    at = np.argmin((model.points**2).sum(axis=1))
+    # Five cells over the radius, and a block ten radii deep on a rigid ground, which
+    # makes it stiffer: by about a/L for force over indentation.
+    assert half == pytest.approx(a, rel=0.06)
+    assert result.traction[0, at, 0] == pytest.approx(peak, rel=0.05)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_an_obstacle_that_moves_is_a_body_that_moves(dim: int) -> None:
+    """Any shape: translated by s, it does what supports do that move by -s."""
+    ways = np.zeros((4, dim))
+    ways[:, -1] = [-0.02, -0.02, -0.025, -0.015]
+    ways[:, 0] = [0.0, 0.01, -0.01, 0.0]
+    top = [0.0] * (dim - 1)
+    ball = ob.Sphere([*top, 1.5], 1.5)
+
+    def run(motion: ob.Motion | None, moved: np.ndarray | None) -> Any:
+        # A plane keeps its normals and distances linear: equal to rounding. A ball's
+        # distance is not: its motion is taken exactly, that of the body linearly.
+        floor = ob.Plane([*top, 0.0], [*top, -1.0])
+        contact = fem.Contact("slab", "top", 0.3, obstacle=floor, motion=motion)
+        model, problem = held(slab(5, dim), [contact])
+        prescribed = None
+        if moved is not None:
+            prescribed = np.array([model.prescribed([way]) for way in moved])
+        return problem.solve(prescribed=prescribed, gap=model.gaps(4), tol=TOL)
+
+    moving, body = run(ob.Motion(ways), None), run(None, -ways)
+    assert np.array_equal(moving.status, body.status)
+    assert {1, 2} <= set(body.status.ravel().tolist())
+    for name in ("reaction", "slip"):
+        expected = getattr(body, name)
+        np.testing.assert_allclose(
+            getattr(moving, name), expected, rtol=0, atol=SAME * np.abs(expected).max()
+        )
+    # Of the ball, its distance at the nodes is that of the ball where it then is.
+    contact = fem.Contact("slab", "top", 0.3, obstacle=ball, motion=ob.Motion(ways))
+    model, _ = held(slab(5, dim), [contact])
+    gaps = model.gaps(4)
+    assert gaps is not None
+    for way, gap in zip(ways, gaps, strict=True):
+        there = ob.Sphere(np.array([*top, 1.5]) + way, 1.5)
+        np.testing.assert_allclose(
+            gap[:, 0], there.closest(model.points).distance, rtol=0, atol=1e-15
+        )
+        np.testing.assert_allclose(
+            gap[:, 1:], -model.frame[:, 1:] @ way, rtol=0, atol=1e-16
+        )
+
+
+def test_a_roller_drags_what_sticks_to_it() -> None:
+    """Pressed on, then turned in place: what sticks has gone ω r along."""
+    radius, turned = 2.0, 1e-3
+    lowered = np.array([[0, -0.01], [0, -0.01], [0, -0.01]])
+    motion = ob.Motion(lowered, [0.0, turned, -turned], about=[0, radius])
+    roller = ob.Cylinder([0, radius], radius)
+    contact = fem.Contact("slab", "top", 5.0, obstacle=roller, motion=motion)
+    model, problem = held(slab(20), [contact])
+    result = problem.solve(gap=model.gaps(3), tol=TOL)
+    stuck = (result.status == bp.Status.STICK).all(axis=0)
+    assert 4 <= stuck.sum() < len(stuck)
+    u = (model.B @ result.displacement.T).T.reshape(3, -1, 2)
+    # Counter-clockwise, the lowest point goes to the right; all feet go ω r, but that the
+    # foot lies at the lowered circle.
+    way = turned * radius * (model.frame[stuck][:, 1] @ [1, 0])
+    gone = u[1, stuck, 1] - u[0, stuck, 1]
+    np.testing.assert_allclose(np.abs(gone), turned * radius, rtol=1e-3)
+    assert np.array_equal(np.sign(gone), np.sign(way))
+    gaps = model.gaps(3)
+    assert gaps is not None
+    # What sticks has moved with what is under it, to the answer's own accuracy.
+    np.testing.assert_allclose(
+        gone, -(gaps[1] - gaps[0])[stuck, 1], rtol=0, atol=1e-9 * turned * radius
+    )
+    # And back past the start: the shear turns with it.
+    pushed = forces(model, result)[:, :, 0].sum(axis=1)
+    assert pushed[1] > 0 > pushed[2]
+    assert pushed[0] == pytest.approx(0, abs=1e-9 * pushed[1])
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3, 1e-6])
+def test_turned_and_in_other_units_it_is_the_same(unit: float) -> None:
+    c, s = np.cos(0.7), np.sin(0.7)
+    Q = np.array([[c, -s], [s, c]])
+
+    def run(turn: np.ndarray, unit: float) -> tuple[np.ndarray, bp.Result]:
+        roller = ob.Cylinder(unit * turn @ [0.05, 1.0], unit)
+        wall = ob.Plane(unit * turn @ [0.49, 0], turn @ [-1, -0.5])
+        motion = ob.Motion(
+            unit * (np.array([[0, -0.01], [0.002, -0.02], [0.004, -0.015]]) @ turn.T),
+            [0.0, 0.01, 0.0],
+            about=unit * turn @ [0.05, 1.0],
+        )
+        contacts = [
+            fem.Contact("slab", "top", 0.3, obstacle=roller, motion=motion),
+            fem.Contact("slab", "right", 0.2, obstacle=wall),
+        ]
+        model, problem = held(slab(8, turn=turn, unit=unit), contacts)
+        result = problem.solve(gap=model.gaps(3), tol=TOL)
+        return forces(model, result) @ turn, result
+
+    plain, first = run(np.eye(2), 1.0)
+    other, second = run(Q, unit)
+    assert np.array_equal(first.status, second.status)
+    np.testing.assert_allclose(other, plain, rtol=0, atol=SAME * np.abs(plain).max())
+
+
+def test_a_node_in_a_corner_has_two_contacts() -> None:
+    """A block pushed into a corner without friction: uniform stress, node by node.
+
+    The bottom may meet the wall, too, and the left side the floor: at the corner node
+    the same two obstacles count twice, and only their sums are determined.
+    """
+    body = slab(4)
+    floor, wall = ob.Plane([0, -1], [0, 1]), ob.Plane([-0.5, 0], [1, 0])
+    pairs = [("bottom", floor), ("left", wall), ("bottom", wall), ("left", floor)]
+    contacts = [fem.Contact("slab", on, 0.0, obstacle=one) for on, one in pairs]
+    model = fem.build([body], contacts)
+    p, q = 3.0, 2.0
+    load = model.traction("slab", "top", [0, -p]) + model.traction(
+        "slab", "right", [-q, 0]
+    )
+    result = model.problem().solve(load, tol=TOL)
+    force = np.zeros((model.n // 2, 2))
+    np.add.at(force, model.contact_dofs[:, 0] // 2, forces(model, result)[0])
+    area = np.array([0.125, 0.25, 0.25, 0.25, 0.125])
+    bottom = np.flatnonzero(model.nodes[:, 1] == -1)
+    left = np.flatnonzero(model.nodes[:, 0] == -0.5)
+    np.testing.assert_allclose(force[bottom, 1], p * area, rtol=SAME)
+    np.testing.assert_allclose(force[left, 0], q * area, rtol=SAME)
+    # Plane strain under the two pressures.
+    k = (1 - NU**2) / E
+    expected = -k * np.array([q - NU / (1 - NU) * p, p - NU / (1 - NU) * q])
+    u = result[0].displacement.reshape(-1, 2)
+    far = model.nodes - [-0.5, -1]
+    np.testing.assert_allclose(u, far * expected, rtol=0, atol=SAME * k * p)
+
+
+def test_a_corner_with_friction_carries_the_load() -> None:
+    body = slab(4)
+    floor, wall = ob.Plane([0, -1], [0, 1]), ob.Plane([-0.5, 0], [1, 0])
+    contacts = [
+        fem.Contact("slab", "bottom", 0.3, obstacle=floor),
+        fem.Contact("slab", "left", 0.3, obstacle=wall),
+    ]
+    model = fem.build([body], contacts)
+    corner = (model.points == [-0.5, -1]).all(axis=1)
+    assert corner.sum() == 2
+    load = model.traction("slab", "top", [-0.5, -3])
+    result = model.problem().solve(load, tol=TOL)
+    force = forces(model, result)[0]
+    np.testing.assert_allclose(force.sum(axis=0), [0.5, 3], rtol=1e-9)
+    limit = 0.3 * result.reaction[0, :, 0]
+    assert (np.abs(result.reaction[0, :, 1]) <= limit + SAME).all()
+    assert result.relative_displacement[0, :, 0].min() >= -SAME / E
+
+
+def test_of_two_rollers_each_presses_where_it_is_nearest() -> None:
+    """One union, and each of them in a contact of its own, do the same."""
+    rollers = [ob.Cylinder([-0.25, 0.2], 0.2), ob.Cylinder([0.25, 0.3], 0.3)]
+    down = ob.Motion([[0, -0.01]])
+    one = [fem.Contact("slab", "top", 0.3, obstacle=ob.Union(rollers), motion=down)]
+    two = [fem.Contact("slab", "top", 0.3, obstacle=r, motion=down) for r in rollers]
+    total = []
+    for contacts in (one, two):
+        model, problem = held(slab(20), contacts)
+        result = problem.solve(gap=model.gaps(1), tol=TOL)
+        force = np.zeros((model.n // 2, 2))
+        np.add.at(force, model.contact_dofs[:, 0] // 2, forces(model, result)[0])
+        total.append(force)
+    np.testing.assert_allclose(*total, rtol=0, atol=SAME * np.abs(total[0]).max())
+    x = slab(20).points[np.abs(total[0][:, 1]) > 0, 0]
+    assert (x < 0).any()
+    assert (x > 0).any()
+
+
+def test_under_a_sphere_of_triangles_forces_converge() -> None:
+    """A ball as a surface of triangles, as from an STL file, against the ball itself."""
+
+    def total(shape: ob.Obstacle) -> float:
+        down = ob.Motion([[0, 0, -0.04]])
+        contact = fem.Contact("slab", "top", 0.0, obstacle=shape, motion=down)
+        model, problem = held(slab(8, 3), [contact])
+        result = problem.solve(gap=model.gaps(1))
+        return -float(forces(model, result)[0, :, 2].sum())
+
+    exact = total(ob.Sphere([0, 0, 1.0], 1.0))
+    errors = []
+    for halvings in (2, 3, 4):
+        x, faces = icosphere(halvings)
+        # Turned, so that no corner is on the axis.
+        c, s = np.cos(0.4), np.sin(0.4)
+        x = x @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) + [0, 0, 1.0]
+        errors.append(abs(total(ob.Surface(x, faces)) / exact - 1))
+    # Distances are of second order; how a facet lies to the nodes is by chance.
+    assert errors[2] < errors[0] / 6
+    # Force goes with the 3/2 power of the indentation, 0.04; facets lie up to 1.1e-3
+    # within the ball.
+    assert errors[2] < 1.5 * 1.1e-3 / 0.04
+
+
+def test_the_error_of_the_mesh_is_proved_over_planes_only() -> None:
+    """Between the nodes another obstacle may stand out."""
+    body = slab(2, cell="triangle")
+    floor = ob.Plane([0, 0], [0, -1])
+    by_formula = ob.Distance(lambda x: -x[:, 1])
+    for shape, says in ((floor, False), (by_formula, True)):
+        down = ob.Motion([[0, -0.01]])
+        contact = fem.Contact("slab", "top", 0.0, obstacle=shape, motion=down)
+        model, problem = held(body, [contact])
+        result = problem.solve(gap=model.gaps(1), tol=TOL)
+        case = scene.Case(model, None, np.zeros((1, len(model.fixed))), np.ones(1))
+        found = discretisation_error(case, result)
+        told = "an obstacle whose shape is known at the nodes only" in found.reasons
+        assert told == says
+        assert found.total > 0
+
+
+def test_clearance_adds_in_every_step() -> None:
+    floor = ob.Plane([0, 0], [0, -1])
+    lift = ob.Motion([[0, 0.0], [0, -0.5]])
+    contact = fem.Contact(
+        "slab",
+        "top",
+        0.3,
+        obstacle=floor,
+        motion=lift,
+        clearance=lambda x: 0.1 + x[:, 0],
+    )
+    still = fem.Contact("slab", "left", 0.3, plane=([-1.0, 0], [1, 0]))
+    model, _ = held(slab(2), [contact, still])
+    gaps = model.gaps(2)
+    assert gaps is not None
+    top = model.group == 0
+    x = model.points[top, 0]
+    np.testing.assert_allclose(model.gap[top], 0.1 + x, atol=1e-15)
+    np.testing.assert_allclose(gaps[:, top, 0], [0.1 + x, x - 0.4], atol=1e-15)
+    np.testing.assert_array_equal(gaps[:, ~top, 0], [model.gap[~top]] * 2)
+    np.testing.assert_array_equal(gaps[:, ~top, 1], 0)
+
+
+FLOOR = ob.Plane([0, 0], [0, -1])
+
+
+@pytest.mark.parametrize(
+    ("contacts", "message"),
+    [
+        (
+            [fem.Contact("slab", "top", 0, obstacle=FLOOR, plane=([0, 0], [0, 1]))],
+            "needs one obstacle: plane, obstacle or against",
+        ),
+        (
+            [
+                fem.Contact(
+                    "slab", "top", 0, against=("b", "c"), motion=ob.Motion([[0, 0]])
+                )
+            ],
+            "motion of the contact on 'top' was given, but",
+        ),
+        (
+            [fem.Contact("slab", "top", 0, obstacle=ob.Cylinder([0, 0], 1.0))],
+            r"obstacle of the contact on 'top': the point \(0, 0\) is at the axis",
+        ),
+        (
+            [fem.Contact("slab", "top", 0, obstacle=ob.Sphere([0, 0, 1], 1.0))],
+            r"obstacle of the contact on 'top': points has shape \(9, 2\)",
+        ),
+        (
+            [
+                fem.Contact("slab", "top", 0, obstacle=FLOOR, motion=ob.Motion(way))
+                for way in ([[0, 0]], [[0, 0], [0, 0]])
+            ],
+            "obstacles move through 1 and 2 steps, expected one number",
+        ),
+        (
+            [
+                fem.Contact(
+                    "slab", "top", 0, obstacle=FLOOR, motion=ob.Motion([[0, 0, 0]])
+                )
+            ],
+            "motion is one in 3 dimensions, the points have 2",
+        ),
+    ],
+)
+def test_what_cannot_be(contacts: list[fem.Contact], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        fem.build([slab()], contacts)
+
+
+def test_steps_of_obstacles_and_of_loads() -> None:
+    sinking = ob.Motion([[0, 0], [0, -0.1]])
+    contact = fem.Contact("slab", "top", 0, obstacle=FLOOR, motion=sinking)
+    model, problem = held(slab(), [contact])
+    with pytest.raises(
+        ValueError, match="obstacles move through 2 steps, the load path has 3"
+    ):
+        model.gaps(3)
+    # The problem knows that its obstacles move.
+    by_itself, told = problem.solve(), problem.solve(gap=model.gaps(2))
+    assert len(by_itself) == 2
+    assert by_itself.reaction[1, :, 0].min() > 0
+    assert np.array_equal(by_itself.reaction, told.reaction)
+    for paths in (
+        problem.solve_many([{}]),
+        problem.solve_many([{"gap": model.moving}]),
+    ):
+        assert np.array_equal(paths[0].reaction, told.reaction)
+    with pytest.raises(ValueError, match="gap has 2 steps but the load path has 3"):
+        problem.solve(np.zeros((3, model.n)))
