@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs.check import Array
 
@@ -156,6 +155,13 @@ def skewness(corners: Array) -> Array:
     return np.asarray(np.abs(skew).sum(axis=0))
 
 
+def tangents(corners: Array, xi: Array) -> tuple[Array, Array]:
+    """``∂x/∂ξ`` and ``∂x/∂η`` of plane quadrilaterals ``(m, 4, 2)``, each ``(m, q, 2)``."""
+    _, edges, skew = _bilinear(corners)
+    twist = np.einsum("km,mkd->md", skew, edges)[:, None]
+    return edges[:, :1] + twist * xi[..., 1:], edges[:, 1:] + twist * xi[..., :1]
+
+
 def _bilinear(corners: Array) -> tuple[Array, Array, Array]:
     """Centre, mean half edges ``(m, 2, 2)``, and (α, β) ``(2, m)``."""
     weights = np.stack([_XI[:4], _ETA[:4], _XI[:4] * _ETA[:4]]) / 4
@@ -185,8 +191,3 @@ def kind_of(what: str, dim: int, nodes: int) -> Kind:
             f"{dim} dimensions"
         )
     return KINDS[dim, nodes]
-
-
-def mirrored(kind: Kind, facets: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The same facets with the normals turned around."""
-    return facets[:, list(kind.mirror)]

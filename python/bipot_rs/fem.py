@@ -30,7 +30,9 @@ from bipot_rs.elasticity import (
     vtk_cells,
 )
 from bipot_rs.frames import frames
+from bipot_rs.pairing import METHODS, pairs
 from bipot_rs.problem import ContactProblem
+from bipot_rs.surfaces import outward
 
 __all__ = [
     "FACES",
@@ -65,8 +67,13 @@ class Contact:
 
     The obstacle is a rigid plane, ``plane = (point, normal)`` with the normal
     towards the body, or the surface ``against = (body, surface)`` of another
-    body whose nodes lie opposite, one to one. ``clearance`` adds to the gap:
-    a number, or a function of the places ``(nodes, d)`` [m]. In space ``mu`` may be
+    body. Of such a pair the nodes lie opposite, one to one, with ``pairing = "match"``;
+    where they do not, ``"mortar"`` passes constant pressures exactly, and ``"nodes"``
+    puts each node on the facet opposite, as of `bipot_rs.pairs`. This body is the slave,
+    best the one with the finer mesh. ``clearance`` adds to the gap: a number, or a
+    function of the places ``(nodes, d)`` [m], of which mortar takes the weighted mean.
+    ``within`` keeps nodes by their places; where meshes do not match, the facets all of
+    whose nodes it keeps. In space ``mu`` may be
     a pair, friction along the tangents t1 and t2: t1 is then ``axis (d,)``, a direction
     of the material such as its grain, made orthogonal to the normal, and t2 at right
     angles to it; without ``axis``, they are those of `frames`.
@@ -80,6 +87,7 @@ class Contact:
     clearance: float | Callable[[Floats], ArrayLike] = 0.0
     within: Box | None = None
     axis: ArrayLike | None = None
+    pairing: str = "match"
 
 
 @dataclass(frozen=True)
@@ -105,7 +113,8 @@ class Model:
     offset : tuple of int
         First degree of freedom of each body.
     contact_dofs : (n_c, 2)
-        First degree of freedom of the node and of its partner, -1 for a plane.
+        First degree of freedom of the node and of its partner, -1 where there is no one
+        partner: for a plane, and for meshes that do not match.
     contacts : tuple of Contact
         As given to `build`.
     group : (n_c,)
@@ -166,7 +175,9 @@ class Model:
         dict
             ``displacement``, ``contact_pressure`` [Pa], ``contact_shear`` [Pa] (on the
             body that has the node, in global components), and ``contact_status``, -1
-            away from contact.
+            away from contact. Where meshes do not match, both bodies have the nodal
+            forces Bᵀ r over the nodes' own areas of contact, and the status of the
+            contact that weighs most.
         """
         traction = reaction / self.area[:, None]
         shear = np.einsum("ck,ckd->cd", traction[:, 1:], self.frame[:, 1:])
@@ -182,7 +193,60 @@ class Model:
             fields["contact_pressure"][node] = traction[has, 0]
             fields["contact_shear"][node] = sign * shear[has]
             fields["contact_status"][node] = status[has]
+        for group, contact in enumerate(self.contacts):
+            if contact.pairing != "match":
+                own = np.flatnonzero(self.group == group)
+                self._spread(fields, own, traction[own, 0], shear[own], status[own])
         return fields
+
+    def _spread(
+        self,
+        fields: dict[str, NDArray[Any]],
+        contacts: Ints,
+        pressure: Floats,
+        shear: Floats,
+        status: NDArray[np.integer[Any]],
+    ) -> None:
+        """Contact fields of a pair of surfaces whose meshes do not match.
+
+        With the weights w of the contacts on a body, node j has the area ``Σ w_ij a_i``
+        and the force ``Σ w_ij a_i t_i``.
+        """
+        slave = _index(self.bodies, self.contacts[self.group[contacts[0]]].body)
+        weights = self._weights(contacts)
+        node = np.flatnonzero(np.diff(weights.indptr))
+        weights = weights[node]
+        first = self.offset[slave] // self.dim
+        count = len(self.bodies[slave].points)
+        sign = np.where((node >= first) & (node < first + count), 1.0, -1.0)
+        scaled = weights.multiply(sign[:, None]).tocsr().multiply(self.area[contacts])
+        scaled = scaled.tocsr()
+        # Corners of quadratic facets have no area: of them the mean by size.
+        size = abs(scaled)
+        small = np.abs(scaled.sum(axis=1)) <= 1e-2 * size.sum(axis=1)
+        scaled = sparse.diags_array((~small).astype(float)) @ scaled
+        scaled = scaled + sparse.diags_array(small.astype(float)) @ size
+        area = scaled.sum(axis=1)
+        fields["contact_pressure"][node] = (scaled @ pressure) / area
+        fields["contact_shear"][node] = sign[:, None] * (scaled @ shear) / area[:, None]
+        rows = np.repeat(np.arange(len(node)), np.diff(size.indptr))
+        order = np.lexsort([size.data, rows])
+        largest = order[np.cumsum(np.diff(size.indptr)) - 1]
+        fields["contact_status"][node] = status[size.indices[largest]]
+
+    def _weights(self, contacts: Ints) -> Any:
+        """Scalar weights behind rows of B, ``(nodes, contacts)``: blocks are w_ij frame_i."""
+        d = self.dim
+        rows = (d * contacts[:, None] + np.arange(d)).ravel()
+        # The first row of frameᵀ frame = 1, in the first component of each node.
+        along = sparse.csr_array(
+            (
+                self.frame[contacts, :, 0].ravel(),
+                (np.arange(rows.size), np.repeat(np.arange(len(contacts)), d)),
+            )
+        )
+        first = self.B[rows].tocsc()[:, ::d]
+        return sparse.csr_array(first.T @ along)
 
     def problem(self, *, num_threads: int | None = None) -> ContactProblem:
         """Condense: the contact problem of these arrays."""
@@ -311,7 +375,7 @@ def build(
     flat = [dofs.ravel() for dofs in support_dofs]
     fixed = np.unique(np.concatenate([np.zeros(0, np.int64), *flat]))
 
-    found = [_contact(bodies, offset, contact) for contact in contacts]
+    found = [_contact(bodies, offset, n, contact) for contact in contacts]
     none = (np.zeros((0, dim)), np.zeros((0, dim, dim)), np.zeros(0), np.zeros(0))
     points, frame, gap, area = (
         np.concatenate([empty, *(c[k] for c in found)]) for k, empty in enumerate(none)
@@ -323,6 +387,12 @@ def build(
     if all(np.ndim(c.mu) == 0 for c in contacts):
         mu = mu[:, 0].copy()
     B = _relative_displacement(frame, dofs, n)
+    if any(c[5] is not None for c in found):
+        own = [
+            _relative_displacement(c[1], c[4], n) if c[5] is None else c[5]
+            for c in found
+        ]
+        B = sparse.csr_array(sparse.vstack(own, format="csr"))
     free = np.ones(n)
     free[fixed] = 0.0
     mobile = (abs(B) @ free).reshape(-1, dim)
@@ -350,9 +420,12 @@ def build(
 
 
 def _contact(
-    bodies: Sequence[Body], offset: Sequence[int], contact: Contact
-) -> tuple[Floats, Floats, Floats, Floats, Ints]:
-    """Points, frames, gaps, areas and first degrees of freedom of one contact."""
+    bodies: Sequence[Body], offset: Sequence[int], n: int, contact: Contact
+) -> tuple[Floats, Floats, Floats, Floats, Ints, Any]:
+    """Points, frames, gaps, areas, first degrees of freedom and rows of B of one contact.
+
+    The rows only where they are not one node minus one other.
+    """
     what = f"mu of the contact on {contact.surface!r}"
     if np.ndim(contact.mu) == 1:
         friction(np.asarray(contact.mu)[None], 1, bodies[0].dim, ratio=RATIO)
@@ -368,6 +441,8 @@ def _contact(
             f"contact on {contact.surface!r} of body {body.name!r} has no nodes: "
             "within leaves none"
         )
+    if contact.pairing != "match":
+        return _paired(bodies, offset, n, contact, nodes)
     facets = body.surface(contact.surface)
     area = body.depth * facets.moment(np.ones(facets.weights.shape))[nodes]
     points = body.points[nodes]
@@ -407,7 +482,69 @@ def _contact(
             f"{what} has shape {clearance.shape}, expected a number or ({len(nodes)},)"
         )
     gap = np.einsum("cd,cd->c", frame[:, 0], distance) + clearance
-    return points, frame, gap, area, np.stack([first, partner], axis=1)
+    return points, frame, gap, area, np.stack([first, partner], axis=1), None
+
+
+def _paired(
+    bodies: Sequence[Body],
+    offset: Sequence[int],
+    n: int,
+    contact: Contact,
+    nodes: Ints,
+) -> tuple[Floats, Floats, Floats, Floats, Ints, Any]:
+    """The same of a pair of surfaces whose meshes do not match."""
+    what = f"the contact on {contact.surface!r}"
+    if contact.pairing not in METHODS:
+        raise ValueError(
+            f"pairing of {what} is {contact.pairing!r}, expected 'match', "
+            + " or ".join(map(repr, METHODS))
+        )
+    if contact.against is None or contact.plane is not None:
+        raise ValueError(
+            f"pairing of {what} is {contact.pairing!r}, which is for two bodies: "
+            "expected one obstacle, against"
+        )
+    b, o = _index(bodies, contact.body), _index(bodies, contact.against[0])
+    if o == b:
+        raise ValueError(f"body {bodies[b].name!r} is in contact with itself")
+    ours = _outward(bodies[b], contact.surface)
+    if contact.within is not None:
+        ours = ours[np.isin(ours, nodes).all(axis=1)]
+        if not len(ours):
+            raise ValueError(f"{what} has no facets: within leaves none whole")
+    dim = bodies[b].dim
+    numbers = [
+        offset[i] + np.arange(dim * len(bodies[i].points)).reshape(-1, dim)
+        for i in (b, o)
+    ]
+    try:
+        found = pairs(
+            *(bodies[b].points, ours),
+            *(bodies[o].points, _outward(bodies[o], contact.against[1])),
+            method=contact.pairing,
+            clearance=contact.clearance,
+            axis=contact.axis,
+            dofs_slave=numbers[0],
+            dofs_master=numbers[1],
+            n=n,
+        )
+    except ValueError as error:
+        raise ValueError(
+            f"surfaces {contact.surface!r} of {contact.body!r}, the slave, and "
+            f"{contact.against}: {error}"
+        ) from error
+    partner = np.full(len(found.node), -1, dtype=np.int64)
+    first = offset[b] + dim * found.node
+    area = bodies[b].depth * found.area
+    dofs = np.stack([first, partner], axis=1)
+    return found.points, found.frame, found.gap, area, dofs, found.B
+
+
+def _outward(body: Body, surface: str) -> Ints:
+    """Facets of a surface, numbered so that their normals point outwards."""
+    facets = body.surface(surface)
+    normals = np.asarray(facets.normals).mean(axis=2).T
+    return outward(body.points, facets.corners, normals)
 
 
 def _normals(facets: Quadrature) -> Floats:
@@ -432,7 +569,8 @@ def _match(ours: Floats, theirs: Floats, frame: Floats, contact: Contact) -> Int
         raise ValueError(
             f"surfaces {contact.surface!r} of {contact.body!r} and {contact.against} do "
             f"not match: no node lies opposite to the one at {_place(ours[bad[0]])}, "
-            f"the nearest is {aside[bad[0]]:g} aside"
+            f"the nearest is {aside[bad[0]]:g} aside; expected opposite nodes, or "
+            "pairing='mortar'"
         )
     values, counts = np.unique(match, return_counts=True)
     if np.any(counts > 1):

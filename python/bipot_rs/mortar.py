@@ -35,8 +35,9 @@ of quadratic functions vanish or are negative. Places are those of the polygon o
 corners, exact for straight edges with nodes in their middles.
 
 Integrals are exact in the plane, and in space for triangles and parallelograms. In other
-quadrilaterals N is not a polynomial of places; the order is raised with their skewness
-until what is left is about 1e-13.
+quadrilaterals N is not a polynomial of places: the order is raised with their skewness,
+and what is left, about 1e-8, is taken out of the resultants ∫ φ_j of each intersection
+(`bipot_rs.skewed`), so that forces and the patch test do not have it.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ import numpy as np
 
 from bipot_rs.check import Array, floats
 from bipot_rs.clipping import clip, triangle_rule, triangles
-from bipot_rs.facet_shapes import CORNER_SHAPES, reference, skewness
+from bipot_rs.facet_shapes import CORNER_SHAPES, KINDS, Kind, reference, skewness
+from bipot_rs.skewed import polygon_integrals
 from bipot_rs.surfaces import Ints, Surface, bases, candidates
 
 Places = Callable[[Array], Any]
@@ -59,6 +61,8 @@ Places = Callable[[Array], Any]
 _JOINED, _SWING = 0.05, 10.0
 # Of the smaller facet: an intersection made by rounding.
 _SLIVER = 1e-12
+# Of a quadrilateral that is a parallelogram, but for rounding.
+_SKEW = 1e-12
 # Points of Gauss at a time, which bounds the memory.
 _CHUNK = 2**18
 
@@ -140,8 +144,11 @@ def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
         several layers of them.
     """
     s, m, _ = candidates(slave.centre, slave.radius, slave.normals, master)
-    away = np.einsum("pd,pd->p", slave.normals[s], master.centre[m] - slave.centre[s])
-    near = np.abs(away) <= distance
+    between = master.centre[m] - slave.centre[s]
+    away = np.einsum("pd,pd->p", slave.normals[s], between)
+    aside = np.einsum("pd,pd->p", between, between) - away**2
+    reach = slave.radius[s] + master.radius[m]
+    near = (np.abs(away) <= distance) & (aside <= reach**2)
     s, m = s[near], m[near]
     axes = bases(slave.normals)[s]
     offset = master.points[master.corners[m]] - slave.centre[s][:, None]
@@ -233,7 +240,59 @@ def integrate(
         if master is not None and eta is not None:
             phi = master.kind.shapes(eta)
             np.add.at(coupling, part, np.einsum("tqi,tqj->tij", weighted, phi))
-    return Integrals(over, mass, own, coupling, gap)
+    found = Integrals(over, mass, own, coupling, gap)
+    if slave.dim == 3:
+        _resultants(slave, master, found)
+    return found
+
+
+def _resultants(slave: Surface, master: Surface | None, found: Integrals) -> None:
+    """Sums over rows and columns as they are exactly, where rules are not exact.
+
+    What is added does not change the moments of the rules, which integrate places
+    exactly.
+    """
+    over = found.overlaps
+    flat = np.einsum("mkd,mcd->mck", bases(slave.normals), slave.places())
+    skew = np.zeros(len(over.slave))
+    if slave.kind.corners == 4:
+        skew = skewness(flat)[over.slave]
+    if master is not None and master.kind.corners == 4 and over.opposite is not None:
+        skew = np.maximum(skew, skewness(over.opposite))
+    inexact = np.flatnonzero(skew > _SKEW)
+    if not inexact.size:
+        return
+    size, facet = _areas(over.polygons), over.slave
+
+    def by_facet(values: Array) -> Array:
+        total = np.zeros((len(slave.facets), values.shape[1]))
+        np.add.at(total, facet, values)
+        return total
+
+    def exact(kind: Kind, corners: Array) -> Array:
+        return polygon_integrals(kind, corners, over.polygons)
+
+    rows = found.coupling.sum(axis=2)
+    if slave.kind.corners == 4:
+        rows = exact(KINDS[3, 4], flat[facet])
+        columns, whole = by_facet(rows), np.bincount(facet, size, len(slave.facets))
+        whole = np.where(whole > 0, whole, 1.0)
+        _correct(found.mass, columns, columns, whole)
+        if found.own is not found.mass:
+            own = by_facet(exact(slave.kind, flat[facet]))
+            _correct(found.own, columns, own, whole)
+    if master is not None and over.opposite is not None:
+        columns = found.coupling.sum(axis=1)
+        if master.kind.corners == 4:
+            columns = exact(master.kind, over.opposite)
+        _correct(found.coupling, rows, columns, size)
+
+
+def _correct(blocks: Array, rows: Array, columns: Array, size: Array) -> None:
+    """Change matrices ``(k, i, j)`` in place to the sums given, all of the same total."""
+    lacks = (rows - blocks.sum(axis=2)) / size[:, None]
+    other = (columns - blocks.sum(axis=1)) / size[:, None]
+    blocks += lacks[:, :, None] * columns[:, None] + rows[:, :, None] * other[:, None]
 
 
 def _values(function: Places, places: Array) -> Array:
@@ -336,8 +395,8 @@ def _beyond(skew: Array) -> Ints:
     # Shape functions have their nearest singularity at about 1/skew half widths from the
     # centre: the remainder falls by that much a degree.
     rate = np.log(2 / np.clip(skew, 1e-12, 0.95))
-    beyond = np.ceil(25.0 / rate).astype(np.int64)
-    return np.where(skew <= 1e-12, 0, 2 * (beyond // 2 + 1))
+    beyond = np.ceil(10.0 / rate).astype(np.int64)
+    return np.where(skew <= _SKEW, 0, 2 * (beyond // 2 + 1))
 
 
 def weights(slave: Surface, found: Integrals, master: Surface | None) -> Weights:

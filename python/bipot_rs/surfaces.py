@@ -154,6 +154,16 @@ def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
     return found
 
 
+def outward(points: Array, facets: Ints, normals: Array) -> Ints:
+    """Facets with those turned around whose normals look away from ``normals (m, d)``."""
+    kind = kind_of("facets", points.shape[1], facets.shape[1])
+    own, _ = _normals("facets", points[facets[:, : kind.corners]])
+    away = np.einsum("md,md->m", own, normals) < 0
+    turned = facets.copy()
+    turned[away] = facets[away][:, list(kind.mirror)]
+    return turned
+
+
 def _facets(name: str, facets: ArrayLike, nodes: int) -> Ints:
     found = np.asarray(facets)
     if found.dtype.kind not in "iu":

@@ -92,7 +92,7 @@ PYTHON = (
     "check plane_friction result",
     "friction",
     "answers diagnosis errors existence facet_shapes frames motion",
-    "clipping surfaces",
+    "clipping skewed surfaces",
     "mortar",
     "pairing",
     "reduced",
