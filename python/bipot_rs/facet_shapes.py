@@ -155,11 +155,18 @@ def skewness(corners: Array) -> Array:
     return np.asarray(np.abs(skew).sum(axis=0))
 
 
-def tangents(corners: Array, xi: Array) -> tuple[Array, Array]:
-    """``∂x/∂ξ`` and ``∂x/∂η`` of plane quadrilaterals ``(m, 4, 2)``, each ``(m, q, 2)``."""
+def affine(corners: Array, x: Array) -> tuple[Array, Array, Array]:
+    """Coordinates of mean edges of quadrilaterals ``(m, 4, 2)``.
+
+    Returns
+    -------
+    size, components, skew
+        Area of the unit of these coordinates, signed, ``(m,)``; components of vectors
+        ``x (m, q, 2)``; α and β ``(2, m)``.
+    """
     _, edges, skew = _bilinear(corners)
-    twist = np.einsum("km,mkd->md", skew, edges)[:, None]
-    return edges[:, :1] + twist * xi[..., 1:], edges[:, 1:] + twist * xi[..., :1]
+    (a, b), (c, d) = np.moveaxis(edges, 0, -1)
+    return np.asarray(a * d - b * c), _components(edges, x), skew
 
 
 def _bilinear(corners: Array) -> tuple[Array, Array, Array]:

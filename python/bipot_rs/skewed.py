@@ -1,12 +1,14 @@
 """Integrals of shape functions over polygons in quadrilaterals that are no parallelograms.
 
 There N(ξ(x)) is not a polynomial of places, and rules on triangles converge slowly where
-a quadrilateral is nearly a triangle. In reference coordinates it is one, and by Green
+a quadrilateral is nearly a triangle. In reference coordinates it is one, and in those of
+the mean edges, X = ξ + α ξη and Y = η + β ξη (`facet_shapes.reference`), by Green
 
-    ∫ N dA = ∫∫ N det J dξ dη = -∮ F dξ,    F(ξ, η) = ∫₀^η N det J dη',
+    ∫ ξᵖ ηᑫ dX dY = ∫∫ ξᵖ ηᑫ (1 + αη + βξ) dξ dη = -∮ F dξ,
+    F = ξᵖ [(1 + βξ) ηᑫ⁺¹/(q + 1) + α ηᑫ⁺²/(q + 2)],
+    dξ = [(1 + βξ) dX - αξ dY]/(1 + αη + βξ),
 
-F exact by three points of Gauss, and the rest along the edges, which are straight in
-space: a smooth function of one variable each.
+along the edges, which are straight in space: a smooth function of one variable each.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs.check import Array
-from bipot_rs.facet_shapes import Kind, reference, skewness, tangents
+from bipot_rs.facet_shapes import Kind, affine, reference, skewness
 
 
 def polygon_integrals(kind: Kind, corners: Array, polygons: Array) -> Array:
@@ -32,7 +34,7 @@ def polygon_integrals(kind: Kind, corners: Array, polygons: Array) -> Array:
     found = np.zeros((len(corners), kind.nodes))
     # Nearest singularity as in the order of the rules on triangles.
     rate = np.log(2 / np.clip(skewness(corners), 1e-3, 0.98))
-    points = 4 * np.ceil((20 / rate + 4) / 4).astype(np.int64)
+    points = 4 * np.ceil((26 / rate + 4) / 4).astype(np.int64)
     for n in np.unique(points):
         group = np.flatnonzero(points == n)
         # As many points at a time as fit the cache.
@@ -48,18 +50,30 @@ def _boundary(kind: Kind, corners: Array, polygons: Array, n: int) -> Array:
     edge = np.roll(polygons, -1, axis=1) - polygons
     places = polygons[:, :, None] + (1 + t)[:, None] / 2 * edge[:, :, None]
     k, v = polygons.shape[:2]
-    xi = reference(corners, places.reshape(k, v * n, 2))
-    along, up = tangents(corners, xi)
-    direction = np.repeat(edge, n, axis=1)
-    # dξ = (dx × x_η)/(x_ξ × x_η).
-    change = _cross(direction, up) / _cross(along, up) * np.tile(weight / 2, v)
-    total = np.zeros((k, kind.nodes))
-    for s, w in zip(*np.polynomial.legendre.leggauss(3), strict=True):
-        below = np.stack([xi[..., 0], xi[..., 1] * (1 + s) / 2], axis=-1)
-        size = _cross(*tangents(corners, below)) * xi[..., 1] * w / 2
-        total -= np.einsum("kq,kqj->kj", size * change, kind.shapes(below))
-    return total
+    local = reference(corners, places.reshape(k, v * n, 2))
+    xi, eta = (np.ascontiguousarray(local[..., i]) for i in (0, 1))
+    size, direction, skew = affine(corners, edge)
+    dX, dY = (np.repeat(direction[..., i], n, axis=1) for i in (0, 1))
+    alpha, beta = skew[:, :, None]
+    b = 1 + beta * xi
+    change = (b * dX - alpha * xi * dY) / (b + alpha * eta) * np.tile(weight / 2, v)
+    # By powers of η, then of ξ, as many as the functions have.
+    most = 1 if kind.nodes == 4 else 2
+    moments = np.empty((k, most + 1, most + 1))
+    for q in range(most + 1):
+        part = change * eta ** (q + 1) * (b / (q + 1) + alpha * eta / (q + 2))
+        for p in range(most + 1):
+            moments[:, p, q] = -part.sum(axis=1)
+            part *= xi
+    return np.asarray(
+        size[:, None] * (moments.reshape(k, -1) @ _coefficients(kind, most))
+    )
 
 
-def _cross(u: Array, v: Array) -> Array:
-    return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
+def _coefficients(kind: Kind, most: int) -> Array:
+    """Shape functions in the monomials ξᵖ ηᑫ, ``((most + 1)², nodes)``."""
+    line = np.linspace(-1, 1, most + 1)
+    grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+    powers = np.arange(most + 1)
+    rows = grid[:, :1, None] ** powers[:, None] * grid[:, 1:, None] ** powers
+    return np.linalg.solve(rows.reshape(len(grid), -1), kind.shapes(grid))
