@@ -216,76 +216,81 @@ def integrate(
     clearance: Places | None = None,
 ) -> Integrals:
     """All integrals that the weights are made of."""
-    c, facets = slave.kind.corners, len(slave.facets)
+    c, count = slave.kind.corners, len(over.slave)
     linear = slave.kind.nodes == c
-    mass = np.zeros((facets, c, c))
-    own = mass if linear else np.zeros((facets, c, slave.kind.nodes))
-    theirs = 0 if master is None else master.kind.nodes
-    coupling = np.zeros((len(over.slave), c, theirs))
-    gap = np.zeros((facets, c))
+    # By intersection first.
+    mass = np.zeros((count, c, c))
+    own = mass if linear else np.zeros((count, c, slave.kind.nodes))
+    coupling = np.zeros((count, c, 0 if master is None else master.kind.nodes))
+    gap = np.zeros((count, c))
     corner = CORNER_SHAPES[c]
     for part, xi, eta, weight in _points(slave, over, master, clearance is not None):
         N = corner(xi)
         weighted = N * weight[..., None]
-        facet = over.slave[part]
-        np.add.at(mass, facet, np.einsum("tqi,tqj->tij", weighted, N))
+        np.add.at(mass, part, np.einsum("tqi,tqj->tij", weighted, N))
         if not linear or clearance is not None:
             phi = slave.kind.shapes(xi)
             if not linear:
-                np.add.at(own, facet, np.einsum("tqi,tqj->tij", weighted, phi))
+                np.add.at(own, part, np.einsum("tqi,tqj->tij", weighted, phi))
             if clearance is not None:
-                places = phi @ slave.points[slave.facets[facet]]
+                places = phi @ slave.points[slave.facets[over.slave[part]]]
                 found = _values(clearance, places)
-                np.add.at(gap, facet, np.einsum("tqi,tq->ti", weighted, found))
+                np.add.at(gap, part, np.einsum("tqi,tq->ti", weighted, found))
         if master is not None and eta is not None:
             phi = master.kind.shapes(eta)
             np.add.at(coupling, part, np.einsum("tqi,tqj->tij", weighted, phi))
-    found = Integrals(over, mass, own, coupling, gap)
     if slave.dim == 3:
-        _resultants(slave, master, found)
-    return found
+        _resultants(slave, over, master, mass, own, coupling)
+
+    def by_facet(values: Array) -> Array:
+        total = np.zeros((len(slave.facets), *values.shape[1:]))
+        np.add.at(total, over.slave, values)
+        return total
+
+    total = by_facet(mass)
+    everything = total if linear else by_facet(own)
+    return Integrals(over, total, everything, coupling, by_facet(gap))
 
 
-def _resultants(slave: Surface, master: Surface | None, found: Integrals) -> None:
+def _resultants(
+    slave: Surface,
+    over: Overlaps,
+    master: Surface | None,
+    mass: Array,
+    own: Array,
+    coupling: Array,
+) -> None:
     """Sums over rows and columns as they are exactly, where rules are not exact.
 
     What is added does not change the moments of the rules, which integrate places
-    exactly.
+    exactly: it is the same on both bodies, by intersection.
     """
-    over = found.overlaps
     flat = np.einsum("mkd,mcd->mck", bases(slave.normals), slave.places())
-    skew = np.zeros(len(over.slave))
-    if slave.kind.corners == 4:
-        skew = skewness(flat)[over.slave]
-    if master is not None and master.kind.corners == 4 and over.opposite is not None:
-        skew = np.maximum(skew, skewness(over.opposite))
-    inexact = np.flatnonzero(skew > _SKEW)
-    if not inexact.size:
+    ours = slave.kind.corners == 4
+    theirs = master is not None and master.kind.corners == 4
+    skew = np.zeros(1)
+    if ours:
+        skew = skewness(flat)
+    if theirs and over.opposite is not None:
+        skew = np.append(skew, skewness(over.opposite))
+    if (skew <= _SKEW).all():
         return
-    size, facet = _areas(over.polygons), over.slave
-
-    def by_facet(values: Array) -> Array:
-        total = np.zeros((len(slave.facets), values.shape[1]))
-        np.add.at(total, facet, values)
-        return total
+    size, corners = _areas(over.polygons), flat[over.slave]
 
     def exact(kind: Kind, corners: Array) -> Array:
         return polygon_integrals(kind, corners, over.polygons)
 
-    rows = found.coupling.sum(axis=2)
-    if slave.kind.corners == 4:
-        rows = exact(KINDS[3, 4], flat[facet])
-        columns, whole = by_facet(rows), np.bincount(facet, size, len(slave.facets))
-        whole = np.where(whole > 0, whole, 1.0)
-        _correct(found.mass, columns, columns, whole)
-        if found.own is not found.mass:
-            own = by_facet(exact(slave.kind, flat[facet]))
-            _correct(found.own, columns, own, whole)
+    rows = mass.sum(axis=2)
+    if ours:
+        rows = exact(KINDS[3, 4], corners)
+        _correct(mass, rows, rows, size)
+        if own is not mass:
+            _correct(own, rows, exact(slave.kind, corners), size)
     if master is not None and over.opposite is not None:
-        columns = found.coupling.sum(axis=1)
-        if master.kind.corners == 4:
+        columns = coupling.sum(axis=1)
+        if theirs:
             columns = exact(master.kind, over.opposite)
-        _correct(found.coupling, rows, columns, size)
+        _correct(coupling, rows, columns, size)
 
 
 def _correct(blocks: Array, rows: Array, columns: Array, size: Array) -> None:
