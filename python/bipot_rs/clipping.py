@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bipot_rs.check import Array
 
@@ -61,7 +62,7 @@ def _half(polygon: Array, height: Array) -> Array:
     return np.asarray(result)
 
 
-def triangles(polygons: Array) -> tuple[Array, Array]:
+def triangles(polygons: Array) -> tuple[Array, NDArray[np.int64]]:
     """Triangles from the first corner of each polygon, those of no area left out.
 
     Returns
@@ -75,7 +76,7 @@ def triangles(polygons: Array) -> tuple[Array, Array]:
     edges = corners[:, :, 1:] - corners[:, :, :1]
     area = edges[..., 0, 0] * edges[..., 1, 1] - edges[..., 0, 1] * edges[..., 1, 0]
     owner, which = np.nonzero(area > 0)
-    return corners[owner, which], owner
+    return corners[owner, which], owner.astype(np.int64)
 
 
 def triangle_rule(degree: int) -> tuple[Array, Array]:

@@ -150,7 +150,7 @@ def pairs(
         found = _nodes(slave, master, limit, function)
         if not len(found.node):
             raise ValueError(_nothing(slave, master, distance))
-    constant = 0.0 if function else number("clearance", clearance)  # type: ignore[arg-type]
+    constant = 0.0 if function else number("clearance", clearance)
     normals = -slave.node_normals()[found.node]
     return _assembled(
         found,

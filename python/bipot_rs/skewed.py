@@ -76,4 +76,5 @@ def _coefficients(kind: Kind, most: int) -> Array:
     grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     powers = np.arange(most + 1)
     rows = grid[:, :1, None] ** powers[:, None] * grid[:, 1:, None] ** powers
-    return np.linalg.solve(rows.reshape(len(grid), -1), kind.shapes(grid))
+    found = np.linalg.solve(rows.reshape(len(grid), -1), kind.shapes(grid))
+    return np.asarray(found, dtype=np.float64)
