@@ -137,8 +137,13 @@ def pairs(
         limit = number("distance", distance)
         if not limit > 0:
             raise ValueError(f"distance is {limit:g}, expected a number > 0")
-    slave = surface("slave", points_slave, facets_slave)
-    master = surface("master", points_master, facets_master)
+    slave = surface("_slave", points_slave, facets_slave)
+    columns = np.shape(points_master)[1:]
+    if columns != (slave.dim,) and len(columns) == 1:
+        raise ValueError(
+            f"points_master has {columns[0]} coordinates, points_slave {slave.dim}"
+        )
+    master = surface("_master", points_master, facets_master)
     _apart(slave, master)
     function = clearance if callable(clearance) else None
     if method == "mortar":
@@ -151,10 +156,9 @@ def pairs(
         if not len(found.node):
             raise ValueError(_nothing(slave, master, distance))
     constant = 0.0 if function else number("clearance", clearance)
-    normals = -slave.node_normals()[found.node]
     return _assembled(
         found,
-        _frames(slave, found.node, normals, axis),
+        frames(_normals(slave, found.node), axis),
         slave,
         master,
         constant,
@@ -196,11 +200,11 @@ def rigid_pairs(
         raise TypeError(
             f"gap is {shown(gap)}, expected a function of places that returns distances"
         )
-    slave = surface("slave", points, facets)
+    slave = surface("", points, facets)
     found = weights(slave, integrate(slave, whole(slave), None, gap), None)
     places = slave.points[found.node]
     if normal is None:
-        normals = -slave.node_normals()[found.node]
+        normals = _normals(slave, found.node)
     else:
         given = floats("normal", normal(places) if callable(normal) else normal)
         if given.shape not in ((slave.dim,), places.shape):
@@ -209,26 +213,24 @@ def rigid_pairs(
                 f"{places.shape}"
             )
         normals = np.broadcast_to(given, places.shape)
-    frame = _frames(slave, found.node, normals, axis)
     columns = _columns(slave, dofs, None, None, n)
-    return _assembled(found, frame, slave, None, 0.0, columns)
+    return _assembled(found, frames(normals, axis), slave, None, 0.0, columns)
 
 
-def _frames(
-    slave: Surface, node: Ints, normals: Array, axis: ArrayLike | None
-) -> Array:
-    length = np.linalg.norm(normals, axis=1)
+def _normals(slave: Surface, node: Ints) -> Array:
+    """From the obstacle towards the slave, at its nodes."""
+    normals = -slave.node_normals()[node]
     size = np.bincount(
         slave.corners.ravel(), slave.whole().ravel(), minlength=len(slave.points)
     )[node]
-    # Opposite facets at one node: of the mean normal only rounding is left.
-    thin = (length <= 1e-8 * size) if size.size else np.zeros(0, dtype=np.bool_)
+    # Of opposite facets only the rounding of the mean normal is left.
+    thin = np.linalg.norm(normals, axis=1) <= 1e-8 * size
     if thin.any():
         at = int(node[np.argmax(thin)])
         raise ValueError(
             f"{slave.name} has no normal at node {at}: its facets there face opposite ways"
         )
-    return frames(normals, axis)
+    return np.asarray(normals)
 
 
 def _apart(slave: Surface, master: Surface) -> None:

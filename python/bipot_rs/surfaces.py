@@ -110,7 +110,7 @@ def bases(normals: Array) -> Array:
 
 
 def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
-    """Check the arrays ``points_<side>`` and ``facets_<side>``.
+    """Check the arrays ``points`` and ``facets``, of which ``side`` ends the names.
 
     Raises
     ------
@@ -118,11 +118,11 @@ def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
         Shapes, nodes out of range or repeated in a facet, facets without area, folded,
         or turned against their neighbours: with the number of the facet.
     """
-    what = f"points_{side}"
+    what = f"points{side}"
     x = floats(what, points, ndim=2)
     if x.shape[1] not in (2, 3):
         raise ValueError(f"{what} has shape {x.shape}, expected (n, 2) or (n, 3)")
-    name = f"facets_{side}"
+    name = f"facets{side}"
     nodes = _facets(name, facets, len(x))
     kind = kind_of(name, x.shape[1], nodes.shape[1])
     corners = nodes[:, : kind.corners]
@@ -143,7 +143,7 @@ def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
         flat = np.einsum("mkd,mcd->mck", found.bases(), places)
         skew = skewness(flat)
         if (skew >= _FOLDED).any():
-            at = int(np.argmax(skew))
+            at = int(np.argmax(skew >= _FOLDED))
             raise ValueError(
                 f"{name} has a folded facet, {at}, with the nodes "
                 f"{corners[at].tolist()}: expected a convex quadrilateral, its corners "

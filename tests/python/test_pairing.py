@@ -382,8 +382,8 @@ def test_large_surfaces_take_no_product_of_their_sizes() -> None:
 
     most = []
     for n in (10, 40):
-        slave = surface("slave", *sheet(4, n, up=False))
-        master = surface("master", *sheet(4, n + 3, up=True))
+        slave = surface("_slave", *sheet(4, n, up=False))
+        master = surface("_master", *sheet(4, n + 3, up=True))
         s, _, _ = candidates(slave.centre, slave.radius, slave.normals, master)
         most.append(len(s) / len(slave.facets))
     assert most[1] < 1.2 * most[0] < 25
