@@ -376,6 +376,33 @@ def test_gaps_between_circles(method: str) -> None:
     assert errors[-1] < 1e-3
 
 
+def cap(
+    nodes: int, n: int, radius: float, half: float, up: bool
+) -> tuple[Array, NDArray[np.int64]]:
+    """A sheet on a sphere, its quadrilaterals not plane, its edges curved."""
+    x, cells = sheet(nodes, n, up=up, seed=n, low=-half, high=half, bend=0.15)
+    x[:, 2] = 1
+    return radius * x / np.linalg.norm(x, axis=1)[:, None], cells
+
+
+@pytest.mark.parametrize(
+    ("slave", "master"), [(4, 4), (3, 4), (4, 3), (6, 9), (8, 6), (9, 8)]
+)
+def test_gaps_between_spheres(slave: int, master: int) -> None:
+    errors = []
+    for n in (4, 8, 16):
+        found = bp.pairs(
+            *cap(slave, n, 1.1, 0.5, up=False),
+            *cap(master, round(1.3 * n), 1.0, 0.7, up=True),
+        )
+        assert (found.area > 0).all()
+        assert abs(found.master).max() < 3
+        np.testing.assert_allclose(found.master.sum(axis=1), 1, rtol=1e-13)
+        errors.append(np.sqrt(np.mean((found.gap - 0.1) ** 2)))
+    assert np.log2(errors[0] / errors[-1]) / 2 > 1.8, errors
+    assert errors[-1] < 5e-4
+
+
 def test_large_surfaces_take_no_product_of_their_sizes() -> None:
     """Candidates a facet do not grow with the meshes."""
     from bipot_rs.surfaces import candidates, surface
