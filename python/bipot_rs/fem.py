@@ -69,14 +69,13 @@ class Contact:
     towards the body, or the surface ``against = (body, surface)`` of another
     body. Of such a pair the nodes lie opposite, one to one, with ``pairing = "match"``;
     where they do not, ``"mortar"`` passes constant pressures exactly, and ``"nodes"``
-    puts each node on the facet opposite, as of `bipot_rs.pairs`. This body is the slave,
-    best the one with the finer mesh. ``clearance`` adds to the gap: a number, or a
-    function of the places ``(nodes, d)`` [m], of which mortar takes the weighted mean.
-    ``within`` keeps nodes by their places; where meshes do not match, the facets all of
-    whose nodes it keeps. In space ``mu`` may be
-    a pair, friction along the tangents t1 and t2: t1 is then ``axis (d,)``, a direction
-    of the material such as its grain, made orthogonal to the normal, and t2 at right
-    angles to it; without ``axis``, they are those of `frames`.
+    puts each node on the facet opposite, as of `bipot_rs.pairs`. This body is the slave.
+    ``clearance`` adds to the gap: a number, or a function of the places ``(nodes, d)``
+    [m], of which mortar takes the weighted mean. ``within`` keeps nodes by their places;
+    where meshes do not match, the facets all of whose nodes it keeps. In space ``mu`` may
+    be a pair, friction along the tangents t1 and t2: t1 is then ``axis (d,)``, a
+    direction of the material such as its grain, made orthogonal to the normal, and t2 at
+    right angles to it; without ``axis``, they are those of `frames`.
     """
 
     body: str

@@ -3,7 +3,7 @@
 On the part Γ of the slave surface that the master covers, tractions are
 ``λ = Σ λ_i ψ_i`` and do work on
 
-    v_i = ∫_Γ ψ_i (u_s - u_m) dA / a_i,    a_i = ∫_Γ ψ_i dA > 0,
+    v_i = ∫_Γ ψ_i (u_s - u_m) dA / a_i,    a_i = ∫_Γ ψ_i dA > 0,                   (24)
 
 so that ``r_i = a_i λ_i`` is the force that goes with v_i, and ``B_ij = ∫ ψ_i φ_j / a_i``.
 u_m is taken at the place opposite, across the plane of the slave facet (Puso and
@@ -16,7 +16,7 @@ balance where the surfaces are flat and meet.
 
 ψ is dual to the corner functions N of the facet (Wohlmuth, 2000): on each facet e,
 
-    ψ = D M⁻¹ N,    M = ∫_e N Nᵀ dA,    D = diag(∫_e N dA),
+    ψ = D M⁻¹ N,    M = ∫_e N Nᵀ dA,    D = diag(∫_e N dA),                        (26)
 
 so that ``∫ ψ_i N_j = δ_ij a_i``: v_i holds one slave node, and the part of the slave in B
 is a diagonal of ones where N are all its shape functions. M and D are integrals over the
