@@ -87,7 +87,8 @@ def pairs(
     that its normal meets: forces and, with equal places, moments balance, but a constant
     pressure arrives at the master as forces of the slave nodes, wrong by some tens of per
     cent from node to node, on every mesh. Either may be the slave: on the coarser mesh
-    pressures are smoother, on the finer one less penetrates between nodes. Parts of the slave that the master does not cover have no contacts.
+    pressures are smoother, on the finer one less penetrates between nodes. Parts of the
+    slave that the master does not cover have no contacts.
 
     Parameters
     ----------
