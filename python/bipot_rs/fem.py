@@ -29,10 +29,10 @@ from bipot_rs.elasticity import (
     stiffness,
     vtk_cells,
 )
+from bipot_rs.facet_mesh import turned_outward
 from bipot_rs.frames import frames
 from bipot_rs.pairing import METHODS, pairs
 from bipot_rs.problem import ContactProblem
-from bipot_rs.surfaces import outward
 
 __all__ = [
     "FACES",
@@ -506,7 +506,7 @@ def _paired(
     b, o = _index(bodies, contact.body), _index(bodies, contact.against[0])
     if o == b:
         raise ValueError(f"body {bodies[b].name!r} is in contact with itself")
-    ours = _outward(bodies[b], contact.surface)
+    ours = _facets_outward(bodies[b], contact.surface)
     if contact.within is not None:
         ours = ours[np.isin(ours, nodes).all(axis=1)]
         if not len(ours):
@@ -519,7 +519,7 @@ def _paired(
     try:
         found = pairs(
             *(bodies[b].points, ours),
-            *(bodies[o].points, _outward(bodies[o], contact.against[1])),
+            *(bodies[o].points, _facets_outward(bodies[o], contact.against[1])),
             method=contact.pairing,
             clearance=contact.clearance,
             axis=contact.axis,
@@ -539,11 +539,11 @@ def _paired(
     return found.points, found.frame, found.gap, area, dofs, found.B
 
 
-def _outward(body: Body, surface: str) -> Ints:
+def _facets_outward(body: Body, surface: str) -> Ints:
     """Facets of a surface, numbered so that their normals point outwards."""
     facets = body.surface(surface)
     normals = np.asarray(facets.normals).mean(axis=2).T
-    return outward(body.points, facets.corners, normals)
+    return turned_outward(body.points, facets.corners, normals)
 
 
 def _normals(facets: Quadrature) -> Floats:

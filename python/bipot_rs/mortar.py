@@ -50,9 +50,9 @@ import numpy as np
 
 from bipot_rs.check import Array, floats
 from bipot_rs.clipping import clip, triangle_rule, triangles
+from bipot_rs.facet_mesh import Ints, Surface, bases, candidates
 from bipot_rs.facet_shapes import CORNER_SHAPES, KINDS, Kind, reference, skewness
 from bipot_rs.skewed import polygon_integrals
-from bipot_rs.surfaces import Ints, Surface, bases, candidates
 
 Places = Callable[[Array], Any]
 

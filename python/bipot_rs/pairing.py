@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs.check import Array, floats, number, shown
+from bipot_rs.facet_mesh import Ints, Surface, bases, candidates, surface
 from bipot_rs.facet_shapes import reference
 from bipot_rs.frames import frames
 from bipot_rs.mortar import Weights, integrate, overlaps, weights, whole
-from bipot_rs.surfaces import Ints, Surface, bases, candidates, surface
 
 METHODS = ("mortar", "nodes")
 # In reference coordinates: a node on the rim of a facet, but for the digits that two

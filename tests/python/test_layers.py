@@ -92,7 +92,7 @@ PYTHON = (
     "check plane_friction result",
     "friction",
     "answers diagnosis errors existence facet_shapes frames motion",
-    "clipping skewed surfaces",
+    "clipping facet_mesh skewed",
     "mortar",
     "pairing",
     "reduced",

@@ -91,8 +91,8 @@ def pressed(
     if overhang != (0.0, 1.0):
         # What the upper block does not press, the air does.
         covered = bp.pairs(
-            *(bodies[1].points, fem._outward(bodies[1], "top")),
-            *(bodies[0].points, fem._outward(bodies[0], "bottom")),
+            *(bodies[1].points, fem._facets_outward(bodies[1], "top")),
+            *(bodies[0].points, fem._facets_outward(bodies[0], "bottom")),
         )
         load += model.pressure("low", "top", P)
         pushed = covered.slave.T @ covered.area

@@ -1,4 +1,4 @@
-"""Surfaces of facets: checked once, with their normals, sizes and neighbours in space."""
+"""Meshes of facets: checked once, with their normals, sizes and neighbours in space."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
     return found
 
 
-def outward(points: Array, facets: Ints, normals: Array) -> Ints:
+def turned_outward(points: Array, facets: Ints, normals: Array) -> Ints:
     """Facets with those turned around whose normals look away from ``normals (m, d)``."""
     kind = kind_of("facets", points.shape[1], facets.shape[1])
     own, _ = _normals("facets", points[facets[:, : kind.corners]])
