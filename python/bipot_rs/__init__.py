@@ -8,9 +8,9 @@ discretisation, with a residual that proves it::
     result = problem.solve(load)
 
 `ContactProblem`, `solve`, `ReducedProblem` and `project` are the ways in;
-`Result` and `Solution` what comes out; `fclib` reads and writes the problems of that
-collection. Bodies described by name are a `Model`.
-Only NumPy is imported here, SciPy and
+`Result` and `Solution` what comes out; `pairs` makes B for surfaces whose meshes do not
+match; `fclib` reads and writes the problems of that collection. Bodies described by name
+are a `Model`. Only NumPy is imported here, SciPy and
 the rest by the functions that need them.
 """
 
@@ -28,6 +28,7 @@ from bipot_rs.errors import (
     NotConvergedError,
 )
 from bipot_rs.existence import Existence
+from bipot_rs.pairing import Pairs, pairs, rigid_pairs
 from bipot_rs.problem import ContactProblem, project, solve
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
@@ -46,6 +47,7 @@ __all__ = [
     "NoEquilibriumError",
     "NotConvergedError",
     "Outcome",
+    "Pairs",
     "ReducedProblem",
     "Result",
     "Solution",
@@ -53,7 +55,9 @@ __all__ = [
     "Step",
     "fclib",
     "load",
+    "pairs",
     "project",
+    "rigid_pairs",
     "solve",
 ]
 

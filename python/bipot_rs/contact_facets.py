@@ -90,14 +90,22 @@ def contact_facets(model: Model, bodies: Sequence[Simplices]) -> ContactFacets:
     Raises
     ------
     ValueError
-        A contact node without such a facet, normals that change on a facet, or opposite
-        facets that are split along different diagonals.
+        Meshes in contact that do not match, a contact node without such a facet, normals
+        that change on a facet, or opposite facets that are split along different
+        diagonals.
     """
     dim = model.dim
     names = [body.name for body in model.bodies]
     first: list[tuple[int, Ints, Ints]] = []
     second: list[tuple[int, Ints, Ints]] = []
     for group, contact in enumerate(model.contacts):
+        if contact.against is not None and contact.pairing != "match":
+            raise ValueError(
+                f"surfaces {contact.surface!r} of {contact.body!r} and "
+                f"{contact.against} are paired by {contact.pairing!r}: tractions linear "
+                "on the facets of the one are not so on those of the other; expected "
+                "pairing='match'"
+            )
         mine = np.flatnonzero(model.group == group)
         owner = names.index(contact.body)
         one = bodies[owner]

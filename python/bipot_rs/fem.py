@@ -6,7 +6,7 @@ node + component``, so that K is block diagonal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from bipot_rs.check import RATIO, floats, friction, number
+from bipot_rs.check import floats, number
 from bipot_rs.elasticity import (
     FACES,
     Body,
@@ -31,6 +31,15 @@ from bipot_rs.elasticity import (
     vtk_cells,
 )
 from bipot_rs.elements import second_order
+from bipot_rs.frames import frames
+from bipot_rs.meeting import (
+    Contact,
+    body_index,
+    gaps_of_steps,
+    meet,
+    place,
+    relative_displacement,
+)
 from bipot_rs.mesh_check import check_mesh
 from bipot_rs.mesh_file import read_mesh, read_meshes
 from bipot_rs.problem import ContactProblem
@@ -43,8 +52,6 @@ from bipot_rs.surfaces import (
     surface,
     with_surfaces,
 )
-from bipot_rs.obstacle import Motion, Obstacle, Plane, approach
-from bipot_rs.problem import ContactProblem
 from bipot_rs.words import counted
 
 __all__ = [
@@ -72,9 +79,6 @@ __all__ = [
     "with_surfaces",
 ]
 
-# Up to so many pairs of nodes comparing all takes less time than importing a tree.
-_ALL_PAIRS = 2**20
-
 
 @dataclass(frozen=True)
 class Support:
@@ -84,34 +88,6 @@ class Support:
     surface: str
     components: Sequence[int]
     within: Box | None = None
-
-
-@dataclass(frozen=True)
-class Contact:
-    """Nodes of a named surface that may meet an obstacle.
-
-    The obstacle is a rigid plane, ``plane = (point, normal)`` with the normal
-    towards the body; or another rigid ``obstacle``, as those of `bipot_rs.obstacle`; or
-    the surface ``against = (body, surface)`` of another body whose nodes lie opposite,
-    one to one. Rigid ones move along the load path by ``motion``, a
-    `bipot_rs.obstacle.Motion`. A surface may meet several obstacles, one in each of
-    several contacts. ``clearance`` adds to the gap:
-    a number, or a function of the places ``(nodes, d)`` [m]. In space ``mu`` may be
-    a pair, friction along the tangents t1 and t2: t1 is then ``axis (d,)``, a direction
-    of the material such as its grain, made orthogonal to the normal, and t2 at right
-    angles to it; without ``axis``, they are those of `frames`.
-    """
-
-    body: str
-    surface: str
-    mu: float | Sequence[float]
-    plane: tuple[ArrayLike, ArrayLike] | None = None
-    against: tuple[str, str] | None = None
-    clearance: float | Callable[[Floats], ArrayLike] = 0.0
-    within: Box | None = None
-    axis: ArrayLike | None = None
-    obstacle: Obstacle | None = None
-    motion: Motion | None = None
 
 
 @dataclass(frozen=True)
@@ -137,7 +113,8 @@ class Model:
     offset : tuple of int
         First degree of freedom of each body.
     contact_dofs : (n_c, 2)
-        First degree of freedom of the node and of its partner, -1 for a rigid obstacle.
+        First degree of freedom of the node and of its partner, -1 where there is no one
+        partner: for a rigid obstacle, and for meshes that do not match.
     contacts : tuple of Contact
         As given to `build`.
     group : (n_c,)
@@ -209,7 +186,9 @@ class Model:
         dict
             ``displacement``, ``contact_pressure`` [Pa], ``contact_shear`` [Pa] (on the
             body that has the node, in global components), and ``contact_status``, -1
-            away from contact.
+            away from contact. Where meshes do not match, both bodies have the nodal
+            forces Bᵀ r over the nodes' own areas of contact, and the status of the
+            contact that weighs most.
         """
         traction = reaction / self.area[:, None]
         shear = np.einsum("ck,ckd->cd", traction[:, 1:], self.frame[:, 1:])
@@ -225,7 +204,60 @@ class Model:
             fields["contact_pressure"][node] = traction[has, 0]
             fields["contact_shear"][node] = sign * shear[has]
             fields["contact_status"][node] = status[has]
+        for group, contact in enumerate(self.contacts):
+            if contact.pairing != "match":
+                own = np.flatnonzero(self.group == group)
+                self._spread(fields, own, traction[own, 0], shear[own], status[own])
         return fields
+
+    def _spread(
+        self,
+        fields: dict[str, NDArray[Any]],
+        contacts: Ints,
+        pressure: Floats,
+        shear: Floats,
+        status: NDArray[np.integer[Any]],
+    ) -> None:
+        """Contact fields of a pair of surfaces whose meshes do not match.
+
+        With the weights w of the contacts on a body, node j has the area ``Σ w_ij a_i``
+        and the force ``Σ w_ij a_i t_i``.
+        """
+        slave = body_index(self.bodies, self.contacts[self.group[contacts[0]]].body)
+        weights = self._weights(contacts)
+        node = np.flatnonzero(np.diff(weights.indptr))
+        weights = weights[node]
+        first = self.offset[slave] // self.dim
+        count = len(self.bodies[slave].points)
+        sign = np.where((node >= first) & (node < first + count), 1.0, -1.0)
+        scaled = weights.multiply(sign[:, None]).tocsr().multiply(self.area[contacts])
+        scaled = scaled.tocsr()
+        # Corners of quadratic facets have no area: of them the mean by size.
+        size = abs(scaled)
+        small = np.abs(scaled.sum(axis=1)) <= 1e-2 * size.sum(axis=1)
+        scaled = sparse.diags_array((~small).astype(float)) @ scaled
+        scaled = scaled + sparse.diags_array(small.astype(float)) @ size
+        area = scaled.sum(axis=1)
+        fields["contact_pressure"][node] = (scaled @ pressure) / area
+        fields["contact_shear"][node] = sign[:, None] * (scaled @ shear) / area[:, None]
+        rows = np.repeat(np.arange(len(node)), np.diff(size.indptr))
+        order = np.lexsort([size.data, rows])
+        largest = order[np.cumsum(np.diff(size.indptr)) - 1]
+        fields["contact_status"][node] = status[size.indices[largest]]
+
+    def _weights(self, contacts: Ints) -> Any:
+        """Scalar weights behind rows of B, ``(nodes, contacts)``: blocks are w_ij frame_i."""
+        d = self.dim
+        rows = (d * contacts[:, None] + np.arange(d)).ravel()
+        # The first row of frameᵀ frame = 1, in the first component of each node.
+        along = sparse.csr_array(
+            (
+                self.frame[contacts, :, 0].ravel(),
+                (np.arange(rows.size), np.repeat(np.arange(len(contacts)), d)),
+            )
+        )
+        first = self.B[rows].tocsc()[:, ::d]
+        return sparse.csr_array(first.T @ along)
 
     def problem(self, *, num_threads: int | None = None) -> ContactProblem:
         """Condense: the contact problem of these arrays, its obstacles moving as asked."""
@@ -277,19 +309,19 @@ class Model:
             Force per area ``(d,)`` [Pa], or a function of the places
             ``(d, ...)`` that returns ``(d, ...)``.
         """
-        index = _index(self.bodies, body)
+        index = body_index(self.bodies, body)
         return self._forces(index, self.bodies[index].surface(surface), value)
 
     def pressure(self, body: str, surface: str, value: float) -> Floats:
         """Consistent nodal forces ``(n,)`` of a pressure, positive inwards [Pa]."""
         number("value", value)
-        index = _index(self.bodies, body)
+        index = body_index(self.bodies, body)
         points = self.bodies[index].surface(surface)
         return self._forces(index, points, -value * np.asarray(points.normals))
 
     def body_force(self, body: str, value: Field) -> Floats:
         """Consistent nodal forces ``(n,)`` of a force per volume [N/m³], as `traction`."""
-        index = _index(self.bodies, body)
+        index = body_index(self.bodies, body)
         return self._forces(index, self.bodies[index].volume(), value)
 
     def initial_strain(self, body: str, strain: Initial) -> Floats:
@@ -304,12 +336,12 @@ class Model:
             a function of the places, `thermal`, or a mapping of volumes of the body to
             these (`bipot_rs.stress`). `stress` takes it as ``initial``.
         """
-        index = _index(self.bodies, body)
+        index = body_index(self.bodies, body)
         return self._at(index, initial_forces(self.bodies[index], strain))
 
     def displacement_of(self, body: str, displacement: ArrayLike) -> Floats:
         """Displacement of one body, ``(nodes, d)``, out of that of all, ``(n,)``."""
-        index = _index(self.bodies, body)
+        index = body_index(self.bodies, body)
         u = floats("displacement", displacement, shape=(self.n,))
         first = self.offset[index]
         size = self.bodies[index].points.size
@@ -353,10 +385,10 @@ class Model:
             for row, k, moved in zip(dofs, support.components, numbers, strict=True):
                 other = row[~np.isnan(at[row]) & (at[row] != moved)]
                 if other.size:
-                    place = self.nodes[other[0] // self.dim]
+                    where = place(self.nodes[other[0] // self.dim])
                     raise ValueError(
                         f"supports prescribe both {at[other[0]]:g} and {moved:g} for "
-                        f"component {k} of the node at {_place(place)}, the second one "
+                        f"component {k} of the node at {where}, the second one "
                         f"on surface {support.surface!r} of body {support.body!r}"
                     )
                 at[row] = moved
@@ -404,16 +436,16 @@ def build(
     dim = dims.pop()
     ends = np.cumsum([0] + [dim * len(body.points) for body in bodies])
     offset, n = tuple(int(e) for e in ends[:-1]), int(ends[-1])
-    planes = [(s, plane_of(bodies[_index(bodies, s.body)], s)) for s in symmetries]
+    planes = [(s, plane_of(bodies[body_index(bodies, s.body)], s)) for s in symmetries]
     supports = [*supports, *(Support(s.body, s.surface, (k,)) for s, k in planes)]
     matrices = [stiffness(body) for body in bodies]
     for spring in springs:
-        b = _index(bodies, spring.body)
+        b = body_index(bodies, spring.body)
         matrices[b] = matrices[b] + spring_stiffness(bodies[b], spring)
 
     support_dofs = []
     for support in supports:
-        b = _index(bodies, support.body)
+        b = body_index(bodies, support.body)
         if not set(support.components) <= set(range(dim)):
             raise ValueError(
                 f"components of the support on {support.surface!r} are "
@@ -425,18 +457,21 @@ def build(
     flat = [dofs.ravel() for dofs in support_dofs]
     fixed = np.unique(np.concatenate([np.zeros(0, np.int64), *flat]))
 
-    found = [_contact(bodies, offset, contact) for contact in contacts]
-    none = (np.zeros((0, dim)), np.zeros((0, dim, dim)), np.zeros(0), np.zeros(0))
-    points, frame, gap, area = (
-        np.concatenate([empty, *(c[k] for c in found)]) for k, empty in enumerate(none)
-    )
-    dofs = np.concatenate([np.zeros((0, 2), np.int64), *(c[4] for c in found)])
-    group = np.repeat(np.arange(len(contacts)), [len(c[0]) for c in found]).astype(int)
+    found = [meet(bodies, offset, n, contact) for contact in contacts]
+
+    def stacked(name: str, *shape: int) -> Floats:
+        return np.concatenate(
+            [np.zeros((0, *shape)), *(getattr(m, name) for m in found)]
+        )
+
+    gap, frame = stacked("gap"), stacked("frame", dim, dim)
+    dofs = np.concatenate([np.zeros((0, 2), np.int64), *(m.dofs for m in found)])
+    group = np.repeat(np.arange(len(contacts)), [len(m.gap) for m in found]).astype(int)
     pairs = np.array([np.broadcast_to(c.mu, 2) for c in contacts], np.float64)
     mu = pairs.reshape(-1, 2)[group]
     if all(np.ndim(c.mu) == 0 for c in contacts):
         mu = mu[:, 0].copy()
-    B = _relative_displacement(frame, dofs, n)
+    B = relative_displacement(found, n)
     free = np.ones(n)
     free[fixed] = 0.0
     mobile = (abs(B) @ free).reshape(-1, dim)
@@ -451,263 +486,19 @@ def build(
         B=B,
         gap=gap,
         mu=mu,
-        area=area,
-        points=points,
+        area=stacked("area"),
+        points=stacked("points", dim),
         frame=frame,
         fixed=fixed,
         contact_dofs=dofs,
         group=group.astype(np.int64),
         support_dofs=tuple(support_dofs),
         dim=dim,
-        moving=_moving(gap, dim, [(c[5], len(c[0])) for c in found]),
+        moving=gaps_of_steps(found, dim),
         nodes=np.concatenate([body.points for body in bodies]),
         symmetries=len(symmetries),
         springs=tuple(springs),
     )
-
-
-def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Floats:
-    """Orthonormal bases with rows n, t1[, t2], from normals ``(n_c, d)``.
-
-    The tangents are the coordinate axes, in their order, made orthogonal to the
-    normal, leaving out the axis nearest to it: with n = z they are x and y. In space
-    ``axis (3,)`` may be given: t1 is that direction made orthogonal to the normal, and
-    t2 = n × t1.
-    """
-    n = floats("normals", normals, ndim=2)
-    dim = n.shape[1]
-    if dim not in (2, 3):
-        raise ValueError(f"normals has shape {n.shape}, expected (n_c, 2) or (n_c, 3)")
-    length = np.linalg.norm(n, axis=1)
-    if not np.all((length > 0) & np.isfinite(length)):
-        raise ValueError("a normal has length zero or is not finite")
-    n = n / length[:, None]
-    nearest = np.argmax(np.abs(n), axis=1)
-    frame = np.empty((len(n), dim, dim))
-    frame[:, 0] = n
-    if axis is not None:
-        _along(frame, axis)
-        return frame
-    for k in range(1, dim):
-        # The k-th axis other than the nearest one.
-        axis = np.where(k - 1 < nearest, k - 1, k)
-        t = np.eye(dim)[axis]
-        # Twice: one pass leaves an error of ε over the sine of the angle.
-        for _ in range(2):
-            for j in range(k):
-                t = t - np.sum(t * frame[:, j], axis=1, keepdims=True) * frame[:, j]
-        frame[:, k] = t / np.linalg.norm(t, axis=1, keepdims=True)
-    return frame
-
-
-def _along(frame: Floats, axis: ArrayLike) -> None:
-    """Fill tangents in behind the normals: the first along ``axis``."""
-    if frame.shape[1] != 3:
-        raise ValueError("axis was given, in the plane there is one tangent")
-    direction = floats("axis", axis, shape=(3,))
-    size = np.abs(direction).max()
-    if size == 0:
-        raise ValueError("axis is zero, expected a direction")
-    n, t = frame[:, 0], np.broadcast_to(direction / size, (len(frame), 3))
-    for _ in range(2):  # as in `frames`
-        t = t - np.sum(t * n, axis=1, keepdims=True) * n
-    length = np.linalg.norm(t, axis=1)
-    # Below, the direction is the rounding of the normal.
-    if (length < 1e-8).any():
-        at = int(np.argmin(length))
-        raise ValueError(
-            f"axis is {direction.tolist()}, expected a direction aside of the normal, "
-            f"which is {n[at].tolist()} at contact {at}"
-        )
-    frame[:, 1] = t / length[:, None]
-    frame[:, 2] = np.cross(n, frame[:, 1])
-
-
-def _contact(
-    bodies: Sequence[Body], offset: Sequence[int], contact: Contact
-) -> tuple[Floats, Floats, Floats, Floats, Ints, Floats | None]:
-    """Points, frames, gaps, areas and first degrees of freedom of one contact.
-
-    Last the gaps of each step by component, where the obstacle moves.
-    """
-    what = f"mu of the contact on {contact.surface!r}"
-    if np.ndim(contact.mu) == 1:
-        friction(np.asarray(contact.mu)[None], 1, bodies[0].dim, ratio=RATIO)
-    elif not 0 <= number(what, contact.mu) < np.inf:
-        raise ValueError(
-            f"{what} is {contact.mu}, expected a finite number, zero or positive"
-        )
-    b = _index(bodies, contact.body)
-    body = bodies[b]
-    nodes = body.nodes(contact.surface, contact.within)
-    if not nodes.size:
-        raise ValueError(
-            f"contact on {contact.surface!r} of body {body.name!r} has no nodes: "
-            "within leaves none"
-        )
-    _refuse_negative_areas(body, contact.surface)
-    facets = body.surface(contact.surface)
-    area = body.depth * facets.moment(np.ones(facets.weights.shape))[nodes]
-    points = body.points[nodes]
-    first = offset[b] + body.dim * nodes
-    given = [contact.plane, contact.obstacle, contact.against]
-    missing = ValueError(
-        f"contact on {contact.surface!r} needs one obstacle: plane, obstacle or against"
-    )
-    if sum(one is not None for one in given) > 1:
-        raise missing
-    if contact.motion is not None and contact.against is not None:
-        raise ValueError(
-            f"motion of the contact on {contact.surface!r} was given, but "
-            f"{contact.against} is a surface of another body: move it by supports"
-        )
-    moved = None
-    if contact.plane is not None:
-        what = f"plane of the contact on {contact.surface!r}"
-        if len(contact.plane) != 2:
-            raise ValueError(f"{what} is not a pair of a point and a normal")
-        point, normal = (floats(what, a) for a in contact.plane)
-        if point.shape != (body.dim,) or normal.shape != (body.dim,):
-            raise ValueError(
-                f"{what} has shapes {point.shape} and {normal.shape}, expected "
-                f"({body.dim},)"
-            )
-        frame = frames(np.broadcast_to(normal, points.shape), contact.axis)
-        partner = np.full(len(nodes), -1, dtype=np.int64)
-        gap = np.einsum("cd,cd->c", frame[:, 0], points - point)
-        if contact.motion is not None:
-            frame, moved = _rigid(contact, Plane(point, normal), points)
-    elif contact.obstacle is not None:
-        frame, moved = _rigid(contact, contact.obstacle, points)
-        partner = np.full(len(nodes), -1, dtype=np.int64)
-        gap = moved[0, :, 0].copy()
-    elif contact.against is not None:
-        frame = frames(-_normals(facets)[nodes], contact.axis)
-        o = _index(bodies, contact.against[0])
-        if o == b:
-            raise ValueError(f"body {body.name!r} is in contact with itself")
-        obstacle, surface = bodies[o], contact.against[1]
-        theirs = obstacle.nodes(surface)
-        match = _match(points, obstacle.points[theirs], frame, contact)
-        partner = offset[o] + obstacle.dim * theirs[match]
-        between = points - obstacle.points[theirs[match]]
-        gap = np.einsum("cd,cd->c", frame[:, 0], between)
-    else:
-        raise missing
-    extra = contact.clearance
-    what = f"clearance of the contact on {contact.surface!r}"
-    clearance = floats(what, extra(points) if callable(extra) else extra)
-    if clearance.shape not in ((), (1,), (len(nodes),)):
-        raise ValueError(
-            f"{what} has shape {clearance.shape}, expected a number or ({len(nodes)},)"
-        )
-    dofs = np.stack([first, partner], axis=1)
-    if contact.motion is None or moved is None:
-        return points, frame, gap + clearance, area, dofs, None
-    moved[:, :, 0] += clearance
-    return points, frame, gap + clearance, area, dofs, moved[1:]
-
-
-def _rigid(
-    contact: Contact, obstacle: Obstacle, points: Floats
-) -> tuple[Floats, Floats]:
-    """Frames, and gaps by component at the start and after each step, of a rigid obstacle."""
-    try:
-        met = approach(obstacle, contact.motion, points)
-    except ValueError as error:
-        raise ValueError(
-            f"obstacle of the contact on {contact.surface!r}: {error}"
-        ) from None
-    frame = frames(met.normal, contact.axis)
-    gaps = -np.einsum("cij,kcj->kci", frame, met.drag)
-    gaps[:, :, 0] = met.distance
-    return frame, gaps
-
-
-def _moving(
-    gap: Floats, dim: int, found: Sequence[tuple[Floats | None, int]]
-) -> Floats | None:
-    """Gaps of each step by component, of all contacts; those at rest keep theirs."""
-    steps = sorted({len(moved) for moved, _ in found if moved is not None})
-    if not steps:
-        return None
-    if len(steps) > 1:
-        raise ValueError(
-            f"obstacles move through {' and '.join(map(str, steps))} steps, expected one "
-            "number"
-        )
-    whole = np.zeros((steps[0], len(gap), dim))
-    whole[:, :, 0] = gap
-    first = 0
-    for moved, count in found:
-        if moved is not None:
-            whole[:, first : first + count] = moved
-        first += count
-    return whole
-
-
-def outward(body: Body, surface: str) -> Floats:
-    """Outward normals at all nodes ``(nodes, d)``, by area; zero off the surface."""
-    return _normals(body.surface(surface))
-
-
-def _refuse_negative_areas(body: Body, surface: str) -> None:
-    """Contact at nodes needs a positive area at each of them."""
-    if not body.kind.lumps:
-        face = {"triangle6": "of 6 nodes", "quad8": "of 8 nodes"}[body.kind.face]
-        none = "none at all" if body.kind.face == "triangle6" else "a negative one"
-        raise ValueError(
-            f"contact on {surface!r} of body {body.name!r} is at nodes of faces {face}, "
-            f'where a constant pressure gives corners {none}: use pairing="mortar", '
-            "or cells of first order or of 27 nodes"
-        )
-
-
-def _normals(facets: Quadrature) -> Floats:
-    """Outward normals at the nodes of a surface ``(nodes, d)``, by area, not of length 1."""
-    normal = np.asarray(facets.normals)
-    nodal = np.stack([facets.moment(component) for component in normal], axis=1)
-    # A component of rounding size on a coordinate plane would couple B to
-    # displacements that the contact does not feel.
-    small = 1e-14 * np.abs(nodal).max(axis=1, keepdims=True)
-    return np.where(np.abs(nodal) <= small, 0.0, nodal)
-
-
-def _match(ours: Floats, theirs: Floats, frame: Floats, contact: Contact) -> Ints:
-    """Index of the node opposite to each of ours, along the normal."""
-    match = _nearest(ours, theirs)
-    between = ours - theirs[match]
-    along = np.einsum("cd,cd->c", frame[:, 0], between)
-    aside = np.linalg.norm(between - along[:, None] * frame[:, 0], axis=1)
-    # Nodes of one place written by two meshers differ in their last digits.
-    bad = np.flatnonzero(aside > 1e-7 * np.ptp(ours, axis=0).max())
-    if bad.size:
-        raise ValueError(
-            f"surfaces {contact.surface!r} of {contact.body!r} and {contact.against} do "
-            f"not match: no node lies opposite to the one at {_place(ours[bad[0]])}, "
-            f"the nearest is {aside[bad[0]]:g} aside"
-        )
-    values, counts = np.unique(match, return_counts=True)
-    if np.any(counts > 1):
-        raise ValueError(
-            f"surfaces {contact.surface!r} of {contact.body!r} and {contact.against} do "
-            f"not match: the node at {_place(theirs[values[counts > 1][0]])} lies "
-            "opposite to several"
-        )
-    return np.asarray(match, dtype=np.int64)
-
-
-def _nearest(ours: Floats, theirs: Floats) -> Ints:
-    """Index of the nearest of theirs, ``(ours,)``."""
-    if len(ours) * len(theirs) > _ALL_PAIRS:
-        from scipy.spatial import cKDTree
-
-        _, match = cKDTree(theirs).query(ours)
-        return np.asarray(match, dtype=np.int64)
-    distance = np.zeros((len(ours), len(theirs)))
-    for mine, other in zip(ours.T, theirs.T, strict=True):
-        distance += np.subtract.outer(mine, other) ** 2
-    return np.asarray(distance.argmin(axis=1), dtype=np.int64)
 
 
 def _stacked(blocks: Sequence[Any]) -> Any:
@@ -734,33 +525,3 @@ def _stacked(blocks: Sequence[Any]) -> Any:
         ),
         shape=(int(ends[-1]), int(ends[-1])),
     )
-
-
-def _relative_displacement(frame: Floats, dofs: Ints, n: int) -> Any:
-    """B of (2): node minus partner, in the frame of the contact."""
-    count, dim = frame.shape[:2]
-    rows = np.arange(dim * count).reshape(count, dim, 1)
-    data, row, column = [], [], []
-    for side, sign in ((0, 1.0), (1, -1.0)):
-        has = dofs[:, side] >= 0
-        columns = dofs[has, side, None, None] + np.arange(dim)
-        data.append((sign * frame[has]).ravel())
-        row.append(np.broadcast_to(rows[has], (has.sum(), dim, dim)).ravel())
-        column.append(np.broadcast_to(columns, (has.sum(), dim, dim)).ravel())
-    triplets = (np.concatenate(data), (np.concatenate(row), np.concatenate(column)))
-    B = sparse.coo_array(triplets, shape=(dim * count, n)).tocsr()
-    B.eliminate_zeros()
-    return B
-
-
-def _index(bodies: Sequence[Body], name: str) -> int:
-    for index, body in enumerate(bodies):
-        if body.name == name:
-            return index
-    raise ValueError(
-        f"there is no body {name!r}, expected one of {[body.name for body in bodies]}"
-    )
-
-
-def _place(x: Floats) -> str:
-    return "(" + ", ".join(f"{c:g}" for c in x) + ")"

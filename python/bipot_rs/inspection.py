@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs import motion
 from bipot_rs.check import Array, floats
 from bipot_rs.closest import length, place
-from bipot_rs.fem import Model, outward
+from bipot_rs.fem import Model
+from bipot_rs.meeting import outward
 from bipot_rs.words import counted
 
 Ints = NDArray[np.int64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from bipot_rs import elasticity, fem
+from bipot_rs import elasticity, fem, meeting
 
 Floats = NDArray[np.float64]
 CELLS = {
@@ -167,9 +167,9 @@ def test_partners_are_the_same_with_and_without_a_tree(
 ) -> None:
     random = np.random.default_rng(5)
     ours, theirs = random.normal(size=(40, 3)), random.normal(size=(70, 3))
-    few = fem._nearest(ours, theirs)
-    monkeypatch.setattr(fem, "_ALL_PAIRS", 0)
-    np.testing.assert_array_equal(few, fem._nearest(ours, theirs))
+    few = meeting._nearest(ours, theirs)
+    monkeypatch.setattr(meeting, "_ALL_PAIRS", 0)
+    np.testing.assert_array_equal(few, meeting._nearest(ours, theirs))
 
 
 @pytest.mark.parametrize("cell", CELLS)

@@ -1,0 +1,447 @@
+"""Two bodies whose meshes do not match: patch tests, Hertz, Cattaneo–Mindlin, rings."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from bipot_rs import analytic, fem, meeting
+from bipot_rs.contact_facets import contact_facets
+from bipot_rs.simplices import simplices
+from halfspace import body, boussinesq, grid, mirrored
+from profiles import Profile
+
+Array = NDArray[np.float64]
+PLANE, SPACE = ("triangle", "quadrilateral"), ("tetrahedron", "hexahedron")
+MIXED = [(a, b) for cells in (PLANE, SPACE) for a in cells for b in cells]
+NU, P = 0.3, 1e-3
+
+
+def block(
+    name: str,
+    cell: str,
+    n: int,
+    *,
+    low: float = 0.0,
+    high: float = 1.0,
+    slope: float = 0.0,
+    seed: int = 0,
+) -> fem.Body:
+    """A unit block above ("up") or below z = slope x, its inner nodes moved at random.
+
+    Nodes of the surface of contact stay on it, those of the sides on the sides.
+    """
+    up = 1.0 if name == "up" else -1.0
+    dim = 2 if cell in PLANE else 3
+    height = np.linspace(0, up, n + 1)
+    mesh = fem.box([np.linspace(low, high, n + 1)] * (dim - 1) + [height], cell)
+    x = mesh.p.copy()
+    random = np.random.default_rng(seed)
+    inside = ((x[:-1] > low) & (x[:-1] < high)).all(axis=0) & (abs(x[-1]) < 1)
+    amount = 0.2 / n * random.uniform(-1, 1, x.shape)
+    amount[:-1] *= high - low
+    amount[-1, x[-1] == 0] = 0
+    x[:, inside] += amount[:, inside]
+    x[-1] += slope * x[0] * (1 - abs(x[-1]))
+    mesh = type(mesh)(x, mesh.t).with_boundaries(mesh.boundaries)
+    return fem.Body(name, mesh, fem.Material(1.0, NU))
+
+
+def uniform(x: Array) -> Array:
+    """Displacement under the stress -P along the last axis; z = -1 and x = 0 stay."""
+    dim = x.shape[1]
+    along, aside = (1 - NU**2, NU * (1 + NU)) if dim == 2 else (1.0, NU)
+    return P * np.column_stack([aside * x[:, :-1], -along * (x[:, -1] + 1)])
+
+
+def pressed(
+    cells: tuple[str, str],
+    slave: str,
+    *,
+    slope: float = 0.0,
+    mu: float = 0.3,
+    pairing: str = "mortar",
+    overhang: tuple[float, float] = (0.0, 1.0),
+) -> tuple[fem.Model, Any]:
+    """Two blocks pressed by P on top, with n = 4 and 3 cells a side; result of one step."""
+    low, high = overhang
+    bodies = [
+        block("up", cells[0], 4, slope=slope, seed=1),
+        block("low", cells[1], 3, low=low, high=high, slope=slope, seed=2),
+    ]
+    names = [("up", "bottom"), ("low", "top")]
+    if slave == "low":
+        names.reverse()
+    contact = fem.Contact(*names[0], mu, against=names[1], pairing=pairing)
+    dim = bodies[0].dim
+    if slope:
+        # Sides that are held would take a part of the shear.
+        supports = [
+            fem.Support("low", "bottom", range(dim)),
+            fem.Support("up", "top", range(dim - 1)),
+        ]
+    else:
+        supports = [fem.Support("low", "bottom", [dim - 1])]
+        for k, side in enumerate(("left", "front")[: dim - 1]):
+            supports += [fem.Support(name, side, [k]) for name in ("up", "low")]
+    model = fem.build(bodies, [contact], supports)
+    load = model.pressure("up", "top", P)
+    if overhang != (0.0, 1.0):
+        # What the upper block does not press, the air does.
+        covered = bp.pairs(
+            *(bodies[1].points, meeting._facets_outward(bodies[1], "top")),
+            *(bodies[0].points, meeting._facets_outward(bodies[0], "bottom")),
+        )
+        load += model.pressure("low", "top", P)
+        pushed = covered.slave.T @ covered.area
+        load[model.offset[1] + dim - 1 :: dim] += P * pushed
+    exact = uniform(model.nodes).ravel()[model.fixed]
+    result: Any = model.problem().solve(load, exact, tol=1e-15)
+    return model, result
+
+
+@pytest.mark.parametrize("slave", ["up", "low"])
+@pytest.mark.parametrize("cells", MIXED)
+def test_patch(cells: tuple[str, str], slave: str) -> None:
+    model, result = pressed(cells, slave)
+    exact = uniform(model.nodes)
+    u = result.displacement[-1].reshape(exact.shape)
+    # The condition of some hundred unknowns times rounding.
+    assert abs(u - exact).max() < 1e-12 * abs(exact).max()
+    np.testing.assert_allclose(result.traction[-1][:, 0], P, rtol=1e-12)
+    fields = model.fields(
+        result.displacement[-1], result.reaction[-1], result.status[-1]
+    )
+    meets = model.nodes[:, -1] == 0
+    np.testing.assert_allclose(fields["contact_pressure"][meets], P, rtol=1e-12)
+    assert (fields["contact_pressure"][~meets] == 0).all()
+    assert ((fields["contact_status"] >= 0) == meets).all()
+
+
+@pytest.mark.parametrize("slave", ["up", "low"])
+@pytest.mark.parametrize("cells", MIXED)
+def test_patch_on_an_incline_that_friction_holds(
+    cells: tuple[str, str], slave: str
+) -> None:
+    """Normal and shear traction constant: slope 0.3 below μ = 0.5, all nodes stick."""
+    model, result = pressed(cells, slave, slope=0.3, mu=0.5)
+    exact = uniform(model.nodes)
+    u = result.displacement[-1].reshape(exact.shape)
+    assert abs(u - exact).max() < 1e-12 * abs(exact).max()
+    assert (result.status[-1] == bp.Status.STICK).all()
+    cosine = 1 / np.hypot(1, 0.3)
+    t = result.traction[-1]
+    np.testing.assert_allclose(t[:, 0], P * cosine**2, rtol=1e-11)
+    np.testing.assert_allclose(
+        np.linalg.norm(t[:, 1:], axis=1), 0.3 * P * cosine**2, rtol=1e-11
+    )
+    fields = model.fields(
+        result.displacement[-1], result.reaction[-1], result.status[-1]
+    )
+    shear = fields["contact_shear"]
+    meets = np.linalg.norm(shear, axis=1) > 0
+    above = np.arange(len(meets)) < model.offset[1] // model.dim
+    # The lower body is pushed down the slope, the upper one held.
+    n, e = np.zeros(model.dim), np.eye(model.dim)[-1]
+    n[0], n[-1] = -0.3 * cosine, cosine
+    push = P * cosine * (e - cosine * n)
+    for side, sign in ((above, 1.0), (~above, -1.0)):
+        found = sign * shear[meets & side]
+        np.testing.assert_allclose(
+            found, np.tile(push, (len(found), 1)), atol=1e-11 * P
+        )
+
+
+@pytest.mark.parametrize("slave", ["up", "low"])
+@pytest.mark.parametrize("cells", MIXED)
+def test_patch_with_an_overhang(cells: tuple[str, str], slave: str) -> None:
+    """Facets of the lower block are covered in part, whichever is the slave."""
+    model, result = pressed(cells, slave, mu=0.0, overhang=(-0.31, 1.27))
+    exact = uniform(model.nodes)
+    u = result.displacement[-1].reshape(exact.shape)
+    assert abs(u - exact).max() < 1e-11 * abs(exact).max()
+    np.testing.assert_allclose(result.traction[-1][:, 0], P, rtol=1e-11)
+
+
+def test_nodes_fail_the_patch_test_by_some_percent() -> None:
+    """In balance all the same: the resultant is that of the load."""
+    for cells in (("quadrilateral",) * 2, ("tetrahedron", "hexahedron")):
+        _, result = pressed(cells, "up", pairing="nodes")  # type: ignore[arg-type]
+        off = abs(result.traction[-1][:, 0] / P - 1).max()
+        assert 0.01 < off < 0.5
+        assert result.reaction[-1][:, 0].sum() == pytest.approx(P, rel=1e-12)
+
+
+FAR = 300.0
+
+
+def two(
+    h: float,
+    ratio: float,
+    slave: str,
+    across: Any,
+    supports: list[fem.Support],
+    **contact: Any,
+) -> fem.Model:
+    """Equal bodies of 300 half-widths, of cells of h and `ratio` h at the contact."""
+    bodies = [
+        body(
+            name,
+            [*[across(grid(k, 1.6, FAR))] * dim, sign * grid(k, 1.0, FAR)],
+            1.0,
+            NU,
+        )
+        for name, k, sign, dim in (("upper", h, 1, 1), ("lower", ratio * h, -1, 1))
+    ]
+    names = [("upper", "bottom"), ("lower", "top")]
+    if slave == "lower":
+        names.reverse()
+    pair = fem.Contact(*names[0], against=names[1], pairing="mortar", **contact)
+    return fem.build(bodies, [pair], supports)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "slave"), [(1.37, "upper"), (1.37, "lower"), (0.77, "upper")]
+)
+def test_hertz(ratio: float, slave: str) -> None:
+    """Cylinders, a = 1: order 1 in the mean square, and 2 of the width, as matching ones.
+
+    Bounds for each mesh: how large the constants are depends on where the edge falls
+    in a cell.
+    """
+    e_star = analytic.contact_modulus(1.0, NU, 1.0, NU)
+    force = 1e-3
+    radius = np.pi * e_star / (4 * force)  # a = 1
+    a, p0 = analytic.hertz_line(force, radius, e_star)
+    for h in (0.2, 0.1, 0.05):
+        held = [
+            ("upper", "left", [0]),
+            ("lower", "left", [0]),
+            ("lower", "bottom", [0, 1]),
+        ]
+        model = two(
+            *(h / a, ratio, slave, np.array, [fem.Support(*s) for s in held]),
+            mu=0.0,
+            clearance=lambda x: x[:, 0] ** 2 / (2 * radius),
+            within={0: (0, 1.6)},
+        )
+        load = model.traction("upper", "top", [0, -force / 2 / FAR])
+        result: Any = model.problem().solve(load)
+        x, r = model.points[:, 0], result.reaction[0]
+        expected = np.zeros_like(r)
+        expected[:, 0] = analytic.hertz_pressure(x, a, p0)
+        profile = Profile(x, model.area, result.traction[0], expected)
+        assert profile.error(0) < 0.6 * h
+        width = 2 * np.sqrt(r[:, 0] @ x**2 / r[:, 0].sum())
+        assert abs(width - a) < 0.6 * h**2
+
+
+def sheared(h: float, slave: str) -> Profile:
+    """Equal half-planes pressed, then sheared by 3/4 of μP, as case A9."""
+    mu = 0.3
+    e_star = analytic.contact_modulus(1.0, NU, 1.0, NU)
+    force = 1e-3
+    radius = np.pi * e_star / (4 * force)
+    held = [fem.Support("lower", "bottom", [0, 1]), fem.Support("upper", "top", [0, 1])]
+    model = two(
+        *(h, 1.37, slave, mirrored, held),
+        mu=mu,
+        clearance=lambda x: x[:, 0] ** 2 / (2 * radius),
+        within={0: (-1.6, 1.6)},
+    )
+    problem = model.problem()
+    down, aside = 3.5 * force, 0.7 * force
+    sign = 1.0 if slave == "upper" else -1.0
+    for _ in range(8):  # each gains a digit
+        path = [model.prescribed([[0, 0], [x, -down]]) for x in (0, aside)]
+        result: Any = problem.solve(None, np.array(path))
+        pressing, shear = result.reaction[-1].sum(axis=0)
+        down = down * force / pressing
+        aside = aside * 0.75 * mu * force / (-sign * shear)
+    x = model.points[:, 0]
+    a, c, p0 = analytic.cattaneo_mindlin_line(pressing, abs(shear), radius, e_star, mu)
+    expected = np.column_stack(
+        [
+            analytic.hertz_pressure(x, a, p0),
+            -sign * analytic.partial_slip_traction(x, a, c, p0, mu),
+        ]
+    )
+    return Profile(x, model.area, result.traction[-1], expected)
+
+
+@pytest.mark.parametrize("slave", ["upper", "lower"])
+def test_cattaneo_mindlin(slave: str) -> None:
+    """Order 1, as above; the least radius that is stuck has a second edge."""
+    for h in (0.2, 0.1, 0.05):
+        profile = sheared(h, slave)
+        assert profile.error(0) < 0.6 * h
+        assert profile.error(1) < 0.6 * h
+
+
+@pytest.mark.parametrize("slave", ["inner", "outer"])
+def test_rings(slave: str) -> None:
+    """Lamé's cylinder in two rings of other meshes: the pressure between them, order 2.
+
+    A quarter, pressed from inside; no friction, and none is asked for. Displacements are
+    of order 2. A finer slave feels the kinks of the master, gaps of h² over lengths of h,
+    as pressures of order 1.
+    """
+    a, b, c, p = 1.0, 1.5, 2.0, 0.5
+    exact = p * a**2 / (c**2 - a**2) * (c**2 / b**2 - 1)
+    errors, moved = [], []
+    for n in (4, 8, 16):
+        bodies = []
+        for name, k, ends in (("inner", n, (a, b)), ("outer", round(1.4 * n), (b, c))):
+            mesh = fem.box(
+                [np.linspace(*ends, k // 2 + 1), np.linspace(0, np.pi / 2, k + 1)],
+                "quadrilateral",
+            )
+            r, angle = mesh.p
+            x = np.stack([r * np.cos(angle), r * np.sin(angle)])
+            # The quarter ends on the axis.
+            x[0, angle == np.pi / 2] = 0
+            mesh = type(mesh)(x, mesh.t).with_boundaries(mesh.boundaries)
+            bodies.append(fem.Body(name, mesh, fem.Material(1.0, NU)))
+        names = [("inner", "right"), ("outer", "left")]
+        if slave == "outer":
+            names.reverse()
+        contact = fem.Contact(*names[0], 0.0, against=names[1], pairing="mortar")
+        supports = [
+            fem.Support(name, side, [k])
+            for name in ("inner", "outer")
+            for side, k in (("bottom", 1), ("top", 0))
+        ]
+        model = fem.build(bodies, [contact], supports)
+        result: Any = model.problem().solve(model.pressure("inner", "left", p))
+        t, weight = result.traction[0][:, 0], model.area
+        errors.append(
+            float(np.sqrt(np.sum(weight * (t - exact) ** 2) / weight.sum())) / exact
+        )
+        u = result.displacement[0].reshape(-1, 2)
+        r = np.linalg.norm(model.nodes, axis=1)
+        radial = np.sum(u * model.nodes, axis=1) / r
+        lame = (1 + NU) * p * a**2 / (c**2 - a**2) * ((1 - 2 * NU) * r + c**2 / r)
+        moved.append(abs(radial - lame).max() / lame.max())
+    orders = [np.log2(e[0] / e[-1]) / 2 for e in (errors, moved)]
+    assert orders[0] > (1.8 if slave == "inner" else 1.0), errors
+    assert orders[1] > 1.8, moved
+    assert errors[-1] < 0.03
+    assert moved[-1] < 3e-3
+
+
+def test_spheres() -> None:
+    """Two equal ones, a quarter of each: force and pressure for an approach, by Hertz."""
+    radius, delta, far = 250.0, 8e-3, 6.0
+    e_star = analytic.contact_modulus(1.0, NU, 1.0, NU)
+    force = 4 / 3 * e_star * np.sqrt(radius) * delta**1.5
+    a, _, p0 = analytic.hertz_sphere(force, radius, e_star)
+    assert a == pytest.approx(np.sqrt(2))
+    errors = []
+    for h in (0.4, 0.2):
+        bodies = [
+            body(
+                name,
+                [a * grid(k, 1.4, far)] * 2 + [sign * a * grid(k, 0.6, far)],
+                1.0,
+                NU,
+            )
+            for name, k, sign in (("upper", h, 1), ("lower", 1.3 * h, -1))
+        ]
+        contact = fem.Contact(
+            *("upper", "bottom", 0.0),
+            against=("lower", "top"),
+            pairing="mortar",
+            clearance=lambda x: np.sum(x[:, :2] ** 2, axis=1) / (2 * radius),
+            within={0: (0, 1.5 * a), 1: (0, 1.5 * a)},
+        )
+        supports = [
+            fem.Support(name, side, parts)
+            for name, end in (("upper", "top"), ("lower", "bottom"))
+            for side, parts in (
+                *(("left", [0]), ("front", [1])),
+                *((s, [0, 1, 2]) for s in ("right", "back", end)),
+            )
+        ]
+        model = fem.build(bodies, [contact], supports)
+        side = np.where(np.arange(len(model.nodes)) < model.offset[1] // 3, 1.0, -1.0)
+        x = model.nodes * np.column_stack([side**2, side**2, side])
+        field = boussinesq(x, force, 1.0, NU) - [0, 0, delta / 2]
+        field[:, 2] *= side
+        on_far = (x == x.max(axis=0)).any(axis=1)
+        moved = np.where(on_far[:, None], field, 0.0).ravel()[model.fixed]
+        result: Any = model.problem().solve(None, moved)
+        r = np.linalg.norm(model.points, axis=1)
+        expected = np.zeros_like(result.reaction[0])
+        expected[:, 0] = analytic.hertz_pressure(r, a, p0)
+        profile = Profile(r, model.area, result.traction[0], expected)
+        assert profile.error(0) < 0.6 * h
+        errors.append(abs(4 * result.reaction[0][:, 0].sum() / force - 1))
+    # Order 2; cells of 0.1 leave 0.004.
+    assert errors[1] < errors[0] / 3.5
+    assert errors[1] < 0.025
+
+
+def test_thickness() -> None:
+    """Areas and forces in the plane are those of the thickness, tractions are not."""
+    models = []
+    for t in (1.0, 0.02):
+        bodies = [
+            fem.Body(b.name, b.mesh, fem.Material(1.0, NU, thickness=t))
+            for b in (block("up", "triangle", 4), block("low", "quadrilateral", 3))
+        ]
+        contact = fem.Contact(
+            "up", "bottom", 0.3, against=("low", "top"), pairing="mortar"
+        )
+        models.append(fem.build(bodies, [contact]))
+    np.testing.assert_allclose(models[1].area, 0.02 * models[0].area, rtol=1e-15)
+    assert (models[0].B != models[1].B).nnz == 0
+
+
+def test_contacts_of_all_kinds_in_one_model() -> None:
+    """Rows of B follow their contacts; areas and gaps too."""
+    bodies = [block("up", "hexahedron", 3), block("low", "tetrahedron", 2)]
+    pair = fem.Contact("up", "bottom", 0.3, against=("low", "top"), pairing="mortar")
+    ground = fem.Contact("low", "bottom", 0.2, plane=([0, 0, -1.5], [0, 0, 1]))
+    both, first = fem.build(bodies, [ground, pair]), fem.build(bodies, [pair])
+    count = len(both.gap) - len(first.gap)
+    np.testing.assert_array_equal(both.gap[:count], 0.5)
+    np.testing.assert_array_equal(both.gap[count:], first.gap)
+    assert (both.B[3 * count :] != first.B).nnz == 0
+    np.testing.assert_array_equal(both.contact_dofs[count:, 1], -1)
+
+
+def test_what_needs_pairs_of_nodes_says_so() -> None:
+    model, _ = pressed(("triangle", "triangle"), "up")
+    with pytest.raises(
+        ValueError, match=r"paired by 'mortar'.*expected pairing='match'"
+    ):
+        contact_facets(model, [simplices(b) for b in model.bodies])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pairing": "mortars"}, "pairing of the contact on 'bottom' is 'mortars'"),
+        (
+            {"against": None, "plane": ((0, 0), (0, 1))},
+            "is 'mortar', which is for two bodies",
+        ),
+        ({"against": ("up", "top")}, "in contact with itself"),
+        (
+            {"against": ("low", "left")},
+            "'bottom' of 'up', the slave, .*same way or across",
+        ),
+        ({"within": {0: (0.4, 0.5)}}, "within leaves none"),
+        (
+            {"pairing": "match"},
+            "do not match: .* expected opposite nodes, or pairing='mortar'",
+        ),
+    ],
+)
+def test_pairings_that_cannot_be(changes: dict[str, Any], message: str) -> None:
+    bodies = [block("up", "quadrilateral", 4), block("low", "triangle", 3)]
+    given = {"against": ("low", "top"), "pairing": "mortar", **changes}
+    with pytest.raises(ValueError, match=message):
+        fem.build(bodies, [fem.Contact("up", "bottom", 0.3, **given)])

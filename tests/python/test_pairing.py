@@ -1,0 +1,416 @@
+"""Surfaces that do not match: balance, reproduction, invariance, and what the rim does."""
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+import skfem
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from sheets import line, rotation, second_order, sheet
+
+Array = NDArray[np.float64]
+KINDS = (3, 4, 6, 8, 9)
+
+
+def tilted(seed: int, *sheets: Any) -> tuple[Any, ...]:
+    """The arguments of `pairs`, of sheets turned in space, and the turn."""
+    Q = rotation(seed)
+    return *(a for x, f in sheets for a in (x @ Q.T, f)), Q
+
+
+def rigid(x: Array, spin: Array) -> Array:
+    return np.cross(spin, x) if x.shape[1] == 3 else spin[0] * x[:, ::-1] * [-1.0, 1.0]
+
+
+@pytest.mark.parametrize("master", KINDS)
+@pytest.mark.parametrize("slave", KINDS)
+def test_roles_may_be_swapped(slave: int, master: int) -> None:
+    """∫ φ_j over the overlap, the forces of a constant pressure, does not ask for roles.
+
+    The squares overlap in part, each with facets cut by the rim of the other.
+    """
+    seed = 10 * slave + master
+    one = sheet(slave, 5, up=False, seed=seed, low=-0.23, high=0.9)
+    other = sheet(master, 4, up=True, seed=seed + 1)
+    *given, Q = tilted(seed, one, other)
+    found, swapped = bp.pairs(*given), bp.pairs(*given[2:], *given[:2])
+    # Sums over some ten facets, each a sum over some ten intersections: rounding.
+    size = 1e-13 * found.area.max()
+    assert found.area.sum() == pytest.approx(0.9**2, rel=1e-13)
+    for p, q in ((found, swapped), (swapped, found)):
+        assert (p.area > 0).all()
+        np.testing.assert_allclose(
+            p.slave.T @ p.area, q.master.T @ q.area, rtol=0, atol=size
+        )
+        np.testing.assert_allclose(p.slave.sum(axis=1), 1, rtol=1e-14)
+        np.testing.assert_allclose(p.master.sum(axis=1), 1, rtol=1e-14)
+        # No weight that would make noise of displacements.
+        assert max(abs(p.slave).max(), abs(p.master).max()) < 4
+    # Normals from the master towards the slave, which is above.
+    np.testing.assert_allclose(
+        found.frame[:, 0], np.tile(Q[:, 2], (len(found.gap), 1)), atol=1e-14
+    )
+    # Both bodies as one rigid body: forces and moments balance whatever they are.
+    x = np.concatenate([given[0], given[2]])
+    for spin in np.eye(3):
+        assert abs(found.B @ rigid(x, spin).ravel()).max() < 1e-13
+        assert abs(found.B @ np.tile(spin, len(x))).max() < 1e-14
+    # Far from touching they are only 0 apart.
+    assert abs(found.gap).max() < 1e-14
+
+
+@pytest.mark.parametrize("middles", [False, True])
+def test_roles_may_be_swapped_in_the_plane(middles: bool) -> None:
+    random = np.random.default_rng(5)
+    one = line(np.sort(random.uniform(-0.3, 0.8, 9)), up=False, middles=middles)
+    other = line(np.sort(np.append(random.uniform(0, 1, 6), [0, 1])), up=True)
+    Q = rotation(6, 2)
+    given = (one[0] @ Q.T, one[1], other[0] @ Q.T, other[1])
+    found, swapped = bp.pairs(*given), bp.pairs(*given[2:], *given[:2])
+    for p, q in ((found, swapped), (swapped, found)):
+        # As above.
+        np.testing.assert_allclose(
+            p.slave.T @ p.area, q.master.T @ q.area, rtol=0, atol=1e-14
+        )
+        assert (p.area > 0).all()
+    x = np.concatenate([given[0], given[2]])
+    assert abs(found.B @ rigid(x, np.ones(1)).ravel()).max() < 1e-14
+
+
+def exact_dual(x: Array, cells: NDArray[np.int64], f: Any) -> tuple[Array, Array]:
+    """∫ ψ_i f / a_i and a_i on triangles by scikit-fem, with ψ_i = 4 N_i - 1 there."""
+    mesh = skfem.MeshTri(np.ascontiguousarray(x[:, :2].T), cells.T.copy())
+    basis = skfem.Basis(mesh, skfem.ElementTriP1(), intorder=4)
+
+    # The form sees one N at a time.
+    value = skfem.LinearForm(lambda v, w: (4 * v - 1) * f(w.x)).assemble(basis)
+    area = skfem.LinearForm(lambda v, _: v).assemble(basis)
+    return value / area, area
+
+
+def test_weights_are_the_integrals_of_dual_functions() -> None:
+    """Of a quadratic function, which triangles of six nodes hold exactly."""
+    x, cells = sheet(3, 5, up=False, seed=1)
+    y, facets = sheet(6, 4, up=True, seed=2)
+    found = bp.pairs(x, cells, y, facets)
+
+    def f(p: Any) -> Any:
+        return 1 + 2 * p[0] - p[1] + 3 * p[0] * p[1] - 5 * p[1] ** 2
+
+    mean, area = exact_dual(x, cells, f)
+    np.testing.assert_array_equal(found.node, np.arange(len(x)))
+    np.testing.assert_allclose(found.area, area, rtol=1e-13)
+    np.testing.assert_allclose(
+        found.master @ f(y.T), mean, rtol=0, atol=1e-13 * abs(mean).max()
+    )
+    # Dual: one slave node each.
+    np.testing.assert_allclose(found.slave.toarray(), np.eye(len(x)), atol=1e-14)
+
+
+def test_weights_by_brute_force_on_quadrilaterals() -> None:
+    """Points strewn regularly over both sheets, shape functions by scikit-fem."""
+    x, cells = sheet(4, 2, up=False, seed=3)
+    y, facets = sheet(4, 3, up=True, seed=4)
+    found = bp.pairs(x, cells, y, facets)
+    m = 200
+    line = (np.arange(m) + 0.5) / m
+    p = np.stack(np.meshgrid(line, line, indexing="ij")).reshape(2, -1)
+
+    def shapes(x: Array, cells: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+        mesh = skfem.MeshQuad(np.ascontiguousarray(x[:, :2].T), cells.T.copy())
+        basis = skfem.Basis(mesh, skfem.ElementQuad1())
+        cell = mesh.element_finder()(*p)
+        local = mesh.mapping().invF(p[:, :, None], tind=cell)
+        phi = np.stack([basis.elem.lbasis(local[:, :, 0], i)[0] for i in range(4)])
+        return phi, np.asarray(mesh.t[:, cell])
+
+    N, slave = shapes(x, cells)
+    phi, master = shapes(y, facets)
+    which = {tuple(sorted(c)): k for k, c in enumerate(cells.tolist())}
+    owner = np.array([which[tuple(sorted(c))] for c in slave.T.tolist()])
+    expected, area = np.zeros((len(x), len(y))), np.zeros(len(x))
+    for k in range(len(cells)):
+        here = owner == k
+        nodes, own = slave[:, here][:, 0], N[:, here]
+        D = np.diag(own.sum(axis=1))
+        psi = D @ np.linalg.solve(own @ own.T, own)
+        for j in range(4):
+            for i in range(4):
+                np.add.at(expected[nodes[i]], master[j, here], psi[i] * phi[j, here])
+        np.add.at(area, nodes, D.diagonal())
+    expected /= area[:, None]
+    # A sum over points of distance 1/m errs by about 1/m along the edges of the cells.
+    assert abs(found.master.toarray() - expected).max() < 2 / m
+    assert abs(found.area - area / m**2).max() < 0.2 / m
+
+
+@pytest.mark.parametrize(
+    ("nodes", "within"),
+    # Sums in another order; and other triangles in skewed quadrilaterals, where rules are
+    # not exact.
+    [(3, 1e-13), (4, 1e-7)],
+)
+def test_numbering_is_of_no_effect(nodes: int, within: float) -> None:
+    one, other = (
+        sheet(nodes, 4, up=False, seed=7, high=0.8),
+        sheet(3, 5, up=True, seed=8),
+    )
+    found = bp.pairs(*one, *other)
+    random = np.random.default_rng(9)
+    p, q = random.permutation(len(one[0])), random.permutation(len(other[0]))
+
+    def renumbered(x: Array, cells: NDArray[np.int64], order: Any) -> tuple[Array, Any]:
+        new = np.empty(len(order), dtype=np.int64)
+        new[order] = np.arange(len(order))
+        shuffled = random.permutation(new[cells])
+        return x[order], np.array([np.roll(c, random.integers(4)) for c in shuffled])
+
+    again = bp.pairs(*renumbered(*one, p), *renumbered(*other, q))
+    row = np.searchsorted(found.node, p[again.node])
+    np.testing.assert_array_equal(found.node[row], p[again.node])
+    for name, order in (("slave", p), ("master", q)):
+        ours = getattr(found, name).toarray()[row][:, order]
+        np.testing.assert_allclose(getattr(again, name).toarray(), ours, atol=within)
+    np.testing.assert_allclose(again.area, found.area[row], rtol=1e-13)
+
+
+@pytest.mark.parametrize("method", ["mortar", "nodes"])
+@pytest.mark.parametrize("unit", [1e-6, 1e3])
+def test_units_and_the_origin_are_of_no_effect(unit: float, method: str) -> None:
+    one, other = sheet(4, 4, up=False, seed=7, high=0.8), sheet(4, 5, up=True, seed=8)
+    one[0][:, 2] += 0.125
+    found = bp.pairs(*one, *other, method=method)
+    shift = 1000 * np.array([1.0, -2.0, 3.0])
+    given = [unit * (x + shift) for x in (one[0], other[0])]
+    again = bp.pairs(given[0], one[1], given[1], other[1], method=method)
+    np.testing.assert_array_equal(again.node, found.node)
+    # Places have lost four digits, and slivers at the rim are ill-conditioned.
+    np.testing.assert_allclose(again.area, unit**2 * found.area, rtol=1e-9)
+    np.testing.assert_allclose(again.gap, unit * found.gap, rtol=1e-9)
+    assert abs(again.B - found.B).max() < 1e-9
+
+
+def test_own_numbers_of_the_degrees_of_freedom() -> None:
+    one, other = sheet(3, 3, up=False), sheet(3, 2, up=True)
+    found = bp.pairs(*one, *other)
+    n = 3 * (len(one[0]) + len(other[0])) + 5
+    order = np.random.default_rng(1).permutation(n)[: found.B.shape[1]]
+    numbers = order.reshape(-1, 3)
+    count = len(one[0])
+    again = bp.pairs(
+        *(*one, *other), dofs_slave=numbers[:count], dofs_master=numbers[count:], n=n
+    )
+    assert again.B.shape == (found.B.shape[0], n)
+    assert abs(again.B[:, order] - found.B).max() == 0
+    assert again.B.nnz == found.B.nnz
+    np.testing.assert_array_equal(
+        pickle.loads(pickle.dumps(again)).B.toarray(), again.B.toarray()
+    )
+
+
+@pytest.mark.parametrize("shift", [0.3, 1e-1, 1e-2, 1e-4, 1e-7, 1e-10])
+@pytest.mark.parametrize("nodes", [3, 4])
+def test_a_rim_that_is_hardly_covered(nodes: int, shift: float) -> None:
+    """The master reaches into the next row of facets by `shift` cells.
+
+    All of the pressure arrives, and no displacement is blown up: without a rule for the
+    rim, weights grow as 1/shift.
+    """
+    one = sheet(nodes, 4, up=False, seed=2, bend=0.0)
+    other = sheet(3, 5, up=True, seed=3, high=0.75 + shift / 4)
+    found = bp.pairs(*one, *other)
+    whole = bp.pairs(*other, *one)  # all of it is covered
+    assert max(abs(found.slave).max(), abs(found.master).max()) < 6
+    # 1e-14 of a facet taken for nothing, and rounding.
+    np.testing.assert_allclose(
+        found.master.T @ found.area, whole.area, rtol=0, atol=1e-12 * whole.area.max()
+    )
+    x = np.concatenate([one[0], other[0]])
+    assert abs(found.B @ rigid(x, np.array([1.0, 2.0, 3.0])).ravel()).max() < 1e-12
+
+
+@pytest.mark.parametrize("size", [0.5, 1e-2, 1e-5])
+@pytest.mark.parametrize("nodes", KINDS)
+def test_a_punch_smaller_than_a_facet(nodes: int, size: float) -> None:
+    one = sheet(nodes, 1, up=False)
+    other = sheet(4, 3, up=True, low=0.3, high=0.3 + size)
+    found = bp.pairs(*one, *other)
+    assert len(found.node) >= 1
+    assert found.area.sum() == pytest.approx(size**2, rel=1e-9)
+    assert max(abs(found.slave).max(), abs(found.master).max()) < 10
+    np.testing.assert_allclose(
+        found.master.T @ found.area, bp.pairs(*other, *one).area, rtol=1e-8
+    )
+
+
+def test_a_gap_is_that_of_the_places() -> None:
+    for nodes in KINDS:
+        one, other = sheet(nodes, 3, up=False), sheet(4, 4, up=True)
+        one[0][:, 2] += 0.25
+        for method in ("mortar", "nodes") if nodes < 5 else ("mortar",):
+            found = bp.pairs(*one, *other, method=method, clearance=0.5)
+            np.testing.assert_allclose(found.gap, 0.75, rtol=1e-14)
+            # A linear clearance is met at the nodes by dual functions, too.
+            found = bp.pairs(
+                *(*one, *other), method=method, clearance=lambda x: 3 * x[:, 0] - 1
+            )
+            slope = 3 * found.points[:, 0] - 0.75
+            # What rules leave on skewed quadrilaterals, see the module.
+            np.testing.assert_allclose(
+                found.gap, slope, atol=1e-6 if nodes != 3 else 1e-13
+            )
+
+
+def test_clearance_in_the_mean() -> None:
+    """∫ ψ x² / a = x² - h²/6 for 2 N_1 - N_2 on either side, on segments of length h."""
+    x = np.linspace(0, 1, 6)
+    one, other = line(x, up=False), line(np.linspace(0, 1, 4), up=True)
+    found = bp.pairs(*one, *other, clearance=lambda p: p[:, 0] ** 2)
+    np.testing.assert_allclose(found.gap[1:-1], x[1:-1] ** 2 - 0.2**2 / 6, rtol=1e-13)
+
+
+def test_nodes_fail_the_patch_test() -> None:
+    """Three segments on two, by hand: a constant pressure is off by 1/9 at each node."""
+    one, other = (
+        line(np.linspace(0, 1, 4), up=False),
+        line(np.linspace(0, 1, 3), up=True),
+    )
+    found = bp.pairs(*one, *other, method="nodes")
+    np.testing.assert_allclose(found.area, [1 / 6, 1 / 3, 1 / 3, 1 / 6], rtol=1e-14)
+    exact = np.array([1 / 4, 1 / 2, 1 / 4])
+    arrived = found.master.T @ found.area
+    np.testing.assert_allclose(arrived / exact - 1, [1 / 9, -1 / 9, 1 / 9], rtol=1e-12)
+    right = bp.pairs(*one, *other)
+    np.testing.assert_allclose(right.master.T @ right.area, exact, rtol=1e-14)
+
+
+@pytest.mark.parametrize("master", KINDS)
+@pytest.mark.parametrize("slave", [3, 4])
+def test_nodes_are_in_balance(slave: int, master: int) -> None:
+    one = sheet(slave, 5, up=False, seed=1, low=-0.2, high=0.9)
+    other = sheet(master, 4, up=True, seed=2)
+    *given, _ = tilted(3, one, other)
+    found = bp.pairs(*given, method="nodes")
+    above = ((one[0][:, :2] >= 0) & (one[0][:, :2] <= 1)).all(axis=1)
+    np.testing.assert_array_equal(found.node, np.flatnonzero(above))
+    x = np.concatenate([given[0], given[2]])
+    for spin in np.eye(3):
+        # One facet each: rounding.
+        assert abs(found.B @ rigid(x, spin).ravel()).max() < 1e-14
+        assert abs(found.B @ np.tile(spin, len(x))).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("nodes", "corner", "middle", "centre"),
+    [(6, 0, 1 / 3, None), (8, -1 / 12, 1 / 3, None), (9, 1 / 36, 1 / 9, 4 / 9)],
+)
+def test_constant_pressure_on_second_order_facets(
+    nodes: int, corner: float, middle: float, centre: float | None
+) -> None:
+    """Nodal forces of the textbooks, from areas that are positive at all corners."""
+    x, cells = sheet(nodes, 1, up=False)
+    c = 3 if nodes == 6 else 4
+    x, cells = second_order(x[cells[0, :c]], np.arange(c)[None], nodes)
+    found = bp.rigid_pairs(x, cells, lambda p: p[:, 2])
+    size = 1 / 2 if c == 3 else 1.0
+    np.testing.assert_allclose(found.area, size / c, rtol=1e-14)
+    force = (
+        found.B.T
+        @ np.column_stack([found.area, 0 * found.area, 0 * found.area]).ravel()
+    )
+    expected = np.concatenate(
+        [[corner] * c, [middle] * c, [] if centre is None else [centre]]
+    )
+    np.testing.assert_allclose(force.reshape(-1, 3)[:, 2], size * expected, atol=1e-15)
+    assert found.B.shape == (3 * c, 3 * len(x))
+
+
+def test_constant_pressure_on_lines_of_three_nodes() -> None:
+    x, cells = line(np.array([0.0, 1.0]), up=False, middles=True)
+    found = bp.rigid_pairs(x, cells, lambda p: p[:, 1])
+    force = found.B.T @ np.column_stack([found.area, 0 * found.area]).ravel()
+    np.testing.assert_allclose(
+        force.reshape(-1, 2)[:, 1], [1 / 6, 1 / 6, 2 / 3], rtol=1e-14
+    )
+
+
+def test_rigid_obstacles() -> None:
+    """An inclined plane, whose gap is linear: that of the nodes."""
+    normal = np.array([1.0, 2.0, 2.0]) / 3
+    x, cells = sheet(6, 3, up=False, seed=4)
+    found = bp.rigid_pairs(x, cells, lambda p: p @ normal + 0.5, normal=normal)
+    np.testing.assert_allclose(found.gap, found.points @ normal + 0.5, rtol=1e-13)
+    np.testing.assert_allclose(found.frame[:, 0], np.tile(normal, (16, 1)), atol=1e-15)
+    assert found.area.sum() == pytest.approx(1, rel=1e-14)
+    by_place = bp.rigid_pairs(
+        *(x, cells, lambda p: p @ normal + 0.5), normal=lambda p: 0 * p + normal
+    )
+    assert abs(by_place.B - found.B).max() == 0
+
+
+@pytest.mark.parametrize("method", ["mortar", "nodes"])
+def test_gaps_between_circles(method: str) -> None:
+    """Polygons of a ring and of a disc: distances err by the square of the cells."""
+    errors = []
+    for n in (8, 16, 32):
+        outer, inner = (
+            radius * np.column_stack([np.cos(a), np.sin(a)])
+            for radius, a in (
+                (1.1, np.linspace(0.2, 1.2, n + 1)),
+                (1.0, np.linspace(0, 1.5, int(1.3 * n) + 1)),
+            )
+        )
+        up = [
+            np.column_stack([np.arange(len(p) - 1), np.arange(1, len(p))])
+            for p in (outer, inner)
+        ]
+        found = bp.pairs(outer, up[0][:, ::-1], inner, up[1], method=method)
+        errors.append(np.sqrt(np.mean((found.gap - 0.1) ** 2)))
+        # The ring is pushed away from the disc.
+        np.testing.assert_allclose(found.frame[:, 0], found.points / 1.1, atol=1.1 / n)
+    # Where nodes lie in facets opposite changes from mesh to mesh.
+    assert np.log2(errors[0] / errors[-1]) / 2 > 1.8, errors
+    assert errors[-1] < 1e-3
+
+
+def cap(
+    nodes: int, n: int, radius: float, half: float, up: bool
+) -> tuple[Array, NDArray[np.int64]]:
+    """A sheet on a sphere, its quadrilaterals not plane, its edges curved."""
+    x, cells = sheet(nodes, n, up=up, seed=n, low=-half, high=half, bend=0.15)
+    x[:, 2] = 1
+    return radius * x / np.linalg.norm(x, axis=1)[:, None], cells
+
+
+@pytest.mark.parametrize(
+    ("slave", "master"), [(4, 4), (3, 4), (4, 3), (6, 9), (8, 6), (9, 8)]
+)
+def test_gaps_between_spheres(slave: int, master: int) -> None:
+    errors = []
+    for n in (4, 8, 16):
+        found = bp.pairs(
+            *cap(slave, n, 1.1, 0.5, up=False),
+            *cap(master, round(1.3 * n), 1.0, 0.7, up=True),
+        )
+        assert (found.area > 0).all()
+        assert abs(found.master).max() < 3
+        np.testing.assert_allclose(found.master.sum(axis=1), 1, rtol=1e-13)
+        errors.append(np.sqrt(np.mean((found.gap - 0.1) ** 2)))
+    assert np.log2(errors[0] / errors[-1]) / 2 > 1.8, errors
+    assert errors[-1] < 5e-4
+
+
+def test_large_surfaces_take_no_product_of_their_sizes() -> None:
+    """Candidates a facet do not grow with the meshes."""
+    from bipot_rs.facet_mesh import candidates, surface
+
+    most = []
+    for n in (10, 40):
+        slave = surface("_slave", *sheet(4, n, up=False))
+        master = surface("_master", *sheet(4, n + 3, up=True))
+        s, _, _ = candidates(slave.centre, slave.radius, slave.normals, master)
+        most.append(len(s) / len(slave.facets))
+    assert most[1] < 1.2 * most[0] < 25

@@ -1,0 +1,165 @@
+"""Surfaces that cannot be paired: the message names the argument and the place."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from sheets import line, sheet
+
+ONE, OTHER = sheet(4, 2, up=False), sheet(3, 2, up=True)
+
+
+def changed(**parts: Any) -> dict[str, Any]:
+    given = {
+        "points_slave": ONE[0],
+        "facets_slave": ONE[1],
+        "points_master": OTHER[0],
+        "facets_master": OTHER[1],
+    }
+    return {**given, **parts}
+
+
+def with_facet(facets: Any, at: int, nodes: list[int]) -> Any:
+    found = facets.copy()
+    found[at] = nodes
+    return found
+
+
+@pytest.mark.parametrize("method", ["mortar", "nodes"])
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        (
+            {"facets_slave": ONE[1][:, ::-1]},
+            "face the same way or across .* cosine 1.00",
+        ),
+        (
+            {"points_master": OTHER[0] + [5, 0, 0]},
+            r"do not overlap: the nearest facets are \d of facets_slave, at .*4\.\d+ apart",
+        ),
+        (
+            {"points_master": OTHER[0] - [0, 0, 0.5], "distance": 0.25},
+            "do not meet within distance 0.25: .* 0.5 along the normal",
+        ),
+        ({"distance": 0.0}, "distance is 0, expected a number > 0"),
+        ({"method": "tied"}, "method is 'tied', expected one of"),
+        (
+            {"facets_slave": with_facet(ONE[1], 1, [0, 1, 4, 99])},
+            "facets_slave has node 99 in facet 1, expected 0 to 8",
+        ),
+        (
+            {"facets_slave": with_facet(ONE[1], 1, [0, 1, 4, 4])},
+            "facets_slave has a node twice in facet 1: .* is a triangle",
+        ),
+        (
+            {"facets_slave": ONE[1][:, [0, 2, 1, 3]]},
+            "facets_slave has a folded facet, 0, .* corners in order",
+        ),
+        (
+            {"facets_master": with_facet(OTHER[1], 0, OTHER[1][0][::-1].tolist())},
+            "facets_master has facets 0 and . with normals to opposite sides",
+        ),
+        (
+            {"points_master": OTHER[0] * [0, 1, 1]},
+            "facets_master has a degenerate facet, 0, of size 0 with a longest edge of",
+        ),
+        (
+            {"points_master": OTHER[0][:, :2]},
+            "facets_master has 3 nodes a facet|points_master",
+        ),
+        (
+            {"facets_slave": ONE[1][:, :2]},
+            "facets_slave has 2 nodes a facet, expected 3",
+        ),
+        ({"facets_slave": ONE[1][:0]}, r"facets_slave has shape \(0, 4\)"),
+        ({"points_slave": ONE[0] * np.nan}, "points_slave is nan at"),
+        ({"clearance": lambda _: np.zeros(3)}, r"at the places has shape \(3,\)"),
+        ({"n": 100}, "degrees of freedom are given in part"),
+        (
+            {
+                "dofs_slave": np.arange(27).reshape(9, 3),
+                "dofs_master": np.arange(27).reshape(9, 3),
+                "n": 20,
+            },
+            "dofs_slave holds 26, expected 0 to 19",
+        ),
+    ],
+)
+def test_pairs_that_cannot_be(parts: dict[str, Any], message: str, method: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        bp.pairs(**{"method": method, **changed(**parts)})
+
+
+def test_a_surface_cannot_meet_itself() -> None:
+    with pytest.raises(ValueError, match="facet 0, which is facet 0 of facets_slave"):
+        bp.pairs(*ONE, *ONE)
+
+
+def test_dimensions_that_mix() -> None:
+    plane = line(np.array([0.0, 1.0]), up=True)
+    with pytest.raises(
+        ValueError, match="points_master has 2 coordinates, points_slave 3"
+    ):
+        bp.pairs(*ONE, *plane)
+
+
+def test_types() -> None:
+    with pytest.raises(TypeError, match="facets_slave has entries of type float64"):
+        bp.pairs(ONE[0], ONE[1] * 1.0, *OTHER)
+    with pytest.raises(TypeError, match=r"gap is 0\.0, expected a function"):
+        bp.rigid_pairs(*ONE, 0.0)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"normal has shape \(2,\), expected \(3,\)"):
+        bp.rigid_pairs(*ONE, lambda x: x[:, 2], normal=[0, 1])
+    with pytest.raises(TypeError, match="dofs has entries of type float64"):
+        bp.rigid_pairs(*ONE, lambda x: x[:, 2], dofs=np.zeros((9, 3)), n=27)
+
+
+def test_second_order_facets() -> None:
+    quadratic = sheet(8, 2, up=False)
+    with pytest.raises(
+        ValueError, match="kind quadrilateral of eight nodes, which method"
+    ):
+        bp.pairs(*quadratic, *OTHER, method="nodes")
+    x, facets = quadratic
+    with pytest.raises(
+        ValueError, match=r"from the middle of its edge .* corners first"
+    ):
+        bp.pairs(x, facets[:, [0, 1, 2, 3, 6, 7, 4, 5]], *OTHER)
+
+
+def test_a_folded_quadrilateral() -> None:
+    x, facets = sheet(4, 1, up=False)
+    x[2] = [0.1, 0.3, 0.0]
+    with pytest.raises(
+        ValueError, match=r"facets_slave has a folded facet, 0, .* convex"
+    ):
+        bp.pairs(x, facets, *OTHER)
+
+
+def test_layers_of_a_master() -> None:
+    """Two sheets above each other: the slave would be covered twice."""
+    x, facets = OTHER
+    both = (
+        np.concatenate([x, x - [0, 0, 0.1]]),
+        np.concatenate([facets, facets + len(x)]),
+    )
+    with pytest.raises(
+        ValueError, match=r"several layers .* covered 2\.00 times: give dist"
+    ):
+        bp.pairs(*ONE, *both)
+    near = bp.pairs(*ONE, *both, distance=0.05)
+    assert abs(near.B[:, : 3 * 18] - bp.pairs(*ONE, *OTHER).B).max() < 1e-14
+    # The nearest layer is the one that nodes meet.
+    assert abs(bp.pairs(*ONE, *both, method="nodes").gap).max() < 1e-15
+
+
+def test_opposite_facets_at_a_node() -> None:
+    """A thin fin: of the mean normal at its rim nothing is left."""
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.0]])
+    facets = np.array([[0, 1, 3, 2], [2, 3, 1, 0]])
+    with pytest.raises(
+        ValueError, match=r"facets has no normal at node 0: .* opposite ways"
+    ):
+        bp.rigid_pairs(x, facets, lambda p: p[:, 2])
