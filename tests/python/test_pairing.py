@@ -58,7 +58,7 @@ def test_roles_may_be_swapped(slave: int, master: int) -> None:
     for spin in np.eye(3):
         assert abs(found.B @ rigid(x, spin).ravel()).max() < 1e-13
         assert abs(found.B @ np.tile(spin, len(x))).max() < 1e-14
-    # Far from touching they are only 0 apart.
+    # Both lie in one plane: places are of size 1.
     assert abs(found.gap).max() < 1e-14
 
 
