@@ -232,6 +232,7 @@ class Job:
                             f"tol {enough.tol:.1e}: the mesh leaves an error of "
                             f"{enough.discretisation:.1%}"
                         )
+                    moving = case.model.gaps(len(case.parameter))
                     problem.solve(
                         None if case.load is None else case.load[first:],
                         case.prescribed[first:],
@@ -240,6 +241,7 @@ class Job:
                         max_iterations=scene.solver.max_iterations,
                         start=done,
                         on_step=on_step,
+                        gap=None if moving is None else moving[first:],
                     )
         except (NoEquilibriumError, FloatingBodyError) as error:
             return NO_ANSWER, self._of_path(str(error))
