@@ -142,7 +142,9 @@ class Case:
         plan = self.scene.path.increments
         if plan is None:
             load = None if self.load is None else self.load[first:]
-            return asked.solve(load, self.prescribed[first:], **chosen)
+            gaps = self.model.gaps(len(self.prescribed))
+            moved = None if gaps is None else gaps[first:]
+            return asked.solve(load, self.prescribed[first:], gap=moved, **chosen)
         steps = self.scene.path.count()
         known: dict[float, tuple[Floats, Floats]] = {}
 

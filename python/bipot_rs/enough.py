@@ -109,6 +109,7 @@ def _first(
 ) -> tuple[tuple[int, Step] | None, float]:
     """The first load step that presses anything, and what it took to get there."""
     case, start, work = estimator.case, None, 0.0
+    moving = case.model.gaps(len(case.parameter))
     for k in range(len(case.parameter)):
         result = problem.solve(
             None if case.load is None else case.load[k : k + 1],
@@ -117,6 +118,7 @@ def _first(
             tol=tol,
             max_iterations=max_iterations,
             start=start,
+            gap=None if moving is None else moving[k : k + 1],
         )
         work += float(result.work.sum())
         if result.reaction.any():
