@@ -27,6 +27,7 @@ from bipot_rs.existence import Existence
 from bipot_rs.problem import ContactProblem, project, solve
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
+from bipot_rs.versions import show_versions, versions
 
 __all__ = [
     "Answers",
@@ -46,5 +47,7 @@ __all__ = [
     "fclib",
     "load",
     "project",
+    "show_versions",
     "solve",
+    "versions",
 ]

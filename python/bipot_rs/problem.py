@@ -14,7 +14,7 @@ from bipot_rs import _core, motion
 from bipot_rs.check import (
     RATIO,
     Array,
-    Csr,
+    Parts,
     callback,
     choice_of_dimension,
     contact_array,
@@ -219,7 +219,18 @@ class ContactProblem:
             limit,
             working_set,
         )
-        self._condense(stiffness, None)
+        self._condense(stiffness.parts, None)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What it was made of and not what came of it: the factor may be a hundred
+        # times as large, and condensing again gives the same bits.
+        known = {name: value for name, value in vars(self).items() if name != "_core"}
+        return known | {"_stiffness": self._core.stiffness()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        parts = state.pop("_stiffness")
+        vars(self).update(state)
+        self._condense(parts, None)
 
     @property
     def compliance(self) -> Array:
@@ -492,11 +503,11 @@ class ContactProblem:
         n = self._shape[0]
         if stiffness.shape != (n, n):
             raise ValueError(f"K has shape {stiffness.shape}, expected ({n}, {n})")
-        self._condense(stiffness, self._core)
+        self._condense(stiffness.parts, self._core)
 
-    def _condense(self, stiffness: Csr, before: _core.Condensed | None) -> None:
+    def _condense(self, parts: Parts, before: _core.Condensed | None) -> None:
         started = time.perf_counter()
-        self._core = _core.Condensed(stiffness.parts, *self._given, before)
+        self._core = _core.Condensed(parts, *self._given, before)
         self._seconds = time.perf_counter() - started
 
     def _totals(

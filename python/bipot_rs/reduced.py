@@ -92,6 +92,9 @@ class ReducedProblem:
         self.rigid = None if rigid is None else (modes.T, force)
         self._core = _core.Reduced(parts, free, self.mu, modes, force)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (self.W, self.q, self.mu, self.rigid)
+
     @property
     def asymmetry(self) -> float:
         """Largest ``|W_ij - W_ji|`` over the largest entry of ``W``.
@@ -325,6 +328,11 @@ class ReducedProblem:
             _words=words,
             _problem=_ReducedInquiry(self._core, tried),
         )
+
+
+def _again(W: Any, q: Array, mu: Array, rigid: Any) -> ReducedProblem:
+    """The same problem in another process."""
+    return ReducedProblem(W, q, mu, rigid=rigid)
 
 
 @dataclass(frozen=True)
