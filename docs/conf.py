@@ -40,7 +40,9 @@ autodoc_class_signature = "mixed"
 autodoc_default_options = {"members": True, "show-inheritance": True}
 autosummary_generate = False
 napoleon_google_docstring = False
-napoleon_use_ivar = True
+# A list of their own: as fields of Python each name would be a link, and some are
+# names of several classes.
+napoleon_custom_sections = [("Attributes", "params_style")]
 napoleon_use_rtype = False
 napoleon_preprocess_types = False
 

@@ -22,7 +22,7 @@ class CommandReference(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """Write it as Markdown, and have that parsed."""
         group = typer.main.get_command(app)
-        self.env.note_dependency(inspect.getfile(inspect.getmodule(app.__class__)))
+        self.env.note_dependency(inspect.getfile(type(app)))
         text = "\n\n".join(section(command) for command in subcommands(group))
         return self.parse_text_to_nodes(text, allow_section_headings=True)
 
@@ -72,7 +72,7 @@ def switches(option: Any) -> str:
     names = ", ".join([*option.opts, *option.secondary_opts])
     if option.is_flag:
         return names
-    return f"{names} {option.metavar or option.type.name.upper()}"
+    return f"{names} {option.metavar or option.name.upper()}"
 
 
 def told(parameter: Any) -> str:

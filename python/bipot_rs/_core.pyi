@@ -41,7 +41,6 @@ version: Final[str]
 def threads() -> int:
     """How many are used where no argument says it."""
 
-
 def project(
     tau: _Floats, mu: _Floats, base: _Floats | None = None
 ) -> tuple[_Floats, NDArray[np.int8]]:
