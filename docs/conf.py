@@ -37,7 +37,7 @@ autodoc_typehints = "none"
 autodoc_member_order = "bysource"
 autodoc_class_signature = "mixed"
 # `__all__` gives the public names; a class brings its methods.
-autodoc_default_options = {"members": True, "show-inheritance": True}
+autodoc_default_options = {"members": True}
 autosummary_generate = False
 napoleon_google_docstring = False
 # A list of their own: as fields of Python each name would be a link, and some are
@@ -54,10 +54,26 @@ html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
     "navbar_align": "left",
+    "header_links_before_dropdown": 7,
     "show_prev_next": True,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],
     "footer_end": [],
     "pygments_light_style": "a11y-high-contrast-light",
 }
-html_sidebars = {"index": []}
+# Without pages below them they would have an empty column.
+_alone = (
+    "index",
+    "start",
+    "trust",
+    "limits",
+    "command-line",
+    "theory",
+    "verification",
+    "stability",
+    "benchmarks",
+    "compatibility",
+    "building",
+    "changelog",
+)
+html_sidebars: dict[str, list[str]] = {page: [] for page in _alone}

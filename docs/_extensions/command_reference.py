@@ -6,6 +6,7 @@ Commands, arguments and options are read from the program itself.
 from __future__ import annotations
 
 import inspect
+import re
 from typing import Any
 
 import typer
@@ -47,7 +48,7 @@ def section(named: tuple[str, Any]) -> str:
     arguments = [p for p in command.params if p.param_type_name == "argument"]
     usage = " ".join([name, *(usage_of(a) for a in arguments)])
     parts = [f"## {name}", f"```shell\n{usage}{' [OPTIONS]' if options else ''}\n```"]
-    parts.append(inspect.cleandoc(command.help or ""))
+    parts.append(as_code(inspect.cleandoc(command.help or "")))
     rows = [(f"`{label(a)}`", told(a)) for a in arguments]
     rows += [(f"`{switches(o)}`", told(o)) for o in options]
     if rows:
@@ -84,7 +85,12 @@ def told(parameter: Any) -> str:
         text += f" Default `{default}`."
     if getattr(parameter, "multiple", False) or parameter.nargs == -1:
         text += " May be given several times."
-    return text.replace("|", "\\|").strip()
+    return as_code(text).replace("|", "\\|").strip()
+
+
+def as_code(text: str) -> str:
+    """Options that a help text names in passing: two hyphens would become a dash."""
+    return re.sub(r"(?<![\w`-])--[a-z][\w-]*", r"`\g<0>`", text)
 
 
 def setup(sphinx: Sphinx) -> dict[str, bool]:

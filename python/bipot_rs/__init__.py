@@ -24,10 +24,10 @@ from bipot_rs.errors import (
     NotConvergedError,
 )
 from bipot_rs.existence import Existence
+from bipot_rs.installation import show_versions, versions
 from bipot_rs.problem import ContactProblem, project, solve
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
-from bipot_rs.versions import show_versions, versions
 
 __all__ = [
     "Answers",

@@ -58,6 +58,20 @@ class ReducedProblem:
         A contact penetrates and nothing can move it.
     FloatingBodyError
         A column of ``R`` moves no contact.
+
+    Examples
+    --------
+    One contact, pressed into the obstacle by 1 and dragged by 0.75 where nothing resists:
+
+    >>> import bipot_rs as bp
+    >>> problem = bp.ReducedProblem([[2.0, 0.0], [0.0, 1.0]], [[-1.0, 0.75]], 0.5)
+    >>> solution = problem.solve()
+    >>> solution.reaction
+    array([[ 0.5 , -0.25]])
+    >>> solution.relative_displacement.round(12)
+    array([[0. , 0.5]])
+    >>> solution.outcome.value, solution.unique
+    ('converged', 'proved')
     """
 
     def __init__(
@@ -109,6 +123,11 @@ class ReducedProblem:
 
         With ``rigid`` and no ``a (k,)``, at the rigid motion of least squares. Where ``mu``
         is ``(n_c, 2)``, in the stretched variables of section 3 of ``docs/theory.md``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``r`` is not ``(n_c, d)`` or ``a`` not ``(k,)`` finite numbers.
         """
         reaction = floats("r", r, shape=self.q.shape)
         count = 0 if self.rigid is None else len(self.rigid[1])
@@ -170,6 +189,11 @@ class ReducedProblem:
             Called as ``callback(iterations, work, residual)`` about twenty times a
             second, with the smallest residual so far, infinite before there is one; an
             exception from it ends the solve and comes back.
+
+        Raises
+        ------
+        TypeError, ValueError
+            A wrong argument, named.
         """
         chosen = settings(method, tol, max_iterations, max_seconds)
         check.callback("callback", callback)

@@ -87,7 +87,7 @@ RUST_NAMES = {
 }
 PYTHON = (
     "_core early interrupts shipped vtu words",
-    "export error_bound versions",
+    "export error_bound installation",
     "structure",
     "check plane_friction result",
     "friction",
