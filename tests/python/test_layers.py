@@ -86,7 +86,7 @@ RUST_NAMES = {
     "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
 }
 PYTHON = (
-    "_core early interrupts shipped vtu words",
+    "_core early extras interrupts shipped vtu words",
     "export error_bound installation",
     "structure",
     "check plane_friction result",
