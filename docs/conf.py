@@ -54,7 +54,7 @@ html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
     "navbar_align": "left",
-    "header_links_before_dropdown": 7,
+    "header_links_before_dropdown": 8,
     "show_prev_next": True,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],
@@ -67,6 +67,7 @@ _alone = (
     "start",
     "trust",
     "limits",
+    "scenes",
     "command-line",
     "theory",
     "verification",

@@ -17,6 +17,7 @@ import skfem
 from skfem.models.elasticity import linear_elasticity
 
 import bipot_rs as bp
+from bipot_rs.cli import app
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
@@ -132,6 +133,29 @@ def test_python_blocks_run(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     run(page)
+
+
+SCENES = [
+    (page, text)
+    for page in PAGES
+    for text in re.findall(r"^```toml\n(.*?)^```", page.read_text("utf-8"), re.M | re.S)
+]
+
+
+@pytest.mark.parametrize(
+    ("page", "scene"), SCENES, ids=[page.stem for page, _ in SCENES]
+)
+def test_scenes_of_pages_are_solved(page: Path, scene: str, tmp_path: Path) -> None:
+    file = tmp_path / f"{page.stem}.toml"
+    file.write_text(scene, encoding="utf-8")
+    settings = ["--set", "mesh.n=4", "--set", "contact.0.mu=0.2"]
+    assert app(["run", str(file), *settings, "--out", str(tmp_path / "out")]) in (
+        0,
+        None,
+    )
+    result = bp.load(tmp_path / "out" / "result.h5")
+    assert result.success
+    assert bp.Status.SLIP in result.status[-1]
 
 
 def test_readme_example_is_right(
