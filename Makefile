@@ -93,6 +93,17 @@ bench-full: $(STAMP)
 verification: $(STAMP) ## docs/verification.md: answers known from elsewhere, beside ours
 	$(PY) tests/python/verification.py
 
+# Sphinx is installed when it is first wanted: no test needs it.
+SPHINX := $(VENV)/docs-$(notdir $(STAMP))
+.PHONY: docs
+docs: $(SPHINX) ## the pages of docs/ as a site, in out/docs
+	$(PY) -m sphinx --quiet --fail-on-warning --keep-going -d out/docs-cache docs out/docs
+	@echo "the site:             $(CURDIR)/out/docs/index.html"
+
+$(SPHINX): pyproject.toml $(STAMP)
+	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable '.[docs]'
+	@touch $@
+
 .PHONY: picture
 picture: $(STAMP) ## the picture of the README
 	$(PY) examples/readme_picture.py

@@ -28,6 +28,7 @@ from bipot_rs.errors import (
     NotConvergedError,
 )
 from bipot_rs.existence import Existence
+from bipot_rs.installation import show_versions, versions
 from bipot_rs.pairing import Pairs, pairs, rigid_pairs
 from bipot_rs.problem import ContactProblem, project, solve
 from bipot_rs.reduced import ReducedProblem
@@ -58,7 +59,9 @@ __all__ = [
     "pairs",
     "project",
     "rigid_pairs",
+    "show_versions",
     "solve",
+    "versions",
 ]
 
 # What needs scikit-fem and pydantic is loaded by who asks for it; not in __all__, for a

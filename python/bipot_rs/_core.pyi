@@ -25,6 +25,8 @@ __all__ = [
     "forward_errors_of_step",
     "is_sparse",
     "project",
+    "threads",
+    "version",
 ]
 
 _Floats = NDArray[np.float64]
@@ -34,6 +36,10 @@ _Indices = NDArray[np.integer[Any]]
 _Csr = tuple[_Indices, _Indices, _Floats]
 
 build_profile: Final[str]
+version: Final[str]
+
+def threads() -> int:
+    """How many are used where no argument says it."""
 
 def project(
     tau: _Floats, mu: _Floats, base: _Floats | None = None
@@ -78,6 +84,8 @@ class Condensed:
 
         A state is total loads, prescribed displacements, reaction and rigid motion.
         """
+    def stiffness(self) -> tuple[NDArray[np.int64], NDArray[np.int64], _Floats]:
+        """Row pointers, columns and values of `K`, as far as anything depends on it."""
     def modes(self) -> _Floats:
         """What each rigid motion is at the contacts, a row each."""
     def with_mu(self, mu: _Floats) -> Condensed:

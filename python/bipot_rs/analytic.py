@@ -241,7 +241,7 @@ def cattaneo_mindlin_line(
     Parameters
     ----------
     force, tangential
-        Normal force P > 0 and tangential force Q, |Q| ≤ μP, per length [N/m].
+        Normal force P > 0 and tangential force Q, ``|Q| ≤ μP``, per length [N/m].
     radius, e_star, mu
         Relative radius [m], contact modulus [Pa], friction coefficient > 0.
 
@@ -254,7 +254,7 @@ def cattaneo_mindlin_line(
     Raises
     ------
     ValueError
-        When |Q| > μP: there is no equilibrium.
+        When ``|Q| > μP``: there is no equilibrium.
     """
     ratio = _stick_ratio(force, tangential, mu)
     a, p0 = hertz_line(force, radius, e_star)
@@ -291,7 +291,7 @@ def mindlin_sphere(
     Parameters
     ----------
     force, tangential
-        Normal force P > 0 and tangential force Q, |Q| ≤ μP [N].
+        Normal force P > 0 and tangential force Q, ``|Q| ≤ μP`` [N].
     radius, e_star, mu
         Relative radius [m], contact modulus [Pa], friction coefficient > 0.
     shear_compliance
@@ -306,7 +306,7 @@ def mindlin_sphere(
     Raises
     ------
     ValueError
-        When |Q| > μP: there is no equilibrium.
+        When ``|Q| > μP``: there is no equilibrium.
     """
     _positive(shear_compliance=shear_compliance)
     ratio = _stick_ratio(force, tangential, mu)
@@ -324,7 +324,7 @@ def sheared_patch(
     With `σ_yy = -p`, `σ_xy = τ` on all loaded faces the state is uniform, so any
     finite elements that hold linear displacements give it exactly. The nodal
     reactions are `p` and `-τ` times the tributary length. It sticks if and only
-    if |τ| ≤ μp; beyond that there is no equilibrium.
+    if ``|τ| ≤ μp``; beyond that there is no equilibrium.
 
     Parameters
     ----------
@@ -378,7 +378,7 @@ def bar_end_displacement(loads: ArrayLike, stiffness: float, limit: float) -> Ar
 
     A bar of stiffness EA lies on a foundation that resists slip with at most q per
     length; its end is pulled with P, and the bar is long enough not to slip as a
-    whole (|P| < qL). First loading slips over the length |P|/q and gives
+    whole (``|P| < qL``). First loading slips over the length ``|P|/q`` and gives
     `u = P|P|/(2 EA q)`. A reversal at P₀ starts from rest with twice the limit to
     overcome, `u = u₀ ∓ (P₀ - P)²/(4 EA q)`; when the load comes back to the reversal
     before the last one, the two are forgotten and the branch before goes on.
@@ -546,7 +546,7 @@ def rotating_load(
     Returns
     -------
     radius, dissipation
-        |u| [m]; energy lost to friction in a turn, `2 M |u| sin(D/2) μN` [J].
+        ``|u|`` [m]; energy lost to friction in a turn, `2 M |u| sin(D/2) μN` [J].
     """
     _positive(stiffness=stiffness, force=force, limit=limit)
     if limit >= force:
@@ -575,7 +575,7 @@ def flat_punch_pressure(
     Parameters
     ----------
     x
-        Position, |x| < a, any shape [m].
+        Position, ``|x| < a``, any shape [m].
     force, half_width
         P > 0 per length [N/m]; a > 0 [m].
     mu, beta

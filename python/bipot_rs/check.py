@@ -26,12 +26,16 @@ T = TypeVar("T")
 _REAL = numbers.Real
 
 
+# Row pointers, columns and values of a matrix by rows.
+Parts = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]], Array]
+
+
 class Csr(NamedTuple):
     """A checked sparse matrix and its parts as the core takes them."""
 
     matrix: Any
     shape: tuple[int, int]
-    parts: tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]], Array]
+    parts: Parts
 
 
 def floats(

@@ -13,11 +13,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-from typer.exceptions import TyperException
-
+from bipot_rs.extras import missing
 from bipot_rs.interrupts import Interrupts
 from bipot_rs.job import BAD_INPUT, ENOUGH, INTERRUPTED, Job, complain
+
+try:
+    import typer
+    from typer.exceptions import TyperException
+except ModuleNotFoundError as error:
+    raise missing(error, "commands", "typer", "cli") from None
 
 
 class _App(typer.Typer):

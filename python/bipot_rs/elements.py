@@ -12,9 +12,15 @@ from functools import cache
 from typing import Any, TypeAlias
 
 import numpy as np
-import skfem
 from numpy.typing import NDArray
-from skfem.quadrature import get_quadrature
+
+from bipot_rs.extras import missing
+
+try:
+    import skfem
+    from skfem.quadrature import get_quadrature
+except ModuleNotFoundError as error:
+    raise missing(error, "finite elements", "skfem", "fem") from None
 
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]

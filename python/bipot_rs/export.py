@@ -17,6 +17,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bipot_rs.extras import missing
+
 FORMAT = "bipot-result"
 VERSION = 1
 # Numbers of a step that are datasets, so that they can be read as columns.
@@ -44,13 +46,7 @@ def library(name: str) -> Any:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        if error.name != name:
-            raise
-        raise ModuleNotFoundError(
-            f"files need {name}, which is not installed: it comes with the extra io, "
-            "as in pip install '.[io]'",
-            name=name,
-        ) from None
+        raise missing(error, "files", name, "io") from None
 
 
 def write_result(

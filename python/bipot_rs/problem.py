@@ -15,7 +15,7 @@ from bipot_rs.adaptive import follow, increments, proportional
 from bipot_rs.check import (
     RATIO,
     Array,
-    Csr,
+    Parts,
     by_component,
     callback,
     choice_of_dimension,
@@ -71,6 +71,17 @@ def project(
     ------
     TypeError, ValueError
         An argument of the wrong kind or shape, or not finite.
+
+    Examples
+    --------
+    >>> import bipot_rs as bp
+    >>> t, status = bp.project([[1.0, 0.2], [1.0, 3.0], [-1.0, 0.5]], 0.5)
+    >>> t
+    array([[1. , 0.2],
+           [2. , 1. ],
+           [0. , 0. ]])
+    >>> [bp.Status(s).name for s in status]
+    ['STICK', 'SLIP', 'OPEN']
     """
     points = floats("tau", tau, ndim=2, copy=False)
     if points.shape[1] not in (2, 3):
@@ -151,6 +162,30 @@ class ContactProblem:
         The contact set cannot hold a body.
     MemoryError
         The factor or ``W`` does not fit, with the figure, before it is allocated.
+
+    Notes
+    -----
+    It pickles as what it was made of, and is condensed again, to the same bits, where it
+    is read.
+
+    Examples
+    --------
+    A bar of two springs in line, its left end held, its right end 1 mm in front of a wall.
+    Contact components are ``(n, t)``; the wall is to the right, its normal points left:
+
+    >>> import numpy as np
+    >>> import bipot_rs as bp
+    >>> K = np.zeros((4, 4))  # u_x, u_y of the middle, then of the right end
+    >>> K[::2, ::2] = 1e6 * np.array([[2.0, -1.0], [-1.0, 1.0]])
+    >>> K[1::2, 1::2] = 1e6 * np.eye(2)  # something holds it sideways
+    >>> B = np.array([[0.0, 0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    >>> problem = bp.ContactProblem(K, B, gap=[1e-3], mu=0.2)
+    >>> push = np.array([0.0, 0.0, 1.0, 0.0])
+    >>> result = problem.solve([400.0 * push, 2000.0 * push])
+    >>> result.relative_displacement[:, 0, 0].round(9)  # what is left of the gap, m
+    array([0.0002, 0.    ])
+    >>> result.reaction[:, 0, 0].round(6)  # N
+    array([   0., 1500.])
     """
 
     def __init__(
@@ -229,7 +264,18 @@ class ContactProblem:
             limit,
             working_set,
         )
-        self._condense(stiffness, None)
+        self._condense(stiffness.parts, None)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What it was made of and not what came of it: the factor may be a hundred
+        # times as large, and condensing again gives the same bits.
+        known = {name: value for name, value in vars(self).items() if name != "_core"}
+        return known | {"_stiffness": self._core.stiffness()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        parts = state.pop("_stiffness")
+        vars(self).update(state)
+        self._condense(parts, None)
 
     @property
     def compliance(self) -> Array:
@@ -247,7 +293,14 @@ class ContactProblem:
 
     @property
     def stats(self) -> Mapping[str, Any]:
-        """Counts and seconds of the condensation."""
+        """Counts and seconds of the condensation.
+
+        Among them ``n``, ``n_contact_dofs``, ``nnz_factor``, ``flops``, ``bytes_factor``,
+        ``bytes_peak`` (foretold), ``cond_S``, ``ordering``, ``working_set`` (how many
+        contacts it began with, or ``None``), ``rigid_motions``, and seconds: ``seconds_order``,
+        ``seconds_symbolic``, ``seconds_factor``, ``seconds_compliance`` and their whole,
+        ``seconds_condense``.
+        """
         return self._core.stats | {"seconds_condense": self._seconds}
 
     @property
@@ -295,6 +348,15 @@ class ContactProblem:
             A `Result` or one of its steps, whose slip history is folded into ``q``.
         gap
             Gaps of the step, ``(n_c,)`` or ``(n_c, d)``; default those of the start.
+
+        Raises
+        ------
+        TypeError, ValueError
+            A wrong argument, named.
+        NoEquilibriumError
+            A contact penetrates and nothing can move it.
+        MemoryError
+            ``W`` of all contacts does not fit.
         """
         n, contacts, d = self._shape
         steps = steps_of(load, prescribed, n, len(self._fixed))
@@ -585,11 +647,11 @@ class ContactProblem:
         n = self._shape[0]
         if stiffness.shape != (n, n):
             raise ValueError(f"K has shape {stiffness.shape}, expected ({n}, {n})")
-        self._condense(stiffness, self._core)
+        self._condense(stiffness.parts, self._core)
 
-    def _condense(self, stiffness: Csr, before: _core.Condensed | None) -> None:
+    def _condense(self, parts: Parts, before: _core.Condensed | None) -> None:
         started = time.perf_counter()
-        self._core = _core.Condensed(stiffness.parts, *self._given, before)
+        self._core = _core.Condensed(parts, *self._given, before)
         self._seconds = time.perf_counter() - started
 
     def _totals(
@@ -669,10 +731,74 @@ def solve(
     gaps: ArrayLike | None = None,
     **settings: Any,
 ) -> Result:
-    """``ContactProblem(K, B, ...).solve(load, prescribed, ...)`` in one call.
+    """Solve one contact problem with Coulomb friction, over one load step or a path.
 
-    ``settings`` are the keywords of `ContactProblem.solve`; see there and at
-    `ContactProblem` for arguments, results and errors.
+    ``K u = load + Bᵀ r``, ``v = B u + gap``, and at every contact no penetration, no
+    tension, and Coulomb's friction between ``v`` and ``r``: equations (1), (2) and (9) of
+    ``docs/theory.md``. It is ``ContactProblem(K, B, ...).solve(load, prescribed, ...)`` in
+    one call; keep the `ContactProblem` to solve again without another factorisation.
+
+    Any consistent units; components normal first, ``(n, t1[, t2])``; n degrees of
+    freedom, n_c contacts, d = 2 or 3.
+
+    Parameters
+    ----------
+    K
+        Stiffness, ``(n, n)``, symmetric positive semidefinite, dense or sparse, supports
+        not eliminated.
+    B
+        ``(d n_c, n)``: row ``d i + k`` gives component ``k`` of the relative displacement
+        of contact ``i``, that of the body minus that of the obstacle.
+    load
+        Nodal forces, ``(n,)``, or ``(steps, n)`` for a path: totals at the end of each
+        step; missing is zero.
+    prescribed
+        Displacements of ``fixed``, ``(len(fixed),)`` or ``(steps, len(fixed))``: totals;
+        missing is zero.
+    gap
+        Normal gap, ``(n_c,)``, open when positive, or ``(n_c, d)``.
+    mu
+        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``.
+    fixed
+        Numbers of the prescribed degrees of freedom.
+    area
+        Tributary areas, ``(n_c,)``, for tractions.
+    dim, num_threads, points, frame, coordinates, memory_limit, working_set
+        As in `ContactProblem`.
+    **settings
+        ``method``, ``tol``, ``max_iterations``, ``max_seconds``, ``start`` and ``on_step`` of
+        `ContactProblem.solve`.
+
+    Returns
+    -------
+    Result
+        Of each step the ``reaction`` ``(steps, n_c, d)``, a force on the body, its normal
+        part never negative; ``relative_displacement``, ``slip``, ``status``,
+        ``displacement`` ``(steps, n)``, and the ``residual`` that says how exact it is.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument; the message names it, what was found and what was expected.
+    NoEquilibriumError, NotConvergedError, FloatingBodyError, MemoryError
+        As `ContactProblem` and `ContactProblem.solve` say.
+
+    Examples
+    --------
+    A point on two springs is pressed onto a wall by 10 N and pulled along it, first by
+    2 N, which friction holds, then by 5 N, of which it takes 0.3 · 10 N:
+
+    >>> import numpy as np
+    >>> import bipot_rs as bp
+    >>> K, B = 1000.0 * np.eye(2), np.eye(2)
+    >>> result = bp.solve(K, B, [[-10.0, 2.0], [-10.0, 5.0]], gap=[0.0], mu=0.3)
+    >>> result.reaction[:, 0]
+    array([[10., -2.],
+           [10., -3.]])
+    >>> [bp.Status(s).name for s in result.status[:, 0]]
+    ['STICK', 'SLIP']
+    >>> result.displacement[-1].round(12)
+    array([0.   , 0.002])
     """
     problem = ContactProblem(
         K,

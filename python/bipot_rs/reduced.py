@@ -58,6 +58,20 @@ class ReducedProblem:
         A contact penetrates and nothing can move it.
     FloatingBodyError
         A column of ``R`` moves no contact.
+
+    Examples
+    --------
+    One contact, pressed into the obstacle by 1 and dragged by 0.75 where nothing resists:
+
+    >>> import bipot_rs as bp
+    >>> problem = bp.ReducedProblem([[2.0, 0.0], [0.0, 1.0]], [[-1.0, 0.75]], 0.5)
+    >>> solution = problem.solve()
+    >>> solution.reaction
+    array([[ 0.5 , -0.25]])
+    >>> solution.relative_displacement.round(12)
+    array([[0. , 0.5]])
+    >>> solution.outcome.value, solution.unique
+    ('converged', 'proved')
     """
 
     def __init__(
@@ -92,6 +106,9 @@ class ReducedProblem:
         self.rigid = None if rigid is None else (modes.T, force)
         self._core = _core.Reduced(parts, free, self.mu, modes, force)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (self.W, self.q, self.mu, self.rigid)
+
     @property
     def asymmetry(self) -> float:
         """Largest ``|W_ij - W_ji|`` over the largest entry of ``W``.
@@ -106,6 +123,11 @@ class ReducedProblem:
 
         With ``rigid`` and no ``a (k,)``, at the rigid motion of least squares. Where ``mu``
         is ``(n_c, 2)``, in the stretched variables of section 3 of ``docs/theory.md``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``r`` is not ``(n_c, d)`` or ``a`` not ``(k,)`` finite numbers.
         """
         reaction = floats("r", r, shape=self.q.shape)
         count = 0 if self.rigid is None else len(self.rigid[1])
@@ -167,6 +189,11 @@ class ReducedProblem:
             Called as ``callback(iterations, work, residual)`` about twenty times a
             second, with the smallest residual so far, infinite before there is one; an
             exception from it ends the solve and comes back.
+
+        Raises
+        ------
+        TypeError, ValueError
+            A wrong argument, named.
         """
         chosen = settings(method, tol, max_iterations, max_seconds)
         check.callback("callback", callback)
@@ -325,6 +352,11 @@ class ReducedProblem:
             _words=words,
             _problem=_ReducedInquiry(self._core, tried),
         )
+
+
+def _again(W: Any, q: Array, mu: Array, rigid: Any) -> ReducedProblem:
+    """The same problem in another process."""
+    return ReducedProblem(W, q, mu, rigid=rigid)
 
 
 @dataclass(frozen=True)

@@ -151,6 +151,34 @@ impl Bodies {
         self.list[body].most_moved(k)
     }
 
+    /// `K` by rows as the bodies hold it: what these were condensed from, but for the
+    /// entries between two prescribed degrees of freedom, which nothing here depends on.
+    #[must_use]
+    pub fn stiffness(&self) -> Owned {
+        let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.order()];
+        for body in &self.list {
+            for (local, &dof) in body.dofs().iter().enumerate() {
+                // The unit is a power of two: this gives the digits back.
+                let entries = body.stiffness.entries(local);
+                rows[dof].extend(entries.map(|(j, k)| (body.dofs()[j], k / body.unit())));
+            }
+        }
+        for (p, &dof) in self.fixed().iter().enumerate() {
+            for (i, k) in self.supports.coupling.entries(p) {
+                rows[i].push((dof, k));
+                rows[dof].push((i, k));
+            }
+        }
+        let mut whole = Owned::default();
+        for mut row in rows {
+            row.sort_unstable_by_key(|&(column, _)| column);
+            whole.index.extend(row.iter().map(|&(column, _)| column));
+            whole.values.extend(row.iter().map(|&(_, k)| k));
+            whole.pointer.push(whole.index.len());
+        }
+        whole
+    }
+
     /// What the loads of a step are on the free degrees of freedom.
     ///
     /// # Errors

@@ -183,7 +183,7 @@ impl Owned {
         x.iter().enumerate().map(of_row).sum()
     }
 
-    fn entries(&self, k: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+    pub(crate) fn entries(&self, k: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let range = self.pointer[k]..self.pointer[k + 1];
         self.index[range.clone()]
             .iter()

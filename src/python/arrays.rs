@@ -114,6 +114,16 @@ pub(super) fn square(
     Ok(PyArray2::from_owned_array(py, array))
 }
 
+/// Indices, 64 bits wide.
+pub(super) fn from_indices(
+    py: Python<'_>,
+    indices: Vec<usize>,
+) -> PyResult<Bound<'_, PyArray1<i64>>> {
+    let wide: Result<Vec<i64>, _> = indices.into_iter().map(i64::try_from).collect();
+    let wide = wide.map_err(|e| PyValueError::new_err(e.to_string()))?;
+    Ok(PyArray1::from_vec(py, wide))
+}
+
 /// A vector.
 pub(super) fn from_vec(py: Python<'_>, values: Vec<f64>) -> Bound<'_, PyArray1<f64>> {
     PyArray1::from_vec(py, values)

@@ -27,7 +27,7 @@ mod _core {
     #[pymodule_export]
     use super::several::{answers, assess, assess_step};
     #[pymodule_export]
-    use super::solver::{Reduced, is_sparse, project};
+    use super::solver::{Reduced, is_sparse, project, threads};
 
     /// How this module was compiled: `"release"`, or `"debug"`, which is far slower.
     #[pymodule_export]
@@ -37,4 +37,9 @@ mod _core {
     } else {
         "release"
     };
+
+    /// Of the crate that this module was compiled from.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
+    const version: &str = env!("CARGO_PKG_VERSION");
 }

@@ -27,6 +27,13 @@ use crate::working_set;
 /// Row pointers, column indices and values of a matrix in CSR form.
 type Csr<'py> = (Indices<'py>, Indices<'py>, Vector<'py>);
 
+/// The same, given.
+type Parts<'py> = (
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<f64>>,
+);
+
 type FreePart<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
@@ -248,6 +255,18 @@ impl Condensed {
                 arrays::from_vec(py, part.rigid.load),
             ))
         })
+    }
+
+    /// Row pointers, columns and values of `K`, as far as anything here depends on it.
+    fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<Parts<'py>> {
+        let whole = either!(&self.kind, inner => {
+            interrupt::run(py, self.num_threads, |_| Ok(inner.bodies().stiffness()))?
+        });
+        Ok((
+            arrays::from_indices(py, whole.pointer)?,
+            arrays::from_indices(py, whole.index)?,
+            arrays::from_vec(py, whole.values),
+        ))
     }
 
     /// What each rigid motion is at the contacts, a row each.

@@ -28,6 +28,12 @@ const NODES_A_TASK: usize = 4096;
 
 type Projected<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i8>>);
 
+/// How many are used where no argument says it.
+#[pyfunction]
+pub(super) fn threads() -> PyResult<usize> {
+    Ok(crate::threads::count(None)?)
+}
+
 /// Projects every row of `tau` onto its cone, or increment set when `base` is given.
 #[pyfunction]
 #[pyo3(signature = (tau, mu, base=None))]

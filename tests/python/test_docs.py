@@ -1,10 +1,15 @@
 """What the documents show works when pasted, and what they point to exists."""
 
+import contextlib
+import doctest
+import importlib
+import io
 import re
 import runpy
 import subprocess
+import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -12,18 +17,70 @@ import skfem
 from skfem.models.elasticity import linear_elasticity
 
 import bipot_rs as bp
+from bipot_rs.cli import app
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("*/README.md")]
 )
-BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(
+    r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL
+)
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)|<img[^>]* src=\"([^\"]+)\"")
 
 
-def blocks(text: str) -> list[tuple[int, str]]:
-    """First line number and text of every Python block."""
-    return [(text.count("\n", 0, m.start(1)) + 1, m[1]) for m in BLOCK.finditer(text)]
+class Block(NamedTuple):
+    """Python of a page, from its line on, and what the page says that it prints."""
+
+    line: int
+    text: str
+    shown: str | None
+
+
+def blocks(text: str) -> list[Block]:
+    """Every Python block, with the block of text right after it."""
+    return [
+        Block(text.count("\n", 0, m.start(1)) + 1, m[1], m[2])
+        for m in BLOCK.finditer(text)
+    ]
+
+
+def same(printed: str, shown: str) -> bool:
+    """Whether words agree, and numbers to the digits that are shown.
+
+    Two units in the last place: half a one from rounding what is shown, the rest for
+    a machine that adds in another order. ``...`` stands for anything.
+    """
+    gaps = [
+        rf"({NUMBER.pattern})" if n % 2 else _words(part)
+        for n, part in enumerate(_parts(shown))
+    ]
+    found = re.fullmatch("".join(gaps), " ".join(printed.split()), re.DOTALL)
+    return found is not None and all(
+        abs(float(there) - float(here)) <= 2 * _unit(here)
+        for there, here in zip(found.groups(), _parts(shown)[1::2], strict=True)
+    )
+
+
+def _parts(shown: str) -> list[str]:
+    """Words and numbers in turn, words first."""
+    text, parts, last = " ".join(shown.split()), [], 0
+    for number in NUMBER.finditer(text):
+        parts += [text[last : number.start()], number[0]]
+        last = number.end()
+    return [*parts, text[last:]]
+
+
+def _words(part: str) -> str:
+    return re.escape(part).replace(re.escape("..."), ".*")
+
+
+def _unit(number: str) -> float:
+    """One in the last place that a number shows."""
+    digits, _, power = number.lower().partition("e")
+    places = len(digits.partition(".")[2])
+    return float(10 ** (int(power or 0) - places)) if places or power else 0.0
 
 
 def anchors(text: str) -> set[str]:
@@ -55,9 +112,13 @@ def broken_links(page: Path) -> list[str]:
 def run(page: Path) -> dict[str, Any]:
     """Execute the Python blocks of a page one after the other; what they define."""
     space: dict[str, Any] = {"__name__": "__main__"}
-    for line, text in blocks(page.read_text(encoding="utf-8")):
+    for line, text, shown in blocks(page.read_text(encoding="utf-8")):
         # Padded, so that a traceback points at the line of the page.
-        exec(compile("\n" * (line - 1) + text, str(page), "exec"), space)
+        code = compile("\n" * (line - 1) + text, str(page), "exec")
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            exec(code, space)
+        if shown is not None:
+            assert same(printed.getvalue(), shown), f"line {line}: {printed.getvalue()}"
     return space
 
 
@@ -72,6 +133,29 @@ def test_python_blocks_run(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     run(page)
+
+
+SCENES = [
+    (page, text)
+    for page in PAGES
+    for text in re.findall(r"^```toml\n(.*?)^```", page.read_text("utf-8"), re.M | re.S)
+]
+
+
+@pytest.mark.parametrize(
+    ("page", "scene"), SCENES, ids=[page.stem for page, _ in SCENES]
+)
+def test_scenes_of_pages_are_solved(page: Path, scene: str, tmp_path: Path) -> None:
+    file = tmp_path / f"{page.stem}.toml"
+    file.write_text(scene, encoding="utf-8")
+    settings = ["--set", "mesh.n=4", "--set", "contact.0.mu=0.2"]
+    assert app(["run", str(file), *settings, "--out", str(tmp_path / "out")]) in (
+        0,
+        None,
+    )
+    result = bp.load(tmp_path / "out" / "result.h5")
+    assert result.success
+    assert bp.Status.SLIP in result.status[-1]
 
 
 def test_readme_example_is_right(
@@ -128,6 +212,122 @@ def test_broken_links_are_seen(tmp_path: Path) -> None:
         '`[e](gone.md)`\n<img width=3 src="gone.png"> [f](https://example.org)\n'
     )
     assert broken_links(page) == ["#two", "gone.md", "gone.png"]
+
+
+@pytest.mark.parametrize(
+    ("printed", "shown", "expected"),
+    [
+        ("a  1.2501\n", "a 1.25", True),
+        ("a 1.28", "a 1.25", False),
+        ("b 1.25", "a 1.25", False),
+        ("3 steps", "3 steps", True),
+        ("4 steps", "3 steps", False),
+        ("1.3e-13 left", "... left", True),
+        ("1.25 and more", "1.25", False),
+        ("[-0.3 2e-05]", "[-0.3 2e-05]", True),
+        ("[ 0.3 2e-05]", "[-0.3 2e-05]", False),
+    ],
+)
+def test_what_is_shown_is_compared(printed: str, shown: str, expected: bool) -> None:
+    assert same(printed, shown) is expected
+
+
+def test_a_wrong_output_is_seen(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("```python\nprint(1 / 3)\n```\n\n```text\n0.34\n```\n")
+    assert run(page)
+    page.write_text("```python\nprint(1 / 3)\n```\n\n```text\n0.36\n```\n")
+    with pytest.raises(AssertionError, match=r"line 2: 0\.333"):
+        run(page)
+
+
+TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def in_toctrees(docs: Path) -> list[str]:
+    """Every page that a page lists, as a path below the folder without its ending."""
+    found = []
+    for page in sorted(docs.rglob("*.md")):
+        for tree in TOCTREE.findall(page.read_text(encoding="utf-8")):
+            lines = [line.strip() for line in tree.splitlines()]
+            names = [line for line in lines if line and not line.startswith(":")]
+            # `Title <name>`, or the name alone.
+            names = [re.sub(r".*<(.*)>", r"\1", name) for name in names]
+            paths = [(page.parent / name).relative_to(docs) for name in names]
+            found += [path.as_posix() for path in paths]
+    return found
+
+
+def test_every_page_is_in_one_toctree() -> None:
+    pages = [
+        p.relative_to(ROOT / "docs").with_suffix("").as_posix()
+        for p in (ROOT / "docs").rglob("*.md")
+    ]
+    assert sorted([*in_toctrees(ROOT / "docs"), "index"]) == sorted(pages)
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    """Documented on one page, and listed on the first one of the reference."""
+    pages = {p.stem: p.read_text("utf-8") for p in (ROOT / "docs/api").glob("*.md")}
+    index = pages.pop("index")
+    rest = "\n".join(pages.values())
+    documented = re.findall(r"auto(?:class|function|exception):: (\S+)", rest)
+    for name in set(bp.__all__) - {"fclib"}:
+        assert documented.count(name) == 1, name
+        assert re.search(rf"^   {name}$", index, re.MULTILINE), name
+    assert "automodule:: bipot_rs.fclib" in rest
+
+
+def _sites_links() -> Any:
+    sys.path.insert(0, str(ROOT / "docs" / "_extensions"))
+    try:
+        return importlib.import_module("outside_links")
+    finally:
+        del sys.path[0]
+
+
+def test_links_of_the_site_stay_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sphinx is not needed for what its extension makes of links."""
+    for name in ("sphinx", "sphinx.application"):
+        monkeypatch.setitem(sys.modules, name, io)
+    monkeypatch.setattr(io, "Sphinx", None, raising=False)
+    rewrite = _sites_links().rewrite
+    text = (
+        "[a](../CHANGELOG.md) [b](../tests/x.py) ![c](../benches/c.png) [d](api/d.md#e)\n"
+        '[f](https://example.org) <img width="3" src="g.png">\n'
+        "```python\n[h](../tests/x.py)\n```\n"
+    )
+    assert rewrite(text, "docs/p.md", "docs/p.md") == (
+        "[a](changelog.md) b ![c](../benches/c.png) [d](api/d.md#e)\n"
+        '[f](https://example.org) <img width="3" src="g.png">\n'
+        "```python\n[h](../tests/x.py)\n```\n"
+    )
+    assert rewrite("![c](c.png) [i](#j)", "benches/README.md", "docs/b.md") == (
+        "![c](../benches/c.png) [i](#j)"
+    )
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "answers",
+        "error_bound",
+        "errors",
+        "existence",
+        "fclib",
+        "global_problem",
+        "problem",
+        "reduced",
+        "result",
+        "installation",
+    ],
+)
+def test_examples_of_docstrings(
+    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = doctest.testmod(importlib.import_module(f"bipot_rs.{module}"))
+    assert found.failed == 0
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())

@@ -670,5 +670,7 @@ def test_without_h5py_the_extra_is_named(
         lambda: fclib.write(tmp_path / "a.hdf5", problem),
         lambda: bp.load(tmp_path / "a.h5"),
     ):
-        with pytest.raises(ModuleNotFoundError, match=r"h5py.*pip install '\.\[io\]'"):
+        with pytest.raises(
+            ModuleNotFoundError, match=r"h5py.*pip install 'bipot-rs\[io\]'"
+        ):
             call()

@@ -86,8 +86,8 @@ RUST_NAMES = {
     "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
 }
 PYTHON = (
-    "_core early interrupts shipped toml_text vtu words",
-    "export error_bound",
+    "_core early extras interrupts shipped toml_text vtu words",
+    "export error_bound installation",
     "structure",
     "check plane_friction result",
     "friction",

@@ -5,9 +5,11 @@ and ``s`` the deviator, ``ε_v`` the volume strain and ``e`` the deviator of the
 strain increment, so that ``σ:ε = σ_m ε_v + s:e``. Tensors are vectors of six
 components, `mandel`, whose dot product is the double contraction.
 
-    criterion    ``|s| <= α (a - σ_m)``
-    flow         ``e = λ s/|s|``, ``ε_v = β |e|``, λ >= 0, zero inside the criterion;
-                 at the apex ``σ = a I``: ``ε_v >= β |e|``.
+criterion
+    ``|s| <= α (a - σ_m)``
+flow
+    ``e = λ s/|s|``, ``ε_v = β |e|``, λ >= 0, zero inside the criterion; at the apex
+    ``σ = a I``: ``ε_v >= β |e|``.
 
 α is the friction, β the dilatancy, ``a`` the mean stress of the apex. The law is
 associated for β = α only; for ``0 <= β <= α`` it has the bipotential

@@ -1,0 +1,206 @@
+"""Problems and answers in another process: the same numbers to the bit.
+
+What is sent is what a problem was made of. Condensing it again must not round
+otherwise, and what the receiver asks of it must be what the sender would be told.
+"""
+
+import copy
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from bipot_rs import fem
+
+# Read what was sent, ask what was asked, and send the answers back.
+CHILD = """
+import pickle, sys
+import numpy as np
+problem, load, prescribed = pickle.load(sys.stdin.buffer)
+result = problem.solve(load, prescribed)
+told = (result.reaction, result.relative_displacement, result.displacement,
+        result.residual, [step.error_estimate for step in result],
+        problem.compliance, problem.rigid_motions)
+sys.stdout.buffer.write(pickle.dumps((told, result)))
+"""
+
+
+def asked(problem: bp.ContactProblem, load: Any, prescribed: Any) -> list[Any]:
+    result = problem.solve(load, prescribed)
+    return [
+        result.reaction,
+        result.relative_displacement,
+        result.displacement,
+        result.residual,
+        [step.error_estimate for step in result],
+        problem.compliance,
+        problem.rigid_motions,
+    ]
+
+
+def bits(values: Any) -> list[bytes | str]:
+    return [v.tobytes() if isinstance(v, np.ndarray) else repr(v) for v in values]
+
+
+def block(**contact: Any) -> fem.Model:
+    cells = np.linspace(0.0, 1.0, 9)
+    body = fem.Body(
+        "block", fem.box([cells, cells], "quadrilateral"), fem.Material(3.1e9, 0.3)
+    )
+    touching = fem.Contact(
+        "block", "bottom", **({"mu": 0.4, "plane": ((0, 0), (0, 1))} | contact)
+    )
+    return fem.build([body], [touching], [fem.Support("block", "top", (0, 1))])
+
+
+def supported() -> tuple[bp.ContactProblem, Any, Any]:
+    """Prescribed displacements, areas, frames, places and a gap that is not zero."""
+    model = block(clearance=lambda x: 1e-5 * x[:, 0] ** 2)
+    moves = [model.prescribed([top]) for top in ((0, -1e-3), (4e-4, -1e-3))]
+    return model.problem(num_threads=1), None, moves
+
+
+def held_by_contact() -> tuple[bp.ContactProblem, Any, Any]:
+    """No supports: K is singular, and rigid motions are found again."""
+    model = block()
+    pressed = model.pressure("block", "top", 1e6)
+    pulled = model.body_force("block", (1e5, 0.0))
+    problem = bp.ContactProblem(model.K, model.B, gap=model.gap, mu=0.4)
+    return problem, [pressed, pressed + pulled], None
+
+
+def two_tangents() -> tuple[bp.ContactProblem, Any, Any]:
+    """Friction that depends on direction is solved in variables of its own."""
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(12, 12))
+    K = root @ root.T + 12 * np.eye(12)
+    B = np.eye(9, 12)
+    load = rng.normal(size=(2, 12)) - np.tile([2.0, 0, 0], 4)
+    mu = np.array([[0.2, 0.4], [0.3, 0.3], [0.0, 0.0]])
+    return bp.ContactProblem(K, B, gap=np.zeros(3), mu=mu, fixed=[11]), load, [[0.1]]
+
+
+def known_loads() -> tuple[bp.ContactProblem, Any, Any]:
+    """Its factor was dropped, its stiffness was not."""
+    model = block()
+    moves = np.array([model.prescribed([(0, -1e-3)])])
+    problem = bp.ContactProblem(
+        model.K, model.B, gap=model.gap, mu=0.4, fixed=model.fixed, loads=(None, moves)
+    )
+    return problem, None, moves
+
+
+CASES = [supported, held_by_contact, two_tangents]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_problem_in_another_process(case: Any) -> None:
+    problem, load, prescribed = case()
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD],
+        input=pickle.dumps((problem, load, prescribed)),
+        capture_output=True,
+        check=True,
+    )
+    told, result = pickle.loads(done.stdout)
+    assert bits(told) == bits(asked(problem, load, prescribed))
+    assert result.success
+    with pytest.raises(ValueError, match="displacement was not computed"):
+        # Asked for there, so it came along; a copy that lost it says so.
+        _ = pickle.loads(pickle.dumps(problem.solve(load, prescribed)))[0].displacement
+    np.testing.assert_array_equal(result[0].displacement, result.displacement[0])
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy])
+def test_copies(copied: Any) -> None:
+    problem, load, prescribed = supported()
+    again = copied(problem)
+    assert bits(asked(again, load, prescribed)) == bits(
+        asked(problem, load, prescribed)
+    )
+
+
+def test_known_loads() -> None:
+    problem, _, _ = known_loads()
+    again = pickle.loads(pickle.dumps(problem))
+    assert not again.stats["factor_kept"]
+    np.testing.assert_array_equal(again.solve().reaction, problem.solve().reaction)
+
+
+def test_the_stiffness_it_has_now_is_sent() -> None:
+    """Not the array of the caller, which may have changed since, nor the first one."""
+    model = block()
+    K = model.K.copy()
+    problem = bp.ContactProblem(K, model.B, gap=model.gap, mu=0.4, fixed=model.fixed)
+    moves = model.prescribed([(4e-4, -1e-3)])
+    problem.update(3.0 * K)
+    K.data[:] = np.nan
+    again = pickle.loads(pickle.dumps(problem))
+    np.testing.assert_array_equal(
+        again.solve(prescribed=moves).reaction, problem.solve(prescribed=moves).reaction
+    )
+
+
+def test_a_problem_is_no_larger_than_its_matrices() -> None:
+    problem, _, _ = supported()
+    # Of K a number and a wide column each entry, of B likewise; the rest is small.
+    entries = block().K.nnz + 2 * block().B.nnz
+    assert len(pickle.dumps(problem)) <= 16 * entries + 60 * problem.stats["n"] + 4000
+
+
+@pytest.mark.parametrize("kind", [np.asarray, sparse.csr_array])
+def test_reduced_problems(kind: Any) -> None:
+    W = np.array([[2, 0.5, 0.25, 0], [0.5, 1, 0, 0], [0.25, 0, 2, 0.5], [0, 0, 0.5, 1]])
+    q = [[-1.0, 0.75], [-0.5, -2.0]]
+    border = np.tile(np.eye(2), (2, 1)), [-3.0, 0.125]
+    for rigid in (None, border):
+        problem = bp.ReducedProblem(kind(W), q, [0.5, 0.25], rigid=rigid)
+        again = pickle.loads(pickle.dumps(problem))
+        mine, theirs = problem.solve(), again.solve()
+        assert bits([mine.reaction, mine.residual]) == bits(
+            [theirs.reaction, theirs.residual]
+        )
+        assert mine.rigid_motion is None or np.array_equal(
+            mine.rigid_motion, theirs.rigid_motion
+        )
+
+
+def test_what_else_comes_out() -> None:
+    """Bounds, verdicts, answers, global problems: with every number they hold."""
+    W, q = np.array([[2.0, 0.5], [0.5, 1.0]]), [[-1.0, 0.75]]
+    problem = bp.ReducedProblem(W, q, 0.1)
+    solution = problem.solve()
+    for thing in (solution.error, problem.existence(), solution):
+        again = pickle.loads(pickle.dumps(thing))
+        for name, value in vars(thing).items():
+            if not name.startswith("_"):
+                np.testing.assert_equal(getattr(again, name), value)
+    answers = problem.answers()
+    again = pickle.loads(pickle.dumps(answers))
+    assert again.complete is answers.complete
+    np.testing.assert_array_equal(again[0].reaction, answers[0].reaction)
+    whole = bp.fclib.GlobalProblem(np.eye(2), np.eye(2), [-1.0, 0.2], [[0, 0]], 0.3)
+    mine, theirs = whole.solve(), pickle.loads(pickle.dumps(whole)).solve()
+    np.testing.assert_array_equal(mine.reaction, theirs.reaction)
+
+
+def test_results_carry_their_words(tmp_path: Path) -> None:
+    problem, load, prescribed = held_by_contact()
+    result = problem.solve(load, prescribed)
+    _ = result.displacement
+    file = tmp_path / "sent"
+    file.write_bytes(pickle.dumps(result))
+    again = pickle.loads(file.read_bytes())
+    for name in ("reaction", "slip", "status", "displacement", "residual", "work"):
+        assert bits([getattr(again, name)]) == bits([getattr(result, name)]), name
+    assert (again.message, again.success) == (result.message, result.success)
+    further = problem.solve(load, start=again)
+    np.testing.assert_array_equal(
+        further.reaction, problem.solve(load, start=result).reaction
+    )
