@@ -6,7 +6,7 @@ node + component``, so that K is block diagonal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -183,8 +183,13 @@ class Model:
             fields["contact_status"][node] = status[has]
         return fields
 
-    def problem(self, *, num_threads: int | None = None) -> ContactProblem:
-        """Condense: the contact problem of these arrays."""
+    def problem(
+        self,
+        *,
+        num_threads: int | None = None,
+        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+    ) -> ContactProblem:
+        """Condense: the contact problem of these arrays; arguments as there."""
         return ContactProblem(
             self.K,
             self.B,
@@ -197,6 +202,7 @@ class Model:
             frame=self.frame,
             coordinates=np.repeat(self.nodes, self.dim, axis=0),
             num_threads=num_threads,
+            on_forecast=on_forecast,
         )
 
     def traction(self, body: str, surface: str, value: Field) -> Floats:

@@ -129,6 +129,11 @@ class ContactProblem:
         Whether ``W`` is formed only of contacts that may close, growing in each step
         until no other penetrates. Default: where a body has hundreds of candidates,
         and three in four or more are apart at the start.
+    on_forecast
+        Called once the order of elimination is known and before any of its numbers,
+        with what they will take, a mapping with ``bodies``, ``n_contact_dofs``,
+        ``nnz_factor``, ``flops``, ``bytes_factor``, ``bytes_peak`` and ``ordering`` as in
+        `stats`. An exception it raises ends the work and comes out here.
 
     Raises
     ------
@@ -158,6 +163,7 @@ class ContactProblem:
         loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None = None,
         memory_limit: int | None = None,
         working_set: bool | None = None,
+        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
     ) -> None:
         stiffness = csr("K", K)
         contact = csr("B", B)
@@ -219,7 +225,8 @@ class ContactProblem:
             limit,
             working_set,
         )
-        self._condense(stiffness, None)
+        callback("on_forecast", on_forecast)
+        self._condense(stiffness, None, on_forecast)
 
     @property
     def compliance(self) -> Array:
@@ -494,9 +501,14 @@ class ContactProblem:
             raise ValueError(f"K has shape {stiffness.shape}, expected ({n}, {n})")
         self._condense(stiffness, self._core)
 
-    def _condense(self, stiffness: Csr, before: _core.Condensed | None) -> None:
+    def _condense(
+        self,
+        stiffness: Csr,
+        before: _core.Condensed | None,
+        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+    ) -> None:
         started = time.perf_counter()
-        self._core = _core.Condensed(stiffness.parts, *self._given, before)
+        self._core = _core.Condensed(stiffness.parts, *self._given, before, on_forecast)
         self._seconds = time.perf_counter() - started
 
     def _totals(

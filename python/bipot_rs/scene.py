@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from bipot_rs.fem import Body, Contact, Material, Model, Support, box, build
+from bipot_rs.scene_keys import instead
 from bipot_rs.schema import KIND, Pressure, Scene, Varying, inconsistencies
 from bipot_rs.shipped import SceneError, shipped, text
+from bipot_rs.words import meant
 
 __all__ = ["Case", "SceneError", "assemble", "bodies", "read", "shipped", "text"]
 
@@ -100,7 +102,7 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
         scene = Scene.model_validate(table)
     except ValidationError as error:
         raise SceneError(
-            name, problems + [_mistake(e) for e in error.errors()]
+            name, problems + [_mistake(e, table) for e in error.errors()]
         ) from None
     problems += inconsistencies(scene)
     if problems:
@@ -211,13 +213,13 @@ def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
     )
 
 
-def _mistake(error: Any) -> str:
+def _mistake(error: Any, table: dict[str, Any]) -> str:
     """One line of pydantic's report, in the words of the scene file."""
     parts = [str(part) for part in error["loc"]]
     path = ".".join(part for part in parts if not part.startswith(KIND))
     kind, message = error["type"], error["msg"]
     if kind == "extra_forbidden":
-        return f"{path}: unknown key"
+        return f"{path}: unknown key{instead(Scene, parts, table)}"
     if kind == "missing":
         return f"{path}: is missing"
     if kind in ("model_type", "dict_type", "model_attributes_type"):
@@ -245,11 +247,18 @@ def _override(table: dict[str, Any], setting: str) -> str | None:
         if isinstance(at, list):
             if not part.isdigit() or int(part) >= len(at):
                 place = ".".join(parts[:depth])
-                return f"--set {key}: {place} has entries 0 to {len(at) - 1}"
+                first = "" if part.isdigit() else f": {place}.0 is the first"
+                return f"--set {key}: {place} has entries 0 to {len(at) - 1}{first}"
             index: Any = int(part)
         elif isinstance(at, dict):
             index = part
             if not last and index not in at:
+                if depth == 1 and parts[0] in ("body", "material"):
+                    # Half of one would be made, and the other half found missing.
+                    return (
+                        f"--set {key}: there is no {parts[0]} {part!r}, expected one "
+                        f"of {', '.join(at)}{meant(part, at)}"
+                    )
                 at[index] = {}
         else:
             return f"--set {key}: {'.'.join(parts[:depth])} is not a table"
