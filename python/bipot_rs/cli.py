@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 from typer.exceptions import TyperException
 
-from bipot_rs.exits import BAD_INPUT, INTERRUPTED
+from bipot_rs.exits import BAD_INPUT, INTERRUPTED, SOLVED
 from bipot_rs.interrupts import Interrupts
 from bipot_rs.job import ENOUGH, Job
 from bipot_rs.telling import complain, line
@@ -47,10 +47,11 @@ class _App(typer.Typer):
                 return job.end(BAD_INPUT, _helpful(error.format_message(), arguments))
             except OSError as error:
                 return _output_gone(error)
-            except SystemExit:
-                # How libraries leave when the reader has gone (`| head`), with 1, which
-                # here says that no answer exists.
-                return BAD_INPUT
+            except SystemExit as left:
+                # With 0 a shell has what it completes by; with 1 is how libraries leave
+                # when the reader has gone (`| head`), which here says that no answer
+                # exists.
+                return BAD_INPUT if left.code else SOLVED
             except (KeyboardInterrupt, typer.Abort):
                 pass
             if interrupts.came is not None and not interrupts.told:

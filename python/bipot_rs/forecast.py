@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bipot_rs.fem import Model
-from bipot_rs.schema import Scene
+from bipot_rs.schema import AXES, Scene
 from bipot_rs.words import counted, meant
 
 # Corners of a cell, and how many of its kind a cell of the grid is cut into.
@@ -127,7 +127,7 @@ def fits(scene: Scene) -> None:
         return
     way = "fewer cells take less"
     if scene.mesh is not None and scene.mesh.n:
-        dim = max(block.dim for block in scene.body.values())
+        dim = 3 if any(block.dim == 3 for block in scene.body.values()) else 2
         n = int(scene.mesh.n * (free / needed) ** (1 / dim))
         way = f"a mesh.n below {max(n, 1)} would fit, if all cells depend on it"
     raise MemoryError(
@@ -141,11 +141,14 @@ def _assembly(scene: Scene) -> float:
     n = scene.mesh.n if scene.mesh else None
     total = 0.0
     for block in scene.body.values():
-        axes = (block.x, block.y, block.z)
+        axes = [getattr(block, letter, None) for letter in AXES]
+        if axes[0] is None:
+            # Not a box: nobody knows before its mesh is there.
+            continue
         cells = prod(len(axis.grid(n)) - 1 for axis in axes if axis is not None)
-        corners, simplices = _CORNERS[scene.cell(block)]
-        # An entry is a number and two indices of four bytes; as measured, more.
-        total += cells * simplices * (corners * block.dim) ** 2 * 16
+        corners, pieces = _CORNERS[scene.cell(block)]
+        # A number and an index of four bytes each entry.
+        total += cells * pieces * (corners * block.dim) ** 2 * 12
     return total
 
 

@@ -92,13 +92,19 @@ def print_table(
     """
     keys = [key for key in (rows[0] if rows else ()) if " of " in key]
     columns = [*COLUMNS[:5], *keys, *COLUMNS[5:], *more]
+    largest = max((abs(row["load"]) for row in rows), default=0.0)
+    # A sine comes back to zero but for its rounding.
+    small = _ROUNDING * largest
+    rows = [{**row, "load": 0.0} if abs(row["load"]) < small else row for row in rows]
     shown: list[Mapping[str, Any] | None] = list(rows)
     if len(rows) > _MOST_ROWS:
         third = _MOST_ROWS // 3
         shown = [*rows[:third], None, *rows[-third:]]
     table = _table(columns, shown, title, unit)
     for name in _LEAST:
-        if console.measure(table).minimum <= console.width:
+        # As wide as its cells are: rich would shorten them to what fits.
+        free = console.options.update(width=10_000)
+        if console.measure(table, options=free).maximum <= console.width:
             break
         columns.remove(name)
         table = _table(columns, shown, title, unit)
@@ -122,6 +128,7 @@ def _table(
         title_style="bold",
         box=SIMPLE_HEAD,
         pad_edge=False,
+        collapse_padding=True,
     )
     surfaces = {key.partition(" of ")[2] for key in columns if " of " in key}
     for column in columns:

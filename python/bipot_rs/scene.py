@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
+from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,9 +103,12 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
     try:
         scene = Scene.model_validate(table)
     except ValidationError as error:
-        raise SceneError(
-            name, problems + [_mistake(e, table) for e in error.errors()]
-        ) from None
+        problems += [_mistake(e, table) for e in error.errors()]
+        rest = _without_unknown(table, error)
+        if rest is not None:
+            with suppress(ValidationError):
+                problems += inconsistencies(Scene.model_validate(rest))
+        raise SceneError(name, problems) from None
     problems += inconsistencies(scene)
     if problems:
         raise SceneError(name, problems)
@@ -229,6 +234,21 @@ def _mistake(error: Any, table: dict[str, Any]) -> str:
     if isinstance(given, str | int | float):
         return f"{path}: {message}, got {given!r}"
     return f"{path}: {message}"
+
+
+def _without_unknown(table: dict[str, Any], error: ValidationError) -> Any:
+    """The table without its unknown keys, if these are all that is wrong with it."""
+    mistakes = error.errors()
+    if any(mistake["type"] != "extra_forbidden" for mistake in mistakes):
+        return None
+    rest = deepcopy(table)
+    for mistake in mistakes:
+        at: Any = rest
+        *above, last = (p for p in mistake["loc"] if not str(p).startswith(KIND))
+        for part in above:
+            at = at[part]
+        at.pop(last, None)
+    return rest
 
 
 def _override(table: dict[str, Any], setting: str) -> str | None:

@@ -72,9 +72,7 @@ class Progress:
             )
             self.bar.start()
             many = self.phases > 1
-            self.bar.add_task(
-                "", total=self.phases, completed=-1, visible=many, told=""
-            )
+            self.bar.add_task("", total=self.phases, visible=many, told="")
             self.bar.add_task(self.noun, total=self.steps, visible=not many, told="")
         return self
 
@@ -85,7 +83,8 @@ class Progress:
     def phase(self, name: str) -> None:
         """Name the phase that begins."""
         if self.bar is not None and self.bar.tasks[0].description != name:
-            self.bar.update(0, description=name, advance=1)
+            before = self.bar.tasks[0].description
+            self.bar.update(0, description=name, advance=1 if before else 0)
             if name == "solve":
                 # Its clock is that of the steps, and so is the time they will take.
                 self.bar.reset(1, completed=self.bar.tasks[1].completed, visible=True)
