@@ -37,7 +37,8 @@ def available() -> int | None:
 
 def work(counts: Mapping[str, Any]) -> float:
     """Operations of the condensation [flop]: the factor of K, and the inverse of S."""
-    inverse = float(counts["n_contact_dofs"]) ** 3 / max(counts["bodies"], 1) ** 2
+    # Of bodies alike: (m/b)³ each.
+    inverse = float(counts["n_contact_dofs"]) ** 3 / max(int(counts["bodies"]), 1) ** 2
     return float(counts["flops"]) + inverse
 
 
@@ -129,7 +130,7 @@ def fits(scene: Scene) -> None:
     if scene.mesh is not None and scene.mesh.n:
         dim = 3 if any(block.dim == 3 for block in scene.body.values()) else 2
         n = int(scene.mesh.n * (free / needed) ** (1 / dim))
-        way = f"a mesh.n below {max(n, 1)} would fit, if all cells depend on it"
+        way = f"mesh.n up to {max(n, 1)} would fit, if all cells depend on it"
     raise MemoryError(
         f"the stiffness of so many cells takes {size(needed)} to assemble, more than "
         f"the {size(free)} this machine has free: {way}"
