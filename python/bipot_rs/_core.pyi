@@ -63,6 +63,7 @@ class Condensed:
         memory_limit: int | None = None,
         grow: bool | None = None,
         before: Condensed | None = None,
+        on_forecast: Callable[[dict[str, Any]], object] | None = None,
     ) -> Condensed: ...
     @property
     def stats(self) -> dict[str, Any]:

@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
+from bipot_rs.exits import BAD_INPUT, INTERRUPTED, SOLVED
 from bipot_rs.extras import missing
 from bipot_rs.interrupts import Interrupts
-from bipot_rs.job import BAD_INPUT, ENOUGH, INTERRUPTED, Job, complain
+from bipot_rs.job import ENOUGH, Job
+from bipot_rs.telling import complain, line
 
 try:
     import typer
@@ -33,7 +36,7 @@ class _App(typer.Typer):
         # Called without arguments, the command is all that its process does.
         with Interrupts(last=not args) as interrupts:
             # The lines of `fclib` are its files, and there is none to tell of.
-            as_json = "--json" in arguments and arguments[0] != "fclib"
+            as_json = "--json" in arguments and arguments[0] == "run"
             job = Job(None, as_json=as_json)
             status: Any = INTERRUPTED
             if arguments[:1] == ["run"]:
@@ -45,13 +48,14 @@ class _App(typer.Typer):
                     arguments, prog_name="bipot", standalone_mode=False, obj=interrupts
                 )
             except TyperException as error:
-                return job.end(BAD_INPUT, error.format_message())
+                return job.end(BAD_INPUT, _helpful(error.format_message(), arguments))
             except OSError as error:
                 return _output_gone(error)
-            except SystemExit:
-                # How libraries leave when the reader has gone (`| head`), with 1, which
-                # here says that no answer exists.
-                return BAD_INPUT
+            except SystemExit as left:
+                # With 0 a shell has what it completes by; with 1 is how libraries leave
+                # when the reader has gone (`| head`), which here says that no answer
+                # exists.
+                return BAD_INPUT if left.code else SOLVED
             except (KeyboardInterrupt, typer.Abort):
                 pass
             if interrupts.came is not None and not interrupts.told:
@@ -59,10 +63,30 @@ class _App(typer.Typer):
             return status
 
 
+def _scenes_like(incomplete: str) -> list[str]:
+    """Shipped scenes for a shell to complete; it knows files itself."""
+    from bipot_rs.shipped import shipped
+
+    return [name for name in shipped() if name.startswith(incomplete)]
+
+
+def _helpful(message: str, arguments: list[str]) -> str:
+    """Typer's sentence, with what was meant where that is known."""
+    if message.startswith("No such command") and "Did you mean" not in message:
+        from bipot_rs.shipped import shipped
+
+        name = arguments[0] if arguments else ""
+        if name in shipped() or name.endswith(".toml"):
+            return f"{message} To solve a scene: bipot run {name}"
+        return f"{message} bipot --help lists the commands."
+    if message.startswith("Got unexpected extra argument") and "--set" in arguments:
+        return f"{message}: --set takes KEY=VALUE in one piece, without spaces"
+    return message
+
+
 app = _App(
     help="Frictional contact, exact on the mesh: from a scene to certified tractions.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 
@@ -71,7 +95,12 @@ app = _App(
 def run(
     context: typer.Context,
     scene: Annotated[
-        str, typer.Argument(metavar="SCENE", help="A shipped name or a TOML file.")
+        str,
+        typer.Argument(
+            metavar="SCENE",
+            help="A shipped name or a TOML file.",
+            autocompletion=_scenes_like,
+        ),
     ],
     settings: Annotated[
         list[str] | None,
@@ -242,7 +271,10 @@ def _output_gone(error: OSError) -> int:
 @app.command()
 def scenes(
     name: Annotated[
-        str | None, typer.Argument(help="Print the TOML of this scene.")
+        str | None,
+        typer.Argument(
+            help="Print the TOML of this scene.", autocompletion=_scenes_like
+        ),
     ] = None,
 ) -> None:
     """List the shipped scenes, or print one."""
@@ -253,3 +285,177 @@ def scenes(
     except SceneError as error:
         complain(str(error))
         raise typer.Exit(BAD_INPUT) from None
+
+
+_Scene = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        help="A shipped name or a TOML file.",
+        autocompletion=_scenes_like,
+    ),
+]
+_Json = Annotated[
+    bool, typer.Option("--json", help="One JSON object a line on standard output.")
+]
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="The file, .toml added.")] = "scene",
+    template: Annotated[
+        str, typer.Option(help="What to begin with: block, obstacle or two_bodies.")
+    ] = "block",
+) -> None:
+    """Write a commented scene that runs as it is; an existing file stays as it is."""
+    from bipot_rs.commands.new import write
+
+    with _refusing():
+        path = write(name, template)
+        typer.echo(f"{path}: bipot check {path}, bipot run {path}")
+
+
+@app.command()
+def check(
+    scene: _Scene,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="As in --set mesh.n=24."),
+    ] = None,
+    json: _Json = False,
+) -> None:
+    """Tell all mistakes of a scene, its sizes, memory and time, without solving."""
+    from bipot_rs.commands.check import check as of
+
+    with _refusing(as_json=json, scene=scene):
+        _say(of(scene, settings or []) | {"scene": scene, "ok": True}, as_json=json)
+
+
+@app.command()
+def info(
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE", help="A result, the folder of a run, a problem, a scene."
+        ),
+    ],
+    json: _Json = False,
+) -> None:
+    """Tell what is in a file, in some ten lines."""
+    from bipot_rs.commands.info import info as of
+
+    with _refusing(as_json=json, file=file):
+        _say(of(file), as_json=json)
+
+
+@app.command()
+def plot(
+    result: Annotated[
+        str,
+        typer.Argument(metavar="RESULT", help="The folder of a run, or its result.h5."),
+    ],
+    kind: Annotated[str, typer.Option(help="Which picture.")] = "tractions",
+    out: Annotated[
+        Path | None, typer.Option(help="The file; RESULT/KIND.png if not given.")
+    ] = None,
+) -> None:
+    """Draw a result that is there, without solving."""
+    from bipot_rs.commands.plot import draw
+
+    with _refusing():
+        typer.echo(draw(result, kind, out))
+
+
+@app.command()
+def sweep(
+    context: typer.Context,
+    scene: _Scene,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=V1,V2,…", help="As in --set contact.0.mu=0.1,0.3."
+        ),
+    ] = None,
+    ranges: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--range", metavar="KEY=A:B:N", help="N values from A to B, both included."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of sweep.csv; out/SCENE-sweep if not given."),
+    ] = None,
+    method: Annotated[
+        str | None, typer.Option(help="Contact solver, instead of the scene's.")
+    ] = None,
+    tol: Annotated[
+        float | None, typer.Option(help="Residual to reach, instead of the scene's.")
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=1, help="Processes, of one thread each; a core each."),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Keep the rows that are done.")
+    ] = False,
+    json: _Json = False,
+) -> None:
+    """Solve a scene under all combinations of settings, in parallel, into one table.
+
+    Rows that fail are told in it; Ctrl-C ends with the rows that are done.
+    """
+    from bipot_rs.commands.sweep import run as solve_all
+
+    folder = Path("out") / f"{Path(scene).stem}-sweep" if out is None else out
+    with _refusing(as_json=json, scene=scene, interrupts=context.obj):
+        status = solve_all(
+            *(scene, settings or [], ranges or [], folder, method, tol),
+            jobs=jobs,
+            resume=resume,
+            as_json=json,
+        )
+        raise typer.Exit(status)
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of scene files, for editors that check them."""
+    from json import dumps
+
+    from bipot_rs.commands.schema import schema as of
+
+    typer.echo(dumps(of(), indent=2))
+
+
+def _say(found: dict[str, Any], *, as_json: bool) -> None:
+    lines = found.pop("lines")
+    if as_json:
+        line(**found)
+    else:
+        typer.echo("\n".join(lines))
+
+
+@contextmanager
+def _refusing(
+    *, as_json: bool = False, interrupts: Interrupts | None = None, **told: Any
+) -> Iterator[None]:
+    """Make bad input a sentence and a status; with --json the last line has both."""
+    try:
+        yield
+        return
+    except KeyboardInterrupt:
+        if interrupts is None:
+            raise
+        message = "interrupted; --resume goes on with the rows that are left"
+        status = interrupts.status
+        interrupts.told = True
+    except (ImportError, ValueError, OSError, MemoryError) as error:
+        if isinstance(error, BrokenPipeError):
+            raise
+        message, status = str(error) or type(error).__name__, BAD_INPUT
+    if as_json:
+        line(**told, ok=False, message=message)
+    else:
+        complain(message)
+    raise typer.Exit(status)

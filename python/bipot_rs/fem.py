@@ -6,7 +6,7 @@ node + component``, so that K is block diagonal.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -259,7 +259,12 @@ class Model:
         first = self.B[rows].tocsc()[:, ::d]
         return sparse.csr_array(first.T @ along)
 
-    def problem(self, *, num_threads: int | None = None) -> ContactProblem:
+    def problem(
+        self,
+        *,
+        num_threads: int | None = None,
+        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+    ) -> ContactProblem:
         """Condense: the contact problem of these arrays, its obstacles moving as asked."""
         return ContactProblem(
             self.K,
@@ -274,6 +279,7 @@ class Model:
             coordinates=np.repeat(self.nodes, self.dim, axis=0),
             num_threads=num_threads,
             gaps=self.moving,
+            on_forecast=on_forecast,
         )
 
     def gaps(self, steps: int) -> Floats | None:

@@ -152,6 +152,11 @@ class ContactProblem:
         Gaps of each load step where obstacles move, ``(steps, n_c)`` or
         ``(steps, n_c, d)``: what `solve` takes for its ``gap`` where it is given none.
         ``gap`` itself is that of the start.
+    on_forecast
+        Called once the order of elimination is known and before any of its numbers,
+        with what they will take, a mapping with ``bodies``, ``n_contact_dofs``,
+        ``nnz_factor``, ``flops``, ``bytes_factor``, ``bytes_peak`` and ``ordering`` as in
+        `stats`. An exception it raises ends the work and comes out here.
 
     Raises
     ------
@@ -206,6 +211,7 @@ class ContactProblem:
         memory_limit: int | None = None,
         working_set: bool | None = None,
         gaps: ArrayLike | None = None,
+        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
     ) -> None:
         stiffness = csr("K", K)
         contact = csr("B", B)
@@ -264,7 +270,8 @@ class ContactProblem:
             limit,
             working_set,
         )
-        self._condense(stiffness.parts, None)
+        callback("on_forecast", on_forecast)
+        self._condense(stiffness.parts, None, on_forecast)
 
     def __getstate__(self) -> dict[str, Any]:
         # What it was made of and not what came of it: the factor may be a hundred
@@ -649,9 +656,14 @@ class ContactProblem:
             raise ValueError(f"K has shape {stiffness.shape}, expected ({n}, {n})")
         self._condense(stiffness.parts, self._core)
 
-    def _condense(self, parts: Parts, before: _core.Condensed | None) -> None:
+    def _condense(
+        self,
+        parts: Parts,
+        before: _core.Condensed | None,
+        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+    ) -> None:
         started = time.perf_counter()
-        self._core = _core.Condensed(parts, *self._given, before)
+        self._core = _core.Condensed(parts, *self._given, before, on_forecast)
         self._seconds = time.perf_counter() - started
 
     def _totals(

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -15,8 +17,10 @@ from pydantic import ValidationError
 
 from bipot_rs.case import Case, Load, along
 from bipot_rs.fem import Body, Contact, Material, Model, Support, box, build
+from bipot_rs.scene_keys import instead
 from bipot_rs.schema import KIND, Scene, inconsistencies
 from bipot_rs.shipped import SceneError, shipped, text
+from bipot_rs.words import meant
 
 __all__ = [
     "Case",
@@ -70,7 +74,12 @@ def checked(name: str, table: dict[str, Any], problems: Sequence[str] = ()) -> S
     try:
         scene = Scene.model_validate(table)
     except ValidationError as error:
-        raise SceneError(name, found + [_mistake(e) for e in error.errors()]) from None
+        found += [_mistake(e, table) for e in error.errors()]
+        rest = _without_unknown(table, error)
+        if rest is not None:
+            with suppress(ValidationError):
+                found += inconsistencies(Scene.model_validate(rest))
+        raise SceneError(name, found) from None
     found += inconsistencies(scene)
     if found:
         raise SceneError(name, found)
@@ -161,13 +170,13 @@ def _loads(scene: Scene, meshed: Sequence[Body], model: Model) -> Iterator[Load]
             yield Load(place[b.on], None, unit[k], none, nodal, number)
 
 
-def _mistake(error: Any) -> str:
+def _mistake(error: Any, table: dict[str, Any]) -> str:
     """One line of pydantic's report, in the words of the scene file."""
     parts = [str(part) for part in error["loc"]]
     path = ".".join(part for part in parts if not part.startswith(KIND))
     kind, message = error["type"], error["msg"]
     if kind == "extra_forbidden":
-        return f"{path}: unknown key"
+        return f"{path}: unknown key{instead(Scene, parts, table)}"
     if kind == "missing":
         return f"{path}: is missing"
     if kind in ("model_type", "dict_type", "model_attributes_type"):
@@ -179,16 +188,31 @@ def _mistake(error: Any) -> str:
     return f"{path}: {message}"
 
 
+def _without_unknown(table: dict[str, Any], error: ValidationError) -> Any:
+    """The table without its unknown keys, if these are all that is wrong with it."""
+    mistakes = error.errors()
+    if any(mistake["type"] != "extra_forbidden" for mistake in mistakes):
+        return None
+    rest = deepcopy(table)
+    for mistake in mistakes:
+        at: Any = rest
+        *above, last = (p for p in mistake["loc"] if not str(p).startswith(KIND))
+        for part in above:
+            at = at[part]
+        at.pop(last, None)
+    return rest
+
+
 def _override(table: dict[str, Any], setting: str) -> str | None:
     """Put ``key=value`` into the table; a message if there is no such place."""
     key, equals, value = setting.partition("=")
     if not equals or not all(key.strip().split(".")):
         return f"--set {setting}: should be KEY=VALUE"
     try:
-        meant = tomllib.loads(f"v = {value}")["v"]
+        parsed = tomllib.loads(f"v = {value}")["v"]
     except (tomllib.TOMLDecodeError, RecursionError):
-        meant = value
-    wrong = put(table, key.strip(), meant)
+        parsed = value
+    wrong = put(table, key.strip(), parsed)
     return wrong and f"--set {key}: {wrong}"
 
 
@@ -200,11 +224,18 @@ def put(table: dict[str, Any], key: str, value: Any) -> str | None:
         place, last = ".".join(parts[:depth]), depth == len(parts) - 1
         if isinstance(at, list):
             if not part.isdigit() or int(part) >= len(at):
-                return f"{place} has entries 0 to {len(at) - 1}"
+                first = "" if part.isdigit() else f": {place}.0 is the first"
+                return f"{place} has entries 0 to {len(at) - 1}{first}"
             index: Any = int(part)
         elif isinstance(at, dict):
             index = part
             if not last and index not in at:
+                if depth == 1 and parts[0] in ("body", "material"):
+                    # Half of one would be made, and the other half found missing.
+                    return (
+                        f"there is no {parts[0]} {part!r}, expected one of "
+                        f"{', '.join(at)}{meant(part, at)}"
+                    )
                 at[index] = {}
         else:
             return f"{place} is not a table"

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from bipot_rs.words import nearest
+
 _SHIPPED = Path(__file__).with_name("scenes")
 
 
@@ -32,6 +34,19 @@ def shipped() -> list[str]:
     return sorted(path.stem for path in _SHIPPED.glob("*.toml"))
 
 
+def _nothing(path: Path) -> str:
+    """What is wrong with a name that is no scene, and which one was meant."""
+    if path.is_dir():
+        return f"is a folder, expected a TOML file or one of {', '.join(shipped())}"
+    beside = path.parent.glob("*.toml") if path.parent.is_dir() else ()
+    files = [str(other) for other in beside]
+    stem = path.name.removesuffix(".toml")
+    said = f"is neither a file nor one of {', '.join(shipped())}"
+    if found := nearest(str(path), files) or nearest(stem, shipped()):
+        said += f"; did you mean {found!r}?"
+    return said
+
+
 def text(name: str) -> str:
     """TOML of a shipped scene, or of a file.
 
@@ -43,8 +58,7 @@ def text(name: str) -> str:
     path = _SHIPPED / f"{name}.toml" if name in shipped() else Path(name)
     try:
         if not path.is_file():
-            known = ", ".join(shipped())
-            raise SceneError(name, [f"is neither a file nor one of {known}"])
+            raise SceneError(name, [_nothing(path)])
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(name, [f"cannot be read: {error}"]) from error

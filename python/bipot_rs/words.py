@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 def counted(number: int, noun: str) -> str:
     """``1 entry``, ``2 entries``."""
@@ -17,3 +19,21 @@ def printable(text: str) -> str:
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode() for c in text
     )
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The known name that was probably meant, or nothing: case and ``-`` do not count."""
+    from difflib import get_close_matches
+
+    def plain(name: str) -> str:
+        return name.lower().replace("-", "_")
+
+    names = {plain(name): name for name in known}
+    found = get_close_matches(plain(word), names, n=1, cutoff=0.6)
+    return names[found[0]] if found else ""
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """``, did you mean 'x'?``, or nothing."""
+    found = nearest(word, known)
+    return f", did you mean {found!r}?" if found and found != word else ""

@@ -9,6 +9,7 @@ use crate::error::Error;
 use crate::problem::analysed::Analysed;
 use crate::problem::body::Body;
 use crate::problem::border::{check_finite, check_length};
+use crate::problem::forecast::Forecast;
 use crate::problem::memory::Budget;
 use crate::problem::sparse::Owned;
 use crate::problem::stats::Stats;
@@ -315,6 +316,27 @@ impl Bodies {
         stats.factor_kept = self.list.iter().all(|body| body.factor().is_some());
         stats
     }
+}
+
+/// The counts of bodies that are analysed and not yet condensed; `dropped` as in
+/// [`needed`].
+#[must_use]
+pub fn forecast(parts: &[Analysed], dropped: bool) -> Forecast {
+    let mut told = Forecast {
+        bodies: parts.len(),
+        bytes_peak: needed(parts, dropped),
+        ..Forecast::default()
+    };
+    for counts in parts.iter().map(Analysed::counts) {
+        told.contact_dofs += counts.kept;
+        told.nnz_factor += counts.nnz_factor;
+        told.flops += counts.flops;
+        told.bytes_factor += counts.bytes_factor;
+        if told.ordering.is_empty() {
+            told.ordering = counts.ordering;
+        }
+    }
+    told
 }
 
 /// Bytes at the height of a condensation: what all bodies hold, and what the

@@ -13,7 +13,7 @@ use crate::linalg::multifrontal::Factor;
 use crate::linalg::reach::Reach;
 use crate::problem::analysed::Analysed;
 use crate::problem::assemble::{Source, assemble};
-use crate::problem::bodies::{Bodies, Loaded, needed};
+use crate::problem::bodies::{Bodies, Loaded, forecast, needed};
 use crate::problem::border::{check_finite, check_friction, check_length};
 use crate::problem::compliance::Compliance;
 use crate::problem::condense::{Condensed, Sorted, analyse, contact_set};
@@ -260,6 +260,7 @@ impl<const D: usize> Candidates<D> {
             supports,
             surface,
             budget,
+            notice,
             ..
         } = sorted;
         let few = surface.of(&seeds);
@@ -274,6 +275,9 @@ impl<const D: usize> Candidates<D> {
         });
         let kept = kept.collect();
         let parts = analyse(parts, kept, places, before)?;
+        if let Some(notice) = notice {
+            notice.leave(forecast(&parts, false));
+        }
         let needed = needed(&parts, false);
         let mut bodies = Bodies::new(parts, supports, D, needed, &budget, stop)?;
         let stats = bodies.stats();

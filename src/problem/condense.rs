@@ -16,9 +16,10 @@ use crate::error::Error;
 use crate::linalg::csc::Symmetric;
 use crate::problem::analysed::Analysed;
 use crate::problem::assemble::{Source, assemble, bytes_beside};
-use crate::problem::bodies::{Bodies, Loaded, Loads, Supports, needed};
+use crate::problem::bodies::{Bodies, Loaded, Loads, Supports, forecast, needed};
 use crate::problem::border::{check_finite, check_friction, check_length};
 use crate::problem::compliance::Compliance;
+use crate::problem::forecast::Notice;
 use crate::problem::memory::Budget;
 use crate::problem::reduced::{Reduced, Rigid};
 use crate::problem::sparse::{self, Owned, Rows};
@@ -57,6 +58,8 @@ pub struct Sorted<const D: usize> {
     pub surface: Surface<D>,
     pub mu: Vec<f64>,
     pub budget: Budget,
+    /// Who is to be told the cost before the numbers.
+    pub notice: Option<Notice>,
 }
 
 /// A condensed contact problem: everything that does not depend on the loads.
@@ -122,6 +125,7 @@ impl<const D: usize> Sorted<D> {
             surface,
             mu: given.mu.to_vec(),
             budget: given.budget,
+            notice: None,
         })
     }
 }
@@ -175,11 +179,18 @@ impl<const D: usize> Condensed<D> {
             surface,
             mu,
             budget,
+            notice,
         } = sorted;
         let sizes = parts.iter().map(|(dofs, _)| dofs.len());
         let kept = sizes.zip(surface.shares.iter());
         let kept = kept.map(|(n, share)| contact_set(share, n)).collect();
         let parts = analyse(parts, kept, places, before)?;
+        if let Some(notice) = notice {
+            let mut told = forecast(&parts, supports.known.is_some());
+            let kept: Vec<usize> = parts.iter().map(|part| part.counts().kept).collect();
+            told.bytes_peak += bytes_beside(&surface, &kept);
+            notice.leave(told);
+        }
         Self::from_parts(parts, supports, surface, mu, &budget, stop)
     }
 

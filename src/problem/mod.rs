@@ -9,6 +9,7 @@ pub mod border;
 pub mod candidates;
 pub mod compliance;
 pub mod condense;
+pub mod forecast;
 pub mod island;
 pub mod memory;
 mod null_space;

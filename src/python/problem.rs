@@ -14,6 +14,7 @@ use crate::linalg::csc::Symmetric;
 use crate::problem::bodies::{Loaded, Loads};
 use crate::problem::candidates::Problem;
 use crate::problem::condense::{Given, Sorted};
+use crate::problem::forecast::{Forecast, Notice};
 use crate::problem::memory::{self, Budget};
 use crate::problem::sparse::Rows;
 use crate::problem::stretch::{Stretch, over, times};
@@ -93,6 +94,7 @@ struct Asked<'a> {
     known: Option<Vec<Loads>>,
     limit: Option<u128>,
     grow: Option<bool>,
+    notice: Option<Notice>,
 }
 
 impl Asked<'_> {
@@ -124,6 +126,7 @@ impl Asked<'_> {
         if let Some(stretch) = &self.stretch {
             sorted.surface.stretch(stretch);
         }
+        sorted.notice = self.notice;
         Problem::new(sorted, self.grow, before, stop).map(Arc::new)
     }
 }
@@ -133,11 +136,12 @@ impl Condensed {
     /// `places` are those of the degrees of freedom in space; `known` are all loads there will be, a pair of total forces and prescribed
     /// displacements each step; `memory_limit` is in bytes; `grow` says whether `W` is
     /// formed of a working set, `None` leaves it to the gaps; the analyses of `before`
-    /// are used again where the pattern is the same.
+    /// are used again where the pattern is the same. `on_forecast` is called with what
+    /// the analysis has counted, at most 0.1 s later; an exception from it stops the work.
     #[new]
     #[pyo3(signature = (
         stiffness, contact, gap, mu, fixed, num_threads,
-        places=None, known=None, memory_limit=None, grow=None, before=None
+        places=None, known=None, memory_limit=None, grow=None, before=None, on_forecast=None
     ))]
     #[expect(clippy::too_many_arguments, reason = "the arguments of one problem")]
     fn new<'py>(
@@ -153,7 +157,15 @@ impl Condensed {
         memory_limit: Option<u64>,
         grow: Option<bool>,
         before: Option<PyRef<'py, Condensed>>,
+        on_forecast: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
+        let notice = on_forecast.is_some().then(Notice::default);
+        let tell = |py: Python<'_>| match (&on_forecast, &notice) {
+            (Some(told), Some(notice)) => notice
+                .take()
+                .map_or(Ok(()), |found| call(told.bind(py), &found)),
+            _ => Ok(()),
+        };
         let loads = |(load, moved): &(Vector<'_>, Vector<'_>)| -> PyResult<Loads> {
             Ok((load.as_slice()?.to_vec(), moved.as_slice()?.to_vec()))
         };
@@ -174,6 +186,7 @@ impl Condensed {
             known: known.transpose()?,
             limit: memory_limit.map(u128::from),
             grow,
+            notice: notice.clone(),
         };
         let before = before.as_ref().map(|problem| &problem.kind);
         let kind = if plane {
@@ -182,7 +195,9 @@ impl Condensed {
                 Some(Kind::Two(problem)) => Some(&**problem),
                 _ => None,
             };
-            let made = interrupt::run(py, num_threads, |stop| asked.condense(gap, before, stop));
+            let made = interrupt::watch(py, num_threads, &tell, |stop| {
+                asked.condense(gap, before, stop)
+            });
             Kind::Two(made?)
         } else {
             let gap = arrays::rows::<3>(&gap)?;
@@ -190,9 +205,13 @@ impl Condensed {
                 Some(Kind::Three(problem)) => Some(&**problem),
                 _ => None,
             };
-            let made = interrupt::run(py, num_threads, |stop| asked.condense(gap, before, stop));
+            let made = interrupt::watch(py, num_threads, &tell, |stop| {
+                asked.condense(gap, before, stop)
+            });
             Kind::Three(made?)
         };
+        // Small problems are done before anybody has looked.
+        tell(py)?;
         Ok(Self {
             kind,
             stretch,
@@ -445,6 +464,19 @@ fn moved<const D: usize>(
     Ok(Arc::new(
         problem.with_gap(times(stretch, gap).into_owned())?,
     ))
+}
+
+/// Calls a function of Python with a forecast, as `stats` names its counts.
+fn call(told: &Bound<'_, PyAny>, found: &Forecast) -> PyResult<()> {
+    let dict = PyDict::new(told.py());
+    dict.set_item("bodies", found.bodies)?;
+    dict.set_item("n_contact_dofs", found.contact_dofs)?;
+    dict.set_item("nnz_factor", found.nnz_factor)?;
+    dict.set_item("flops", found.flops)?;
+    dict.set_item("bytes_factor", found.bytes_factor)?;
+    dict.set_item("bytes_peak", found.bytes_peak)?;
+    dict.set_item("ordering", found.ordering)?;
+    told.call1((dict,)).map(|_| ())
 }
 
 /// Number of contact components, `D n_c`.

@@ -43,10 +43,18 @@ def loaded(code: str, folder: Path) -> set[str]:
         (COMMAND.format(["--help"]), ("rich", "typer")),
         (COMMAND.format(["scenes"]), ("pydantic", "typer")),
         (COMMAND.format(["scenes", "two_blocks"]), ("pydantic", "typer")),
+        (COMMAND.format(["new"]), ("pydantic", "typer")),
+        (
+            COMMAND.format(["check", *RUN[1:]]),
+            ("pydantic", "scipy", "skfem", "typer"),
+        ),
         (COMMAND.format(RUN), ("h5py", "pydantic", "scipy", "skfem", "typer")),
         (COMMAND.format(RUN[:-1]), set(HEAVY) - {"matplotlib", "meshio"}),
     ],
-    ids=["import", "project", "arrays", "help", "scenes", "scene", "json", "table"],
+    ids=[
+        *("import", "project", "arrays", "help", "scenes", "scene", "new", "check"),
+        *("json", "table"),
+    ],
 )
 def test_loads_only_what_it_uses(
     code: str, used: tuple[str, ...], tmp_path: Path

@@ -46,6 +46,7 @@ RUST_SIBLINGS = {
         "face frozen",
     ),
     "problem": (
+        "forecast",
         "border memory null_space sparse stats stretch",
         "island",
         "compliance",
@@ -86,11 +87,13 @@ RUST_NAMES = {
     "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
 }
 PYTHON = (
-    "_core early extras interrupts shipped toml_text vtu words",
+    "_core early exits extras folder interrupts telling toml_text vtu words workers",
+    "shipped",
     "export error_bound installation",
     "structure",
     "check plane_friction result",
     "friction",
+    "resultants",
     "answers diagnosis errors existence facet_shapes frames motion",
     "clipping facet_mesh skewed",
     "mortar",
@@ -122,12 +125,16 @@ PYTHON = (
     "schema.contact schema.load",
     "schema.root",
     "schema.consistency",
-    "schema simplices",
+    "report schema scene_keys simplices",
     "case",
     "error_map resume scene plot johnson_mercier contact_facets equilibrium",
-    "model self_stress",
+    "model forecast self_stress",
     "discretisation",
     "enough",
+    "run_files",
+    "commands.check commands.info commands.new commands.plot commands.schema",
+    "commands.sweep",
+    "commands",
     "job",
     "fclib_job stiffness_job",
     "cli",
@@ -178,7 +185,11 @@ def _imports(text: str) -> list[tuple[int, str]]:
         elif isinstance(node, ast.ImportFrom):
             base = "bipot_rs" if node.level else ""
             base = ".".join(part for part in (base, node.module) if part)
-            if base in ("bipot_rs", "bipot_rs.theory"):  # from bipot_rs import result
+            if base in (
+                "bipot_rs",
+                "bipot_rs.commands",
+                "bipot_rs.theory",
+            ):  # from bipot_rs import result
                 found += [(node.lineno, f"{base}.{a.name}") for a in node.names]
             else:
                 found.append((node.lineno, base))

@@ -1,0 +1,1 @@
+"""What each command of `bipot` does, a file a command; `cli` has their arguments."""

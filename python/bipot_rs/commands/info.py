@@ -1,0 +1,199 @@
+"""``bipot info``: what is in a file, in some ten lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bipot_rs.folder import RESULT
+from bipot_rs.words import counted, printable
+
+# Steps of a result that are told one by one; of longer paths both ends.
+_STEPS = 3
+
+
+def info(name: str) -> dict[str, Any]:
+    """What a result, a problem of FCLIB or a scene holds.
+
+    Parameters
+    ----------
+    name
+        A file, the folder of a run, or a shipped scene.
+
+    Returns
+    -------
+    dict
+        ``kind``, figures by name, and ``lines`` for a terminal.
+
+    Raises
+    ------
+    OSError, ValueError
+        It cannot be read, or is nothing of these.
+    """
+    path = Path(name)
+    if path.is_dir():
+        if not (path / RESULT).exists():
+            raise ValueError(f"{name} is a folder without {RESULT}")
+        path = path / RESULT
+    if path.suffix not in (".h5", ".hdf5", ".hdf"):
+        return _scene(name)
+    if not path.exists():
+        raise OSError(f"there is no {path}")
+    try:
+        return _result(path)
+    except ValueError as error:
+        try:
+            return _problem(path)
+        except (OSError, ValueError):
+            raise error from None
+
+
+def _result(path: Path) -> dict[str, Any]:
+    from bipot_rs.export import read_result
+    from bipot_rs.report import row
+    from bipot_rs.result import load
+
+    contacts, steps, attributes = read_result(path)
+    result = load(path)
+    count = len(result)
+    x = contacts.get("x")
+    dim = None if x is None else x.shape[1]
+    found: dict[str, Any] = {
+        "kind": "result",
+        "file": str(path),
+        "scene": attributes.get("scene"),
+        "complete": bool(attributes.get("complete")),
+        "message": attributes.get("message", ""),
+        "package": attributes.get("package"),
+        "method": attributes.get("method"),
+        "tol": attributes.get("tol"),
+        "contacts": None if x is None else len(x),
+        "dim": dim,
+        "steps": count,
+    }
+    whose = found["scene"] or "a problem given as arrays"
+    by = f"method {found['method'] or '-'}, tol {found['tol'] or '-'}"
+    lines = [
+        f"{path}: a result of {whose}, {'' if found['complete'] else 'not '}complete",
+        f"  said      {found['message'] or '-'}",
+        f"  by        bipot_rs {found['package'] or '(unknown)'}, {by}",
+    ]
+    if x is not None:
+        low, high = x.min(axis=0), x.max(axis=0)
+        where = " × ".join(
+            f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high, strict=True)
+        )
+        lines.append(
+            f"  contacts  {counted(len(x), 'contact')} in {dim} dimensions, {where}"
+        )
+        lines.append(
+            f"  friction  {_span(contacts.get('mu'))}; gap {_span(contacts.get('gap'))}"
+        )
+    if count:
+        found["residual"] = float(result.residual.max())
+        found["displacements"] = len(result[0].displacement)
+        lines.append(
+            f"  steps     {counted(count, 'load step')}, every residual at most "
+            f"{found['residual']:.1e}; {found['displacements']} displacements each"
+        )
+        told = [
+            row(k, float(steps[k].get("load", k)), step)
+            for k, step in enumerate(result)
+        ]
+        ends = list(range(count))
+        if count > _STEPS:
+            ends[1 : 1 - _STEPS] = []
+        for k in ends:
+            one = told[k]
+            lines.append(
+                f"  step {k:<4} open {one['open']}, slip {one['slip']}, stick "
+                f"{one['stick']}, normal force {result[k].reaction[:, 0].sum():.5g}"
+            )
+        last = told[-1]
+        found["last"] = {name: last[name] for name in ("open", "slip", "stick")}
+    return found | {"lines": lines}
+
+
+def _span(values: Any) -> str:
+    if values is None or not np.size(values):
+        return "-"
+    low, high = float(np.min(values)), float(np.max(values))
+    return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+
+
+def _problem(path: Path) -> dict[str, Any]:
+    from bipot_rs.fclib import GlobalProblem, read
+
+    problem = read(path)
+    kind, offset = (
+        ("global", problem.w)
+        if isinstance(problem, GlobalProblem)
+        else ("local", problem.q)
+    )
+    contacts, dim = offset.shape
+    found = {
+        "kind": "fclib",
+        "file": str(path),
+        "form": kind,
+        "contacts": contacts,
+        "dim": dim,
+    }
+    many = f"{counted(contacts, 'contact')} in {dim} dimensions"
+    lines = [
+        f"{path}: a problem of FCLIB, {kind} form, {many}",
+        f"  friction  {_span(problem.mu)}",
+        f"  solve it  bipot fclib {printable(str(path))}",
+    ]
+    return found | {"lines": lines}
+
+
+def _scene(name: str) -> dict[str, Any]:
+    from bipot_rs.scene import read
+
+    scene = read(name)
+    bodies = {body: block.material for body, block in scene.body.items()}
+    steps = scene.path.count()
+    found: dict[str, Any] = {
+        "kind": "scene",
+        "scene": name,
+        "title": scene.title,
+        "bodies": list(bodies),
+        "contacts": [contact.on for contact in scene.contact],
+        "steps": steps,
+        "method": scene.solver.method,
+        "tol": scene.solver.tol,
+    }
+    units = ", ".join(
+        f"{quantity} in {unit}"
+        for quantity, unit in scene.units.model_dump().items()
+        if unit
+    )
+    loads = [
+        counted(len(entries), kind)
+        for kind, entries in (
+            ("support", scene.support),
+            ("traction", scene.traction),
+            ("pressure", scene.pressure),
+            ("body force", scene.body_force),
+        )
+        if entries
+    ]
+    told = scene.path.parameter or "their number"
+    lines = [
+        f"{name}: a scene, {scene.title or 'without a title'}",
+        f"  units     {units or 'not named'}",
+        "  bodies    " + ", ".join(f"{b} ({m})" for b, m in bodies.items()),
+        "  contacts  " + ", ".join(_touch(contact) for contact in scene.contact),
+        f"  loads     {', '.join(loads) or 'none'}",
+        f"  path      {counted(steps, 'load step')}, told by {told}",
+        f"  solver    {scene.solver.method}, tol {scene.solver.tol}",
+        f"  next      bipot check {name}, bipot run {name}",
+    ]
+    return found | {"lines": lines}
+
+
+def _touch(contact: Any) -> str:
+    other = "a plane" if contact.against is None else contact.against
+    return f"{contact.on} against {other}, mu {contact.mu}"

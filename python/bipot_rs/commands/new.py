@@ -1,0 +1,51 @@
+"""``bipot new``: a scene to begin with, that runs as it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bipot_rs.words import meant
+
+_FOLDER = Path(__file__).parent.parent / "templates"
+SCHEMA = "bipot-scene.schema.json"
+_HINT = (
+    f"#:schema ./{SCHEMA}\n"
+    f"# An editor that knows TOML checks this file: bipot schema > {SCHEMA}\n\n"
+)
+# What a template says where the command to run it has its file.
+_NAME = "@NAME@"
+
+
+def templates() -> list[str]:
+    """Names of what there is to begin with."""
+    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
+
+
+def write(name: str, template: str) -> Path:
+    """Write a commented scene; returns its file, ``name`` with ``.toml``.
+
+    Raises
+    ------
+    ValueError
+        There is no such template.
+    OSError
+        There is a file of this name already, or none can be written there.
+    """
+    if template not in templates():
+        raise ValueError(
+            f"--template is {template!r}, expected one of {', '.join(templates())}"
+            + meant(template, templates())
+        )
+    path = Path(name if name.endswith(".toml") else f"{name}.toml")
+    text = (_FOLDER / f"{template}.toml").read_text(encoding="utf-8")
+    try:
+        # Not looked for first: whatever comes in between would be overwritten.
+        with path.open("x", encoding="utf-8") as file:
+            file.write(_HINT + text.replace(_NAME, str(path)))
+    except FileExistsError:
+        raise FileExistsError(
+            f"{path} is there already and stays as it is: give another name"
+        ) from None
+    except OSError as error:
+        raise OSError(f"cannot write {path}: {error.strerror or error}") from error
+    return path

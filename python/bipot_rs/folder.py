@@ -1,0 +1,94 @@
+"""The folder of a run: its files come all together, and nothing else in it is touched."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+RESULT = "result.h5"
+_DRAFT = ".bipot-"
+_NAMES = (RESULT, "result.pvd", "steps.csv", "tractions.png", "error.png")
+
+
+@contextmanager
+def draft_in(folder: Path) -> Iterator[Path]:
+    """Place inside the folder to prepare its files in, gone at the end.
+
+    Made before the work, so that a folder that cannot be written is found then.
+
+    Raises
+    ------
+    OSError
+        One sentence, with what would help.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _clear(folder)
+        for path in map(folder.joinpath, _NAMES):
+            if path.is_dir():
+                raise IsADirectoryError(f"{path} is a folder")
+        draft = tempfile.TemporaryDirectory(prefix=_DRAFT, dir=folder)
+    except OSError as error:
+        raise OSError(
+            f"cannot write to the folder {folder}: {error}; --out DIR names another"
+        ) from error
+    # Held as long as this process lives: another run knows by it that it does.
+    with draft as name, _locked(Path(name)):
+        yield Path(name)
+
+
+def replace(draft: Path, folder: Path) -> None:
+    """Move the files of the draft in, and remove those of an earlier run."""
+    new = {path.name for path in draft.iterdir()}
+    for name in sorted(new):
+        (draft / name).replace(folder / name)
+    for old in ours(folder):
+        if old.name not in new:
+            old.unlink()
+
+
+def ours(folder: Path) -> list[Path]:
+    """Files that a run writes; whatever else a folder holds is not ours to touch."""
+    series = [p for p in folder.glob("result_*.vtu") if p.stem[7:].isdigit()]
+    series += [p for p in folder.glob("problem-*.hdf5") if p.stem[8:].isdigit()]
+    return [path for path in map(folder.joinpath, _NAMES) if path.exists()] + series
+
+
+def told(folder: Path) -> str:
+    """What there is of ours, in a line."""
+    # The pieces of the series are named by its index, result.pvd.
+    names = sorted(path.name for path in ours(folder) if path.suffix != ".vtu")
+    problems = [name for name in names if name.endswith(".hdf5")]
+    if len(problems) > 2:
+        names = [name for name in names if name not in problems[1:-1]]
+        names.insert(names.index(problems[0]) + 1, "…")
+    return f"{folder}: {', '.join(names)}"
+
+
+@contextmanager
+def _locked(draft: Path) -> Iterator[bool]:
+    """Whether the draft could be locked; nobody else locks it meanwhile."""
+    handle = os.open(draft, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            # Someone holds it, or the file system knows no locks.
+            yield False
+        else:
+            yield True
+    finally:
+        os.close(handle)
+
+
+def _clear(folder: Path) -> None:
+    """Remove what killed runs were preparing."""
+    for draft in folder.glob(f"{_DRAFT}*"):
+        with suppress(OSError), _locked(draft) as abandoned:
+            if abandoned:
+                shutil.rmtree(draft)

@@ -1,0 +1,119 @@
+"""A function on many arguments, in processes of their own, one thread each.
+
+The pools of the standard library hang when a worker is killed (memory), or give up all
+work that is left; here the argument it had is told to be lost, and another takes over.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+# Of every library that has threads of its own.
+_THREADS = (
+    "BIPOT_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+)
+
+
+def _serve(connection: Connection, work: Callable[..., Any]) -> None:
+    """Answer arguments until there are no more."""
+    # A Ctrl-C reaches all processes of a terminal; the parent says what becomes of it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    with suppress(EOFError, OSError):
+        while (asked := connection.recv()) is not None:
+            try:
+                answer = work(*asked)
+            except Exception as error:  # noqa: BLE001 — told, in the parent
+                answer = f"{type(error).__name__}: {error}"
+            connection.send(answer)
+
+
+class Workers:
+    """Processes that stay for many arguments; ended with the block, at once.
+
+    Parameters
+    ----------
+    work
+        A function of a module, whose arguments and answers can be pickled. An answer
+        that is text says what went wrong.
+    count
+        Processes.
+    """
+
+    def __init__(self, work: Callable[..., Any], count: int) -> None:
+        self.work, self.count = work, max(count, 1)
+        # Not forked: threads and locks of this process would come along.
+        self.context = multiprocessing.get_context("spawn")
+        self.processes: dict[Connection, Any] = {}
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for connection, process in self.processes.items():
+            connection.close()
+            process.terminate()
+        for process in self.processes.values():
+            process.join()
+        self.processes.clear()
+
+    def map(self, arguments: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
+        """Number and answer of each argument, as they come."""
+        left = list(range(len(arguments)))[::-1]
+        busy: dict[Connection, int] = {}
+        while left or busy:
+            while left and len(busy) < self.count:
+                connection = self._idle(busy)
+                busy[connection] = left.pop()
+                connection.send(arguments[busy[connection]])
+            for ready in wait(list(busy)):
+                if not isinstance(ready, Connection):
+                    continue
+                number = busy.pop(ready)
+                try:
+                    yield number, ready.recv()
+                except (EOFError, OSError):
+                    process = self.processes.pop(ready)
+                    process.join()
+                    ready.close()
+                    yield number, _death(process.exitcode)
+
+    def _idle(self, busy: dict[Connection, int]) -> Connection:
+        for connection in self.processes:
+            if connection not in busy:
+                return connection
+        here, there = self.context.Pipe()
+        process = self.context.Process(
+            target=_serve, args=(there, self.work), daemon=True
+        )
+        before = {name: os.environ.get(name) for name in _THREADS}
+        os.environ.update(dict.fromkeys(_THREADS, "1"))
+        try:
+            process.start()
+        finally:
+            for name, value in before.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
+        # Else the end of the process would not end the connection.
+        there.close()
+        self.processes[here] = process
+        return here
+
+
+def _death(code: int | None) -> str:
+    if code is not None and code < 0:
+        name = signal.Signals(-code).name
+        hint = ", out of memory most likely" if name == "SIGKILL" else ""
+        return f"its process was ended by {name}{hint}"
+    return f"its process ended with status {code}"

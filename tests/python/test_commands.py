@@ -1,0 +1,336 @@
+"""The small commands: new, check, info, plot, schema, and what shells complete."""
+
+import csv
+import json
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bipot_rs import cli, fclib
+from bipot_rs.commands import check as checking
+from bipot_rs.commands.new import templates
+from bipot_rs.commands.schema import schema
+from bipot_rs.reduced import ReducedProblem
+from bipot_rs.scene import assemble, bodies, read
+from bipot_rs.shipped import shipped, text
+
+SMALL = ("--set", "mesh.n=4")
+
+
+@pytest.fixture
+def bipot(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Callable[..., tuple[int, str, str]]:
+    """The command in this process, in an empty folder: status, output, errors."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        status = cli.app(list(arguments)) or 0
+        return status, *capsys.readouterr()
+
+    return run
+
+
+@pytest.mark.parametrize("name", templates())
+def test_a_new_scene_runs_as_it_is(name: str, bipot: Any) -> None:
+    status, out, _ = bipot("new", "mine", "--template", name)
+    assert (status, out) == (
+        0,
+        "mine.toml: bipot check mine.toml, bipot run mine.toml\n",
+    )
+    written = Path("mine.toml").read_text()
+    # It says why, and how it is run under the name it has.
+    assert written.count("#") > 15
+    assert "bipot run mine.toml" in written
+    assert written.startswith("#:schema ./bipot-scene.schema.json\n")
+    status, out, _ = bipot("check", "mine.toml", "--json")
+    assert status == 0
+    found = json.loads(out)
+    assert found["remarks"] == []
+    status, out, _ = bipot("run", "mine.toml")
+    assert status == 0
+    # It shows what the program is for: contacts that stick, and later some that slip.
+    with Path("out/mine/steps.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert int(rows[0]["stick"]) > 0
+    assert int(rows[-1]["slip"]) > 0
+    forces = [float(rows[-1][name]) for name in rows[-1] if name.startswith("friction")]
+    # Dragged until nothing holds, or nearly so.
+    assert 0.9 < forces[0] <= 1 + 1e-12
+
+
+def test_new_overwrites_nothing(bipot: Any) -> None:
+    Path("mine.toml").write_text("mine")
+    status, out, err = bipot("new", "mine")
+    assert (status, out) == (2, "")
+    assert "mine.toml is there already and stays as it is" in err
+    assert Path("mine.toml").read_text() == "mine"
+    status, _, err = bipot("new", "nowhere/mine")
+    assert status == 2
+    assert "cannot write nowhere/mine.toml: No such file" in err
+    status, _, err = bipot("new", "--template", "tow_bodies")
+    assert status == 2
+    assert "did you mean 'two_bodies'?" in err
+
+
+def test_check_counts_what_a_run_will_take(bipot: Any) -> None:
+    status, out, err = bipot("check", "sheared_cube", *SMALL, "--json")
+    assert (status, err) == (0, "")
+    found = json.loads(out)
+    assert (found["dofs"], found["contacts"], found["steps"]) == (375, 25, 2)
+    scene = read("sheared_cube", ["mesh.n=4"])
+    stats = assemble(scene, bodies(scene)).model.problem().stats
+    for name in ("n_contact_dofs", "nnz_factor", "flops", "bytes_factor", "bytes_peak"):
+        assert found["forecast"][name] == stats[name]
+    # Nothing was solved, nothing was written.
+    assert list(Path().iterdir()) == []
+    status, out, _ = bipot("check", "sheared_cube", *SMALL)
+    assert "375 degrees of freedom, 75 prescribed, 25 contacts, 2 load steps" in out
+
+
+def test_check_ends_before_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The factor is not waited for: its forecast ends the work."""
+    ended = []
+    original = checking._Counted
+
+    class Counted(original):  # type: ignore[misc, valid-type]
+        def __init__(self) -> None:
+            ended.append(1)
+
+    monkeypatch.setattr(checking, "_Counted", Counted)
+    assert checking.check("sheared_cube", ["mesh.n=4"])["dofs"] == 375
+    assert ended == [1]
+
+
+def test_check_tells_all_mistakes(bipot: Any) -> None:
+    settings = ("--set", "mesh.m=3", "--set", "contact.0.on=cube.botom")
+    status, out, err = bipot("check", "sheared_cube", *settings)
+    assert (status, out) == (2, "")
+    assert "2 mistakes" in err
+    assert "mesh.m: unknown key" in err
+    assert "contact.0.on: there is no 'cube.botom'" in err
+    status, out, err = bipot("check", "sheared_cube", *settings, "--json")
+    assert (status, err) == (2, "")
+    found = json.loads(out)
+    assert (found["scene"], found["ok"]) == ("sheared_cube", False)
+    assert "cube.botom" in found["message"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "remark"),
+    [
+        (
+            ["contact.0.plane.point=[0,0,5]"],
+            "25 of 25 nodes inside the obstacle by up to 5",
+        ),
+        (["contact.0.plane.point=[0,0,-500]"], "the nearest node is 500 mm away"),
+        (["contact.0.mu=0"], "mu is zero"),
+        (
+            ["support.0.z=0.0", "path.amplitude.shear=[0.0, 0.0]"],
+            "nothing moves: no load and no prescribed displacement",
+        ),
+    ],
+)
+def test_check_remarks(settings: list[str], remark: str) -> None:
+    told = checking.check("sheared_cube", ["mesh.n=4", *settings])["remarks"]
+    assert any(remark in line for line in told), told
+    assert checking.check("sheared_cube", ["mesh.n=4"])["remarks"] == []
+
+
+def test_info(bipot: Any) -> None:
+    assert bipot("run", "sheared_cube", *SMALL, "--json")[0] == 0
+    for name in ("out/sheared_cube", "out/sheared_cube/result.h5"):
+        status, out, _ = bipot("info", name)
+        assert status == 0
+        assert len(out.splitlines()) <= 10
+        assert "a result of sheared_cube, complete" in out
+    found = json.loads(bipot("info", "out/sheared_cube", "--json")[1])
+    assert (found["kind"], found["contacts"], found["steps"]) == ("result", 25, 2)
+    assert sum(found["last"].values()) == 25
+    assert 0 < found["residual"] <= found["tol"] == 1e-12
+    for name in shipped():
+        status, out, _ = bipot("info", name)
+        assert status == 0
+        assert len(out.splitlines()) <= 10
+    fclib.write("one.hdf5", ReducedProblem([[2, 0], [0, 1]], [[-1, 0]], 0.3))
+    found = json.loads(bipot("info", "one.hdf5", "--json")[1])
+    assert (found["kind"], found["form"]) == ("fclib", "local")
+    assert (found["contacts"], found["dim"]) == (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("gone.h5", "there is no gone.h5"),
+        ("empty", "empty is a folder without result.h5"),
+        ("text.h5", "text.h5"),
+        ("nothing", "neither a file nor one of"),
+    ],
+)
+def test_info_of_nothing(name: str, message: str, bipot: Any) -> None:
+    Path("empty").mkdir()
+    Path("text.h5").write_text("text")
+    status, out, err = bipot("info", name)
+    assert (status, out) == (2, "")
+    assert message in err
+    found = json.loads(bipot("info", name, "--json")[1])
+    assert found["ok"] is False
+    assert message in found["message"]
+
+
+def test_plot_draws_what_run_draws(bipot: Any) -> None:
+    assert bipot("run", "sheared_cube", *SMALL, "--plot")[0] == 0
+    folder = Path("out/sheared_cube")
+    drawn = (folder / "tractions.png").read_bytes()
+    (folder / "tractions.png").unlink()
+    status, out, _ = bipot("plot", str(folder))
+    assert (status, out) == (0, f"{folder}/tractions.png\n")
+    # Title and units come from the file.
+    assert (folder / "tractions.png").read_bytes() == drawn
+    assert bipot("plot", f"{folder}/result.h5", "--out", "a.svg")[0] == 0
+    assert "<svg" in Path("a.svg").read_text()
+    for arguments, message in (
+        ((str(folder), "--kind", "traction"), "did you mean 'tractions'?"),
+        (("nowhere",), "there is no nowhere"),
+        ((str(folder), "--out", "a.doc"), "cannot draw a.doc"),
+        ((str(folder), "--out", "no/a.png"), "cannot write no/a.png"),
+    ):
+        status, out, err = bipot("plot", *arguments)
+        assert (status, out) == (2, "")
+        assert message in err
+
+
+def wrong(value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> str:
+    """Why a value is not as a JSON schema says; the part of the draft that is used."""
+    if "$ref" in rule:
+        place: Any = whole
+        for part in rule["$ref"].removeprefix("#/").split("/"):
+            place = place[part]
+        return wrong(value, place, whole)
+    if "anyOf" in rule or "oneOf" in rule:
+        found = [
+            wrong(value, one, whole) for one in rule.get("anyOf", rule.get("oneOf"))
+        ]
+        return "" if "" in found else "; ".join(found)
+    if "const" in rule and value != rule["const"]:
+        return f"{value!r} is not {rule['const']!r}"
+    if "enum" in rule and value not in rule["enum"]:
+        return f"{value!r} is none of {rule['enum']}"
+    kinds: dict[str, Any] = {
+        "object": dict,
+        "array": list,
+        "string": str,
+        "integer": int,
+        "number": (int, float),
+        "boolean": bool,
+        "null": type(None),
+    }
+    kind = rule.get("type")
+    if kind and (
+        not isinstance(value, kinds[kind])
+        or (isinstance(value, bool) and kind != "boolean")
+    ):
+        return f"{value!r} is no {kind}"
+    if isinstance(value, dict):
+        return _wrong_table(value, rule, whole)
+    if isinstance(value, list):
+        if not rule.get("minItems", 0) <= len(value) <= rule.get("maxItems", 10**9):
+            return f"{len(value)} entries"
+        found = [wrong(one, rule.get("items", {}), whole) for one in value]
+        return "; ".join(filter(None, found))
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        if value < rule.get("minimum", -1e300) or value > rule.get("maximum", 1e300):
+            return f"{value} is out of range"
+        if value <= rule.get("exclusiveMinimum", -1e300):
+            return f"{value} is out of range"
+        if value >= rule.get("exclusiveMaximum", 1e300):
+            return f"{value} is out of range"
+    return ""
+
+
+def _wrong_table(value: dict[str, Any], rule: dict[str, Any], whole: Any) -> str:
+    known, more = rule.get("properties", {}), rule.get("additionalProperties", True)
+    missing = set(rule.get("required", ())) - set(value)
+    found = [f"{name} is missing" for name in missing]
+    for name, one in value.items():
+        if name in known:
+            told = wrong(one, known[name], whole)
+        elif more is False:
+            told = "unknown"
+        else:
+            told = wrong(one, more, whole) if isinstance(more, dict) else ""
+        found.append(f"{name}: {told}" if told else "")
+    return "; ".join(filter(None, found))
+
+
+def test_schema_takes_what_bipot_takes(bipot: Any) -> None:
+    status, out, _ = bipot("schema")
+    assert status == 0
+    whole = json.loads(out)
+    assert whole["$schema"].endswith("2020-12/schema")
+    scenes = {name: text(name) for name in shipped()}
+    for name in templates():
+        assert bipot("new", name, "--template", name)[0] == 0
+        scenes[name] = Path(f"{name}.toml").read_text()
+    for name, source in scenes.items():
+        assert wrong(tomllib.loads(source), whole, whole) == "", name
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda t: t.pop("material"),
+        lambda t: t["mesh"].update(m=3),
+        lambda t: t["mesh"].update(n=0),
+        lambda t: t["body"]["cube"].update(cell="hex"),
+        lambda t: t["body"]["cube"]["x"].update(growth="fast"),
+        lambda t: t["support"][0].update(x="left"),
+        lambda t: t["contact"][0].update(mu=-0.1),
+        lambda t: t["contact"][0].update(friction=0.1),
+        lambda t: t["path"]["amplitude"].update(shear=[]),
+        lambda t: t["material"]["steel"].update(poisson=0.5),
+    ],
+)
+def test_schema_refuses_what_bipot_refuses(change: Callable[[Any], Any]) -> None:
+    whole = schema()
+    table = tomllib.loads(text("sheared_cube"))
+    assert wrong(table, whole, whole) == ""
+    change(table)
+    assert wrong(table, whole, whole) != ""
+
+
+@pytest.mark.parametrize(
+    ("words", "place", "found"),
+    [
+        ("bipot sw", 1, ["sweep"]),
+        ("bipot run sh", 2, ["sheared_cube"]),
+        ("bipot check c", 2, ["cattaneo_mindlin", "cyclic_cube"]),
+        ("bipot run --pl", 2, ["--plot"]),
+    ],
+)
+def test_shells_complete(
+    words: str,
+    place: int,
+    found: list[str],
+    bipot: Any,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("_BIPOT_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(place))
+    status, out, _ = bipot()
+    assert (status, out.split()) == (0, found)
+
+
+def test_every_command_has_help(bipot: Any) -> None:
+    _, out, _ = bipot("--help")
+    names = re.findall(r"^│ (\w+)  ", out, re.M)
+    assert {"run", "new", "check", "info", "plot", "sweep", "schema"} <= set(names)
+    for name in names:
+        assert bipot(name, "--help")[0] == 0

@@ -1,0 +1,150 @@
+"""What the work will take, told before it is done."""
+
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bars import bar_problem
+from bipot_rs import forecast
+from bipot_rs.scene import assemble, bodies, read
+
+COUNTS = (
+    *("bodies", "n_contact_dofs", "nnz_factor", "flops", "bytes_factor"),
+    *("bytes_peak", "ordering"),
+)
+
+
+@pytest.mark.parametrize(
+    ("scene", "n"),
+    # In the plane, in space, two bodies; the last takes longer than a look at signals.
+    [
+        ("pressed_block", 8),
+        ("sheared_cube", 4),
+        ("two_blocks", 4),
+        ("sheared_cube", 13),
+    ],
+)
+def test_told_once_and_true(scene: str, n: int) -> None:
+    asked = read(scene, [f"mesh.n={n}"])
+    model = assemble(asked, bodies(asked)).model
+    told: list[Any] = []
+    problem = model.problem(on_forecast=told.append)
+    (counts,) = told
+    assert set(counts) == set(COUNTS)
+    assert {name: problem.stats[name] for name in COUNTS} == dict(counts)
+    # Nobody asked: the same problem.
+    assert model.problem().stats["flops"] == counts["flops"]
+
+
+def test_with_few_of_many_candidates() -> None:
+    """Condensed onto those that touch: above 600 components not all are kept."""
+    asked = read("sheared_cube", ["mesh.n=14"])
+    model = assemble(asked, bodies(asked)).model
+    told: list[Any] = []
+    gap = model.gap.copy()
+    gap[3:] = 1.0
+    problem = bp.ContactProblem(
+        *(model.K, model.B),
+        gap=gap,
+        mu=0.3,
+        fixed=model.fixed,
+        working_set=True,
+        on_forecast=told.append,
+    )
+    assert problem.stats["working_set"] is not None
+    assert told[-1]["n_contact_dofs"] == problem.stats["n_contact_dofs"]
+    assert told[-1]["flops"] == problem.stats["flops"]
+
+
+class _NoError(Exception):
+    """Raised by whoever has heard enough."""
+
+
+def test_an_exception_ends_the_work_in_the_calling_thread() -> None:
+    asked = read("sheared_cube", ["mesh.n=13"])
+    model = assemble(asked, bodies(asked)).model
+    where = []
+
+    def stop(_: Any) -> None:
+        where.append(threading.current_thread())
+        raise _NoError
+
+    with pytest.raises(_NoError):
+        model.problem(on_forecast=stop)
+    assert where == [threading.current_thread()]
+
+
+def test_no_function() -> None:
+    given = bar_problem()[0]
+    assert given.stats["flops"] >= 0
+    with pytest.raises(TypeError, match="on_forecast is 3, expected something to call"):
+        bp.ContactProblem(np.eye(2), np.eye(2), gap=[0.0], mu=0.3, on_forecast=3)
+
+
+def test_more_work_takes_longer_and_more_cores_less() -> None:
+    small = {"flops": 1e9, "n_contact_dofs": 100, "bodies": 1}
+    large = small | {"flops": 1e12}
+    assert forecast.seconds(large, 1) > 100 * forecast.seconds(small, 1)
+    assert forecast.seconds(large, 4) == pytest.approx(forecast.seconds(large, 1) / 4)
+    # Of the same unknowns on two bodies the inverses are a quarter of the work.
+    dense = {"flops": 0.0, "n_contact_dofs": 1000}
+    halves = forecast.work(dense | {"bodies": 2})
+    assert halves == pytest.approx(forecast.work(dense | {"bodies": 1}) / 4)
+
+
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [
+        (0, "0 bytes"),
+        (999, "999 bytes"),
+        (1000, "1 kB"),
+        (12_345_678, "12.3 MB"),
+        (2.5e13, "25 TB"),
+        (4e16, "4e+04 TB"),
+    ],
+)
+def test_sizes_in_words(count: float, words: str) -> None:
+    assert forecast.size(count) == words
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (0.01, "less than 1 s"),
+        (7.4, "about 7 s"),
+        (600, "about 10 min"),
+        (1e5, "about 28 h"),
+    ],
+)
+def test_durations_in_words(seconds: float, words: str) -> None:
+    assert forecast.duration(seconds) == words
+
+
+def test_cores_as_the_core_counts_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RAYON_NUM_THREADS", "3")
+    assert forecast.cores() == 3
+    monkeypatch.setenv("BIPOT_NUM_THREADS", "2")
+    assert forecast.cores() == 2
+    monkeypatch.setenv("BIPOT_NUM_THREADS", "many")
+    assert forecast.cores() == 3
+
+
+def test_a_run_tells_it_before_the_first_step(
+    tmp_path: Any, monkeypatch: Any, capsys: Any
+) -> None:
+    from bipot_rs import cli
+
+    monkeypatch.chdir(tmp_path)
+    assert cli.app(["run", "sheared_cube", "--set", "mesh.n=3"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "Cube pressed onto a rigid plane, then sheared"
+    assert [line.split()[0] for line in lines[1:6]] == [
+        *("bodies", "contacts", "sizes", "memory", "time")
+    ]
+    assert lines[6].startswith("step 1 of 2")
+    # A program that reads lines of JSON is told nothing else.
+    assert cli.app(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
+    assert capsys.readouterr().err == ""

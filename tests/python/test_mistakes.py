@@ -1,0 +1,153 @@
+"""What a newcomer does wrong, and what is said of it: each sentence says what to do."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bipot_rs import cli, forecast
+from bipot_rs.scene import read
+from bipot_rs.words import meant, nearest
+
+
+@pytest.fixture
+def said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Any:
+    """Standard error of a command that ends as bad input, and prints nothing else."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> str:
+        assert cli.app(list(arguments)) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.startswith("bipot: ")
+        return captured.err.removeprefix("bipot: ").rstrip()
+
+    return run
+
+
+RUN = ("run", "sheared_cube")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("sheared_cube",), "To solve a scene: bipot run sheared_cube"),
+        (("mine.toml",), "To solve a scene: bipot run mine.toml"),
+        (("resolve",), "bipot --help lists the commands"),
+        (("chek", "sheared_cube"), "Did you mean 'check'"),
+        (("run", "shered_cube"), "did you mean 'sheared_cube'?"),
+        (("run", "pressed-block"), "did you mean 'pressed_block'?"),
+        (("run", "SHEARED_CUBE"), "did you mean 'sheared_cube'?"),
+        (("run", "sheared_cube.toml"), "did you mean 'sheared_cube'?"),
+        (("run", "mein.toml"), "did you mean 'mine.toml'?"),
+        (("scenes", "two_block"), "did you mean 'two_blocks'?"),
+        (("run", "."), "is a folder, expected a TOML file"),
+        ((*RUN, "--set", "mesh.n", "6"), "--set takes KEY=VALUE in one piece"),
+        ((*RUN, "--set", "mesh.n"), "should be KEY=VALUE"),
+        ((*RUN, "--set", "n=6"), "n: unknown key, did you mean mesh.n?"),
+        ((*RUN, "--set", "mesh.N=6"), "did you mean mesh.n?"),
+        ((*RUN, "--set", "mu=0.1"), "did you mean contact.0.mu?"),
+        (
+            (*RUN, "--set", "material.steel.youngs=1"),
+            "did you mean material.steel.young?",
+        ),
+        (
+            (*RUN, "--set", "material.steel.E=1"),
+            "unknown key, expected one of young, poisson",
+        ),
+        (
+            (*RUN, "--set", "material.steal.young=1"),
+            "there is no material 'steal', expected one of steel, did you mean 'steel'?",
+        ),
+        (
+            (*RUN, "--set", "contact.mu=0.1"),
+            "contact has entries 0 to 0: contact.0 is the first",
+        ),
+        ((*RUN, "--set", "contact.3.mu=0.1"), "contact has entries 0 to 0"),
+        ((*RUN, "--method", "newtom"), "did you mean 'newton'?"),
+        ((*RUN, "--tol", "2"), "tol is 2, expected a positive number below 1"),
+        ((*RUN, "--out", "mine.toml/x"), "--out DIR names another"),
+        (("run", "--json", "sheared_cube", "--fast"), "No such option"),
+    ],
+)
+def test_command_line(
+    arguments: tuple[str, ...], sentence: str, said: Any, request: Any
+) -> None:
+    Path("mine.toml").write_text("")
+    if "--json" in arguments:
+        # The sentence is then the message of the last line, and nothing is complained.
+        assert cli.app(list(arguments)) == 2
+        assert sentence in request.getfixturevalue("capsys").readouterr().out
+        return
+    told = said(*arguments)
+    assert sentence in told
+    assert "\n" not in told
+
+
+def test_settings_are_refused_before_any_work(
+    said: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wrong method after a mesh of minutes is minutes lost."""
+
+    def never(*_: object) -> None:
+        raise AssertionError("the mesh is made")
+
+    monkeypatch.setattr("bipot_rs.scene.bodies", never)
+    assert "newton" in said(*RUN, "--method", "newtom")
+    assert "tol" in said(*RUN, "--tol", "7")
+
+
+def test_what_does_not_fit_is_refused_before_any_work(
+    said: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(forecast, "available", lambda: 8_000_000_000)
+    told = said(*RUN, "--set", "mesh.n=150")
+    # 150³ hexahedra of (8·3)² entries, a number and an index of four bytes each.
+    assert "takes 23.3 GB to assemble, more than the 8 GB" in told
+    assert "mesh.n up to 104 would fit" in told
+    # What is said to fit is taken, and one more is not.
+    forecast.fits(read("sheared_cube", ["mesh.n=104"]))
+    with pytest.raises(MemoryError):
+        forecast.fits(read("sheared_cube", ["mesh.n=105"]))
+
+
+def test_where_nobody_knows_what_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(forecast, "available", lambda: None)
+    forecast.fits(read("sheared_cube", ["mesh.n=150"]))
+
+
+def test_without_the_library_for_files(
+    said: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    told = said(*RUN, "--set", "mesh.n=2")
+    assert "files need h5py, which is not installed" in told
+    assert "pip install" in told
+
+
+def test_mistakes_are_told_together(said: Any) -> None:
+    """Unknown keys do not hide what else is wrong."""
+    told = said(*RUN, "--set", "mesh.m=3", "--set", "contact.0.on=cube.botom")
+    assert told.count("\n") == 2
+    assert "mesh.m: unknown key" in told
+    assert "there is no 'cube.botom'" in told
+
+
+@pytest.mark.parametrize(
+    ("word", "found"),
+    [
+        ("Alpha-Beta", "alpha_beta"),
+        ("alpah_beta", "alpha_beta"),
+        ("gamma", "gamma"),
+        ("omega", ""),
+        ("", ""),
+    ],
+)
+def test_nearest(word: str, found: str) -> None:
+    known = ["alpha_beta", "gamma", "x"]
+    assert nearest(word, known) == found
+    expected = f", did you mean {found!r}?" if found and found != word else ""
+    assert meant(word, known) == expected

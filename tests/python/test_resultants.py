@@ -1,0 +1,160 @@
+"""Forces of whole contact surfaces, and the table and sentences made of them."""
+
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from bipot_rs.report import closing, print_table
+from bipot_rs.resultants import resultants
+from bipot_rs.telling import Progress
+
+RANDOM = np.random.default_rng(8)
+
+
+def frames(count: int, d: int) -> np.ndarray:
+    """Orthonormal frames, of either hand."""
+    return np.linalg.qr(RANDOM.standard_normal((count, d, d)))[0]
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_as_sums_of_vectors_in_space(d: int) -> None:
+    reaction = RANDOM.standard_normal((12, d))
+    frame, mu = frames(12, d), RANDOM.uniform(0.1, 0.9, 12)
+    group = np.arange(12) % 3
+    found = resultants(reaction, frame, mu, group, 3)
+    for k, one in enumerate(found):
+        drag = np.zeros(d)
+        for i in np.flatnonzero(group == k):
+            whole = reaction[i] @ frame[i]
+            drag += whole - (whole @ frame[i, 0]) * frame[i, 0]
+        # A sum of four vectors of order one.
+        assert one.tangential == pytest.approx(np.linalg.norm(drag), rel=1e-13)
+        own = group == k
+        assert one.normal == pytest.approx(reaction[own, 0].sum(), abs=1e-14)
+        assert one.limit == pytest.approx(mu[own] @ reaction[own, 0], abs=1e-14)
+
+
+def test_friction_is_used_up_where_all_slip_one_way() -> None:
+    """Each node at its limit, along one direction: the ratio is one; else it is below."""
+    frame = np.broadcast_to(np.eye(3), (5, 3, 3)).copy()
+    pressure, mu = RANDOM.uniform(1, 2, 5), RANDOM.uniform(0.1, 0.9, 5)
+    reaction = np.zeros((5, 3))
+    reaction[:, 0] = pressure
+    reaction[:, 1:] = (mu * pressure)[:, None] * [0.6, 0.8]
+    group = np.zeros(5, np.int64)
+    (same,) = resultants(reaction, frame, mu, group, 1)
+    assert same.used == pytest.approx(1, rel=1e-14)
+    reaction[2, 1:] *= -1
+    (mixed,) = resultants(reaction, frame, mu, group, 1)
+    assert mixed.used is not None
+    assert mixed.used < 0.99
+
+
+def test_an_ellipse_is_used_up_at_its_own_points() -> None:
+    """Slip along a line: the reaction is the ellipse's point furthest along it."""
+    mu = np.array([0.5, 0.2])
+    slip = np.array([0.3, 0.7])
+    drag = mu**2 * slip / np.linalg.norm(mu * slip)
+    reaction = np.array([[2.0, *(2 * drag)]])
+    (one,) = resultants(reaction, np.eye(3)[None], mu[None], np.zeros(1, np.int64), 1)
+    # The most along the force's own line is no less than the force.
+    assert one.used is not None
+    assert one.used <= 1
+    # Along an axis of the ellipse both are the same.
+    reaction = np.array([[2.0, 0.0, 2 * 0.2]])
+    (one,) = resultants(reaction, np.eye(3)[None], mu[None], np.zeros(1, np.int64), 1)
+    assert one.used == pytest.approx(1, rel=1e-14)
+
+
+def test_without_friction_there_is_nothing_to_use() -> None:
+    (one,) = resultants(
+        np.array([[2.0, 0.0]]), np.eye(2)[None], np.zeros(1), np.zeros(1, np.int64), 1
+    )
+    assert one.used is None
+
+
+def path(count: int, surfaces: int = 1) -> list[dict[str, object]]:
+    names = [f"block.side{k}" for k in range(surfaces)]
+    return [
+        {
+            "step": k,
+            "load": np.sin(np.pi * k),
+            "open": 1,
+            "slip": 20,
+            "stick": 0,
+            "residual": 1e-15,
+            "iterations": 3,
+            "seconds": 0.01,
+            **{f"normal_force of {name}": 1234.5 for name in names},
+            **{f"tangential_force of {name}": 1e-12 for name in names},
+            **{f"friction_used of {name}": None for name in names},
+        }
+        for k in range(count)
+    ]
+
+
+def printed(rows: list[dict[str, object]], width: int) -> list[str]:
+    stream = io.StringIO()
+    print_table(Console(file=stream, width=width), rows, title="A", unit="N")
+    return stream.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("width", [75, 80, 100, 200])
+def test_a_narrow_table_has_fewer_columns_and_whole_cells(width: int) -> None:
+    lines = printed(path(3), width)
+    assert max(map(len, lines)) <= width
+    head = lines[2]
+    assert "Ft/(μFn)" in head
+    assert "Fn [N]" in head
+    assert "residual" in head
+    assert ("seconds" in head) == (width >= 100)
+    assert not any("…" in line for line in lines)
+
+
+def test_zero_but_for_rounding_is_zero() -> None:
+    (line,) = (one for one in printed(path(3), 200) if one.lstrip().startswith("2 "))
+    step, load, *_, normal, tangential, used, _, _, _ = line.split()
+    # sin 2π in floating point is not zero, and neither is a sum of forces that balance.
+    assert (step, normal, tangential, used) == ("2", "1234.5", "0", "-")
+    assert float(load) == pytest.approx(np.sin(2 * np.pi), rel=1e-5) or load == "0"
+
+
+def test_a_long_path_shows_both_ends() -> None:
+    lines = printed(path(500), 200)
+    assert len(lines) < 60
+    assert any(line.lstrip().startswith("499 ") for line in lines)
+    assert lines[-1] == "all 500 load steps are in steps.csv"
+
+
+def test_surfaces_are_named_where_there_are_several() -> None:
+    text = "\n".join(printed(path(1, surfaces=2), 200))
+    assert "block.side0" in text
+    assert "block.side1" in text
+    assert "block.side0" not in "\n".join(printed(path(1), 200))
+
+
+def test_the_sentence_at_the_end() -> None:
+    rows = path(2)
+    told = closing(rows, 1e-12, "out/a")
+    assert told[0] == (
+        "solved: 2 load steps, every residual at most 1.0e-15 (asked for 1.0e-12). "
+        "At the end 20 of 21 contacts slip, 1 are open."
+    )
+    # Friction that holds nothing is not used up.
+    assert not any("remark" in line for line in told)
+    for row in rows:
+        row["friction_used of block.side0"] = 0.9
+    assert "friction is used up" in closing(rows, 1e-12, "out/a")[1]
+    for row in rows:
+        row.update(open=21, slip=0)
+    told = closing(rows, 1e-12, "out/a")
+    assert told[0].endswith("At the end all 21 contacts are open.")
+    assert "no contact closes" in told[1]
+
+
+def test_a_path_of_unknown_length(capsys: pytest.CaptureFixture[str]) -> None:
+    with Progress(6, None, quiet=False) as progress:
+        progress.step(path(1)[0])
+    assert capsys.readouterr().err.startswith("step 1: load 0, open 1, slip 20")

@@ -1,0 +1,207 @@
+"""One scene under many settings: the combinations, the table, failures, interrupts."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bipot_rs import cli
+from bipot_rs.commands.sweep import rows, spaced, values
+from bipot_rs.workers import Workers
+
+BIPOT = [sys.executable, "-m", "bipot_rs"]
+SWEEP = ("sweep", "sheared_cube", "--set", "mesh.n=3")
+
+
+def table(folder: Path) -> list[dict[str, str]]:
+    with (folder / "sweep.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_values_of_a_setting() -> None:
+    assert values("mesh.n=4,8") == ("mesh.n", ["4", "8"])
+    assert values("a.b=[0,0,1],[0,1,0]") == ("a.b", ["[0,0,1]", "[0,1,0]"])
+    assert values("a=\"x,y\",'z,'") == ("a", ['"x,y"', "'z,'"])
+    assert values("a={ x = 1, y = 2 }") == ("a", ["{ x = 1, y = 2 }"])
+
+
+@pytest.mark.parametrize(
+    ("setting", "found"),
+    [
+        ("n=4:16:4", ["4", "8", "12", "16"]),
+        ("n=4:5:3", ["4.0", "4.5", "5.0"]),
+        ("mu=0.1:0.5:5", ["0.1", "0.2", "0.3", "0.4", "0.5"]),
+        ("mu=0.5:0.1:2", ["0.5", "0.1"]),
+        ("mu=1e-3:1e-3:1", ["0.001"]),
+        ("n=-2:2:5", ["-2", "-1", "0", "1", "2"]),
+    ],
+)
+def test_values_of_a_range(setting: str, found: list[str]) -> None:
+    assert spaced(setting)[1] == found
+
+
+@pytest.mark.parametrize(
+    "setting",
+    ["mu", "mu=", "mu=1:2", "mu=1:2:x", "mu=1:2:0", "mu=nan:1:3", "=1:2:3", "a=1:2:1"],
+)
+def test_ranges_that_are_none(setting: str) -> None:
+    with pytest.raises(ValueError, match=f"--range {setting}"):
+        spaced(setting)
+
+
+def test_combinations() -> None:
+    found = rows(["a=1,2"], ["b=0:1:3"])
+    assert [(one["a"], one["b"]) for one in found] == [
+        *(("1", "0.0"), ("1", "0.5"), ("1", "1.0")),
+        *(("2", "0.0"), ("2", "0.5"), ("2", "1.0")),
+    ]
+    for settings, message in (
+        ((["a=1", "a=2"], []), "a is given 2 times"),
+        (([], []), "nothing varies"),
+        ((["a=1,,2"], []), "should be KEY=V1,V2"),
+        ((["a"], []), "should be KEY=V1,V2"),
+        (([], ["a=0:1:1000", "b=0:1:1000"]), "1000000 combinations, more than 100000"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            rows(*settings)
+
+
+def test_rows_are_those_of_single_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    command = (*SWEEP, "--set", "contact.0.mu=0.2,0.9,-1", "--jobs", "2", "--json")
+    assert cli.app(list(command)) == 2
+    *told, last = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (last["rows"], last["solved"]) == (3, 2)
+    assert sorted(one["row"] for one in told) == [0, 1, 2]
+    found = table(tmp_path / "out" / "sheared_cube-sweep")
+    assert [one["outcome"] for one in found] == ["solved", "solved", "bad input"]
+    assert "contact.0.mu: should be greater than or equal to 0" in found[2]["message"]
+    for one in found[:2]:
+        mu = f"contact.0.mu={one['contact.0.mu']}"
+        cli.app(["run", "sheared_cube", "--set", "mesh.n=3", "--set", mu, "--json"])
+        step = json.loads(capsys.readouterr().out.splitlines()[1])
+        for name in ("open", "slip", "stick"):
+            assert int(one[name]) == step[name]
+        with Path("out/sheared_cube/steps.csv").open(newline="") as file:
+            *_, same = csv.DictReader(file)
+        # One thread or several: the same bits.
+        for name in ("tangential_force", "normal_force", "friction_used"):
+            key = f"{name} of cube.bottom"
+            assert one[key] == same[key]
+
+
+def test_mistakes_of_all_rows_are_told_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for more, message in (
+        (["--set", "mesh.m=1,2"], "mesh.m: unknown key"),
+        (["--method", "newtom"], "did you mean 'newton'?"),
+        (["--resume"], "nothing to resume"),
+        (["--set", "contact.0.mu"], "should be KEY=V1,V2"),
+    ):
+        assert cli.app([*SWEEP, *more]) == 2
+        captured = capsys.readouterr()
+        assert message in captured.err
+        assert captured.out == ""
+        assert not (tmp_path / "out" / "sheared_cube-sweep" / "sweep.csv").exists()
+
+
+def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(tmp_path: Path) -> None:
+    command = [
+        *(*BIPOT, *SWEEP, "--range", "contact.0.mu=0.1:0.6:6", "--jobs", "1"),
+        *("--out", "here"),
+    ]
+    process = subprocess.Popen(
+        [*command, "--json"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    first = json.loads(process.stdout.readline())
+    # As a terminal does: to all processes of the group.
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (130, "")
+    *more, last = map(json.loads, output.splitlines())
+    assert last["message"].startswith("interrupted")
+    told = [first, *more]
+    done = table(tmp_path / "here")
+    assert 1 <= len(told) <= len(done) < 6
+    assert [path.name for path in (tmp_path / "here").iterdir()] == ["sweep.csv"]
+    # A row that is there is not solved again: its seconds stay, to the digit.
+    run = subprocess.run(
+        [*command, "--resume"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert run.returncode == 0, run.stderr
+    assert f"{len(done)} row" in run.stderr
+    whole = table(tmp_path / "here")
+    assert [one["row"] for one in whole] == [str(k) for k in range(6)]
+    assert whole[: len(done)] == done
+    assert {one["outcome"] for one in whole} == {"solved"}
+    # Nothing is left to do, and rows of another scene are no rows of this.
+    again = subprocess.run(
+        [*command, "--resume", "--tol", "1e-9"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert again.returncode == 0
+    assert "are done already" not in again.stderr
+    assert table(tmp_path / "here")[0]["digest"] != whole[0]["digest"]
+
+
+def work(k: int) -> Any:
+    """One of four kinds of work, in a process of its own."""
+    if k == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if k == 2:
+        raise RuntimeError("no")
+    if k == 4:
+        os._exit(7)
+    return os.getpid(), os.environ["BIPOT_NUM_THREADS"]
+
+
+def test_a_worker_that_dies_is_told_and_replaced() -> None:
+    with Workers(work, 1) as workers:
+        found = dict(workers.map([(k,) for k in range(6)]))
+    assert sorted(found) == list(range(6))
+    assert found[1] == "its process was ended by SIGKILL, out of memory most likely"
+    assert found[2] == "RuntimeError: no"
+    assert found[4] == "its process ended with status 7"
+    # The same process stays for what does not kill it.
+    assert found[3][0] != found[0][0]
+    assert found[5][0] != found[3][0]
+    assert {found[k][1] for k in (0, 3, 5)} == {"1"}
+    assert "BIPOT_NUM_THREADS" not in os.environ or os.environ["BIPOT_NUM_THREADS"]
+
+
+def sleep() -> None:
+    """Work that nobody waits for."""
+    time.sleep(60)
+
+
+def test_leaving_ends_the_workers() -> None:
+    started = time.monotonic()
+    with Workers(sleep, 2) as workers:
+        iterator = workers.map([(), ()])
+        # Begin, and leave before there is an answer.
+        connection = workers._idle({})
+        connection.send(())
+        processes = list(workers.processes.values())
+        del iterator
+    assert all(not process.is_alive() for process in processes)
+    assert time.monotonic() - started < 30
