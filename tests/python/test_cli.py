@@ -234,9 +234,12 @@ def test_interrupt_keeps_the_complete_steps(tmp_path: Path) -> None:
     )
     assert process.stdout is not None
     first = json.loads(process.stdout.readline())
+    assert process.stderr is not None
     process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert process.returncode == 130, errors
+    # Not by `communicate`: it does not know of lines that came with the first.
+    with process.stdout, process.stderr:
+        output, errors = process.stdout.read(), process.stderr.read()
+    assert process.wait(timeout=60) == 130, errors
     assert "Traceback" not in errors
     *more, last = lines(output)
     assert last["success"] is False
