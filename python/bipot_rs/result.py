@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs import error_bound, export
+from bipot_rs import error_bound, export, summary
 from bipot_rs.error_bound import ErrorBound
 from bipot_rs.words import counted
 
@@ -130,6 +130,12 @@ class Solution:
             f"{type(self).__name__}({contacts}, {self.outcome} in {iterations}, "
             f"residual {self.residual:.1e}, held to {self.tolerance:.1e})"
         )
+
+    def __str__(self) -> str:
+        return summary.text(summary.of_solution(self))
+
+    def _repr_html_(self) -> str:
+        return summary.html(summary.of_solution(self))
 
     def _ask(self, name: str, unknown: Any) -> Any:
         if name not in self._known:
@@ -249,6 +255,17 @@ class Step(Solution):
     _kept: dict[str, Array] = field(default_factory=dict)
 
     @property
+    def dissipation(self) -> float:
+        """Work that friction took over the step, ``-Σ r_t · slip``, in force times length.
+
+        Of the reactions at its end, as the law of the step has it: it is then
+        ``Σ mu r_n ‖slip‖`` and not negative, but for the residual. Of a path it is the
+        energy balance's where normal forces stay; where they change, to first order in
+        the size of the steps.
+        """
+        return -float(np.sum(self.reaction[:, 1:] * self.slip))
+
+    @property
     def displacement(self) -> Array:
         """Displacement of all degrees of freedom, ``(n,)``, computed when first asked for.
 
@@ -341,6 +358,12 @@ class Result(Sequence[Step]):
             f"{self.message})"
         )
 
+    def __str__(self) -> str:
+        return summary.text(summary.of_result(self))
+
+    def _repr_html_(self) -> str:
+        return summary.html(summary.of_result(self))
+
     def _stack(
         self, name: str, empty: tuple[int, ...], dtype: Any = np.float64
     ) -> NDArray[Any]:
@@ -381,6 +404,57 @@ class Result(Sequence[Step]):
         """Displacement of all degrees of freedom, ``(steps, n)``, computed when asked for."""
         recover(self.steps)
         return self._stack("displacement", (0, 0))
+
+    @property
+    def dissipation(self) -> Array:
+        """`Step.dissipation`, friction's work over each step, ``(steps,)``."""
+        return self._stack("dissipation", (0,))
+
+    @property
+    def resultant(self) -> Array:
+        """Sum of the contact forces on the bodies that have the contacts, ``(steps, d)``.
+
+        In global components where the frames of the contacts are known. Otherwise the
+        sums of the components ``(n, t1[, t2])``: a force where all contacts have the
+        same frame.
+        """
+        return self.resultants(np.zeros(self._shape[0], np.int64))[:, 0]
+
+    def resultants(self, group: NDArray[np.integer[Any]]) -> Array:
+        """`resultant` of each group of contacts, ``(steps, groups, d)``.
+
+        Parameters
+        ----------
+        group
+            Number of the group of each contact, ``(n_c,)`` integers from 0, such as
+            ``fem.Model.group``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``group`` holds something else.
+        """
+        number = np.asarray(group)
+        contacts, d = self._shape
+        if number.dtype.kind not in "iu":
+            raise TypeError(
+                f"group has entries of type {number.dtype}, expected integers"
+            )
+        if number.shape != (contacts,):
+            raise ValueError(f"group has shape {number.shape}, expected ({contacts},)")
+        if (number < 0).any():
+            raise ValueError(
+                f"group of contact {int(np.argmax(number < 0))} is {number.min()}, "
+                "expected it from 0"
+            )
+        force, frame = self.reaction, self.contacts.get("frame")
+        if frame is not None:
+            force = np.einsum("sck,ckd->scd", force, frame)
+        # One group even of no contacts: their sum is zero.
+        count = int(number.max(initial=0)) + 1
+        total = np.zeros((len(self), count, d))
+        np.add.at(total, (slice(None), number), force)
+        return total
 
     @property
     def work(self) -> Array:

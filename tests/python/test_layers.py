@@ -87,7 +87,7 @@ RUST_NAMES = {
 }
 PYTHON = (
     "_core early interrupts shipped vtu words",
-    "export error_bound",
+    "export error_bound summary",
     "structure",
     "check plane_friction result",
     "friction",
