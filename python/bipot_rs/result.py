@@ -503,6 +503,9 @@ class Result(Sequence[Step]):
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write a PVD series of the contacts for ParaView, a point each.
 
+        Fields are those of `Step`, by components ``(n, t1[, t2])``, and where the frames
+        are known ``force``, the reaction in global components, to draw as arrows.
+
         Raises
         ------
         ValueError
@@ -518,6 +521,10 @@ class Result(Sequence[Step]):
             )
         names = ("reaction", "traction", "relative_displacement", "slip", "status")
         series = [{name: getattr(step, name) for name in names} for step in self.steps]
+        frame = self.contacts.get("frame")
+        if frame is not None:
+            for fields_of, step in zip(series, self.steps, strict=True):
+                fields_of["force"] = np.einsum("ck,ckd->cd", step.reaction, frame)
         export.write_series(
             path,
             x,

@@ -17,7 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Numbers of the kinds of cells in VTK.
-KINDS = {"vertex": 1, "triangle": 5, "quad": 9, "tetra": 10, "hexahedron": 12}
+KINDS = {
+    "vertex": 1,
+    "line": 3,
+    "triangle": 5,
+    "quad": 9,
+    "tetra": 10,
+    "hexahedron": 12,
+}
 # VTK's own block size, small enough to unpack within a cache.
 _BLOCK = 2**15
 # Of each block this much is packed to see what packing the rest is worth.
