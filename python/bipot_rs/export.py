@@ -34,8 +34,8 @@ def require() -> None:
     library("h5py")
 
 
-def library(name: str) -> Any:
-    """A library that files need, and nothing else does.
+def library(name: str, *, extra: str = "io", need: str = "files need") -> Any:
+    """A library that files need, or another thing that is said, and nothing else does.
 
     Raises
     ------
@@ -48,8 +48,8 @@ def library(name: str) -> Any:
         if error.name != name:
             raise
         raise ModuleNotFoundError(
-            f"files need {name}, which is not installed: it comes with the extra io, "
-            "as in pip install '.[io]'",
+            f"{need} {name}, which is not installed: it comes with the extra {extra}, "
+            f"as in pip install '.[{extra}]'",
             name=name,
         ) from None
 
@@ -197,8 +197,8 @@ def write_series(
         fields, those of two components with a third that is zero; all else is
         left out. The time of a step is its number.
     of_cells
-        One mapping a step, as many as ``steps``: arrays ``(cells,)`` or ``(cells, k)``, which become fields
-        of the cells.
+        One mapping a step, as many as ``steps``: arrays ``(cells,)`` or ``(cells, k)``,
+        which become fields of the cells.
     """
     from bipot_rs.vtu import Grid, collection
 
@@ -208,7 +208,7 @@ def write_series(
         cells = [("vertex", np.arange(len(places))[:, None])]
     grid = Grid(places, cells)
     names = []
-    both = zip(steps, of_cells or repeat(None), strict=False)
+    both = zip(steps, of_cells or repeat({}), strict=False)
     for number, (step, in_cells) in enumerate(both):
         fields = {
             name: _three(np.asarray(value))

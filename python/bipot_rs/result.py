@@ -319,6 +319,9 @@ class Result(Sequence[Step]):
         ``condense``, ``solve``, ``recover``.
     success, message
         Whether the whole path was solved, and a sentence on it.
+    units
+        Names of the units by ``"length"``, ``"force"``, ``"stress"``, for labels; empty
+        where they are not known. May be set.
     """
 
     def __init__(
@@ -331,6 +334,7 @@ class Result(Sequence[Step]):
         seconds: Mapping[str, float] | None = None,
         success: bool,
         message: str,
+        units: Mapping[str, str] | None = None,
     ) -> None:
         self.steps = tuple(steps)
         self.contacts = dict(contacts)
@@ -341,6 +345,7 @@ class Result(Sequence[Step]):
         )
         self.success = success
         self.message = message
+        self.units = dict(units or {})
 
     def __len__(self) -> int:
         return len(self.steps)
@@ -435,7 +440,7 @@ class Result(Sequence[Step]):
             ``group`` holds something else.
         """
         number = np.asarray(group)
-        contacts, d = self._shape
+        contacts = self._shape[0]
         if number.dtype.kind not in "iu":
             raise TypeError(
                 f"group has entries of type {number.dtype}, expected integers"
@@ -451,10 +456,8 @@ class Result(Sequence[Step]):
         if frame is not None:
             force = np.einsum("sck,ckd->scd", force, frame)
         # One group even of no contacts: their sum is zero.
-        count = int(number.max(initial=0)) + 1
-        total = np.zeros((len(self), count, d))
-        np.add.at(total, (slice(None), number), force)
-        return total
+        groups = range(int(number.max(initial=0)) + 1)
+        return np.stack([force[:, number == g].sum(axis=1) for g in groups], axis=1)
 
     @property
     def work(self) -> Array:
@@ -497,7 +500,8 @@ class Result(Sequence[Step]):
             [_record(step, k) for k, step in enumerate(self.steps)],
             complete=self.success,
             attributes={"message": self.message}
-            | {f"seconds_{name}": value for name, value in self.seconds.items()},
+            | {f"seconds_{name}": value for name, value in self.seconds.items()}
+            | {f"unit_{name}": unit for name, unit in self.units.items()},
         )
 
     def write(self, path: str | os.PathLike[str]) -> None:
@@ -577,14 +581,18 @@ def load(path: str | os.PathLike[str]) -> Result:
             raise ValueError(
                 f"{path} is not a result that can be read: step {k}: {error}"
             ) from None
-    prefix = "seconds_"
+
+    def named(prefix: str) -> dict[str, Any]:
+        return {
+            k[len(prefix) :]: v for k, v in attributes.items() if k.startswith(prefix)
+        }
+
     return Result(
         steps,
         contacts=contacts,
         shape=shape,
-        seconds={
-            k[len(prefix) :]: v for k, v in attributes.items() if k.startswith(prefix)
-        },
+        seconds=named("seconds_"),
+        units={name: str(unit) for name, unit in named("unit_").items()},
         success=bool(attributes["complete"]),
         message=str(attributes.get("message", "")),
     )

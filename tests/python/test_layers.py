@@ -103,8 +103,15 @@ PYTHON = (
     "theory.law theory.soils",
     "theory.explicit theory.functionals theory.inequalities theory.inelastic",
     "theory",
-    "fem __init__",
+    "fem",
     "schema simplices cell_stress contact_surface",
+    "plots.canvas",
+    "plots.source plots.skin",
+    "plots.line plots.path plots.convergence plots.body",
+    "plots.surface",
+    "plots.space",
+    "plots",
+    "__init__",
     "error_map resume scene plot johnson_mercier contact_facets equilibrium paraview",
     "self_stress",
     "discretisation",
@@ -159,7 +166,11 @@ def _imports(text: str) -> list[tuple[int, str]]:
         elif isinstance(node, ast.ImportFrom):
             base = "bipot_rs" if node.level else ""
             base = ".".join(part for part in (base, node.module) if part)
-            if base in ("bipot_rs", "bipot_rs.theory"):  # from bipot_rs import result
+            if base in (
+                "bipot_rs",
+                "bipot_rs.plots",
+                "bipot_rs.theory",
+            ):  # from bipot_rs import result
                 found += [(node.lineno, f"{base}.{a.name}") for a in node.names]
             else:
                 found.append((node.lineno, base))
