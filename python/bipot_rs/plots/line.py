@@ -226,5 +226,5 @@ def _strip(ax: Any, s: Array, status: NDArray[np.integer[Any]]) -> None:
         antialiased=False,
     )
     ax.add_collection(strip, autolim=False)
-    if len(s) > 1:
+    if s[-1] > s[0]:
         ax.set_xlim(s[0], s[-1])
