@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 KINDS = {
     "vertex": 1,
     "line": 3,
+    "line3": 21,
     "triangle": 5,
     "quad": 9,
     "tetra": 10,

@@ -9,7 +9,7 @@ import numpy as np
 
 from bipot_rs.check import Array, number
 from bipot_rs.plots import canvas
-from bipot_rs.plots.skin import deformed_nodes, skin
+from bipot_rs.plots.skin import corners_of, deformed_nodes, skin
 from bipot_rs.plots.source import one_step, units_of
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def deformed(
 def _plane(model: Model, places: Array, stress: Array, ax: Any) -> Any:
     from matplotlib.collections import LineCollection, PolyCollection
 
-    corners = [cell for _, cells in model.cells for cell in places[cells]]
+    corners = [c for cells in model.cells for c in places[corners_of(*cells)[1]]]
     image = PolyCollection(
         corners, array=stress, cmap="viridis", lw=0, antialiased=False
     )

@@ -28,6 +28,20 @@ _FACETS: dict[str, list[tuple[int, ...]]] = {
 }
 
 
+# Of cells and facets; those of second order have the same corners, before other nodes.
+_CORNERS = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8}
+
+
+def corners_of(kind: str, nodes: Ints) -> tuple[str, Ints]:
+    """Kind and corners of cells of either order: pictures have straight edges."""
+    first = kind.rstrip("0123456789")
+    if first not in _CORNERS:
+        raise ValueError(
+            f"kind of cells is {kind!r}, expected one of {', '.join(_CORNERS)}"
+        )
+    return first, nodes[:, : _CORNERS[first]]
+
+
 def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
     """Facets on the outside, and the cell that each is of, body by body.
 
@@ -43,11 +57,8 @@ def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
     """
     found: list[tuple[Ints, Ints]] = []
     first = 0
-    for kind, corners in cells:
-        if kind not in _FACETS:
-            raise ValueError(
-                f"kind of cells is {kind!r}, expected one of {', '.join(_FACETS)}"
-            )
+    for given, nodes in cells:
+        kind, corners = corners_of(given, nodes)
         facets = np.concatenate([corners[:, list(f)] for f in _FACETS[kind]])
         _, at, count = np.unique(
             np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True

@@ -11,7 +11,7 @@ from bipot_rs.check import Array
 from bipot_rs.export import library
 from bipot_rs.plots import canvas
 from bipot_rs.plots.body import box_in_space, facets_in_space
-from bipot_rs.plots.skin import skin
+from bipot_rs.plots.skin import corners_of, skin
 from bipot_rs.plots.source import Contacts, look
 from bipot_rs.plots.surface import QUANTITIES, span, values_of
 
@@ -93,7 +93,8 @@ def _values(
 def _polygons(model: Model) -> list[Any]:
     from bipot_rs.contact_surface import contact_surface
 
-    return [corners for kind, corners in contact_surface(model) if kind != "vertex"]
+    facets = [facet for facet in contact_surface(model) if facet[0] != "vertex"]
+    return [corners_of(*facet)[1] for facet in facets]
 
 
 def _zones(status: Array, parts: list[Any]) -> list[Array]:
