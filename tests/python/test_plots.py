@@ -534,6 +534,19 @@ def test_large_and_small_numbers_can_be_read(line: Any) -> None:
             assert overlaps(picture(other, units=UNITS).figure) == []
 
 
+@pytest.mark.parametrize("size", [1.0, 1e-5, 2e4])
+def test_bodies_in_space_of_any_size_can_be_read(size: float) -> None:
+    grid = np.linspace(0, size, 3)
+    body = fem.Body("it", fem.box([grid] * 3, "hexahedron"), fem.Material(10.0, 0.3))
+    floor = fem.Contact("it", "bottom", 0.3, ([0, 0, 0], [0, 0, 1]))
+    model = fem.build([body], [floor], [fem.Support("it", "top", [0, 1, 2])])
+    down = model.prescribed([[0.01 * size, 0.0, -0.05 * size]])
+    result = model.problem().solve(prescribed=down)
+    result.units = UNITS
+    for picture in (plots.deformed, plots.surface3d):
+        assert overlaps(picture(model, result).figure) == []
+
+
 def test_overlaps_are_seen() -> None:
     figure = Figure()
     ax = figure.add_subplot()

@@ -148,17 +148,17 @@ def box_in_space(places: Array, ax: Any) -> None:
     # What is flat still has to be seen.
     least = 0.15 * (high - low).max()
     middle, half = (low + high) / 2, np.maximum(high - low, least) / 2
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
     for k, name in enumerate("xyz"):
         getattr(ax, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
-        getattr(ax, f"{name}axis").set_major_locator(_few())
+        axis = getattr(ax, f"{name}axis")
+        # Where x ends y begins: two numbers would lie on each other.
+        axis.set_major_locator(MaxNLocator(4, prune="lower" if name == "y" else None))
+        axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
+    ax.zaxis.labelpad = 8
     # Room for the labels, which the layout does not see.
-    ax.set_box_aspect(half, zoom=0.84)
-
-
-def _few() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(4)
+    ax.set_box_aspect(half, zoom=0.82)
 
 
 def _forces(
