@@ -9,9 +9,9 @@ discretisation, with a residual that proves it::
 
 `ContactProblem`, `solve`, `ReducedProblem` and `project` are the ways in;
 `Result` and `Solution` what comes out; `pairs` makes B for surfaces whose meshes do not
-match; `fclib` reads and writes the problems of that collection. Bodies described by name
-are a `Model`. Only NumPy is imported here, SciPy and
-the rest by the functions that need them.
+match; `fclib` reads and writes the problems of that collection; `plots` draws results.
+Bodies described by name are a `Model`. Only NumPy is imported here, SciPy and the rest by
+the functions that need them; `plots` and `Model` are loaded when they are first used.
 """
 
 from importlib import import_module
@@ -28,6 +28,7 @@ from bipot_rs.errors import (
     NotConvergedError,
 )
 from bipot_rs.existence import Existence
+from bipot_rs.extras import missing
 from bipot_rs.installation import show_versions, versions
 from bipot_rs.pairing import Pairs, pairs, rigid_pairs
 from bipot_rs.problem import ContactProblem, project, solve
@@ -35,6 +36,7 @@ from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
 
 if TYPE_CHECKING:
+    from bipot_rs import plots
     from bipot_rs.model import Model as Model
     from bipot_rs.model import ModelResult as ModelResult
 
@@ -57,6 +59,7 @@ __all__ = [
     "fclib",
     "load",
     "pairs",
+    "plots",
     "project",
     "rigid_pairs",
     "show_versions",
@@ -70,18 +73,15 @@ _LAZY = {"Model": "bipot_rs.model", "ModelResult": "bipot_rs.model"}
 
 
 def __getattr__(name: str) -> Any:
+    if name == "plots":
+        return import_module("bipot_rs.plots")
     if name not in _LAZY:
         raise AttributeError(f"module 'bipot_rs' has no attribute {name!r}")
     try:
         return getattr(import_module(_LAZY[name]), name)
     except ModuleNotFoundError as error:
-        if error.name not in ("pydantic", "skfem"):
-            raise
-        raise ModuleNotFoundError(
-            f"bipot_rs.{name} needs {error.name}, which is not installed: it comes with "
-            "the extra cli, as in pip install 'bipot-rs[cli]'",
-            name=error.name,
-        ) from None
+        library = error.name or ""
+        raise missing(error, f"bipot_rs.{name} and scenes", library, "cli") from None
 
 
 def __dir__() -> list[str]:

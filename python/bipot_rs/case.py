@@ -220,7 +220,7 @@ class Case:
         own = np.array(names)[self.model.group]
         return {name: np.flatnonzero(own == name) for name in dict.fromkeys(names)}
 
-    def resultant(self, result: Result, name: str) -> Floats:
+    def contact_force(self, result: Result, name: str) -> Floats:
         """Force on a body through the contacts on a surface, ``(steps, d)`` [N].
 
         In global components; on the body whose surface it is.

@@ -10,6 +10,7 @@ import numpy as np
 
 from bipot_rs.check import floats
 from bipot_rs.elasticity import Floats, Ints
+from bipot_rs.plots.skin import skin
 
 # A mesh has the least error for its size when all elements have about the same: below a
 # thousandth of the mean nothing is to be said any more, above it a hundredth part of the
@@ -68,13 +69,13 @@ def draw(
     if not mean > 0:
         raise ValueError("energies are all zero: there is no error to draw")
     share = np.clip(energies / mean, _LOW, _HIGH)
-    corners = np.concatenate([c for _, c in cells])
     colours = {"cmap": "magma_r", "norm": LogNorm(_LOW, _HIGH)}
     label = "error energy of the element / of the mean element"
     if nodes.shape[1] == 2:
+        corners = np.concatenate([c for _, c in cells])
         panels = _plane(figure, nodes, corners, share, contacts, colours, unit)
     else:
-        panels = _space(figure, nodes, corners, share, colours)
+        panels = _space(figure, nodes, cells, share, colours)
     figure.colorbar(panels[-1][1], ax=[axes for axes, _ in panels], label=label)
 
 
@@ -118,26 +119,25 @@ def _plane(
 
 
 def _space(
-    figure: Any, nodes: Floats, corners: Ints, share: Floats, colours: dict[str, Any]
+    figure: Any,
+    nodes: Floats,
+    cells: Sequence[tuple[str, Ints]],
+    share: Floats,
+    colours: dict[str, Any],
 ) -> list[tuple[Any, Any]]:
     """Facets outside, from above and from below, each in the colour of its cell."""
     from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
         Poly3DCollection,
     )
 
-    facets = np.concatenate([np.delete(corners, k, axis=1) for k in range(4)])
-    _, first, count = np.unique(
-        np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    outside = first[count == 1]
-    of_cell = np.tile(np.arange(len(corners)), 4)[outside]
+    parts = skin(cells)
+    outside = [polygon for facets, _ in parts for polygon in nodes[facets]]
+    of_cell = np.concatenate([cell for _, cell in parts])
     low, high = nodes.min(axis=0), nodes.max(axis=0)
     panels = []
     for k, height in enumerate((25, -25)):
         axes = figure.add_subplot(1, 2, k + 1, projection="3d")
-        image = Poly3DCollection(
-            nodes[facets[outside]], lw=0.1, edgecolor="grey", **colours
-        )
+        image = Poly3DCollection(outside, lw=0.1, edgecolor="grey", **colours)
         image.set_array(share[of_cell])
         image.set_rasterized(True)
         axes.add_collection3d(image)

@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
+from itertools import repeat
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -35,8 +36,8 @@ def require() -> None:
     library("h5py")
 
 
-def library(name: str) -> Any:
-    """A library that files need, and nothing else does.
+def library(name: str, *, extra: str = "io", need: str = "files") -> Any:
+    """A library that files need, or another thing that is said, and nothing else does.
 
     Raises
     ------
@@ -46,7 +47,7 @@ def library(name: str) -> Any:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        raise missing(error, "files", name, "io") from None
+        raise missing(error, need, name, extra) from None
 
 
 def write_result(
@@ -172,7 +173,7 @@ def write_series(
     points: ArrayLike,
     cells: Sequence[tuple[str, NDArray[np.integer[Any]]]] | None,
     steps: Iterable[Mapping[str, Any]],
-    of_cells: Sequence[Mapping[str, NDArray[Any]]] | None = None,
+    of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
 ) -> None:
     """Write a PVD index and one binary VTU beside it for each load step.
 
@@ -184,7 +185,7 @@ def write_series(
     points
         ``(points, d)``.
     cells
-        Pairs of a kind (``"triangle"``, ``"quad"``, ``"tetra"``,
+        Pairs of a kind (``"line"``, ``"triangle"``, ``"quad"``, ``"tetra"``,
         ``"hexahedron"``) and corners in the order of VTK; without them each
         point is a vertex.
     steps
@@ -192,8 +193,8 @@ def write_series(
         fields, those of two components with a third that is zero; all else is
         left out. The time of a step is its number.
     of_cells
-        One mapping a step: arrays ``(cells,)`` or ``(cells, k)``, which become fields
-        of the cells.
+        One mapping a step, as many as ``steps``: arrays ``(cells,)`` or ``(cells, k)``,
+        which become fields of the cells.
     """
     from bipot_rs.vtu import Grid, collection
 
@@ -203,7 +204,8 @@ def write_series(
         cells = [("vertex", np.arange(len(places))[:, None])]
     grid = Grid(places, cells)
     names = []
-    for number, step in enumerate(steps):
+    both = zip(steps, of_cells or repeat({}), strict=False)
+    for number, (step, in_cells) in enumerate(both):
         fields = {
             name: _three(np.asarray(value))
             for name, value in step.items()
@@ -213,7 +215,7 @@ def write_series(
         }
         name = f"{index.stem}_{number:04d}.vtu"
         with aside(index.with_name(name)) as draft:
-            draft.write_bytes(grid.file(fields, of_cells[number] if of_cells else None))
+            draft.write_bytes(grid.file(fields, in_cells))
         names.append(name)
     with aside(index) as draft:
         draft.write_bytes(collection(names))

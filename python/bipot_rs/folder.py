@@ -12,7 +12,14 @@ from pathlib import Path
 
 RESULT = "result.h5"
 _DRAFT = ".bipot-"
-_NAMES = (RESULT, "result.pvd", "steps.csv", "tractions.png", "error.png")
+_NAMES = (
+    RESULT,
+    "result.pvd",
+    "contact.pvd",
+    "steps.csv",
+    "tractions.png",
+    "error.png",
+)
 
 
 @contextmanager
@@ -55,6 +62,7 @@ def replace(draft: Path, folder: Path) -> None:
 def ours(folder: Path) -> list[Path]:
     """Files that a run writes; whatever else a folder holds is not ours to touch."""
     series = [p for p in folder.glob("result_*.vtu") if p.stem[7:].isdigit()]
+    series += [p for p in folder.glob("contact_*.vtu") if p.stem[8:].isdigit()]
     series += [p for p in folder.glob("problem-*.hdf5") if p.stem[8:].isdigit()]
     return [path for path in map(folder.joinpath, _NAMES) if path.exists()] + series
 

@@ -62,7 +62,7 @@ class Model:
     >>> m.contact("block.bottom", plane={"point": [0, 0], "normal": [0, 1]}, mu=0.3)
     >>> m.path(press=[0.5, 1.0])
     >>> result = m.solve()
-    >>> result.resultant("block.bottom")[:, 1].round(6)
+    >>> result.contact_force("block.bottom")[:, 1].round(6)
     array([1000., 2000.])
     """
 
@@ -376,9 +376,9 @@ class ModelResult(Result):
         """Numbers of the contacts on a surface ``"body.surface"``, ascending."""
         return self.case.contacts_of(name)
 
-    def resultant(self, name: str) -> Floats:
+    def contact_force(self, name: str) -> Floats:
         """Force on a body through the contacts on a surface, ``(steps, d)`` [N]."""
-        return self.case.resultant(self, name)
+        return self.case.contact_force(self, name)
 
     def support_force(self, name: str) -> Floats:
         """Force of the supports on a surface on their body, ``(steps, d)`` [N]."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs import _core, motion
+from bipot_rs import _core, motion, summary
 from bipot_rs.adaptive import follow, increments, proportional
 from bipot_rs.check import (
     RATIO,
@@ -283,6 +283,51 @@ class ContactProblem:
         parts = state.pop("_stiffness")
         vars(self).update(state)
         self._condense(parts, None)
+
+    def __repr__(self) -> str:
+        n, contacts, d = self._shape
+        dofs = counted(n, "degree") + " of freedom"
+        return f"ContactProblem({dofs}, {summary.places(contacts, d)})"
+
+    def __str__(self) -> str:
+        return summary.text(self._summary())
+
+    def _repr_html_(self) -> str:
+        return summary.html(self._summary())
+
+    def _summary(self) -> summary.Summary:
+        n, contacts, d = self._shape
+        known = self.stats
+        left = known["rigid_motions"]
+        held = "supports hold them"
+        if left:
+            held = f"{counted(left, 'rigid motion')} that contact alone must hold"
+        gap = np.asarray(self._contacts["gap"]).reshape(contacts, -1)[:, 0]
+        factor = counted(known["nnz_factor"], "entry")
+        dofs = counted(n, "degree") + " of freedom"
+        kept = (
+            summary.size(known["bytes_factor"]) if known["factor_kept"] else "not kept"
+        )
+        return f"ContactProblem: {dofs}, {summary.places(contacts, d)}", [
+            (
+                "bodies",
+                f"{known['bodies']}, {len(self._fixed)} prescribed degrees of freedom, "
+                + held,
+            ),
+            ("gap", summary.gaps(gap)),
+            ("friction", summary.friction(self._mu)),
+            (
+                "memory",
+                (
+                    f"factor {kept} ({factor}), W {summary.size(known['bytes_compliance'])}, "
+                    f"{summary.size(known['bytes_peak'])} at the most"
+                ),
+            ),
+            (
+                "condensed in",
+                f"{summary.seconds(self._seconds)}, ordering by {known['ordering']}",
+            ),
+        ]
 
     @property
     def compliance(self) -> Array:

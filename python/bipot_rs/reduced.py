@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs import _core, check, existence, motion
+from bipot_rs import _core, check, existence, motion, summary
 from bipot_rs.answers import Answers, search
 from bipot_rs.check import (
     RATIO,
@@ -108,6 +108,31 @@ class ReducedProblem:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _again, (self.W, self.q, self.mu, self.rigid)
+
+    def __repr__(self) -> str:
+        return f"ReducedProblem({summary.places(*self.q.shape)})"
+
+    def __str__(self) -> str:
+        return summary.text(self._summary())
+
+    def _repr_html_(self) -> str:
+        return summary.html(self._summary())
+
+    def _summary(self) -> summary.Summary:
+        rows = self.q.size
+        W = f"{rows} x {rows}, "
+        if hasattr(self.W, "tocsr"):
+            W += f"sparse, {counted(self.W.nnz, 'entry')}"
+        else:
+            W += f"dense, {summary.size(8.0 * rows**2)}"
+        count = 0 if self.rigid is None else len(self.rigid[1])
+        held = counted(count, "motion") if count else "none"
+        return f"ReducedProblem: {summary.places(*self.q.shape)}", [
+            ("W", W),
+            ("q", summary.gaps(self.q[:, 0])),
+            ("friction", summary.friction(self.mu)),
+            ("rigid motions", f"{held} that contact alone must hold"),
+        ]
 
     @property
     def asymmetry(self) -> float:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs import error_bound, export
+from bipot_rs import error_bound, export, summary
 from bipot_rs.error_bound import ErrorBound
 from bipot_rs.words import counted
 
@@ -130,6 +130,12 @@ class Solution:
             f"{type(self).__name__}({contacts}, {self.outcome} in {iterations}, "
             f"residual {self.residual:.1e}, held to {self.tolerance:.1e})"
         )
+
+    def __str__(self) -> str:
+        return summary.text(summary.of_solution(self))
+
+    def _repr_html_(self) -> str:
+        return summary.html(summary.of_solution(self))
 
     def _ask(self, name: str, unknown: Any) -> Any:
         if name not in self._known:
@@ -258,6 +264,17 @@ class Step(Solution):
     _kept: dict[str, Array] = field(default_factory=dict)
 
     @property
+    def dissipation(self) -> float:
+        """Work that friction took over the step, ``-Σ r_t · slip``, in force times length.
+
+        Of the reactions at its end, as the law of the step has it: it is then
+        ``Σ mu r_n ‖slip‖`` and not negative, but for the residual. Of a path it is the
+        energy balance's where normal forces stay; where they change, to first order in
+        the size of the steps.
+        """
+        return -float(np.sum(self.reaction[:, 1:] * self.slip))
+
+    @property
     def displacement(self) -> Array:
         """Displacement of all degrees of freedom, ``(n,)``, computed when first asked for.
 
@@ -311,6 +328,9 @@ class Result(Sequence[Step]):
         ``condense``, ``solve``, ``recover``.
     success, message
         Whether the whole path was solved, and a sentence on it.
+    units
+        Names of the units by ``"length"``, ``"force"``, ``"stress"``, for labels; empty
+        where they are not known. May be set.
     """
 
     def __init__(
@@ -323,6 +343,7 @@ class Result(Sequence[Step]):
         seconds: Mapping[str, float] | None = None,
         success: bool,
         message: str,
+        units: Mapping[str, str] | None = None,
     ) -> None:
         self.steps = tuple(steps)
         self.contacts = dict(contacts)
@@ -333,6 +354,7 @@ class Result(Sequence[Step]):
         )
         self.success = success
         self.message = message
+        self.units = dict(units or {})
 
     def __len__(self) -> int:
         return len(self.steps)
@@ -349,6 +371,12 @@ class Result(Sequence[Step]):
             f"Result({counted(len(self), 'step')}, {counted(contacts, 'contact')}, "
             f"{self.message})"
         )
+
+    def __str__(self) -> str:
+        return summary.text(summary.of_result(self))
+
+    def _repr_html_(self) -> str:
+        return summary.html(summary.of_result(self))
 
     def _stack(
         self, name: str, empty: tuple[int, ...], dtype: Any = np.float64
@@ -390,6 +418,55 @@ class Result(Sequence[Step]):
         """Displacement of all degrees of freedom, ``(steps, n)``, computed when asked for."""
         recover(self.steps)
         return self._stack("displacement", (0, 0))
+
+    @property
+    def dissipation(self) -> Array:
+        """`Step.dissipation`, friction's work over each step, ``(steps,)``."""
+        return self._stack("dissipation", (0,))
+
+    @property
+    def resultant(self) -> Array:
+        """Sum of the contact forces on the bodies that have the contacts, ``(steps, d)``.
+
+        In global components where the frames of the contacts are known. Otherwise the
+        sums of the components ``(n, t1[, t2])``: a force where all contacts have the
+        same frame.
+        """
+        return self.resultants(np.zeros(self._shape[0], np.int64))[:, 0]
+
+    def resultants(self, group: NDArray[np.integer[Any]]) -> Array:
+        """`resultant` of each group of contacts, ``(steps, groups, d)``.
+
+        Parameters
+        ----------
+        group
+            Number of the group of each contact, ``(n_c,)`` integers from 0, such as
+            ``fem.Model.group``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``group`` holds something else.
+        """
+        number = np.asarray(group)
+        contacts = self._shape[0]
+        if number.dtype.kind not in "iu":
+            raise TypeError(
+                f"group has entries of type {number.dtype}, expected integers"
+            )
+        if number.shape != (contacts,):
+            raise ValueError(f"group has shape {number.shape}, expected ({contacts},)")
+        if (number < 0).any():
+            raise ValueError(
+                f"group of contact {int(np.argmax(number < 0))} is {number.min()}, "
+                "expected it from 0"
+            )
+        force, frame = self.reaction, self.contacts.get("frame")
+        if frame is not None:
+            force = np.einsum("sck,ckd->scd", force, frame)
+        # One group even of no contacts: their sum is zero.
+        groups = range(int(number.max(initial=0)) + 1)
+        return np.stack([force[:, number == g].sum(axis=1) for g in groups], axis=1)
 
     @property
     def work(self) -> Array:
@@ -439,7 +516,8 @@ class Result(Sequence[Step]):
             [_record(step, self._load(k)) for k, step in enumerate(self.steps)],
             complete=self.success,
             attributes={"message": self.message}
-            | {f"seconds_{name}": value for name, value in self.seconds.items()},
+            | {f"seconds_{name}": value for name, value in self.seconds.items()}
+            | {f"unit_{name}": unit for name, unit in self.units.items()},
         )
 
     def _load(self, k: int) -> float:
@@ -448,6 +526,9 @@ class Result(Sequence[Step]):
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write a PVD series of the contacts for ParaView, a point each.
+
+        Fields are those of `Step`, by components ``(n, t1[, t2])``, and where the frames
+        are known ``force``, the reaction in global components, to draw as arrows.
 
         Raises
         ------
@@ -464,6 +545,10 @@ class Result(Sequence[Step]):
             )
         names = ("reaction", "traction", "relative_displacement", "slip", "status")
         series = [{name: getattr(step, name) for name in names} for step in self.steps]
+        frame = self.contacts.get("frame")
+        if frame is not None:
+            for fields_of, step in zip(series, self.steps, strict=True):
+                fields_of["force"] = np.einsum("ck,ckd->cd", step.reaction, frame)
         export.write_series(
             path,
             x,
@@ -516,14 +601,18 @@ def load(path: str | os.PathLike[str]) -> Result:
             raise ValueError(
                 f"{path} is not a result that can be read: step {k}: {error}"
             ) from None
-    prefix = "seconds_"
+
+    def named(prefix: str) -> dict[str, Any]:
+        return {
+            k[len(prefix) :]: v for k, v in attributes.items() if k.startswith(prefix)
+        }
+
     return Result(
         steps,
         contacts=contacts,
         shape=shape,
-        seconds={
-            k[len(prefix) :]: v for k, v in attributes.items() if k.startswith(prefix)
-        },
+        seconds=named("seconds_"),
+        units={name: str(unit) for name, unit in named("unit_").items()},
         success=bool(attributes["complete"]),
         message=str(attributes.get("message", "")),
     )

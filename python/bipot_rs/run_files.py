@@ -62,21 +62,16 @@ def contacts(case: Case) -> dict[str, Any]:
 def write_series(
     draft: Path, folder: Path, case: Case, reached: Reached, errors: Errors
 ) -> None:
-    """The series for ParaView; ``folder`` is where it will be, for what goes wrong."""
-    from bipot_rs.export import write_series, writing
+    """The series for ParaView; ``folder`` is where they will be, for what goes wrong."""
+    from bipot_rs.export import writing
+    from bipot_rs.paraview import write_bodies, write_contact
 
-    model = case.model
+    model, steps = case.model, [step for _, step in reached]
     with writing(folder / "result.pvd"):
-        write_series(
-            draft / "result.pvd",
-            model.nodes,
-            model.cells,
-            (
-                model.fields(step.displacement, step.reaction, step.status)
-                for _, step in reached
-            ),
-            [_of_cells(_found(errors, k)) for k in range(len(reached))],
-        )
+        of_cells = [_of_cells(_found(errors, k)) for k in range(len(steps))]
+        write_bodies(draft / "result.pvd", model, steps, of_cells)
+    with writing(folder / "contact.pvd"):
+        write_contact(draft / "contact.pvd", model, steps)
 
 
 def write_table(

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 # Numbers of the kinds of cells in VTK.
 KINDS = {
     "vertex": 1,
+    "line": 3,
+    "line3": 21,
     "triangle": 5,
     "quad": 9,
     "tetra": 10,

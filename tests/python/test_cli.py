@@ -27,7 +27,7 @@ LAST_LINE = {
     "peak_mb",
     "message",
 }
-FILES = {"result.h5", "result.pvd", "steps.csv"}
+FILES = {"result.h5", "result.pvd", "contact.pvd", "steps.csv"}
 
 
 def bipot(
@@ -62,7 +62,7 @@ def scene_file(folder: Path, changes: Sequence[tuple[str, str]] = ()) -> Path:
 def test_run_writes_table_and_files(tmp_path: Path) -> None:
     run = bipot("run", "sheared_cube", "--set", "mesh.n=3", "--plot", cwd=tmp_path)
     out = tmp_path / "out" / "sheared_cube"
-    series = {"result_0000.vtu", "result_0001.vtu"}
+    series = {f"{s}_000{k}.vtu" for s in ("result", "contact") for k in (0, 1)}
     assert {p.name for p in out.iterdir()} == FILES | series | {"tractions.png"}
     assert (out / "tractions.png").read_bytes().startswith(b"\x89PNG")
     for word in ("stick", "slip", "open", "residual", "result.h5", "192 degrees"):
@@ -132,7 +132,12 @@ def test_a_later_run_replaces_the_files_of_an_earlier_one(tmp_path: Path) -> Non
     one_step = ["--set", "path.steps=1", "--set", "path.amplitude.shear=[0.0]"]
     bipot(*arguments, *one_step, cwd=tmp_path)
     left = {path.name for path in (tmp_path / "here").iterdir()}
-    assert left == FILES | {"result_0000.vtu", "notes.txt", "result_old.vtu"}
+    assert left == FILES | {
+        "result_0000.vtu",
+        "contact_0000.vtu",
+        "notes.txt",
+        "result_old.vtu",
+    }
 
 
 def test_method_and_tolerance(tmp_path: Path) -> None:

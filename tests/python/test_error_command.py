@@ -20,7 +20,7 @@ def test_error_in_table_files_and_picture(tmp_path: Path) -> None:
     run = bipot(*SMALL, "--error", "--plot", "--out=here", cwd=tmp_path)
     out = tmp_path / "here"
     pictures = {"tractions.png", "error.png"}
-    series = {"result_0000.vtu", "result_0001.vtu"}
+    series = {f"{s}_000{k}.vtu" for s in ("result", "contact") for k in (0, 1)}
     assert {p.name for p in out.iterdir()} == FILES | series | pictures
     assert (out / "error.png").read_bytes().startswith(b"\x89PNG")
     assert "indicator (Coulomb" in run.stdout

@@ -89,7 +89,7 @@ RUST_NAMES = {
 PYTHON = (
     "_core early exits extras folder interrupts telling toml_text vtu words workers",
     "shipped",
-    "export error_bound installation",
+    "export error_bound installation summary",
     "structure",
     "check plane_friction result",
     "friction",
@@ -118,7 +118,7 @@ PYTHON = (
     "theory.explicit theory.functionals theory.inequalities theory.inelastic",
     "theory",
     "fem",
-    "text_tables inspection",
+    "text_tables inspection contact_surface",
     "stiffness_files",
     "schema.table",
     "schema.material schema.mesh schema.path",
@@ -127,7 +127,13 @@ PYTHON = (
     "schema.consistency",
     "report schema scene_keys simplices",
     "case",
-    "error_map resume scene plot johnson_mercier contact_facets equilibrium",
+    "plots.canvas",
+    "plots.source plots.skin",
+    "plots.line plots.path plots.convergence plots.body",
+    "plots.surface",
+    "plots.space",
+    "plots",
+    "error_map resume scene plot johnson_mercier contact_facets equilibrium paraview",
     "model forecast self_stress",
     "discretisation",
     "enough",
@@ -188,6 +194,7 @@ def _imports(text: str) -> list[tuple[int, str]]:
             if base in (
                 "bipot_rs",
                 "bipot_rs.commands",
+                "bipot_rs.plots",
                 "bipot_rs.theory",
             ):  # from bipot_rs import result
                 found += [(node.lineno, f"{base}.{a.name}") for a in node.names]

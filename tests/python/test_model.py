@@ -114,7 +114,7 @@ def test_forces_balance() -> None:
     m = blocks()
     result = m.solve(tol=1e-13)
     np.testing.assert_array_equal(result.parameter, [0.0, 1.0])
-    through = result.resultant("upper.bottom")
+    through = result.contact_force("upper.bottom")
     held = {on: result.support_force(on) for on in ("upper.top", "lower.bottom")}
     pressed = np.array([[0.0, 0.0], [-5.0 * 2.0, 0.0]])
     weight = np.array([0.0, -0.1 * 4.0 * 2.0])
@@ -139,7 +139,7 @@ def test_names_of_contacts() -> None:
         result.contacts_of("upper.bottom"), np.arange(result.reaction.shape[1])
     )
     with pytest.raises(ValueError, match=r"no contact on 'upper.top', expected one of"):
-        result.resultant("upper.top")
+        result.contact_force("upper.top")
     with pytest.raises(ValueError, match=r"expected one of lower\.bottom"):
         result.support_force("upper.bottom")
 
@@ -305,7 +305,7 @@ def test_what_was_reached_has_names_and_goes_on(tmp_path: Path) -> None:
     whole = m.solve()
     with pytest.raises(bp.NotConvergedError) as stopped:
         m.solve(max_iterations=1, method="uzawa")
-    assert stopped.value.result.resultant("upper.bottom").shape == (0, 2)
+    assert stopped.value.result.contact_force("upper.bottom").shape == (0, 2)
 
     class Stopped(Exception):
         pass

@@ -71,7 +71,7 @@ def test_plane_and_path(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
         "pressure [MPa]",
         "shear traction [MPa]",
         "load step",
-        "along t2 [mm]",
+        "y [mm]",
     ):
         assert text in texts
 

@@ -61,7 +61,7 @@ def test_scikit_fem(capsys: pytest.CaptureFixture[str]) -> None:
     plane = {"point": [0, 0], "normal": [0, 1]}
     flat.contact("block.bottom", mu=0.2, plane=plane, clearance={"radius": 50.0})
     flat.path(drag=[0.0, 1.0])
-    own = flat.solve().resultant("block.bottom")
+    own = flat.solve().contact_force("block.bottom")
     # Normals turn by x/R, 0.04 at the ends of the bar that are open; 0.02 where closed.
     np.testing.assert_allclose(force[:, 1], own[:, 1], rtol=0.02)
     space["main"]()

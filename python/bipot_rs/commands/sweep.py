@@ -169,14 +169,9 @@ def _solved(
         raise ValueError(f"tol is {tolerance!r}, expected a number in a sweep")
     forecast.fits(scene)
     case = assemble(scene, bodies(scene))
-    result = case.model.problem().solve(
-        case.load,
-        case.prescribed,
-        method=asked.method if method is None else method,
-        tol=tolerance,
-        max_iterations=asked.max_iterations,
-    )
-    last = of_step(len(result) - 1, float(case.parameter[-1]), result[-1])
+    result = case.solve(method=method, tol=tolerance)
+    end = len(result) - 1
+    last = of_step(end, case.step_parameter(end, result[-1]), result[-1])
     return {
         "steps": len(result),
         **{name: last[name] for name in ("open", "slip", "stick")},

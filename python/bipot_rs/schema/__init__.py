@@ -11,9 +11,10 @@ from bipot_rs.schema.material import Elastic
 from bipot_rs.schema.mesh import Axis, Block, Mesh, Within
 from bipot_rs.schema.path import Amplitude, Automatic, LoadPath
 from bipot_rs.schema.root import Scene, Solver, Units
-from bipot_rs.schema.table import KIND, Varying
+from bipot_rs.schema.table import AXES, KIND, Varying
 
 __all__ = [
+    "AXES",
     "KIND",
     "Amplitude",
     "Automatic",

@@ -1,0 +1,216 @@
+"""Deformed bodies, with the stress in them and the forces of contact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bipot_rs.check import Array, number
+from bipot_rs.plots import canvas
+from bipot_rs.plots.skin import corners_of, deformed_nodes, skin
+from bipot_rs.plots.source import one_step, units_of
+
+if TYPE_CHECKING:
+    from bipot_rs.fem import Model
+
+# Of the size of the bodies: the largest displacement, and the longest arrow.
+_DEFORMED, _ARROW = 0.05, 0.12
+# More arrows than this would hide each other.
+_ARROWS = 25
+_FORCE = "#d55e00"
+
+
+def deformed(
+    model: Model,
+    result: Any,
+    *,
+    step: int = -1,
+    scale: float | None = None,
+    forces: bool = True,
+    near: float | None = None,
+    units: Mapping[str, str] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Deformed bodies in the colours of the stress of von Mises, with contact forces.
+
+    Parameters
+    ----------
+    model
+        The bodies, `fem.Model`.
+    result
+        A `Result` of them, or one of its `Step` s.
+    step
+        Which step of a result.
+    scale
+        Times the displacements; default a round number that lets them be seen, which
+        is told above the picture. The bodies where they began are a thin line.
+    forces
+        Whether arrows show the contact forces on the bodies that have the contacts, up
+        to 25, each the force at one node.
+    near
+        Draw what is within so many extents of the contacts; default all.
+    units, ax
+        As in `tractions`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        In space those of 3D, with the outside of the bodies.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named; a step that has lost its problem.
+    """
+    units = units_of(result, units)
+    found: Any = one_step(result, step)
+    if not hasattr(found, "displacement"):
+        raise TypeError(
+            f"result is a {type(found).__name__}, expected a Result or one of its steps"
+        )
+    for name, value in (("scale", scale), ("near", near)):
+        if value is not None and not number(name, value) > 0:
+            raise ValueError(f"{name} is {value}, expected a positive number")
+    from bipot_rs.stress import stress, von_mises
+
+    u = found.displacement
+    if u.shape != (model.n,):
+        raise ValueError(
+            f"result has displacements of shape {u.shape}, the model ({model.n},)"
+        )
+    ends = [*model.offset[1:], model.n]
+    bodies = zip(model.bodies, model.offset, ends, strict=True)
+    mises = [von_mises(stress(b, u[i:j], space=True)) for b, i, j in bodies]
+    places, scale = deformed_nodes(model.nodes, u, scale, _DEFORMED)
+    ax = canvas.axes_of(ax, size=(5.4, 4.0), space=model.dim == 3)
+    draw = _plane if model.dim == 2 else _space
+    image = draw(model, places, np.concatenate(mises), ax)
+    if forces:
+        _forces(model, places, np.asarray(found.reaction), near, ax)
+    _limits(model, places, near, ax)
+    canvas.colour_bar(image, ax, "von Mises stress", canvas.stress_unit(units))
+    if scale != 1:
+        ax.set_title(f"displacements × {scale:g}", fontsize="small", loc="left")
+    for name in "xyz"[: model.dim]:
+        canvas.name_axis(getattr(ax, f"{name}axis"), name, units.get("length"))
+    return ax
+
+
+def _plane(model: Model, places: Array, stress: Array, ax: Any) -> Any:
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    corners = [c for cells in model.cells for c in places[corners_of(*cells)[1]]]
+    image = PolyCollection(
+        corners, array=stress, cmap="viridis", lw=0, antialiased=False
+    )
+    # As one image: a polygon each would make a file of the size of the mesh.
+    image.set_rasterized(True)
+    ax.add_collection(image)
+    for nodes, colour, width in (
+        (model.nodes, canvas.QUIET, 0.6),
+        (places, "black", 0.8),
+    ):
+        edges = [nodes[facet] for facets, _ in skin(model.cells) for facet in facets]
+        ax.add_collection(LineCollection(edges, colors=colour, linewidths=width))
+    ax.set_aspect("equal")
+    return image
+
+
+def _space(model: Model, places: Array, stress: Array, ax: Any) -> Any:
+
+    parts = skin(model.cells)
+    polygons = [polygon for facets, _ in parts for polygon in places[facets]]
+    return facets_in_space(polygons, np.concatenate([stress[c] for _, c in parts]), ax)
+
+
+def facets_in_space(
+    polygons: list[Array], values: Array, ax: Any, **colours: Any
+) -> Any:
+    """Polygons in space, each in the colour of its value."""
+    from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
+        Poly3DCollection,
+    )
+
+    image = Poly3DCollection(
+        polygons, lw=0.2, edgecolor=(0, 0, 0, 0.35), **({"cmap": "viridis"} | colours)
+    )
+    image.set_array(values)
+    image.set_rasterized(True)
+    ax.add_collection3d(image)
+    return image
+
+
+def box_in_space(places: Array, ax: Any) -> None:
+    """Limits of axes in space, one length the same along all three."""
+    low, high = places.min(axis=0), places.max(axis=0)
+    # What is flat still has to be seen.
+    least = 0.15 * (high - low).max()
+    middle, half = (low + high) / 2, np.maximum(high - low, least) / 2
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    for k, name in enumerate("xyz"):
+        getattr(ax, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
+        axis = getattr(ax, f"{name}axis")
+        # Where x ends y begins: two numbers would lie on each other.
+        axis.set_major_locator(MaxNLocator(4, prune="lower" if name == "y" else None))
+        axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
+    ax.zaxis.labelpad = 8
+    # Room for the labels, which the layout does not see.
+    ax.set_box_aspect(half, zoom=0.82)
+
+
+def _forces(
+    model: Model, places: Array, reaction: Array, near: float | None, ax: Any
+) -> None:
+    force = np.einsum("ck,ckd->cd", reaction, model.frame)
+    size = np.linalg.norm(force, axis=1)
+    largest = float(size.max(initial=0.0))
+    if largest == 0:
+        return
+    loaded = np.flatnonzero(size > 1e-6 * largest)
+    chosen = loaded[:: -(-len(loaded) // _ARROWS)]
+    at = places[model.contact_dofs[chosen, 0] // model.dim]
+    extent = np.ptp(places, axis=0).max()
+    if near is not None:
+        extent = (1 + 2 * near) * np.ptp(model.points, axis=0).max()
+    # Tips at the nodes: what presses comes from outside.
+    arrows = force[chosen] * (_ARROW * extent / largest)
+    if model.dim == 2:
+        ax.quiver(
+            *at.T,
+            *arrows.T,
+            color=_FORCE,
+            pivot="tip",
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            width=4e-3,
+            zorder=3,
+        )
+    else:
+        ax.quiver(*at.T, *arrows.T, color=_FORCE, pivot="tip", lw=1.0)
+
+
+def _limits(model: Model, places: Array, near: float | None, ax: Any) -> None:
+    if near is not None:
+        x = places[model.contact_dofs[:, 0] // model.dim]
+        around = near * np.ptp(x, axis=0).max()
+        low, high = x.min(axis=0) - around, x.max(axis=0) + around
+        if model.dim == 3:
+            box_in_space(np.stack([low, high]), ax)
+            return
+        ax.set_xlim(low[0], high[0])
+        ax.set_ylim(low[1], high[1])
+    elif model.dim == 3:
+        box_in_space(places, ax)
+    else:
+        both = np.concatenate([places, model.nodes])
+        low, high = both.min(axis=0), both.max(axis=0)
+        margin = 0.03 * (high - low).max()
+        if len(model.points):
+            # Arrows end outside.
+            margin = max(margin, 1.1 * _ARROW * (high - low).max())
+        ax.set_xlim(low[0] - margin, high[0] + margin)
+        ax.set_ylim(low[1] - margin, high[1] + margin)

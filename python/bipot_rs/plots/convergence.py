@@ -1,0 +1,83 @@
+"""How a solver came to its answer: residual over work."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bipot_rs.plots import canvas
+from bipot_rs.plots.source import one_step, steps_of
+from bipot_rs.result import Result, Solution
+
+# More steps than this have their numbers on a colour bar.
+_NAMED = 6
+
+
+def convergence(result: Any, *, step: int | None = None, ax: Any = None) -> Any:
+    """Residual η over work in products with W, an iteration a point.
+
+    Parameters
+    ----------
+    result
+        A `Solution`, a `Step` or a `Result`.
+    step
+        Which step of a result; default all.
+    ax
+        As in `tractions`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    ValueError
+        There is no history: it is not written to files.
+    """
+    path: Sequence[Solution]
+    if isinstance(result, Result) and step is None:
+        path = steps_of(result)
+    else:
+        path = [one_step(result, -1 if step is None else step)]
+    kept = [k for k, one in enumerate(path) if len(one.history)]
+    if not kept:
+        raise ValueError(
+            "history is empty, expected the residuals of iterations: files do not hold it"
+        )
+    ax = canvas.axes_of(ax)
+    from matplotlib import colormaps
+    from matplotlib.colors import Normalize
+
+    shade = Normalize(1, max(len(path), 2))
+    # The light end of the colours would vanish on white.
+    colours = colormaps["viridis"].resampled(256)
+    for k in kept:
+        work, eta = path[k].history.T
+        # A residual of nothing has no place on a logarithmic axis.
+        ax.semilogy(
+            work,
+            np.where(eta > 0, eta, np.nan),
+            marker="o",
+            ms=3,
+            lw=1.2,
+            color=canvas.PRESSURE if len(path) == 1 else colours(0.9 * shade(k + 1)),
+            label=f"step {k + 1}" if len(path) > 1 else "residual",
+        )
+    tolerance = max(path[k].tolerance for k in kept)
+    ax.axhline(tolerance, ls="--", lw=1, color=canvas.LIMIT, label="held to")
+    ax.set_xlabel("work [products with W]")
+    ax.set_ylabel("residual η")
+    canvas.bare(ax)
+    if len(path) <= _NAMED:
+        canvas.legend_above(ax)
+    else:
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import ListedColormap
+
+        drawn = ListedColormap(colours(np.linspace(0, 0.9, 256)))
+        canvas.colour_bar(ScalarMappable(shade, drawn), ax, "load step", None)
+        handles = [h for h in ax.get_lines() if h.get_label() == "held to"]
+        canvas.legend_above(ax, handles=handles)
+    return ax

@@ -1,0 +1,269 @@
+"""Over the load path: resultants, loops of force and displacement, friction's work."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.check import Array, floats
+from bipot_rs.friction import dissipation as by_pressure
+from bipot_rs.plots import canvas
+from bipot_rs.plots.source import (
+    Given,
+    contacts_of,
+    selection,
+    steps_of,
+    units_of,
+)
+from bipot_rs.summary import STATUS
+
+_STYLE: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 1.5}
+# Beyond so many steps markers would run into each other.
+_MARKERS = 80
+
+
+def resultants(
+    result: Any,
+    *,
+    where: ArrayLike | None = None,
+    contacts: Given | None = None,
+    units: Mapping[str, str] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Normal and tangential force over the load steps, and what friction could hold.
+
+    The tangential force is the one along the line that it follows; friction could hold
+    ``Σ μ r_n``, of nodes that all pull one way.
+
+    Parameters
+    ----------
+    result
+        A `Result`.
+    where, contacts, units, ax
+        As in `tractions`. Without frames, forces are summed by components.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    units = units_of(result, units)
+    press, drag, limit, _ = _forces(result, where, contacts)
+    return draw_resultants(press, drag, limit, units, canvas.axes_of(ax))
+
+
+def draw_resultants(
+    press: Array, drag: Array, limit: Array | None, units: Mapping[str, str], ax: Any
+) -> Any:
+    """`resultants` on axes that are there, from forces ``(steps,)``."""
+    number = np.arange(1, len(press) + 1)
+    style = _style(len(press))
+    ax.plot(number, press, color=canvas.PRESSURE, label="normal", **style)
+    ax.plot(number, drag, color=canvas.SHEAR, label="tangential", **style)
+    if limit is not None:
+        band = {"color": canvas.LIMIT, "alpha": 0.15, "lw": 0}
+        ax.fill_between(number, -limit, limit, label="within ±Σ μ × normal", **band)
+    ax.axhline(0, color="black", lw=0.6)
+    canvas.name_axis(ax.yaxis, "force", units.get("force"))
+    ax.set_xlabel("load step")
+    canvas.legend_above(ax)
+    canvas.whole_numbers(ax)
+    canvas.bare(ax)
+    return ax
+
+
+def status_shares(
+    result: Any, *, where: ArrayLike | None = None, ax: Any = None
+) -> Any:
+    """Parts of the contacts that stick, slip and are open, over the load steps.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    path = steps_of(result)
+    status = path.status[:, selection(where, len(path[0].status))]
+    return draw_shares(status, canvas.axes_of(ax))
+
+
+def draw_shares(status: NDArray[Any], ax: Any) -> Any:
+    """`status_shares` on axes that are there, of statuses ``(steps, n_c)``."""
+    steps = len(status)
+    number = np.arange(1, steps + 1)
+    below = np.zeros(steps)
+    for k in (2, 1, 0):
+        share = np.mean(status == k, axis=1)
+        ax.bar(
+            number,
+            share,
+            0.8 if steps > 4 else 0.4,
+            bottom=below,
+            color=canvas.COLOURS[k],
+            label=STATUS[k],
+        )
+        below += share
+    ax.set_ylim(0, 1)
+    ax.set_xlim(0.2, steps + 0.8)
+    ax.set_ylabel("share of contacts")
+    ax.set_xlabel("load step")
+    canvas.legend_above(ax)
+    canvas.whole_numbers(ax)
+    canvas.bare(ax)
+    return ax
+
+
+def force_displacement(
+    result: Any,
+    displacement: ArrayLike | None = None,
+    *,
+    name: str | None = None,
+    where: ArrayLike | None = None,
+    contacts: Given | None = None,
+    units: Mapping[str, str] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Tangential force over displacement: the loop that friction leaves.
+
+    The force is what drives the bodies that have the contacts, the opposite of friction.
+    The area of a closed loop is the work that friction took, where ``displacement`` is
+    that of the point that is driven. Dashes are the most that friction could hold.
+
+    Parameters
+    ----------
+    result
+        A `Result`.
+    displacement
+        ``(steps,)``, such as what is prescribed; default the mean relative displacement
+        of the contacts along the force.
+    name
+        Of the displacement, for its axis.
+    where, contacts, units, ax
+        As in `resultants`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named; frames that are not known.
+    """
+    path, units = steps_of(result), units_of(result, units)
+    _, drag, limit, main = _forces(path, where, contacts)
+    if displacement is None:
+        chosen = selection(where, len(path[0].status))
+        v = path.relative_displacement[:, chosen, 1:]
+        frame = contacts_of(path, contacts).get("frame")
+        if frame is not None:
+            v = np.einsum("sck,ckd->scd", v, np.asarray(frame)[chosen, 1:])
+        delta = v.mean(axis=1) @ main
+        name = name or "mean relative displacement"
+    else:
+        delta = floats("displacement", displacement, shape=(len(path),))
+        name = name or "displacement"
+    ax = canvas.axes_of(ax)
+    ax.plot(delta, -drag, color=canvas.SHEAR, label="force", **_style(len(path)))
+    ax.axhline(0, color="black", lw=0.6)
+    if limit is not None:
+        # The loop is to be seen, however far below its limit it is.
+        dashed = {"ls": "--", "lw": 1, "color": canvas.LIMIT, "scaley": False}
+        ax.plot(delta, limit, label="±Σ μ × normal", **dashed)
+        ax.plot(delta, -limit, **dashed)
+        canvas.legend_above(ax)
+    canvas.name_axis(ax.xaxis, name, units.get("length"))
+    canvas.name_axis(ax.yaxis, "tangential force", units.get("force"))
+    canvas.bare(ax)
+    return ax
+
+
+def dissipation(
+    result: Any,
+    *,
+    units: Mapping[str, str] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Work that friction took, of each step and from the beginning of the path.
+
+    Parameters
+    ----------
+    result
+        A `Result`.
+    units, ax
+        As in `tractions`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    path, units = steps_of(result), units_of(result, units)
+    lost = path.dissipation
+    ax = canvas.axes_of(ax)
+    number = np.arange(1, len(path) + 1)
+    ax.bar(number, lost, 0.8, color=canvas.LIMIT, label="in the step")
+    ax.plot(
+        number,
+        np.cumsum(lost),
+        color=canvas.PRESSURE,
+        label="in all",
+        **_style(len(path)),
+    )
+    ax.set_xlabel("load step")
+    canvas.name_axis(ax.yaxis, "work of friction", canvas.work_unit(units))
+    ax.set_xlim(0.2, len(path) + 0.8)
+    canvas.legend_above(ax)
+    canvas.whole_numbers(ax)
+    canvas.bare(ax)
+    return ax
+
+
+def _style(steps: int) -> dict[str, Any]:
+    return _STYLE if steps <= _MARKERS else _STYLE | {"marker": ""}
+
+
+def _forces(
+    result: Any, where: ArrayLike | None, contacts: Given | None
+) -> tuple[Array, Array, Array | None, Array]:
+    """Normal and tangential force ``(steps,)``, friction's limit, and the line of the drag.
+
+    The line is a unit vector, global where frames are known, else along t1, t2.
+    """
+    path = steps_of(result)
+    known = contacts_of(path, contacts)
+    n, d = path[0].reaction.shape
+    chosen = selection(where, n)
+    frame, mu = known.get("frame"), known.get("mu")
+    if frame is not None:
+        frame = floats("frame of contacts", frame, shape=(n, d, d))[chosen]
+    if mu is not None:
+        mu = np.asarray(mu)[chosen]
+    return sums(path.reaction[:, chosen], frame, mu)
+
+
+def sums(
+    reaction: Array, frame: Array | None, mu: Array | None
+) -> tuple[Array, Array, Array | None, Array]:
+    """As `_forces`, of reactions ``(steps, n_c, d)``."""
+    if frame is None:
+        press, drag = reaction[..., 0].sum(axis=1), reaction[..., 1:].sum(axis=1)
+    else:
+        # In the frame of each contact; summed in global components.
+        force = np.einsum("sck,ckd->sd", reaction, frame)
+        normal = frame[:, 0].mean(axis=0)
+        # Around a hole the normals cancel: all of the force is then tangential.
+        normal /= np.linalg.norm(normal) or 1.0
+        press = force @ normal
+        drag = force - press[:, None] * normal
+    main = np.linalg.svd(drag, full_matrices=False)[2][0]
+    # Of the two directions of the line that the drag follows, the ascending axis.
+    main = main * np.sign(main[np.argmax(np.abs(main))])
+    limit = None
+    if mu is not None:
+        if mu.ndim == 2:
+            # The most that an ellipse's points reach along the line of the drag.
+            tangents = np.eye(2) if frame is None else frame[:, 1:]
+            mu = by_pressure(mu, np.broadcast_to(tangents @ main, mu.shape))
+        limit = reaction[..., 0] @ mu
+    return press, drag @ main, limit, main

@@ -1,0 +1,243 @@
+"""The surface of contact in space, by matplotlib or by PyVista."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bipot_rs.check import Array
+from bipot_rs.export import library
+from bipot_rs.plots import canvas
+from bipot_rs.plots.body import box_in_space, facets_in_space
+from bipot_rs.plots.skin import corners_of, skin
+from bipot_rs.plots.source import Contacts, look
+from bipot_rs.plots.surface import QUANTITIES, span, values_of
+
+if TYPE_CHECKING:
+    from bipot_rs.fem import Model
+
+BACKENDS = ("matplotlib", "pyvista")
+
+
+def surface3d(
+    model: Model,
+    result: Any,
+    quantity: str = "pressure",
+    *,
+    step: int = -1,
+    backend: str = "matplotlib",
+    bodies: bool = True,
+    arrows: bool = True,
+    units: Mapping[str, str] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Facets of contact in space, whatever their shape, in the colours of a quantity.
+
+    Parameters
+    ----------
+    model
+        The bodies, `fem.Model`, in space.
+    result, step, units
+        As in `tractions`.
+    quantity
+        As in `surface_map`, or ``"status"``.
+    backend
+        ``"matplotlib"``, or ``"pyvista"`` where that is installed: the picture can then
+        be turned, and near facets hide far ones rightly.
+    bodies
+        Whether the outlines of the bodies are drawn too.
+    arrows
+        Whether arrows show slip, where that is the quantity.
+    ax
+        With matplotlib axes to draw into, of 3D. With PyVista the ``Plotter``; default
+        a new one, off screen: ``.screenshot("a.png")`` writes it.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or pyvista.Plotter
+
+    Raises
+    ------
+    ModuleNotFoundError
+        The backend is not installed.
+    TypeError, ValueError
+        A wrong argument, named.
+    """
+    if backend not in BACKENDS:
+        raise ValueError(
+            f"backend is {backend!r}, expected one of {', '.join(BACKENDS)}"
+        )
+    if quantity != "status" and quantity not in QUANTITIES:
+        raise ValueError(
+            f"quantity is {quantity!r}, expected one of {', '.join(QUANTITIES)}, status"
+        )
+    if model.dim != 3:
+        raise ValueError("model lies in the plane, expected bodies in space")
+    seen = look(result, step, contacts=model, units=units)
+    draw = _matplotlib if backend == "matplotlib" else _pyvista
+    return draw(model, seen, quantity, bodies, arrows and quantity == "slip", ax)
+
+
+def _values(
+    seen: Contacts, quantity: str
+) -> tuple[Array, str, str | None, tuple[float, float]]:
+    if quantity == "status":
+        return seen.status.astype(float), "status", None, (0.0, 2.0)
+    values, name, unit = values_of(seen, quantity)
+    low, high, _ = span(values, quantity)
+    return values, name, unit, (low, high)
+
+
+def _polygons(model: Model) -> list[Any]:
+    from bipot_rs.contact_surface import contact_surface
+
+    facets = [facet for facet in contact_surface(model) if facet[0] != "vertex"]
+    return [corners_of(*facet)[1] for facet in facets]
+
+
+def _zones(status: Array, parts: list[Any]) -> list[Array]:
+    """Status of each facet: the median of its corners, in the order open, slip, stick."""
+    return [np.median(status[corners], axis=1).round() for corners in parts]
+
+
+def _matplotlib(
+    model: Model, seen: Contacts, quantity: str, bodies: bool, arrows: bool, ax: Any
+) -> Any:
+    from matplotlib.colors import Normalize
+
+    ax = canvas.axes_of(ax, size=(5.4, 4.2), space=True)
+    values, name, unit, (low, high) = _values(seen, quantity)
+    parts = _polygons(model)
+    polygons = [polygon for corners in parts for polygon in model.points[corners]]
+    colours = {"norm": Normalize(low, high)}
+    if quantity == "status":
+        of_facet = _zones(values, parts)
+        colours["cmap"] = canvas.status_colours()["cmap"]
+    else:
+        of_facet = [values[c].mean(axis=1) for c in parts]
+    image = facets_in_space(polygons, np.concatenate(of_facet), ax, **colours)
+    places = model.points
+    if bodies:
+        _outline(model, ax)
+        places = model.nodes
+    if arrows:
+        _slip(model, seen, places, ax)
+    box_in_space(places, ax)
+    if quantity == "status":
+        canvas.legend_above(ax, handles=canvas.status_handles(seen.status))
+    else:
+        _, _, extend = span(values, quantity)
+        canvas.colour_bar(image, ax, name, unit, extend=extend)
+    for axis in "xyz":
+        length = seen.units.get("length")
+        canvas.name_axis(getattr(ax, f"{axis}axis"), axis, length)
+    return ax
+
+
+def _slip(model: Model, seen: Contacts, places: Array, ax: Any) -> None:
+    vectors = seen.vectors(seen.slip)
+    size = np.linalg.norm(vectors, axis=1)
+    largest = float(size.max(initial=0.0))
+    if largest == 0:
+        return
+    moving = np.flatnonzero(size > 1e-3 * largest)
+    moving = moving[:: -(-len(moving) // 150)]
+    longest = 0.12 * np.ptp(places, axis=0).max()
+    ax.quiver(
+        *model.points[moving].T,
+        *(vectors[moving] * longest / largest).T,
+        color=canvas.SHEAR,
+        lw=0.8,
+    )
+
+
+def _outline(model: Model, ax: Any) -> None:
+    """Edges of the bodies where their outside turns."""
+    from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
+        Line3DCollection,
+    )
+
+    lines = model.nodes[sharp_edges(model)]
+    ax.add_collection3d(Line3DCollection(lines, colors=canvas.QUIET, linewidths=0.7))
+
+
+def sharp_edges(model: Model) -> Any:
+    """Edges ``(m, 2)`` of the outside of bodies where it turns by 30 degrees and more."""
+    found = []
+    for facets, _ in skin(model.cells):
+        x = model.nodes[facets]
+        normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        ends = np.stack([facets, np.roll(facets, -1, axis=1)], axis=-1)
+        owner = np.repeat(np.arange(len(facets)), facets.shape[1])
+        edges, which, count = np.unique(
+            np.sort(ends.reshape(-1, 2), axis=1),
+            axis=0,
+            return_inverse=True,
+            return_counts=True,
+        )
+        order = np.argsort(which.ravel(), kind="stable")
+        first = np.cumsum(count) - count
+        # Where more than two facets meet, parts of the body touch along the edge.
+        sharp = count != 2
+        one, other = owner[order[first[~sharp]]], owner[order[first[~sharp] + 1]]
+        sharp[~sharp] = np.sum(normal[one] * normal[other], axis=1) < np.cos(np.pi / 6)
+        found.append(edges[sharp])
+    return np.concatenate(found)
+
+
+def _pyvista(
+    model: Model, seen: Contacts, quantity: str, bodies: bool, arrows: bool, ax: Any
+) -> Any:
+    pv = library("pyvista", extra="viz", need="pictures that turn")
+    plotter = pv.Plotter(off_screen=True, window_size=(1000, 800)) if ax is None else ax
+    values, name, unit, (low, high) = _values(seen, quantity)
+    name = canvas.label(name, unit)
+    parts = _polygons(model)
+    # Of each polygon the number of corners, and the corners.
+    faces = [np.column_stack([np.full(len(c), c.shape[1]), c]).ravel() for c in parts]
+    surface = pv.PolyData(model.points, faces=np.concatenate(faces))
+    look = {"clim": (low, high), "show_edges": True, "lighting": False}
+    if quantity == "status":
+        surface.cell_data[name] = np.concatenate(_zones(values, parts))
+        colours = list(canvas.COLOURS)
+        plotter.add_mesh(
+            surface, scalars=name, cmap=colours, show_scalar_bar=False, **look
+        )
+        handles = canvas.status_handles(seen.status)
+        legend = [[h.get_label(), h.get_facecolor()[:3]] for h in handles]
+        plotter.add_legend(legend, bcolor=None, face="rectangle", size=(0.2, 0.15))
+    else:
+        surface.point_data[name] = values
+        # On the right, where the bodies are not.
+        bar: dict[str, Any] = {
+            "vertical": True,
+            "position_x": 0.86,
+            "position_y": 0.15,
+            "height": 0.7,
+        }
+        bar |= {"fmt": "%.3g", "color": "black", "title": name}
+        plotter.add_mesh(
+            surface, scalars=name, cmap="viridis", scalar_bar_args=bar, **look
+        )
+    if bodies:
+        edges = sharp_edges(model)
+        lines = np.column_stack([np.full(len(edges), 2), edges]).ravel()
+        outline = pv.PolyData(model.nodes, lines=lines)
+        plotter.add_mesh(outline, color=canvas.QUIET, line_width=2)
+    if arrows:
+        vectors = seen.vectors(seen.slip)
+        largest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
+        if largest > 0:
+            longest = 0.12 * np.ptp(model.nodes, axis=0).max()
+            plotter.add_arrows(
+                model.points, vectors, mag=longest / largest, color=canvas.SHEAR
+            )
+    plotter.show_axes()
+    plotter.camera_position = "xz"
+    plotter.camera.azimuth = 30
+    plotter.camera.elevation = 25
+    plotter.camera.zoom(0.8)
+    return plotter

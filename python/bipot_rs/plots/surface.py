@@ -1,0 +1,380 @@
+"""Contact on a plane surface in space: maps of tractions and zones, arrows of slip."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs.check import Array
+from bipot_rs.plots import canvas
+from bipot_rs.plots.line import draw_slip, draw_zones
+from bipot_rs.plots.source import (
+    Contacts,
+    Given,
+    look,
+    selection,
+    steps_of,
+)
+from bipot_rs.result import Result, Status
+
+# What `surface_map` draws: its name, and of what unit.
+QUANTITIES = {
+    "pressure": ("pressure", "stress"),
+    "shear": ("shear traction", "stress"),
+    "slip": ("slip in the step", "length"),
+    "gap": ("gap", "length"),
+}
+# Nodes of one plane, to this part of its width.
+_PLANE = 1e-6
+_PIXELS = 500
+# The part of the nodes whose values the colours span.
+_SPAN = 98
+# Arrows, as many across.
+_ARROWS = 14
+
+
+def surface_map(
+    result: Any,
+    quantity: str = "pressure",
+    *,
+    step: int = -1,
+    arrows: bool | None = None,
+    where: ArrayLike | None = None,
+    contacts: Given | None = None,
+    units: Mapping[str, str] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Map of a plane surface of contact in space, triangulated by its nodes.
+
+    Tractions grow without bound towards an edge: the colours span what 98 nodes of 100
+    have, and an arrow at the colour bar says that others have more.
+
+    Parameters
+    ----------
+    result, step, where, contacts, units, ax
+        As in `tractions`. Of several surfaces, ``where`` chooses one.
+    quantity
+        ``"pressure"``, ``"shear"`` (its size), ``"slip"`` (the size of the step's),
+        ``"gap"`` (what is left of it, zero where bodies touch).
+    arrows
+        Whether arrows show the direction, of shear as it acts on the body that has the
+        contacts; default: of shear and slip, where the frames are known.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named; contacts that do not lie on one plane.
+    """
+    if quantity not in QUANTITIES:
+        raise ValueError(
+            f"quantity is {quantity!r}, expected one of {', '.join(QUANTITIES)}"
+        )
+    seen = look(result, step, contacts=contacts, where=where, units=units)
+    vector = {"shear": seen.traction[:, 1:], "slip": seen.slip}.get(quantity)
+    if arrows is None:
+        arrows = vector is not None and seen.frame is not None
+    return draw_map(seen, quantity, canvas.axes_of(ax), vector if arrows else None)
+
+
+def draw_map(
+    seen: Contacts, quantity: str, ax: Any, vector: Array | None = None
+) -> Any:
+    """`surface_map` on axes that are there."""
+    uv = _plane(seen)
+    values, name, unit = values_of(seen, quantity)
+    low, high, extend = span(values, quantity)
+    if len(uv) < 3 or np.ptp(uv, axis=0).min() == 0:
+        raise ValueError("the contacts lie on a line: tractions draws those")
+    image = ax.tripcolor(
+        _triangles(uv, seen.area),
+        values,
+        shading="gouraud",
+        cmap="viridis",
+        vmin=low,
+        vmax=high,
+    )
+    canvas.colour_bar(image, ax, name, unit, extend=extend)
+    if vector is not None:
+        _arrows(seen, uv, vector, ax, color="white")
+    _finish(seen, uv, ax)
+    return ax
+
+
+def values_of(seen: Contacts, quantity: str) -> tuple[Array, str, str | None]:
+    """What `QUANTITIES` names, ``(n_c,)``, with its name and unit."""
+    name, kind = QUANTITIES[quantity]
+    unit = seen.units.get("length")
+    if kind == "stress":
+        unit = canvas.stress_unit(seen.units)
+        if seen.area is None:
+            name = {"pressure": "normal force", "shear": "friction force"}[quantity]
+            unit = seen.units.get("force")
+    values: dict[str, Array] = {
+        "pressure": seen.traction[:, 0],
+        "shear": np.linalg.norm(seen.traction[:, 1:], axis=1),
+        "slip": np.linalg.norm(seen.slip, axis=1),
+        # Of what touches, the gap is rounding.
+        "gap": np.where(seen.status == Status.OPEN, seen.gap, 0.0),
+    }
+    return values[quantity], name, unit
+
+
+def span(values: Array, quantity: str) -> tuple[float, float, str]:
+    """Least and largest value that have colours, and whether others have more."""
+    low = float(min(values.min(), 0.0)) if quantity == "gap" else 0.0
+    high = float(np.percentile(values, _SPAN))
+    if high <= low:
+        # All the same but a few: those then span the colours.
+        high = float(values.max())
+    if high <= low:
+        return low, low + 1.0, "neither"
+    return low, high, "max" if values.max() > high * (1 + 1e-9) else "neither"
+
+
+def status_map(
+    result: Any,
+    *,
+    step: int | None = None,
+    where: ArrayLike | None = None,
+    contacts: Given | None = None,
+    units: Mapping[str, str] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Where contact is open, slips and sticks.
+
+    In space the plane surface at one step, each place in the colour of the nearest
+    contact; in the plane the contact line over the load path, a row a step.
+
+    Parameters
+    ----------
+    result, where, contacts, units, ax
+        As in `surface_map`.
+    step
+        Which step; default the last one, in the plane all.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    last = -1 if step is None else step
+    seen = look(result, last, contacts=contacts, where=where, units=units)
+    ax = canvas.axes_of(ax)
+    if seen.x.shape[1] == 3:
+        return draw_status(seen, ax)
+    if step is None and isinstance(result, Result):
+        path = steps_of(result)
+        chosen = selection(where, len(path[0].status))
+        return draw_zones(seen, path.status[:, chosen], ax)
+    draw_zones(seen, seen.status[None], ax)
+    ax.set_yticks([])
+    ax.set_ylabel("")
+    return ax
+
+
+def draw_status(seen: Contacts, ax: Any) -> Any:
+    """`status_map` of a surface on axes that are there."""
+    from scipy.spatial import cKDTree
+
+    uv = _plane(seen)
+    low, high = uv.min(axis=0), uv.max(axis=0)
+    step = (high - low).max() / _PIXELS or 1.0
+    # Pixels of a whole number an axis, to the very rim of the surface.
+    count = np.maximum(np.rint((high - low) / step).astype(int), 1)
+    width = np.where(high > low, (high - low) / count, step)
+    u, v = (low[k] + (np.arange(count[k]) + 0.5) * width[k] for k in (0, 1))
+    places = np.stack(np.meshgrid(u, v), axis=-1)
+    distance, nearest = cKDTree(uv).query(places)
+    image = seen.status[nearest].astype(float)
+    # Holes of the surface stay blank: no node is that far from its own area.
+    image[distance > 1.5 * np.sqrt(_areas(uv, seen.area))[nearest]] = np.nan
+    ax.imshow(
+        image,
+        origin="lower",
+        extent=(
+            low[0],
+            low[0] + count[0] * width[0],
+            low[1],
+            low[1] + count[1] * width[1],
+        ),
+        interpolation="nearest",
+        **canvas.status_colours(),
+    )
+    canvas.legend_above(ax, handles=canvas.status_handles(seen.status))
+    _finish(seen, uv, ax)
+    return ax
+
+
+def slip(
+    result: Any,
+    *,
+    step: int = -1,
+    along: ArrayLike | None = None,
+    where: ArrayLike | None = None,
+    contacts: Given | None = None,
+    units: Mapping[str, str] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Slip of a step: along a line in the plane, as arrows on a surface in space.
+
+    Arrows are drawn at about one contact of each of 14 × 14 squares, over the zones,
+    their length as their colour the size of the slip, and only where contact slips.
+
+    Parameters
+    ----------
+    result, step, along, where, contacts, units, ax
+        As in `tractions`; in space ``along`` asks for the line.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    seen = look(result, step, contacts=contacts, where=where, units=units)
+    ax = canvas.axes_of(ax)
+    if seen.x.shape[1] == 2 or along is not None:
+        return draw_slip(seen, along, ax)
+    uv = _plane(seen)
+    size = np.linalg.norm(seen.slip, axis=1)
+    ax.scatter(*uv.T, s=4, color="#c9ced3", lw=0)
+    arrows = _arrows(seen, uv, seen.slip, ax, cmap="viridis", values=size)
+    if arrows is not None:
+        unit = seen.units.get("length")
+        canvas.colour_bar(arrows, ax, "slip in the step", unit)
+    _finish(seen, uv, ax, margin=0.13)
+    return ax
+
+
+def is_plane(seen: Contacts) -> bool:
+    """Whether contacts in space lie on one plane."""
+    off = seen.x - seen.x.mean(axis=0)
+    widths = np.ptp(off @ np.linalg.svd(off, full_matrices=False)[2].T, axis=0)
+    return bool(widths[-1] <= _PLANE * widths[0]) if len(widths) == 3 else True
+
+
+def _plane(seen: Contacts) -> Array:
+    """Coordinates ``(n_c, 2)`` on the plane of the contacts: along t1, t2 of the first."""
+    x = seen.x
+    if x.shape[1] != 3:
+        raise ValueError("the contacts lie in the plane: tractions draws their line")
+    if not is_plane(seen):
+        raise ValueError(
+            "the contacts lie on more than one plane: choose those of one by where=, or "
+            "draw them in space by surface3d"
+        )
+    if seen.frame is not None:
+        return np.asarray(x @ seen.frame[0, 1:].T)
+    # The two coordinates that the plane is seen best along.
+    off = x - x.mean(axis=0)
+    normal = np.linalg.svd(off, full_matrices=False)[2][-1]
+    return np.delete(x, np.argmax(np.abs(normal)), axis=1)
+
+
+def _finish(seen: Contacts, uv: Array, ax: Any, margin: float = 0.0) -> None:
+    unit = seen.units.get("length")
+    around = margin * np.ptp(uv, axis=0).max()
+    low, high = uv.min(axis=0) - around, uv.max(axis=0) + around
+    ax.set_aspect("equal")
+    ax.set_xlim(low[0], high[0])
+    ax.set_ylim(low[1], high[1])
+    names = ["along t1", "along t2"]
+    axes = None if seen.frame is None else _axes_of(seen.frame[0, 1:])
+    if axes is not None:
+        names = ["xyz"[k] for k in axes]
+    canvas.name_axis(ax.xaxis, names[0], unit)
+    canvas.name_axis(ax.yaxis, names[1], unit)
+
+
+def _axes_of(tangents: Array) -> tuple[int, ...] | None:
+    """Coordinate axes that the tangents are, if they are."""
+    at = np.argmax(tangents, axis=1)
+    exact = np.allclose(tangents, np.eye(3)[at], rtol=0, atol=1e-12)
+    return tuple(int(k) for k in at) if exact else None
+
+
+def _arrows(
+    seen: Contacts,
+    uv: Array,
+    vector: Array,
+    ax: Any,
+    *,
+    values: Array | None = None,
+    **look: Any,
+) -> Any:
+    """Arrows of tangential vectors, on a few contacts, the longest as wide as a square."""
+    frame = seen.has_frame
+    size = np.linalg.norm(vector, axis=1)
+    largest = float(size.max(initial=0.0))
+    # Rounding of what sticks has no direction.
+    chosen = _thin(uv, size > 1e-9 * largest, values)
+    if not chosen.size or largest == 0:
+        return None
+    across = np.ptp(uv, axis=0).max() / _ARROWS
+    # In the tangents of the first contact, which are the axes of the map.
+    flat = seen.vectors(vector)[chosen] @ frame[0, 1:].T
+    if values is None:
+        flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
+        scale = 1 / (0.8 * across)
+        colours: tuple[Array, ...] = ()
+    else:
+        scale = largest / (1.6 * across)
+        colours = (values[chosen],)
+        look["clim"] = (0.0, largest)
+    return ax.quiver(
+        *uv[chosen].T,
+        *flat.T,
+        *colours,
+        pivot="mid" if values is None else "tail",
+        angles="xy",
+        scale_units="xy",
+        scale=scale,
+        width=5e-3,
+        **look,
+    )
+
+
+def _areas(uv: Array, area: Array | None) -> Array:
+    """Areas of the nodes, or what one has of the rectangle that holds all."""
+    if area is not None:
+        return area
+    whole = float(np.prod(np.ptp(uv, axis=0)))
+    return np.full(len(uv), 4.0 * whole / len(uv))
+
+
+def _triangles(uv: Array, area: Array | None) -> Any:
+    """Delaunay triangles, without those that bridge a hole of the surface."""
+    from matplotlib.tri import Triangulation
+
+    triangles = Triangulation(*uv.T)
+    corners = triangles.triangles
+    size = np.sqrt(_areas(uv, area))
+    longest = np.zeros(len(corners), dtype=bool)
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        i, j = corners[:, a], corners[:, b]
+        longest |= np.linalg.norm(uv[i] - uv[j], axis=1) > 3 * (size[i] + size[j])
+    triangles.set_mask(longest)
+    return triangles
+
+
+def _thin(
+    uv: Array, wanted: NDArray[np.bool_], values: Array | None
+) -> NDArray[np.intp]:
+    """One contact of those wanted in each of about 14 × 14 squares.
+
+    The one of the largest value; without values the one nearest the middle, whose arrow
+    the frame does not cut.
+    """
+    size = np.ptp(uv, axis=0).max() / _ARROWS or 1.0
+    at = (uv - uv.min(axis=0)) / size
+    count = np.maximum(np.rint(at.max(axis=0)).astype(int), 1)
+    squares = np.minimum(np.floor(at).astype(int), count - 1)
+    last = np.linalg.norm(at - squares - 0.5, axis=1) if values is None else -values
+    nodes = np.flatnonzero(wanted)
+    nodes = nodes[np.argsort(last[nodes], kind="stable")]
+    _, first = np.unique(squares[nodes], axis=0, return_index=True)
+    return nodes[first]

@@ -1,0 +1,219 @@
+"""What ParaView is given: stresses and surfaces that are right, and read back as written."""
+
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bipot_rs import fem, paraview
+from bipot_rs.contact_surface import contact_surface
+from bipot_rs.stress import stress, von_mises
+
+Floats = NDArray[np.float64]
+CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+YOUNG, POISSON = 10.0, 0.3
+
+
+def body(cell: str, *, flat: bool = False, crooked: bool = True) -> fem.Body:
+    """A small body whose inner and outer nodes are moved a little."""
+    dim = 2 if cell in CELLS[:2] else 3
+    mesh = fem.box([np.linspace(0, 1.5, 4), *[np.linspace(0, 1, 3)] * (dim - 1)], cell)
+    if crooked:
+        # A tenth of a cell: none is turned inside out.
+        moved = np.random.default_rng(5).uniform(-0.05, 0.05, mesh.p.shape)
+        mesh = type(mesh)(mesh.p + moved, mesh.t)
+    material = fem.Material(YOUNG, POISSON, plane_stress=flat, thickness=0.5)
+    return fem.Body("it", mesh, material)
+
+
+def hooke(strain: Floats, *, flat: bool) -> Floats:
+    """By compliances and their inverse, with the thickness free or held."""
+    dim = len(strain)
+    whole = np.zeros((3, 3))
+    whole[:dim, :dim] = strain
+    if flat:
+        whole[2, 2] = -POISSON / (1 - POISSON) * np.trace(strain)
+    shear = YOUNG / (2 * (1 + POISSON))
+    bulk = YOUNG / (3 * (1 - 2 * POISSON))
+    deviator = whole - np.trace(whole) / 3 * np.eye(3)
+    return 2 * shear * deviator + bulk * np.trace(whole) * np.eye(3)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize("cell", CELLS)
+def test_stress_of_an_affine_displacement(cell: str, flat: bool) -> None:
+    it = body(cell, flat=flat)
+    gradient = np.random.default_rng(1).normal(size=(it.dim, it.dim))
+    found = stress(it, it.points @ gradient.T + 3.0, space=True)
+    strain = (gradient + gradient.T) / 2
+    exact = hooke(strain, flat=flat and it.dim == 2)
+    # Differences of places of size 2, over cells of 1/2: a few units of rounding.
+    np.testing.assert_allclose(
+        found, np.broadcast_to(exact, found.shape), atol=1e-13 * np.abs(exact).max()
+    )
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_stress_holds_the_forces_of_the_stiffness(cell: str) -> None:
+    """∫ σ dV = Σ f ⊗ x with f = K u, whatever u: stiffness knows nothing of stress."""
+    it = body(cell)
+    u = np.random.default_rng(2).normal(size=it.points.shape)
+    forces = (fem.stiffness(it) @ u.ravel()).reshape(u.shape)
+    volume = it.depth * it.volume().weights.sum(axis=1)
+    found = np.einsum("c,cij->ij", volume, stress(it, u, space=True))[
+        : it.dim, : it.dim
+    ]
+    exact = forces.T @ it.points
+    np.testing.assert_allclose(found, exact, atol=1e-12 * np.abs(exact).max())
+
+
+def test_displacement_of_wrong_shape() -> None:
+    with pytest.raises(ValueError, match=r"displacement has shape \(3,\), expected"):
+        stress(body("triangle"), np.zeros(3))
+
+
+def test_von_mises() -> None:
+    pull = np.diag([-3.0, 0.0, 0.0])
+    shear = np.zeros((3, 3))
+    shear[0, 1] = shear[1, 0] = 2.0
+    every = np.stack([pull, shear, 5 * np.eye(3), pull + 7 * np.eye(3)])
+    exact = [3.0, 2 * np.sqrt(3), 0.0, 3.0]
+    np.testing.assert_allclose(von_mises(every), exact, rtol=1e-14)
+    turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    np.testing.assert_allclose(von_mises(turn @ every @ turn.T), exact, atol=1e-14)
+
+
+def pressed(cell: str) -> tuple[fem.Model, Any]:
+    """Two blocks, one on the other on a floor, pressed and dragged in two steps."""
+    dim = 2 if cell in CELLS[:2] else 3
+    sides = [np.linspace(0, 1, 4)] * (dim - 1)
+    up, down = (
+        fem.box([*sides, height], cell) for height in ([0, 0.5, 1], [-1, -0.5, 0])
+    )
+    material = fem.Material(YOUNG, POISSON)
+    model = fem.build(
+        [fem.Body("low", down, material), fem.Body("high", up, material)],
+        [
+            fem.Contact("high", "bottom", mu=0.4, against=("low", "top")),
+            fem.Contact(
+                "low", "bottom", 0.6, ([0.0] * (dim - 1) + [-1], np.eye(dim)[-1])
+            ),
+        ],
+        [fem.Support("high", "top", range(dim))],
+    )
+    down_by = [0.0] * (dim - 1) + [-0.05]
+    moved = np.array([model.prescribed([[0.02 * k, *down_by[1:]]]) for k in (0, 1)])
+    return model, model.problem().solve(prescribed=moved)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_surface_of_contact(cell: str) -> None:
+    model, _ = pressed(cell)
+    ((kind, corners),) = contact_surface(model)
+    assert (
+        kind
+        == dict(zip(CELLS, ("line", "line", "triangle", "quad"), strict=True))[cell]
+    )
+    x = model.points[corners]
+    if model.dim == 2:
+        size = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
+    else:
+        normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 1])
+        # Outwards, where the normals of contact point inwards.
+        assert (np.sum(normal * model.frame[corners[:, 0], 0], axis=1) < 0).all()
+        # Facets are parallelograms or halves of them: corners out of order have none.
+        size = np.linalg.norm(normal, axis=1) / (2 if kind == "triangle" else 1)
+    # Both surfaces are 1 wide, and no facet of one has a corner on the other.
+    assert size.sum() == pytest.approx(2.0, rel=1e-14)
+    assert (np.ptp(model.group[corners], axis=1) == 0).all()
+
+
+def test_contacts_on_no_facet_are_points() -> None:
+    mesh = fem.box([np.linspace(0, 1, 5), [0, 1]], "quadrilateral")
+    it = fem.Body("it", mesh, fem.Material(YOUNG, POISSON))
+    part = fem.Contact("it", "bottom", 0.3, ([0, 0], [0, 1]), within={0: (0.2, 0.55)})
+    one = fem.Contact("it", "top", 0.3, ([0, 1], [0, -1]), within={0: (0.9, 1.0)})
+    model = fem.build([it], [part, one], [fem.Support("it", "left", [0, 1])])
+    assert len(model.points) == 3
+    (line, ends), (vertex, alone) = contact_surface(model)
+    assert (line, vertex) == ("line", "vertex")
+    np.testing.assert_array_equal(np.sort(ends), [[0, 1]])
+    np.testing.assert_array_equal(alone, [[2]])
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_files_read_back(cell: str, tmp_path: Path) -> None:
+    model, result = pressed(cell)
+    paraview.write(tmp_path / "a.pvd", model, result)
+    names = {p.name for p in tmp_path.iterdir()}
+    series = {f"a{part}_000{k}.vtu" for part in ("", "_contact") for k in (0, 1)}
+    assert names == {"a.pvd", "a_contact.pvd"} | series
+    d = model.dim
+    for k, step in enumerate(result):
+        whole = meshio.read(tmp_path / f"a_000{k}.vtu")
+        stress = np.concatenate(whole.cell_data["stress"])
+        xx, yy, zz, xy, yz, xz = stress.T
+        mises = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+        mises = np.sqrt(mises / 2 + 3 * (xy**2 + yz**2 + xz**2))
+        np.testing.assert_allclose(
+            np.concatenate(whole.cell_data["von_mises"]), mises, rtol=1e-12
+        )
+        u = whole.point_data["displacement"][:, :d].ravel()
+        np.testing.assert_array_equal(u, step.displacement)
+
+        part = meshio.read(tmp_path / f"a_contact_000{k}.vtu")
+        np.testing.assert_array_equal(part.points[:, :d], model.points)
+        told = {name: np.asarray(v) for name, v in part.point_data.items()}
+        normal = told["normal"][:, :d]
+        np.testing.assert_array_equal(told["status"], step.status)
+        # B of the model and the fields are two ways to the same numbers.
+        left = step.relative_displacement[:, 0]
+        np.testing.assert_array_equal(told["gap"], left)
+        v = (model.B @ step.displacement).reshape(-1, d)
+        # All may stick and stay closed: rounding is that of u.
+        size = np.abs(step.displacement).max()
+        np.testing.assert_allclose(left, v[:, 0] + model.gap, atol=1e-12 * size)
+        if k:
+            before = (model.B @ result[0].displacement).reshape(-1, d)
+            slip = np.einsum("cdk,ck->cd", model.frame[:, 1:], told["slip"][:, :d])
+            np.testing.assert_allclose(slip, (v - before)[:, 1:], atol=1e-12 * size)
+        np.testing.assert_allclose(np.sum(told["slip"][:, :d] * normal, axis=1), 0)
+        pressure = np.sum(told["traction"][:, :d] * normal, axis=1)
+        np.testing.assert_allclose(told["pressure"], pressure, rtol=1e-12)
+        np.testing.assert_allclose(
+            told["reaction"].sum(axis=0)[:d], result.resultant[k], rtol=1e-12
+        )
+        np.testing.assert_allclose(
+            told["displacement"][:, :d],
+            step.displacement[model.contact_dofs[:, 0, None] + np.arange(d)],
+        )
+
+
+def test_stress_balances_the_pressure_of_contact() -> None:
+    """Bodies stacked on each other: -∫ σ_zz dV over a block is its height times the force."""
+    model, result = pressed("hexahedron")
+    step = result[0]
+    fields = paraview.cell_fields(model, step.displacement)
+    (_, low), (_, high) = model.cells
+    volume = 1.0 / len(low)
+    force = step.reaction[model.group == 0, 0].sum()
+    zz = fields["stress"][:, 2]
+    # Both blocks are 1 high and carry no other vertical load; in the upper one the
+    # support is as far from its middle as the contact is.
+    assert -zz[: len(low)].sum() * volume == pytest.approx(force, rel=1e-9)
+    assert -zz[len(low) :].sum() * volume == pytest.approx(force, rel=1e-9)
+    assert len(zz) == len(low) + len(high)
+
+
+def test_result_writes_forces_in_global_components(tmp_path: Path) -> None:
+    model, result = pressed("quadrilateral")
+    result.write(tmp_path / "x.pvd")
+    points = meshio.read(tmp_path / "x_0001.vtu").point_data
+    np.testing.assert_allclose(
+        points["force"].sum(axis=0)[:2], result.resultant[1], rtol=1e-12
+    )
+    np.testing.assert_array_equal(points["reaction"][:, :2], result[1].reaction)
+    assert len(points["status"]) == len(model.points)

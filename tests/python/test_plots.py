@@ -1,0 +1,649 @@
+"""Pictures show the numbers of the result, in units, and can be read."""
+
+import doctest
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import bipot_rs as bp
+from bipot_rs import fem, plots, scene
+from bipot_rs.contact_surface import contact_surface
+from bipot_rs.plots import canvas
+from bipot_rs.plots.skin import skin
+from bipot_rs.plots.space import sharp_edges
+from bipot_rs.stress import stress, von_mises
+from layout import overlaps
+
+UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
+
+
+def solved(name: str, *settings: str) -> tuple[fem.Model, bp.Result]:
+    read = scene.read(name, settings)
+    case = scene.assemble(read, scene.bodies(read))
+    result = case.model.problem().solve(case.load, case.prescribed)
+    result.units = read.units.model_dump()
+    return case.model, result
+
+
+@pytest.fixture(scope="module")
+def line() -> tuple[fem.Model, bp.Result]:
+    return solved("cattaneo_mindlin", "mesh.n=4")
+
+
+@pytest.fixture(scope="module")
+def cube() -> tuple[fem.Model, bp.Result]:
+    return solved("sheared_cube", "mesh.n=7")
+
+
+@pytest.fixture(scope="module")
+def cycle() -> tuple[fem.Model, bp.Result]:
+    return solved("cyclic_cube", "mesh.n=3", "support.0.x.value=0.07")
+
+
+def drawn_lines(ax: Any) -> dict[str, Any]:
+    return {it.get_label(): np.stack(it.get_data(), axis=-1) for it in ax.get_lines()}
+
+
+def arrows_of(ax: Any) -> Any:
+    from matplotlib.quiver import Quiver
+
+    (found,) = (it for it in ax.collections if isinstance(it, Quiver))
+    return found
+
+
+def test_examples_of_the_docstrings() -> None:
+    assert doctest.testmod(canvas).failed == 0
+    assert doctest.testmod(canvas).attempted
+
+
+def test_tractions_are_those_of_the_result(line: Any) -> None:
+    model, result = line
+    ax = plots.tractions(result)
+    assert ax.get_xlabel() == "place [mm]"
+    assert ax.get_ylabel() == "traction [MPa]"
+    order = np.argsort(model.points[:, 0])
+    traction = result.traction[-1][order]
+    found = drawn_lines(ax)
+    np.testing.assert_array_equal(found["pressure"][:, 0], model.points[order, 0])
+    np.testing.assert_array_equal(found["pressure"][:, 1], traction[:, 0])
+    np.testing.assert_array_equal(found["shear"][:, 1], traction[:, 1])
+    np.testing.assert_array_equal(found["±μ × pressure"][:, 1], 0.3 * traction[:, 0])
+    (strip,) = (c for c in ax.collections if c.get_array() is not None)
+    np.testing.assert_array_equal(strip.get_array(), result.status[-1][order])
+    texts = [t.get_text() for t in ax.get_legend().get_texts()]
+    assert f"slip ({int(np.sum(result.status[-1] == 1))})" in texts
+    # Above what is drawn, as the strip is below.
+    low = min(traction.min(), -0.3 * traction[:, 0].max())
+    bottom, top = ax.get_ylim()
+    assert (low - bottom) / (top - bottom) > 0.04
+
+
+def test_an_earlier_step_and_a_part(line: Any) -> None:
+    model, result = line
+    right = model.points[:, 0] > 0
+    ax = plots.tractions(result, step=0, where=right)
+    np.testing.assert_array_equal(
+        drawn_lines(ax)["pressure"][:, 1], result.traction[0][right][:, 0]
+    )
+    again = plots.tractions(result[0], where=np.flatnonzero(right), contacts=model)
+    np.testing.assert_array_equal(
+        drawn_lines(again)["pressure"], drawn_lines(ax)["pressure"]
+    )
+    # A step does not know its units.
+    assert again.get_ylabel() == "traction"
+
+
+def test_a_curve_is_drawn_by_its_length() -> None:
+    angle = np.random.default_rng(0).permutation(np.linspace(0.2, 2.4, 30))
+    x = 3.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    frame = fem.frames(-x)
+    n = len(x)
+    K, B = np.eye(2 * n), np.eye(2 * n)
+    load = np.tile([-1.0, 0.0], n) * np.repeat(1 + angle, 2)
+    result = bp.solve(K, B, load, gap=np.zeros(n), mu=0.3, points=x, frame=frame)
+    ax = plots.tractions(result, units=UNITS)
+    assert ax.get_xlabel() == "length along the contact [mm]"
+    # Without areas these are forces.
+    assert ax.get_ylabel() == "contact force [N]"
+    place, force = drawn_lines(ax)["normal"].T
+    # Chords of 29 equal parts of an arc, from either end.
+    chord = 6.0 * np.sin(2.2 / 29 / 2)
+    np.testing.assert_allclose(place, chord * np.arange(30), rtol=1e-12)
+    in_order = np.sort(result.reaction[-1, :, 0])
+    np.testing.assert_array_equal(np.sort(force), in_order)
+    assert (np.diff(force) > 0).all() or (np.diff(force) < 0).all()
+
+
+def test_a_line_on_a_surface(cube: Any) -> None:
+    model, result = cube
+    middle = np.isclose(model.points[:, 1], np.unique(model.points[:, 1])[3])
+    ax = plots.tractions(result, along=[2.0, 0, 0], where=middle)
+    order = np.flatnonzero(middle)[np.argsort(model.points[middle, 0])]
+    shear = np.einsum("ck,ckd->cd", result.traction[-1][:, 1:], model.frame[:, 1:])
+    np.testing.assert_allclose(drawn_lines(ax)["shear"][:, 1], shear[order, 0])
+    with pytest.raises(ValueError, match="along is missing"):
+        plots.tractions(result)
+
+
+def test_friction_by_direction_has_its_own_limit() -> None:
+    """Along t1 the limit is the first coefficient, along t2 the second."""
+    x = np.stack([np.arange(4.0), np.arange(4.0), np.zeros(4)], axis=1)
+    frame = fem.frames(np.tile([0.0, 0, 1], (4, 1)))
+    K, B = np.eye(12), np.eye(12)
+    load, mu = np.tile([-2.0, 0.1, 0.1], 4), np.tile([0.2, 0.6], (4, 1))
+    result = bp.solve(K, B, load, gap=np.zeros(4), mu=mu, points=x, frame=frame)
+    for k, axis in ((0, [1.0, 0, 0]), (1, [0, 1.0, 0])):
+        ax = plots.tractions(result, along=axis)
+        limit = drawn_lines(ax)["±μ × pressure"][:, 1]
+        np.testing.assert_allclose(limit, 2.0 * mu[0, k], rtol=1e-9)
+
+
+def test_slip_along_a_line(line: Any) -> None:
+    model, result = line
+    ax = plots.slip(result)
+    order = np.argsort(model.points[:, 0])
+    v = ax.get_lines()[0].get_ydata()
+    np.testing.assert_array_equal(v, result.slip[-1][order, 0])
+    # A power of 1000 stands with the unit, and ticks are numbers of that.
+    assert ax.get_ylabel() == "slip in the step [10⁻⁶ mm]"
+    assert ax.yaxis.get_major_formatter()(-2e-4) == "−200"
+
+
+def test_zones_over_the_path(line: Any) -> None:
+    model, result = line
+    order = np.argsort(model.points[:, 0])
+    ax = plots.status_map(result)
+    np.testing.assert_array_equal(
+        ax.collections[0].get_array().reshape(len(result), -1), result.status[:, order]
+    )
+    assert ax.get_ylabel() == "load step"
+    one = plots.status_map(result, step=0)
+    np.testing.assert_array_equal(
+        np.ravel(one.collections[0].get_array()), result.status[0][order]
+    )
+
+
+@pytest.mark.parametrize("quantity", ["pressure", "shear", "slip", "gap"])
+def test_maps_are_those_of_the_result(cube: Any, quantity: str) -> None:
+    model, result = cube
+    last = result[-1]
+    size = np.linalg.norm
+    exact = {
+        "pressure": (last.traction[:, 0], "pressure [MPa]"),
+        "shear": (size(last.traction[:, 1:], axis=1), "shear traction [MPa]"),
+        "slip": (size(last.slip, axis=1), "slip in the step [10"),
+        "gap": (np.where(last.status == 0, last.relative_displacement[:, 0], 0), "gap"),
+    }
+    ax = plots.surface_map(result, quantity, arrows=False)
+    (image,) = ax.collections
+    np.testing.assert_array_equal(image.get_array(), exact[quantity][0])
+    assert ax.get_xlabel() == "x [mm]"
+    (bar,) = ax.child_axes
+    assert bar.get_ylabel().startswith(exact[quantity][1])
+    # Every place of the square surface is in one triangle.
+    triangles = image._triangulation.get_masked_triangles()
+    x, y = model.points[triangles][..., :2].transpose(2, 0, 1)
+    cross = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0])
+    cross -= (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
+    assert np.abs(cross).sum() / 2 == pytest.approx(100.0**2, rel=1e-12)
+
+
+def test_arrows_of_shear_point_as_it_acts(cube: Any) -> None:
+    model, result = cube
+    arrows = arrows_of(plots.surface_map(result, "shear"))
+    shear = np.einsum("ck,ckd->cd", result[-1].traction[:, 1:], model.frame[:, 1:])
+    for place, u, v in zip(arrows.XY, arrows.U, arrows.V, strict=True):
+        at = np.argmin(np.linalg.norm(model.points[:, :2] - place, axis=1))
+        direction = shear[at, :2] / np.linalg.norm(shear[at])
+        np.testing.assert_allclose([u, v], direction, rtol=1e-9, atol=1e-12)
+
+
+def test_arrows_of_slip_are_as_long_as_it(cube: Any) -> None:
+    model, result = cube
+    ax = plots.slip(result)
+    arrows = arrows_of(ax)
+    slip = np.einsum("ck,ckd->cd", result[-1].slip, model.frame[:, 1:])
+    size = np.linalg.norm(slip, axis=1)
+    # The largest of all is drawn, and has the end of the colours.
+    assert arrows.get_array().max() == size.max() == arrows.get_clim()[1]
+    for place, u, v, c in zip(
+        arrows.XY, arrows.U, arrows.V, arrows.get_array(), strict=True
+    ):
+        at = np.argmin(np.linalg.norm(model.points[:, :2] - place, axis=1))
+        np.testing.assert_allclose([u, v], slip[at, :2], rtol=1e-9)
+        assert c == size[at]
+
+
+def test_zones_of_a_surface_are_those_of_the_nearest_node(cube: Any) -> None:
+    model, result = cube
+    (image,) = plots.status_map(result).images
+    shown = np.asarray(image.get_array())
+    left, right, low, high = image.get_extent()
+    assert (left, low) == (0.0, 0.0)
+    assert (right, high) == pytest.approx((100.0, 100.0), rel=1e-12)
+    rows, columns = shown.shape
+    for k, (x, y, _) in enumerate(model.points):
+        column = min(int(x / 100 * columns), columns - 1)
+        row = min(int(y / 100 * rows), rows - 1)
+        assert shown[row, column] == result.status[-1][k]
+
+
+@pytest.mark.parametrize("near", [None, 0.5])
+def test_bodies_are_deformed(line: Any, near: float | None) -> None:
+    model, result = line
+    ax = plots.deformed(model, result, scale=3.0, near=near)
+    from matplotlib.collections import PolyCollection
+
+    (cells,) = (c for c in ax.collections if type(c) is PolyCollection)
+    u = result[-1].displacement
+    places = model.nodes + 3.0 * u.reshape(-1, 2)
+    corners = np.concatenate([c for _, c in model.cells])
+    for path, cell in zip(cells.get_paths(), corners, strict=True):
+        np.testing.assert_array_equal(path.vertices[:4], places[cell])
+    half = model.offset[1]
+    upper = von_mises(stress(model.bodies[0], u[:half], space=True))
+    np.testing.assert_array_equal(cells.get_array()[: len(upper)], upper)
+    assert ax.get_title("left") == "displacements × 3"
+    # Arrows end at nodes of contact and add up to a part of what contact carries.
+    arrows = arrows_of(ax)
+    tips = places[model.contact_dofs[:, 0] // 2]
+    for place in arrows.XY:
+        assert np.linalg.norm(tips - place, axis=1).min() == 0
+    assert (arrows.V > 0).all()
+    assert ax.get_aspect() == 1
+
+
+def test_bodies_in_space_show_their_outside(cube: Any) -> None:
+    model, result = cube
+    ax = plots.deformed(model, result)
+    assert ax.name == "3d"
+    (facets,) = (
+        c
+        for c in ax.collections
+        if hasattr(c, "set_verts") and c.get_array() is not None
+    )
+    assert len(facets.get_array()) == 6 * 7**2
+    assert ax.get_title("left").startswith("displacements × ")
+
+
+def test_skin_and_edges_of_a_box() -> None:
+    for cell, per_side in (("hexahedron", 1), ("tetrahedron", 2)):
+        mesh = fem.box([[0, 1, 2, 3], [0, 1, 2], [0, 1]], cell)
+        body = fem.Body("it", mesh, fem.Material(1.0, 0.3))
+        held = [fem.Support("it", "bottom", [0, 1, 2])]
+        model = fem.build([body, replace(body, name="other")], [], held)
+        parts = skin(model.cells)
+        for facets, cells in parts:
+            assert len(facets) == per_side * 2 * (6 + 3 + 2)
+            for facet, cell_of in zip(facets, cells, strict=True):
+                both = np.concatenate([c for _, c in model.cells])
+                assert set(facet) <= set(both[cell_of])
+            # Around each facet, seen from outside, against the clock: ∫ x·n dA = 3 V.
+            x = model.nodes[facets]
+            flux = 0.0
+            for k in range(1, facets.shape[1] - 1):
+                normal = np.cross(x[:, k] - x[:, 0], x[:, k + 1] - x[:, 0]) / 2
+                flux += np.sum(normal * x[:, 0])
+            assert flux == pytest.approx(3 * 6.0)
+        edges = model.nodes[sharp_edges(model)]
+        length = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).sum()
+        # Twelve edges of each of the two boxes, not the diagonals of their facets.
+        assert length == pytest.approx(2 * 4 * (3 + 2 + 1))
+
+
+def test_resultants_and_shares(cycle: Any) -> None:
+    _, result = cycle
+    found = drawn_lines(plots.resultants(result))
+    total = result.resultant
+    np.testing.assert_allclose(found["normal"][:, 1], total[:, 2], rtol=1e-12)
+    size = np.abs(total).max()
+    np.testing.assert_allclose(found["tangential"][:, 1], total[:, 0], atol=1e-6 * size)
+    ax = plots.status_shares(result)
+    heights = np.array([bar.get_height() for bar in ax.patches]).reshape(3, -1)
+    for k, row in zip((2, 1, 0), heights, strict=True):
+        np.testing.assert_allclose(row, np.mean(result.status == k, axis=1))
+
+
+def loop_area(points: Any) -> float:
+    x, y = np.asarray(points).T
+    return float(np.sum(y * (np.roll(x, -1) - np.roll(x, 1))) / 2)
+
+
+def test_the_loop_has_the_area_of_what_is_lost() -> None:
+    """A block on a rod, to and fro: a parallelogram, whose area friction takes."""
+    k, N, mu, far = 100.0, 7.0, 0.3, 1.0
+    K = np.array([[1.0, 0, 0], [0, k, -k], [0, -k, k]])
+    stretch = mu * N / k
+    # Steps at its corners, where sliding begins and ends.
+    delta = np.array([far, far - 2 * stretch, -far, -far + 2 * stretch, far])
+    loads = np.tile([-N, 0.0, 0.0], (5, 1))
+    result = bp.solve(
+        K, np.eye(3)[:2], loads, delta[:, None], gap=[0.0], mu=mu, fixed=[2], tol=1e-13
+    )
+    ax = plots.force_displacement(result, delta, units=UNITS)
+    drawn = drawn_lines(ax)["force"]
+    exact = 4 * mu * N * (far - stretch)
+    # Without frames a force along the tangent is one of its component.
+    assert abs(loop_area(drawn[1:])) == pytest.approx(exact, rel=1e-10)
+    assert result.dissipation[1:].sum() == pytest.approx(exact, rel=1e-10)
+    # It drives the block: upwards where the block is drawn up.
+    assert drawn[0, 1] == pytest.approx(mu * N)
+    np.testing.assert_allclose(drawn_lines(ax)["±Σ μ × normal"][:, 1], mu * N)
+    assert ax.get_xlabel() == "displacement [mm]"
+    lost = plots.dissipation(result, units=UNITS)
+    np.testing.assert_allclose(
+        drawn_lines(lost)["in all"][:, 1], np.cumsum(result.dissipation)
+    )
+    assert lost.get_ylabel() == "work of friction [N·mm]"
+
+
+def test_the_loop_of_the_contact_itself(cycle: Any) -> None:
+    model, result = cycle
+    drawn = drawn_lines(plots.force_displacement(result))["force"]
+    v = np.einsum("sck,ckd->scd", result.relative_displacement, model.frame)
+    np.testing.assert_allclose(drawn[:, 0], v.mean(axis=1)[:, 0], rtol=1e-6, atol=1e-9)
+    size = np.abs(result.resultant).max()
+    np.testing.assert_allclose(drawn[:, 1], -result.resultant[:, 0], atol=1e-6 * size)
+
+
+def test_convergence(cycle: Any) -> None:
+    _, result = cycle
+    one = plots.convergence(result[1])
+    found = drawn_lines(one)
+    np.testing.assert_array_equal(found["residual"], result[1].history)
+    assert found["held to"][0, 1] == result[1].tolerance
+    assert one.get_yscale() == "log"
+    every = drawn_lines(plots.convergence(result))
+    np.testing.assert_array_equal(every["step 3"], result[2].history)
+    np.testing.assert_array_equal(
+        drawn_lines(plots.convergence(result, step=2))["residual"], result[2].history
+    )
+    with pytest.raises(ValueError, match="history is empty"):
+        plots.convergence(replace(result[0], history=np.empty((0, 2))))
+
+
+def test_a_solution_of_the_reactions_alone() -> None:
+    problem = bp.ReducedProblem(np.eye(6), [[-1.0, 0.8]] * 3, 0.3)
+    solution = problem.solve()
+    assert plots.convergence(solution).get_ylabel() == "residual η"
+    x = np.array([[0.0, 0], [1, 0], [2, 0]])
+    ax = plots.slip(solution, contacts={"x": x})
+    np.testing.assert_array_equal(
+        ax.get_lines()[0].get_ydata(), solution.relative_displacement[:, 1]
+    )
+
+
+@pytest.mark.parametrize("quantity", ["pressure", "status"])
+def test_surface_in_space(cube: Any, quantity: str) -> None:
+    model, result = cube
+    ax = plots.surface3d(model, result, quantity)
+    ((_, corners),) = contact_surface(model)
+    facets = next(c for c in ax.collections if c.get_array() is not None)
+    last = result[-1]
+    values = (
+        last.traction[:, 0] if quantity == "pressure" else last.status.astype(float)
+    )
+    assert len(facets.get_array()) == len(corners) == 49
+    if quantity == "pressure":
+        np.testing.assert_allclose(facets.get_array(), values[corners].mean(axis=1))
+    else:
+        assert set(facets.get_array()) <= set(values)
+
+
+class Camera:
+    """What is looked through."""
+
+    def zoom(self, by: float) -> None:
+        self.near = by
+
+
+class Recorder:
+    """A plotter that keeps what it is told."""
+
+    def __init__(self, **look: Any) -> None:
+        self.look, self.meshes, self.arrows = look, [], []
+        self.camera = Camera()
+
+    def add_mesh(self, mesh: Any, **look: Any) -> None:
+        self.meshes.append((mesh, look))
+
+    def add_arrows(self, *what: Any, **look: Any) -> None:
+        self.arrows.append((what, look))
+
+    def add_legend(self, *what: Any, **look: Any) -> None:
+        self.legend = what, look
+
+    def show_axes(self) -> None:
+        """Nothing to keep."""
+
+
+class Data:
+    """A mesh of PyVista, as far as it is filled."""
+
+    def __init__(self, points: Any, faces: Any = None, lines: Any = None) -> None:
+        self.points, self.faces, self.lines = points, faces, lines
+        self.point_data: dict[str, Any] = {}
+        self.cell_data: dict[str, Any] = {}
+
+
+def test_pyvista_is_given_the_surface(
+    cube: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a module in its place: the real one is half a gigabyte."""
+    model, result = cube
+    module: Any = ModuleType("pyvista")
+    module.Plotter, module.PolyData = Recorder, Data
+    monkeypatch.setitem(sys.modules, "pyvista", module)
+    plotter = plots.surface3d(model, result, "slip", backend="pyvista")
+    assert plotter.look["off_screen"]
+    (surface, look), (outline, _) = plotter.meshes
+    ((_, corners),) = contact_surface(model)
+    faces = surface.faces.reshape(-1, 5)
+    assert (faces[:, 0] == 4).all()
+    np.testing.assert_array_equal(faces[:, 1:], corners)
+    size = np.linalg.norm(result[-1].slip, axis=1)
+    np.testing.assert_array_equal(surface.point_data[look["scalars"]], size)
+    assert look["scalars"] == "slip in the step [mm]"
+    assert len(outline.lines) == 3 * 12 * 7
+    (((places, vectors), _),) = plotter.arrows
+    np.testing.assert_array_equal(places, model.points)
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), size)
+    zones = plots.surface3d(model, result, "status", backend="pyvista", bodies=False)
+    ((surface, look),) = zones.meshes
+    assert set(surface.cell_data["status"]) <= {0.0, 1.0, 2.0}
+    assert len(surface.cell_data["status"]) == len(corners)
+
+
+def test_pyvista_itself(cube: Any, tmp_path: Path) -> None:
+    pytest.importorskip("pyvista", reason="PyVista is not installed")
+    plotter = plots.surface3d(*cube, backend="pyvista")
+    assert np.ptp(plotter.screenshot(tmp_path / "a.png")) > 100
+    plotter.close()
+
+
+def test_what_is_not_installed_is_said(
+    cube: Any, line: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(ModuleNotFoundError, match=r"need pyvista.*extra viz"):
+        plots.surface3d(*cube, backend="pyvista")
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(ModuleNotFoundError, match=r"need matplotlib.*extra cli"):
+        plots.tractions(line[1])
+
+
+# Function, scene, whether it takes the model, and further arguments.
+PICTURES: dict[str, tuple[Callable[..., Any], str, bool, dict[str, Any]]] = {
+    "tractions": (plots.tractions, "line", False, {}),
+    "slip": (plots.slip, "line", False, {}),
+    "zones": (plots.status_map, "line", False, {}),
+    "pressure": (plots.surface_map, "cube", False, {}),
+    "shear": (plots.surface_map, "cube", False, {"quantity": "shear"}),
+    "slip of a surface": (plots.slip, "cube", False, {}),
+    "status": (plots.status_map, "cube", False, {}),
+    "deformed": (plots.deformed, "line", True, {}),
+    "deformed, near": (plots.deformed, "line", True, {"near": 0.3}),
+    "deformed in space": (plots.deformed, "cube", True, {}),
+    "surface": (plots.surface3d, "cube", True, {}),
+    "status in space": (plots.surface3d, "cube", True, {"quantity": "status"}),
+    "resultants": (plots.resultants, "cycle", False, {}),
+    "shares": (plots.status_shares, "cycle", False, {}),
+    "loop": (plots.force_displacement, "cycle", False, {}),
+    "dissipation": (plots.dissipation, "cycle", False, {}),
+    "convergence": (plots.convergence, "line", False, {}),
+    "convergence of many": (plots.convergence, "cycle", False, {}),
+}
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_nothing_lies_over_anything(
+    name: str, line: Any, cube: Any, cycle: Any
+) -> None:
+    draw, of, bodies, more = PICTURES[name]
+    model, result = {"line": line, "cube": cube, "cycle": cycle}[of]
+    ax = draw(model, result, **more) if bodies else draw(result, **more)
+    assert overlaps(ax.figure) == []
+
+
+def test_every_picture_is_looked_at() -> None:
+    drawn = {draw.__name__ for draw, *_ in PICTURES.values()}
+    assert drawn == set(plots.__all__)
+
+
+def test_large_and_small_numbers_can_be_read(line: Any) -> None:
+    """In pascals and metres, as in meganewtons and kilometres."""
+    _, result = line
+    for factor in (1e-9, 1e6):
+        steps = [
+            replace(s, reaction=factor * s.reaction, traction=factor * s.traction)
+            for s in result
+        ]
+        contacts = result.contacts | {"x": factor * np.asarray(result.contacts["x"])}
+        other = bp.Result(
+            steps, contacts=contacts, shape=result._shape, success=True, message=""
+        )
+        for picture in (plots.tractions, plots.resultants, plots.slip):
+            assert overlaps(picture(other, units=UNITS).figure) == []
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-5, 2e4])
+def test_bodies_in_space_of_any_size_can_be_read(size: float) -> None:
+    grid = np.linspace(0, size, 3)
+    body = fem.Body("it", fem.box([grid] * 3, "hexahedron"), fem.Material(10.0, 0.3))
+    floor = fem.Contact("it", "bottom", 0.3, ([0, 0, 0], [0, 0, 1]))
+    model = fem.build([body], [floor], [fem.Support("it", "top", [0, 1, 2])])
+    down = model.prescribed([[0.01 * size, 0.0, -0.05 * size]])
+    result = model.problem().solve(prescribed=down)
+    result.units = UNITS
+    for picture in (plots.deformed, plots.surface3d):
+        assert overlaps(picture(model, result).figure) == []
+
+
+def test_overlaps_are_seen() -> None:
+    figure = Figure()
+    ax = figure.add_subplot()
+    ax.plot([0, 1], [0, 1], label="it")
+    ax.legend(loc="center")
+    ax.text(0.5, 0.1, "one")
+    ax.text(0.5, 0.1, "other")
+    ax.set_title("far\n" * 20)
+    found = overlaps(figure)
+    assert "legend over 'it'" in found
+    assert "'one' over 'other'" in found
+    assert any(said.endswith("beyond the rim") for said in found)
+
+
+def test_axes_that_are_given_are_used(line: Any, cube: Any) -> None:
+    left, right = Figure().subplots(1, 2)
+    assert plots.tractions(line[1], ax=left) is left
+    assert plots.surface_map(cube[1], ax=right) is right
+    with pytest.raises(TypeError, match="ax is a int, expected axes"):
+        plots.tractions(line[1], ax=1)
+    with pytest.raises(TypeError, match="expected axes with projection"):
+        plots.surface3d(*cube, ax=left)
+
+
+def test_no_state_is_left() -> None:
+    code = (
+        "import sys, bipot_rs as bp; early = 'bipot_rs.plots' in sys.modules; "
+        "import numpy as np; "
+        "r = bp.solve(np.eye(4), np.eye(4), [-1.0, 0.1, -1, 0.1], gap=[0, 0], mu=0.3, "
+        "points=[[0, 0], [1, 0]]); bp.plots.tractions(r); import matplotlib; "
+        "print(early, 'matplotlib.pyplot' in sys.modules, 'skfem' in sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert run.stdout.split() == ["False"] * 3
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "said"),
+    [
+        (lambda _: plots.tractions(3), TypeError, "result is a int"),
+        (
+            lambda r: plots.tractions(r, step=9),
+            ValueError,
+            "step is 9, expected one of",
+        ),
+        (lambda r: plots.tractions(r[0]), ValueError, "places of the contacts"),
+        (lambda r: plots.tractions(r, where=[99]), ValueError, "where names contacts"),
+        (lambda r: plots.tractions(r, where=[]), TypeError, "where has entries"),
+        (
+            lambda r: plots.tractions(r, where=[True]),
+            ValueError,
+            r"where has shape \(1",
+        ),
+        (lambda r: plots.tractions(r, contacts=1), TypeError, "contacts is a int"),
+        (lambda r: plots.tractions(r, units="mm"), TypeError, "units is a str"),
+        (lambda r: plots.tractions(r, along=[0.0, 0]), ValueError, "along is zero"),
+        (lambda r: plots.surface_map(r), ValueError, "lie in the plane: tractions"),
+        (lambda r: plots.surface_map(r, "heat"), ValueError, "quantity is 'heat'"),
+        (
+            lambda r: plots.force_displacement(r, [1.0]),
+            ValueError,
+            r"displacement has shape \(1,\)",
+        ),
+        (lambda r: plots.resultants(r[0]), TypeError, "result is a Step"),
+    ],
+)
+def test_wrong_arguments_are_named(
+    line: Any, call: Callable[[Any], Any], error: type[Exception], said: str
+) -> None:
+    with pytest.raises(error, match=said):
+        call(line[1])
+
+
+def test_wrong_bodies_are_named(line: Any, cube: Any) -> None:
+    with pytest.raises(ValueError, match="result has displacements of shape"):
+        plots.deformed(cube[0], line[1])
+    with pytest.raises(ValueError, match="scale is 0"):
+        plots.deformed(*line, scale=0)
+    with pytest.raises(ValueError, match="lies in the plane, expected bodies"):
+        plots.surface3d(*line)
+    with pytest.raises(ValueError, match="backend is 'gl'"):
+        plots.surface3d(*cube, backend="gl")
+    two = np.random.default_rng(0).uniform(size=(64, 3))
+    known = {"x": two, "frame": cube[0].frame}
+    with pytest.raises(ValueError, match="more than one plane"):
+        plots.surface_map(cube[1], contacts=known)
+
+
+def test_units_are_kept_in_the_file(line: Any, tmp_path: Path) -> None:
+    _, result = line
+    result.save(tmp_path / "a.h5")
+    again = bp.load(tmp_path / "a.h5")
+    assert again.units == UNITS
+    assert plots.tractions(again).get_ylabel() == "traction [MPa]"
+    assert plots.status_map(again).get_xlabel() == "place [mm]"

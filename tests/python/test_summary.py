@@ -1,0 +1,226 @@
+"""What is told of problems and answers: right, short, harmless in HTML, and cheap."""
+
+import doctest
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from bipot_rs import analytic, summary
+
+# Two contacts in the plane, one pressed and dragged beyond friction, one pulled off.
+PULL = np.array([-2.0, 1.5, 1.0, 0.0])
+
+
+def two(**more: Any) -> bp.ContactProblem:
+    return bp.ContactProblem(np.eye(4), np.eye(4), gap=[0.0, 0.0], mu=0.5, **more)
+
+
+def rows(told: str) -> dict[str, str]:
+    """Names and texts of the lines below the title."""
+    lines = [re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in told.split("\n")]
+    return dict(lines[1:])
+
+
+def test_examples_of_the_docstrings() -> None:
+    failed, tried = doctest.testmod(summary)
+    assert (failed, tried > 8) == (0, True)
+
+
+def test_a_result_in_six_lines() -> None:
+    result = two().solve(PULL)
+    told = str(result)
+    assert told.splitlines()[0] == "Result: 1 step converged"
+    assert len(told.splitlines()) == 6
+    said = rows(told)
+    assert (
+        said["contacts"]
+        == "2 contacts in the plane, at the end 1 open, 1 slip, 0 stick"
+    )
+    # Pressed by 2, so friction is 0.5 * 2.
+    assert "normal ones sum to 2, friction to 1 (50 %)" in said["forces"]
+    # The rest of the load stretches the unit spring by 1.5 - 1: times friction, 0.5.
+    assert said["path"] == "friction dissipated 0.5 in all"
+    assert said["residual"].endswith("held to 1e-10")
+    assert "condense" in said["cost"]
+
+
+def test_a_step_tells_what_has_been_asked() -> None:
+    step = two().solve(PULL)[0]
+    assert str(step).startswith("Step: converged in ")
+    assert len(str(step).splitlines()) == 6
+    assert "see .unique" in str(step)
+    assert "forward error" not in str(step)
+    assert step.unique == "proved"
+    assert step.error_estimate is not None
+    assert rows(str(step))["answer"] == "the only one, proved"
+    assert "forward error" in rows(str(step))["residual"]
+
+
+def test_what_did_not_converge_says_so() -> None:
+    W = np.array([[2.0, 0.9], [0.9, 1.0]])
+    solution = bp.ReducedProblem(W, [[-1.0, 1.2]], 0.5).solve(
+        "uzawa", max_iterations=1, tol=1e-14
+    )
+    assert not solution.converged
+    assert str(solution).startswith("Solution: iteration_limit after 1 iteration\n")
+    assert rows(str(solution))["answer"].startswith("none")
+
+
+def test_a_problem_in_six_lines() -> None:
+    problem = two(fixed=[3])
+    assert repr(problem) == (
+        "ContactProblem(4 degrees of freedom, 2 contacts in the plane)"
+    )
+    told = str(problem)
+    assert len(told.splitlines()) == 6
+    said = rows(told)
+    assert "1 prescribed" in said["bodies"]
+    assert said["gap"] == "0"
+    assert said["friction"] == "mu = 0.5"
+    entries = problem.stats["nnz_factor"]
+    assert re.search(rf"\({entries} entr", said["memory"])
+
+
+def test_bodies_that_contact_alone_holds_are_told() -> None:
+    # One mass on one spring to nothing: free to move along both axes of its contact.
+    K = sparse.csr_array((2, 2))
+    problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=0.5)
+    assert problem.stats["rigid_motions"] == 2
+    assert "2 rigid motions that contact alone must hold" in str(problem)
+
+
+def test_a_reduced_problem() -> None:
+    dense = bp.ReducedProblem(np.eye(4), [[-1.0, 0.0], [2.0, 0.0]], [0.0, 0.3])
+    assert repr(dense) == "ReducedProblem(2 contacts in the plane)"
+    said = rows(str(dense))
+    assert said["W"] == "4 x 4, dense, 128 B"
+    assert said["q"] == "from -1 to 2, negative at 1 contact"
+    assert said["friction"] == "mu from 0 to 0.3, 1 contact without friction"
+    assert said["rigid motions"].startswith("none")
+    kept = bp.ReducedProblem(
+        sparse.csr_array(np.eye(3)),
+        [[-1.0, 0, 0]],
+        0.3,
+        rigid=(np.eye(3)[:, :1], [0.0]),
+    )
+    assert rows(str(kept))["W"] == "3 x 3, sparse, 3 entries"
+    assert rows(str(kept))["rigid motions"].startswith("1 motion ")
+
+
+def test_html_says_the_same_and_escapes() -> None:
+    problem = two()
+    result = problem.solve(PULL)
+    for it in (problem, result, result[0], problem.reduced(PULL)):
+        plain, table = str(it), it._repr_html_()
+        assert table.count("<tr>") == len(plain.splitlines()) - 1
+        assert plain.splitlines()[0] in table
+    result.message = "<script>alert(1)</script> & more"
+    assert "<script>" not in result._repr_html_()
+    assert "&lt;script&gt;alert(1)&lt;/script&gt; &amp; more" in result._repr_html_()
+
+
+def test_no_steps_are_told_too() -> None:
+    K, B = np.eye(2), np.eye(2)
+    with pytest.raises(bp.NoEquilibriumError) as failed:
+        bp.solve(K, B, prescribed=[-1.0], gap=[0.0], mu=0.1, fixed=[0])
+    told = str(failed.value.result)
+    assert told.startswith("Result: step 0: contact 0 penetrates")
+    assert "1 contact in the plane" in told
+
+
+def test_nothing_is_computed_to_be_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No recovery, no uniqueness, no diagnosis, no error."""
+    problem = two()
+    result = problem.solve(PULL)
+    reduced = problem.reduced(PULL)
+
+    def never(*_: object) -> None:
+        raise AssertionError("asked")
+
+    step = result[0]
+    for name in ("unique", "error_estimate", "error", "diagnosis"):
+        monkeypatch.setattr(type(step._problem), name, never)
+    monkeypatch.setattr(type(step._recover), "__call__", never)
+    for it in (problem, result, step, reduced):
+        assert str(it)
+        assert repr(it)
+        assert it._repr_html_()
+    assert not step._kept
+    assert not step._known
+
+
+def test_dissipation_of_a_sliding_block() -> None:
+    """A rigid block pressed by N and drawn along by δ loses μ N δ."""
+    N, mu, delta = 7.0, 0.3, np.array([0.0, 0.4, 1.0, -0.5])
+    # Its normal freedom on a spring, the tangential one prescribed by a stiff rod that
+    # has slipped by N mu / k less than its end.
+    k = 100.0
+    K = np.array([[1.0, 0, 0], [0, k, -k], [0, -k, k]])
+    B = np.eye(3)[:2]
+    loads = np.tile([-N, 0.0, 0.0], (4, 1))
+    path = bp.solve(K, B, loads, delta[:, None], gap=[0.0], mu=mu, fixed=[2])
+    # The block is where the end of the rod is, less the stretch while it slides.
+    stretch = mu * N / k
+    block = np.array([0.0, 0.4 - stretch, 1.0 - stretch, -0.5 + stretch])
+    lost = mu * N * np.abs(np.diff(block, prepend=0.0))
+    # The residual, 1e-10, of forces that friction turns into work over a path of 1.
+    np.testing.assert_allclose(path.dissipation, lost, atol=1e-9 * mu * N)
+    np.testing.assert_allclose([s.dissipation for s in path], path.dissipation, rtol=0)
+
+
+def test_dissipation_of_a_bar_in_a_cycle() -> None:
+    """A chain pulled to and fro on a rough foundation, its closed form, every cycle."""
+    n, stiffness, limit, peak, mu = 20, 1000.0, 50.0, 30.0, 0.3
+    chain = sparse.diags([-1.0, [2.0] * (n - 1) + [1.0], -1.0], [-1, 0, 1], (n, n))
+    K = sparse.kron(chain, np.diag([0.0, 1.0])) * stiffness * n
+    K = K + sparse.kron(sparse.identity(n), np.diag([100.0, 0.0]))
+    press = np.append(np.full(n - 1, 1.0), 0.5) * limit / n / mu
+    loads = np.zeros((21, 2 * n))
+    loads[:, ::2] = -press
+    loads[:, -1] = peak * np.sin(np.pi / 2 * np.arange(21)).round()
+    result = bp.solve(
+        K, sparse.identity(2 * n), loads, gap=np.zeros(n), mu=mu, tol=1e-13
+    )
+    # From peak to peak: steps 2 to 5, 6 to 9, ...
+    cycles = result.dissipation[2:-3].reshape(-1, 4).sum(axis=1)
+    exact = analytic.bar_cycle_dissipation(peak, stiffness, limit, element=1 / n)
+    # η = 1e-13 a node of 20, over a path that slips to and fro.
+    np.testing.assert_allclose(cycles, exact, rtol=1e-10)
+
+
+def test_resultant_in_global_components() -> None:
+    """Frames of either side of a wedge: forces add up as vectors to the load."""
+    angle = np.array([0.6, -0.6])
+    n = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    frame = np.stack([n, np.stack([n[:, 1], -n[:, 0]], axis=1)], axis=1)
+    # One node on both sides, a weak spring: what the spring takes is small.
+    K, B = 1e-9 * np.eye(2), frame.reshape(4, 2)
+    load = np.array([0.1, -1.0])
+    result = bp.solve(K, B, load, gap=np.zeros(2), mu=0.0, frame=frame)
+    np.testing.assert_allclose(result.resultant, [-load], atol=1e-8)
+    groups = result.resultants(np.array([1, 0]))
+    assert groups.shape == (1, 2, 2)
+    np.testing.assert_allclose(groups.sum(axis=1), result.resultant, rtol=1e-12)
+    # Without friction each side pushes along its own normal.
+    np.testing.assert_allclose(
+        groups[0, 1], result.reaction[0, 0, 0] * n[0], rtol=1e-12
+    )
+
+
+def test_resultant_without_frames_adds_components() -> None:
+    result = two().solve(PULL)
+    np.testing.assert_allclose(result.resultant, [[2.0, -1.0]], atol=1e-9)
+
+
+def test_resultants_of_wrong_groups() -> None:
+    result = two().solve(PULL)
+    with pytest.raises(TypeError, match="group has entries of type float64"):
+        result.resultants(np.zeros(2))
+    with pytest.raises(ValueError, match=r"group has shape \(3,\), expected \(2,\)"):
+        result.resultants(np.zeros(3, int))
+    with pytest.raises(ValueError, match="group of contact 1 is -1"):
+        result.resultants(np.array([0, -1]))
