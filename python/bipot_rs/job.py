@@ -16,6 +16,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TextIO
 
+from bipot_rs import _core
 from bipot_rs.interrupts import Interrupts
 from bipot_rs.words import counted
 
@@ -84,6 +85,8 @@ class Job:
         """
         # An import that is torn apart leaves half a module behind.
         self.interrupts.hold()
+        # Arrays come and go; memory that went back to the system is touched anew.
+        _core.keep_heap()
         self.folder = folder
         try:
             from bipot_rs.export import require
