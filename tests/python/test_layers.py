@@ -28,7 +28,7 @@ RUST = (
 # Within a folder likewise; those named together do not know each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "binary exact signs small union",
+        "binary exact pages signs small union",
         "blocks csc",
         "gmres least_squares packed",
         "dense nonnegative ordering quotient",
@@ -46,7 +46,7 @@ RUST_SIBLINGS = {
         "face frozen",
     ),
     "problem": (
-        "border memory null_space sparse stats stretch",
+        "border memory null_space patterns sparse stats stretch",
         "island",
         "compliance",
         "reduced",
@@ -69,7 +69,7 @@ RUST_SIBLINGS = {
         "solution",
     ),
     "python": (
-        "errors arrays interrupt",
+        "errors arrays heap interrupt",
         "solver",
         "problem",
         "several",
@@ -83,7 +83,7 @@ RUST_NAMES = {
     "metis_sys": ("linalg/ordering.rs",),
     "pyo3": ("python/",),
     "numpy": ("python/",),
-    "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
+    "unsafe": ("linalg/ordering.rs", "linalg/dense.rs", "linalg/pages.rs"),
 }
 PYTHON = (
     "_core early interrupts shipped vtu words",
