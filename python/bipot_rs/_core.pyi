@@ -213,6 +213,9 @@ def follow(
     that ended it.
     """
 
+def keep_heap() -> None:
+    """Keeps memory that is freed: for a process that is all ours."""
+
 def forward_errors(
     problem: Reduced,
     reaction: _Floats,

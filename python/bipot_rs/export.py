@@ -27,6 +27,9 @@ _SCALAR_DATASETS = ("residual", "load")
 # The last line of a file; HDF5 does not look behind its own end.
 _SEAL = b"\nbipot-seal "
 _SEAL_BYTES = len(_SEAL) + 2 * 16 + 1
+# Results up to this many bytes are made in memory and written in one piece: HDF5
+# calls Python back for each of the hundreds of pieces that it writes of a small file.
+_IN_MEMORY = 2**25
 # Deflate packs no tighter than 1032 to 1: an array that claims more is damaged.
 _TIGHTEST = 1100
 
@@ -34,6 +37,7 @@ _TIGHTEST = 1100
 def require() -> None:
     """Import what files need: better missing before a long solve than after it."""
     library("h5py")
+    import_module("bipot_rs.vtu")
 
 
 def library(name: str, *, extra: str = "io", need: str = "files") -> Any:
@@ -84,27 +88,39 @@ def write_result(
     h5py = library("h5py")
 
     digits = max(4, len(str(max(len(steps) - 1, 0))))
+
+    def fill(file: Any) -> None:
+        file.attrs.update(dict(attributes or {}))
+        file.attrs.update(format=FORMAT, version=VERSION, complete=bool(complete))
+        file.attrs["sealed"] = True
+        group = file.create_group("contacts")
+        for name, array in contacts.items():
+            if array is not None:
+                _store(group, name, array)
+        group = file.create_group("steps")
+        for number, step in enumerate(steps):
+            one = group.create_group(f"{number:0{digits}d}")
+            for name, value in step.items():
+                if value is None:
+                    continue
+                if np.ndim(value) > 0 or name in _SCALAR_DATASETS:
+                    _store(one, name, value)
+                else:
+                    one.attrs[name] = value
+
+    arrays = [contacts.values(), *(step.values() for step in steps)]
+    held = sum(getattr(value, "nbytes", 0) for some in arrays for value in some)
     # HDF5 writes through Python's file: with one of its own, a full disk leaves it
     # unable to close what it cannot write, and it brings the process down.
     with aside(path) as draft, draft.open("w+b") as raw:
-        with h5py.File(raw, "w") as file:
-            file.attrs.update(dict(attributes or {}))
-            file.attrs.update(format=FORMAT, version=VERSION, complete=bool(complete))
-            file.attrs["sealed"] = True
-            group = file.create_group("contacts")
-            for name, array in contacts.items():
-                if array is not None:
-                    group[name] = array
-            group = file.create_group("steps")
-            for number, step in enumerate(steps):
-                one = group.create_group(f"{number:0{digits}d}")
-                for name, value in step.items():
-                    if value is None:
-                        continue
-                    if np.ndim(value) > 0 or name in _SCALAR_DATASETS:
-                        one[name] = value
-                    else:
-                        one.attrs[name] = value
+        if held <= _IN_MEMORY:
+            with h5py.File(draft.name, "w", driver="core", backing_store=False) as file:
+                fill(file)
+                file.flush()
+                raw.write(file.id.get_file_image())
+        else:
+            with h5py.File(raw, "w") as file:
+                fill(file)
         size = raw.seek(0, os.SEEK_END)
         seal = _SEAL + _digest(raw, size) + b"\n"
         raw.seek(size)
@@ -260,6 +276,20 @@ def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
             draft.replace(target)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _store(group: Any, name: str, value: Any) -> None:
+    """Make a dataset; numbers without what h5py's own way adds of choices and looks."""
+    array = np.asarray(value, order="C")
+    if array.dtype.kind not in "fiub":
+        group[name] = value
+        return
+    h5d, h5s, h5t = (library(f"h5py.{part}") for part in ("h5d", "h5s", "h5t"))
+    space = h5s.create_simple(array.shape) if array.ndim else h5s.create(h5s.SCALAR)
+    kind = h5t.py_create(array.dtype, logical=True)
+    made = h5d.create(group.id, name.encode(), kind, space)
+    if array.size:
+        made.write(h5s.ALL, h5s.ALL, array)
 
 
 def _three(array: NDArray[Any]) -> NDArray[Any]:

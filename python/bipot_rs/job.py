@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from bipot_rs import run_files
+from bipot_rs import _core, run_files
 from bipot_rs.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
 from bipot_rs.folder import RESULT, draft_in, replace
 from bipot_rs.folder import told as files_of
@@ -81,6 +81,8 @@ class Job:
         """
         # An import that is torn apart leaves half a module behind.
         self.interrupts.hold()
+        # Arrays come and go; memory that went back to the system is touched anew.
+        _core.keep_heap()
         self.folder = folder
         try:
             from bipot_rs import forecast

@@ -313,6 +313,8 @@ def gaps_of_steps(found: Sequence[Meeting], dim: int) -> Floats | None:
 
 def relative_displacement(found: Sequence[Meeting], n: int) -> Any:
     """B of (2), contact after contact."""
+    if not found:
+        return sparse.csr_array((0, n))
     own = [
         _of_nodes(one.frame, one.dofs, n) if one.rows is None else one.rows
         for one in found

@@ -172,63 +172,6 @@ fn tiles(
     }
 }
 
-/// A vector of zeros that the system may back with large pages: memory touched
-/// for the first time costs a fault a page, a second a gigabyte with small ones.
-pub(crate) fn zeros(len: usize) -> Vec<f64> {
-    /// Below this, large pages have nothing to gain.
-    #[cfg(target_os = "linux")]
-    const LARGE: usize = 1 << 22;
-    let values = vec![0.0; len];
-    #[cfg(target_os = "linux")]
-    if std::mem::size_of_val(values.as_slice()) >= LARGE {
-        let page = 1 << 21;
-        let begin = values.as_ptr().addr();
-        let inner = begin.next_multiple_of(page);
-        let end = begin + std::mem::size_of_val(values.as_slice());
-        let start = values.as_ptr().cast::<u8>().wrapping_add(inner - begin);
-        // SAFETY: the range lies inside the allocation, and the advice changes
-        // neither its contents nor who may use it. Refusal does no harm.
-        unsafe {
-            libc::madvise(
-                start.cast_mut().cast(),
-                (end - inner) / page * page,
-                libc::MADV_HUGEPAGE,
-            );
-        }
-    }
-    values
-}
-
-/// Frees a vector, and its pages at once: the allocator would keep those of
-/// vectors below some 32 MB, in pieces that the next, larger one does not fit.
-/// Small ones it may keep: to touch their like anew costs more than they hold.
-pub(crate) fn release(values: Vec<f64>) {
-    #[cfg(not(target_os = "linux"))]
-    drop(values);
-    #[cfg(target_os = "linux")]
-    {
-        const LARGE: usize = 1 << 22;
-        let mut values = values;
-        let page = 1 << 12;
-        let begin = values.as_mut_ptr().addr();
-        let inner = begin.next_multiple_of(page);
-        let end = begin + size_of_val(values.as_slice());
-        if inner + LARGE <= end {
-            let start = values.as_mut_ptr().cast::<u8>().wrapping_add(inner - begin);
-            // SAFETY: the range lies inside the allocation, which is ours alone
-            // and never read again; it holds numbers, and zeros are numbers.
-            // Refusal, as where pages are larger, does no harm.
-            unsafe {
-                libc::madvise(
-                    start.cast(),
-                    (end - inner) / page * page,
-                    libc::MADV_DONTNEED,
-                );
-            }
-        }
-    }
-}
-
 /// Cholesky factor of a symmetric positive definite matrix, in place: the lower
 /// triangle of `a` is read, and becomes `L`; the strict upper one is zeroed.
 ///

@@ -16,6 +16,7 @@ pub mod multifrontal;
 pub mod nonnegative;
 mod ordering;
 mod packed;
+pub mod pages;
 mod quotient;
 pub mod reach;
 pub mod signs;

@@ -15,8 +15,9 @@ use std::sync::{Arc, Mutex};
 
 use crate::error::Error;
 use crate::linalg::csc::{Symmetric, narrow};
-use crate::linalg::dense::{factor_panel, mirror_upper, rank_update, release, zeros};
+use crate::linalg::dense::{factor_panel, mirror_upper, rank_update};
 use crate::linalg::packed::{Packed, Run, add_to_panel, add_to_update, segments};
+use crate::linalg::pages::{release, zeros};
 use crate::linalg::sweep::{Columns, Forward};
 use crate::linalg::symbolic::{Front, Symbolic, Task};
 use crate::linalg::walk::{inner, lock, upwards};

@@ -5,8 +5,8 @@
 //! they form the root of the tree, whose matrix is the Schur complement.
 
 use std::borrow::Cow;
-use std::ops::Range;
-use std::sync::Mutex;
+use std::ops::{Deref, Range};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -19,8 +19,12 @@ use crate::linalg::quotient::Quotient;
 use crate::linalg::tree::{Tree, flops_of};
 
 /// Work of a subtree that one thread does alone [flop]: some milliseconds, far
-/// above the cost of handing it out.
-const LEAF_FLOPS: f64 = 2e8;
+/// above the cost of handing it out. Where all there is is little more than that,
+/// a part of it, but no less than what is worth handing out.
+const LEAF_FLOPS: std::ops::RangeInclusive<f64> = 1e7..=2e8;
+
+/// Subtrees that a small tree is cut into, about.
+const PARTS: f64 = 16.0;
 
 /// Work a node up to which METIS is not asked where coordinates have given an order
 /// [flop]: it takes some 10 µs a node, and half of so much work takes no longer.
@@ -118,9 +122,28 @@ pub(crate) struct Task {
     pub(crate) panel: usize,
 }
 
-/// The analysis of one pattern: good for every matrix that has it.
+/// The analysis of one pattern, with memory for its factors.
 #[derive(Debug)]
 pub struct Symbolic {
+    plan: Arc<Plan>,
+    counts: Counts,
+    /// Memory of a factor of this pattern that is gone, for the next one: fresh
+    /// memory costs a second a gigabyte when it is first touched.
+    spare: Mutex<Vec<f64>>,
+}
+
+impl Deref for Symbolic {
+    type Target = Plan;
+
+    fn deref(&self) -> &Plan {
+        &self.plan
+    }
+}
+
+/// Who is eliminated when, and what goes where: good for every matrix of the
+/// pattern, and for several problems at once.
+#[derive(Debug)]
+pub struct Plan {
     pub(crate) n: usize,
     /// Eliminated unknowns; those from here on, in elimination numbering, are
     /// kept, in the order the caller gave.
@@ -144,10 +167,6 @@ pub struct Symbolic {
     pub(crate) stack: usize,
     pub(crate) stack_dropped: usize,
     fingerprints: Vec<u64>,
-    counts: Counts,
-    /// Memory of a factor of this pattern that is gone, for the next one: fresh
-    /// memory costs a second a gigabyte when it is first touched.
-    spare: Mutex<Vec<f64>>,
 }
 
 impl Symbolic {
@@ -203,7 +222,7 @@ impl Symbolic {
             .iter()
             .map(|f| f.np * f.nf() - f.np * (f.np - 1) / 2)
             .sum();
-        Ok(Self {
+        let plan = Plan {
             n,
             interior: n - m,
             old,
@@ -218,6 +237,9 @@ impl Symbolic {
             stack: tasks.peak,
             stack_dropped: tasks.peak_dropped,
             fingerprints: (0..n).into_par_iter().map(|j| fingerprint(k, j)).collect(),
+        };
+        Ok(Self {
+            plan: Arc::new(plan),
             counts: Counts {
                 n,
                 kept: m,
@@ -242,6 +264,22 @@ impl Symbolic {
         &self.counts
     }
 
+    /// The same analysis for another problem, which has memory of its own and spends
+    /// no time on it.
+    #[must_use]
+    pub fn for_another(&self) -> Self {
+        let counts = Counts {
+            seconds_order: 0.0,
+            seconds_symbolic: 0.0,
+            ..self.counts.clone()
+        };
+        Self {
+            plan: Arc::clone(&self.plan),
+            counts,
+            spare: Mutex::default(),
+        }
+    }
+
     /// Bytes held for the next factor of this pattern, which
     /// [`Counts::bytes_peak`] counts among what it takes.
     #[must_use]
@@ -263,7 +301,9 @@ impl Symbolic {
             *spare = panels;
         }
     }
+}
 
+impl Plan {
     /// Order of S.
     #[must_use]
     pub fn kept(&self) -> usize {
@@ -372,20 +412,24 @@ fn check_coordinates(at: &[[f64; 3]], n: usize) -> Result<(), Error> {
 struct Pattern<'a> {
     col_ptr: Cow<'a, [usize]>,
     row_idx: Cow<'a, [usize]>,
+    /// Where K is whole, of each entry above the diagonal the place of its partner
+    /// below: a search in every column would take longer than all else of the analysis.
+    partner: Option<Vec<u32>>,
 }
 
 impl<'a> Pattern<'a> {
-    fn is_whole(&self) -> bool {
-        matches!(self.col_ptr, Cow::Borrowed(_))
-    }
-
     fn of(k: &Symmetric<'a>) -> Self {
         let mut whole = true;
-        k.pairs(|_, _, lower, upper| whole &= lower.is_some() && upper.is_some());
+        let mut partner = vec![0; k.values().len()];
+        k.pairs(|_, _, lower, upper| match (lower, upper) {
+            (Some(lower), Some(upper)) => partner[upper] = narrow(lower),
+            _ => whole = false,
+        });
         if whole {
             return Self {
                 col_ptr: Cow::Borrowed(k.col_ptr()),
                 row_idx: Cow::Borrowed(k.row_idx()),
+                partner: Some(partner),
             };
         }
         let mut columns: Vec<Vec<usize>> = (0..k.n()).map(|j| vec![j]).collect();
@@ -403,6 +447,7 @@ impl<'a> Pattern<'a> {
         Self {
             col_ptr: Cow::Owned(col_ptr),
             row_idx: Cow::Owned(row_idx),
+            partner: None,
         }
     }
 }
@@ -573,7 +618,7 @@ impl<'a> Layout<'a> {
     /// lower triangle is taken, whichever of the two unknowns comes first.
     fn place_entries(&mut self, k: &Symmetric, pattern: &Pattern) -> Vec<(u32, u32)> {
         let count = |p: usize| {
-            if pattern.is_whole() {
+            if pattern.partner.is_some() {
                 let j = self.old[p] as usize;
                 let rows = &pattern.row_idx[pattern.col_ptr[j]..pattern.col_ptr[j + 1]];
                 rows.iter().filter(|&&i| self.new[i] as usize >= p).count()
@@ -618,17 +663,16 @@ impl<'a> Layout<'a> {
         pattern: &'p Pattern,
         p: usize,
     ) -> impl Iterator<Item = (usize, usize)> + 'p {
-        let whole = pattern.is_whole();
         let j = self.old[p] as usize;
         (pattern.col_ptr[j]..pattern.col_ptr[j + 1]).filter_map(move |at| {
             let i = pattern.row_idx[at];
             if (self.new[i] as usize) < p {
                 return None;
             }
-            let value = match (whole, i >= j) {
-                (true, true) => Some(at),
-                (_, false) => k.position(j, i),
-                (false, true) => k.position(i, j),
+            let value = match &pattern.partner {
+                Some(_) if i >= j => Some(at),
+                Some(partner) => Some(partner[at] as usize),
+                None => k.position(i.max(j), i.min(j)),
             };
             value.map(|value| (i, value))
         })
@@ -685,6 +729,9 @@ impl Tasks {
                 first[parent] = first[parent].min(first[f]);
             }
         }
+        let roots = (0..fronts.len()).filter(|&f| fronts[f].parent.is_none());
+        let whole: f64 = roots.map(|f| work[f]).sum();
+        let leaf = (whole / PARTS).clamp(*LEAF_FLOPS.start(), *LEAF_FLOPS.end());
         let mut this = Self {
             list: Vec::new(),
             children: Vec::new(),
@@ -707,12 +754,12 @@ impl Tasks {
                 // Climb while the subtree is small.
                 let mut top = at;
                 while let Some(up) = fronts[top].parent {
-                    if work[up] > LEAF_FLOPS || first[up] != at {
+                    if work[up] > leaf || first[up] != at {
                         break;
                     }
                     top = up;
                 }
-                if work[top] > LEAF_FLOPS || first[top] != at || sum + work[top] > LEAF_FLOPS {
+                if work[top] > leaf || first[top] != at || sum + work[top] > leaf {
                     break (end > f).then(|| fronts[end - 1].parent);
                 }
                 let parent = fronts[top].parent;

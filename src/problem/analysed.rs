@@ -14,6 +14,7 @@ use crate::linalg::small::{dot_long, norm};
 use crate::linalg::symbolic::{Counts, Options, Symbolic};
 use crate::problem::body::{Body, DIGITS};
 use crate::problem::null_space::{null_space, start_value};
+use crate::problem::patterns::Asked;
 use crate::problem::sparse::Owned;
 
 /// Below this, relative to the diagonal of `K`, an eigenvalue of `S` is zero if a
@@ -36,12 +37,14 @@ pub struct Analysed {
     kept: Vec<usize>,
     places: Option<Vec<[f64; 3]>>,
     symbolic: Arc<Symbolic>,
+    /// Whether it had to be ordered: no analysis of its pattern was at hand.
+    ordered: bool,
 }
 
 impl Analysed {
     /// Orders and counts; the analysis of the same body with other values is used
-    /// again. `kept` are local numbers, `places` those of the degrees of freedom in
-    /// space, where they are known.
+    /// again, or else the one `known` of its pattern. `kept` are local numbers, `places`
+    /// those of the degrees of freedom in space, where they are known.
     ///
     /// # Errors
     /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
@@ -51,16 +54,22 @@ impl Analysed {
         kept: Vec<usize>,
         places: Option<Vec<[f64; 3]>>,
         before: Option<&Body>,
+        known: Option<Arc<Symbolic>>,
     ) -> Result<Self, Error> {
         let stiffest = stiffness.values.iter().fold(0.0_f64, |m, a| m.max(a.abs()));
         let unit = times_two_to(1.0, -exponent(stiffest).clamp(-1000, 1000));
         stiffness.values.iter_mut().for_each(|a| *a *= unit);
-        let view = stiffness.view()?;
+        let view = stiffness.view();
         let same = |body: &&Body| {
             body.dofs == dofs && body.kept == kept && body.symbolic.check_pattern(&view).is_ok()
         };
-        let symbolic = match before.filter(same) {
-            Some(body) => Arc::clone(&body.symbolic),
+        let known = match before.filter(same) {
+            Some(body) => Some(Arc::clone(&body.symbolic)),
+            None => known,
+        };
+        let ordered = known.is_none();
+        let symbolic = match known {
+            Some(symbolic) => symbolic,
             None => Arc::new(analyse(&view, &kept, places.as_deref())?),
         };
         Ok(Self {
@@ -70,7 +79,20 @@ impl Analysed {
             kept,
             places,
             symbolic,
+            ordered,
         })
+    }
+
+    /// Keeps an analysis that was made here for other problems of its pattern.
+    pub fn share(&self) {
+        if self.ordered {
+            let asked = Asked {
+                matrix: self.stiffness.view(),
+                kept: &self.kept,
+                places: self.places.as_deref(),
+            };
+            asked.keep(&self.symbolic);
+        }
     }
 
     /// The same body with other unknowns kept.
@@ -79,7 +101,7 @@ impl Analysed {
     /// As [`Analysed::new`].
     pub fn again(body: &Body, kept: Vec<usize>) -> Result<Self, Error> {
         let stiffness = body.stiffness.clone();
-        let symbolic = analyse(&stiffness.view()?, &kept, body.places.as_deref())?;
+        let symbolic = analyse(&stiffness.view(), &kept, body.places.as_deref())?;
         Ok(Self {
             dofs: body.dofs.clone(),
             symbolic: Arc::new(symbolic),
@@ -87,6 +109,7 @@ impl Analysed {
             places: body.places.clone(),
             stiffness,
             kept,
+            ordered: true,
         })
     }
 
@@ -137,7 +160,7 @@ impl Analysed {
             // Answers will be mended with K itself, by the factor.
             return undo(body).condense(dimension, None, stop);
         }
-        let view = self.stiffness.view()?;
+        let view = self.stiffness.view();
         let mut factor = Factor::new(Arc::clone(&self.symbolic), &view, stop)
             .map_err(|e| renumber(e, &self.dofs))?;
         let diagonal = view.diagonal();
@@ -167,7 +190,7 @@ impl Analysed {
         loads: &[Vec<f64>],
         stop: &AtomicBool,
     ) -> Result<Option<(Supported, Vec<Vec<f64>>, Instant)>, Error> {
-        let view = self.stiffness.view()?;
+        let view = self.stiffness.view();
         let scaled = |force: &Vec<f64>| -> Vec<f64> {
             self.dofs.iter().map(|&i| self.unit * force[i]).collect()
         };
@@ -288,6 +311,7 @@ impl Analysed {
             place,
             places: self.places,
             symbolic: self.symbolic,
+            ordered: self.ordered,
             factor,
             known,
             cholesky: s.cholesky,
@@ -331,6 +355,7 @@ fn undo(body: Body) -> Analysed {
         kept: body.kept,
         places: body.places,
         symbolic: body.symbolic,
+        ordered: body.ordered,
     }
 }
 

@@ -310,6 +310,7 @@ impl Bodies {
         stats.seconds_factor = self.seconds[0];
         stats.seconds_compliance = self.seconds[1];
         stats.bodies = self.list.len();
+        stats.orderings = self.list.iter().filter(|body| body.ordered()).count();
         let most = |of: fn(&Body) -> f64| self.list.iter().map(of).fold(0.0, f64::max);
         stats.cond_s = most(Body::condition);
         stats.amplification = most(Body::amplification);

@@ -36,6 +36,8 @@ pub struct Body {
     /// Where its degrees of freedom are in space, where that is known.
     pub(super) places: Option<Vec<[f64; 3]>>,
     pub(super) symbolic: Arc<Symbolic>,
+    /// Whether it had to be ordered.
+    pub(super) ordered: bool,
     /// Dropped where all loads were known beforehand.
     pub(super) factor: Option<Factor>,
     /// The kept part of those loads, condensed.
@@ -106,6 +108,12 @@ impl Body {
     #[must_use]
     pub fn counts(&self) -> &Counts {
         self.symbolic.counts()
+    }
+
+    /// Whether it had to be ordered: no analysis of its pattern was at hand.
+    #[must_use]
+    pub fn ordered(&self) -> bool {
+        self.ordered
     }
 
     /// Number of rigid motions that its supports leave free.

@@ -21,11 +21,16 @@ use crate::problem::border::{check_finite, check_friction, check_length};
 use crate::problem::compliance::Compliance;
 use crate::problem::forecast::Notice;
 use crate::problem::memory::Budget;
+use crate::problem::patterns::Asked;
 use crate::problem::reduced::{Reduced, Rigid};
 use crate::problem::sparse::{self, Owned, Rows};
 use crate::problem::stats::Stats;
 use crate::problem::stretch::Stretch;
 use crate::problem::surface::{Share, Surface};
+
+/// Bodies of a problem up to which patterns are looked up: many are small, and ordered
+/// sooner than found among one another.
+const FEW: usize = 16;
 
 /// What a contact problem is made of, borrowed from the caller.
 #[derive(Debug)]
@@ -97,7 +102,7 @@ impl<const D: usize> Sorted<D> {
 
         let (free, global) = sparse::free_part(&given.stiffness, &position);
         let coupling = sparse::columns(&given.stiffness, given.fixed, &position);
-        let component = free.view()?.components();
+        let component = free.view().components();
         let mut parts = sparse::split(free, &component);
         let local = sparse::local_numbers(&component, parts.len());
         let place = free_places(&position, &component, &local);
@@ -131,7 +136,8 @@ impl<const D: usize> Sorted<D> {
 }
 
 /// Analyses bodies, side by side; `before` are those of an earlier problem, whose
-/// analyses are used again where the pattern is theirs.
+/// analyses are used again where the pattern is theirs. Of a few bodies, so are those
+/// of problems that this process has met, and theirs are kept for problems to come.
 ///
 /// # Errors
 /// As [`Analysed::new`], of the first body that fails.
@@ -146,16 +152,33 @@ pub fn analyse(
         Some(places) => places.into_iter().map(Some).collect(),
         None => vec![None; parts.len()],
     };
+    let few = parts.len() <= FEW;
+    let all = parts.iter().zip(&kept).zip(&places);
+    let known: Vec<_> = all
+        .map(|(((_, stiffness), kept), places)| {
+            let asked = Asked {
+                matrix: stiffness.view(),
+                kept,
+                places: places.as_deref(),
+            };
+            few.then(|| asked.find()).flatten()
+        })
+        .collect();
     let analysed: Vec<Result<Analysed, Error>> = parts
         .into_par_iter()
         .zip(kept)
         .zip(places)
+        .zip(known)
         .enumerate()
-        .map(|(b, (((dofs, stiffness), kept), places))| {
-            Analysed::new(dofs, stiffness, kept, places, old(b))
+        .map(|(b, ((((dofs, stiffness), kept), places), known))| {
+            Analysed::new(dofs, stiffness, kept, places, old(b), known)
         })
         .collect();
-    analysed.into_iter().collect()
+    let analysed: Vec<Analysed> = analysed.into_iter().collect::<Result<_, _>>()?;
+    if few {
+        analysed.iter().for_each(Analysed::share);
+    }
+    Ok(analysed)
 }
 
 impl<const D: usize> Condensed<D> {

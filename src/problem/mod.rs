@@ -14,6 +14,7 @@ pub mod island;
 pub mod memory;
 mod null_space;
 pub mod overlap;
+pub mod patterns;
 pub mod reduced;
 pub mod residual;
 pub mod sparse;

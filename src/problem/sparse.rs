@@ -1,5 +1,7 @@
 //! Rows, columns and parts of the caller's sparse matrices.
 
+use std::collections::HashMap;
+
 use crate::error::Error;
 use crate::linalg::csc::Symmetric;
 use crate::linalg::exact::Sum;
@@ -119,17 +121,10 @@ impl Default for Owned {
 }
 
 impl Owned {
-    /// As a symmetric matrix.
-    ///
-    /// # Errors
-    /// None that construction here can cause; the view checks all the same.
-    pub fn view(&self) -> Result<Symmetric<'_>, Error> {
-        Symmetric::new(
-            self.pointer.len() - 1,
-            &self.pointer,
-            &self.index,
-            &self.values,
-        )
+    /// As a symmetric matrix, which it is: the free part of one, or a component of it.
+    #[must_use]
+    pub fn view(&self) -> Symmetric<'_> {
+        Symmetric::of_checked(&self.pointer, &self.index, &self.values)
     }
 
     /// Some of the rows.
@@ -219,7 +214,8 @@ impl Owned {
 }
 
 /// The free part of a symmetric matrix, both triangles from its lower one, and
-/// the global numbers of its rows. Stored zeros are left out: they connect nothing.
+/// the global numbers of its rows. Stored zeros connect nothing: they are left out but
+/// where [`in_use`] says.
 #[must_use]
 pub fn free_part(k: &Symmetric, fixed: &[Option<usize>]) -> (Owned, Vec<usize>) {
     let global: Vec<usize> = (0..k.n()).filter(|&i| fixed[i].is_none()).collect();
@@ -227,10 +223,13 @@ pub fn free_part(k: &Symmetric, fixed: &[Option<usize>]) -> (Owned, Vec<usize>) 
     for (local, &i) in global.iter().enumerate() {
         number[i] = local;
     }
+    let in_use = in_use(k);
     let lower = |j: usize| {
-        let number = &number;
-        k.column(j).filter_map(move |(i, value)| {
-            let keep = i >= j && number[i] != usize::MAX && (value != 0.0 || i == j);
+        let (number, in_use) = (&number, in_use.as_deref());
+        let first = k.col_ptr()[j];
+        let used = move |at: usize| in_use.is_none_or(|used| used[at]);
+        k.column(j).enumerate().filter_map(move |(at, (i, value))| {
+            let keep = i >= j && number[i] != usize::MAX && used(first + at);
             keep.then(|| (number[i], value))
         })
     };
@@ -271,6 +270,70 @@ pub fn free_part(k: &Symmetric, fixed: &[Option<usize>]) -> (Owned, Vec<usize>) 
         },
         global,
     )
+}
+
+/// Of each stored entry whether it is part of the pattern; `None` if all are.
+///
+/// On a grid some entries of the block of two nodes cancel, others of the same block do
+/// not, and which of them is a matter of the material. Without these zeros the unknowns
+/// of a node would have patterns of their own, and the analysis, which works on nodes,
+/// three times as many of them and nine times the edges. Blocks that are zero throughout
+/// are no part of it, nor is any other zero.
+fn in_use(k: &Symmetric) -> Option<Vec<bool>> {
+    let values = k.values();
+    if values.iter().all(|&value| value != 0.0) {
+        return None;
+    }
+    let (node_of, members) = nodes(k);
+    let entries = |j: usize| k.col_ptr()[j]..k.col_ptr()[j + 1];
+    let mut used = vec![false; values.len()];
+    // The last node that each one shares a block with that is not zero.
+    let mut met = vec![usize::MAX; members.len()];
+    for (node, own) in members.iter().enumerate() {
+        for at in own.iter().flat_map(|&j| entries(j)) {
+            if values[at] != 0.0 {
+                met[node_of[k.row_idx()[at]]] = node;
+            }
+        }
+        for &j in own {
+            for at in entries(j) {
+                let i = k.row_idx()[at];
+                used[at] = i == j || met[node_of[i]] == node;
+            }
+        }
+    }
+    Some(used)
+}
+
+/// Groups of a few unknowns whose stored columns have one pattern, and the group of
+/// each unknown.
+fn nodes(k: &Symmetric) -> (Vec<usize>, Vec<Vec<usize>>) {
+    /// Unknowns of a node at the most, rotations included; more are no node.
+    const MOST: usize = 6;
+    let column = |j: usize| &k.row_idx()[k.col_ptr()[j]..k.col_ptr()[j + 1]];
+    let mut first: HashMap<&[usize], usize> = HashMap::new();
+    let mut node_of = vec![0; k.n()];
+    let mut members: Vec<Vec<usize>> = Vec::new();
+    for j in 0..k.n() {
+        // Unknowns of a node mostly follow one another.
+        let near = j.checked_sub(1).filter(|&i| column(i) == column(j));
+        let known = near.map(|i| node_of[i]);
+        let node = known.unwrap_or_else(|| *first.entry(column(j)).or_insert(members.len()));
+        if node == members.len() {
+            members.push(Vec::new());
+        }
+        members[node].push(j);
+        node_of[j] = node;
+    }
+    for node in 0..members.len() {
+        if members[node].len() > MOST {
+            for j in members[node].split_off(1) {
+                node_of[j] = members.len();
+                members.push(vec![j]);
+            }
+        }
+    }
+    (node_of, members)
 }
 
 /// Columns of a symmetric matrix at `fixed`, rows that are not fixed only.

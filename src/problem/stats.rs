@@ -17,6 +17,8 @@ pub struct Stats {
     /// Relative error that `W` may have, in ε; at least `cond_s`.
     pub amplification: f64,
     pub ordering: &'static str,
+    /// Bodies that had to be ordered: of no other was the analysis at hand.
+    pub orderings: usize,
     pub seconds_order: f64,
     pub seconds_symbolic: f64,
     pub seconds_factor: f64,

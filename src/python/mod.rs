@@ -9,6 +9,7 @@ mod arrays;
 mod bound;
 mod errors;
 mod estimate;
+mod heap;
 mod interrupt;
 mod problem;
 mod several;
@@ -22,6 +23,8 @@ mod _core {
     use super::bound::{error_bound_of_step, error_bounds};
     #[pymodule_export]
     use super::estimate::{forward_errors, forward_errors_of_step};
+    #[pymodule_export]
+    use super::heap::keep_heap;
     #[pymodule_export]
     use super::problem::{Condensed, Path, follow};
     #[pymodule_export]

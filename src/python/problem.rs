@@ -409,6 +409,7 @@ impl Condensed {
         dict.set_item("rigid_motion_dofs", dofs)?;
         dict.set_item("rigid_motion_bodies", moved)?;
         dict.set_item("ordering", stats.ordering)?;
+        dict.set_item("orderings", stats.orderings)?;
         dict.set_item("seconds_order", stats.seconds_order)?;
         dict.set_item("seconds_symbolic", stats.seconds_symbolic)?;
         dict.set_item("seconds_factor", stats.seconds_factor)?;

@@ -14,6 +14,7 @@ use crate::law::cone::Status;
 use crate::linalg::dense;
 use crate::linalg::gmres;
 use crate::linalg::lu::Lu;
+use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse_lu::SparseLu;
 use crate::problem::compliance::Whole;
@@ -217,7 +218,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
     pub fn matrix(&self) -> Vec<f64> {
         let n = self.order();
         let modes = &self.problem.scaling.modes;
-        let mut matrix = dense::zeros(n * n);
+        let mut matrix = pages::zeros(n * n);
         let (contact, border) = matrix.split_at_mut(self.contact * n);
         let mut of_rows: Vec<(&Row<D>, &mut [f64])> = Vec::with_capacity(self.rows.len());
         let mut rest = contact;

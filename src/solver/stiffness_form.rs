@@ -11,8 +11,8 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::linalg::dense;
 use crate::linalg::lu::Lu;
+use crate::linalg::pages;
 use crate::linalg::small::Vector;
 use crate::problem::reduced::Reduced;
 use crate::solver::compliance_form::Solved;
@@ -170,7 +170,7 @@ impl<'p, const D: usize> StiffnessForm<'p, D> {
     fn matrix(&self, borders: &[Vec<[f64; D]>]) -> Vec<f64> {
         let n = self.order();
         let scaling = &self.problem.scaling;
-        let mut matrix = dense::zeros(n * n);
+        let mut matrix = pages::zeros(n * n);
         let (contact, border) = matrix.split_at_mut(self.contact * n);
         let mut of_unknowns: Vec<(&Unknowns, &mut [f64])> = Vec::new();
         let mut rest = contact;

@@ -28,7 +28,7 @@ RUST = (
 # Within a folder likewise; those named together do not know each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "binary exact signs small union",
+        "binary exact pages signs small union",
         "blocks csc",
         "gmres least_squares packed",
         "dense nonnegative ordering quotient",
@@ -47,7 +47,7 @@ RUST_SIBLINGS = {
     ),
     "problem": (
         "forecast",
-        "border memory null_space sparse stats stretch",
+        "border memory null_space patterns sparse stats stretch",
         "island",
         "compliance",
         "reduced",
@@ -70,7 +70,7 @@ RUST_SIBLINGS = {
         "solution",
     ),
     "python": (
-        "errors arrays interrupt",
+        "errors arrays heap interrupt",
         "solver",
         "problem",
         "several",
@@ -84,7 +84,7 @@ RUST_NAMES = {
     "metis_sys": ("linalg/ordering.rs",),
     "pyo3": ("python/",),
     "numpy": ("python/",),
-    "unsafe": ("linalg/ordering.rs", "linalg/dense.rs"),
+    "unsafe": ("linalg/ordering.rs", "linalg/dense.rs", "linalg/pages.rs"),
 }
 PYTHON = (
     "_core early exits extras folder interrupts telling toml_text vtu words workers",

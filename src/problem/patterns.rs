@@ -1,0 +1,159 @@
+//! Analyses of patterns met before, shared by problems: a mesh that comes again with
+//! other materials, gaps or friction needs no ordering.
+//!
+//! An entry is found by its whole pattern, not by a number made of it, so that what is
+//! reused is what would be made. The list is bounded in bytes; who was asked for
+//! longest ago goes first. Every process has its own.
+
+use std::sync::Arc;
+
+use crate::linalg::csc::Symmetric;
+use crate::linalg::symbolic::Symbolic;
+use crate::per_process::PerProcess;
+
+/// Where the bound is read from [MB]; 0 keeps nothing.
+pub const VARIABLE: &str = "BIPOT_PATTERN_CACHE_MB";
+
+/// The bound where nothing is said [MB]: some hundred patterns of a thousand unknowns,
+/// or one of fifty thousand in space.
+const DEFAULT: usize = 64;
+
+/// All that an analysis depends on.
+#[derive(Debug)]
+struct Pattern {
+    start: Vec<u32>,
+    index: Vec<u32>,
+    kept: Vec<u32>,
+    /// Of the places, the bits.
+    places: Option<Vec<[u64; 3]>>,
+}
+
+#[derive(Debug)]
+struct Entry {
+    pattern: Pattern,
+    symbolic: Symbolic,
+}
+
+/// The last one was asked for last.
+static KNOWN: PerProcess<Arc<Entry>> = PerProcess::new();
+
+/// What is asked for, borrowed.
+#[derive(Clone, Copy, Debug)]
+pub struct Asked<'a> {
+    pub matrix: Symmetric<'a>,
+    pub kept: &'a [usize],
+    pub places: Option<&'a [[f64; 3]]>,
+}
+
+impl Asked<'_> {
+    /// The analysis of this pattern, if it is known.
+    #[must_use]
+    pub fn find(&self) -> Option<Arc<Symbolic>> {
+        if limit() == 0 {
+            return None;
+        }
+        // What is compared is not held meanwhile: others may look, too.
+        let list: Vec<Arc<Entry>> = KNOWN.lock()?.clone();
+        let found = list.into_iter().find(|entry| self.is(&entry.pattern))?;
+        let mut list = KNOWN.lock()?;
+        if let Some(at) = list.iter().position(|entry| Arc::ptr_eq(entry, &found)) {
+            list[at..].rotate_left(1);
+        }
+        drop(list);
+        Some(Arc::new(found.symbolic.for_another()))
+    }
+
+    /// Keeps the analysis of this pattern, where the bound allows it.
+    pub fn keep(&self, symbolic: &Symbolic) {
+        let limit = limit();
+        if self.bytes() + symbolic.counts().bytes_symbolic > limit {
+            return;
+        }
+        let entry = Arc::new(Entry {
+            pattern: self.pattern(),
+            symbolic: symbolic.for_another(),
+        });
+        let Some(mut list) = KNOWN.lock() else {
+            return;
+        };
+        // Another thread may have had the same one to analyse.
+        if list.iter().any(|known| self.is(&known.pattern)) {
+            return;
+        }
+        list.push(entry);
+        let mut held: usize = list.iter().map(|entry| entry.bytes()).sum();
+        let beyond = list.iter().take_while(|entry| {
+            let over = held > limit;
+            held -= entry.bytes();
+            over
+        });
+        let beyond = beyond.count();
+        let gone: Vec<_> = list.drain(..beyond).collect();
+        drop(list);
+        drop(gone);
+    }
+
+    fn is(&self, known: &Pattern) -> bool {
+        fn same(a: &[usize], b: &[u32]) -> bool {
+            // Blocks: a comparison that may end anywhere is one by one.
+            let equal = |(a, b): (&[usize], &[u32])| {
+                let pairs = a.iter().zip(b);
+                pairs.filter(|&(&a, &b)| a != b as usize).count() == 0
+            };
+            a.len() == b.len() && a.chunks(64).zip(b.chunks(64)).all(equal)
+        }
+        if self.matrix.row_idx().len() != known.index.len() {
+            return false;
+        }
+        let placed = match (self.places, &known.places) {
+            (Some(a), Some(b)) => {
+                a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.map(f64::to_bits) == *b)
+            }
+            (None, None) => true,
+            _ => false,
+        };
+        placed
+            && same(self.kept, &known.kept)
+            && same(self.matrix.col_ptr(), &known.start)
+            && same(self.matrix.row_idx(), &known.index)
+    }
+
+    /// The pattern by itself; its numbers have been analysed, so that they are short.
+    fn pattern(&self) -> Pattern {
+        #[expect(clippy::cast_possible_truncation, reason = "checked by the analysis")]
+        let short = |list: &[usize]| list.iter().map(|&i| i as u32).collect();
+        let bits = |places: &[[f64; 3]]| places.iter().map(|at| at.map(f64::to_bits)).collect();
+        Pattern {
+            start: short(self.matrix.col_ptr()),
+            index: short(self.matrix.row_idx()),
+            kept: short(self.kept),
+            places: self.places.map(bits),
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        let short = self.matrix.col_ptr().len() + self.matrix.row_idx().len() + self.kept.len();
+        4 * short + 24 * self.places.map_or(0, <[_]>::len)
+    }
+}
+
+impl Entry {
+    fn bytes(&self) -> usize {
+        let Pattern {
+            start,
+            index,
+            kept,
+            places,
+        } = &self.pattern;
+        let short = start.len() + index.len() + kept.len();
+        let places = places.as_ref().map_or(0, Vec::len);
+        4 * short + 24 * places + self.symbolic.counts().bytes_symbolic
+    }
+}
+
+/// Bytes that all of them may take.
+fn limit() -> usize {
+    let asked = std::env::var(VARIABLE).ok();
+    let asked = asked.and_then(|text| text.trim().parse::<usize>().ok());
+    asked.unwrap_or(DEFAULT).saturating_mul(1 << 20)
+}

@@ -1,0 +1,11 @@
+//! The heap of a process of our own.
+
+use pyo3::prelude::*;
+
+use crate::linalg::pages;
+
+/// As [`pages::keep_heap`].
+#[pyfunction]
+pub(super) fn keep_heap() {
+    pages::keep_heap();
+}

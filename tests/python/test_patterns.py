@@ -1,0 +1,160 @@
+"""Orderings that problems of one pattern share: counted, not timed."""
+
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from bodies import Body, block, uniform_shear
+from children import forked
+
+LIMIT = "BIPOT_PATTERN_CACHE_MB"
+
+
+def body(cells: int, young: float = 100.0) -> Body:
+    """Every test has sizes of its own, which no other of this process has met."""
+    return block([4.0, 2.0], [2 * cells + 1, cells], young, 0.3)
+
+
+def problem(of: Body, **more: Any) -> bp.ContactProblem:
+    fixed = np.concatenate([of.dofs(1, 2.0, k) for k in range(2)])
+    given = {"gap": of.gap, "mu": 0.4, "fixed": fixed, "area": of.area}
+    return bp.ContactProblem(more.pop("K", of.K), of.B, **(given | more))
+
+
+def orderings(made: bp.ContactProblem) -> int:
+    return int(made.stats["orderings"])
+
+
+def test_a_pattern_is_ordered_once_whatever_the_numbers() -> None:
+    one, other = body(9), body(9, young=7.0)
+    first = problem(one)
+    again = problem(other, mu=0.1, gap=other.gap + 0.25, area=None, num_threads=1)
+    assert (orderings(first), orderings(again)) == (1, 0)
+    assert again.stats["ordering"] == first.stats["ordering"]
+    assert again.stats["flops"] == first.stats["flops"]
+    assert again.stats["seconds_order"] == again.stats["seconds_symbolic"] == 0
+
+
+def test_zeros_that_are_stored() -> None:
+    """Entries that cancel within the blocks of a grid are a matter of the material."""
+    here = body(10)
+    stored = sparse.csr_array(here.K)
+    clean = stored.copy()
+    clean.eliminate_zeros()
+    # Every entry of every pair of nodes that has one, and every entry there is.
+    n = stored.shape[0]
+    pairs = sparse.bsr_array(clean, blocksize=(2, 2)).tocsr()
+    rows, columns = np.indices((n, n)).reshape(2, -1)
+    whole = sparse.coo_array((clean.toarray().ravel(), (rows, columns))).tocsr()
+    assert clean.nnz < pairs.nnz < whole.nnz == n**2
+    made = [problem(here, K=K) for K in (pairs, whole, clean)]
+    # What couples no two nodes costs nothing, wherever it is stored; the zeros of a
+    # node leave its unknowns together, and fill in all the same.
+    assert [orderings(one) for one in made] == [1, 1, 0]
+    counts = [one.stats["nnz_factor"] for one in made]
+    assert counts[1] == counts[2]
+    assert counts[0] <= 1.05 * counts[2]
+    W = [one.compliance for one in made]
+    # Other orders, other roundings: S is right to 1e-14, and cond(S) times that W.
+    bound = 1e-14 * made[0].stats["cond_S"] * np.abs(W[0]).max()
+    assert np.abs(W[0] - W[1]).max() <= bound
+
+
+def test_what_is_shared_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = body(8)
+    load = uniform_shear(here, 0.2, [0.05])
+
+    def answer() -> tuple[int, bytes, bytes, bytes]:
+        made = problem(here)
+        result = made.solve(load)
+        values = made.compliance, result.reaction, result.displacement
+        return (orderings(made), *(value.tobytes() for value in values))  # type: ignore[return-value]
+
+    first, second = answer(), answer()
+    monkeypatch.setenv(LIMIT, "0")
+    alone = answer()
+    assert [first[0], second[0], alone[0]] == [1, 0, 1]
+    assert first[1:] == second[1:] == alone[1:]
+
+
+def test_another_pattern_is_not_taken_for_it() -> None:
+    here = body(7)
+    assert orderings(problem(here)) == 1
+    fixed = np.concatenate([here.dofs(1, 2.0, k) for k in range(2)])
+    places = np.ascontiguousarray(here.basis.doflocs.T)
+    assert places.shape == (here.K.shape[0], 2)
+    # One support less, the contacts in another order, places where there were none, a
+    # spring that couples what nothing did: as many entries or nearly so each time.
+    n = here.K.shape[0]
+    spring = sparse.csr_array(([1e-3] * 4, ([0, 0, 9, 9], [0, 9, 0, 9])), shape=(n, n))
+    turned = np.arange(here.B.shape[0]).reshape(-1, 2)[::-1].ravel()
+    others = (
+        lambda: problem(here, fixed=fixed[1:]),
+        lambda: bp.ContactProblem(
+            here.K, here.B[turned], gap=here.gap[::-1], mu=0.4, fixed=fixed
+        ),
+        lambda: problem(here, coordinates=places),
+        lambda: problem(here, coordinates=2 * places),
+        lambda: problem(here, K=sparse.csr_array(here.K) + spring),
+    )
+    for make in others:
+        assert (orderings(make()), orderings(make())) == (1, 0)
+
+
+def test_the_bound_drops_what_was_not_asked_for_longest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv(LIMIT, "1")
+    # Some 0.3 MB each: three go in, four do not.
+    sizes = [body(cells) for cells in (24, 25, 26, 27)]
+    assert [orderings(problem(of)) for of in sizes[:2]] == [1, 1]
+    assert orderings(problem(sizes[0])) == 0
+    assert [orderings(problem(of)) for of in sizes[2:]] == [1, 1]
+    assert orderings(problem(sizes[3])) == 0
+    assert orderings(problem(sizes[1])) == 1
+    # Larger than the bound: made each time, and nothing else is driven out.
+    large = block([4.0, 2.0], [140, 70], 1.0, 0.3)
+    assert [orderings(problem(large)) for _ in range(2)] == [1, 1]
+    assert orderings(problem(sizes[1])) == 0
+
+
+def test_update_counts_no_ordering() -> None:
+    here = body(6)
+    made = problem(here)
+    made.update(3.0 * here.K)
+    assert orderings(made) == 0
+
+
+def test_threads_meet_one_pattern() -> None:
+    here = body(11)
+    expected = problem(here).compliance.tobytes()
+    found: list[bytes] = []
+
+    def work() -> None:
+        for cells in (11, 5, 11):
+            made = problem(body(cells), num_threads=1)
+            if cells == 11:
+                found.append(made.compliance.tobytes())
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [expected] * 8
+
+
+def test_a_forked_child_has_its_own() -> None:
+    here = body(12)
+    expected = problem(here).compliance.tobytes()
+
+    def work() -> None:
+        assert [orderings(problem(here)) for _ in range(2)] == [1, 0]
+        assert problem(here).compliance.tobytes() == expected
+
+    forked(work)
+    assert orderings(problem(here)) == 0
