@@ -30,7 +30,6 @@ from bipot_rs.errors import (
 from bipot_rs.existence import Existence
 from bipot_rs.extras import missing
 from bipot_rs.installation import show_versions, versions
-from bipot_rs.pairing import Pairs, pairs, rigid_pairs
 from bipot_rs.problem import ContactProblem, project, solve
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     from bipot_rs import plots
     from bipot_rs.model import Model as Model
     from bipot_rs.model import ModelResult as ModelResult
+    from bipot_rs.pairing import pairs, rigid_pairs
 
 __all__ = [
     "Answers",
@@ -50,7 +50,6 @@ __all__ = [
     "NoEquilibriumError",
     "NotConvergedError",
     "Outcome",
-    "Pairs",
     "ReducedProblem",
     "Result",
     "Solution",
@@ -67,9 +66,14 @@ __all__ = [
     "versions",
 ]
 
-# What needs scikit-fem and pydantic is loaded by who asks for it; not in __all__, for a
+# Loaded by who asks for it. What needs scikit-fem and pydantic is not in __all__, for a
 # star would ask for it.
-_LAZY = {"Model": "bipot_rs.model", "ModelResult": "bipot_rs.model"}
+_LAZY = {
+    "Model": "bipot_rs.model",
+    "ModelResult": "bipot_rs.model",
+    "pairs": "bipot_rs.pairing",
+    "rigid_pairs": "bipot_rs.pairing",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -74,15 +74,18 @@ def _keys(annotation: Any) -> Iterator[str]:
             yield from _keys(one)
 
 
-def _paths(table: Any, path: str = "") -> Iterator[str]:
-    """Places of all keys of a table that was read."""
-    entries: Any = ()
-    if isinstance(table, dict):
-        entries = table.items()
-    elif isinstance(table, list):
-        entries = enumerate(table)
-    for key, inner in entries:
-        here = f"{path}.{key}" if path else str(key)
-        if isinstance(table, dict):
-            yield here
-        yield from _paths(inner, here)
+def _paths(table: Any) -> Iterator[str]:
+    """Places of all keys of a table that was read, however deep it is nested."""
+    waiting: list[tuple[str, Any]] = [("", table)]
+    while waiting:
+        path, inner = waiting.pop()
+        if isinstance(inner, dict):
+            found = [
+                (f"{path}.{key}" if path else str(key), v) for key, v in inner.items()
+            ]
+            yield from (place for place, _ in found)
+        elif isinstance(inner, list):
+            found = [(f"{path}.{k}", v) for k, v in enumerate(inner)]
+        else:
+            continue
+        waiting += reversed(found)

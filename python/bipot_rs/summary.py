@@ -7,7 +7,6 @@ for it. As text and, for notebooks, as a table of HTML.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -43,6 +42,8 @@ def html(summary: Summary) -> str:
     >>> html(("A < B", [("q", "0")]))
     '<table><caption>A &lt; B</caption><tr><th>q</th><td>0</td></tr></table>'
     """
+    from html import escape
+
     title, rows = summary
     cells = (
         f"<tr><th>{escape(name)}</th><td>{escape(said)}</td></tr>"
