@@ -36,7 +36,7 @@ test: checks rust-lint rust-test python-lint types python-test ## install, then 
 .PHONY: rust-lint
 rust-lint: checks $(STAMP)
 	cargo fmt --check
-	cargo clippy --locked --all-targets -- -D warnings
+	# Nothing is there without the feature alone; `cargo test` compiles that.
 	cargo clippy --locked --all-targets --features python -- -D warnings
 
 .PHONY: rust-test
@@ -55,7 +55,7 @@ types: $(STAMP)
 
 .PHONY: python-test
 python-test: $(STAMP)
-	$(PY) -m pytest
+	$(PY) -m pytest -n 2
 
 .PHONY: verify
 verify: $(STAMP) ## the checks that take over 30 s each: before a change of numerics is called done
