@@ -48,7 +48,7 @@ def files(cwd: Path) -> dict[str, bytes]:
 def test_full_disk(size: int, earlier: dict[str, bytes], tmp_path: Path) -> None:
     assert len(earlier["result.h5"]) > 30_000
     run = bipot_with(
-        full_after(size), "bipot_rs.export:write_series", *RUN, cwd=tmp_path
+        full_after(size), "bipot_rs.paraview:write_bodies", *RUN, cwd=tmp_path
     )
     assert (run.returncode, run.stderr) == (2, "")
     message = json.loads(run.stdout.splitlines()[-1])["message"]
@@ -147,7 +147,7 @@ def test_two_runs_at_once_leave_each_other_alone(tmp_path: Path) -> None:
         if not inner:
             inner.append(bipot(*RUN, cwd=tmp_path).returncode)
 
-    run = bipot_with(fault, "bipot_rs.export:write_series", *RUN, cwd=tmp_path)
+    run = bipot_with(fault, "bipot_rs.paraview:write_bodies", *RUN, cwd=tmp_path)
     assert run.returncode == 0, run.stdout
     assert strays(tmp_path / "here") == []
     assert bp.load(tmp_path / "here" / "result.h5").success

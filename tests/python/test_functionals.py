@@ -192,12 +192,13 @@ def test_at_the_steps_of_a_scene_it_vanishes(
     for k in steps(result):
         f = Functionals.of_step(problem, K, result, k, increments=increments)
         u, r = solution(result, k, increments)
-        # Increments are differences of totals, and B of energies.
+        # Increments are differences of totals, and B of energies, each a sum of some
+        # hundred products: that many roundings, of which most cancel.
         total = result[k].displacement
         size = total @ (K @ total)
-        assert abs(f.excess(u, r)) <= 1e-13 * size
-        assert abs(f.bifunctional(u, r) + f.start_work) <= 1e-13 * size
-        assert abs(f.start_work) <= 1e-13 * size
+        assert abs(f.excess(u, r)) <= 2e-13 * size
+        assert abs(f.bifunctional(u, r) + f.start_work) <= 2e-13 * size
+        assert abs(f.start_work) <= 2e-13 * size
 
 
 @pytest.mark.parametrize(("name", "n"), SCENES)

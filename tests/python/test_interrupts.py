@@ -80,7 +80,7 @@ def test_between_steps(number: signal.Signals, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "before", ["bipot_rs.export:write_series", "bipot_rs.export:_three"]
+    "before", ["bipot_rs.paraview:write_bodies", "bipot_rs.export:_three"]
 )
 def test_while_files_are_written(before: str, tmp_path: Path) -> None:
     """All steps are there by then, and all files come whole."""
@@ -107,11 +107,11 @@ def test_an_earlier_result_gives_way_to_load_steps_only(tmp_path: Path) -> None:
 
 def test_who_asks_twice_does_not_wait_for_files(tmp_path: Path) -> None:
     # Two signals within a second are one: some launchers send them so.
-    run = bipot_with(hit(INT, 2), "bipot_rs.export:write_series", *RUN, cwd=tmp_path)
+    run = bipot_with(hit(INT, 2), "bipot_rs.paraview:write_bodies", *RUN, cwd=tmp_path)
     assert (run.returncode, left(tmp_path)) == (130, (False, STEPS))
     before = (tmp_path / "here" / "result.h5").read_bytes()
     run = bipot_with(
-        hit(INT, 2, 1.1), "bipot_rs.export:write_series", *RUN, cwd=tmp_path
+        hit(INT, 2, 1.1), "bipot_rs.paraview:write_bodies", *RUN, cwd=tmp_path
     )
     assert run.returncode == 130
     assert json.loads(run.stdout.splitlines()[-1])["message"] == "interrupted"
