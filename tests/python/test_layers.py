@@ -147,7 +147,7 @@ PYTHON = (
     "__main__ __init__",
 )
 PYTHON_NAMES = {
-    "meshio": ("mesh_file", "facet_surface"),
+    "meshio": ("mesh_file",),
     "skfem": ("elements",),
     "h5py": ("export", "fclib"),
 }
