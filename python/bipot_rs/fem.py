@@ -335,10 +335,10 @@ class Model:
         """
         if self.moving is None:
             return None
-        gaps = self.moving[before - 1].copy()
-        if before == 0:
-            gaps[:] = 0.0
-            gaps[:, 0] = self.gap
+        gaps = np.zeros_like(self.moving[0])
+        gaps[:, 0] = self.gap
+        if before:
+            gaps = self.moving[before - 1].copy()
         for group, motion in enumerate(motions):
             if motion is not None:
                 at = self.group == group

@@ -15,7 +15,8 @@ from bipot_rs import motion
 from bipot_rs.check import Array, floats
 from bipot_rs.closest import length, place
 from bipot_rs.fem import Model
-from bipot_rs.meeting import outward
+from bipot_rs.meeting import body_index, outward
+from bipot_rs.surfaces import Spring, spring_stiffness
 from bipot_rs.words import counted
 
 Ints = NDArray[np.int64]
@@ -210,6 +211,7 @@ def _unheld(model: Model) -> Iterator[str]:
     rows = (model.B @ modes).reshape(-1, model.dim, modes.shape[1])
     rubs = _rubs(model)
     held += [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]
+    held += [_sprung(model, spring, modes) for spring in model.springs]
     constraints = np.concatenate(held)
     for members in _meeting(model):
         columns = np.flatnonzero(np.isin(owner, members))
@@ -226,6 +228,18 @@ def _unheld(model: Model) -> Iterator[str]:
             f"nothing holds {'bodies' if len(members) > 1 else 'body'} {names} against "
             f"{'; '.join(words)}: add a support, or friction or a contact that stops it"
         )
+
+
+def _sprung(model: Model, spring: Spring, modes: Array) -> Array:
+    """What rigid motions do to a spring, of size 1 as supports and contacts are."""
+    b = body_index(model.bodies, spring.body)
+    body = model.bodies[b]
+    first = model.offset[b]
+    stiffness = spring_stiffness(body, spring)
+    largest = float(np.abs(stiffness.data).max(initial=0.0))
+    own = modes[first : first + body.points.size]
+    forces = np.asarray(stiffness @ own, np.float64)
+    return forces / largest if largest else 0.0 * forces
 
 
 def _modes(model: Model) -> tuple[Array, Ints]:

@@ -76,7 +76,10 @@ def test_what_has_no_error(tmp_path: Path) -> None:
     run = bipot(
         "run", "sheared_cube", "--set=mesh.n=2", "--error", cwd=tmp_path, status=2
     )
-    assert 'expected triangles or tetrahedra: mesh.element = "P1"' in run.stderr
+    assert (
+        'expected triangles or tetrahedra of first order: mesh.element = "P1"'
+        in run.stderr
+    )
     run = bipot(
         "run", "raous_plate", "--set=mesh.n=2", P1, "--error", "--json", cwd=tmp_path
     )

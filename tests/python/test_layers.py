@@ -127,6 +127,7 @@ PYTHON = (
     "schema.consistency",
     "report schema scene_keys simplices",
     "case",
+    "scene_parts",
     "plots.canvas",
     "plots.source plots.skin",
     "plots.line plots.path plots.convergence plots.body",
