@@ -164,6 +164,10 @@ class Case:
                 known[t] = self._at(t)
             return known[t]
 
+        def gap(t: float) -> Floats:
+            found = at(t)[2]
+            return self.model.gap if found is None else found
+
         return asked.follow(
             lambda t: at(t)[0],
             lambda t: at(t)[1],
@@ -172,7 +176,7 @@ class Case:
             largest=plan.largest,
             smallest=plan.smallest,
             slip=plan.slip,
-            gap=None if self.gaps is None else lambda t: at(t)[2],
+            gap=None if self.gaps is None else gap,
             **chosen,
         )
 
@@ -200,7 +204,6 @@ class Case:
         acting = [load for load in self.loads if load.strain is not None]
         if not acting:
             return None
-        k = step
         if isinstance(step, Step):
             if step.s is None:
                 raise ValueError("step is one of load steps given: tell its number")
@@ -212,7 +215,7 @@ class Case:
             body = self.model.bodies[load.body]
             still = np.zeros(body.points.size)
             unit = stress(body, still, load.strain, space=True)
-            found[ends[load.body] : ends[load.body + 1]] += load.history[k] * unit
+            found[ends[load.body] : ends[load.body + 1]] += load.history[step] * unit
         return found
 
     def step_parameter(self, k: int, step: Step) -> float:

@@ -335,7 +335,7 @@ class Model:
         """
         if self.moving is None:
             return None
-        gaps = np.zeros_like(self.moving[0])
+        gaps: Floats = np.zeros_like(self.moving[0])
         gaps[:, 0] = self.gap
         if before:
             gaps = self.moving[before - 1].copy()

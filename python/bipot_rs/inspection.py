@@ -6,6 +6,7 @@ Nothing here is an error: each is a sentence for a person to judge.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -275,16 +276,23 @@ def _meeting(model: Model) -> list[list[int]]:
 
 
 def _said(model: Model, members: list[int], modes: Array, free: Array) -> list[str]:
-    """Words for a space of motions: translations along axes first, then the rest."""
+    """Words for a space of motions: translations along axes first, then the rest.
+
+    Of each body by itself, and then of all together.
+    """
     d, words = model.dim, []
     per_body = modes.shape[1] // len(members)
     rest = free
-    for k, axis in enumerate("xyz"[:d]):
+    movers = [(list(range(len(members))), "")]
+    if len(members) > 1:
+        alone = enumerate(model.bodies[b].name for b in members)
+        movers = [*(([at], f" of body {name!r}") for at, name in alone), *movers]
+    for (moving, name), k in product(movers, range(d)):
         shift = np.zeros(modes.shape[1])
-        shift[k::per_body] = 1 / np.sqrt(len(members))
+        shift[[at * per_body + k for at in moving]] = 1 / np.sqrt(len(moving))
         within = rest @ (rest.T @ shift)
         if length(shift - within) <= _FREE:
-            words.append(f"translation along {axis}")
+            words.append(f"translation along {'xyz'[k]}{name}")
             left = rest - np.outer(shift, shift @ rest)
             U, size, _ = np.linalg.svd(left, full_matrices=False)
             rest = U[:, size > 0.5]
