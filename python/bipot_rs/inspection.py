@@ -47,7 +47,7 @@ def inspect(
         As `fem.build` makes it.
     load, prescribed
         As `ContactProblem.solve` takes them; without them nothing is said of contacts
-        that never close.
+        that never close, and any prescribed displacement is taken for one that moves.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def inspect(
     found = [
         *_penetrating(model),
         *_facing_away(model),
-        *_without_friction(model),
+        *_without_friction(model, prescribed),
         *_unheld(model),
         *_units(model),
     ]
@@ -124,17 +124,35 @@ def _facing_away(model: Model) -> Iterator[str]:
                 )
 
 
-def _without_friction(model: Model) -> Iterator[str]:
+def _without_friction(model: Model, prescribed: ArrayLike | None) -> Iterator[str]:
+    lost_ones = ~_rubs(model) & _slides(model, prescribed)
     for group, at in _groups(model):
         if not np.any(np.asarray(model.contacts[group].mu) > 0):
             continue
-        lost = int(np.sum(~_rubs(model)[at]))
+        lost = int(np.sum(lost_ones[at]))
         if lost:
             yield (
                 f"{lost} of the {counted(at.size, 'node')} of {_named(model, group)} have "
                 "no friction, mu = 0: supports prescribe their tangential displacement, "
                 "which leaves friction nothing to decide"
             )
+
+
+def _slides(model: Model, prescribed: ArrayLike | None) -> NDArray[np.bool_]:
+    """Which contact nodes are moved along their obstacles by what is prescribed.
+
+    Where that is zero, as on a plane of symmetry, a support takes what friction would.
+    """
+    if prescribed is None:
+        return np.ones(len(model.gap), dtype=np.bool_)
+    values = np.atleast_2d(floats("prescribed", prescribed))
+    moved = np.zeros(model.n)
+    moved[model.fixed] = np.abs(values).max(axis=0, initial=0.0)
+    along = (abs(model.B) @ moved).reshape(-1, model.dim)[:, 1:]
+    found = along.any(axis=1)
+    if model.moving is not None:
+        found |= model.moving[:, :, 1:].any(axis=(0, 2))
+    return np.asarray(found, np.bool_)
 
 
 def _rubs(model: Model) -> NDArray[np.bool_]:
