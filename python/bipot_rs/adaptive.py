@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from bipot_rs.check import floats, number
+from bipot_rs.check import gap as gap_of_step
 from bipot_rs.errors import NoEquilibriumError, NotConvergedError
-from bipot_rs.following import Following, Loads
+from bipot_rs.following import Following, Totals
 from bipot_rs.result import Result, Status, Step
 
 # The least step, of the whole path where none is given, and where rounding of s begins.
@@ -85,7 +86,7 @@ def increments(
 
 def follow(
     following: Following,
-    loads: Callable[[float], Loads],
+    loads: Callable[[float], Totals],
     plan: Increments,
     start: Step | None,
     on_step: Callable[[int, Step], object] | None,
@@ -97,7 +98,7 @@ def follow(
     following
         The path, standing at ``start``.
     loads
-        Total load and prescribed displacement at s.
+        Total load, prescribed displacement and gaps at s.
     plan
         How it is divided.
     start
@@ -124,7 +125,7 @@ def follow(
 
 def _advance(
     following: Following,
-    loads: Callable[[float], Loads],
+    loads: Callable[[float], Totals],
     plan: Increments,
     s: float,
     ahead: float,
@@ -203,5 +204,18 @@ def proportional(
 
     def at(s: float) -> Any:
         return floats(f"{what} at s = {s:.10g}", value(s), shape=(length,))
+
+    return at
+
+
+def gaps_at(
+    gap: Callable[[float], Any] | None, contacts: int, d: int
+) -> Callable[[float], Any]:
+    """``gap(s)`` by component ``(n_c, d)``, checked; None, those of the problem, without it."""
+    if gap is None:
+        return lambda _: None
+
+    def at(s: float) -> Any:
+        return gap_of_step(gap(s), contacts, d, f"gap at s = {s:.10g}")
 
     return at

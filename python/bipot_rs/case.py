@@ -10,9 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.fem import Model
+from bipot_rs.following import Totals
+from bipot_rs.inspection import inspect
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result, Step
-from bipot_rs.schema import Pressure, Scene, Varying
+from bipot_rs.rigid_motion import Motion
+from bipot_rs.schema import LoadPath, Pressure, Rigid, Scene, Varying
+from bipot_rs.stress import Initial, stress
 from bipot_rs.words import counted
 
 Floats = NDArray[np.float64]
@@ -37,6 +41,8 @@ class Load:
         Its nodal forces, of factor 1.
     number
         What the scene says of its factor.
+    strain
+        Of an initial strain, which `nodal` are the forces of, the strain of factor 1.
     """
 
     body: int
@@ -45,6 +51,7 @@ class Load:
     history: Floats
     nodal: Floats | None = None
     number: Varying | Pressure | None = None
+    strain: Initial | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +72,8 @@ class Case:
         What `load` is the nodal forces of.
     scene : Scene or None
         What it was made from.
+    gaps : (steps, n_c, d) or None
+        Gaps of each load step by component where obstacles move [m], `fem.Model.gaps`.
     """
 
     model: Model
@@ -73,6 +82,7 @@ class Case:
     parameter: Floats
     loads: tuple[Load, ...] = ()
     scene: Scene | None = None
+    gaps: Floats | None = None
 
     def problem(self, *, num_threads: int | None = None) -> ContactProblem:
         """Condense: the contact problem of these arrays."""
@@ -142,18 +152,21 @@ class Case:
         plan = self.scene.path.increments
         if plan is None:
             load = None if self.load is None else self.load[first:]
-            gaps = self.model.gaps(len(self.prescribed))
-            moved = None if gaps is None else gaps[first:]
+            moved = None if self.gaps is None else self.gaps[first:]
             return asked.solve(load, self.prescribed[first:], gap=moved, **chosen)
         steps = self.scene.path.count()
-        known: dict[float, tuple[Floats, Floats]] = {}
+        known: dict[float, Totals] = {}
 
-        def at(t: float) -> tuple[Floats, Floats]:
-            # Asked for twice, the load and the displacement of one attempt.
+        def at(t: float) -> Totals:
+            # Asked for again, for the load, the displacement and the gap of one attempt.
             if t not in known:
                 known.clear()
                 known[t] = self._at(t)
             return known[t]
+
+        def gap(t: float) -> Floats:
+            found = at(t)[2]
+            return self.model.gap if found is None else found
 
         return asked.follow(
             lambda t: at(t)[0],
@@ -163,8 +176,47 @@ class Case:
             largest=plan.largest,
             smallest=plan.smallest,
             slip=plan.slip,
+            gap=None if self.gaps is None else gap,
             **chosen,
         )
+
+    def remarks(self) -> list[str]:
+        """What a person should look at before solving, a sentence each (`inspection`)."""
+        said = inspect(self.model, load=self.load, prescribed=self.prescribed)
+        if (
+            self.load is None
+            and self.gaps is None
+            and not np.any(self.prescribed)
+            and not (self.model.gap < 0).any()
+        ):
+            said.append(
+                "nothing moves: no load, no prescribed displacement but zero, no obstacle "
+                "that moves or penetrates"
+            )
+        return said
+
+    def stress_at_rest(self, step: int | Step) -> Floats | None:
+        """Stress that initial strains would make in bodies held fast, ``(cells, 3, 3)`` [Pa].
+
+        Cells of all bodies, the mean over each, at the end of a load step; None without
+        initial strains. Added to the stress of the displacements, it makes the stress.
+        """
+        acting = [load for load in self.loads if load.strain is not None]
+        if not acting:
+            return None
+        if isinstance(step, Step):
+            if step.s is None:
+                raise ValueError("step is one of load steps given: tell its number")
+            return self.sampled(step.s).stress_at_rest(0)
+        counts = [int(body.mesh.t.shape[1]) for body in self.model.bodies]
+        ends = np.cumsum([0, *counts])
+        found = np.zeros((ends[-1], 3, 3))
+        for load in acting:
+            body = self.model.bodies[load.body]
+            still = np.zeros(body.points.size)
+            unit = stress(body, still, load.strain, space=True)
+            found[ends[load.body] : ends[load.body + 1]] += load.history[step] * unit
+        return found
 
     def step_parameter(self, k: int, step: Step) -> float:
         """The scene's own path parameter at the end of step ``k`` of a result."""
@@ -185,16 +237,16 @@ class Case:
                 load = None if self.load is None else self.load[k]
                 moved = self.prescribed[k]
             else:
-                load, moved = self._at(step.s)
+                load, moved, _ = self._at(step.s)
             found.append(
                 replace(step, load=nothing if load is None else load, prescribed=moved)
             )
         return found
 
-    def _at(self, t: float) -> tuple[Floats, Floats]:
+    def _at(self, t: float) -> Totals:
         case = self.sampled(t)
         load = np.zeros(self.model.n) if case.load is None else case.load[0]
-        return load, case.prescribed[0]
+        return load, case.prescribed[0], None if case.gaps is None else case.gaps[0]
 
     def contacts_of(self, name: str) -> Ints:
         """Numbers of the contacts on a surface ``"body.surface"``, ascending.
@@ -272,16 +324,7 @@ def along(scene: Scene, model: Model, loads: Sequence[Load], t: Floats) -> Case:
         raise ValueError(
             f"t is {t.tolist()}, expected places from 0 to {counted(count, 'load step')}"
         )
-    factor = {name: a.at(t, count) for name, a in scene.path.amplitude.items()}
-    # What has no amplitude is there from the first load step on.
-    constant = np.minimum(t, 1.0)
-
-    def history(number: Varying | Pressure) -> Floats:
-        found: Floats = number.value * (
-            factor[number.amplitude] if number.amplitude else constant
-        )
-        return found
-
+    history = _histories(scene.path, t)
     load = np.zeros((len(t), model.n))
     acting = []
     for one in loads:
@@ -294,12 +337,81 @@ def along(scene: Scene, model: Model, loads: Sequence[Load], t: Floats) -> Case:
         model.prescribed([[float(h[step]) for h in row] for row in rows])
         for step in range(len(t))
     ]
-    named = scene.path.parameter
     return Case(
         model=model,
         load=load if load.any() else None,
         prescribed=np.array(prescribed).reshape(len(t), len(model.fixed)),
-        parameter=factor[named] if named else t.astype(np.float64),
+        parameter=_parameter(scene.path, t),
         loads=tuple(acting),
         scene=scene,
+        gaps=_gaps(scene, model, t),
     )
+
+
+def _histories(path: LoadPath, t: Floats) -> Callable[[Varying | Pressure], Floats]:
+    """What numbers of a scene are at the ends ``t`` of steps."""
+    factor = {name: a.at(t, path.count()) for name, a in path.amplitude.items()}
+    # What has no amplitude is there from the first load step on.
+    constant = np.minimum(t, 1.0)
+
+    def history(number: Varying | Pressure) -> Floats:
+        found: Floats = number.value * (
+            factor[number.amplitude] if number.amplitude else constant
+        )
+        return found
+
+    return history
+
+
+def _parameter(path: LoadPath, t: Floats) -> Floats:
+    if path.parameter is None:
+        return t.astype(np.float64)
+    return path.amplitude[path.parameter].at(t, path.count())
+
+
+def motion_of(rigid: Rigid, path: LoadPath, t: Floats) -> Motion | None:
+    """How an obstacle has moved at the ends ``t`` of steps; None for one at rest."""
+    if rigid.move is None and rigid.turn is None:
+        return None
+    history = _histories(path, t)
+    vectors = (
+        *(rigid.plane and rigid.plane.point, rigid.sphere and rigid.sphere.centre),
+        *(rigid.cylinder and rigid.cylinder.point, rigid.turn and rigid.turn.about),
+    )
+    known = [len(one) for one in vectors if one]
+    moved = {} if rigid.move is None else rigid.move.components()
+    # Of a surface of a file the motion alone tells: an axis is one in space.
+    in_space = 2 in moved or (rigid.turn is not None and rigid.turn.axis is not None)
+    dim = known[0] if known else 3 if in_space else 2
+    translation = np.zeros((len(t), dim))
+    for k, number in moved.items():
+        translation[:, k] = history(number)
+    turn = rigid.turn
+    return Motion(
+        translation,
+        None if turn is None else np.deg2rad(history(turn.angle)),
+        about=None if turn is None else turn.about,
+        axis=None if turn is None else turn.axis,
+    )
+
+
+def _gaps(scene: Scene, model: Model, t: Floats) -> Floats | None:
+    """Gaps at the ends of steps where obstacles move."""
+    whole = model.gaps(scene.path.count())
+    if whole is None:
+        return None
+    found = np.empty((len(t), *whole.shape[1:]))
+    for k, place in enumerate(t):
+        before = int(place)
+        if before == place and before > 0:
+            found[k] = whole[before - 1]
+            continue
+        ends = np.array([before, place], np.float64)
+        motions = [
+            motion_of(scene.obstacle[c.obstacle], scene.path, ends)
+            if c.obstacle
+            else None
+            for c in scene.contact
+        ]
+        found[k] = model.gaps_between(before, motions)
+    return found

@@ -360,12 +360,12 @@ def together(
     ]
 
 
-def gap(value: ArrayLike, contacts: int, d: int) -> Array:
+def gap(value: ArrayLike, contacts: int, d: int, what: str = "gap") -> Array:
     """Gaps of contacts ``(n_c,)``, or by component ``(n_c, d)``, as the latter."""
-    found = floats("gap", value)
+    found = floats(what, value)
     if found.shape not in ((contacts,), (contacts, d)):
         raise ValueError(
-            f"gap has shape {found.shape}, expected ({contacts},) or ({contacts}, {d})"
+            f"{what} has shape {found.shape}, expected ({contacts},) or ({contacts}, {d})"
         )
     return found if found.ndim == 2 else by_component(found, d)
 

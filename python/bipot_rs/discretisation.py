@@ -163,6 +163,16 @@ class Estimator:
                     f"mu of contacts[{k}] is {np.ravel(contact.mu).tolist()}, expected one "
                     "number: the error of the mesh knows Coulomb's law only"
                 )
+            if contact.pairing != "match":
+                raise ValueError(
+                    f"contacts[{k}] is paired by {contact.pairing!r}, which means gaps "
+                    "over facets: the error of the mesh knows those of nodes only, "
+                    "pairing='match'"
+                )
+        if any(load.strain is not None for load in case.loads):
+            raise ValueError(
+                "the case has initial strains: the error of the mesh does not know them"
+            )
         if model.springs:
             raise ValueError(
                 "the model has springs: the error of the mesh knows rigid supports only"

@@ -314,6 +314,21 @@ def second_order(mesh: Any, *, serendipity: bool = False) -> Any:
     return made
 
 
+def first_order(mesh: Any) -> Any:
+    """The mesh without the nodes between those of first order, names kept."""
+    kind = KINDS.get(type(mesh))
+    if kind is None or kind.degree != 2:
+        raise ValueError(
+            f"mesh is a {type(mesh).__name__}, expected a mesh of second order: "
+            + ", ".join(k.mesh.__name__ for k in KINDS.values() if k.degree == 2)
+        )
+    (target,) = (k for k in KINDS.values() if k.shape == kind.shape and k.degree == 1)
+    # Corners come first.
+    corners = mesh.p[:, : int(mesh.t.max()) + 1]
+    made: Any = target.mesh(corners, mesh.t, mesh.boundaries, mesh.subdomains)
+    return made
+
+
 def reference(element: type, order: int) -> tuple[Floats, Floats, Floats]:
     """Shape functions of scikit-fem on the reference cell, at its points of Gauss.
 

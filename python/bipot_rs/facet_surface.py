@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -104,46 +103,26 @@ class Surface:
         Raises
         ------
         ImportError
-            meshio is not installed.
+            meshio is not installed, or scikit-fem.
         OSError
             There is no such file.
         ValueError
             It cannot be read, or holds neither.
         """
-        try:
-            import meshio
-        except ImportError:
-            raise ImportError(
-                "files of surfaces need meshio, which is not installed: "
-                "pip install 'bipot-rs[fem]'",
-                name="meshio",
-            ) from None
-        file = Path(path)
-        if not file.is_file():
-            raise FileNotFoundError(f"there is no file {file}")
-        try:
-            # It takes text for binary at first, and its count of triangles overflows.
-            with np.errstate(over="ignore"):
-                mesh: Any = meshio.read(file)
-        # Readers raise what they like, and one ends the program.
-        except (Exception, SystemExit) as error:  # noqa: BLE001
-            said = " ".join(str(error).split()) or type(error).__name__
-            raise ValueError(f"{file} cannot be read as a surface: {said}") from None
+        from bipot_rs.mesh_file import read_cells
+
+        points, blocks = read_cells(path)
         for kind, d in (("triangle", 3), ("line", 2)):
-            cells = [block.data for block in mesh.cells if block.type == kind]
+            cells = [nodes for known, nodes in blocks if known == kind]
             if cells:
-                x, number = np.unique(
-                    np.asarray(mesh.points, np.float64)[:, :d],
-                    axis=0,
-                    return_inverse=True,
-                )
+                x, number = np.unique(points[:, :d], axis=0, return_inverse=True)
                 facets = number.reshape(-1)[np.concatenate(cells)]
                 ordered = np.sort(facets, axis=1)
                 whole = (np.diff(ordered, axis=1) > 0).all(axis=1)
                 return cls(x, facets[whole], flipped=flipped)
-        kinds = ", ".join(sorted({block.type for block in mesh.cells})) or "no cells"
+        kinds = ", ".join(sorted({known for known, _ in blocks})) or "no cells"
         raise ValueError(
-            f"{file} has {kinds}, expected triangles, or lines in the plane"
+            f"{path} has {kinds}, expected triangles, or lines in the plane"
         )
 
     def __repr__(self) -> str:

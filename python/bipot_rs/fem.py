@@ -36,6 +36,7 @@ from bipot_rs.meeting import (
     Contact,
     body_index,
     gaps_of_steps,
+    gaps_onwards,
     meet,
     place,
     relative_displacement,
@@ -43,6 +44,7 @@ from bipot_rs.meeting import (
 from bipot_rs.mesh_check import check_mesh
 from bipot_rs.mesh_file import read_mesh, read_meshes
 from bipot_rs.problem import ContactProblem
+from bipot_rs.rigid_motion import Motion
 from bipot_rs.stress import Initial, initial_forces, stress, thermal, von_mises
 from bipot_rs.surfaces import (
     Spring,
@@ -186,7 +188,8 @@ class Model:
         dict
             ``displacement``, ``contact_pressure`` [Pa], ``contact_shear`` [Pa] (on the
             body that has the node, in global components), and ``contact_status``, -1
-            away from contact. Where meshes do not match, both bodies have the nodal
+            away from contact. At a node of several contacts their tractions add, and
+            the status is the firmest. Where meshes do not match, both bodies have the nodal
             forces Bᵀ r over the nodes' own areas of contact, and the status of the
             contact that weighs most.
         """
@@ -198,12 +201,14 @@ class Model:
             "contact_shear": np.zeros_like(self.nodes),
             "contact_status": np.full(len(self.nodes), -1, dtype=np.int8),
         }
+        opposite = np.array([c.pairing == "match" for c in self.contacts], np.bool_)
         for side, sign in ((0, 1.0), (1, -1.0)):
-            has = self.contact_dofs[:, side] >= 0
+            has = (self.contact_dofs[:, side] >= 0) & opposite[self.group]
             node = self.contact_dofs[has, side] // self.dim
-            fields["contact_pressure"][node] = traction[has, 0]
-            fields["contact_shear"][node] = sign * shear[has]
-            fields["contact_status"][node] = status[has]
+            # Added: a node in a corner has two contacts.
+            np.add.at(fields["contact_pressure"], node, traction[has, 0])
+            np.add.at(fields["contact_shear"], node, sign * shear[has])
+            np.maximum.at(fields["contact_status"], node, status[has])
         for group, contact in enumerate(self.contacts):
             if contact.pairing != "match":
                 own = np.flatnonzero(self.group == group)
@@ -238,12 +243,17 @@ class Model:
         scaled = sparse.diags_array((~small).astype(float)) @ scaled
         scaled = scaled + sparse.diags_array(small.astype(float)) @ size
         area = scaled.sum(axis=1)
-        fields["contact_pressure"][node] = (scaled @ pressure) / area
-        fields["contact_shear"][node] = sign[:, None] * (scaled @ shear) / area[:, None]
+        fields["contact_pressure"][node] += (scaled @ pressure) / area
+        fields["contact_shear"][node] += (
+            sign[:, None] * (scaled @ shear) / area[:, None]
+        )
         rows = np.repeat(np.arange(len(node)), np.diff(size.indptr))
         order = np.lexsort([size.data, rows])
         largest = order[np.cumsum(np.diff(size.indptr)) - 1]
-        fields["contact_status"][node] = status[size.indices[largest]]
+        known = fields["contact_status"][node]
+        fields["contact_status"][node] = np.maximum(
+            known, status[size.indices[largest]]
+        )
 
     def _weights(self, contacts: Ints) -> Any:
         """Scalar weights behind rows of B, ``(nodes, contacts)``: blocks are w_ij frame_i."""
@@ -303,6 +313,40 @@ class Model:
                 f"path has {steps}"
             )
         return self.moving
+
+    def gaps_between(
+        self, before: int, motions: Sequence[Motion | None]
+    ) -> Floats | None:
+        """Gaps after a part of a load step, as those of `gaps`.
+
+        Parameters
+        ----------
+        before
+            Load steps that are over, the state that the part begins with.
+        motions
+            Of each contact the motion of its obstacle in two states, the first that of
+            ``before``; None for one at rest.
+
+        Returns
+        -------
+        (n_c, d) or None
+            None where nothing moves. A function of where the part ends alone: it does
+            not depend on how the load step is divided.
+        """
+        if self.moving is None:
+            return None
+        gaps: Floats = np.zeros_like(self.moving[0])
+        gaps[:, 0] = self.gap
+        if before:
+            gaps = self.moving[before - 1].copy()
+        for group, motion in enumerate(motions):
+            if motion is not None:
+                at = self.group == group
+                gaps[at] = gaps_onwards(
+                    *(self.contacts[group], motion),
+                    *(self.points[at], self.frame[at], gaps[at]),
+                )
+        return gaps
 
     def traction(self, body: str, surface: str, value: Field) -> Floats:
         """Consistent nodal forces ``(n,)`` of a surface traction.

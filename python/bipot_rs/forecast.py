@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import prod
 from pathlib import Path
 from typing import Any
 
-from bipot_rs.fem import Model
-from bipot_rs.schema import AXES, Scene
+from bipot_rs.fem import Body, Model
+from bipot_rs.schema import Scene
 from bipot_rs.words import counted, meant
 
-# Corners of a cell, and how many of its kind a cell of the grid is cut into.
-_CORNERS = {
-    "triangle": (3, 2),
-    "quadrilateral": (4, 1),
-    "tetrahedron": (4, 5),
-    "hexahedron": (8, 1),
+# Nodes of a cell of first and of second order, and how many of its kind a cell of the
+# grid is cut into.
+_NODES = {
+    "triangle": (3, 6, 2),
+    "quadrilateral": (4, 9, 1),
+    "tetrahedron": (4, 10, 6),
+    "hexahedron": (8, 27, 1),
 }
+# A number and an index of four bytes.
+_ENTRY = 12
 
 # Rate of the condensation that seconds are foretold by [flop/s a core]: benches/README.md
 # has twice as much on a server core; small bodies and old machines have less.
@@ -66,6 +69,7 @@ def sizes(model: Model, steps: int) -> list[str]:
     contacts = ", ".join(
         f"{contact.body}.{contact.surface}"
         + (f" against {'.'.join(contact.against)}" if contact.against else "")
+        + (f" by {contact.pairing}" if contact.pairing != "match" else "")
         + f" ({int((model.group == k).sum())})"
         for k, contact in enumerate(model.contacts)
     )
@@ -94,6 +98,11 @@ def cost(counts: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def remarked(remarks: Sequence[str]) -> list[str]:
+    """What a person should look at, a line each."""
+    return [f"  remark    {remark}" for remark in remarks]
+
+
 def size(count: float) -> str:
     """Bytes as a person says them."""
     units = ("bytes", "kB", "MB", "GB", "TB")
@@ -114,21 +123,28 @@ def duration(time: float) -> str:
     return f"about {time / 3600:.0f} h"
 
 
-def fits(scene: Scene) -> None:
-    """Refuse a scene whose assembly alone does not fit, before its mesh is made.
+def fits(scene: Scene, meshed: Sequence[Body] | None = None) -> None:
+    """Refuse a scene whose assembly alone does not fit, before it is begun.
+
+    Parameters
+    ----------
+    scene
+        Of its boxes the sizes are known before they are meshed.
+    meshed
+        Its bodies, once files were read.
 
     Raises
     ------
     MemoryError
         With the figure, and what would fit.
     """
-    needed = _assembly(scene)
+    needed = _assembly(scene) if meshed is None else _entries(meshed)
     free = available()
     if free is None or needed <= free:
         return
     way = "fewer cells take less"
-    if scene.mesh is not None and scene.mesh.n:
-        dim = 3 if any(block.dim == 3 for block in scene.body.values()) else 2
+    if scene.mesh is not None and scene.mesh.n and not any(scene.files()):
+        dim = scene.dim or 2
         n = int(scene.mesh.n * (free / needed) ** (1 / dim))
         way = f"mesh.n up to {max(n, 1)} would fit, if all cells depend on it"
     raise MemoryError(
@@ -142,15 +158,22 @@ def _assembly(scene: Scene) -> float:
     n = scene.mesh.n if scene.mesh else None
     total = 0.0
     for block in scene.body.values():
-        axes = [getattr(block, letter, None) for letter in AXES]
-        if axes[0] is None:
-            # Not a box: nobody knows before its mesh is there.
+        cell = scene.cell(block)
+        if cell is None or block.dim is None:
+            # Of a file: nobody knows before it is read.
             continue
+        axes = (block.x, block.y, block.z)
         cells = prod(len(axis.grid(n)) - 1 for axis in axes if axis is not None)
-        corners, pieces = _CORNERS[scene.cell(block)]
-        # A number and an index of four bytes each entry.
-        total += cells * pieces * (corners * block.dim) ** 2 * 12
+        *nodes, pieces = _NODES[cell]
+        count = nodes[(scene.order(block) or 1) - 1]
+        total += cells * pieces * (count * block.dim) ** 2 * _ENTRY
     return total
+
+
+def _entries(meshed: Sequence[Body]) -> float:
+    """The same of meshes that are there."""
+    shapes = [(*body.cells.shape, body.dim) for body in meshed]
+    return float(sum(m * (nodes * d) ** 2 * _ENTRY for m, nodes, d in shapes))
 
 
 def solver(method: str, tol: float | str) -> None:

@@ -6,6 +6,7 @@ Nothing here is an error: each is a sentence for a person to judge.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,8 @@ from bipot_rs import motion
 from bipot_rs.check import Array, floats
 from bipot_rs.closest import length, place
 from bipot_rs.fem import Model
-from bipot_rs.meeting import outward
+from bipot_rs.meeting import body_index, outward
+from bipot_rs.surfaces import Spring, spring_stiffness
 from bipot_rs.words import counted
 
 Ints = NDArray[np.int64]
@@ -45,7 +47,7 @@ def inspect(
         As `fem.build` makes it.
     load, prescribed
         As `ContactProblem.solve` takes them; without them nothing is said of contacts
-        that never close.
+        that never close, and any prescribed displacement is taken for one that moves.
 
     Returns
     -------
@@ -59,7 +61,7 @@ def inspect(
     found = [
         *_penetrating(model),
         *_facing_away(model),
-        *_without_friction(model),
+        *_without_friction(model, prescribed),
         *_unheld(model),
         *_units(model),
     ]
@@ -122,17 +124,35 @@ def _facing_away(model: Model) -> Iterator[str]:
                 )
 
 
-def _without_friction(model: Model) -> Iterator[str]:
+def _without_friction(model: Model, prescribed: ArrayLike | None) -> Iterator[str]:
+    lost_ones = ~_rubs(model) & _slides(model, prescribed)
     for group, at in _groups(model):
         if not np.any(np.asarray(model.contacts[group].mu) > 0):
             continue
-        lost = int(np.sum(~_rubs(model)[at]))
+        lost = int(np.sum(lost_ones[at]))
         if lost:
             yield (
                 f"{lost} of the {counted(at.size, 'node')} of {_named(model, group)} have "
                 "no friction, mu = 0: supports prescribe their tangential displacement, "
                 "which leaves friction nothing to decide"
             )
+
+
+def _slides(model: Model, prescribed: ArrayLike | None) -> NDArray[np.bool_]:
+    """Which contact nodes are moved along their obstacles by what is prescribed.
+
+    Where that is zero, as on a plane of symmetry, a support takes what friction would.
+    """
+    if prescribed is None:
+        return np.ones(len(model.gap), dtype=np.bool_)
+    values = np.atleast_2d(floats("prescribed", prescribed))
+    moved = np.zeros(model.n)
+    moved[model.fixed] = np.abs(values).max(axis=0, initial=0.0)
+    along = (abs(model.B) @ moved).reshape(-1, model.dim)[:, 1:]
+    found = along.any(axis=1)
+    if model.moving is not None:
+        found |= model.moving[:, :, 1:].any(axis=(0, 2))
+    return np.asarray(found, np.bool_)
 
 
 def _rubs(model: Model) -> NDArray[np.bool_]:
@@ -210,6 +230,7 @@ def _unheld(model: Model) -> Iterator[str]:
     rows = (model.B @ modes).reshape(-1, model.dim, modes.shape[1])
     rubs = _rubs(model)
     held += [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]
+    held += [_sprung(model, spring, modes) for spring in model.springs]
     constraints = np.concatenate(held)
     for members in _meeting(model):
         columns = np.flatnonzero(np.isin(owner, members))
@@ -226,6 +247,18 @@ def _unheld(model: Model) -> Iterator[str]:
             f"nothing holds {'bodies' if len(members) > 1 else 'body'} {names} against "
             f"{'; '.join(words)}: add a support, or friction or a contact that stops it"
         )
+
+
+def _sprung(model: Model, spring: Spring, modes: Array) -> Array:
+    """What rigid motions do to a spring, of size 1 as supports and contacts are."""
+    b = body_index(model.bodies, spring.body)
+    body = model.bodies[b]
+    first = model.offset[b]
+    stiffness = spring_stiffness(body, spring)
+    largest = float(np.abs(stiffness.data).max(initial=0.0))
+    own = modes[first : first + body.points.size]
+    forces = np.asarray(stiffness @ own, np.float64)
+    return forces / largest if largest else 0.0 * forces
 
 
 def _modes(model: Model) -> tuple[Array, Ints]:
@@ -261,16 +294,23 @@ def _meeting(model: Model) -> list[list[int]]:
 
 
 def _said(model: Model, members: list[int], modes: Array, free: Array) -> list[str]:
-    """Words for a space of motions: translations along axes first, then the rest."""
+    """Words for a space of motions: translations along axes first, then the rest.
+
+    Of each body by itself, and then of all together.
+    """
     d, words = model.dim, []
     per_body = modes.shape[1] // len(members)
     rest = free
-    for k, axis in enumerate("xyz"[:d]):
+    movers = [(list(range(len(members))), "")]
+    if len(members) > 1:
+        alone = enumerate(model.bodies[b].name for b in members)
+        movers = [*(([at], f" of body {name!r}") for at, name in alone), *movers]
+    for (moving, name), k in product(movers, range(d)):
         shift = np.zeros(modes.shape[1])
-        shift[k::per_body] = 1 / np.sqrt(len(members))
+        shift[[at * per_body + k for at in moving]] = 1 / np.sqrt(len(moving))
         within = rest @ (rest.T @ shift)
         if length(shift - within) <= _FREE:
-            words.append(f"translation along {axis}")
+            words.append(f"translation along {'xyz'[k]}{name}")
             left = rest - np.outer(shift, shift @ rest)
             U, size, _ = np.linalg.svd(left, full_matrices=False)
             rest = U[:, size > 0.5]

@@ -189,6 +189,7 @@ class Job:
             NoEquilibriumError,
             NotConvergedError,
         )
+        from bipot_rs.forecast import fits
         from bipot_rs.resume import same_contacts
         from bipot_rs.run_files import contacts
         from bipot_rs.scene import assemble, bodies
@@ -197,6 +198,7 @@ class Job:
         try:
             with self._phase("mesh"):
                 meshed = bodies(scene)
+                fits(scene, meshed)
             with self._phase("assemble"):
                 case = assemble(scene, meshed)
                 estimator = None
@@ -259,13 +261,14 @@ class Job:
 
     def _foretell(self, counts: Mapping[str, Any]) -> None:
         """Say what the work will take, before it is done."""
-        from bipot_rs.forecast import cost, sizes
+        from bipot_rs.forecast import cost, remarked, sizes
 
         if self.case is None or self.scene is None:
             return
         title = [self.scene.title] if self.scene.title else []
         known = sizes(self.case.model, len(self.case.parameter))
-        self.progress.block("\n".join([*title, *known, *cost(counts)]))
+        remarks = remarked(self.case.remarks())
+        self.progress.block("\n".join([*title, *known, *cost(counts), *remarks]))
 
     def _told(self, k: int, parameter: float, step: Step) -> dict[str, Any]:
         """What is told of a load step, its discretisation error included if asked for."""

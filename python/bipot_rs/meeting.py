@@ -14,7 +14,7 @@ from bipot_rs.check import RATIO, floats, friction, number
 from bipot_rs.elasticity import Body, Box, Floats, Ints, Quadrature
 from bipot_rs.facet_mesh import turned_outward
 from bipot_rs.frames import frames
-from bipot_rs.obstacle import Closest, Motion, Obstacle, Plane, approach
+from bipot_rs.obstacle import Closest, Motion, Obstacle, Plane, approach, onwards
 from bipot_rs.pairing import METHODS, Pairs, pairs, rigid_pairs
 
 # Up to so many pairs of nodes comparing all takes less time than importing a tree.
@@ -120,13 +120,7 @@ def meet(
     else:
         frame, moved = _rigid(contact, _obstacle(contact, body.dim), points)
         gap = moved[0, :, 0].copy()
-    extra = contact.clearance
-    what = f"clearance of the contact on {contact.surface!r}"
-    clearance = floats(what, extra(points) if callable(extra) else extra)
-    if clearance.shape not in ((), (1,), (len(nodes),)):
-        raise ValueError(
-            f"{what} has shape {clearance.shape}, expected a number or ({len(nodes)},)"
-        )
+    clearance = _clearance(contact, points)
     if moved is not None:
         moved[:, :, 0] += clearance
     return Meeting(
@@ -137,6 +131,40 @@ def meet(
         dofs=np.stack([offset[b] + body.dim * nodes, partner], axis=1),
         moved=None if moved is None or contact.motion is None else moved[1:],
     )
+
+
+def _clearance(contact: Contact, points: Floats) -> Floats:
+    extra = contact.clearance
+    what = f"clearance of the contact on {contact.surface!r}"
+    found = floats(what, extra(points) if callable(extra) else extra)
+    if found.shape not in ((), (1,), (len(points),)):
+        raise ValueError(
+            f"{what} has shape {found.shape}, expected a number or ({len(points)},)"
+        )
+    return found
+
+
+def gaps_onwards(
+    contact: Contact, motion: Motion, points: Floats, frame: Floats, before: Floats
+) -> Floats:
+    """Gaps by component at the last of two states of a motion, ``(n_c, d)`` [m].
+
+    Parameters
+    ----------
+    contact
+        With a rigid obstacle.
+    motion
+        Of it, in place of the contact's: two states, the first that of ``before``.
+    points, frame
+        Of its contacts.
+    before
+        Gaps at the first, ``(n_c, d)``.
+    """
+    obstacle = _obstacle(contact, points.shape[1])
+    distance, drag = onwards(obstacle, motion, points)
+    gaps = before - np.einsum("cij,cj->ci", frame, drag)
+    gaps[:, 0] = distance + _clearance(contact, points)
+    return np.asarray(gaps, np.float64)
 
 
 def _check(contact: Contact, dim: int) -> None:
@@ -319,7 +347,8 @@ def relative_displacement(found: Sequence[Meeting], n: int) -> Any:
         _of_nodes(one.frame, one.dofs, n) if one.rows is None else one.rows
         for one in found
     ]
-    return sparse.csr_array(sparse.vstack(own, format="csr"))
+    # Without contacts there is nothing to stack.
+    return sparse.csr_array(sparse.vstack([sparse.csr_array((0, n)), *own], "csr"))
 
 
 def outward(body: Body, surface: str) -> Floats:

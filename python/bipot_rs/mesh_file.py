@@ -114,6 +114,36 @@ def read_meshes(path: str | os.PathLike[str], *, check: bool = True) -> dict[str
     return {name: _mesh(where, file, name, check=check) for name in volumes}
 
 
+def read_cells(
+    path: str | os.PathLike[str],
+) -> tuple[Floats, list[tuple[str, Ints]]]:
+    """Places ``(m, d)`` and cells by kind of a file that is no body, such as STL.
+
+    Raises
+    ------
+    OSError
+        There is no such file.
+    ValueError
+        It cannot be read.
+    ModuleNotFoundError
+        meshio is not installed.
+    """
+    file = Path(path)
+    meshio = _meshio(file)
+    if not file.is_file():
+        raise FileNotFoundError(f"there is no file {file}")
+    try:
+        # It takes text for binary at first, and its count of triangles overflows.
+        with np.errstate(over="ignore"):
+            mesh = meshio.read(file)
+    # Readers raise what they like, and one ends the program.
+    except (Exception, SystemExit) as error:  # noqa: BLE001
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{file} cannot be read as a surface: {said}") from None
+    cells = [(block.type, np.asarray(block.data, np.int64)) for block in mesh.cells]
+    return np.asarray(mesh.points, np.float64), cells
+
+
 def _open(path: Path) -> _File:
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
@@ -163,9 +193,9 @@ def _of_inp(path: Path) -> _File:
     )
 
 
-def _of_meshio(path: Path, suffix: str) -> _File:
+def _meshio(path: Path) -> Any:
     try:
-        meshio = import_module("meshio")
+        return import_module("meshio")
     except ModuleNotFoundError as error:
         if error.name != "meshio":
             raise
@@ -174,6 +204,10 @@ def _of_meshio(path: Path, suffix: str) -> _File:
             "extra fem, as in pip install 'bipot-rs[fem]'",
             name="meshio",
         ) from None
+
+
+def _of_meshio(path: Path, suffix: str) -> _File:
+    meshio = _meshio(path)
     reader = {".msh": meshio.gmsh, ".vtu": meshio.vtu}[suffix]
     try:
         # It prints warnings, of files that are refused below or are right.

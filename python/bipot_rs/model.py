@@ -21,7 +21,7 @@ from bipot_rs.errors import BipotError
 from bipot_rs.result import Result, Step
 from bipot_rs.scene import assemble, bodies, checked, parsed, put
 from bipot_rs.schema import Scene
-from bipot_rs.shipped import SceneError, text
+from bipot_rs.shipped import SceneError, folder_of, text
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -75,6 +75,8 @@ class Model:
         element: str | None = None,
     ) -> None:
         self._table: dict[str, Any] = {}
+        # Where the files that it names are looked for.
+        self._folder = Path()
         if title:
             self._table["title"] = title
         if units is not None:
@@ -93,6 +95,8 @@ class Model:
     def from_toml(cls, source: str | os.PathLike[str]) -> Model:
         """The model of a shipped scene, a file, or a text of several lines.
 
+        Meshes and surfaces that a scene file names are looked for beside it.
+
         Raises
         ------
         SceneError
@@ -105,12 +109,14 @@ class Model:
             made._table = parsed("text", name)
         else:
             made._table = parsed(name, text(name))
+            made._folder = folder_of(name)
         return made
 
     def to_toml(self, path: str | os.PathLike[str] | None = None) -> str:
         """The scene file of this model, written to ``path`` where one is given.
 
-        `bipot run` takes it, and `from_toml` gives an equal model back.
+        `bipot run` takes it, and `from_toml` gives an equal model back. Names of files
+        are written as they are seen from ``path``.
 
         Raises
         ------
@@ -119,9 +125,12 @@ class Model:
         OSError
             The file cannot be written.
         """
-        told = toml_text.text(self._table)
-        if path is not None:
-            Path(path).write_text(told, encoding="utf-8")
+        if path is None:
+            return toml_text.text(self._table)
+        table = self.to_dict()
+        _seen_from(Path(path).parent, self._folder, table)
+        told = toml_text.text(table)
+        Path(path).write_text(told, encoding="utf-8")
         return told
 
     def to_dict(self) -> dict[str, Any]:
@@ -140,7 +149,7 @@ class Model:
             There is no such place.
         """
         made = Model()
-        made._table = self.to_dict()
+        made._table, made._folder = self.to_dict(), self._folder
         wrong = [
             f"{key}: {said}"
             for key, value in changes.items()
@@ -156,23 +165,49 @@ class Model:
         return {"value": value, "amplitude": amplitude}
 
     def material(self, name: str, **table: Any) -> None:
-        """A material: ``young``, ``poisson``."""
+        """A material: ``young``, ``poisson``; orthotropic ``shear`` and ``axes`` besides.
+
+        An orthotropic one has three numbers of each, along its axes 1, 2, 3, and for the
+        planes 12, 13, 23.
+        """
         self._named("material", name, table)
 
     def body(self, name: str, **table: Any) -> None:
-        """A rectangle or a box.
+        """A rectangle or a box, or a mesh from a file.
 
-        ``material``; ``cell``, which is ``"triangle"``, ``"quadrilateral"``,
-        ``"tetrahedron"`` or ``"hexahedron"``; ``x``, ``y`` and in space ``z``, each the
-        grid points or a table of ``from``, ``to`` and ``cells``, or ``cell``,
-        ``uniform`` and ``growth``; in the plane ``plane``, ``"strain"`` or
-        ``"stress"``, and ``thickness``.
+        ``material``, its name, or names by volume of the mesh. Of a box ``cell``, which
+        is ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``;
+        ``x``, ``y`` and in space ``z``, each the grid points or a table of ``from``,
+        ``to`` and ``cells``, or ``cell``, ``uniform`` and ``growth``; ``order``, 1 or 2.
+        Instead of these ``mesh``, a file or a table of ``file``, ``group``, the volumes
+        of it, and ``order``; its surfaces are those that the file names. In the plane
+        ``plane``, ``"strain"`` or ``"stress"``, and ``thickness``. ``surface`` names
+        more surfaces: by name a table of ``within``, ``normal`` and ``angle`` in degrees.
         """
         self._named("body", name, table)
+
+    def obstacle(self, name: str, **table: Any) -> None:
+        """A rigid obstacle, which contacts are ``against`` by its name.
+
+        One of ``plane``, a table of ``point`` and ``normal``; ``sphere``, of ``centre``
+        and ``radius``; ``cylinder``, of ``point``, ``radius`` and in space ``axis``;
+        ``surface``, a file such as STL. ``inside`` for bodies that are within it.
+        ``move`` is a table of ``x``, ``y``, ``z``, and ``turn`` one of ``angle`` in
+        degrees, ``about`` and in space ``axis``: totals along the path.
+        """
+        self._named("obstacle", name, table)
 
     def support(self, on: str, **table: Any) -> None:
         """Displacements prescribed on a surface: ``x``, ``y``, ``z``, ``within``."""
         self._listed("support", on, table)
+
+    def symmetry(self, on: str) -> None:
+        """A plane surface at which the body goes on mirrored."""
+        self._listed("symmetry", on, {})
+
+    def spring(self, on: str, **table: Any) -> None:
+        """Springs per area: ``stiffness``, or ``normal`` and ``tangential``."""
+        self._listed("spring", on, table)
 
     def traction(self, on: str, **table: Any) -> None:
         """A force per area on a surface: ``x``, ``y``, ``z``."""
@@ -187,13 +222,21 @@ class Model:
         """A force per volume of a body: ``x``, ``y``, ``z``."""
         self._listed("body_force", on, table)
 
+    def strain(self, on: str, **table: Any) -> None:
+        """A strain that a body, or ``"body.volume"``, would have if nothing held it.
+
+        ``expansion`` and ``temperature``, or ``tensor`` and its ``amplitude``.
+        """
+        self._listed("strain", on, table)
+
     def contact(self, on: str, **table: Any) -> None:
         """Nodes of a surface that may meet something.
 
         ``mu``, one number or in space two, along ``axis`` and across it; ``plane``, a
-        table of ``point`` and ``normal``, or ``against``, the surface of another body;
-        ``clearance``, a height, or a table of ``height``, ``radius`` and ``centre``;
-        ``within``, ranges of coordinates.
+        table of ``point`` and ``normal``, or ``against``, an obstacle or the surface of
+        another body; ``pairing``, ``"match"`` or for meshes that do not match
+        ``"mortar"`` or ``"nodes"``; ``clearance``, a height, or a table of ``height``,
+        ``radius`` and ``centre``; ``within``, ranges of coordinates.
         """
         self._listed("contact", on, table)
 
@@ -252,7 +295,7 @@ class Model:
         SceneError
             With every mistake found, each with its place; a `ValueError`.
         """
-        return checked(self.title, self.to_dict())
+        return checked(self.title, self.to_dict(), folder=self._folder)
 
     def assemble(self) -> Case:
         """The arrays of this model: ``case.model`` and its load path.
@@ -264,6 +307,21 @@ class Model:
         """
         scene = self.scene
         return assemble(scene, bodies(scene))
+
+    def check(self) -> list[str]:
+        """What a person should look at before solving; it assembles.
+
+        A sentence each, none where nothing is suspicious: nodes that penetrate at the
+        start, surfaces that face away from what they may touch or are too far from it,
+        friction where supports prescribe the slip, bodies that nothing holds, units that
+        seem mixed, loads that do nothing. ``bipot check`` says the same.
+
+        Raises
+        ------
+        SceneError
+            Mistakes, as `assemble`.
+        """
+        return self.assemble().remarks()
 
     @property
     def contacts(self) -> Mapping[str, Ints]:
@@ -385,12 +443,33 @@ class ModelResult(Result):
         return self.case.support_force(self, name)
 
 
+def _seen_from(folder: Path, here: Path, table: dict[str, Any]) -> None:
+    """Rename the files of a table, which are seen from ``here``."""
+
+    def seen(file: Any) -> Any:
+        if not isinstance(file, str) or Path(file).is_absolute():
+            return file
+        return Path(os.path.relpath(here / file, folder)).as_posix()
+
+    for body in table.get("body", {}).values():
+        mesh = body.get("mesh")
+        if isinstance(mesh, dict) and "file" in mesh:
+            mesh["file"] = seen(mesh["file"])
+        elif mesh is not None:
+            body["mesh"] = seen(mesh)
+    for rigid in table.get("obstacle", {}).values():
+        if "surface" in rigid:
+            rigid["surface"] = seen(rigid["surface"])
+
+
 def _plain(value: Any) -> Any:
     """As `tomllib` would have it: tuples and arrays are lists, what is None is missing."""
     if isinstance(value, Mapping):
         return {key: _plain(v) for key, v in value.items() if v is not None}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
     if isinstance(value, list | tuple | range):
         return [_plain(v) for v in value]
     return copy.deepcopy(value)

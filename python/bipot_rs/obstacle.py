@@ -37,6 +37,7 @@ __all__ = [
     "Surface",
     "Union",
     "approach",
+    "onwards",
 ]
 
 # Nearer to an axis or a centre than this share of the radius, a normal has lost half of
@@ -319,11 +320,8 @@ def approach(obstacle: Obstacle, motion: Motion | None, points: Array) -> Approa
     drag = np.zeros((states, *points.shape))
     normal = feet = np.empty_like(points)
     for k in range(states):
-        seen = points if motion is None else motion.back(points, k)
-        found = obstacle.closest(seen)
-        distance[k] = found.distance
-        towards = found.normal if motion is None else motion.forwards(found.normal, k)
-        before, feet = feet, points - found.distance[:, None] * towards
+        before = feet
+        distance[k], towards, feet = _seen(obstacle, motion, points, k)
         if k == 0 or motion is None:
             normal = towards
             continue
@@ -331,6 +329,29 @@ def approach(obstacle: Obstacle, motion: Motion | None, points: Array) -> Approa
         nearest = distance[k] < distance[:k].min(axis=0)
         normal = np.where(nearest[:, None], towards, normal)
     return Approach(normal, distance, drag)
+
+
+def onwards(obstacle: Obstacle, motion: Motion, points: Array) -> tuple[Array, Array]:
+    """Distances at the last of two states of a motion, and the drag since the first.
+
+    Returns
+    -------
+    distance, drag
+        ``(n,)`` and ``(n, d)`` [m]: what `approach` would add to the drag of the first.
+    """
+    _, _, before = _seen(obstacle, motion, points, 1)
+    distance, _, feet = _seen(obstacle, motion, points, 2)
+    return distance, motion.drag(np.stack([before, feet]), 2)
+
+
+def _seen(
+    obstacle: Obstacle, motion: Motion | None, points: Array, state: int
+) -> tuple[Array, Array, Array]:
+    """Distances, normals and feet of points, of the obstacle as it stands in a state."""
+    seen = points if motion is None else motion.back(points, state)
+    found = obstacle.closest(seen)
+    towards = found.normal if motion is None else motion.forwards(found.normal, state)
+    return found.distance, towards, points - found.distance[:, None] * towards
 
 
 def _radius(what: str, radius: float) -> None:

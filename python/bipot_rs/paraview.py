@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,7 @@ def write_bodies(
     model: Model,
     steps: Sequence[Step],
     of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
+    at_rest: Callable[[int], NDArray[np.float64] | None] = lambda _: None,
 ) -> None:
     """Write the bodies: displacements and contact at nodes, stress in cells.
 
@@ -60,6 +61,8 @@ def write_bodies(
         As in `write`.
     of_cells
         Further fields ``(cells,)`` or ``(cells, k)``, one mapping a step.
+    at_rest
+        Of the number of a step, what `cell_fields` takes.
     """
     more = of_cells if of_cells is not None else ({} for _ in steps)
     write_series(
@@ -68,8 +71,8 @@ def write_bodies(
         model.cells,
         (model.fields(s.displacement, s.reaction, s.status) for s in steps),
         (
-            cell_fields(model, step.displacement) | dict(fields)
-            for step, fields in zip(steps, more, strict=True)
+            cell_fields(model, step.displacement, at_rest(k)) | dict(fields)
+            for k, (step, fields) in enumerate(zip(steps, more, strict=True))
         ),
     )
 
@@ -82,10 +85,15 @@ def write_contact(
     write_series(path, model.points, cells, (contact_fields(model, s) for s in steps))
 
 
-def cell_fields(model: Model, displacement: NDArray[np.float64]) -> Fields:
+def cell_fields(
+    model: Model,
+    displacement: NDArray[np.float64],
+    at_rest: NDArray[np.float64] | None = None,
+) -> Fields:
     """``stress (cells, 6)``, xx, yy, zz, xy, yz, xz, and ``von_mises (cells,)`` [Pa].
 
-    Cells of all bodies, in their order; the mean over each cell.
+    Cells of all bodies, in their order; the mean over each cell. ``at_rest (cells, 3, 3)``
+    is what initial strains add, `Case.stress_at_rest`.
     """
     ends = [*model.offset[1:], model.n]
     tensors = np.concatenate(
@@ -94,6 +102,8 @@ def cell_fields(model: Model, displacement: NDArray[np.float64]) -> Fields:
             for body, first, end in zip(model.bodies, model.offset, ends, strict=True)
         ]
     )
+    if at_rest is not None:
+        tensors = tensors + at_rest
     return {"stress": tensors[:, _ROW, _COLUMN], "von_mises": von_mises(tensors)}
 
 

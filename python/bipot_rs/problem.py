@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs import _core, motion, summary
-from bipot_rs.adaptive import follow, increments, proportional
+from bipot_rs.adaptive import follow, gaps_at, increments, proportional
 from bipot_rs.check import (
     RATIO,
     Array,
@@ -566,6 +566,7 @@ class ContactProblem:
         max_seconds: float | None = None,
         start: Result | Step | None = None,
         on_step: Callable[[int, Step], object] | None = None,
+        gap: Callable[[float], ArrayLike] | None = None,
     ) -> Result:
         """Follow a load path in steps as long as they may be, with slip history.
 
@@ -594,6 +595,10 @@ class ContactProblem:
             A `Result` of such a path or one of its steps: it goes on where that ended,
             with the steps and the bits it would have had. From a state of another path
             it begins at ``s = 0``.
+        gap
+            Gaps where obstacles move, a function of ``s`` that returns ``(n_c,)`` or
+            ``(n_c, d)``, totals as those of `solve`; default the ``gap`` of the problem,
+            throughout.
 
         Raises
         ------
@@ -610,9 +615,17 @@ class ContactProblem:
         end = plan.stops[-1]
         force = proportional("load", load, n, end)
         moved = proportional("prescribed", prescribed, len(self._fixed), end)
+        callback("gap", gap)
+        if gap is None and self._gaps is not None:
+            raise ValueError(
+                "gap is missing: this problem has gaps of "
+                f"{counted(len(self._gaps), 'load step')}, and steps in between need them "
+                "as a function of s"
+            )
+        apart = gaps_at(gap, contacts, d)
         return follow(
             self._following(self._core, self._mu, chosen, start),
-            lambda s: (force(s), moved(s)),
+            lambda s: (force(s), moved(s), apart(s)),
             plan,
             state(start, contacts, d),
             on_step,

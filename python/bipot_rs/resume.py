@@ -34,9 +34,14 @@ def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, Any]:
 
     # After defaults and --set: two spellings of one scene are one scene.
     text = scene.model_dump_json(by_alias=True)
+    digest = hashlib.sha256(text.encode())
+    for file in scene.files():
+        # One that is not there is told when it is read.
+        if file.is_file():
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
     return {
         "package": version("bipot-rs"),
-        "scene_digest": hashlib.sha256(text.encode()).hexdigest(),
+        "scene_digest": digest.hexdigest(),
         "method": method,
         "tol": tol,
     }

@@ -69,7 +69,12 @@ def write_series(
     model, steps = case.model, [step for _, step in reached]
     with writing(folder / "result.pvd"):
         of_cells = [_of_cells(_found(errors, k)) for k in range(len(steps))]
-        write_bodies(draft / "result.pvd", model, steps, of_cells)
+        write_bodies(
+            *(draft / "result.pvd", model, steps, of_cells),
+            at_rest=lambda k: case.stress_at_rest(
+                k if steps[k].s is None else steps[k]
+            ),
+        )
     with writing(folder / "contact.pvd"):
         write_contact(draft / "contact.pvd", model, steps)
 

@@ -1,7 +1,7 @@
 """Scene files: TOML, checked whole, to a contact problem and its load path.
 
-`read` parses and checks, `bodies` meshes, `assemble` builds the arrays of (1),
-(2) and (21).
+`read` parses and checks, `bodies` of `scene_parts` meshes, `assemble` builds the arrays
+of (1), (2) and (21).
 """
 
 from __future__ import annotations
@@ -10,16 +10,26 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from copy import deepcopy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from bipot_rs.case import Case, Load, along
-from bipot_rs.fem import Body, Contact, Material, Model, Support, box, build
+from bipot_rs.fem import Body, Model, build
 from bipot_rs.scene_keys import instead
+from bipot_rs.scene_parts import (
+    bodies,
+    contacts,
+    split,
+    springs,
+    strain_of,
+    supports,
+    symmetries,
+)
 from bipot_rs.schema import KIND, Scene, inconsistencies
-from bipot_rs.shipped import SceneError, shipped, text
+from bipot_rs.shipped import SceneError, folder_of, shipped, text
 from bipot_rs.words import meant
 
 __all__ = [
@@ -55,7 +65,7 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
     """
     table = parsed(name, text(name))
     problems = [p for p in (_override(table, item) for item in settings) if p]
-    return checked(name, table, problems)
+    return checked(name, table, problems, folder_of(name))
 
 
 def parsed(name: str, source: str) -> dict[str, Any]:
@@ -68,8 +78,16 @@ def parsed(name: str, source: str) -> dict[str, Any]:
         raise SceneError(name, ["is not TOML: it is nested too deeply"]) from None
 
 
-def checked(name: str, table: dict[str, Any], problems: Sequence[str] = ()) -> Scene:
-    """The scene of a table; `SceneError` with all mistakes, ``problems`` first."""
+def checked(
+    name: str,
+    table: dict[str, Any],
+    problems: Sequence[str] = (),
+    folder: Path = Path(),
+) -> Scene:
+    """The scene of a table; `SceneError` with all mistakes, ``problems`` first.
+
+    Files that it names are looked for in ``folder``.
+    """
     found = list(problems)
     try:
         scene = Scene.model_validate(table)
@@ -83,23 +101,7 @@ def checked(name: str, table: dict[str, Any], problems: Sequence[str] = ()) -> S
     found += inconsistencies(scene)
     if found:
         raise SceneError(name, found)
-    return scene
-
-
-def bodies(scene: Scene) -> list[Body]:
-    """Meshes and materials of a scene."""
-    n = scene.mesh.n if scene.mesh else None
-    found = []
-    for name, block in scene.body.items():
-        axes = (block.x, block.y, block.z)
-        grids = [axis.grid(n) for axis in axes if axis is not None]
-        mesh = box(grids, scene.cell(block))
-        elastic = scene.material[block.material]
-        material = Material(
-            elastic.young, elastic.poisson, block.plane == "stress", block.thickness
-        )
-        found.append(Body(name, mesh, material))
-    return found
+    return scene.beside(folder)
 
 
 def assemble(scene: Scene, meshed: Sequence[Body]) -> Case:
@@ -113,31 +115,20 @@ def assemble(scene: Scene, meshed: Sequence[Body]) -> Case:
     """
     try:
         return _case(scene, meshed)
+    except SceneError:
+        raise
     except ValueError as error:
         raise SceneError(scene.title, [str(error)]) from error
 
 
 def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
-    supports = [
-        Support(
-            *_split(s.on), tuple(s.components()), s.within.box() if s.within else None
-        )
-        for s in scene.support
-    ]
-    contacts = [
-        Contact(
-            *_split(c.on),
-            mu=c.mu,
-            plane=(c.plane.point, c.plane.normal) if c.plane else None,
-            against=_split(c.against) if c.against else None,
-            clearance=c.clearance.at,
-            within=c.within.box() if c.within else None,
-            axis=c.axis,
-        )
-        for c in scene.contact
-    ]
-    model = build(meshed, contacts, supports)
-
+    model = build(
+        meshed,
+        contacts(scene),
+        supports(scene),
+        symmetries=symmetries(scene),
+        springs=springs(scene),
+    )
     return along(
         scene,
         model,
@@ -151,13 +142,13 @@ def _loads(scene: Scene, meshed: Sequence[Body], model: Model) -> Iterator[Load]
     unit, none = np.eye(model.dim), np.zeros(0)
     place = {body.name: index for index, body in enumerate(meshed)}
     for t in scene.traction:
-        on, face = _split(t.on)
+        on, face = split(t.on)
         facets = meshed[place[on]].facets(face)
         for k, number in t.components().items():
             nodal = model.traction(on, face, unit[k])
             yield Load(place[on], facets, unit[k], none, nodal, number)
     for p in scene.pressure:
-        on, face = _split(p.on)
+        on, face = split(p.on)
         body = meshed[place[on]]
         normals = np.asarray(body.surface(face).normals)
         nodal = model.pressure(on, face, 1.0)
@@ -168,6 +159,12 @@ def _loads(scene: Scene, meshed: Sequence[Body], model: Model) -> Iterator[Load]
         for k, number in b.components().items():
             nodal = model.body_force(b.on, unit[k])
             yield Load(place[b.on], None, unit[k], none, nodal, number)
+    for told in scene.strain:
+        on, _ = split(told.on)
+        strain = strain_of(told, meshed[place[on]])
+        nodal = model.initial_strain(on, strain)
+        still = np.zeros(model.dim)
+        yield Load(place[on], None, still, none, nodal, told.factor, strain)
 
 
 def _mistake(error: Any, table: dict[str, Any]) -> str:
@@ -247,8 +244,3 @@ def put(table: dict[str, Any], key: str, value: Any) -> str | None:
         else:
             at = at[index]
     return None
-
-
-def _split(on: str) -> tuple[str, str]:
-    body, _, face = on.partition(".")
-    return body, face

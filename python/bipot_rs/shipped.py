@@ -34,6 +34,11 @@ def shipped() -> list[str]:
     return sorted(path.stem for path in _SHIPPED.glob("*.toml"))
 
 
+def folder_of(name: str) -> Path:
+    """Where the files that a scene names are looked for: beside its own."""
+    return Path() if name in shipped() else Path(name).parent
+
+
 def _nothing(path: Path) -> str:
     """What is wrong with a name that is no scene, and which one was meant."""
     if path.is_dir():

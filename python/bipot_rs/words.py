@@ -9,7 +9,7 @@ def counted(number: int, noun: str) -> str:
     """``1 entry``, ``2 entries``."""
     if number == 1:
         return f"1 {noun}"
-    if noun.endswith("y"):
+    if noun.endswith("y") and noun[-2:-1] not in "aeiou":
         return f"{number} {noun[:-1]}ies"
     return f"{number} {noun}s"
 

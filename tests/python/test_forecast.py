@@ -1,6 +1,7 @@
 """What the work will take, told before it is done."""
 
 import threading
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -148,3 +149,24 @@ def test_a_run_tells_it_before_the_first_step(
     # A program that reads lines of JSON is told nothing else.
     assert cli.app(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_meshes_of_files_are_counted_once_they_are_read(
+    monkeypatch: pytest.MonkeyPatch, repository: Path
+) -> None:
+    """Nobody knows before; then by their own cells, as boxes are by theirs."""
+    file = repository / "examples" / "scenes" / "gmsh_two_bodies.toml"
+    asked = read(str(file))
+    meshed = bodies(asked)
+    cells = sum(body.mesh.nelements for body in meshed)
+    entries = 12 * cells * (3 * 2) ** 2
+    monkeypatch.setattr(forecast, "available", lambda: entries - 1)
+    forecast.fits(asked)
+    with pytest.raises(MemoryError, match="fewer cells take less"):
+        forecast.fits(asked, meshed)
+    monkeypatch.setattr(forecast, "available", lambda: entries)
+    forecast.fits(asked, meshed)
+    for settings in ([], ["mesh.element=P1"], ["mesh.element=P2"], ["mesh.element=Q2"]):
+        for name in ("pressed_block", "sheared_cube"):
+            box = read(name, ["mesh.n=3", *settings])
+            assert forecast._assembly(box) == forecast._entries(bodies(box))

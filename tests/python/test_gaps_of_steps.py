@@ -275,3 +275,46 @@ def test_existence_is_of_the_gaps_of_the_step() -> None:
         bp.NoEquilibriumError, match="step 1: contact 0 penetrates by 1"
     ):
         problem.solve(gap=[[0.1], [-0.1]])
+
+
+def test_followed_in_steps_as_long_as_they_may_be() -> None:
+    """Of gaps that are a function of s; without need, those of load steps given."""
+    for dim in (2, 3):
+        _, gaps = wall(dim)
+        problem = make(dim)
+        fixed = problem.solve(gap=gaps, tol=TOL)
+        start = np.zeros_like(gaps[0])
+        start[:, 0] = setup(dim)[2]
+
+        def at(s: float, gaps: Any = gaps, start: Any = start) -> Any:
+            known = np.concatenate([start[None], gaps])
+            before = min(int(s), len(gaps) - 1)
+            share = s - before
+            if share == 1.0:
+                return known[before + 1]
+            return (1 - share) * known[before] + share * known[before + 1]
+
+        ends = np.arange(1.0, 5.0)
+        followed = problem.follow(stops=ends, largest=1.0, gap=at, tol=TOL)
+        assert followed.reaction.tobytes() == fixed.reaction.tobytes()
+        assert followed.slip.tobytes() == fixed.slip.tobytes()
+        # Divided, they are those of the same gaps, and what is left of them goes on.
+        most = 0.3 * float(np.abs(fixed.slip).max())
+        divided = problem.follow(stops=ends, gap=at, slip=most, tol=TOL)
+        assert len(divided) > 4
+        again = problem.solve(gap=np.stack([at(s) for s in divided.s]), tol=TOL)
+        assert divided.reaction.tobytes() == again.reaction.tobytes()
+        rest = problem.follow(stops=ends, gap=at, slip=most, tol=TOL, start=divided[2])
+        assert rest.reaction.tobytes() == divided.reaction[3:].tobytes()
+
+
+def test_gaps_that_follow_does_not_take() -> None:
+    _, gaps = wall(2)
+    problem = make(2)
+    with pytest.raises(ValueError, match=r"gap at s = 1 has shape \(2,\), expected"):
+        problem.follow(gap=lambda _: [0.0, 1.0])
+    with pytest.raises(TypeError, match="gap is"):
+        problem.follow(gap=gaps[0])
+    # Obstacles that would stand still, unsaid.
+    with pytest.raises(ValueError, match="gap is missing: this problem has gaps of 4"):
+        make(2, gaps=gaps).follow()

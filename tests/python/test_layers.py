@@ -127,6 +127,7 @@ PYTHON = (
     "schema.consistency",
     "report schema scene_keys simplices",
     "case",
+    "scene_parts",
     "plots.canvas",
     "plots.source plots.skin",
     "plots.line plots.path plots.convergence plots.body",
@@ -147,7 +148,7 @@ PYTHON = (
     "__main__ __init__",
 )
 PYTHON_NAMES = {
-    "meshio": ("mesh_file", "facet_surface"),
+    "meshio": ("mesh_file",),
     "skfem": ("elements",),
     "h5py": ("export", "fclib"),
 }

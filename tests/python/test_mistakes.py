@@ -36,7 +36,7 @@ RUN = ("run", "sheared_cube")
     [
         (("sheared_cube",), "To solve a scene: bipot run sheared_cube"),
         (("mine.toml",), "To solve a scene: bipot run mine.toml"),
-        (("xyzzy",), "bipot --help lists the commands"),
+        (("torque",), "bipot --help lists the commands"),
         (("chek", "sheared_cube"), "Did you mean 'check'"),
         (("run", "shered_cube"), "did you mean 'sheared_cube'?"),
         (("run", "pressed-block"), "did you mean 'pressed_block'?"),

@@ -270,8 +270,7 @@ def test_mistakes_are_those_of_the_file(tmp_path: Path) -> None:
     with pytest.raises(ValueError) as of_file:
         scene.read(str(tmp_path / "wrong.toml"))
     assert of_model.value.problems == of_file.value.problems
-    unknown = [p for p in of_model.value.problems if p.startswith("support.2.w")]
-    assert unknown[0].startswith("support.2.w: unknown key")
+    assert any(p.startswith("support.2.w: unknown") for p in of_model.value.problems)
     # What no table shows by itself, likewise.
     m = blocks()
     m.contact("upper.under", plane={"point": [0, 0, 0], "normal": [0, 0]}, mu=0.1)

@@ -277,6 +277,14 @@ def test_a_node_in_a_corner_has_two_contacts() -> None:
     left = np.flatnonzero(model.nodes[:, 0] == -0.5)
     np.testing.assert_allclose(force[bottom, 1], p * area, rtol=SAME)
     np.testing.assert_allclose(force[left, 0], q * area, rtol=SAME)
+    # What is looked at adds the tractions of both contacts of a node.
+    fields = model.fields(result.displacement[0], result.reaction[0], result.status[0])
+    both = model.nodes @ [1, 1] == -1.5
+    inner = [bottom[1:], left[1:], np.flatnonzero(both)]
+    for nodes, pressure in zip(inner, (p, q, p + q), strict=True):
+        np.testing.assert_allclose(
+            fields["contact_pressure"][nodes], pressure, rtol=SAME
+        )
     # Plane strain under the two pressures.
     k = (1 - NU**2) / E
     expected = -k * np.array([q - NU / (1 - NU) * p, p - NU / (1 - NU) * q])

@@ -401,8 +401,8 @@ def test_triangles_of_a_scene_stay_as_the_body_says() -> None:
 
 
 def test_elements_that_there_are_not() -> None:
-    with pytest.raises(scene.SceneError, match=r"mesh.element: should be 'P1' or 'Q1'"):
-        scene.read("pressed_block", ["mesh.element=P2"])
+    with pytest.raises(scene.SceneError, match=r"mesh.element: should be 'P1', 'Q1'"):
+        scene.read("pressed_block", ["mesh.element=P3"])
 
 
 def test_halved_grids_divide_every_simplex() -> None:

@@ -153,7 +153,10 @@ def _scene(name: str) -> dict[str, Any]:
     from bipot_rs.scene import read
 
     scene = read(name)
-    bodies = {body: block.material for body, block in scene.body.items()}
+    bodies = {
+        body: " and ".join(dict.fromkeys(block.materials.values()))
+        for body, block in scene.body.items()
+    }
     steps = scene.path.count()
     found: dict[str, Any] = {
         "kind": "scene",
@@ -174,9 +177,12 @@ def _scene(name: str) -> dict[str, Any]:
         counted(len(entries), kind)
         for kind, entries in (
             ("support", scene.support),
+            ("symmetry", scene.symmetry),
+            ("spring", scene.spring),
             ("traction", scene.traction),
             ("pressure", scene.pressure),
             ("body force", scene.body_force),
+            ("initial strain", scene.strain),
         )
         if entries
     ]

@@ -8,6 +8,7 @@ from typing import Any
 _SHORT: dict[str, dict[str, Any]] = {
     "Varying": {"type": "number"},
     "Clearance": {"type": "number"},
+    "MeshFile": {"type": "string"},
     "Amplitude": {"type": "array", "items": {"type": "number"}, "minItems": 1},
 }
 # Keys that are a number, or one that depends on n as text.

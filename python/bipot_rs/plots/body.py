@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from bipot_rs.check import Array, number
+from bipot_rs.check import Array, floats, number
 from bipot_rs.plots import canvas
 from bipot_rs.plots.skin import corners_of, deformed_nodes, skin
 from bipot_rs.plots.source import one_step, units_of
@@ -32,6 +33,7 @@ def deformed(
     near: float | None = None,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
+    at_rest: ArrayLike | None = None,
 ) -> Any:
     """Deformed bodies in the colours of the stress of von Mises, with contact forces.
 
@@ -53,6 +55,9 @@ def deformed(
         Draw what is within so many extents of the contacts; default all.
     units, ax
         As in `tractions`.
+    at_rest
+        What initial strains add to the stress of the displacements, ``(cells, 3, 3)``,
+        as `Case.stress_at_rest` has it.
 
     Returns
     -------
@@ -82,11 +87,14 @@ def deformed(
         )
     ends = [*model.offset[1:], model.n]
     bodies = zip(model.bodies, model.offset, ends, strict=True)
-    mises = [von_mises(stress(b, u[i:j], space=True)) for b, i, j in bodies]
+    tensors = np.concatenate([stress(b, u[i:j], space=True) for b, i, j in bodies])
+    if at_rest is not None:
+        tensors = tensors + floats("at_rest", at_rest, shape=tensors.shape)
+    mises = von_mises(tensors)
     places, scale = deformed_nodes(model.nodes, u, scale, _DEFORMED)
     ax = canvas.axes_of(ax, size=(5.4, 4.0), space=model.dim == 3)
     draw = _plane if model.dim == 2 else _space
-    image = draw(model, places, np.concatenate(mises), ax)
+    image = draw(model, places, mises, ax)
     if forces:
         _forces(model, places, np.asarray(found.reaction), near, ax)
     _limits(model, places, near, ax)

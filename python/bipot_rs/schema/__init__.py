@@ -4,11 +4,19 @@
 itself is said by `inconsistencies`.
 """
 
-from bipot_rs.schema.consistency import inconsistencies
-from bipot_rs.schema.contact import Clearance, Plane, Touch
-from bipot_rs.schema.load import BodyForce, Prescribed, Pressure, Traction
+from bipot_rs.schema.consistency import Known, inconsistencies
+from bipot_rs.schema.contact import Clearance, Plane, Rigid, Touch
+from bipot_rs.schema.load import (
+    BodyForce,
+    Foundation,
+    InitialStrain,
+    Mirror,
+    Prescribed,
+    Pressure,
+    Traction,
+)
 from bipot_rs.schema.material import Elastic
-from bipot_rs.schema.mesh import Axis, Block, Mesh, Within
+from bipot_rs.schema.mesh import Axis, Block, Mesh, MeshFile, Place, Within
 from bipot_rs.schema.path import Amplitude, Automatic, LoadPath
 from bipot_rs.schema.root import Scene, Solver, Units
 from bipot_rs.schema.table import AXES, KIND, Varying
@@ -23,11 +31,18 @@ __all__ = [
     "BodyForce",
     "Clearance",
     "Elastic",
+    "Foundation",
+    "InitialStrain",
+    "Known",
     "LoadPath",
     "Mesh",
+    "MeshFile",
+    "Mirror",
+    "Place",
     "Plane",
     "Prescribed",
     "Pressure",
+    "Rigid",
     "Scene",
     "Solver",
     "Touch",

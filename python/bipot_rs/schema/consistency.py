@@ -7,102 +7,353 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from bipot_rs.check import RATIO
 from bipot_rs.fem import FACES
-from bipot_rs.schema.contact import Touch
+from bipot_rs.schema.contact import Plane, Touch
+from bipot_rs.schema.mesh import Block, Within
 from bipot_rs.schema.root import Scene
-from bipot_rs.schema.table import AXES, LARGEST
+from bipot_rs.schema.table import AXES, LARGEST, Components
 from bipot_rs.words import counted
 
 
-def inconsistencies(scene: Scene) -> list[str]:
-    """List what no table shows by itself: names, dimensions, grids, lengths."""
+@dataclass(frozen=True)
+class Known:
+    """What is known of a body: of a mesh from a file, nothing before it is read.
+
+    Attributes
+    ----------
+    dim
+        2 or 3.
+    surfaces, volumes
+        Names.
+    """
+
+    dim: int | None = None
+    surfaces: Sequence[str] | None = None
+    volumes: Sequence[str] | None = None
+
+
+def inconsistencies(
+    scene: Scene, known: Mapping[str, Known] | None = None
+) -> list[str]:
+    """List what no table shows by itself: names, dimensions, grids, lengths.
+
+    Parameters
+    ----------
+    scene
+        All of it.
+    known
+        Of each body what its mesh tells; without it, what the tables do.
+    """
     found = list(_out_of_range(scene.model_dump(by_alias=True, exclude={"solver"})))
     if found:
         return found
-    parts = (_bodies, _surfaces, _components, _contacts, _path)
-    return [problem for part in parts for problem in part(scene)]
+    if known is None:
+        known = {name: _of_table(block) for name, block in scene.body.items()}
+    dim = max((one.dim for one in known.values() if one.dim), default=None)
+    return [
+        *_bodies(scene, known),
+        *_materials(scene),
+        *_surfaces(scene, known),
+        *_components(scene, dim),
+        *_held(scene, dim),
+        *_strains(scene, known, dim),
+        *_contacts(scene, known, dim),
+        *_obstacles(scene, dim),
+        *_path(scene),
+    ]
 
 
-def _bodies(scene: Scene) -> Iterator[str]:
-    """Materials, dimensions, grids, and what does not fit in memory."""
-    n = scene.mesh.n if scene.mesh else None
-    if len({block.dim for block in scene.body.values()}) > 1:
+def _of_table(block: Block) -> Known:
+    if block.mesh is not None or block.dim is None:
+        return Known()
+    return Known(block.dim, [*FACES[block.dim], *block.surface], ())
+
+
+def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
+    """Materials, dimensions, and the parts of a body."""
+    if len({one.dim for one in known.values() if one.dim}) > 1:
         yield "body: bodies of two and of three dimensions do not mix"
     for name, block in scene.body.items():
         if "." in name:
             yield f"body.{name}: a name has no dot, which parts a body from its surface"
-        if block.material not in scene.material:
-            yield f"body.{name}.material: {_unknown(block.material, scene.material)}"
-        if (block.z is None) != (block.dim == 2):
-            needs = "takes no z" if block.dim == 2 else "needs z"
-            yield f"body.{name}: a {block.cell} {needs}"
-        sides = []
-        for letter, axis in zip(AXES, (block.x, block.y, block.z), strict=True):
-            try:
-                if axis is not None:
-                    sides.append(len(axis.grid(n)))
-            except ValueError as error:
-                yield f"body.{name}.{letter}: {error}"
-        if len(sides) == block.dim:
-            yield from _too_large(name, math.prod(sides), block.dim, scene.path.count())
+        for end, material in block.materials.items():
+            if material not in scene.material:
+                place = f"body.{name}.material{end}"
+                yield f"{place}: {_unknown(material, scene.material)}"
+        if isinstance(block.material, dict):
+            yield from _volumes(f"body.{name}.material", block, known[name])
+        own = _box if block.mesh is None else _of_file
+        yield from own(name, block, scene)
+        yield from _geometry(f"body.{name}.surface", block, known[name].dim)
 
 
-def _surfaces(scene: Scene) -> Iterator[str]:
+def _volumes(place: str, block: Block, known: Known) -> Iterator[str]:
+    if not block.material:
+        yield f"{place}: is empty, expected a material for each volume"
+    if known.volumes is None:
+        return
+    for volume in block.material:
+        if volume not in known.volumes:
+            none = "none: a box names no volume" if block.mesh is None else "none"
+            names = ", ".join(known.volumes) or none
+            yield f"{place}: there is no volume {volume!r}, expected one of {names}"
+
+
+def _box(name: str, block: Block, scene: Scene) -> Iterator[str]:
+    """A grid, and what does not fit in memory."""
+    for key in ("cell", "x", "y"):
+        if getattr(block, key) is None:
+            yield f"body.{name}.{key}: is missing"
+    if block.dim is None:
+        return
+    if (block.z is None) != (block.dim == 2):
+        needs = "takes no z" if block.dim == 2 else "needs z"
+        yield f"body.{name}: a {block.cell} {needs}"
+    n = scene.mesh.n if scene.mesh else None
+    sides = []
+    for letter, axis in zip(AXES, (block.x, block.y, block.z), strict=True):
+        try:
+            if axis is not None:
+                sides.append(len(axis.grid(n)))
+        except ValueError as error:
+            yield f"body.{name}.{letter}: {error}"
+    if len(sides) == block.dim:
+        order = scene.order(block) or 1
+        nodes = math.prod(order * (side - 1) + 1 for side in sides)
+        yield from _too_large(name, nodes, block.dim, scene.path.count())
+
+
+def _of_file(name: str, block: Block, _: Scene) -> Iterator[str]:
+    for key in ("cell", "x", "y", "z"):
+        if getattr(block, key) is not None:
+            yield f"body.{name}.{key}: is of a box, this body has a mesh"
+    if "order" in block.model_fields_set:
+        yield f"body.{name}.order: is of a box, that of a mesh is mesh.order"
+
+
+def _geometry(place: str, block: Block, dim: int | None) -> Iterator[str]:
+    """Surfaces by place and direction."""
+    for name, surface in block.surface.items():
+        if block.mesh is None and block.dim is not None and name in FACES[block.dim]:
+            yield f"{place}.{name}: a box has a surface of this name, choose another"
+        if surface.within is None and surface.normal is None:
+            yield f"{place}.{name}: needs within or normal"
+        if surface.within is not None:
+            yield from _within(f"{place}.{name}.within", surface.within, dim)
+        if surface.normal is not None:
+            yield from _direction(f"{place}.{name}.normal", surface.normal, dim)
+        elif "angle" in surface.model_fields_set:
+            yield f"{place}.{name}.angle: goes with normal, which is missing"
+
+
+def _within(place: str, within: Within, dim: int | None) -> Iterator[str]:
+    given = within.box()
+    if not given:
+        yield f"{place}: gives no range of x, y or z"
+    for axis, (low, high) in given.items():
+        if not low <= high:
+            yield f"{place}.{AXES[axis]}: should ascend, got {[low, high]}"
+    if dim == 2 and 2 in given:
+        yield f"{place}.z: a scene of two dimensions has no z"
+
+
+def _direction(place: str, vector: Sequence[float], dim: int | None) -> Iterator[str]:
+    if dim is not None and len(vector) != dim:
+        yield f"{place}: should have {dim} components"
+    elif not any(vector):
+        yield f"{place}: should not be zero"
+
+
+def _materials(scene: Scene) -> Iterator[str]:
+    for name, material in scene.material.items():
+        try:
+            material.made()
+        except ValueError as error:
+            yield f"material.{name}: {error}"
+
+
+def _surfaces(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
     """Names that tables act on."""
-    for kind in ("support", "traction", "pressure", "contact"):
+    for kind in ("support", "symmetry", "spring", "traction", "pressure", "contact"):
         for i, entry in enumerate(getattr(scene, kind)):
-            yield from _surface(scene, f"{kind}.{i}.on", entry.on)
+            yield from _surface(known, f"{kind}.{i}.on", entry.on)
     for i, force in enumerate(scene.body_force):
         if force.on not in scene.body:
             yield f"body_force.{i}.on: {_unknown(force.on, scene.body)}"
 
 
-def _surface(scene: Scene, path: str, on: str) -> Iterator[str]:
+def _surface(known: Mapping[str, Known], path: str, on: str) -> Iterator[str]:
     body, dot, face = on.partition(".")
-    if body not in scene.body:
-        yield f"{path}: {_unknown(body, scene.body)}"
+    if body not in known:
+        yield f"{path}: {_unknown(body, list(known))}"
         return
-    known = FACES[scene.body[body].dim]
-    if not dot or face not in known:
-        yield f"{path}: {_unknown(on, [f'{body}.{face}' for face in known])}"
+    names = known[body].surfaces
+    if names is None:
+        if not face:
+            yield f"{path}: should be {body}.SURFACE, a surface that its mesh names"
+    elif not dot or face not in names:
+        yield f"{path}: {_unknown(on, [f'{body}.{name}' for name in names])}"
 
 
-def _components(scene: Scene) -> Iterator[str]:
+def _components(scene: Scene, dim: int | None) -> Iterator[str]:
     """Components of vectors that act."""
     for kind in ("support", "traction", "body_force"):
         for i, entry in enumerate(getattr(scene, kind)):
-            if not entry.components():
-                yield f"{kind}.{i}: gives no component x, y or z"
-            if scene.dim == 2 and entry.z is not None:
-                yield f"{kind}.{i}.z: a scene of two dimensions has no z"
+            yield from _given(f"{kind}.{i}", entry, dim)
+    for i, support in enumerate(scene.support):
+        if support.within is not None and dim == 2 and support.within.z is not None:
+            yield f"support.{i}.within.z: a scene of two dimensions has no z"
 
 
-def _contacts(scene: Scene) -> Iterator[str]:
+def _given(place: str, entry: Components, dim: int | None) -> Iterator[str]:
+    if not entry.components():
+        yield f"{place}: gives no component x, y or z"
+    if dim == 2 and entry.z is not None:
+        yield f"{place}.z: a scene of two dimensions has no z"
+
+
+def _held(scene: Scene, dim: int | None) -> Iterator[str]:
+    """Springs."""
+    for i, spring in enumerate(scene.spring):
+        along = spring.normal is not None or spring.tangential is not None
+        if along == (spring.stiffness is not None):
+            yield f"spring.{i}: needs stiffness, or normal and tangential"
+        if (
+            dim is not None
+            and isinstance(spring.stiffness, list)
+            and len(spring.stiffness) != dim
+        ):
+            yield f"spring.{i}.stiffness: should have {dim} components"
+
+
+def _strains(
+    scene: Scene, known: Mapping[str, Known], dim: int | None
+) -> Iterator[str]:
+    for i, strain in enumerate(scene.strain):
+        place = f"strain.{i}"
+        body, _, volume = strain.on.partition(".")
+        names = None if body not in known else known[body].volumes
+        if body not in known:
+            yield f"{place}.on: {_unknown(body, list(known))}"
+        elif volume and names is not None and volume not in names:
+            yield f"{place}.on: {_unknown(volume, names)}, volumes of body {body!r}"
+        heat = strain.expansion is not None, strain.temperature is not None
+        if any(heat) == (strain.tensor is not None) or any(heat) != all(heat):
+            yield f"{place}: needs expansion and temperature, or tensor"
+        if strain.amplitude is not None and strain.tensor is None:
+            yield (
+                f"{place}.amplitude: goes with tensor, that of heat is "
+                'temperature = { value = ..., amplitude = "..." }'
+            )
+        if strain.tensor is None:
+            continue
+        rows = [len(row) for row in strain.tensor]
+        if rows != [len(rows)] * len(rows) or len(rows) < (dim or 2):
+            yield f"{place}.tensor: should have {dim or 3} rows of {dim or 3} numbers"
+        elif any(
+            strain.tensor[a][b] != strain.tensor[b][a]
+            for a in range(len(rows))
+            for b in range(a)
+        ):
+            yield f"{place}.tensor: should be symmetric"
+
+
+def _contacts(
+    scene: Scene, known: Mapping[str, Known], dim: int | None
+) -> Iterator[str]:
     for i, contact in enumerate(scene.contact):
         place = f"contact.{i}"
         if (contact.plane is None) == (contact.against is None):
             yield f"{place}: needs plane or against, one of them"
-        if contact.against is not None:
-            yield from _surface(scene, f"{place}.against", contact.against)
-            if contact.against.partition(".")[0] == contact.on.partition(".")[0]:
+        if contact.obstacle is not None and contact.obstacle not in scene.obstacle:
+            yield f"{place}.against: {_no_obstacle(contact.obstacle, scene)}"
+        if contact.other is not None:
+            yield from _surface(known, f"{place}.against", contact.other)
+            if contact.other.partition(".")[0] == contact.on.partition(".")[0]:
                 yield f"{place}.against: a body cannot meet itself"
+        yield from _pairing(place, contact, scene)
+        if contact.plane is not None:
+            yield from _plane(f"{place}.plane", contact.plane, dim)
         for key, vector in (
-            ("plane.point", contact.plane.point if contact.plane else None),
-            ("plane.normal", contact.plane.normal if contact.plane else None),
             ("clearance.centre", contact.clearance.centre),
             ("axis", contact.axis),
         ):
-            if vector is not None and len(vector) != scene.dim:
-                yield f"{place}.{key}: should have {scene.dim} components"
-        if contact.plane and not any(contact.plane.normal):
-            yield f"{place}.plane.normal: should not be zero"
-        yield from _friction(place, contact, scene.dim)
+            if vector is not None and dim is not None and len(vector) != dim:
+                yield f"{place}.{key}: should have {dim} components"
+        if dim is not None:
+            yield from _friction(place, contact, dim)
         if contact.clearance.radius == 0:
             yield f"{place}.clearance.radius: should not be zero"
+
+
+def _no_obstacle(name: str, scene: Scene) -> str:
+    said = f"there is no obstacle {name!r}"
+    if name in scene.body:
+        return f"{said}, and a surface of body {name!r} is {name}.SURFACE"
+    return f"{said}, expected one of {', '.join(scene.obstacle) or 'none'}"
+
+
+def _pairing(place: str, contact: Touch, scene: Scene) -> Iterator[str]:
+    if contact.other is None and contact.pairing == "nodes":
+        yield f"{place}.pairing: of a rigid obstacle should be 'match' or 'mortar'"
+    rigid = scene.obstacle.get(contact.obstacle or "")
+    moves = rigid is not None and (rigid.move is not None or rigid.turn is not None)
+    if moves and contact.pairing == "mortar":
+        yield (
+            f"{place}.pairing: of an obstacle that moves should be 'match': gaps that "
+            "change are of nodes"
+        )
+
+
+def _plane(place: str, plane: Plane, dim: int | None) -> Iterator[str]:
+    if dim is not None and len(plane.point) != dim:
+        yield f"{place}.point: should have {dim} components"
+    yield from _direction(f"{place}.normal", plane.normal, dim)
+
+
+def _obstacles(scene: Scene, dim: int | None) -> Iterator[str]:
+    used = {contact.obstacle for contact in scene.contact}
+    for name, rigid in scene.obstacle.items():
+        place = f"obstacle.{name}"
+        if "." in name:
+            yield f"{place}: a name has no dot, which parts a body from its surface"
+        elif name not in used:
+            yield f"{place}: no contact is against it"
+        shapes = ("plane", "sphere", "cylinder", "surface")
+        if sum(getattr(rigid, shape) is not None for shape in shapes) != 1:
+            yield f"{place}: needs one of {', '.join(shapes)}"
+        if rigid.inside and rigid.plane is not None:
+            yield f"{place}.inside: a plane has no inside, turn its normal round"
+        if rigid.plane is not None:
+            yield from _plane(f"{place}.plane", rigid.plane, dim)
+        for key, point in (
+            ("sphere.centre", rigid.sphere and rigid.sphere.centre),
+            ("cylinder.point", rigid.cylinder and rigid.cylinder.point),
+            ("turn.about", rigid.turn and rigid.turn.about),
+        ):
+            if point and dim is not None and len(point) != dim:
+                yield f"{place}.{key}: should have {dim} components"
+        for key, part in (("cylinder", rigid.cylinder), ("turn", rigid.turn)):
+            if part is not None:
+                yield from _axis(f"{place}.{key}.axis", part.axis, dim)
+        if rigid.move is not None:
+            yield from _given(f"{place}.move", rigid.move, dim)
+
+
+def _axis(place: str, axis: Sequence[float] | None, dim: int | None) -> Iterator[str]:
+    """A direction in space, which the plane does not need."""
+    if axis is None:
+        if dim == 3:
+            yield f"{place}: is missing"
+    elif dim == 2:
+        yield f"{place}: in two dimensions there is none"
+    else:
+        yield from _direction(place, axis, 3)
 
 
 def _friction(place: str, contact: Touch, dim: int) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Bodies and their grids.
+"""Bodies: boxes with their grids, or meshes from files; their surfaces by geometry.
 
 A number of cells or a length may be given by the scene's own ``mesh.n``: ``"n"``,
 ``"n/2"``, ``"6*n"``, ``"0.5/n"``.
@@ -10,9 +10,9 @@ import re
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
-from bipot_rs.schema.table import MOST, Floats, Range, Table
+from bipot_rs.schema.table import KIND, MOST, Floats, Range, Table, Vector, wrap
 
 _DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
@@ -39,12 +39,14 @@ class Mesh(Table):
     """Resolution, the one number that a study of convergence changes, and the element.
 
     With ``element`` all bodies have the cells of that element, whatever their own
-    ``cell`` says: P1 are linear triangles and tetrahedra, Q1 bilinear quadrilaterals and
-    trilinear hexahedra, on the same grid points.
+    ``cell`` and ``order`` say: P1 are linear triangles and tetrahedra, Q1 bilinear
+    quadrilaterals and trilinear hexahedra, on the same grid points; P2 and Q2 have nodes
+    in the middles between them besides. Meshes of files keep their cells, and take the
+    order.
     """
 
     n: Annotated[int | None, Field(gt=0, le=MOST)] = None
-    element: Literal["P1", "Q1"] | None = None
+    element: Literal["P1", "Q1", "P2", "Q2"] | None = None
 
 
 class Axis(Table):
@@ -117,23 +119,6 @@ _Axis = Annotated[
 ]
 
 
-class Block(Table):
-    """A rectangle or a box, ``z`` in three dimensions only; a list is an axis' points."""
-
-    material: str
-    cell: Literal["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
-    x: _Axis
-    y: _Axis
-    z: _Axis | None = None
-    plane: Literal["strain", "stress"] = "strain"
-    thickness: Annotated[float, Field(gt=0)] = 1.0
-
-    @property
-    def dim(self) -> int:
-        """2 or 3."""
-        return _DIM[self.cell]
-
-
 class Within(Table):
     """Part of a surface: closed ranges of coordinates."""
 
@@ -145,6 +130,77 @@ class Within(Table):
         """Ranges by axis."""
         given = (self.x, self.y, self.z)
         return {k: (r[0], r[1]) for k, r in enumerate(given) if r is not None}
+
+
+class Place(Table):
+    """A surface by geometry, of facets of the border.
+
+    Those all of whose nodes are ``within`` ranges of coordinates, and whose outward
+    normals make at most ``angle`` degrees with ``normal``.
+    """
+
+    within: Within | None = None
+    normal: Vector | None = None
+    angle: Annotated[float, Field(gt=0, lt=180)] = 30.0
+
+
+_Names = Annotated[list[str], Field(min_length=1)]
+Names = Annotated[
+    Annotated[str, Tag(f"{KIND}name")] | Annotated[_Names, Tag(f"{KIND}names")],
+    Discriminator(lambda v: KIND + ("names" if isinstance(v, list) else "name")),
+]
+ByVolume = Annotated[
+    Annotated[str, Tag(f"{KIND}one")] | Annotated[dict[str, str], Tag(f"{KIND}many")],
+    Discriminator(lambda v: KIND + ("many" if isinstance(v, dict) else "one")),
+]
+
+
+class MeshFile(Table):
+    """A mesh from a file: gmsh ``.msh``, Abaqus or CalculiX ``.inp``, ``.vtu``.
+
+    ``file`` is relative to the scene file, and of a model in Python to the working
+    directory. ``group`` names the volumes of the file that the body is made of, all
+    without it; its surfaces are those that the file names. ``order = 2`` puts nodes in
+    the middles of a mesh of first order, ``order = 1`` leaves out those of one of second.
+    """
+
+    file: str
+    group: Names | None = None
+    order: Literal[1, 2] | None = None
+
+
+class Block(Table):
+    """A body: a rectangle or a box, ``z`` in three dimensions only, or a ``mesh``.
+
+    A list is an axis' points. ``order = 2`` puts nodes between those of the grid. One
+    ``material``, or one by the name of each volume of the mesh. ``surface`` names more
+    surfaces, by geometry.
+    """
+
+    material: ByVolume
+    mesh: Annotated[MeshFile | None, wrap("file")] = None
+    cell: Literal["triangle", "quadrilateral", "tetrahedron", "hexahedron"] | None = (
+        None
+    )
+    x: _Axis | None = None
+    y: _Axis | None = None
+    z: _Axis | None = None
+    order: Literal[1, 2] = 1
+    plane: Literal["strain", "stress"] = "strain"
+    thickness: Annotated[float, Field(gt=0)] = 1.0
+    surface: dict[str, Place] = Field(default_factory=dict)
+
+    @property
+    def dim(self) -> int | None:
+        """2 or 3; None of a file that was not read."""
+        return None if self.cell is None else _DIM[self.cell]
+
+    @property
+    def materials(self) -> dict[str, str]:
+        """Names of its materials, by the end of their places in the table."""
+        if isinstance(self.material, str):
+            return {"": self.material}
+        return {f".{volume}": name for volume, name in self.material.items()}
 
 
 def _of_n(expression: str, n: int | None) -> float:

@@ -1,0 +1,151 @@
+"""Bodies of second order that meet by mortar: patch tests, parts of surfaces, spheres."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bipot_rs import analytic, fem
+from bipot_rs import obstacle as ob
+
+E, NU, P = 1000.0, 0.3, 2.0
+# Some thousand unknowns of second order: their condition, 1e4, times rounding.
+PATCH = 1e-11
+
+KINDS = {
+    "T3": ("tetrahedron", None),
+    "T6": ("tetrahedron", False),
+    "Q4": ("hexahedron", None),
+    "Q8": ("hexahedron", True),
+    "Q9": ("hexahedron", False),
+}
+
+
+def cube(
+    kind: str,
+    name: str,
+    low: float,
+    grid: list[float],
+    up: tuple[float, ...] = (0.0, 0.4, 1.0),
+) -> fem.Body:
+    """A unit cube above ``low``, not equally divided."""
+    cell, serendipity = KINDS[kind]
+    mesh = fem.box([grid, grid, low + np.array(up)], cell)
+    if serendipity is not None:
+        mesh = fem.second_order(mesh, serendipity=serendipity)
+    return fem.Body(name, mesh, fem.Material(E, NU))
+
+
+def solved(bodies: list[fem.Body], contacts: list[fem.Contact]) -> tuple[Any, Any]:
+    """Pressed from above on what is held, sides x = 0 and y = 0 planes of symmetry."""
+    sides = [fem.Symmetry(b.name, s) for b in bodies for s in ("left", "front")]
+    below = [b for b in bodies if b.name == "low"]
+    ground = [fem.Support("low", "bottom", (2,)) for _ in below]
+    model = fem.build(bodies, contacts, ground, symmetries=sides)
+    load = model.pressure("high", "top", P)
+    values = model.prescribed([[0.0]] * len(ground))
+    return model, model.problem().solve(load, values, tol=1e-15)
+
+
+def is_uniform(model: fem.Model, result: Any, base: float) -> None:
+    x = model.nodes
+    exact = P / E * np.column_stack([NU * x[:, 0], NU * x[:, 1], base - x[:, 2]])
+    u = result.displacement[0].reshape(-1, 3)
+    np.testing.assert_allclose(u, exact, rtol=0, atol=PATCH * np.abs(exact).max())
+    np.testing.assert_allclose(result.traction[0][:, 0], P, rtol=10 * PATCH)
+
+
+@pytest.mark.parametrize(
+    ("high", "low"),
+    [("T6", "Q8"), ("Q8", "T6"), ("T6", "T3"), ("Q4", "Q8"), ("Q8", "Q9")],
+)
+def test_patch_of_two_bodies(high: str, low: str) -> None:
+    bodies = [
+        cube(high, "high", 0.0, [0.0, 0.45, 1.0]),
+        cube(low, "low", -1.0, [0.0, 0.3, 0.7, 1.0]),
+    ]
+    contact = fem.Contact(
+        "high", "bottom", 0.5, against=("low", "top"), pairing="mortar"
+    )
+    model, result = solved(bodies, [contact])
+    assert model.area.sum() == pytest.approx(1, rel=1e-13)
+    assert (model.area > 0).all()
+    is_uniform(model, result, -1.0)
+
+
+@pytest.mark.parametrize("kind", ["T6", "Q8", "Q9"])
+def test_patch_on_a_plane(kind: str) -> None:
+    body = cube(kind, "high", 0.0, [0.0, 0.45, 1.0])
+    floor = ([0, 0, 0], [0, 0, 1.0])
+    contact = fem.Contact("high", "bottom", 0.0, plane=floor, pairing="mortar")
+    model, result = solved([body], [contact])
+    is_uniform(model, result, 0.0)
+    # At nodes these faces have no areas to press on; those of 9 nodes have.
+    at_nodes = fem.Contact("high", "bottom", 0.0, plane=floor)
+    if kind == "Q9":
+        is_uniform(*solved([body], [at_nodes]), 0.0)
+    else:
+        with pytest.raises(ValueError, match='use pairing="mortar"'):
+            solved([body], [at_nodes])
+
+
+@pytest.mark.parametrize("kind", ["T6", "Q8"])
+def test_two_parts_of_a_surface_are_the_whole(kind: str) -> None:
+    """Facets on either side of x = 0.45, which meet in nodes that belong to both."""
+    body = cube(kind, "high", 0.0, [0.0, 0.45, 1.0])
+    floor = ([0, 0, 0], [0, 0, 1.0])
+    halves = [
+        fem.Contact(
+            *("high", "bottom", 0.0),
+            plane=floor,
+            pairing="mortar",
+            within={0: part},
+        )
+        for part in ((0.0, 0.45), (0.45, 1.0))
+    ]
+    model, result = solved([body], halves)
+    areas = [model.area[model.group == k].sum() for k in (0, 1)]
+    np.testing.assert_allclose(areas, [0.45, 0.55], rtol=1e-13)
+    np.testing.assert_allclose(result.reaction[0][:, 0].sum(), P, rtol=10 * PATCH)
+    # Forces of both act on the nodes between: pressures there add to the one of all.
+    fields = model.fields(result.displacement[0], result.reaction[0], result.status[0])
+    at = body.nodes("bottom")
+    whole = fem.Contact("high", "bottom", 0.0, plane=floor, pairing="mortar")
+    one, other = solved([body], [whole])
+    np.testing.assert_allclose(
+        (model.B.T @ result.reaction[0].ravel()),
+        one.B.T @ other.reaction[0].ravel(),
+        atol=10 * PATCH * P,
+    )
+    assert (fields["contact_status"][at[fields["contact_pressure"][at] > 0]] == 1).all()
+
+
+@pytest.mark.parametrize("kind", ["T6", "Q8", "Q4"])
+def test_a_sphere_by_mortar(kind: str) -> None:
+    """The gap is the distance in the mean: forces on cells of all kinds are alike.
+
+    Contact has a radius of 0.2, four cells. A strip of half a cell around it is a fourth
+    of its area, and pressures there are small: a tenth of the force.
+    """
+    ball = ob.Sphere([0.0, 0.0, 2.98], 2.0)
+    grid = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.45, 1.0]
+    up = (0.0, 0.5, 0.75, 0.88, 0.95, 1.0)
+    found = []
+    for name, pairing in ((kind, "mortar"), ("Q9", "match")):
+        body = cube(name, "low", 0.0, grid, up)
+        contact = fem.Contact("low", "top", 0.0, obstacle=ball, pairing=pairing)
+        sides = [fem.Symmetry("low", s) for s in ("left", "front")]
+        ground = fem.Support("low", "bottom", (0, 1, 2))
+        model = fem.build([body], [contact], [ground], symmetries=sides)
+        result = model.problem().solve()
+        force = np.einsum("ck,ckd->d", result.reaction[0], model.frame)
+        # It pushes down, and aside from the axis it is on alike along x and y.
+        assert force[2] < 0
+        assert force[0] == pytest.approx(force[1], rel=0.05)
+        found.append(-force[2])
+    assert found[0] == pytest.approx(found[1], rel=0.1)
+    # A quarter of Hertz's on a half-space; stiffer, by the ground that is five radii
+    # below.
+    modulus = analytic.contact_modulus(E, NU)
+    hertz = 4 / 3 * modulus * np.sqrt(2.0) * 0.02**1.5 / 4
+    assert hertz < found[0] < 1.4 * hertz
