@@ -263,11 +263,11 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
     vertices, t = np.unique(nodes[:, : kind.corners], return_inverse=True)
     # In rows of their own, as scikit-fem has them: it would copy, and warn of it.
     t = np.ascontiguousarray(t.reshape(-1, kind.corners).T)
-    x = np.ascontiguousarray(points.T)
+    x = np.ascontiguousarray(points[vertices].T)
     if kind.degree == 1:
-        return kind.mesh(x[:, vertices], t), vertices
+        return kind.mesh(x, t), vertices
     # Corners alone: the topology is theirs, and gives the numbers of all nodes.
-    bare: Any = kind.mesh(x[:, vertices], t)
+    bare: Any = kind.mesh(x, t)
     own = cell_nodes(bare)
     number = np.empty(int(bare.dofs.N), dtype=np.int64)
     number[own] = nodes
@@ -280,7 +280,7 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
             "shares without that node: nodes that are there twice, or cells that do "
             "not fit"
         )
-    mesh: Any = kind.mesh(x[:, number], t)
+    mesh: Any = kind.mesh(np.ascontiguousarray(points[number].T), t)
     # Found once: the facets do not depend on places.
     mesh.__dict__.update({k: v for k, v in vars(bare).items() if k not in vars(mesh)})
     return mesh, number
