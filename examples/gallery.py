@@ -130,7 +130,9 @@ def pictures() -> dict[str, Callable[[], Any]]:
     return drawn
 
 
-def draw(folder: Path, names: Iterable[str] | None = None, dpi: int = 150) -> list[Path]:
+def draw(
+    folder: Path, names: Iterable[str] | None = None, dpi: int = 150
+) -> list[Path]:
     """Write pictures into a folder, all if none are named; their files."""
     known = pictures()
     folder.mkdir(parents=True, exist_ok=True)

@@ -169,13 +169,18 @@ def test_the_mesh_of_the_tutorial_is_that_of_its_geometry(tmp_path: Path) -> Non
         gmsh.write(str(made))
     finally:
         gmsh.finalize()
-    theirs, ours = fem.read_meshes(made), fem.read_meshes(page.parent / "pad_on_block.msh")
+    theirs, ours = (
+        fem.read_meshes(made),
+        fem.read_meshes(page.parent / "pad_on_block.msh"),
+    )
     assert set(theirs) == set(ours) == {"pad", "block"}
     for name, mesh in ours.items():
         other = theirs[name]
         assert set(other.boundaries) == set(mesh.boundaries)
         # Written with 16 digits; versions of gmsh may place nodes within differently.
-        assert np.ptp(other.p, axis=1) == pytest.approx(np.ptp(mesh.p, axis=1), rel=1e-9)
+        assert np.ptp(other.p, axis=1) == pytest.approx(
+            np.ptp(mesh.p, axis=1), rel=1e-9
+        )
         for side, facets in mesh.boundaries.items():
             x, y = (
                 m.p[:, np.unique(m.facets[:, f])]
@@ -333,7 +338,9 @@ def test_every_public_name_is_in_the_reference() -> None:
     # Of modules that are not loaded with the package each name has its place, too.
     for module in (fem, obstacle, bp.plots):
         names = set(module.__all__) - {"FACES"}
-        page = next(t for t in pages.values() if f"automodule:: {module.__name__}\n" in t)
+        page = next(
+            t for t in pages.values() if f"automodule:: {module.__name__}\n" in t
+        )
         assert names <= set(re.findall(r"auto(?:class|function):: (\S+)", page))
 
 
