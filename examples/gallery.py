@@ -160,9 +160,7 @@ def for_pages(folder: Path) -> list[Path]:
 
 if __name__ == "__main__":
     folder, *chosen = sys.argv[1:] or ["gallery"]
-    if chosen == ["site"]:
-        drawn = for_pages(Path(folder))
-    else:
-        drawn = draw(Path(folder), chosen or None)
-    for path in drawn:
+    there = Path(folder)
+    of_site = chosen == ["site"]
+    for path in for_pages(there) if of_site else draw(there, chosen or None):
         print(path)
