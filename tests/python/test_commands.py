@@ -214,6 +214,8 @@ def test_plot_draws_each_kind(bipot: Any) -> None:
     drawn = {}
     for kind in kinds():
         assert re.search(rf"\b{kind}\b", told), kind
+        if kind == "tractions":
+            continue  # above
         assert bipot("plot", "out/sheared_cube", "--kind", kind)[0] == 0
         drawn[kind] = Path(f"out/sheared_cube/{kind}.png").read_bytes()
     assert len(set(drawn.values())) == len(drawn)
