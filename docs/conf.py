@@ -65,6 +65,7 @@ html_theme_options = {
 _alone = (
     "index",
     "start",
+    "gallery",
     "trust",
     "limits",
     "scenes",

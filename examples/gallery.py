@@ -1,11 +1,13 @@
 """Draws every picture that the program makes, from the shipped scenes, into a folder.
 
-``python examples/gallery.py [FOLDER]``; the folder is ``gallery`` if none is given. Those
-by PyVista are drawn where it is installed.
+``python examples/gallery.py [FOLDER [NAME...]]``: the folder is ``gallery`` and all are
+drawn unless told otherwise. Those by PyVista are drawn where it is installed. With
+``site`` for the names, those that docs/gallery.md shows.
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,23 @@ from bipot_rs import fem, scene
 
 Made = tuple[scene.Case, bp.Result]
 
+# Dragged so far that it slides as a whole, to and fro.
+FAR = 0.07
+SITE = (
+    "tractions",
+    "slip",
+    "status_cube",
+    "shear_cube",
+    "surface3d_slip",
+    "deformed_near",
+    "loop",
+    "dissipation",
+    "status_shares",
+    "convergence_two",
+)
 
+
+@cache
 def solved(name: str, *settings: str) -> Made:
     """A shipped scene as arrays, and its result, which knows the units."""
     read = scene.read(name, settings)
@@ -27,6 +45,26 @@ def solved(name: str, *settings: str) -> Made:
     return case, result
 
 
+def line() -> Made:
+    """A cylinder on a block."""
+    return solved("cattaneo_mindlin")
+
+
+def cube() -> Made:
+    """A cube, pressed and sheared."""
+    return solved("sheared_cube")
+
+
+def two() -> Made:
+    """A block on a block."""
+    return solved("two_blocks")
+
+
+def cycle() -> Made:
+    """A cube that is dragged to and fro."""
+    return solved("cyclic_cube", f"support.0.x.value={FAR}")
+
+
 def middle_line(model: fem.Model) -> Any:
     """Contacts of a cube's bottom that lie on the line along x nearest to its middle."""
     y = model.points[:, 1]
@@ -34,68 +72,95 @@ def middle_line(model: fem.Model) -> Any:
     return np.isclose(y, nearest, rtol=0, atol=1e-9 * np.ptp(y))
 
 
+def tractions_cube() -> Any:
+    """Along the middle of the cube's base."""
+    case, result = cube()
+    where = middle_line(case.model)
+    return bp.plots.tractions(result, along=[1, 0, 0], where=where)
+
+
+def loop() -> Any:
+    """Force over the displacement of the cube's top."""
+    case, result = cycle()
+    name = "displacement of the top"
+    return bp.plots.force_displacement(result, FAR * case.parameter, name=name)
+
+
+def with_mesh(draw: Callable[..., Any], made: Made, *names: str, **more: Any) -> Any:
+    """A picture of the bodies too."""
+    case, result = made
+    return draw(case.model, result, *names, **more)
+
+
 def pictures() -> dict[str, Callable[[], Any]]:
-    """Names of the pictures, and what draws each."""
-    line, line_path = solved("cattaneo_mindlin")
-    block, block_path = solved("pressed_block")
-    _, plate_path = solved("raous_plate")
-    cube, cube_path = solved("sheared_cube")
-    two, two_path = solved("two_blocks")
-    # Dragged so far that it slides as a whole, to and fro.
-    far = 0.07
-    cycle, cycle_path = solved("cyclic_cube", f"support.0.x.value={far}")
+    """Names of the pictures, and what draws each; scenes are solved when they are drawn."""
     plots = bp.plots
-    along = {"along": [1, 0, 0], "where": middle_line(cube.model)}
+    body, space = plots.deformed, plots.surface3d
     drawn: dict[str, Callable[[], Any]] = {
-        "tractions": lambda: plots.tractions(line_path),
-        "tractions_plate": lambda: plots.tractions(plate_path),
-        "tractions_cube": lambda: plots.tractions(cube_path, **along),
-        "slip": lambda: plots.slip(line_path),
-        "slip_cube": lambda: plots.slip(cube_path),
-        "status": lambda: plots.status_map(line_path),
-        "status_cube": lambda: plots.status_map(cube_path),
-        "pressure_cube": lambda: plots.surface_map(cube_path),
-        "shear_cube": lambda: plots.surface_map(cube_path, "shear"),
-        "deformed": lambda: plots.deformed(block.model, block_path),
-        "deformed_near": lambda: plots.deformed(line.model, line_path, near=0.3),
-        "deformed_cube": lambda: plots.deformed(cube.model, cube_path),
-        "deformed_two": lambda: plots.deformed(two.model, two_path),
-        "surface3d": lambda: plots.surface3d(cube.model, cube_path),
-        "surface3d_slip": lambda: plots.surface3d(cube.model, cube_path, "slip"),
-        "surface3d_status": lambda: plots.surface3d(two.model, two_path, "status"),
-        "resultants": lambda: plots.resultants(cycle_path),
-        "status_shares": lambda: plots.status_shares(cycle_path),
-        "loop": lambda: plots.force_displacement(
-            cycle_path, far * cycle.parameter, name="displacement of the top"
-        ),
-        "loop_of_contact": lambda: plots.force_displacement(cycle_path),
-        "dissipation": lambda: plots.dissipation(cycle_path),
-        "convergence": lambda: plots.convergence(cycle_path[0]),
-        "convergence_path": lambda: plots.convergence(cycle_path),
-        "convergence_two": lambda: plots.convergence(two_path),
+        "tractions": lambda: plots.tractions(line()[1]),
+        "tractions_plate": lambda: plots.tractions(solved("raous_plate")[1]),
+        "tractions_cube": tractions_cube,
+        "slip": lambda: plots.slip(line()[1]),
+        "slip_cube": lambda: plots.slip(cube()[1]),
+        "status": lambda: plots.status_map(line()[1]),
+        "status_cube": lambda: plots.status_map(cube()[1]),
+        "pressure_cube": lambda: plots.surface_map(cube()[1]),
+        "shear_cube": lambda: plots.surface_map(cube()[1], "shear"),
+        "deformed": lambda: with_mesh(body, solved("pressed_block")),
+        "deformed_near": lambda: with_mesh(body, line(), near=0.3),
+        "deformed_cube": lambda: with_mesh(body, cube()),
+        "deformed_two": lambda: with_mesh(body, two()),
+        "surface3d": lambda: with_mesh(space, cube()),
+        "surface3d_slip": lambda: with_mesh(space, cube(), "slip"),
+        "surface3d_status": lambda: with_mesh(space, two(), "status"),
+        "resultants": lambda: plots.resultants(cycle()[1]),
+        "status_shares": lambda: plots.status_shares(cycle()[1]),
+        "loop": loop,
+        "loop_of_contact": lambda: plots.force_displacement(cycle()[1]),
+        "dissipation": lambda: plots.dissipation(cycle()[1]),
+        "convergence": lambda: plots.convergence(cycle()[1][0]),
+        "convergence_path": lambda: plots.convergence(cycle()[1]),
+        "convergence_two": lambda: plots.convergence(two()[1]),
     }
     if find_spec("pyvista"):
         for quantity in ("pressure", "slip", "status"):
-            drawn[f"pyvista_{quantity}"] = lambda quantity=quantity: plots.surface3d(
-                cube.model, cube_path, quantity, backend="pyvista"
+            drawn[f"pyvista_{quantity}"] = lambda quantity=quantity: with_mesh(
+                space, cube(), quantity, backend="pyvista"
             )
     return drawn
 
 
-def draw(folder: Path) -> list[Path]:
-    """Write all pictures into a folder; their names."""
+def draw(
+    folder: Path, names: Iterable[str] | None = None, dpi: int = 150
+) -> list[Path]:
+    """Write pictures into a folder, all if none are named; their files."""
+    known = pictures()
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for name, picture in pictures().items():
-        path, it = folder / f"{name}.png", picture()
+    for name in known if names is None else names:
+        path, it = folder / f"{name}.png", known[name]()
         if hasattr(it, "screenshot"):
             it.screenshot(path)
         else:
-            it.figure.savefig(path, dpi=150)
+            it.figure.savefig(path, dpi=dpi)
         written.append(path)
     return written
 
 
+def for_pages(folder: Path) -> list[Path]:
+    """The pictures of docs/gallery.md, small enough to be kept beside it."""
+    from PIL import Image  # matplotlib needs it, too
+
+    written = draw(folder, SITE, dpi=120)
+    for path in written:
+        with Image.open(path) as read:
+            read.convert("RGB").quantize(128).save(path, optimize=True)
+    return written
+
+
 if __name__ == "__main__":
-    for path in draw(Path(*sys.argv[1:] or ["gallery"])):
+    folder, *chosen = sys.argv[1:] or ["gallery"]
+    there = Path(folder)
+    of_site = chosen == ["site"]
+    for path in for_pages(there) if of_site else draw(there, chosen or None):
         print(path)

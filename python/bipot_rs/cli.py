@@ -354,7 +354,14 @@ def plot(
         str,
         typer.Argument(metavar="RESULT", help="The folder of a run, or its result.h5."),
     ],
-    kind: Annotated[str, typer.Option(help="Which picture.")] = "tractions",
+    kind: Annotated[
+        str,
+        typer.Option(
+            help="Which picture: tractions, slip, status_map, resultants, status_shares, "
+            "force_displacement, dissipation; of a plane surface in space also "
+            "pressure_map, shear_map, gap_map."
+        ),
+    ] = "tractions",
     out: Annotated[
         Path | None, typer.Option(help="The file; RESULT/KIND.png if not given.")
     ] = None,

@@ -261,11 +261,13 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
     # In the order of the element; place[k] is where VTK's order has its node k.
     nodes = cells[:, np.argsort(kind.order_of_vtk)]
     vertices, t = np.unique(nodes[:, : kind.corners], return_inverse=True)
-    t = t.reshape(-1, kind.corners).T
+    # In rows of their own, as scikit-fem has them: it would copy, and warn of it.
+    t = np.ascontiguousarray(t.reshape(-1, kind.corners).T)
+    x = np.ascontiguousarray(points[vertices].T)
     if kind.degree == 1:
-        return kind.mesh(points[vertices].T, t), vertices
+        return kind.mesh(x, t), vertices
     # Corners alone: the topology is theirs, and gives the numbers of all nodes.
-    bare: Any = kind.mesh(points[vertices].T, t)
+    bare: Any = kind.mesh(x, t)
     own = cell_nodes(bare)
     number = np.empty(int(bare.dofs.N), dtype=np.int64)
     number[own] = nodes
@@ -278,7 +280,7 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
             "shares without that node: nodes that are there twice, or cells that do "
             "not fit"
         )
-    mesh: Any = kind.mesh(points[number].T, t)
+    mesh: Any = kind.mesh(np.ascontiguousarray(points[number].T), t)
     # Found once: the facets do not depend on places.
     mesh.__dict__.update({k: v for k, v in vars(bare).items() if k not in vars(mesh)})
     return mesh, number

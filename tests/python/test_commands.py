@@ -13,6 +13,7 @@ import pytest
 from bipot_rs import cli, fclib
 from bipot_rs.commands import check as checking
 from bipot_rs.commands.new import templates
+from bipot_rs.commands.plot import kinds
 from bipot_rs.commands.schema import schema
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.scene import assemble, bodies, read
@@ -215,6 +216,31 @@ def test_plot_draws_what_run_draws(bipot: Any) -> None:
         status, out, err = bipot("plot", *arguments)
         assert (status, out) == (2, "")
         assert message in err
+
+
+def test_plot_draws_each_kind(bipot: Any) -> None:
+    """Of a run in space all of them, each another picture; in the plane no maps."""
+    assert bipot("run", "sheared_cube", *SMALL)[0] == 0
+    told = re.sub(r"[│\s]+", " ", bipot("plot", "--help")[1])
+    drawn = {}
+    for kind in kinds():
+        assert re.search(rf"\b{kind}\b", told), kind
+        if kind == "tractions":
+            continue  # above
+        assert bipot("plot", "out/sheared_cube", "--kind", kind)[0] == 0
+        drawn[kind] = Path(f"out/sheared_cube/{kind}.png").read_bytes()
+    assert len(set(drawn.values())) == len(drawn)
+    assert (
+        bipot("plot", "out/sheared_cube", "--kind", "shear_map", "--out", "m.svg")[0]
+        == 0
+    )
+    # The unit of the scene, which is text in this format.
+    assert "shear traction [MPa]" in Path("m.svg").read_text()
+    assert bipot("run", "pressed_block", *SMALL)[0] == 0
+    assert bipot("plot", "out/pressed_block", "--kind", "slip")[0] == 0
+    status, _, err = bipot("plot", "out/pressed_block", "--kind", "gap_map")
+    assert status == 2
+    assert "the contacts lie in the plane" in err
 
 
 def wrong(value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> str:

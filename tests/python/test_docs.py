@@ -4,8 +4,10 @@ import contextlib
 import doctest
 import importlib
 import io
+import os
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -17,12 +19,14 @@ import skfem
 from skfem.models.elasticity import linear_elasticity
 
 import bipot_rs as bp
+from bipot_rs import fem, obstacle
 from bipot_rs.cli import app
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("*/README.md")]
 )
+MESHES = sorted(ROOT.glob("docs/**/*.msh"))
 BLOCK = re.compile(
     r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL
 )
@@ -73,7 +77,9 @@ def _parts(shown: str) -> list[str]:
 
 
 def _words(part: str) -> str:
-    return re.escape(part).replace(re.escape("..."), ".*")
+    # Just three dots: more of them in a row are what the page shows.
+    split = re.split(r"(?<!\.)(\.{3})(?!\.)", part)
+    return "".join(".*" if word == "..." else re.escape(word) for word in split)
 
 
 def _unit(number: str) -> float:
@@ -122,6 +128,15 @@ def run(page: Path) -> dict[str, Any]:
     return space
 
 
+def with_meshes(page: Path, folder: Path) -> None:
+    """Meshes that pages read, where a reader in the folder of the page has them."""
+    for mesh in MESHES:
+        there = Path(os.path.normpath(folder / os.path.relpath(mesh, page.parent)))
+        if there.is_relative_to(folder):
+            there.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(mesh, there)
+
+
 @pytest.mark.parametrize(
     "page",
     [p for p in PAGES if blocks(p.read_text(encoding="utf-8"))],
@@ -130,9 +145,50 @@ def run(page: Path) -> dict[str, Any]:
 def test_python_blocks_run(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    with_meshes(page, tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     run(page)
+
+
+def test_the_mesh_of_the_tutorial_is_that_of_its_geometry(tmp_path: Path) -> None:
+    """What the page tells gmsh gives the names, and the bodies, of the file beside it."""
+    gmsh = pytest.importorskip("gmsh", exc_type=ImportError)
+    page = ROOT / "docs" / "tutorials" / "from-gmsh.md"
+    (geometry,) = re.findall(
+        r"^```c\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
+    source, made = tmp_path / "it.geo", tmp_path / "it.msh"
+    source.write_text(geometry)
+    # Its own thread of signals is not wanted beside that of pytest.
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(source))
+        gmsh.model.mesh.generate(2)
+        gmsh.write(str(made))
+    finally:
+        gmsh.finalize()
+    theirs, ours = (
+        fem.read_meshes(made),
+        fem.read_meshes(page.parent / "pad_on_block.msh"),
+    )
+    assert set(theirs) == set(ours) == {"pad", "block"}
+    for name, mesh in ours.items():
+        other = theirs[name]
+        assert set(other.boundaries) == set(mesh.boundaries)
+        # Written with 16 digits; versions of gmsh may place nodes within differently.
+        assert np.ptp(other.p, axis=1) == pytest.approx(
+            np.ptp(mesh.p, axis=1), rel=1e-9
+        )
+        for side, facets in mesh.boundaries.items():
+            x, y = (
+                m.p[:, np.unique(m.facets[:, f])]
+                for m, f in ((mesh, facets), (other, other.boundaries[side]))
+            )
+            size = np.ptp(x, axis=1).max()
+            assert np.abs(x.min(axis=1) - y.min(axis=1)).max() <= 1e-9 * size
+            assert np.abs(x.max(axis=1) - y.max(axis=1)).max() <= 1e-9 * size
 
 
 SCENES = [
@@ -162,6 +218,7 @@ def test_readme_example_is_right(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its stiffness is scikit-fem's, and its answer obeys statics and the law."""
+    with_meshes(ROOT / "README.md", tmp_path)
     monkeypatch.chdir(tmp_path)
     space = run(ROOT / "README.md")
     n, K, result = space["n"], space["K"], space["result"]
@@ -223,6 +280,8 @@ def test_broken_links_are_seen(tmp_path: Path) -> None:
         ("3 steps", "3 steps", True),
         ("4 steps", "3 steps", False),
         ("1.3e-13 left", "... left", True),
+        ("....~##.. 2", "....~##.. 2", True),
+        ("...~~##.. 2", "....~##.. 2", False),
         ("1.25 and more", "1.25", False),
         ("[-0.3 2e-05]", "[-0.3 2e-05]", True),
         ("[ 0.3 2e-05]", "[-0.3 2e-05]", False),
@@ -272,10 +331,17 @@ def test_every_public_name_is_in_the_reference() -> None:
     index = pages.pop("index")
     rest = "\n".join(pages.values())
     documented = re.findall(r"auto(?:class|function|exception):: (\S+)", rest)
-    for name in set(bp.__all__) - {"fclib"}:
+    for name in set(bp.__all__) - {"fclib", "plots"}:
         assert documented.count(name) == 1, name
         assert re.search(rf"^   {name}$", index, re.MULTILINE), name
     assert "automodule:: bipot_rs.fclib" in rest
+    # Of modules that are not loaded with the package each name has its place, too.
+    for module in (fem, obstacle, bp.plots):
+        names = set(module.__all__) - {"FACES"}
+        page = next(
+            t for t in pages.values() if f"automodule:: {module.__name__}\n" in t
+        )
+        assert names <= set(re.findall(r"auto(?:class|function):: (\S+)", page))
 
 
 def _sites_links() -> Any:

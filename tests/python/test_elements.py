@@ -331,3 +331,18 @@ def test_two_blocks_of_second_order(vtk: str) -> None:
     for body in blocks:
         u = model.displacement_of(body.name, result.displacement[0])
         np.testing.assert_allclose(fem.stress(body, u) - wanted, 0.0, atol=1e-8 * 0.01)
+
+
+def test_large_meshes_are_made_without_a_warning(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """scikit-fem says so of arrays that it has to copy, of a thousand cells and more."""
+    square = skfem.MeshQuad.init_tensor(*[np.linspace(0, 1, 41)] * 2)
+    caplog.clear()
+    corners, cells = (np.ascontiguousarray(a.T) for a in (square.p, square.t))
+    made, _ = elements.make_mesh("quad", corners, cells)
+    assert made.t.shape[1] == 1600
+    assert not caplog.records
+    # What it would say, were the cells handed in as columns of rows.
+    skfem.MeshQuad(made.p, np.asfortranarray(made.t))
+    assert [record.levelname for record in caplog.records] == ["WARNING"]

@@ -1,7 +1,9 @@
 """An environment that lacks a library: the rest works, and the extra is named."""
 
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -92,3 +94,35 @@ def test_a_fault_within_a_library_is_not_hidden() -> None:
     assert missing(within, "files", "h5py", "io") is within
     without = ModuleNotFoundError("No module named 'h5py'", name="h5py")
     assert missing(without, "files", "h5py", "io") is not without
+
+
+def brought(extra: str, extras: dict[str, list[str]]) -> set[str]:
+    """Libraries that an extra installs, those of the extras it names included."""
+    found = set()
+    for line in extras[extra]:
+        if inner := re.fullmatch(r"bipot-rs\[(.*)\]", line):
+            found |= set().union(*(brought(e, extras) for e in inner[1].split(",")))
+        else:
+            found.add(re.split(r"[<>=~! ]", line)[0])
+    return found
+
+
+def test_extras_that_are_named_bring_what_is_missing(repository: Path) -> None:
+    extras = tomllib.loads((repository / "pyproject.toml").read_text("utf-8"))
+    extras = extras["project"]["optional-dependencies"]
+    known = {extra: brought(extra, extras) for extra in extras}
+    named = set()
+    # As `missing`, `library` and messages of their own name an extra; a library is
+    # named with it, or in the sentence before it.
+    call = re.compile(r"\"(\w+)\",\s*(?:extra=)?\"(\w+)\"")
+    for file in (repository / "python").rglob("*.py"):
+        text = file.read_text("utf-8")
+        named |= set(re.findall(r"bipot-rs\[(\w+)\]", text))
+        named |= set(re.findall(r"library\(\"\w+\", extra=\"(\w+)\"", text))
+        for library, extra in call.findall(text):
+            if library in OPTIONAL and extra in known:
+                wished = {"skfem": "scikit-fem"}.get(library, library)
+                assert wished in known[extra], (file.name, library, extra)
+    assert {"fem", "viz"} <= named <= set(known)
+    assert "meshio" in known["fem"]
+    assert {"pydantic", "typer", "matplotlib", "h5py"} <= known["cli"]

@@ -10,14 +10,43 @@ from typing import Any
 from bipot_rs.folder import RESULT
 from bipot_rs.words import meant
 
-Picture = Callable[..., None]
+# Draws a result that `load` has read: the file to write, the result, a title.
+Picture = Callable[[Path, Any, str], None]
 
 
 def kinds() -> dict[str, Picture]:
-    """Pictures by name: each takes a file, contacts, steps, ``title`` and ``units``."""
+    """Pictures by name: what a run leaves, and those of `bipot_rs.plots` by their names."""
+    from bipot_rs import plots
+
+    def one(function: Callable[..., Any], *names: str) -> Picture:
+        def draw(path: Path, result: Any, title: str) -> None:
+            ax = function(result, *names)
+            if title:
+                ax.figure.suptitle(title)
+            ax.figure.savefig(path, dpi=150, bbox_inches="tight")
+
+        return draw
+
+    drawn: dict[str, Picture] = {"tractions": _left_by_run}
+    for function in (
+        plots.slip,
+        plots.status_map,
+        plots.resultants,
+        plots.status_shares,
+        plots.force_displacement,
+        plots.dissipation,
+    ):
+        drawn[function.__name__] = one(function)
+    for quantity in ("pressure", "shear", "gap"):
+        drawn[f"{quantity}_map"] = one(plots.surface_map, quantity)
+    return drawn
+
+
+def _left_by_run(path: Path, result: Any, title: str) -> None:
     from bipot_rs.plot import tractions
 
-    return {"tractions": tractions}
+    steps = [{"reaction": step.reaction, "status": step.status} for step in result]
+    tractions(path, result.contacts, steps, title=title, units=result.units)
 
 
 def draw(name: str, kind: str, out: Path | None) -> Path:
@@ -39,6 +68,7 @@ def draw(name: str, kind: str, out: Path | None) -> Path:
         There is no result, it cannot be read or drawn, or the file cannot be written.
     """
     from bipot_rs.export import read_result, writing
+    from bipot_rs.result import load
 
     known = kinds()
     if kind not in known:
@@ -51,13 +81,16 @@ def draw(name: str, kind: str, out: Path | None) -> Path:
         path = path / RESULT
     if not path.exists():
         raise OSError(f"there is no {path}: bipot run makes one, as out/SCENE/{RESULT}")
-    contacts, steps, attributes = read_result(path)
+    _, steps, attributes = read_result(path)
     if not steps:
         raise ValueError(f"{path} holds no load steps to draw")
+    result = load(path)
+    title, units = _labels(attributes)
+    result.units = units or result.units
     target = path.with_name(f"{kind}.png") if out is None else out
     try:
         with writing(target):
-            known[kind](target, contacts, steps, **_labels(attributes))
+            known[kind](target, result, title)
     except ValueError as error:
         if "not supported" in str(error):
             raise ValueError(f"cannot draw {target}: {error}") from error
@@ -65,8 +98,7 @@ def draw(name: str, kind: str, out: Path | None) -> Path:
     return target
 
 
-def _labels(attributes: Mapping[str, Any]) -> dict[str, Any]:
+def _labels(attributes: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
     """Title and names of units, where the run has left them."""
     units = attributes.get("units", "")
-    found = json.loads(units) if units else {}
-    return {"title": str(attributes.get("title", "")), "units": found}
+    return str(attributes.get("title", "")), json.loads(units) if units else {}
