@@ -425,8 +425,8 @@ def test_what_needs_pairs_of_nodes_says_so() -> None:
     [
         ({"pairing": "mortars"}, "pairing of the contact on 'bottom' is 'mortars'"),
         (
-            {"against": None, "plane": ((0, 0), (0, 1))},
-            "is 'mortar', which is for two bodies",
+            {"against": None, "plane": ((0, 0), (0, 1)), "pairing": "nodes"},
+            "pairing is 'nodes', expected 'match' or 'mortar' with a rigid",
         ),
         ({"against": ("up", "top")}, "in contact with itself"),
         (
