@@ -190,7 +190,10 @@ def _without_unknown(table: dict[str, Any], error: ValidationError) -> Any:
     mistakes = error.errors()
     if any(mistake["type"] != "extra_forbidden" for mistake in mistakes):
         return None
-    rest = deepcopy(table)
+    try:
+        rest = deepcopy(table)
+    except RecursionError:  # what is unknown may nest as deep as it likes
+        return None
     for mistake in mistakes:
         at: Any = rest
         *above, last = (p for p in mistake["loc"] if not str(p).startswith(KIND))

@@ -9,6 +9,9 @@ from pydantic import BaseModel
 
 from bipot_rs.words import nearest
 
+# Deeper than any table of a scene; a file may nest as deep as it likes.
+_DEEPEST = 16
+
 
 def instead(root: type[BaseModel], place: Sequence[str], table: Any) -> str:
     """What an unknown key at ``place`` may have been meant for, to end a sentence.
@@ -74,9 +77,11 @@ def _keys(annotation: Any) -> Iterator[str]:
             yield from _keys(one)
 
 
-def _paths(table: Any, path: str = "") -> Iterator[str]:
-    """Places of all keys of a table that was read."""
+def _paths(table: Any, path: str = "", depth: int = _DEEPEST) -> Iterator[str]:
+    """Places of the keys of a table that was read, down to a depth."""
     entries: Any = ()
+    if not depth:
+        return
     if isinstance(table, dict):
         entries = table.items()
     elif isinstance(table, list):
@@ -85,4 +90,4 @@ def _paths(table: Any, path: str = "") -> Iterator[str]:
         here = f"{path}.{key}" if path else str(key)
         if isinstance(table, dict):
             yield here
-        yield from _paths(inner, here)
+        yield from _paths(inner, here, depth - 1)
