@@ -343,7 +343,7 @@ class Model:
             if motion is not None:
                 at = self.group == group
                 gaps[at] = gaps_onwards(
-                    *(self.contacts[group], motion),
+                    *(self.bodies, self.contacts[group], motion),
                     *(self.points[at], self.frame[at], gaps[at]),
                 )
         return gaps

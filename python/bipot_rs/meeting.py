@@ -14,7 +14,7 @@ from bipot_rs.check import RATIO, floats, friction, number
 from bipot_rs.elasticity import Body, Box, Floats, Ints, Quadrature
 from bipot_rs.facet_mesh import turned_outward
 from bipot_rs.frames import frames
-from bipot_rs.obstacle import Closest, Motion, Obstacle, Plane, approach, onwards
+from bipot_rs.obstacle import Motion, Obstacle, Plane, approach, onwards
 from bipot_rs.pairing import METHODS, Pairs, pairs, rigid_pairs
 
 # Up to so many pairs of nodes comparing all takes less time than importing a tree.
@@ -102,7 +102,7 @@ def meet(
             "within leaves none"
         )
     if contact.pairing != "match":
-        return _weighted(bodies, offset, n, contact, nodes)
+        return _weighted(bodies, offset, n, contact)
     _refuse_negative_areas(body, contact.surface)
     facets = body.surface(contact.surface)
     area = body.depth * facets.moment(np.ones(facets.weights.shape))[nodes]
@@ -145,13 +145,18 @@ def _clearance(contact: Contact, points: Floats) -> Floats:
 
 
 def gaps_onwards(
-    contact: Contact, motion: Motion, points: Floats, frame: Floats, before: Floats
+    bodies: Sequence[Body],
+    contact: Contact,
+    motion: Motion,
+    points: Floats,
+    frame: Floats,
+    before: Floats,
 ) -> Floats:
     """Gaps by component at the last of two states of a motion, ``(n_c, d)`` [m].
 
     Parameters
     ----------
-    contact
+    bodies, contact
         With a rigid obstacle.
     motion
         Of it, in place of the contact's: two states, the first that of ``before``.
@@ -161,9 +166,20 @@ def gaps_onwards(
         Gaps at the first, ``(n_c, d)``.
     """
     obstacle = _obstacle(contact, points.shape[1])
-    distance, drag = onwards(obstacle, motion, points)
+    if contact.pairing == "match":
+        distance, drag = onwards(obstacle, motion, points)
+        distance = distance + _clearance(contact, points)
+    else:
+
+        def at(places: Floats) -> Floats:
+            apart, carried = onwards(obstacle, motion, places)
+            return np.column_stack([apart + _clearance(contact, places), carried])
+
+        body = bodies[body_index(bodies, contact.body)]
+        means = _means(body, _facets_of(contact, body), at, 1 + points.shape[1])
+        distance, drag = means[:, 0], means[:, 1:]
     gaps = before - np.einsum("cij,cj->ci", frame, drag)
-    gaps[:, 0] = distance + _clearance(contact, points)
+    gaps[:, 0] = distance
     return np.asarray(gaps, np.float64)
 
 
@@ -237,17 +253,13 @@ def _weighted(
     offset: Sequence[int],
     n: int,
     contact: Contact,
-    nodes: Ints,
 ) -> Meeting:
     """Contacts in the mean over facets, or of nodes with facets."""
     what = f"contact on {contact.surface!r}"
     b = body_index(bodies, contact.body)
     body, dim = bodies[b], bodies[b].dim
-    ours = _facets_outward(body, contact.surface)
-    if contact.within is not None:
-        ours = ours[np.isin(ours, nodes).all(axis=1)]
-        if not len(ours):
-            raise ValueError(f"{what} has no facets: within leaves none whole")
+    ours = _facets_of(contact, body)
+    moved = None
 
     def numbers(i: int) -> Ints:
         count = dim * len(bodies[i].points)
@@ -271,7 +283,7 @@ def _weighted(
                 n=n,
             )
         else:
-            found = _against_rigid(contact, body, ours, numbers(b), n)
+            found, moved = _against_rigid(contact, body, ours, numbers(b), n)
     except ValueError as error:
         raise ValueError(f"{what}: {error}") from error
     partner = np.full(len(found.node), -1, dtype=np.int64)
@@ -282,41 +294,77 @@ def _weighted(
         area=body.depth * found.area,
         dofs=np.stack([offset[b] + dim * found.node, partner], axis=1),
         rows=found.B,
+        moved=moved,
     )
+
+
+def _facets_of(contact: Contact, body: Body) -> Ints:
+    """Facets of a surface, outward, all of whose nodes ``within`` keeps."""
+    facets = _facets_outward(body, contact.surface)
+    if contact.within is None:
+        return facets
+    nodes = body.nodes(contact.surface, contact.within)
+    facets = facets[np.isin(facets, nodes).all(axis=1)]
+    if not len(facets):
+        raise ValueError(
+            f"contact on {contact.surface!r} has no facets: within leaves none whole"
+        )
+    return facets
 
 
 def _against_rigid(
     contact: Contact, body: Body, facets: Ints, dofs: Ints, n: int
-) -> Pairs:
-    """Weighted gaps of a surface over a rigid obstacle."""
+) -> tuple[Pairs, Floats | None]:
+    """Weighted gaps of a surface over a rigid obstacle, and those after each step."""
     if contact.pairing != "mortar":
         raise ValueError(
             f"pairing is {contact.pairing!r}, expected 'match' or 'mortar' with a rigid "
             "obstacle"
         )
-    if contact.motion is not None:
-        raise ValueError(
-            "motion was given with pairing 'mortar', expected 'match': gaps that change "
-            "are of nodes"
-        )
-    obstacle, extra = _obstacle(contact, body.dim), contact.clearance
-
-    def closest(places: Floats) -> Closest:
-        return obstacle.closest(places)
-
-    def gap(places: Floats) -> Floats:
-        added = floats("clearance", extra(places) if callable(extra) else extra)
-        return np.asarray(closest(places).distance + added)
-
-    return rigid_pairs(
+    obstacle, motion = _obstacle(contact, body.dim), contact.motion
+    found = rigid_pairs(
         body.points,
         facets,
-        gap,
-        normal=lambda places: closest(places).normal,
+        lambda places: obstacle.closest(places).distance + _clearance(contact, places),
+        normal=lambda places: approach(obstacle, motion, places).normal,
         axis=contact.axis,
         dofs=dofs,
         n=n,
     )
+    if motion is None:
+        return found, None
+
+    def at(places: Floats) -> Floats:
+        met = approach(obstacle, motion, places)
+        apart = met.distance[1:, :, None] + _clearance(contact, places)[..., None]
+        every = np.concatenate([apart, met.drag[1:]], axis=2)
+        return np.ascontiguousarray(every.transpose(1, 0, 2)).reshape(len(places), -1)
+
+    states, d = motion.steps, body.dim
+    means = _means(body, facets, at, states * (1 + d)).reshape(-1, states, 1 + d)
+    gaps = -np.einsum("cij,ckj->kci", found.frame, means[:, :, 1:])
+    gaps[:, :, 0] = means[:, :, 0].T
+    return found, gaps
+
+
+def _means(
+    body: Body, facets: Ints, fields: Callable[[Floats], Floats], count: int
+) -> Floats:
+    """Means of fields ``(m, count)`` of places over the dual functions, ``(n_c, count)``."""
+    known: dict[bytes, Floats] = {}
+
+    def one(k: int) -> Callable[[Floats], Floats]:
+        def at(places: Floats) -> Floats:
+            # The same places for each field: asked for once.
+            key = places.tobytes()
+            if key not in known:
+                known[key] = fields(places)
+            return np.ascontiguousarray(known[key][:, k])
+
+        return at
+
+    means = [rigid_pairs(body.points, facets, one(k)).gap for k in range(count)]
+    return np.column_stack(means)
 
 
 def gaps_of_steps(found: Sequence[Meeting], dim: int) -> Floats | None:

@@ -192,7 +192,7 @@ def _without_unknown(table: dict[str, Any], error: ValidationError) -> Any:
         return None
     try:
         rest = deepcopy(table)
-    except RecursionError:  # nested as deeply as Python goes
+    except RecursionError:  # what is unknown may nest as deep as it likes
         return None
     for mistake in mistakes:
         at: Any = rest

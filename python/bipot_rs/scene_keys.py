@@ -9,6 +9,9 @@ from pydantic import BaseModel
 
 from bipot_rs.words import nearest
 
+# Deeper than any table of a scene; a file may nest as deep as it likes.
+_DEEPEST = 16
+
 
 def instead(root: type[BaseModel], place: Sequence[str], table: Any) -> str:
     """What an unknown key at ``place`` may have been meant for, to end a sentence.
@@ -74,18 +77,17 @@ def _keys(annotation: Any) -> Iterator[str]:
             yield from _keys(one)
 
 
-def _paths(table: Any) -> Iterator[str]:
-    """Places of all keys of a table that was read, however deep it is nested."""
-    waiting: list[tuple[str, Any]] = [("", table)]
-    while waiting:
-        path, inner = waiting.pop()
-        if isinstance(inner, dict):
-            found = [
-                (f"{path}.{key}" if path else str(key), v) for key, v in inner.items()
-            ]
-            yield from (place for place, _ in found)
-        elif isinstance(inner, list):
-            found = [(f"{path}.{k}", v) for k, v in enumerate(inner)]
-        else:
-            continue
-        waiting += reversed(found)
+def _paths(table: Any, path: str = "", depth: int = _DEEPEST) -> Iterator[str]:
+    """Places of the keys of a table that was read, down to a depth."""
+    entries: Any = ()
+    if not depth:
+        return
+    if isinstance(table, dict):
+        entries = table.items()
+    elif isinstance(table, list):
+        entries = enumerate(table)
+    for key, inner in entries:
+        here = f"{path}.{key}" if path else str(key)
+        if isinstance(table, dict):
+            yield here
+        yield from _paths(inner, here, depth - 1)

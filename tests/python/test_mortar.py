@@ -426,7 +426,7 @@ def test_what_needs_pairs_of_nodes_says_so() -> None:
         ({"pairing": "mortars"}, "pairing of the contact on 'bottom' is 'mortars'"),
         (
             {"against": None, "plane": ((0, 0), (0, 1)), "pairing": "nodes"},
-            "is 'nodes', expected 'match' or 'mortar' with a rigid",
+            "pairing is 'nodes', expected 'match' or 'mortar' with a rigid",
         ),
         ({"against": ("up", "top")}, "in contact with itself"),
         (

@@ -169,6 +169,18 @@ def test_automatic_steps_of_an_obstacle() -> None:
     np.testing.assert_allclose(np.abs(quarter[:, 1]), 0.005, rtol=1e-13)
 
 
+def test_automatic_steps_of_an_obstacle_by_mortar() -> None:
+    """Divided, the same as those load points given; undivided, as load steps."""
+    changes = {"contact.0.pairing": "mortar", "body.block.order": 2}
+    whole = roller(automatic=True).with_(**changes)
+    assert bits(whole.solve(), roller().with_(**changes).solve())
+    result = roller(automatic={"slip": 0.004}).with_(**changes).solve()
+    assert len(result) > 3
+    at = result.case.sampled(result.s)
+    again = at.problem().solve(at.load, at.prescribed, gap=at.gaps, tol=1e-12)
+    assert bits(result, again)
+
+
 def test_a_moving_obstacle_is_resumed_to_the_same_files(tmp_path: Path) -> None:
     for automatic in (None, {"slip": 0.004}):
         where = tmp_path / str(automatic is None)
@@ -411,7 +423,6 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ),
     ({"contact.0.against": "block"}, "a surface of body 'block' is block.SURFACE"),
     ({"contact.0.pairing": "nodes"}, "contact.0.pairing: of a rigid obstacle"),
-    ({"contact.0.pairing": "mortar"}, "pairing: of an obstacle that moves"),
     (
         {"obstacle.disc.sphere": {"centre": [0, 0], "radius": 1.0}},
         "obstacle.disc: needs one",

@@ -276,7 +276,7 @@ def _contacts(
             yield from _surface(known, f"{place}.against", contact.other)
             if contact.other.partition(".")[0] == contact.on.partition(".")[0]:
                 yield f"{place}.against: a body cannot meet itself"
-        yield from _pairing(place, contact, scene)
+        yield from _pairing(place, contact)
         if contact.plane is not None:
             yield from _plane(f"{place}.plane", contact.plane, dim)
         for key, vector in (
@@ -298,16 +298,9 @@ def _no_obstacle(name: str, scene: Scene) -> str:
     return f"{said}, expected one of {', '.join(scene.obstacle) or 'none'}"
 
 
-def _pairing(place: str, contact: Touch, scene: Scene) -> Iterator[str]:
+def _pairing(place: str, contact: Touch) -> Iterator[str]:
     if contact.other is None and contact.pairing == "nodes":
         yield f"{place}.pairing: of a rigid obstacle should be 'match' or 'mortar'"
-    rigid = scene.obstacle.get(contact.obstacle or "")
-    moves = rigid is not None and (rigid.move is not None or rigid.turn is not None)
-    if moves and contact.pairing == "mortar":
-        yield (
-            f"{place}.pairing: of an obstacle that moves should be 'match': gaps that "
-            "change are of nodes"
-        )
 
 
 def _plane(place: str, plane: Plane, dim: int | None) -> Iterator[str]:
