@@ -24,6 +24,7 @@ __all__ = [
     "forward_errors",
     "forward_errors_of_step",
     "is_sparse",
+    "keep_heap",
     "project",
     "threads",
     "version",
