@@ -114,7 +114,12 @@ def follow(
     s, ahead = 0.0, plan.first
     if start is not None and start.s is not None:
         s = start.s
+        if s > plan.stops[-1]:
+            raise ValueError(
+                f"start is at s = {s:g}, beyond the last of stops, {plan.stops[-1]:g}"
+            )
         ahead = plan.first if start.ahead is None else start.ahead
+        ahead = min(max(ahead, plan.smallest), plan.largest)
     while s < plan.stops[-1]:
         s, ahead, step = _advance(following, loads, plan, s, ahead)
         following.accept(replace(step, s=s, ahead=ahead))

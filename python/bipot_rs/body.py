@@ -240,6 +240,11 @@ class Body:
         corners = facet_nodes(self.mesh, self.facets(surface))
         nodes = np.unique(corners).astype(np.int64)
         for axis, (low, high) in (within or {}).items():
+            if axis not in range(self.dim):
+                raise ValueError(
+                    f"within of surface {surface!r} has axis {axis}, expected one of "
+                    f"{list(range(self.dim))}"
+                )
             x = self.mesh.p[axis, nodes]
             # A bound that falls on a grid line must not lose it to rounding.
             slack = 1e-9 * np.ptp(self.mesh.p[axis])

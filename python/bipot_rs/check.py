@@ -349,7 +349,7 @@ def together(
     """What is given step by step, put together; of one step it stands for all."""
     counts = len(ours), len(theirs)
     steps = 0 if 0 in counts else max(counts)
-    if steps and len(set(counts)) == 2 and 1 not in counts:
+    if len(set(counts)) == 2 and 1 not in counts:
         raise ValueError(
             f"{what} has {counted(len(ours), 'step')} but {other} has {len(theirs)}: "
             "expected as many, or one of them with one"

@@ -256,13 +256,17 @@ def _turned(name: str, corners: Ints) -> None:
 
 
 def candidates(
-    places: Array, radius: Array, normals: Array, other: Surface
-) -> tuple[Ints, Ints, Array]:
+    places: Array,
+    radius: Array,
+    normals: Array,
+    other: Surface,
+    distance: float = np.inf,
+) -> tuple[Ints, Ints]:
     """Facets of ``other`` that may lie opposite to spheres, and face them.
 
-    With ``e`` the distance of the nearest centre that faces a sphere, all facets that
-    reach into the sphere widened by ``e``. Facets are taken by size, so that a few large
-    ones do not make all others candidates.
+    All that reach into the cylinder that a sphere sweeps along its normal, up to
+    ``distance`` on both sides: those aside that are nearer do not hide them. Facets are
+    taken by size, so that a few large ones do not make all others candidates.
 
     Parameters
     ----------
@@ -273,38 +277,63 @@ def candidates(
     -------
     sphere, facet : (pairs,)
         Ascending by sphere.
-    nearest : (k,)
-        e; infinite where no facet faces the sphere.
     """
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(other.centre)
-    nearest = np.full(len(places), np.inf)
-    left = np.arange(len(places))
-    count = 1
-    while left.size:
-        count = min(count, len(other.centre))
-        far, which = tree.query(places[left], k=np.arange(1, count + 1))
-        facing = np.einsum("kd,kjd->kj", normals[left], other.normals[which]) < _FACING
-        nearest[left] = np.where(facing, far, np.inf).min(axis=1)
-        left = left[~facing.any(axis=1)]
-        if count == len(other.centre):
-            break
-        count *= 8
-    reached = np.flatnonzero(np.isfinite(nearest))
     octave = np.floor(np.log2(other.radius / other.radius.max()))
     sphere, facet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for one in np.unique(octave):
         group = np.flatnonzero(octave == one)
-        reach = nearest[reached] + radius[reached] + other.radius[group].max()
-        found = cKDTree(other.centre[group]).query_ball_point(
-            places[reached], reach * (1 + 1e-9), return_sorted=True
-        )
-        lengths = np.array([len(f) for f in found], dtype=np.int64)
-        sphere.append(np.repeat(reached, lengths))
-        facet.append(group[np.concatenate([np.zeros(0, np.int64), *found]).astype(int)])
-    pairs = np.concatenate(sphere), np.concatenate(facet)
-    facing = np.einsum("pd,pd->p", normals[pairs[0]], other.normals[pairs[1]]) < _FACING
-    s, m = pairs[0][facing], pairs[1][facing]
+        wide = (radius + other.radius[group].max()) * (1 + 1e-9)
+        k, g = _along(places, wide, normals, other.centre[group], distance)
+        sphere.append(k)
+        facet.append(group[g])
+    s, m = np.concatenate(sphere), np.concatenate(facet)
+    between = other.centre[m] - places[s]
+    away = np.einsum("pd,pd->p", normals[s], between)
+    aside = np.einsum("pd,pd->p", between, between) - away**2
+    reach = (radius[s] + other.radius[m]) * (1 + 1e-9)
+    # The difference of squares has the rounding of the larger one.
+    rounding = 1e-12 * away**2
+    kept = np.einsum("pd,pd->p", normals[s], other.normals[m]) < _FACING
+    kept &= (aside <= reach**2 + rounding) & (np.abs(away) <= distance + reach)
+    s, m = s[kept], m[kept]
     order = np.lexsort([m, s])
-    return s[order], m[order], nearest
+    return s[order], m[order]
+
+
+def _along(
+    places: Array, wide: Array, normals: Array, centres: Array, distance: float
+) -> tuple[Ints, Ints]:
+    """Pairs of a cylinder along a normal and a centre, among them all that lie in it.
+
+    The part of the cylinder that passes the box of the centres is covered by spheres of
+    √2 times its radius, two radii apart.
+    """
+    from scipy.spatial import cKDTree
+
+    low = centres.min(axis=0) - wide[:, None] - places
+    high = centres.max(axis=0) + wide[:, None] - places
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack([low / normals, high / normals])
+    flat = normals == 0
+    inside = (low <= 0) & (high >= 0)
+    start = np.where(flat, np.where(inside, -np.inf, np.inf), ends.min(axis=0))
+    end = np.where(flat, np.where(inside, np.inf, -np.inf), ends.max(axis=0))
+    first = np.maximum(start.max(axis=1), -distance - wide)
+    last = np.minimum(end.min(axis=1), distance + wide)
+    met = np.flatnonzero(last >= first)
+    count = np.ceil((last - first)[met] / (2 * wide[met])).astype(np.int64)
+    count = np.maximum(count, 1)
+    if count.sum() > met.size * len(centres):
+        every = np.tile(np.arange(len(centres)), met.size)
+        return np.repeat(met, len(centres)), every
+    ball = np.repeat(met, count)
+    step = np.arange(ball.size) - np.repeat(np.cumsum(count) - count, count)
+    middle = first[ball] + (2 * step + 1) * wide[ball]
+    found = cKDTree(centres).query_ball_point(
+        places[ball] + middle[:, None] * normals[ball],
+        np.sqrt(2) * wide[ball] * (1 + 1e-9),
+    )
+    lengths = np.array([len(f) for f in found], dtype=np.int64)
+    near = np.concatenate([np.zeros(0, np.int64), *found]).astype(np.int64)
+    pairs = np.unique(np.repeat(ball, lengths) * len(centres) + near)
+    return pairs // len(centres), pairs % len(centres)

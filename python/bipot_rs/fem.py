@@ -226,7 +226,7 @@ class Model:
         """Contact fields of a pair of surfaces whose meshes do not match.
 
         With the weights w of the contacts on a body, node j has the area ``Σ w_ij a_i``
-        and the force ``Σ w_ij a_i t_i``.
+        and the force ``Σ w_ij a_i t_i``; where these have both signs, ``|w_ij|``.
         """
         slave = body_index(self.bodies, self.contacts[self.group[contacts[0]]].body)
         weights = self._weights(contacts)
@@ -237,11 +237,12 @@ class Model:
         sign = np.where((node >= first) & (node < first + count), 1.0, -1.0)
         scaled = weights.multiply(sign[:, None]).tocsr().multiply(self.area[contacts])
         scaled = scaled.tocsr()
-        # Corners of quadratic facets have no area: of them the mean by size.
+        # Weights of quadratic facets have both signs, and sums near zero: of such the
+        # mean by size, which has no value beyond those of the contacts.
         size = abs(scaled)
-        small = np.abs(scaled.sum(axis=1)) <= 1e-2 * size.sum(axis=1)
-        scaled = sparse.diags_array((~small).astype(float)) @ scaled
-        scaled = scaled + sparse.diags_array(small.astype(float)) @ size
+        mixed = np.abs(scaled.sum(axis=1)) < (1 - 1e-9) * size.sum(axis=1)
+        scaled = sparse.diags_array((~mixed).astype(float)) @ scaled
+        scaled = scaled + sparse.diags_array(mixed.astype(float)) @ size
         area = scaled.sum(axis=1)
         fields["contact_pressure"][node] += (scaled @ pressure) / area
         fields["contact_shear"][node] += (
@@ -502,6 +503,11 @@ def build(
                 f"{list(support.components)}, expected some of {list(range(dim))}"
             )
         nodes = bodies[b].nodes(support.surface, support.within)
+        if not nodes.size:
+            raise ValueError(
+                f"support on {support.surface!r} of body {support.body!r} has no nodes: "
+                "within leaves none"
+            )
         components = np.array(support.components, dtype=np.int64)
         support_dofs.append(offset[b] + dim * nodes + components[:, None])
     flat = [dofs.ravel() for dofs in support_dofs]

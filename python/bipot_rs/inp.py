@@ -74,6 +74,10 @@ class Inp:
     free: dict[str, list[Ints]] = field(default_factory=dict)
 
 
+# Keywords after which the nodes or cells that are listed are not all, or not in place.
+_MAKING = {"SYSTEM", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
+
+
 @dataclass
 class _Section:
     line: int
@@ -117,8 +121,18 @@ class _Reader:
         }
         parts = 0
         for section in self._sections():
+            if "INPUT" in section.parameters and section.word != "INCLUDE":
+                raise self._error(
+                    section.line, "reads another file: write its lines into this one"
+                )
             if section.word in take:
                 take[section.word](section)
+            elif section.word in _MAKING:
+                raise self._error(
+                    section.line,
+                    f"has *{section.word}, which makes or moves nodes and cells and is not "
+                    "read here: write a file that lists them all",
+                )
             elif section.word == "INCLUDE":
                 raise self._error(
                     section.line, "includes another file: read that which has the mesh"
@@ -202,7 +216,10 @@ class _Reader:
         for line, (first, *rest) in section.rows:
             (number,) = self._numbers(line, [first]) or [0]
             try:
-                place = [float(part.upper().replace("D", "E")) for part in rest if part]
+                while rest and not rest[-1]:
+                    rest.pop()
+                # What is left out between commas is zero.
+                place = [float(p.upper().replace("D", "E")) if p else 0.0 for p in rest]
             except ValueError:
                 raise self._error(
                     line, f"is {', '.join(rest)!r}, expected coordinates"
@@ -297,7 +314,12 @@ class _Reader:
                     raise self._error(line, f"names a set {part!r} that is not known")
         if nodes and "ELSET" in section.parameters:
             places: set[int] = set()
-            for number in self.cells_of.get(section.parameters["ELSET"].upper(), []):
+            cells = section.parameters["ELSET"].upper()
+            if cells not in self.cells_of:
+                raise self._error(
+                    section.line, f"names a set {cells!r} that is not known"
+                )
+            for number in self.cells_of[cells]:
                 block, k = self.cell[number]
                 places.update(self.blocks[block][1][k].tolist())
             own += [n for n, at in self.node.items() if at in places]

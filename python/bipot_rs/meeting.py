@@ -114,6 +114,15 @@ def meet(
         o = _other(bodies, b, contact.against[0])
         theirs = bodies[o].nodes(contact.against[1])
         match = _match(points, bodies[o].points[theirs], frame, contact)
+        facing = _normals(bodies[o].surface(contact.against[1]))[theirs[match]]
+        towards = np.einsum("cd,cd->c", frame[:, 0], facing)
+        away = np.flatnonzero(towards <= 0)
+        if away.size:
+            raise ValueError(
+                f"surfaces {contact.surface!r} of {contact.body!r} and "
+                f"{contact.against} face the same way at {place(points[away[0]])}: "
+                "expected two that face each other"
+            )
         partner = offset[o] + body.dim * theirs[match]
         between = points - bodies[o].points[theirs[match]]
         gap = np.einsum("cd,cd->c", frame[:, 0], between)

@@ -345,8 +345,8 @@ class Model:
             Instead of those of `solver`.
         start
             The result of an earlier run of this path that was left off, from a file too:
-            it goes on from there, to the bits of one that went through. Of automatic
-            steps one of them does.
+            it goes on from there, to the bits of one that went through; to rounding where
+            W is formed of a working set. Of automatic steps one of them does.
         on_step
             Called as ``on_step(k, step)`` after each step.
 
@@ -362,8 +362,12 @@ class Model:
         case = self.assemble()
         first = 0
         if isinstance(start, Result):
-            before = start._first if isinstance(start, ModelResult) else 0
-            first = before + len(start)
+            first = start._first + len(start)
+            count = case.scene.path.count() if case.scene else first
+            if first > count and not any(step.s is not None for step in start):
+                raise ValueError(
+                    f"start has {first} steps, and this path {count}: it is of another"
+                )
         elif start is not None and getattr(start, "s", None) is None:
             raise TypeError(
                 f"start is a {type(start).__name__}, expected a Result: how many steps "

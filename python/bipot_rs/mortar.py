@@ -143,13 +143,7 @@ def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
         A master facet folded where it is seen along the normal of a slave facet, or
         several layers of them.
     """
-    s, m, _ = candidates(slave.centre, slave.radius, slave.normals, master)
-    between = master.centre[m] - slave.centre[s]
-    away = np.einsum("pd,pd->p", slave.normals[s], between)
-    aside = np.einsum("pd,pd->p", between, between) - away**2
-    reach = slave.radius[s] + master.radius[m]
-    near = (np.abs(away) <= distance) & (aside <= reach**2)
-    s, m = s[near], m[near]
+    s, m = candidates(slave.centre, slave.radius, slave.normals, master, distance)
     axes = bases(slave.normals)[s]
     offset = master.points[master.corners[m]] - slave.centre[s][:, None]
     theirs = np.einsum("pkd,pcd->pck", axes, offset)
@@ -170,6 +164,8 @@ def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
         polygons = clip(ours, theirs[:, ::-1])
         size = _areas(polygons)
     kept = size > least
+    kept &= _apart(slave, s, master, m) <= distance
+    _one_layer(slave, s[kept], master, m[kept], ours[kept], theirs[kept], least[kept])
     covered = np.bincount(s[kept], size[kept], minlength=len(slave.size))
     # Corners that are not in one plane, seen from their mean plane, add rounding only.
     double = covered > slave.size * (1 + 1e-6)
@@ -181,6 +177,64 @@ def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
             "give distance, within which the right one is the only one"
         )
     return Overlaps(s[kept], m[kept], polygons[kept], theirs[kept])
+
+
+def _apart(slave: Surface, s: Ints, master: Surface, m: Ints) -> Array:
+    """How far facets are apart at the least, along the normals of the slave's."""
+    between = master.points[master.corners[m]] - slave.centre[s][:, None]
+    theirs = np.einsum("pd,pcd->pc", slave.normals[s], between)
+    ours = np.einsum("pd,pcd->pc", slave.normals[s], slave.places()[s])
+    behind = ours.min(axis=1) - theirs.max(axis=1)
+    before = theirs.min(axis=1) - ours.max(axis=1)
+    return np.asarray(np.maximum(0.0, np.maximum(behind, before)))
+
+
+def _one_layer(
+    slave: Surface,
+    s: Ints,
+    master: Surface,
+    m: Ints,
+    ours: Array,
+    theirs: Array,
+    least: Array,
+) -> None:
+    """Refuse facets of the master one behind the other, which neighbours are not."""
+    first = np.searchsorted(s, s)
+    place = np.arange(len(s)) - first
+    for step in range(1, int(place.max(initial=0)) + 1):
+        one = np.flatnonzero(place >= step)
+        other = one - step
+        corners = master.corners
+        shared = corners[m[one]][:, :, None] == corners[m[other]][:, None, :]
+        over = (theirs[one].max(axis=1) > theirs[other].min(axis=1)).all(axis=1)
+        over &= (theirs[other].max(axis=1) > theirs[one].min(axis=1)).all(axis=1)
+        over &= ~shared.any(axis=(1, 2))
+        one, other = one[over], other[over]
+        if not one.size:
+            continue
+        if slave.dim == 2:
+            low = np.maximum(
+                ours[one].min(axis=1),
+                np.maximum(theirs[one].min(axis=1), theirs[other].min(axis=1)),
+            )
+            high = np.minimum(
+                ours[one].max(axis=1),
+                np.minimum(theirs[one].max(axis=1), theirs[other].max(axis=1)),
+            )
+            size = (high - low)[:, 0]
+        else:
+            both = clip(theirs[one][:, ::-1], theirs[other][:, ::-1])
+            size = _areas(both)
+        # Facets that only touch overlap by rounding, and by what two meshers write.
+        double = size > np.maximum(1e-6 * slave.size[s[one]], least[one])
+        if double.any():
+            at = int(np.argmax(double))
+            raise ValueError(
+                f"{master.name} lies in several layers opposite to facet {s[one[at]]} of "
+                f"{slave.name}, with its facets {m[other[at]]} and {m[one[at]]}: give "
+                "distance, within which the right one is the only one, or name less of "
+                "the surface"
+            )
 
 
 def whole(slave: Surface) -> Overlaps:

@@ -301,7 +301,7 @@ def _nodes(
     seen = length > 1e-8 * area[node]
     node, normals = node[seen], normals[seen] / length[seen, None]
     places = slave.points[node]
-    k, m, _ = candidates(places, np.zeros(len(node)), normals, master)
+    k, m = candidates(places, np.zeros(len(node)), normals, master, limit)
     offset = master.points[master.corners[m]] - places[k][:, None]
     flat = np.einsum("pkd,pcd->pck", bases(normals)[k], offset)
     if slave.dim == 2:

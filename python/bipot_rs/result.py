@@ -354,6 +354,8 @@ class Result(Sequence[Step]):
         )
         self.success = success
         self.message = message
+        # Steps of the path before these, where a `Model` has gone on with one.
+        self._first = 0
         self.units = dict(units or {})
 
     def __len__(self) -> int:
@@ -515,7 +517,7 @@ class Result(Sequence[Step]):
             self.contacts,
             [_record(step, self._load(k)) for k, step in enumerate(self.steps)],
             complete=self.success,
-            attributes={"message": self.message}
+            attributes={"message": self.message, "first_step": self._first}
             | {f"seconds_{name}": value for name, value in self.seconds.items()}
             | {f"unit_{name}": unit for name, unit in self.units.items()},
         )
@@ -607,7 +609,7 @@ def load(path: str | os.PathLike[str]) -> Result:
             k[len(prefix) :]: v for k, v in attributes.items() if k.startswith(prefix)
         }
 
-    return Result(
+    found = Result(
         steps,
         contacts=contacts,
         shape=shape,
@@ -616,6 +618,8 @@ def load(path: str | os.PathLike[str]) -> Result:
         success=bool(attributes["complete"]),
         message=str(attributes.get("message", "")),
     )
+    found._first = int(attributes.get("first_step", 0))
+    return found
 
 
 def _shape(

@@ -57,6 +57,8 @@ class Motion:
             angle = floats("rotation", self.rotation, ndim=1)
         pole = None if self.about is None else floats("about", self.about, ndim=1)
         turn = None if self.axis is None else directed("axis", self.axis, 3)
+        if any(x is not None and not len(x) for x in (shift, angle)):
+            raise ValueError("motion has no steps, expected one or more")
         if shift is None and angle is None:
             raise ValueError("motion has neither translation nor rotation")
         known = {"translation": shift, "about": pole}

@@ -327,6 +327,9 @@ def _contacts(
         raise ValueError(f"{table.path} has no contacts")
     first = _places(table, own, dim, dofs)
     second = _places(table, others, dim, dofs) if others[0] in table.names else None
+    if second is not None and (first == second).any():
+        k = int(np.argmax((first == second).any(axis=1)))
+        raise table.wrong(table.lines[k], "is a contact of a node with itself")
 
     n = np.stack([table.numbers(name) for name in normal], axis=1)
     for k, length in enumerate(np.abs(n).max(axis=1)):
@@ -410,6 +413,10 @@ def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
             found[k] = [dofs.at(values[0], c + 1, table, line) for c in range(dim)]
         else:
             found[k] = [dofs.number(v, table, line) for v in values]
+        if len(set(found[k])) < dim:
+            raise table.wrong(
+                line, f"has degree of freedom {found[k, 0]} for two components"
+            )
     return found
 
 
@@ -448,9 +455,10 @@ def _values(
         k = int(np.argmin(step))
         raise table.wrong(table.lines[k], f"step is {step[k]}, expected 0 or more")
     count = int(step.max(initial=0)) + 1
-    absent = sorted(set(range(count)) - set(step.tolist())) if len(table) else []
-    if absent:
-        raise ValueError(f"{table.path} has no step {absent[0]}, and one {count - 1}")
+    told = np.unique(step)
+    if len(table) and len(told) < count:
+        absent = int(np.argmax(told != np.arange(len(told))))
+        raise ValueError(f"{table.path} has no step {absent}, and one {count - 1}")
     found = np.full((count, dofs.count), np.nan)
     where = np.zeros(found.shape, np.int64)
     number = table.integers("node" if by_node else "dof")

@@ -86,8 +86,15 @@ def initial_strain(body: Body, initial: Initial) -> Floats:
     places = body.volume().places
     found = np.zeros((3, 3, *places.shape[1:]))
     if isinstance(initial, Mapping):
+        told = np.zeros(places.shape[1], dtype=np.bool_)
         for volume, value in initial.items():
             cells = body.volume_cells(volume)
+            if told[cells].any():
+                raise ValueError(
+                    f"initial strain of volume {volume!r} of body {body.name!r} is of "
+                    "cells that have one already: expected volumes that do not overlap"
+                )
+            told[cells] = True
             found[:, :, cells] = _tensor(body, value, places[:, cells])
     else:
         found[:] = _tensor(body, initial, places)

@@ -343,3 +343,13 @@ def test_bodies_that_cannot_be() -> None:
         fem.box([[0, 1], [0, 1]], "hexagon")
     with pytest.raises(ValueError, match="has shape"):
         fem.build([body("triangle")], []).body_force("it", [1.0, 2.0, 3.0])
+
+
+def test_matching_surfaces_that_face_the_same_way() -> None:
+    side = np.linspace(0.0, 1.0, 3)
+    low = fem.box([side, side], "quadrilateral")
+    up = fem.box([side, side + 1.0], "quadrilateral")
+    steel = fem.Material(1.0, 0.3)
+    bodies = [fem.Body("up", up, steel), fem.Body("low", low, steel)]
+    with pytest.raises(ValueError, match="face the same way at"):
+        fem.build(bodies, [fem.Contact("up", "bottom", 0.3, against=("low", "bottom"))])

@@ -286,6 +286,13 @@ def test_faces_of_inp(kind: str, tmp_path: Path) -> None:
         ("LOW, high", "LOW, hi", "line 23: names a set 'hi' that is not known"),
         ("7, S2", "7, S5", "line 27: has face S5 of a quad, expected S1 to S4"),
         ("*STEP", "*INCLUDE, INPUT=x", "line 33: includes another file"),
+        ("*STEP", "*NGEN\n1, 3, 1", "line 33: has \\*NGEN, which makes or moves nodes"),
+        (
+            "*STEP",
+            "*SYSTEM\n1., 0., 0.",
+            "line 33: has \\*SYSTEM, which makes or moves",
+        ),
+        ("*STEP", "*NODE, INPUT=x", "line 33: reads another file"),
         ("*STEP", "*PART, NAME=a\n*PART, NAME=b", "line 34: has a second part"),
         ("CPE4", "S4", "has shells and no solids"),
         ("3, 1., 1.", "3, nan, 1.", "has a place that is no number: a node of cell 0"),

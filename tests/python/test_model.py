@@ -326,6 +326,15 @@ def test_what_was_reached_has_names_and_goes_on(tmp_path: Path) -> None:
     assert rest.reaction.tobytes() == whole.reaction[1:].tobytes()
     assert rest.parameter.tolist() == [0.5, 1.0]
     assert len(m.solve(start=rest)) == 0
+    # Left off a second time, the file says how many steps came before its own.
+    part = bp.ModelResult(rest, rest.case, 1)
+    rest[0].displacement  # noqa: B018
+    part.steps = part.steps[:1]
+    part.save(tmp_path / "again.h5")
+    last = m.solve(start=bp.load(tmp_path / "again.h5"))
+    assert last.reaction.tobytes() == whole.reaction[2:].tobytes()
+    with pytest.raises(ValueError, match=r"start has 3 steps, and this path 2"):
+        blocks().solve(start=whole)
     with pytest.raises(TypeError, match="start is a Step, expected a Result"):
         m.solve(start=whole[0])
 

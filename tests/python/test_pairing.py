@@ -411,6 +411,6 @@ def test_large_surfaces_take_no_product_of_their_sizes() -> None:
     for n in (10, 40):
         slave = surface("_slave", *sheet(4, n, up=False))
         master = surface("_master", *sheet(4, n + 3, up=True))
-        s, _, _ = candidates(slave.centre, slave.radius, slave.normals, master)
+        s, _ = candidates(slave.centre, slave.radius, slave.normals, master)
         most.append(len(s) / len(slave.facets))
     assert most[1] < 1.2 * most[0] < 25

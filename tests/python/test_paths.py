@@ -178,3 +178,12 @@ def test_h25_released_contact_remembers_nothing_by_every_method(method: str) -> 
     (only,) = answers(Problem(W, (W @ path[2] - [0.0, free[1]])[None], 0.3))
     np.testing.assert_allclose(result.reaction[2], only.r, atol=SMALL)
     np.testing.assert_allclose(result.slip[2, 0], only.v[0, 1:], atol=SMALL)
+
+
+def test_no_steps_do_not_stand_for_several() -> None:
+    K, B = 1000.0 * np.eye(2), np.eye(2)
+    problem = bp.ContactProblem(K, B, gap=[0.0], mu=0.3, fixed=[1])
+    with pytest.raises(ValueError, match="has 4 steps but load has 0"):
+        problem.solve(np.zeros((0, 2)), np.zeros((4, 1)))
+    with pytest.raises(ValueError, match="gap has 0 steps but"):
+        problem.solve(None, np.zeros((4, 1)), gap=np.zeros((0, 1)))

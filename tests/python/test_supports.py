@@ -200,3 +200,14 @@ def test_springs_that_cannot_be() -> None:
         fem.build([body], [], springs=[fem.Spring("it", "top", [1.0, 2.0, 3.0])])
     with pytest.raises(ValueError, match="no surface 'roof'"):
         fem.build([body], [], springs=[fem.Spring("it", "roof", 1.0)])
+
+
+def test_a_support_that_holds_nothing() -> None:
+    """A range in other units, or turned around, is not the same as no support."""
+    body = block("quadrilateral")
+    surface = sorted(body.mesh.boundaries)[0]
+    for within in ({0: (20.0, 50.0)}, {0: (0.5, 0.2)}):
+        with pytest.raises(ValueError, match="has no nodes: within leaves none"):
+            fem.build([body], [], [fem.Support(body.name, surface, (0,), within)])
+    with pytest.raises(ValueError, match="has axis 5, expected one of"):
+        fem.build([body], [], [fem.Support(body.name, surface, (0,), {5: (0.0, 1.0)})])

@@ -205,3 +205,16 @@ def test_leaving_ends_the_workers() -> None:
         del iterator
     assert all(not process.is_alive() for process in processes)
     assert time.monotonic() - started < 30
+
+
+def test_rows_of_another_sweep_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    two = (*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--jobs", "1")
+    one = (*SWEEP, "--set", "contact.0.mu=0.4", "--out", "here", "--jobs", "1")
+    assert cli.app(list(two)) == 0
+    before = (tmp_path / "here" / "sweep.csv").read_bytes()
+    assert cli.app([*one, "--resume"]) == 0
+    assert (tmp_path / "here" / "sweep-before.csv").read_bytes() == before
+    assert [row["contact.0.mu"] for row in table(tmp_path / "here")] == ["0.4"]

@@ -285,6 +285,9 @@ def run(
     path = folder / TABLE
     done: dict[int, dict[str, Any]] = earlier(path, asked, known) if resume else {}
     left = [k for k in range(len(asked)) if k not in done]
+    if path.exists() and path.read_bytes().count(b"\n") > len(done) + 1:
+        # Rows that are not asked for now, of this sweep or another, are worth keeping.
+        path.replace(path.with_name(f"{path.stem}-before{path.suffix}"))
     write(path, keys, done)
     if done and not as_json:
         complain(f"{counted(len(done), 'row')} of {len(asked)} are done already")
