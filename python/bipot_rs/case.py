@@ -387,10 +387,12 @@ def motion_of(rigid: Rigid, path: LoadPath, t: Floats) -> Motion | None:
     for k, number in moved.items():
         translation[:, k] = history(number)
     turn = rigid.turn
+    # Rollers turn about their own middle.
+    own = next((one for one in vectors[:3] if one), None)
     return Motion(
         translation,
         None if turn is None else np.deg2rad(history(turn.angle)),
-        about=None if turn is None else turn.about,
+        about=None if turn is None else turn.about or own,
         axis=None if turn is None else turn.axis,
     )
 

@@ -304,7 +304,8 @@ _Json = Annotated[
 def new(
     name: Annotated[str, typer.Argument(help="The file, .toml added.")] = "scene",
     template: Annotated[
-        str, typer.Option(help="What to begin with: block, obstacle or two_bodies.")
+        str,
+        typer.Option(help="What to begin with: block, mortar, obstacle or two_bodies."),
     ] = "block",
 ) -> None:
     """Write a commented scene that runs as it is; an existing file stays as it is."""

@@ -156,7 +156,7 @@ def pairs(
         found = _nodes(slave, master, limit, function)
         if not len(found.node):
             raise ValueError(_nothing(slave, master, distance))
-    constant = 0.0 if function else number("clearance", clearance)
+    constant = 0.0 if function else float(floats("clearance", clearance, shape=()))
     return _assembled(
         found,
         frames(_normals(slave, found.node), axis),

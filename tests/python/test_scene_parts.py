@@ -9,6 +9,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import fem, scene
+from bipot_rs.case import motion_of
 from bipot_rs.discretisation import Estimator
 from bipot_rs.elements import KINDS
 from children import bipot, bipot_with
@@ -654,3 +655,23 @@ def test_remarks_through_a_scene(tmp_path: Path) -> None:
     run = bipot("run", "it.toml", cwd=tmp_path)
     for remark in m.check():
         assert f"  remark    {remark}\n" in run.stderr
+
+
+def test_a_roller_turns_about_its_own_middle() -> None:
+    """Where nothing else is said: about the origin it would sweep through the body."""
+    m = bp.Model("roller")
+    m.path(way=[0.5, 1.0])
+    m.obstacle(
+        "roller",
+        cylinder={"point": [16.0, 23.0], "radius": 2.0},
+        turn={"angle": m.times(90.0, "way")},
+    )
+    side = [0.0, 1.0]
+    m.material("steel", young=1.0, poisson=0.3)
+    m.body("block", material="steel", cell="quadrilateral", x=side, y=side)
+    m.support("block.bottom", x=0, y=0)
+    m.contact("block.top", against="roller", mu=0.3)
+    found = motion_of(m.scene.obstacle["roller"], m.scene.path, np.array([1.0, 2.0]))
+    assert found is not None
+    assert np.asarray(found.about).tolist() == [16.0, 23.0]
+    np.testing.assert_allclose(found.rotation, [np.pi / 4, np.pi / 2], rtol=1e-15)

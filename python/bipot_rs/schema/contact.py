@@ -74,8 +74,9 @@ class Bar(Table):
 class Turn(Table):
     """A rotation by ``angle`` degrees about a point, in space about ``axis`` there.
 
-    Counter-clockwise, by the right hand about the axis; the point, the origin if not
-    given, is carried along by ``move``.
+    Counter-clockwise, by the right hand about the axis. The point is carried along by
+    ``move``; if not given, it is that of the plane or the cylinder, the centre of the
+    sphere, and of a surface the origin.
     """
 
     angle: Component
