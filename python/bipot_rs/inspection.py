@@ -102,26 +102,22 @@ def _penetrating(model: Model) -> Iterator[str]:
 
 
 def _facing_away(model: Model) -> Iterator[str]:
+    # Two bodies that face the same way are no model at all.
     for group, at in _groups(model):
         contact = model.contacts[group]
-        sides = [(contact.body, contact.surface, 0, -1.0)]
-        if contact.against is not None:
-            sides.append((*contact.against, 1, 1.0))
-        for name, surface, side, sign in sides:
-            here = at[model.contact_dofs[at, side] >= 0]
-            if not here.size:
-                continue
-            index = [body.name for body in model.bodies].index(name)
-            first = model.offset[index]
-            node = (model.contact_dofs[here, side] - first) // model.dim
-            out = outward(model.bodies[index], surface)[node]
-            towards = sign * np.einsum("cd,cd->c", out, model.frame[here, 0])
-            if (towards < 0).all():
-                yield (
-                    f"surface {surface!r} of body {name!r} faces away from what it may "
-                    f"touch, at all of its {counted(here.size, 'node')}: is the normal of "
-                    "the obstacle towards the body, and the surface the one that meets it?"
-                )
+        here = at[model.contact_dofs[at, 0] >= 0]
+        if contact.against is not None or not here.size:
+            continue
+        index = [body.name for body in model.bodies].index(contact.body)
+        node = (model.contact_dofs[here, 0] - model.offset[index]) // model.dim
+        out = outward(model.bodies[index], contact.surface)[node]
+        if (np.einsum("cd,cd->c", out, model.frame[here, 0]) > 0).all():
+            yield (
+                f"surface {contact.surface!r} of body {contact.body!r} faces away from "
+                f"what it may touch, at all of its {counted(here.size, 'node')}: is the "
+                "normal of the obstacle towards the body, and the surface the one that "
+                "meets it?"
+            )
 
 
 def _without_friction(model: Model, prescribed: ArrayLike | None) -> Iterator[str]:
