@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from bipot_rs import plots
     from bipot_rs.model import Model as Model
     from bipot_rs.model import ModelResult as ModelResult
-    from bipot_rs.pairing import pairs, rigid_pairs
+    from bipot_rs.pairing import Pairs, pairs, rigid_pairs
 
 __all__ = [
     "Answers",
@@ -50,6 +50,7 @@ __all__ = [
     "NoEquilibriumError",
     "NotConvergedError",
     "Outcome",
+    "Pairs",
     "ReducedProblem",
     "Result",
     "Solution",
@@ -71,6 +72,7 @@ __all__ = [
 _LAZY = {
     "Model": "bipot_rs.model",
     "ModelResult": "bipot_rs.model",
+    "Pairs": "bipot_rs.pairing",
     "pairs": "bipot_rs.pairing",
     "rigid_pairs": "bipot_rs.pairing",
 }
