@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import bipot_rs as bp
 import bipot_rs.model
-from bipot_rs import scene, toml_text
+from bipot_rs import fem, scene, toml_text
 from bipot_rs.schema import Scene
 from children import bipot
 
@@ -41,6 +41,21 @@ def blocks(n: int = 3, **path: Any) -> bp.Model:
     )
     m.path(parameter="shear", **({"shear": [0.0, 1.0]} | path))
     return m
+
+
+def of_arrays(model: fem.Model) -> bp.ContactProblem:
+    """The problem of a model's arrays, handed in as another program would."""
+    return bp.ContactProblem(
+        model.K,
+        model.B,
+        gap=model.gap,
+        mu=model.mu,
+        fixed=model.fixed,
+        area=model.area,
+        points=model.points,
+        frame=model.frame,
+        coordinates=np.repeat(model.nodes, model.dim, axis=0),
+    )
 
 
 def datasets(path: Path) -> dict[str, Any]:
@@ -70,17 +85,7 @@ def test_three_ways_to_the_same_bits(tmp_path: Path) -> None:
 
     case = m.assemble()
     model = case.model
-    problem = bp.ContactProblem(
-        model.K,
-        model.B,
-        gap=model.gap,
-        mu=model.mu,
-        fixed=model.fixed,
-        area=model.area,
-        points=model.points,
-        frame=model.frame,
-        coordinates=np.repeat(model.nodes, 2, axis=0),
-    )
+    problem = of_arrays(model)
     raw = problem.solve(case.load, case.prescribed, tol=1e-12)
     assert raw.displacement.any()
     raw.save(tmp_path / "arrays.h5")

@@ -15,7 +15,7 @@ from bipot_rs.elements import KINDS
 from children import bipot, bipot_with
 from spheres import icosphere
 from test_adaptive import bits
-from test_model import datasets
+from test_model import datasets, of_arrays
 from test_resume import content
 
 MESHES = Path(__file__).parent / "data" / "meshes"
@@ -101,17 +101,7 @@ def test_three_ways_to_the_same_bits(made: Any, tmp_path: Path) -> None:
     by_python = datasets(tmp_path / "python.h5")
     case = m.assemble()
     model = case.model
-    problem = bp.ContactProblem(
-        model.K,
-        model.B,
-        gap=model.gap,
-        mu=model.mu,
-        fixed=model.fixed,
-        area=model.area,
-        points=model.points,
-        frame=model.frame,
-        coordinates=np.repeat(model.nodes, 2, axis=0),
-    )
+    problem = of_arrays(model)
     raw = problem.solve(case.load, case.prescribed, gap=case.gaps, tol=1e-12)
     assert raw.displacement.any()
     raw.save(tmp_path / "arrays.h5")
