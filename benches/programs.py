@@ -45,13 +45,26 @@ class Run:
     more: dict[str, Any] = field(default_factory=dict)
 
 
+def as_installed(folder):
+    """Environment in which Python keeps what it compiles, as it does by itself.
+
+    Where the caller forbids it, sources would be compiled each time.
+    """
+    kept = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(folder / "pyc")}
+    return os.environ | kept
+
+
+# Compiled by the first round, which is never the best.
+_COMPILED = tempfile.TemporaryDirectory()
+
+
 def lines_of(command, threads, limit):
     """Seconds of a command, and the JSON lines it printed.
 
     ``threads`` is that of BLAS and of ours. Libraries below print on both streams: what
     is no JSON object is not looked at.
     """
-    environment = os.environ | {
+    environment = as_installed(Path(_COMPILED.name)) | {
         "OPENBLAS_NUM_THREADS": str(threads),
         "OMP_NUM_THREADS": str(threads),
         "BIPOT_NUM_THREADS": str(threads),

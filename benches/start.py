@@ -8,13 +8,14 @@ round, which fills the caches of the disk and of Python, is not counted. The lea
 the rounds is what the command costs, the median what it took on this machine.
 """
 
-import os
 import statistics
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from time import perf_counter
+
+from programs import as_installed
 
 PYTHON = sys.executable
 COMMANDS = {
@@ -31,11 +32,10 @@ COMMANDS = {
 
 def milliseconds(command, folder):
     """Wall clock of one process."""
-    # As installed: where the caller forbids it, sources would be compiled each time.
-    keep = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(folder / "pyc")}
+    environment = as_installed(folder)
     start = perf_counter()
     subprocess.run(
-        command, cwd=folder, env=os.environ | keep, capture_output=True, check=True
+        command, cwd=folder, env=environment, capture_output=True, check=True
     )
     return 1e3 * (perf_counter() - start)
 

@@ -6,9 +6,11 @@ use std::sync::atomic::AtomicBool;
 
 use bipot_rs::error::Error;
 use bipot_rs::linalg::blocks::Blocks;
+use bipot_rs::linalg::csc::{Symmetric, Symmetry};
 use bipot_rs::linalg::lu::Lu;
 use bipot_rs::linalg::small::{Block, norm};
 use bipot_rs::linalg::sparse_lu::{Analysis, SparseLu};
+use bipot_rs::problem::sparse::free_part;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 /// Pairs of rows and columns of a matrix, in any order.
@@ -237,4 +239,88 @@ fn agrees_with_the_dense_factors() {
     let apart: Vec<f64> = dense.iter().zip(&sparse).map(|(a, b)| a - b).collect();
     // Diagonals of 6 beside rows of 8 entries below one: condition below 100.
     assert!(norm(&apart) <= 100.0 * 128.0 * f64::EPSILON * norm(&dense));
+}
+
+/// Pointers, rows and values of a symmetric matrix of nodes of three, some entries zero.
+fn symmetric(nodes: usize, rng: &mut StdRng) -> (Vec<usize>, Vec<usize>, Vec<f64>) {
+    let n = 3 * nodes;
+    let mut dense = vec![vec![None; n]; n];
+    for i in 0..nodes {
+        for j in 0..=i {
+            if i != j && rng.random_bool(0.6) {
+                continue;
+            }
+            let empty = i != j && rng.random_bool(0.2);
+            for (k, l) in (0..9).map(|k| (3 * i + k / 3, 3 * j + k % 3)) {
+                let zero = empty || k != l && rng.random_bool(0.3);
+                let value = if zero {
+                    0.0
+                } else {
+                    rng.random_range(-1.0..1.0)
+                };
+                dense[k][l] = Some(value);
+                dense[l][k] = Some(value);
+            }
+        }
+    }
+    let (mut start, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
+    for column in &dense {
+        for (i, value) in column.iter().enumerate() {
+            if let Some(value) = value {
+                rows.push(i);
+                values.push(*value);
+            }
+        }
+        start.push(rows.len());
+    }
+    (start, rows, values)
+}
+
+#[test]
+fn what_is_symmetric_to_the_bit_need_not_be_mirrored() {
+    let mut rng = StdRng::seed_from_u64(7);
+    for nodes in [1, 2, 5, 20] {
+        let (start, rows, values) = symmetric(nodes, &mut rng);
+        let n = 3 * nodes;
+        let k = Symmetric::new(n, &start, &rows, &values).unwrap();
+        assert_eq!(k.check_symmetry(), Ok(Symmetry::Exact));
+        for fixed in [0.0, 0.4, 1.0] {
+            let draw = |_| rng.random_bool(fixed).then_some(0);
+            let fixed: Vec<Option<usize>> = (0..n).map(draw).collect();
+            let (quick, of_quick) = free_part(&k, Symmetry::Exact, &fixed);
+            let (slow, of_slow) = free_part(&k, Symmetry::Rounded, &fixed);
+            assert_eq!(of_quick, of_slow);
+            assert_eq!(quick.pointer, slow.pointer);
+            assert_eq!(quick.index, slow.index);
+            assert_eq!(quick.values, slow.values);
+        }
+    }
+}
+
+#[test]
+fn triangles_that_differ_are_told_from_those_that_do_not() {
+    let mut rng = StdRng::seed_from_u64(8);
+    let (start, rows, values) = symmetric(4, &mut rng);
+    for at in 0..values.len() {
+        let column = start.partition_point(|&s| s <= at) - 1;
+        let mut moved = values.clone();
+        moved[at] = f64::from_bits(moved[at].to_bits() ^ 1);
+        let k = Symmetric::new(12, &start, &rows, &moved).unwrap();
+        let wanted = if rows[at] == column {
+            Symmetry::Exact
+        } else {
+            Symmetry::Rounded
+        };
+        assert_eq!(k.check_symmetry(), Ok(wanted));
+    }
+    // A stored zero on either side without its partner, and no diagonal.
+    let k = |rows: &[usize], start: &[usize]| {
+        let zeros = vec![0.0; rows.len()];
+        Symmetric::new(2, start, rows, &zeros)
+            .unwrap()
+            .check_symmetry()
+    };
+    assert_eq!(k(&[1], &[0, 1, 1]), Ok(Symmetry::Rounded));
+    assert_eq!(k(&[0], &[0, 0, 1]), Ok(Symmetry::Rounded));
+    assert_eq!(k(&[1, 0], &[0, 1, 2]), Ok(Symmetry::Exact));
 }

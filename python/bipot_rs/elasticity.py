@@ -31,6 +31,7 @@ __all__ = [
     "Orthotropic",
     "Quadrature",
     "box",
+    "distinct_cells",
     "nodal_forces",
     "stiffness",
     "surface_stiffness",
@@ -56,7 +57,7 @@ def stiffness(body: Body) -> Any:
     """
     dim, nodes = body.dim, int(body.mesh.p.shape[1])
     cells = body.cells
-    shapes, which = _shapes(body.points[cells])
+    shapes, which = distinct_cells(body.points[cells])
     material = np.zeros(len(shapes), dtype=np.int64)
     if len(body.materials) > 1:
         both = which * len(body.materials) + body.material_of_cells
@@ -105,7 +106,7 @@ def _matrix(data: Floats, column: NDArray[Any], start: NDArray[Any]) -> Any:
     return sparse.bsr_array(blocks, shape=(n, n)).tocsr()
 
 
-def _shapes(corners: Floats) -> tuple[Floats, Ints]:
+def distinct_cells(corners: Floats) -> tuple[Floats, Ints]:
     """Distinct cells up to translation, and which of them each cell is.
 
     Parameters

@@ -106,7 +106,7 @@ def write_result(
                 if np.ndim(value) > 0 or name in _SCALAR_DATASETS:
                     _store(one, name, value)
                 else:
-                    one.attrs[name] = value
+                    _label(one, name, value)
 
     arrays = [contacts.values(), *(step.values() for step in steps)]
     held = sum(getattr(value, "nbytes", 0) for some in arrays for value in some)
@@ -284,12 +284,27 @@ def _store(group: Any, name: str, value: Any) -> None:
     if array.dtype.kind not in "fiub":
         group[name] = value
         return
-    h5d, h5s, h5t = (library(f"h5py.{part}") for part in ("h5d", "h5s", "h5t"))
-    space = h5s.create_simple(array.shape) if array.ndim else h5s.create(h5s.SCALAR)
-    kind = h5t.py_create(array.dtype, logical=True)
-    made = h5d.create(group.id, name.encode(), kind, space)
+    h5py = library("h5py")
+    made = h5py.h5d.create(group.id, name.encode(), *_form(h5py, array))
     if array.size:
-        made.write(h5s.ALL, h5s.ALL, array)
+        made.write(h5py.h5s.ALL, h5py.h5s.ALL, array)
+
+
+def _label(group: Any, name: str, value: Any) -> None:
+    """Make an attribute, likewise."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiub":
+        group.attrs[name] = value
+        return
+    h5py = library("h5py")
+    h5py.h5a.create(group.id, name.encode(), *_form(h5py, array)).write(array)
+
+
+def _form(h5py: Any, array: NDArray[Any]) -> tuple[Any, Any]:
+    """Type and shape of numbers."""
+    h5s = h5py.h5s
+    space = h5s.create_simple(array.shape) if array.ndim else h5s.create(h5s.SCALAR)
+    return h5py.h5t.py_create(array.dtype, logical=True), space
 
 
 def _three(array: NDArray[Any]) -> NDArray[Any]:

@@ -13,12 +13,9 @@ from bipot_rs.contact_surface import contact_surface
 from bipot_rs.export import place, write_series
 from bipot_rs.fem import Model
 from bipot_rs.result import Step, recover
-from bipot_rs.stress import stress, von_mises
+from bipot_rs.stress import COLUMNS, ROWS, MeanStress, von_mises
 
 Fields = dict[str, NDArray[Any]]
-
-# Components of a symmetric tensor in the order of ParaView.
-_ROW, _COLUMN = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)
 
 
 def write(path: str | os.PathLike[str], model: Model, steps: Sequence[Step]) -> None:
@@ -65,13 +62,14 @@ def write_bodies(
         Of the number of a step, what `cell_fields` takes.
     """
     more = of_cells if of_cells is not None else ({} for _ in steps)
+    means = [MeanStress(body) for body in model.bodies]
     write_series(
         path,
         model.nodes,
         model.cells,
         (model.fields(s.displacement, s.reaction, s.status) for s in steps),
         (
-            cell_fields(model, step.displacement, at_rest(k)) | dict(fields)
+            cell_fields(model, step.displacement, at_rest(k), means) | dict(fields)
             for k, (step, fields) in enumerate(zip(steps, more, strict=True))
         ),
     )
@@ -89,22 +87,26 @@ def cell_fields(
     model: Model,
     displacement: NDArray[np.float64],
     at_rest: NDArray[np.float64] | None = None,
+    means: Sequence[MeanStress] | None = None,
 ) -> Fields:
     """``stress (cells, 6)``, xx, yy, zz, xy, yz, xz, and ``von_mises (cells,)`` [Pa].
 
     Cells of all bodies, in their order; the mean over each cell. ``at_rest (cells, 3, 3)``
-    is what initial strains add, `Case.stress_at_rest`.
+    is what initial strains add, `Case.stress_at_rest`; ``means``, one a body, serve many
+    displacements.
     """
+    if means is None:
+        means = [MeanStress(body) for body in model.bodies]
     ends = [*model.offset[1:], model.n]
     tensors = np.concatenate(
         [
-            stress(body, displacement[first:end], space=True)
-            for body, first, end in zip(model.bodies, model.offset, ends, strict=True)
+            mean(displacement[first:end], space=True)
+            for mean, first, end in zip(means, model.offset, ends, strict=True)
         ]
     )
     if at_rest is not None:
         tensors = tensors + at_rest
-    return {"stress": tensors[:, _ROW, _COLUMN], "von_mises": von_mises(tensors)}
+    return {"stress": tensors[:, ROWS, COLUMNS], "von_mises": von_mises(tensors)}
 
 
 def contact_fields(model: Model, step: Step) -> Fields:

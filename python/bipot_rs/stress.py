@@ -17,8 +17,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs.check import floats
-from bipot_rs.elasticity import Body, Field, Floats
+from bipot_rs.elasticity import (
+    Body,
+    Field,
+    Floats,
+    distinct_cells,
+)
 from bipot_rs.elements import inverse, jacobian, reference
+from bipot_rs.materials import Elastic
+
+# The six components of a symmetric tensor as VTK orders them: xx, yy, zz, xy, yz, xz.
+ROWS, COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)
 
 Initial: TypeAlias = Field | Mapping[str, Field]
 
@@ -42,12 +51,53 @@ def stress(
         In 2D too ``(cells, 3, 3)``: in plane strain with the stress out of the plane,
         which `von_mises` needs.
     """
-    found = stress_at_points(body, displacement, initial)
-    weights = body.volume().weights
-    share = weights / weights.sum(axis=1, keepdims=True)
-    mean = np.einsum("abpq,pq->pab", found, share)
-    d = 3 if space else body.dim
-    return np.ascontiguousarray(mean[:, :d, :d])
+    return MeanStress(body)(displacement, initial, space=space)
+
+
+class MeanStress:
+    """`stress` of one body, prepared once for many displacements.
+
+    The material is the same all over a cell, so that the mean stress is that of the
+    mean strain: gradients are averaged here, before any displacement is known.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        _, slopes, weights = reference(body.kind.scalar, body.kind.order)
+        shapes, self._which = distinct_cells(body.points[body.cells])
+        inner, determinant = inverse(jacobian(shapes, slopes))
+        share = weights[:, None] * np.abs(determinant)
+        share /= share.sum(axis=0)
+        # ∂_a φ_i, (i, a, shapes).
+        self._slopes = np.einsum("qbi,qbac,qc->iac", slopes, inner, share)
+
+    def __call__(
+        self,
+        displacement: ArrayLike,
+        initial: Initial | None = None,
+        *,
+        space: bool = False,
+    ) -> Floats:
+        """As `stress`."""
+        body = self.body
+        d, u = body.dim, _nodal(body, displacement)[body.cells]
+        gradient = np.einsum("iac,cik->kac", self._slopes[..., self._which], u)
+        strain = np.zeros((3, 3, len(u)))
+        strain[:d, :d] = 0.5 * (gradient + gradient.swapaxes(0, 1))
+        if initial is not None:
+            weights = body.volume().weights
+            share = weights / weights.sum(axis=1, keepdims=True)
+            strain -= np.einsum("abcq,cq->abc", initial_strain(body, initial), share)
+        six = np.empty((len(u), 6))
+        for k, material in enumerate(body.materials):
+            here = body.material_of_cells == k
+            law = _in_space(body, material)[ROWS, COLUMNS][:, ROWS, COLUMNS]
+            law[:, 3:] *= 2.0  # the mirrored component of a shear
+            six[here] = np.einsum("st,tc->cs", law, strain[ROWS, COLUMNS][:, here])
+        found = np.empty((len(u), 3, 3))
+        found[:, ROWS, COLUMNS] = six
+        found[:, COLUMNS, ROWS] = six
+        return found if space else np.ascontiguousarray(found[:, :d, :d])
 
 
 def stress_at_points(
@@ -57,27 +107,17 @@ def stress_at_points(
 
     Parameters as of `stress`.
     """
-    dim, nodes = body.dim, len(body.points)
-    given = floats("displacement", displacement)
-    if given.shape not in ((dim * nodes,), (nodes, dim)):
-        raise ValueError(
-            f"displacement has shape {given.shape}, expected ({dim * nodes},) or "
-            f"({nodes}, {dim}), that of body {body.name!r} alone"
-        )
-    u = given.reshape(nodes, dim)[body.cells]
+    d, u = body.dim, _nodal(body, displacement)[body.cells]
     gradient = np.einsum("qiap,pik->kapq", _slopes(body), u)
     strain = np.zeros((3, 3, *gradient.shape[2:]))
-    strain[:dim, :dim] = 0.5 * (gradient + gradient.swapaxes(0, 1))
+    strain[:d, :d] = 0.5 * (gradient + gradient.swapaxes(0, 1))
     if initial is not None:
         strain -= initial_strain(body, initial)
-    found = np.zeros_like(strain)
+    found = np.empty_like(strain)
     for k, material in enumerate(body.materials):
         here = body.material_of_cells == k
-        if dim == 2 and material.plane_stress:
-            C, d = material.tensor(2), 2
-        else:
-            C, d = material.tensor(3), 3
-        found[:d, :d, here] = np.einsum("abcd,cdpq->abpq", C, strain[:d, :d, here])
+        law = _in_space(body, material)
+        found[:, :, here] = np.einsum("abcd,cdpq->abpq", law, strain[:, :, here])
     return found
 
 
@@ -179,6 +219,27 @@ def von_mises(stresses: ArrayLike) -> Floats:
     deviator = found - trace / 3 * np.eye(3)
     square = np.einsum("...ij,...ij->...", deviator, deviator)
     return np.asarray(np.sqrt(1.5 * square))
+
+
+def _nodal(body: Body, displacement: ArrayLike) -> Floats:
+    """Checked: ``(nodes, d)``."""
+    d, nodes = body.dim, len(body.points)
+    given = floats("displacement", displacement)
+    if given.shape not in ((d * nodes,), (nodes, d)):
+        raise ValueError(
+            f"displacement has shape {given.shape}, expected ({d * nodes},) or "
+            f"({nodes}, {d}), that of body {body.name!r} alone"
+        )
+    return given.reshape(nodes, d)
+
+
+def _in_space(body: Body, material: Elastic) -> Floats:
+    """Elasticity ``(3, 3, 3, 3)``; in plane stress that of the plane, and zeros."""
+    if body.dim == 3 or not material.plane_stress:
+        return material.tensor(3)
+    law = np.zeros((3, 3, 3, 3))
+    law[:2, :2, :2, :2] = material.tensor(2)
+    return law
 
 
 def _slopes(body: Body) -> Floats:

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::linalg::csc::narrow;
+use crate::linalg::csc::{mix, narrow};
 
 /// A vertex joined to more than this many times `√N` others is ordered last:
 /// dissection cannot separate anything around it.
@@ -178,10 +178,6 @@ impl Quotient {
 }
 
 fn hash(column: &[usize], own: usize) -> u64 {
-    let mix = |i: usize| {
-        let x = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-        (x ^ (x >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9)
-    };
     let others = column.iter().filter(|&&i| i != own);
     others.fold(mix(own), |sum, &i| sum.wrapping_add(mix(i)))
 }

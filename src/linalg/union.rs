@@ -27,6 +27,10 @@ impl Union {
 
     /// Makes one set of those of `i` and `j`.
     pub fn join(&mut self, i: usize, j: usize) {
+        // Mostly they are in one set already, and next to its leader.
+        if self.parent[i] == self.parent[j] {
+            return;
+        }
         let (a, b) = (self.leader(i), self.leader(j));
         self.parent[a.max(b)] = a.min(b);
     }

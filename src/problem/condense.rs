@@ -98,9 +98,9 @@ impl<const D: usize> Sorted<D> {
         check_finite("gap", given.gap.as_flattened())?;
         check_friction(given.mu, given.gap.len())?;
         let position = positions("fixed", given.fixed, n)?;
-        given.stiffness.check_symmetry()?;
+        let symmetry = given.stiffness.check_symmetry()?;
 
-        let (free, global) = sparse::free_part(&given.stiffness, &position);
+        let (free, global) = sparse::free_part(&given.stiffness, symmetry, &position);
         let coupling = sparse::columns(&given.stiffness, given.fixed, &position);
         let component = free.view().components();
         let mut parts = sparse::split(free, &component);

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use crate::error::Error;
-use crate::linalg::csc::Symmetric;
+use crate::linalg::csc::{Symmetric, Symmetry, mix};
 use crate::linalg::exact::Sum;
 
 /// A borrowed matrix by rows; indices need not be sorted.
@@ -217,13 +217,20 @@ impl Owned {
 /// the global numbers of its rows. Stored zeros connect nothing: they are left out but
 /// where [`in_use`] says.
 #[must_use]
-pub fn free_part(k: &Symmetric, fixed: &[Option<usize>]) -> (Owned, Vec<usize>) {
+pub fn free_part(
+    k: &Symmetric,
+    symmetry: Symmetry,
+    fixed: &[Option<usize>],
+) -> (Owned, Vec<usize>) {
     let global: Vec<usize> = (0..k.n()).filter(|&i| fixed[i].is_none()).collect();
     let mut number = vec![usize::MAX; k.n()];
     for (local, &i) in global.iter().enumerate() {
         number[i] = local;
     }
     let in_use = in_use(k);
+    if symmetry == Symmetry::Exact {
+        return (chosen(k, &global, &number, in_use.as_deref()), global);
+    }
     let lower = |j: usize| {
         let (number, in_use) = (&number, in_use.as_deref());
         let first = k.col_ptr()[j];
@@ -272,6 +279,34 @@ pub fn free_part(k: &Symmetric, fixed: &[Option<usize>]) -> (Owned, Vec<usize>) 
     )
 }
 
+/// The rows and columns `global` under the numbers that they have: of a matrix that is
+/// symmetric to the bit nothing need be mirrored.
+fn chosen(k: &Symmetric, global: &[usize], number: &[usize], in_use: Option<&[bool]>) -> Owned {
+    let entries = k.row_idx().len();
+    let (mut index, mut values) = (vec![0; entries], vec![0.0; entries]);
+    let mut pointer = Vec::with_capacity(global.len() + 1);
+    pointer.push(0);
+    let mut next = 0;
+    for &j in global {
+        for at in k.col_ptr()[j]..k.col_ptr()[j + 1] {
+            let row = number[k.row_idx()[at]];
+            // Written in any case, and counted if it stays: no branch to be guessed.
+            (index[next], values[next]) = (row, k.values()[at]);
+            next += usize::from(row != usize::MAX && in_use.is_none_or(|used| used[at]));
+        }
+        pointer.push(next);
+    }
+    index.truncate(next);
+    values.truncate(next);
+    index.shrink_to_fit();
+    values.shrink_to_fit();
+    Owned {
+        pointer,
+        index,
+        values,
+    }
+}
+
 /// Of each stored entry whether it is part of the pattern; `None` if all are.
 ///
 /// On a grid some entries of the block of two nodes cancel, others of the same block do
@@ -311,14 +346,22 @@ fn nodes(k: &Symmetric) -> (Vec<usize>, Vec<Vec<usize>>) {
     /// Unknowns of a node at the most, rotations included; more are no node.
     const MOST: usize = 6;
     let column = |j: usize| &k.row_idx()[k.col_ptr()[j]..k.col_ptr()[j + 1]];
-    let mut first: HashMap<&[usize], usize> = HashMap::new();
+    let mut first: HashMap<u64, Vec<usize>> = HashMap::new();
     let mut node_of = vec![0; k.n()];
     let mut members: Vec<Vec<usize>> = Vec::new();
     for j in 0..k.n() {
         // Unknowns of a node mostly follow one another.
         let near = j.checked_sub(1).filter(|&i| column(i) == column(j));
         let known = near.map(|i| node_of[i]);
-        let node = known.unwrap_or_else(|| *first.entry(column(j)).or_insert(members.len()));
+        let node = known.unwrap_or_else(|| {
+            let sum = |sum: u64, &i: &usize| sum.wrapping_add(mix(i));
+            let alike = first.entry(column(j).iter().fold(0, sum)).or_default();
+            let same = |&&node: &&usize| column(members[node][0]) == column(j);
+            alike.iter().find(same).copied().unwrap_or_else(|| {
+                alike.push(members.len());
+                members.len()
+            })
+        });
         if node == members.len() {
             members.push(Vec::new());
         }

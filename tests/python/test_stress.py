@@ -51,6 +51,33 @@ def test_linear_displacement_has_the_stress_of_hooke(
     )
 
 
+@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_mean_stress_is_the_integral_over_the_cell(cell: str, degree: int) -> None:
+    """By the definition, with the stress at each point, of two materials and a strain
+    at rest, which the averaged gradients must not know."""
+    d = CELLS[cell]
+    made = mesh(cell, degree)
+    left = made.p[0, made.t].mean(axis=0) < 0.5
+    made = made.with_subdomains(
+        {"left": np.flatnonzero(left), "right": np.flatnonzero(~left)}
+    )
+    wood = fem.Orthotropic((11e9, 0.9e9, 0.5e9), (0.3, 0.4, 0.4), (0.7e9, 0.6e9, 0.1e9))
+    body = fem.Body("it", made, {"left": fem.Material(YOUNG, POISSON), "right": wood})
+    random = np.random.default_rng(2)
+    u = 1e-3 * random.normal(size=body.points.shape)
+    heat = stress.thermal(ALPHA, lambda x: HEAT * np.sin(3 * x[0]))
+    at_points = stress.stress_at_points(body, u, heat)
+    weights = body.volume().weights
+    wanted = np.einsum("abcq,cq->cab", at_points, weights)
+    wanted /= weights.sum(axis=1)[:, None, None]
+    found = stress.stress(body, u, heat, space=True)
+    # Sums of 27 points of 27 nodes in another order.
+    atol = 1e-12 * np.abs(at_points).max()
+    np.testing.assert_allclose(found, wanted, atol=atol, rtol=0)
+    np.testing.assert_array_equal(found, found.swapaxes(1, 2))
+
+
 def free(body: fem.Body, strain: stress.Initial) -> tuple[Floats, Floats]:
     """Displacement and stress of a body that nothing but its frame holds."""
     model = fem.build([body], [])
