@@ -159,8 +159,7 @@ def _packed(data: bytes, size: int) -> tuple[bytes, bytes]:
 
 
 def _level(block: bytes, size: int) -> int:
-    """Effort to spend on a block of numbers of ``size`` bytes: 1, or 0 where digits look
-    random.
+    """Effort to spend on numbers of ``size`` bytes: 1, or 0 where digits look random.
 
     A displacement loses a twentieth of its bytes by packing, and packing it takes
     longer than all else of a file. Contact fields, zero at most nodes, all but vanish.

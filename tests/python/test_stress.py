@@ -56,7 +56,6 @@ def test_linear_displacement_has_the_stress_of_hooke(
 def test_mean_stress_is_the_integral_over_the_cell(cell: str, degree: int) -> None:
     """By the definition, with the stress at each point, of two materials and a strain
     at rest, which the averaged gradients must not know."""
-    d = CELLS[cell]
     made = mesh(cell, degree)
     left = made.p[0, made.t].mean(axis=0) < 0.5
     made = made.with_subdomains(
