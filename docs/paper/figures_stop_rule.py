@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from bipot_rs import scene
 from bipot_rs.discretisation import Estimator
-from bipot_rs.enough import tolerance
+from bipot_rs.mesh_error.enough import tolerance
 
 HERE = Path(__file__).parent
 SCENES = (("cattaneo_mindlin", 10), ("sheared_cube", 6))

@@ -36,9 +36,9 @@ from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
 
 if TYPE_CHECKING:
     from bipot_rs import plots
+    from bipot_rs.facing.pairing import Pairs, pairs, rigid_pairs
     from bipot_rs.model import Model as Model
     from bipot_rs.model import ModelResult as ModelResult
-    from bipot_rs.pairing import Pairs, pairs, rigid_pairs
 
 __all__ = [
     "Answers",
@@ -72,9 +72,9 @@ __all__ = [
 _LAZY = {
     "Model": "bipot_rs.model",
     "ModelResult": "bipot_rs.model",
-    "Pairs": "bipot_rs.pairing",
-    "pairs": "bipot_rs.pairing",
-    "rigid_pairs": "bipot_rs.pairing",
+    "Pairs": "bipot_rs.facing.pairing",
+    "pairs": "bipot_rs.facing.pairing",
+    "rigid_pairs": "bipot_rs.facing.pairing",
 }
 
 

@@ -14,11 +14,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
-from bipot_rs.exits import BAD_INPUT, INTERRUPTED, SOLVED
 from bipot_rs.extras import missing
-from bipot_rs.interrupts import Interrupts
-from bipot_rs.job import ENOUGH, Job
-from bipot_rs.telling import complain, line
+from bipot_rs.running.exits import BAD_INPUT, INTERRUPTED, SOLVED
+from bipot_rs.running.interrupts import Interrupts
+from bipot_rs.running.job import ENOUGH, Job
+from bipot_rs.running.telling import complain, line
 
 try:
     import typer
@@ -182,7 +182,7 @@ def fclib(
 
     The asymmetry of a matrix is told where it is more than rounding, beyond 1e-11.
     """
-    from bipot_rs import fclib_job
+    from bipot_rs.running import fclib_job
 
     raise typer.Exit(fclib_job.run(files, method, tol, max_seconds, as_json=json))
 
@@ -224,7 +224,7 @@ def solve(
     from 0, in the contacts, dof and force or value in the other tables. Writes
     reactions.csv, displacements.csv, steps.csv, result.h5, and with nodes result.pvd.
     """
-    from bipot_rs import stiffness_job
+    from bipot_rs.running import stiffness_job
 
     folder = Path("out") / stiffness.stem if out is None else out
     files = {

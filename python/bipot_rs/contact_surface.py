@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bipot_rs.elasticity import Ints
+from bipot_rs.bodies.elasticity import Ints
 from bipot_rs.fem import Model
 
 # By dimension and the number of nodes, with how many of these are corners. Behind the

@@ -21,18 +21,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg, sparse
 
-from bipot_rs import johnson_mercier
+from bipot_rs.bodies.elasticity import Floats, Ints, Material
 from bipot_rs.check import floats
-from bipot_rs.contact_facets import contact_facets, prescribed_facets
-from bipot_rs.elasticity import Floats, Ints, Material
-from bipot_rs.equilibrium import moments
 from bipot_rs.fem import Model
-from bipot_rs.obstacle import Obstacle, Plane
-from bipot_rs.problem import ContactProblem
-from bipot_rs.result import Result, Step
-from bipot_rs.scene import Case
-from bipot_rs.self_stress import SelfStress
-from bipot_rs.simplices import (
+from bipot_rs.mesh_error import johnson_mercier
+from bipot_rs.mesh_error.contact_facets import contact_facets, prescribed_facets
+from bipot_rs.mesh_error.equilibrium import moments
+from bipot_rs.mesh_error.self_stress import SelfStress
+from bipot_rs.mesh_error.simplices import (
     Simplices,
     complementary,
     elastic,
@@ -40,6 +36,10 @@ from bipot_rs.simplices import (
     simplices,
     strain,
 )
+from bipot_rs.obstacle import Obstacle, Plane
+from bipot_rs.problem import ContactProblem
+from bipot_rs.result import Result, Step
+from bipot_rs.scene import Case
 
 BOUND = "guaranteed bound"
 INDICATOR = "indicator"

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from bipot_rs.check import floats, number
-from bipot_rs.elasticity import (
+from bipot_rs.bodies.elasticity import (
     FACES,
     Body,
     Box,
@@ -30,9 +29,20 @@ from bipot_rs.elasticity import (
     stiffness,
     vtk_cells,
 )
-from bipot_rs.elements import second_order
-from bipot_rs.frames import frames
-from bipot_rs.meeting import (
+from bipot_rs.bodies.elements import second_order
+from bipot_rs.bodies.mesh_check import check_mesh
+from bipot_rs.bodies.mesh_file import read_mesh, read_meshes
+from bipot_rs.bodies.stress import Initial, initial_forces, stress, thermal, von_mises
+from bipot_rs.bodies.surfaces import (
+    Spring,
+    Symmetry,
+    plane_of,
+    spring_stiffness,
+    surface,
+    with_surfaces,
+)
+from bipot_rs.check import floats, number
+from bipot_rs.facing.meeting import (
     Contact,
     body_index,
     gaps_of_steps,
@@ -41,19 +51,9 @@ from bipot_rs.meeting import (
     place,
     relative_displacement,
 )
-from bipot_rs.mesh_check import check_mesh
-from bipot_rs.mesh_file import read_mesh, read_meshes
+from bipot_rs.facing.rigid_motion import Motion
+from bipot_rs.frames import frames
 from bipot_rs.problem import ContactProblem
-from bipot_rs.rigid_motion import Motion
-from bipot_rs.stress import Initial, initial_forces, stress, thermal, von_mises
-from bipot_rs.surfaces import (
-    Spring,
-    Symmetry,
-    plane_of,
-    spring_stiffness,
-    surface,
-    with_surfaces,
-)
 from bipot_rs.words import counted
 
 __all__ = [
@@ -385,7 +385,7 @@ class Model:
         strain
             What the body would do if nothing held it: a tensor ``(d, d)`` or ``(3, 3)``,
             a function of the places, `thermal`, or a mapping of volumes of the body to
-            these (`bipot_rs.stress`). `stress` takes it as ``initial``.
+            these (`bipot_rs.bodies.stress`). `stress` takes it as ``initial``.
         """
         index = body_index(self.bodies, body)
         return self._at(index, initial_forces(self.bodies[index], strain))

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs import motion
+from bipot_rs.bodies.surfaces import Spring, spring_stiffness
 from bipot_rs.check import Array, floats
-from bipot_rs.closest import length, place
+from bipot_rs.facing.closest import length, place
+from bipot_rs.facing.meeting import body_index, outward
 from bipot_rs.fem import Model
-from bipot_rs.meeting import body_index, outward
-from bipot_rs.surfaces import Spring, spring_stiffness
 from bipot_rs.words import counted
 
 Ints = NDArray[np.int64]

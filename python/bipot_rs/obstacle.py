@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs.check import Array, callback, floats, number
-from bipot_rs.closest import Closest, Obstacle, directed, length, place, taken
-from bipot_rs.facet_surface import Surface
-from bipot_rs.rigid_motion import Motion
+from bipot_rs.facing.closest import Closest, Obstacle, directed, length, place, taken
+from bipot_rs.facing.facet_surface import Surface
+from bipot_rs.facing.rigid_motion import Motion
 
 __all__ = [
     "Approach",

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs.bodies.stress import COLUMNS, ROWS, MeanStress, von_mises
 from bipot_rs.contact_surface import contact_surface
 from bipot_rs.export import place, write_series
 from bipot_rs.fem import Model
 from bipot_rs.result import Step, recover
-from bipot_rs.stress import COLUMNS, ROWS, MeanStress, von_mises
 
 Fields = dict[str, NDArray[Any]]
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from bipot_rs.bodies.elements import KINDS, first_order, second_order
+from bipot_rs.bodies.stress import Initial
 from bipot_rs.case import motion_of
-from bipot_rs.elements import KINDS, first_order, second_order
 from bipot_rs.fem import (
     Body,
     Contact,
@@ -23,7 +24,6 @@ from bipot_rs.fem import (
 from bipot_rs.obstacle import Cylinder, Obstacle, Plane, Sphere, Surface
 from bipot_rs.schema import Block, InitialStrain, Known, Rigid, Scene, inconsistencies
 from bipot_rs.shipped import SceneError
-from bipot_rs.stress import Initial
 
 
 def bodies(scene: Scene) -> list[Body]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import bipot_rs.cli
-import bipot_rs.resume
+import bipot_rs.running.resume
 import bipot_rs.scene
 from bipot_rs import export
 

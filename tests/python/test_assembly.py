@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from bipot_rs import elasticity, fem, meeting
+from bipot_rs import fem
+from bipot_rs.bodies import elasticity
+from bipot_rs.facing import meeting
 
 Floats = NDArray[np.float64]
 CELLS = {

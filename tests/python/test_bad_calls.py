@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs import analytic, elasticity, export, fem, plot
+from bipot_rs import analytic, export, fem, plot
+from bipot_rs.bodies import elasticity
 
 Array = NDArray[np.float64]
 

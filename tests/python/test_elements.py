@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from bipot_rs import elements, fem
-from bipot_rs.elasticity import vtk_cells
-from bipot_rs.stress import stress_at_points
+from bipot_rs import fem
+from bipot_rs.bodies import elements
+from bipot_rs.bodies.elasticity import vtk_cells
+from bipot_rs.bodies.stress import stress_at_points
 from bipot_rs.vtu import Grid
 
 Floats = NDArray[np.float64]

@@ -8,10 +8,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
-from bipot_rs import fem, johnson_mercier
-from bipot_rs.equilibrium import moments
-from bipot_rs.self_stress import SelfStress, _Functions
-from bipot_rs.simplices import (
+from bipot_rs import fem
+from bipot_rs.mesh_error import johnson_mercier
+from bipot_rs.mesh_error.equilibrium import moments
+from bipot_rs.mesh_error.self_stress import SelfStress, _Functions
+from bipot_rs.mesh_error.simplices import (
     Simplices,
     complementary,
     elastic,

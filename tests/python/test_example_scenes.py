@@ -11,7 +11,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import analytic
-from bipot_rs.stress import von_mises
+from bipot_rs.bodies.stress import von_mises
 
 SCENES = Path(__file__).parents[2] / "examples" / "scenes"
 # Residuals of 1e-12, times the condition of small elastic bodies, 1e3.

@@ -108,7 +108,11 @@ def test_full_disk_under_a_problem(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "before",
-    ["bipot_rs.export:_digest", "bipot_rs.job:replace", "bipot_rs.export:_three"],
+    [
+        "bipot_rs.export:_digest",
+        "bipot_rs.running.job:replace",
+        "bipot_rs.export:_three",
+    ],
 )
 def test_killed_while_writing(
     before: str, earlier: dict[str, bytes], tmp_path: Path

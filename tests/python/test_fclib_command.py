@@ -12,7 +12,8 @@ import pytest
 
 import bipot_rs as bp
 import pressed
-from bipot_rs import fclib, fclib_job
+from bipot_rs import fclib
+from bipot_rs.running import fclib_job
 from collection import FILES, path
 from methods import METHODS
 

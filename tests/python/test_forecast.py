@@ -9,7 +9,7 @@ import pytest
 
 import bipot_rs as bp
 from bars import bar_problem
-from bipot_rs import forecast
+from bipot_rs.running import forecast
 from bipot_rs.scene import assemble, bodies, read
 
 COUNTS = (

@@ -69,7 +69,7 @@ def test_between_steps(number: signal.Signals, tmp_path: Path) -> None:
         if step == 3:
             os.kill(os.getpid(), number)
 
-    run = bipot_with(fault, "bipot_rs.report:row", *RUN, cwd=tmp_path)
+    run = bipot_with(fault, "bipot_rs.running.report:row", *RUN, cwd=tmp_path)
     assert run.returncode == 128 + number
     *steps, last = map(json.loads, run.stdout.splitlines())
     assert [step["step"] for step in steps] == list(range(3))
@@ -90,7 +90,7 @@ def test_while_files_are_written(before: str, tmp_path: Path) -> None:
 
 
 def test_after_the_last_file_the_run_has_ended(tmp_path: Path) -> None:
-    run = bipot_with(hit(INT), "bipot_rs.job:replace", *RUN, cwd=tmp_path)
+    run = bipot_with(hit(INT), "bipot_rs.running.job:replace", *RUN, cwd=tmp_path)
     assert run.returncode == 0
     assert left(tmp_path) == (True, STEPS)
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import skfem
 
-from bipot_rs import elements, fem
-from bipot_rs.elasticity import vtk_cells
+from bipot_rs import fem
+from bipot_rs.bodies import elements
+from bipot_rs.bodies.elasticity import vtk_cells
 from bipot_rs.vtu import Grid
 
 DATA = Path(__file__).parent / "data" / "meshes"

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from bipot_rs import cli, forecast
+from bipot_rs import cli
+from bipot_rs.running import forecast
 from bipot_rs.scene import read
 from bipot_rs.words import meant, nearest
 

@@ -7,9 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
-from bipot_rs import analytic, fem, meeting
-from bipot_rs.contact_facets import contact_facets
-from bipot_rs.simplices import simplices
+from bipot_rs import analytic, fem
+from bipot_rs.facing import meeting
+from bipot_rs.mesh_error.contact_facets import contact_facets
+from bipot_rs.mesh_error.simplices import simplices
 from halfspace import body, boussinesq, grid, mirrored
 from profiles import Profile
 

@@ -405,7 +405,7 @@ def test_gaps_between_spheres(slave: int, master: int) -> None:
 
 def test_large_surfaces_take_no_product_of_their_sizes() -> None:
     """Candidates a facet do not grow with the meshes."""
-    from bipot_rs.facet_mesh import candidates, surface
+    from bipot_rs.facing.facet_mesh import candidates, surface
 
     most = []
     for n in (10, 40):

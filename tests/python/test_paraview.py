@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from bipot_rs import fem, paraview
+from bipot_rs.bodies.stress import stress, von_mises
 from bipot_rs.contact_surface import contact_surface
-from bipot_rs.stress import stress, von_mises
 
 Floats = NDArray[np.float64]
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")

@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 
 import bipot_rs as bp
 from bipot_rs import fem, plots, scene
+from bipot_rs.bodies.stress import stress, von_mises
 from bipot_rs.contact_surface import contact_surface
 from bipot_rs.plots import canvas
 from bipot_rs.plots.skin import skin
 from bipot_rs.plots.space import sharp_edges
-from bipot_rs.stress import stress, von_mises
 from layout import overlaps
 
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bipot_rs.report import closing, print_table
 from bipot_rs.resultants import resultants
-from bipot_rs.telling import Progress
+from bipot_rs.running.report import closing, print_table
+from bipot_rs.running.telling import Progress
 
 RANDOM = np.random.default_rng(8)
 

@@ -115,7 +115,7 @@ def interrupted(after: int, *more: str, cwd: Path) -> Any:
             raise KeyboardInterrupt
 
     return bipot_with(
-        fault, "bipot_rs.report:row", *SCENE, "--out", "here", *more, cwd=cwd
+        fault, "bipot_rs.running.report:row", *SCENE, "--out", "here", *more, cwd=cwd
     )
 
 

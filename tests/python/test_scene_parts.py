@@ -9,9 +9,9 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import fem, scene
+from bipot_rs.bodies.elements import KINDS
 from bipot_rs.case import motion_of
 from bipot_rs.discretisation import Estimator
-from bipot_rs.elements import KINDS
 from children import bipot, bipot_with
 from spheres import icosphere
 from test_adaptive import bits
@@ -186,7 +186,7 @@ def test_a_moving_obstacle_is_resumed_to_the_same_files(tmp_path: Path) -> None:
             if step == 2:
                 raise KeyboardInterrupt
 
-        broken = bipot_with(fault, "bipot_rs.report:row", *command, cwd=where)
+        broken = bipot_with(fault, "bipot_rs.running.report:row", *command, cwd=where)
         assert broken.returncode == 130
         run = bipot(*command, "--resume", "--json", cwd=where)
         assert run.returncode == 0, run.stderr

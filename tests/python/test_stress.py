@@ -5,7 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
-from bipot_rs import elements, fem, stress
+from bipot_rs import fem
+from bipot_rs.bodies import elements, stress
 
 Floats = NDArray[np.float64]
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}

@@ -14,7 +14,7 @@ import pytest
 
 from bipot_rs import cli
 from bipot_rs.commands.sweep import rows, spaced, values
-from bipot_rs.workers import Workers
+from bipot_rs.running.workers import Workers
 
 BIPOT = [sys.executable, "-m", "bipot_rs"]
 SWEEP = ("sweep", "sheared_cube", "--set", "mesh.n=3")

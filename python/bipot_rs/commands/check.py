@@ -31,7 +31,7 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     MemoryError
         It would not fit into this machine.
     """
-    from bipot_rs import forecast
+    from bipot_rs.running import forecast
     from bipot_rs.scene import assemble, bodies, read
 
     scene = read(name, settings)

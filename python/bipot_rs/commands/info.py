@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs.folder import RESULT
+from bipot_rs.running.folder import RESULT
 from bipot_rs.words import counted, printable
 
 # Steps of a result that are told one by one; of longer paths both ends.
@@ -52,8 +52,8 @@ def info(name: str) -> dict[str, Any]:
 
 def _result(path: Path) -> dict[str, Any]:
     from bipot_rs.export import read_result
-    from bipot_rs.report import row
     from bipot_rs.result import load
+    from bipot_rs.running.report import row
 
     contacts, steps, attributes = read_result(path)
     result = load(path)

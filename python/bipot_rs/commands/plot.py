@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from bipot_rs.folder import RESULT
+from bipot_rs.running.folder import RESULT
 from bipot_rs.words import meant
 
 # Draws a result that `load` has read: the file to write, the result, a title.

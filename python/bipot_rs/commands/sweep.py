@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bipot_rs.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
-from bipot_rs.telling import Progress, complain, line
+from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
+from bipot_rs.running.telling import Progress, complain, line
 from bipot_rs.words import counted
 
 TABLE = "sweep.csv"
@@ -157,9 +157,9 @@ def solve(
 def _solved(
     name: str, settings: Mapping[str, str], method: str | None, tol: float | None
 ) -> dict[str, Any]:
-    from bipot_rs import forecast
-    from bipot_rs.report import forces
-    from bipot_rs.report import row as of_step
+    from bipot_rs.running import forecast
+    from bipot_rs.running.report import forces
+    from bipot_rs.running.report import row as of_step
     from bipot_rs.scene import assemble, bodies, read
 
     scene = read(name, [f"{key}={value}" for key, value in settings.items()])
@@ -194,7 +194,7 @@ def digests(
     SceneError
         All rows are wrong, and the first says why.
     """
-    from bipot_rs.resume import stamps
+    from bipot_rs.running.resume import stamps
     from bipot_rs.scene import read
     from bipot_rs.shipped import SceneError
 
@@ -269,8 +269,8 @@ def run(
 
     ``KeyboardInterrupt`` passes through once what is done has been written.
     """
-    from bipot_rs.forecast import cores, solver
-    from bipot_rs.workers import Workers
+    from bipot_rs.running.forecast import cores, solver
+    from bipot_rs.running.workers import Workers
 
     asked = rows(settings, ranges)
     keys = list(asked[0])

@@ -78,7 +78,7 @@ def deformed(
     for name, value in (("scale", scale), ("near", near)):
         if value is not None and not number(name, value) > 0:
             raise ValueError(f"{name} is {value}, expected a positive number")
-    from bipot_rs.stress import stress, von_mises
+    from bipot_rs.bodies.stress import stress, von_mises
 
     u = found.displacement
     if u.shape != (model.n,):

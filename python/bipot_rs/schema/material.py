@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Discriminator, Field, Tag
 
-from bipot_rs import materials
+from bipot_rs.bodies import materials
 from bipot_rs.schema.table import KIND, Table, Vector
 
 _Modulus = Annotated[float, Field(gt=0)]

@@ -9,10 +9,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from bipot_rs.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
-from bipot_rs.folder import RESULT
-from bipot_rs.interrupts import Interrupts
-from bipot_rs.telling import complain
+from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
+from bipot_rs.running.folder import RESULT
+from bipot_rs.running.interrupts import Interrupts
+from bipot_rs.running.telling import complain
 from bipot_rs.words import counted
 
 if TYPE_CHECKING:

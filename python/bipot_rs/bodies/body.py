@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs.elements import (
+from bipot_rs.bodies.elements import (
     KINDS,
     Floats,
     Ints,
@@ -24,7 +24,7 @@ from bipot_rs.elements import (
     jacobian,
     reference,
 )
-from bipot_rs.materials import Elastic, Material
+from bipot_rs.bodies.materials import Elastic, Material
 
 Field: TypeAlias = ArrayLike | Callable[[Floats], ArrayLike]
 Box: TypeAlias = Mapping[int, tuple[float, float]]

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from bipot_rs.bodies.elasticity import Floats, Ints
 from bipot_rs.check import floats
-from bipot_rs.elasticity import Floats, Ints
 from bipot_rs.plots.skin import skin
 
 # A mesh has the least error for its size when all elements have about the same: below a

@@ -26,9 +26,9 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs import inp
-from bipot_rs.elements import OF_VTK, Floats, Ints, facet_nodes, make_mesh
-from bipot_rs.mesh_check import check_mesh
+from bipot_rs.bodies import inp
+from bipot_rs.bodies.elements import OF_VTK, Floats, Ints, facet_nodes, make_mesh
+from bipot_rs.bodies.mesh_check import check_mesh
 from bipot_rs.words import counted
 
 # Corners of cells that may be facets, with the dimension these have.

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs.bodies.elasticity import Body, Box, Ints, Material, surface_stiffness
+from bipot_rs.bodies.elements import KINDS, facet_nodes
 from bipot_rs.check import floats, number
-from bipot_rs.elasticity import Body, Box, Ints, Material, surface_stiffness
-from bipot_rs.elements import KINDS, facet_nodes
 
 # Nodes of one plane as files write them, with seven digits.
 _FLAT = 1e-6

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from bipot_rs import johnson_mercier
-from bipot_rs.elasticity import Floats, Ints, Material
-from bipot_rs.simplices import Simplices, elastic, error_energy, pairs
+from bipot_rs.bodies.elasticity import Floats, Ints, Material
+from bipot_rs.mesh_error import johnson_mercier
+from bipot_rs.mesh_error.simplices import Simplices, elastic, error_energy, pairs
 
 # The energy is asked for two digits: it is done when as many steps as `_LAST` together
 # gain less than this.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs.elasticity import Body, Floats, Ints, Material
+from bipot_rs.bodies.elasticity import Body, Floats, Ints, Material
 
 
 def pairs(dim: int) -> list[tuple[int, int]]:

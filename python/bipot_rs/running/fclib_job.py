@@ -9,14 +9,14 @@ from collections.abc import Callable, Sequence
 from time import perf_counter
 from typing import Any
 
-from bipot_rs.exits import (
+from bipot_rs.running.exits import (
     BAD_INPUT,
     INTERRUPTED,
     NO_ANSWER,
     NOT_CONVERGED,
     SOLVED,
 )
-from bipot_rs.telling import complain
+from bipot_rs.running.telling import complain
 from bipot_rs.words import counted, printable
 
 UNREADABLE = "unreadable"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import Array, floats
-from bipot_rs.facet_shapes import CORNER_SHAPES, Kind, kind_of, skewness
+from bipot_rs.facing.facet_shapes import CORNER_SHAPES, Kind, kind_of, skewness
 from bipot_rs.frames import frames
 
 Ints = NDArray[np.int64]

@@ -16,15 +16,15 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs.check import floats
-from bipot_rs.elasticity import (
+from bipot_rs.bodies.elasticity import (
     Body,
     Field,
     Floats,
     distinct_cells,
 )
-from bipot_rs.elements import inverse, jacobian, reference
-from bipot_rs.materials import Elastic
+from bipot_rs.bodies.elements import inverse, jacobian, reference
+from bipot_rs.bodies.materials import Elastic
+from bipot_rs.check import floats
 
 # The six components of a symmetric tensor as VTK orders them: xx, yy, zz, xy, yz, xz.
 ROWS, COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)

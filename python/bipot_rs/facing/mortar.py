@@ -37,7 +37,7 @@ corners, exact for straight edges with nodes in their middles.
 Integrals are exact in the plane, and in space for triangles and parallelograms. In other
 quadrilaterals N is not a polynomial of places: the order is raised with their skewness,
 and what is left, about 1e-8, is taken out of the resultants ∫ φ_j of each intersection
-(`bipot_rs.skewed`), so that forces and the patch test do not have it.
+(`bipot_rs.facing.skewed`), so that forces and the patch test do not have it.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ from typing import Any
 import numpy as np
 
 from bipot_rs.check import Array, floats
-from bipot_rs.clipping import clip, triangle_rule, triangles
-from bipot_rs.facet_mesh import Ints, Surface, bases, candidates
-from bipot_rs.facet_shapes import CORNER_SHAPES, KINDS, Kind, reference, skewness
-from bipot_rs.skewed import polygon_integrals
+from bipot_rs.facing.clipping import clip, triangle_rule, triangles
+from bipot_rs.facing.facet_mesh import Ints, Surface, bases, candidates
+from bipot_rs.facing.facet_shapes import CORNER_SHAPES, KINDS, Kind, reference, skewness
+from bipot_rs.facing.skewed import polygon_integrals
 
 Places = Callable[[Array], Any]
 

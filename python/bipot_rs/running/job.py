@@ -10,12 +10,13 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from bipot_rs import _core, run_files
-from bipot_rs.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
-from bipot_rs.folder import RESULT, draft_in, replace
-from bipot_rs.folder import told as files_of
-from bipot_rs.interrupts import Interrupts
-from bipot_rs.telling import Progress, complain, line
+from bipot_rs import _core
+from bipot_rs.running import run_files
+from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
+from bipot_rs.running.folder import RESULT, draft_in, replace
+from bipot_rs.running.folder import told as files_of
+from bipot_rs.running.interrupts import Interrupts
+from bipot_rs.running.telling import Progress, complain, line
 from bipot_rs.words import counted
 
 if TYPE_CHECKING:
@@ -85,9 +86,9 @@ class Job:
         _core.keep_heap()
         self.folder = folder
         try:
-            from bipot_rs import forecast
             from bipot_rs.export import require
-            from bipot_rs.resume import earlier, stamps
+            from bipot_rs.running import forecast
+            from bipot_rs.running.resume import earlier, stamps
             from bipot_rs.scene import read
 
             require()
@@ -189,9 +190,9 @@ class Job:
             NoEquilibriumError,
             NotConvergedError,
         )
-        from bipot_rs.forecast import fits
-        from bipot_rs.resume import same_contacts
-        from bipot_rs.run_files import contacts
+        from bipot_rs.running.forecast import fits
+        from bipot_rs.running.resume import same_contacts
+        from bipot_rs.running.run_files import contacts
         from bipot_rs.scene import assemble, bodies
 
         first = 0 if done is None else len(done)
@@ -232,7 +233,7 @@ class Job:
 
             with self._phase("solve"):
                 if estimator is not None and tol == ENOUGH:
-                    from bipot_rs.enough import tolerance
+                    from bipot_rs.mesh_error.enough import tolerance
 
                     limit = scene.solver.max_iterations
                     enough = tolerance(
@@ -261,7 +262,7 @@ class Job:
 
     def _foretell(self, counts: Mapping[str, Any]) -> None:
         """Say what the work will take, before it is done."""
-        from bipot_rs.forecast import cost, remarked, sizes
+        from bipot_rs.running.forecast import cost, remarked, sizes
 
         if self.case is None or self.scene is None:
             return
@@ -272,7 +273,7 @@ class Job:
 
     def _told(self, k: int, parameter: float, step: Step) -> dict[str, Any]:
         """What is told of a load step, its discretisation error included if asked for."""
-        from bipot_rs.report import row as of_step
+        from bipot_rs.running.report import row as of_step
 
         row = of_step(k, parameter, step)
         if self.estimator is None:
@@ -363,8 +364,8 @@ class Job:
         self, scene: Scene, case: Case, draft: Path, *, plot: bool
     ) -> None:
         """What is there to be looked at: the series, the table, the pictures."""
-        from bipot_rs.report import COLUMNS
         from bipot_rs.result import recover
+        from bipot_rs.running.report import COLUMNS
 
         with self._phase("recover"):
             recover([step for _, step in self.reached])  # kept by the steps
@@ -383,7 +384,7 @@ class Job:
 
     def _rows(self, case: Case) -> list[dict[str, Any]]:
         """What is told of the load steps, with the forces of the contact surfaces."""
-        from bipot_rs.report import forces
+        from bipot_rs.running.report import forces
 
         return [row | forces(case.model, step) for row, step in self.reached]
 
@@ -391,7 +392,7 @@ class Job:
         """The table of load steps, and what it comes to."""
         from rich.console import Console
 
-        from bipot_rs.report import closing, print_table
+        from bipot_rs.running.report import closing, print_table
 
         if self.case is None or self.scene is None:
             return

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from bipot_rs.bodies.elasticity import Body, Box, Floats, Ints, Quadrature
 from bipot_rs.check import RATIO, floats, friction, number
-from bipot_rs.elasticity import Body, Box, Floats, Ints, Quadrature
-from bipot_rs.facet_mesh import turned_outward
+from bipot_rs.facing.facet_mesh import turned_outward
+from bipot_rs.facing.pairing import METHODS, Pairs, pairs, rigid_pairs
 from bipot_rs.frames import frames
 from bipot_rs.obstacle import Motion, Obstacle, Plane, approach, onwards
-from bipot_rs.pairing import METHODS, Pairs, pairs, rigid_pairs
 
 # Up to so many pairs of nodes comparing all takes less time than importing a tree.
 _ALL_PAIRS = 2**20

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from bipot_rs.check import Array
-from bipot_rs.facet_shapes import Kind, affine, reference, skewness
+from bipot_rs.facing.facet_shapes import Kind, affine, reference, skewness
 
 
 def polygon_integrals(kind: Kind, corners: Array, polygons: Array) -> Array:

@@ -9,9 +9,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs.elasticity import Floats, Ints
+from bipot_rs.bodies.elasticity import Floats, Ints
 from bipot_rs.fem import Model
-from bipot_rs.simplices import Simplices
+from bipot_rs.mesh_error.simplices import Simplices
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs.elasticity import Floats
-from bipot_rs.simplices import Simplices, pairs
+from bipot_rs.bodies.elasticity import Floats
+from bipot_rs.mesh_error.simplices import Simplices, pairs
 
 
 def moments(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs.check import Array, floats
-from bipot_rs.closest import directed
+from bipot_rs.facing.closest import directed
 from bipot_rs.words import counted
 
 

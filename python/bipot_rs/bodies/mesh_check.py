@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs.elements import KINDS, Floats, cell_nodes, inverse, jacobian, reference
+from bipot_rs.bodies.elements import (
+    KINDS,
+    Floats,
+    cell_nodes,
+    inverse,
+    jacobian,
+    reference,
+)
 from bipot_rs.words import counted
 
 # Volume over the cube of the longest side, below which rounding makes the sign.

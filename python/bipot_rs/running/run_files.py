@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bipot_rs.folder import RESULT
+from bipot_rs.running.folder import RESULT
 
 if TYPE_CHECKING:
     from bipot_rs.discretisation import DiscretisationError
@@ -117,7 +117,7 @@ def write_pictures(
         )
     last = errors[-1] if errors else None
     if last is not None and last.total > 0:
-        from bipot_rs.error_map import error_map
+        from bipot_rs.mesh_error.error_map import error_map
 
         with writing(folder / "error.png"):
             error_map(

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import Array, floats
-from bipot_rs.closest import Closest, length, place, taken
+from bipot_rs.facing.closest import Closest, length, place, taken
 from bipot_rs.words import counted
 
 Ints = NDArray[np.int64]
@@ -109,7 +109,7 @@ class Surface:
         ValueError
             It cannot be read, or holds neither.
         """
-        from bipot_rs.mesh_file import read_cells
+        from bipot_rs.bodies.mesh_file import read_cells
 
         points, blocks = read_cells(path)
         for kind, d in (("triangle", 3), ("line", 2)):

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from bipot_rs.body import Body, Box, Field, Quadrature
-from bipot_rs.boxes import FACES, box
+from bipot_rs.bodies.body import Body, Box, Field, Quadrature
+from bipot_rs.bodies.boxes import FACES, box
+from bipot_rs.bodies.elements import Floats, Ints, inverse, jacobian, reference
+from bipot_rs.bodies.materials import Elastic, Material, Orthotropic
 from bipot_rs.check import floats
-from bipot_rs.elements import Floats, Ints, inverse, jacobian, reference
-from bipot_rs.materials import Elastic, Material, Orthotropic
 
 __all__ = [
     "FACES",

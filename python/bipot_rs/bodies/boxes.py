@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs.bodies.elements import KINDS
 from bipot_rs.check import floats
-from bipot_rs.elements import KINDS
 
 _CELLS = {kind.shape: kind.mesh for kind in KINDS.values() if kind.degree == 1}
 # Faces of a box, (axis, end); the last axis points up.

@@ -1,7 +1,7 @@
 """Contacts of surfaces whose meshes do not match, from plain arrays.
 
 B of (2), gaps and areas for any finite-element program: by mortar integrals
-(`bipot_rs.mortar`), or node by node. Only NumPy and SciPy are needed.
+(`bipot_rs.facing.mortar`), or node by node. Only NumPy and SciPy are needed.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs.check import Array, floats, number, shown
-from bipot_rs.facet_mesh import Ints, Surface, bases, candidates, surface
-from bipot_rs.facet_shapes import reference
+from bipot_rs.facing.facet_mesh import Ints, Surface, bases, candidates, surface
+from bipot_rs.facing.facet_shapes import reference
+from bipot_rs.facing.mortar import Weights, integrate, overlaps, weights, whole
 from bipot_rs.frames import frames
-from bipot_rs.mortar import Weights, integrate, overlaps, weights, whole
 
 METHODS = ("mortar", "nodes")
 # In reference coordinates: a node on the rim of a facet, but for the digits that two
@@ -181,7 +181,7 @@ def rigid_pairs(
 
     One contact a corner of the facets, with the area ``∫ N`` of its corner function,
     positive on second-order facets too, and displacements and gaps in the mean over the
-    dual functions of `bipot_rs.mortar`. So a constant pressure gives the nodal forces
+    dual functions of `bipot_rs.facing.mortar`. So a constant pressure gives the nodal forces
     that belong to it, on facets of every kind.
 
     Parameters

@@ -1,0 +1,1 @@
+"""Elastic bodies: meshes and where they come from, materials, stiffness, stress."""

@@ -1,0 +1,1 @@
+"""Surfaces that face one another: facets, closest points, pairs whose meshes differ."""

@@ -1,0 +1,1 @@
+"""What the mesh leaves of the answer: stresses in balance that `discretisation` needs."""

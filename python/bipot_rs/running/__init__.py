@@ -1,0 +1,1 @@
+"""One run of the command: what it foretells, does, tells and leaves in its folder."""
