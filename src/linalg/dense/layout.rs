@@ -1,0 +1,86 @@
+//! Strips to share, transposes, and one triangle copied over the other.
+
+use faer::prelude::IntoConst;
+use faer::{MatMut, MatRef};
+
+/// Rows of a strip: the products of one are worth handing to another thread,
+/// and what it copies stays in the nearer caches.
+const STRIP: usize = 256;
+
+/// Cuts `c` into strips of rows at multiples of [`STRIP`], the first at `at`,
+/// and works on them in parallel.
+pub(super) fn strips(
+    c: MatMut<'_, f64>,
+    at: usize,
+    work: &(impl Fn(usize, MatMut<'_, f64>) + Sync),
+) {
+    let rows = c.nrows();
+    if rows == 0 {
+        return;
+    }
+    if rows <= STRIP {
+        work(at, c);
+        return;
+    }
+    let half = rows.div_ceil(STRIP).div_ceil(2) * STRIP;
+    let (first, second) = c.split_at_row_mut(half);
+    rayon::join(
+        || strips(first, at, work),
+        || strips(second, at + half, work),
+    );
+}
+
+/// Side of the squares in which matrices are transposed: along whole columns
+/// one of the two would miss the nearest cache at each step.
+const SIDE: usize = 32;
+
+/// `to ← aᵀ`.
+pub(super) fn transpose_into(a: MatRef<'_, f64>, mut to: MatMut<'_, f64>) {
+    let (rows, columns) = (a.nrows(), a.ncols());
+    for i0 in (0..rows).step_by(SIDE) {
+        for j0 in (0..columns).step_by(SIDE) {
+            for i in i0..rows.min(i0 + SIDE) {
+                for j in j0..columns.min(j0 + SIDE) {
+                    to[(j, i)] = a[(i, j)];
+                }
+            }
+        }
+    }
+}
+
+/// Copies the lower triangle over the upper one.
+pub(crate) fn mirror_lower(a: &mut [f64], n: usize) {
+    mirror(MatMut::from_column_major_slice_mut(a, n, n));
+}
+
+/// Copies the upper triangle over the lower one.
+pub(crate) fn mirror_upper(a: &mut [f64], n: usize) {
+    mirror(MatMut::from_column_major_slice_mut(a, n, n).transpose_mut());
+}
+
+/// Copies what is below the diagonal above it.
+fn mirror(a: MatMut<'_, f64>) {
+    let n = a.nrows();
+    let half = n / 2;
+    let (top, bottom) = a.split_at_row_mut(half);
+    let (mut first, mut above) = top.split_at_col_mut(half);
+    let (below, mut second) = bottom.split_at_col_mut(half);
+    let below = below.into_const();
+    if n <= STRIP {
+        above.copy_from(below.transpose());
+        for square in [&mut first, &mut second] {
+            for j in 0..square.ncols() {
+                for i in 0..j {
+                    square[(i, j)] = square[(j, i)];
+                }
+            }
+        }
+        return;
+    }
+    let copy = || {
+        strips(above, 0, &|i, c: MatMut<'_, f64>| {
+            transpose_into(below.subcols(i, c.nrows()), c);
+        });
+    };
+    rayon::join(copy, || rayon::join(|| mirror(first), || mirror(second)));
+}

@@ -1,0 +1,208 @@
+//! Fronts: partial Cholesky of a panel, and the update it leaves.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::{
+    LltRegularization, cholesky_in_place, cholesky_in_place_scratch,
+};
+use faer::linalg::matmul::triangular::BlockStructure;
+use faer::{Accum, MatMut, MatRef, Par, Spec};
+use rayon::prelude::*;
+
+use crate::linalg::dense::kernels::{
+    faer_matmul, leave_wide, solve_lower_triangular_in_place, triangular_matmul,
+};
+use crate::linalg::dense::product::TILE;
+use crate::linalg::packed::{BLOCK, PIVOTS, Panel};
+
+/// Partial Cholesky of a front: its first rows, upper triangle, become
+/// `U = Lᵀ`, block by block of rows.
+///
+/// Fronts are stored upper so that products are `Uᵀ U`, both factors along
+/// contiguous columns; with `L Lᵀ` one of them is packed across pages, at up to
+/// half the rate. `check(k, pivot)` sees each pivot in order, before its root is
+/// taken.
+///
+/// # Errors
+/// What `check` returns; it must refuse pivots that are not positive.
+pub(crate) fn factor_panel<E: Send>(
+    panel: &mut [f64],
+    layout: Panel,
+    shared: bool,
+    check: &mut impl FnMut(usize, f64) -> Result<(), E>,
+) -> Result<(), E> {
+    let Panel { np, nf } = layout;
+    let mut square = vec![0.0; np.min(PIVOTS).pow(2)];
+    let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(
+        np.min(PIVOTS),
+        Par::Seq,
+        Spec::default(),
+    ));
+    for (rows, range) in layout.blocks() {
+        let (above, rest) = panel.split_at_mut(range.start);
+        let above = blocks_from(above, layout, rows.start);
+        let b = rows.len();
+        let (own, tail) = rest[..range.len()].split_at_mut(b * b);
+        for u in &above {
+            let u = u.subcols(0, b);
+            triangular_matmul(
+                MatMut::from_column_major_slice_mut(own, b, b),
+                BlockStructure::TriangularUpper,
+                Accum::Add,
+                u.transpose(),
+                BlockStructure::Rectangular,
+                u,
+                BlockStructure::Rectangular,
+                -1.0,
+                Par::Seq,
+            );
+        }
+        let lower = &mut square[..b * b];
+        factor_square(own, lower, b, &mut memory, &mut |k, pivot| {
+            check(rows.start + k, pivot)
+        })?;
+        let lower = MatRef::from_column_major_slice(lower, b, b);
+        let work = |(tile, columns): (usize, &mut [f64])| {
+            let first = b + tile * TILE;
+            let width = columns.len() / b;
+            let mut columns = MatMut::from_column_major_slice_mut(columns, b, width);
+            for u in &above {
+                let (left, right) = (u.subcols(0, b).transpose(), u.subcols(first, width));
+                faer_matmul(columns.as_mut(), Accum::Add, left, right, -1.0, Par::Seq);
+            }
+            solve_lower_triangular_in_place(lower, columns, Par::Seq);
+        };
+        debug_assert_eq!(tail.len(), b * (nf - rows.end));
+        if shared {
+            tail.par_chunks_mut(b * TILE).enumerate().for_each(work);
+        } else {
+            tail.chunks_mut(b * TILE).enumerate().for_each(work);
+        }
+    }
+    Ok(())
+}
+
+/// The blocks of a panel that `values` holds, each from column `from` on.
+pub(super) fn blocks_from(values: &[f64], layout: Panel, from: usize) -> Vec<MatRef<'_, f64>> {
+    let whole = layout
+        .blocks()
+        .take_while(|(_, range)| range.end <= values.len());
+    whole
+        .map(|(rows, range)| {
+            let width = layout.nf - rows.start;
+            MatRef::from_column_major_slice(&values[range], rows.len(), width)
+                .subcols(from - rows.start, layout.nf - from)
+        })
+        .collect()
+}
+
+/// Factors a diagonal block, upper triangle, in place; `lower` becomes its
+/// transpose, on which faer's Cholesky is not scalar.
+fn factor_square<E>(
+    own: &mut [f64],
+    lower: &mut [f64],
+    n: usize,
+    memory: &mut MemBuffer,
+    check: &mut impl FnMut(usize, f64) -> Result<(), E>,
+) -> Result<(), E> {
+    let copy = |own: &[f64], lower: &mut [f64]| {
+        for i in 0..n {
+            for j in 0..=i {
+                lower[j * n + i] = own[i * n + j];
+            }
+        }
+    };
+    copy(own, lower);
+    let factored = cholesky_in_place(
+        MatMut::from_column_major_slice_mut(lower, n, n),
+        LltRegularization::default(),
+        Par::Seq,
+        MemStack::new(memory),
+        Spec::default(),
+    );
+    leave_wide();
+    if factored.is_err() {
+        // Once more, slowly, to see the pivots.
+        copy(own, lower);
+        pivots_one_by_one(lower, n, check)?;
+        // Rounding let them pass this time: the last is at fault.
+        return check(n - 1, 0.0);
+    }
+    for i in 0..n {
+        check(i, lower[i * n + i] * lower[i * n + i])?;
+        for j in 0..=i {
+            own[i * n + j] = lower[j * n + i];
+        }
+    }
+    Ok(())
+}
+
+/// Plain Cholesky of a lower triangle that stops where `check` does.
+fn pivots_one_by_one<E>(
+    a: &mut [f64],
+    n: usize,
+    check: &mut impl FnMut(usize, f64) -> Result<(), E>,
+) -> Result<(), E> {
+    for k in 0..n {
+        check(k, a[k * n + k])?;
+        let root = a[k * n + k].sqrt();
+        for i in k..n {
+            a[k * n + i] /= root;
+        }
+        for j in k + 1..n {
+            for i in j..n {
+                a[j * n + i] -= a[k * n + i] * a[k * n + j];
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The update `−U₁₂ᵀ U₁₂` of a factored panel; what `update` holds is not read.
+pub(crate) fn rank_update(panel: &[f64], layout: Panel, update: &mut [f64], shared: bool) {
+    let Panel { np, nf } = layout;
+    let nu = nf - np;
+    let panel = blocks_from(panel, layout, np);
+    let mut blocks = Vec::with_capacity(nu.div_ceil(BLOCK));
+    let mut rest = update;
+    for j in (0..nu).step_by(BLOCK) {
+        let width = BLOCK.min(nu - j);
+        let (block, next) = rest.split_at_mut(width * (j + width));
+        blocks.push((j, width, block));
+        rest = next;
+    }
+    let work = |(j, width, block): (usize, usize, &mut [f64])| {
+        let mut block = MatMut::from_column_major_slice_mut(block, j + width, width);
+        // A tile stays in the cache while all blocks of the panel pass.
+        for i in (0..j).step_by(TILE) {
+            let height = TILE.min(j - i);
+            let mut add = Accum::Replace;
+            for u in &panel {
+                let tile = block.as_mut().subrows_mut(i, height);
+                let (left, right) = (u.subcols(i, height).transpose(), u.subcols(j, width));
+                faer_matmul(tile, add, left, right, -1.0, Par::Seq);
+                add = Accum::Add;
+            }
+        }
+        let mut add = Accum::Replace;
+        for u in &panel {
+            let u = u.subcols(j, width);
+            triangular_matmul(
+                block.as_mut().subrows_mut(j, width),
+                BlockStructure::TriangularUpper,
+                add,
+                u.transpose(),
+                BlockStructure::Rectangular,
+                u,
+                BlockStructure::Rectangular,
+                -1.0,
+                Par::Seq,
+            );
+            add = Accum::Add;
+        }
+    };
+    if shared {
+        blocks.into_par_iter().rev().for_each(work);
+    } else {
+        blocks.into_iter().for_each(work);
+    }
+}
