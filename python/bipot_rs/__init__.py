@@ -78,9 +78,15 @@ _LAZY = {
 }
 
 
+_MODULES = (
+    *("analytic", "discretisation", "fem", "model", "obstacle", "paraview", "plots"),
+    *("scene", "theory"),
+)
+
+
 def __getattr__(name: str) -> Any:
-    if name == "plots":
-        return import_module("bipot_rs.plots")
+    if name in _MODULES:
+        return import_module(f"bipot_rs.{name}")
     if name not in _LAZY:
         raise AttributeError(f"module 'bipot_rs' has no attribute {name!r}")
     try:
@@ -91,4 +97,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_LAZY])
+    return sorted({*globals(), *_LAZY, *_MODULES})

@@ -264,6 +264,20 @@ def writing(path: str | os.PathLike[str]) -> Iterator[None]:
         raise type(cause)(f"cannot write {path}: {cause.strerror or cause}") from cause
 
 
+def indexed(path: str | os.PathLike[str]) -> Path:
+    """The place of the index of a series, by whose name ParaView knows it.
+
+    Raises
+    ------
+    ValueError
+        It does not end in ``.pvd``.
+    """
+    index = place(path)
+    if index.suffix.lower() != ".pvd":
+        raise ValueError(f"path is {os.fspath(path)!r}, expected DIR/NAME.pvd")
+    return index
+
+
 @contextmanager
 def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Place to write ``path`` to; renamed on success, removed on failure."""

@@ -423,6 +423,9 @@ class ModelResult(Result):
         )
         # The same mapping: it is filled further when displacements are asked for.
         self.seconds = result.seconds
+        if case.scene is not None:
+            told = case.scene.units.model_dump().items()
+            self.units = {name: unit for name, unit in told if unit}
         self.case = case
         self._first = first
 

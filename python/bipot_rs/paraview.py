@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bipot_rs.bodies.stress import COLUMNS, ROWS, MeanStress, von_mises
 from bipot_rs.contact_surface import contact_surface
-from bipot_rs.export import place, write_series
+from bipot_rs.export import indexed, write_series
 from bipot_rs.fem import Model
 from bipot_rs.result import Step, recover
 
@@ -33,11 +33,12 @@ def write(path: str | os.PathLike[str], model: Model, steps: Sequence[Step]) -> 
     Raises
     ------
     ValueError
-        Displacements are asked of steps that have lost their problem.
+        A name that does not end in ``.pvd``; displacements are asked of steps that have
+        lost their problem.
     OSError
         A file cannot be written.
     """
-    index = place(path)
+    index = indexed(path)
     recover(list(steps))
     write_bodies(index, model, steps)
     write_contact(index.with_name(f"{index.stem}_contact{index.suffix}"), model, steps)

@@ -535,10 +535,12 @@ class Result(Sequence[Step]):
         Raises
         ------
         ValueError
-            The places of the contacts are not known.
+            The places of the contacts are not known, or a name that does not end in
+            ``.pvd``.
         OSError
             A file cannot be written.
         """
+        index = export.indexed(path)
         x = self.contacts.get("x")
         if x is None:
             raise ValueError(
@@ -552,7 +554,7 @@ class Result(Sequence[Step]):
             for fields_of, step in zip(series, self.steps, strict=True):
                 fields_of["force"] = np.einsum("ck,ckd->cd", step.reaction, frame)
         export.write_series(
-            path,
+            index,
             x,
             None,
             [{k: v for k, v in s.items() if v is not None} for s in series],

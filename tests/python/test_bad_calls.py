@@ -427,6 +427,7 @@ def test_paths() -> None:
         refused(lambda b=bad: bp.load(b), "path")
     with pytest.raises(ValueError, match="points"):
         result.write("x.pvd")
+    refused(lambda: result.write("x.vtu"), "path", r"NAME\.pvd")
     with pytest.raises(OSError, match="nowhere"):
         result.save("/nowhere/at/all.h5")
 

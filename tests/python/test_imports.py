@@ -64,6 +64,14 @@ def test_loads_only_what_it_uses(
     assert {name for name in HEAVY if name in found} == set(used)
 
 
+def test_modules_are_attributes_of_the_package(tmp_path: Path) -> None:
+    code = (
+        "import bipot_rs as bp\nfound = bp.{0}\nassert found.__name__ == 'bipot_rs.{0}'"
+    )
+    for name in ("fem", "model", "obstacle", "scene", "theory"):
+        loaded(code.format(name), tmp_path)
+
+
 def test_few_contacts_are_paired_without_a_tree(tmp_path: Path) -> None:
     assert "scipy.spatial" not in loaded(COMMAND.format(RUN), tmp_path)
 

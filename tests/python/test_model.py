@@ -70,6 +70,13 @@ def datasets(path: Path) -> dict[str, Any]:
     return found
 
 
+def test_units_of_a_model_are_those_of_its_result(tmp_path: Path) -> None:
+    result = blocks().solve()
+    assert result.units == {"length": "mm", "force": "N", "stress": "MPa"}
+    result.save(tmp_path / "units.h5")
+    assert bp.load(tmp_path / "units.h5").units == result.units
+
+
 def test_three_ways_to_the_same_bits(tmp_path: Path) -> None:
     m = blocks()
     m.to_toml(tmp_path / "blocks.toml")
