@@ -88,8 +88,10 @@ RUST_NAMES = {
 }
 PYTHON = (
     "bodies facing mesh_error running",
-    "_core early extras toml_text vtu words "
-    "running.exits running.folder running.interrupts running.telling running.workers",
+    (
+        "_core early extras toml_text vtu words "
+        "running.exits running.folder running.interrupts running.telling running.workers"
+    ),
     "shipped",
     "export error_bound installation summary",
     "structure",
@@ -136,8 +138,10 @@ PYTHON = (
     "plots.surface",
     "plots.space",
     "plots",
-    "running.resume scene plot paraview mesh_error.error_map mesh_error.johnson_mercier "
-    "mesh_error.contact_facets mesh_error.equilibrium",
+    (
+        "running.resume scene plot paraview mesh_error.error_map "
+        "mesh_error.johnson_mercier mesh_error.contact_facets mesh_error.equilibrium"
+    ),
     "model running.forecast mesh_error.self_stress",
     "discretisation",
     "mesh_error.enough",
