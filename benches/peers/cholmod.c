@@ -111,13 +111,24 @@ static void write_schur(cholmod_factor *L, Int m, const char *path) {
     Int *perm = L->Perm;
     for (Int k = first; k < n; k++)
         if (perm[k] < first) fail("the contact block did not stay last");
+    /* Down contiguous columns, a few at a time: this is not what is measured, and row by
+       row it took ten times longer than what is. */
+    double *product = calloc((size_t)(m * m), sizeof(double));
+    if (product == NULL) fail("no memory");
+    for (Int start = 0; start < m; start += 16) {
+        Int end = start + 16 < m ? start + 16 : m;
+        for (Int k = 0; k < end; k++)
+            for (Int b = start > k ? start : k; b < end; b++) {
+                double factor = block[b + k * m];
+                for (Int a = b; a < m; a++) product[a + b * m] += factor * block[a + k * m];
+            }
+    }
     for (Int a = 0; a < m; a++)
         for (Int b = 0; b <= a; b++) {
-            double sum = 0;
-            for (Int k = 0; k <= b; k++) sum += block[a + k * m] * block[b + k * m];
             Int i = perm[first + a] - first, j = perm[first + b] - first;
-            schur[i + j * m] = schur[j + i * m] = sum;
+            schur[i + j * m] = schur[j + i * m] = product[a + b * m];
         }
+    free(product);
     FILE *file = fopen(path, "wb");
     if (file == NULL || fwrite(schur, sizeof(double), (size_t)(m * m), file) != (size_t)(m * m))
         fail("cannot write S");
