@@ -12,10 +12,10 @@ use crate::linalg::dense::kernels::{
     faer_matmul, solve_lower_triangular_in_place, solve_upper_triangular_in_place,
     triangular_matmul,
 };
-use crate::linalg::dense::layout::transpose_into;
+use crate::linalg::dense::layout::{part, transpose_into};
 use crate::linalg::dense::panel::{blocks_from, factor_panel};
 use crate::linalg::dense::product::TILE;
-use crate::linalg::packed::{BLOCK, Panel};
+use crate::linalg::packed::Panel;
 
 /// Cholesky factor of a symmetric positive definite matrix, in place: the lower
 /// triangle of `a` is read, and becomes `L`; the strict upper one is zeroed.
@@ -85,10 +85,10 @@ fn subtract_product(columns: &mut [f64], n: usize, panel: &[f64], layout: Panel)
     let count = columns.len() / n;
     let blocks = blocks_from(panel, layout, layout.np);
     columns
-        .par_chunks_mut(BLOCK * n)
+        .par_chunks_mut(part(n) * n)
         .enumerate()
         .for_each(|(tile, columns)| {
-            let (from, width) = (tile * BLOCK, columns.len() / n);
+            let (from, width) = (tile * part(n), columns.len() / n);
             let columns = MatMut::from_column_major_slice_mut(columns, n, width);
             let (mut square, mut below) = columns
                 .split_at_row_mut(n - count + from)

@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::linalg::dense::kernels::{
     faer_matmul, solve_lower_triangular_in_place, triangular_matmul,
 };
-use crate::linalg::dense::layout::{mirror_lower, strips, transpose_into};
+use crate::linalg::dense::layout::{mirror_lower, part, strips, transpose_into};
 use crate::linalg::packed::PIVOTS;
 
 /// The inverse `(L Lᵀ)⁻¹` in the place of `L`, symmetric to the bit; only the
@@ -44,42 +44,47 @@ fn invert_lower(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(), Error>
         let known = known.into_const();
         let (mut left, mut square) = own.subrows_mut(0, b).split_at_col_mut(i);
         let diagonal = square.rb();
-        strips(
-            left.rb_mut().transpose_mut(),
-            0,
-            &|_, c: MatMut<'_, f64>| {
-                solve_lower_triangular_in_place(diagonal, c.transpose_mut(), Par::Seq);
-            },
-        );
+        strips(left.rb_mut().transpose_mut(), 0, part(n), &|_,
+                                                            c: MatMut<
+            '_,
+            f64,
+        >| {
+            solve_lower_triangular_in_place(diagonal, c.transpose_mut(), Par::Seq);
+        });
         let turned = &mut turned[..i * b];
         transpose_into(left.rb(), MatMut::from_column_major_slice_mut(turned, i, b));
         let lhs = MatRef::from_column_major_slice(turned, i, b).transpose();
         // Strips of columns, which are strips of rows of the transpose.
-        strips(left.transpose_mut(), 0, &|j, c: MatMut<'_, f64>| {
-            let mut c = c.transpose_mut();
-            let width = c.ncols();
-            triangular_matmul(
-                c.rb_mut(),
-                BlockStructure::Rectangular,
-                Accum::Replace,
-                lhs.subcols(j, width),
-                BlockStructure::Rectangular,
-                known.submatrix(j, j, width, width),
-                BlockStructure::TriangularLower,
-                -1.0,
-                Par::Seq,
-            );
-            let rest = j + width;
-            let right = known.submatrix(rest, j, i - rest, width);
-            faer_matmul(
-                c,
-                Accum::Add,
-                lhs.subcols(rest, i - rest),
-                right,
-                -1.0,
-                Par::Seq,
-            );
-        });
+        strips(
+            left.transpose_mut(),
+            0,
+            part(n),
+            &|j, c: MatMut<'_, f64>| {
+                let mut c = c.transpose_mut();
+                let width = c.ncols();
+                triangular_matmul(
+                    c.rb_mut(),
+                    BlockStructure::Rectangular,
+                    Accum::Replace,
+                    lhs.subcols(j, width),
+                    BlockStructure::Rectangular,
+                    known.submatrix(j, j, width, width),
+                    BlockStructure::TriangularLower,
+                    -1.0,
+                    Par::Seq,
+                );
+                let rest = j + width;
+                let right = known.submatrix(rest, j, i - rest, width);
+                faer_matmul(
+                    c,
+                    Accum::Add,
+                    lhs.subcols(rest, i - rest),
+                    right,
+                    -1.0,
+                    Par::Seq,
+                );
+            },
+        );
         let inverse = &mut inverse[..b * b];
         inverse.fill(0.0);
         inverse.iter_mut().step_by(b + 1).for_each(|one| *one = 1.0);
@@ -121,29 +126,34 @@ fn product_of_inverses(a: &mut [f64], n: usize, stop: &AtomicBool) -> Result<(),
         let mine = below.subcols(i, b).transpose();
         let rest = || {
             // Strips of columns, which are strips of rows of the transpose.
-            strips(left.transpose_mut(), 0, &|j, c: MatMut<'_, f64>| {
-                let mut c = c.transpose_mut();
-                let width = c.ncols();
-                let mut old = vec![0.0; b * width];
-                for (k, column) in old.chunks_exact_mut(b).enumerate() {
-                    for (r, value) in column.iter_mut().enumerate() {
-                        *value = c[(r, k)];
+            strips(
+                left.transpose_mut(),
+                0,
+                part(n),
+                &|j, c: MatMut<'_, f64>| {
+                    let mut c = c.transpose_mut();
+                    let width = c.ncols();
+                    let mut old = vec![0.0; b * width];
+                    for (k, column) in old.chunks_exact_mut(b).enumerate() {
+                        for (r, value) in column.iter_mut().enumerate() {
+                            *value = c[(r, k)];
+                        }
                     }
-                }
-                triangular_matmul(
-                    c.rb_mut(),
-                    BlockStructure::Rectangular,
-                    Accum::Replace,
-                    corner.transpose(),
-                    BlockStructure::TriangularUpper,
-                    MatRef::from_column_major_slice(&old, b, width),
-                    BlockStructure::Rectangular,
-                    1.0,
-                    Par::Seq,
-                );
-                let right = below.subcols(j, width);
-                faer_matmul(c, Accum::Add, mine, right, 1.0, Par::Seq);
-            });
+                    triangular_matmul(
+                        c.rb_mut(),
+                        BlockStructure::Rectangular,
+                        Accum::Replace,
+                        corner.transpose(),
+                        BlockStructure::TriangularUpper,
+                        MatRef::from_column_major_slice(&old, b, width),
+                        BlockStructure::Rectangular,
+                        1.0,
+                        Par::Seq,
+                    );
+                    let right = below.subcols(j, width);
+                    faer_matmul(c, Accum::Add, mine, right, 1.0, Par::Seq);
+                },
+            );
         };
         let diagonal = || {
             for (add, u) in [(Accum::Replace, corner), (Accum::Add, below.subcols(i, b))] {

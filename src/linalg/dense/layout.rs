@@ -7,26 +7,33 @@ use faer::{MatMut, MatRef};
 /// and what it copies stays in the nearer caches.
 const STRIP: usize = 256;
 
-/// Cuts `c` into strips of rows at multiples of [`STRIP`], the first at `at`,
-/// and works on them in parallel.
+/// What a thread takes at a time of a matrix of order `n`: strips wide enough for the
+/// full rate, or narrower ones where there would be too few to share.
+pub(super) fn part(n: usize) -> usize {
+    (n / 8).next_multiple_of(64).clamp(64, STRIP)
+}
+
+/// Cuts `c` into strips of `size` rows, the first at `at`, and works on them in
+/// parallel.
 pub(super) fn strips(
     c: MatMut<'_, f64>,
     at: usize,
+    size: usize,
     work: &(impl Fn(usize, MatMut<'_, f64>) + Sync),
 ) {
     let rows = c.nrows();
     if rows == 0 {
         return;
     }
-    if rows <= STRIP {
+    if rows <= size {
         work(at, c);
         return;
     }
-    let half = rows.div_ceil(STRIP).div_ceil(2) * STRIP;
+    let half = rows.div_ceil(size).div_ceil(2) * size;
     let (first, second) = c.split_at_row_mut(half);
     rayon::join(
-        || strips(first, at, work),
-        || strips(second, at + half, work),
+        || strips(first, at, size, work),
+        || strips(second, at + half, size, work),
     );
 }
 
@@ -78,7 +85,7 @@ fn mirror(a: MatMut<'_, f64>) {
         return;
     }
     let copy = || {
-        strips(above, 0, &|i, c: MatMut<'_, f64>| {
+        strips(above, 0, STRIP, &|i, c: MatMut<'_, f64>| {
             transpose_into(below.subcols(i, c.nrows()), c);
         });
     };

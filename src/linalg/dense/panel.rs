@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use crate::linalg::dense::kernels::{
     faer_matmul, leave_wide, solve_lower_triangular_in_place, triangular_matmul,
 };
+use crate::linalg::dense::layout::part;
 use crate::linalg::dense::product::TILE;
 use crate::linalg::packed::{BLOCK, PIVOTS, Panel};
 
@@ -61,8 +62,9 @@ pub(crate) fn factor_panel<E: Send>(
             check(rows.start + k, pivot)
         })?;
         let lower = MatRef::from_column_major_slice(lower, b, b);
+        let tile_width = if shared { part(nf) } else { TILE };
         let work = |(tile, columns): (usize, &mut [f64])| {
-            let first = b + tile * TILE;
+            let first = b + tile * tile_width;
             let width = columns.len() / b;
             let mut columns = MatMut::from_column_major_slice_mut(columns, b, width);
             for u in &above {
@@ -73,9 +75,11 @@ pub(crate) fn factor_panel<E: Send>(
         };
         debug_assert_eq!(tail.len(), b * (nf - rows.end));
         if shared {
-            tail.par_chunks_mut(b * TILE).enumerate().for_each(work);
+            tail.par_chunks_mut(b * tile_width)
+                .enumerate()
+                .for_each(work);
         } else {
-            tail.chunks_mut(b * TILE).enumerate().for_each(work);
+            tail.chunks_mut(b * tile_width).enumerate().for_each(work);
         }
     }
     Ok(())
@@ -162,16 +166,22 @@ pub(crate) fn rank_update(panel: &[f64], layout: Panel, update: &mut [f64], shar
     let Panel { np, nf } = layout;
     let nu = nf - np;
     let panel = blocks_from(panel, layout, np);
-    let mut blocks = Vec::with_capacity(nu.div_ceil(BLOCK));
+    let narrow = if shared { part(nf) } else { BLOCK };
+    let mut strips = Vec::with_capacity(nu.div_ceil(narrow));
     let mut rest = update;
-    for j in (0..nu).step_by(BLOCK) {
-        let width = BLOCK.min(nu - j);
-        let (block, next) = rest.split_at_mut(width * (j + width));
-        blocks.push((j, width, block));
+    for first in (0..nu).step_by(BLOCK) {
+        let end = nu.min(first + BLOCK);
+        let (block, next) = rest.split_at_mut((end - first) * end);
         rest = next;
+        // Columns of a block are as long as its last one.
+        for (k, strip) in block.chunks_mut(narrow * end).enumerate() {
+            strips.push((first + k * narrow, end, strip));
+        }
     }
-    let work = |(j, width, block): (usize, usize, &mut [f64])| {
-        let mut block = MatMut::from_column_major_slice_mut(block, j + width, width);
+    let work = |(j, rows, strip): (usize, usize, &mut [f64])| {
+        let width = strip.len() / rows;
+        let strip = MatMut::from_column_major_slice_mut(strip, rows, width);
+        let mut block = strip.split_at_row_mut(j + width).0;
         // A tile stays in the cache while all blocks of the panel pass.
         for i in (0..j).step_by(TILE) {
             let height = TILE.min(j - i);
@@ -201,8 +211,8 @@ pub(crate) fn rank_update(panel: &[f64], layout: Panel, update: &mut [f64], shar
         }
     };
     if shared {
-        blocks.into_par_iter().rev().for_each(work);
+        strips.into_par_iter().rev().for_each(work);
     } else {
-        blocks.into_iter().for_each(work);
+        strips.into_iter().for_each(work);
     }
 }
