@@ -1,0 +1,445 @@
+//! Symbolic analysis: the tree of fronts and what it will cost.
+//!
+//! Works on *nodes*, groups of unknowns with the same pattern: a ninth of the
+//! work in 3D. The kept nodes come after all others and are never eliminated;
+//! they form the root of the tree, whose matrix is the Schur complement.
+
+mod layout;
+mod pattern;
+mod tasks;
+
+use std::ops::{Deref, Range};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use crate::error::Error;
+use crate::linalg::csc::Symmetric;
+use crate::linalg::ordering::{Graph, by_coordinates, by_metis};
+use crate::linalg::packed::{Packed, Panel, Run};
+use crate::linalg::quotient::Quotient;
+use crate::linalg::symbolic::layout::Layout;
+use crate::linalg::symbolic::pattern::Pattern;
+use crate::linalg::symbolic::tasks::Tasks;
+use crate::linalg::tree::{Tree, flops_of};
+
+/// Work a node up to which METIS is not asked where coordinates have given an order
+/// [flop]: it takes some 10 µs a node, and half of so much work takes no longer.
+const WORTH_METIS: f64 = 1e6;
+
+/// What the analysis may use besides the matrix.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options<'a> {
+    /// Place of each unknown, for bisection by coordinates. Any unit, and the
+    /// third coordinate may be zero. METIS is then asked too, and the order of fewer
+    /// operations taken, where there is more work than METIS itself costs.
+    pub coordinates: Option<&'a [[f64; 3]]>,
+}
+
+/// What the factorisation will cost, counted before anything is allocated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Counts {
+    /// Unknowns, and those of them that are kept.
+    pub n: usize,
+    /// Kept unknowns, the order of S.
+    pub kept: usize,
+    /// Entries of the factor: the eliminated columns, kept rows included.
+    pub nnz_factor: usize,
+    /// Additions and multiplications of the partial factorisation.
+    pub flops: f64,
+    /// Memory that the factor and S hold.
+    pub bytes_factor: usize,
+    /// Largest memory on the way, on one thread, the analysis included.
+    pub bytes_peak: usize,
+    /// The same where the factor is not kept, only S.
+    pub bytes_peak_dropped: usize,
+    /// What `bytes_peak` may become on any number of threads, in whatever order
+    /// they come: what no order exceeds, and few come near.
+    pub bytes_peak_threads: usize,
+    /// Memory of the analysis itself.
+    pub bytes_symbolic: usize,
+    /// Where the elimination order comes from.
+    pub ordering: &'static str,
+    /// Seconds spent ordering.
+    pub seconds_order: f64,
+    /// Seconds spent on the rest of the analysis.
+    pub seconds_symbolic: f64,
+}
+
+/// One front: `np` pivots, then `nu` rows that it updates.
+#[derive(Clone, Debug)]
+pub(crate) struct Front {
+    /// First pivot in elimination numbering.
+    pub(crate) first: usize,
+    /// First pivot of all its descendants.
+    pub(crate) base: usize,
+    pub(crate) np: usize,
+    pub(crate) nu: usize,
+    /// Front that takes the update; `None`: it goes to S.
+    pub(crate) parent: Option<usize>,
+    /// Where its panel lies in the factor.
+    pub(crate) panel: usize,
+    /// Updated rows, in [`Symbolic::runs`].
+    pub(crate) runs: Range<usize>,
+    /// Entries of K in the pivots' rows, in [`Symbolic::entries`].
+    pub(crate) entries: Range<usize>,
+}
+
+impl Front {
+    pub(crate) fn nf(&self) -> usize {
+        self.np + self.nu
+    }
+
+    pub(crate) fn layout(&self) -> Panel {
+        Panel::new(self.np, self.nf())
+    }
+
+    pub(crate) fn update(&self) -> Packed {
+        Packed::new(self.nu)
+    }
+}
+
+/// A stretch of fronts that one thread works through in order.
+#[derive(Clone, Debug)]
+pub(crate) struct Task {
+    /// Fronts, consecutive in postorder. More than one: whole subtrees, small
+    /// together. One alone may be large and is then shared out by tiles.
+    pub(crate) fronts: Range<usize>,
+    /// Whether it consumes updates of other tasks and is shared out by tiles.
+    pub(crate) is_top: bool,
+    /// Task of the front that takes the updates; `None`: they go to S.
+    pub(crate) parent: Option<usize>,
+    /// Tasks whose updates come here, in order.
+    pub(crate) children: Range<usize>,
+    /// Stack that the fronts need [f64].
+    pub(crate) stack: usize,
+    /// What remains on the stack: the updates of the subtrees' roots.
+    pub(crate) left: usize,
+    /// The largest of the panels [f64].
+    pub(crate) panel: usize,
+}
+
+/// The analysis of one pattern, with memory for its factors.
+#[derive(Debug)]
+pub struct Symbolic {
+    plan: Arc<Plan>,
+    counts: Counts,
+    /// Memory of a factor of this pattern that is gone, for the next one: fresh
+    /// memory costs a second a gigabyte when it is first touched.
+    spare: Mutex<Vec<f64>>,
+}
+
+impl Deref for Symbolic {
+    type Target = Plan;
+
+    fn deref(&self) -> &Plan {
+        &self.plan
+    }
+}
+
+/// Who is eliminated when, and what goes where: good for every matrix of the
+/// pattern, and for several problems at once.
+#[derive(Debug)]
+pub struct Plan {
+    pub(crate) n: usize,
+    /// Eliminated unknowns; those from here on, in elimination numbering, are
+    /// kept, in the order the caller gave.
+    pub(crate) interior: usize,
+    /// The caller's unknown at each place of the elimination order.
+    pub(crate) old: Vec<u32>,
+    /// Place in the elimination order of each of the caller's unknowns.
+    pub(crate) new: Vec<u32>,
+    pub(crate) fronts: Vec<Front>,
+    pub(crate) runs: Vec<Run>,
+    /// (position in K's values, position in the front's panel).
+    pub(crate) entries: Vec<(u32, u32)>,
+    pub(crate) tasks: Vec<Task>,
+    /// Child lists that [`Task::children`] points into.
+    pub(crate) task_children: Vec<usize>,
+    /// Tasks whose updates go to S, in order.
+    pub(crate) roots: Vec<usize>,
+    pub(crate) panels: usize,
+    /// Most that updates take on one thread, and with a panel that is not kept
+    /// [f64].
+    pub(crate) stack: usize,
+    pub(crate) stack_dropped: usize,
+    fingerprints: Vec<u64>,
+}
+
+impl Symbolic {
+    /// Orders and analyses the pattern of `k`, to eliminate all but `kept`.
+    ///
+    /// `kept` may be empty or hold every unknown; S comes out in its order. The
+    /// rest may be in many pieces. Stored zeros count as pattern.
+    ///
+    /// # Errors
+    /// [`Error::IndexRange`] and [`Error::Repeated`] for `kept`,
+    /// [`Error::Shape`] and [`Error::NotFinite`] for the coordinates, and
+    /// [`Error::IndexRange`] for a matrix that 32-bit indices cannot number.
+    pub fn analyse(k: &Symmetric, kept: &[usize], options: &Options) -> Result<Self, Error> {
+        let begin = Instant::now();
+        let n = k.n();
+        check_sizes(k)?;
+        let place = places_of_kept(n, kept)?;
+        if let Some(at) = options.coordinates {
+            check_coordinates(at, n)?;
+        }
+        let pattern = Pattern::of(k);
+        let nodes = Quotient::new(&pattern.col_ptr, &pattern.row_idx, kept, &place);
+        let (node_order, tree, ordering, seconds_order) = best_order(&nodes, options)?;
+
+        let mut layout = Layout::new(&nodes, &tree, &node_order);
+        layout.place_rows();
+        let entries = layout.place_entries(k, &pattern);
+        let Layout {
+            fronts,
+            runs,
+            old,
+            new,
+            panels,
+            children,
+            ..
+        } = layout;
+        let tasks = Tasks::new(&fronts, &children);
+        let m = kept.len();
+        let f64s = size_of::<f64>();
+        let bytes_factor = (panels + m * m) * f64s;
+        let bytes_symbolic = size_of_val(entries.as_slice())
+            + size_of_val(fronts.as_slice())
+            + size_of_val(runs.as_slice())
+            + n * (size_of::<u64>() + 2 * size_of::<u32>());
+        // S is made when the last updates have reached it, and the diagonal of
+        // K goes along.
+        let peak = |own: usize, stack: usize| {
+            bytes_symbolic + (own + stack.max(tasks.end + m * m) + n) * f64s
+        };
+        let most = tasks.most();
+        let flops = fronts.iter().map(|f| flops_of(f.np, f.nf())).sum();
+        let nnz_factor = fronts
+            .iter()
+            .map(|f| f.np * f.nf() - f.np * (f.np - 1) / 2)
+            .sum();
+        let plan = Plan {
+            n,
+            interior: n - m,
+            old,
+            new,
+            fronts,
+            runs,
+            entries,
+            tasks: tasks.list,
+            task_children: tasks.children,
+            roots: tasks.roots,
+            panels,
+            stack: tasks.peak,
+            stack_dropped: tasks.peak_dropped,
+            fingerprints: (0..n).into_par_iter().map(|j| fingerprint(k, j)).collect(),
+        };
+        Ok(Self {
+            plan: Arc::new(plan),
+            counts: Counts {
+                n,
+                kept: m,
+                nnz_factor,
+                flops,
+                bytes_factor,
+                bytes_peak: peak(panels, tasks.peak),
+                bytes_peak_dropped: peak(0, tasks.peak_dropped),
+                bytes_peak_threads: peak(panels, most),
+                bytes_symbolic,
+                ordering,
+                seconds_order,
+                seconds_symbolic: begin.elapsed().as_secs_f64() - seconds_order,
+            },
+            spare: Mutex::default(),
+        })
+    }
+
+    /// What the factorisation will cost.
+    #[must_use]
+    pub fn counts(&self) -> &Counts {
+        &self.counts
+    }
+
+    /// The same analysis for another problem, which has memory of its own and spends
+    /// no time on it.
+    #[must_use]
+    pub fn for_another(&self) -> Self {
+        let counts = Counts {
+            seconds_order: 0.0,
+            seconds_symbolic: 0.0,
+            ..self.counts.clone()
+        };
+        Self {
+            plan: Arc::clone(&self.plan),
+            counts,
+            spare: Mutex::default(),
+        }
+    }
+
+    /// Bytes held for the next factor of this pattern, which
+    /// [`Counts::bytes_peak`] counts among what it takes.
+    #[must_use]
+    pub fn bytes_spare(&self) -> usize {
+        let spare = self.spare.try_lock();
+        spare.map_or(0, |spare| size_of_val(spare.as_slice()))
+    }
+
+    /// Memory for a factor, used before or none. Nobody waits: in a forked child
+    /// the lock may be held by a thread that is not there.
+    pub(crate) fn take_spare(&self) -> Vec<f64> {
+        let spare = self.spare.try_lock();
+        spare.map_or_else(|_| Vec::new(), |mut spare| std::mem::take(&mut *spare))
+    }
+
+    /// Keeps the memory of a factor for the next one.
+    pub(crate) fn give_spare(&self, panels: Vec<f64>) {
+        if let Ok(mut spare) = self.spare.try_lock() {
+            *spare = panels;
+        }
+    }
+}
+
+impl Plan {
+    /// Order of S.
+    #[must_use]
+    pub fn kept(&self) -> usize {
+        self.n - self.interior
+    }
+
+    /// Whether `k` has the pattern analysed.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] or [`Error::SparseStructure`].
+    pub(crate) fn check_pattern(&self, k: &Symmetric) -> Result<(), Error> {
+        if k.n() != self.n {
+            return Err(Error::Shape {
+                what: "K",
+                expected: self.n,
+                found: k.n(),
+            });
+        }
+        let other = |&j: &usize| fingerprint(k, j) != self.fingerprints[j];
+        match (0..self.n).into_par_iter().find_first(other) {
+            Some(row) => Err(Error::SparseStructure {
+                what: "K, taken for the pattern analysed before,",
+                row,
+            }),
+            None => Ok(()),
+        }
+    }
+
+    pub(crate) fn runs_of(&self, front: &Front) -> &[Run] {
+        &self.runs[front.runs.clone()]
+    }
+}
+
+/// A number that tells the pattern of a column from others, place included.
+fn fingerprint(k: &Symmetric, j: usize) -> u64 {
+    let start = k.col_ptr()[j];
+    k.row_idx()[start..k.col_ptr()[j + 1]]
+        .iter()
+        .fold(start as u64, |hash, &i| {
+            (hash.rotate_left(5) ^ i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15)
+        })
+}
+
+fn check_sizes(k: &Symmetric) -> Result<(), Error> {
+    for (what, found) in [
+        ("list of unknowns of K", k.n()),
+        ("values of K", k.values().len()),
+    ] {
+        if u32::try_from(found).is_err() {
+            return Err(Error::IndexRange {
+                what,
+                position: found - 1,
+                found,
+                limit: u32::MAX as usize,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Place of each kept unknown in `kept`.
+fn places_of_kept(n: usize, kept: &[usize]) -> Result<Vec<Option<u32>>, Error> {
+    let mut place: Vec<Option<u32>> = vec![None; n];
+    for (position, &dof) in kept.iter().enumerate() {
+        let slot = place.get_mut(dof).ok_or(Error::IndexRange {
+            what: "list of kept degrees of freedom",
+            position,
+            found: dof,
+            limit: n,
+        })?;
+        if let Some(first) = *slot {
+            return Err(Error::Repeated {
+                what: "list of kept degrees of freedom",
+                index: dof,
+                first: first as usize,
+                second: position,
+            });
+        }
+        *slot = u32::try_from(position).ok();
+    }
+    Ok(place)
+}
+
+fn check_coordinates(at: &[[f64; 3]], n: usize) -> Result<(), Error> {
+    if at.len() != n {
+        return Err(Error::Shape {
+            what: "coordinates",
+            expected: n,
+            found: at.len(),
+        });
+    }
+    for (index, x) in at.iter().enumerate() {
+        if let Some(&value) = x.iter().find(|x| !x.is_finite()) {
+            return Err(Error::NotFinite {
+                what: "coordinates",
+                index,
+                value,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Order of the interior nodes with the fewer flops, its tree, its name, and
+/// the seconds that finding it took.
+fn best_order(
+    nodes: &Quotient,
+    options: &Options,
+) -> Result<(Vec<u32>, Tree, &'static str, f64), Error> {
+    let begin = Instant::now();
+    let (inner, dense) = nodes.split_dense();
+    let (start, neighbours, weight) = nodes.subgraph(&inner);
+    let graph = Graph::new(&start, &neighbours, &weight)?;
+    let back = |order: Vec<u32>| -> Vec<u32> {
+        let picked = order.into_iter().map(|v| inner[v as usize]);
+        picked.chain(dense.iter().copied()).collect()
+    };
+    let counted = |name: &'static str, order: Vec<u32>| {
+        let order = back(order);
+        let tree = Tree::new(nodes, &order);
+        (order, tree, name)
+    };
+    let by_places = options.coordinates.map(|at| {
+        let place = |&v: &u32| at[nodes.members(v as usize)[0] as usize];
+        let places: Vec<[f64; 3]> = inner.iter().map(place).collect();
+        counted("coordinate bisection", by_coordinates(&graph, &places))
+    });
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let worth = WORTH_METIS * inner.len() as f64;
+    let best = match by_places {
+        Some(found) if found.1.flops <= worth => Some(found),
+        found => match (by_metis(&graph).map(|order| counted("METIS", order)), found) {
+            (Some(a), Some(b)) => Some(if b.1.flops < a.1.flops { b } else { a }),
+            (a, b) => a.or(b),
+        },
+    };
+    let numbered = || counted("as numbered", (0..).take(inner.len()).collect());
+    let (order, tree, name) = best.unwrap_or_else(numbered);
+    let seconds = begin.elapsed().as_secs_f64();
+    Ok((order, tree, name, seconds))
+}
