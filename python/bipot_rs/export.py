@@ -96,7 +96,7 @@ def write_result(
         group = file.create_group("contacts")
         for name, array in contacts.items():
             if array is not None:
-                _store(group, name, array)
+                _store(h5py, group, name, array)
         group = file.create_group("steps")
         for number, step in enumerate(steps):
             one = group.create_group(f"{number:0{digits}d}")
@@ -104,9 +104,9 @@ def write_result(
                 if value is None:
                     continue
                 if np.ndim(value) > 0 or name in _SCALAR_DATASETS:
-                    _store(one, name, value)
+                    _store(h5py, one, name, value)
                 else:
-                    _label(one, name, value)
+                    _label(h5py, one, name, value)
 
     arrays = [contacts.values(), *(step.values() for step in steps)]
     held = sum(getattr(value, "nbytes", 0) for some in arrays for value in some)
@@ -292,25 +292,23 @@ def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
         draft.unlink(missing_ok=True)
 
 
-def _store(group: Any, name: str, value: Any) -> None:
+def _store(h5py: Any, group: Any, name: str, value: Any) -> None:
     """Make a dataset; numbers without what h5py's own way adds of choices and looks."""
     array = np.asarray(value, order="C")
     if array.dtype.kind not in "fiub":
         group[name] = value
         return
-    h5py = library("h5py")
     made = h5py.h5d.create(group.id, name.encode(), *_form(h5py, array))
     if array.size:
         made.write(h5py.h5s.ALL, h5py.h5s.ALL, array)
 
 
-def _label(group: Any, name: str, value: Any) -> None:
+def _label(h5py: Any, group: Any, name: str, value: Any) -> None:
     """Make an attribute, likewise."""
     array = np.asarray(value)
     if array.dtype.kind not in "fiub":
         group.attrs[name] = value
         return
-    h5py = library("h5py")
     h5py.h5a.create(group.id, name.encode(), *_form(h5py, array)).write(array)
 
 
