@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs.bodies.stress import Initial, stress
 from bipot_rs.facing.rigid_motion import Motion
 from bipot_rs.fem import Model
-from bipot_rs.following import Totals
 from bipot_rs.inspection import inspect
+from bipot_rs.loading import Totals
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.schema import LoadPath, Pressure, Rigid, Scene, Varying
