@@ -391,9 +391,10 @@ def motion_of(rigid: Rigid, path: LoadPath, t: Floats) -> Motion | None:
     own = next((one for one in vectors[:3] if one), None)
     return Motion(
         translation,
-        None if turn is None else np.deg2rad(history(turn.angle)),
+        None if turn is None else history(turn.angle),
         about=None if turn is None else turn.about or own,
         axis=None if turn is None else turn.axis,
+        degrees=True,
     )
 
 
