@@ -64,7 +64,7 @@ class Following:
         at = self.steps[-1] if self.steps else self.before
         self._last = None if at is None else at.relative_displacement
         stand = _start(at, self._core.stats["rigid_motions"])
-        self.path = _core.Path(self._core, stand)
+        self.path = _core.Path(self._core, stand, _working_set(at))
         if at is not None and at.stats.get("bytes_beside_W", 0):
             # The inverse of W was made in a step before, and counted as its work.
             self._core.make_inverse()
@@ -109,6 +109,7 @@ class Following:
             **solution_fields(raw),
             _words=self._words(raw),
             slip=raw["slip"],
+            **_set_fields(raw["working_set"]),
             load=load,
             prescribed=prescribed,
             gap=gap,
@@ -311,6 +312,26 @@ def _start(
             f"start has {counted(len(rigid), 'rigid motion')}, this problem {motions}"
         )
     return step.reaction, step.relative_displacement, step.status, rigid
+
+
+def _working_set(
+    step: Step | None,
+) -> tuple[NDArray[np.int64], Array, bool] | None:
+    """The set that a step was found with, from which the next one goes on."""
+    if step is None or step.working_set is None:
+        return None
+    motion = np.empty(0) if step.working_motion is None else step.working_motion
+    return step.working_set, motion, bool(step.stats.get("bytes_beside_W", 0))
+
+
+def _set_fields(raw: tuple[NDArray[np.int64], Array] | None) -> dict[str, Any]:
+    if raw is None:
+        return {}
+    members, motion = raw
+    return {
+        "working_set": members,
+        "working_motion": motion if len(motion) else None,
+    }
 
 
 @dataclass(frozen=True, eq=False)
