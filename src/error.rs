@@ -164,6 +164,9 @@ pub enum Error {
         found: String,
         most: usize,
     },
+    /// A bound on what is kept in memory that is no number.
+    #[error("{what} is {found:?}, expected a whole number of megabytes, 0 to keep nothing")]
+    Megabytes { what: &'static str, found: String },
     /// The threads could not be started.
     #[error("the thread pool of {threads} threads could not be started")]
     Threads { threads: usize },

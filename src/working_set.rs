@@ -19,6 +19,19 @@ const AT_ONCE: usize = 256;
 /// One candidate in so many in the set: from there on `W` of all costs less.
 const MOST: usize = 3;
 
+/// What a step leaves of its working set, besides its state: with it, another path
+/// goes on from there to the same bits.
+#[derive(Clone, Debug, Default)]
+pub struct Set {
+    /// Contacts, ascending.
+    pub members: Vec<usize>,
+    /// Rigid motions in the amounts of the bodies condensed onto all contacts; empty
+    /// where they are those of the state.
+    pub motion: Vec<f64>,
+    /// Whether the inverse of their `W` had been made, whose cost is then paid.
+    pub inverse: bool,
+}
+
 /// A load path in progress, over all candidates.
 #[derive(Clone, Debug, Default)]
 pub struct Path<const D: usize> {
@@ -27,17 +40,38 @@ pub struct Path<const D: usize> {
     view: Option<View<D>>,
     /// The same rigid motions in the amounts of the view's bodies, where it has others.
     carried: Option<Vec<f64>>,
+    /// The set to begin with, where it is known from another path.
+    first: Option<Set>,
 }
 
 impl<const D: usize> Path<D> {
-    /// From a state, or from the unloaded bodies.
+    /// From a state and the set it was found with, or from the unloaded bodies.
     #[must_use]
-    pub fn new(state: Option<State<D>>) -> Self {
+    pub fn new(state: Option<State<D>>, first: Option<Set>) -> Self {
         Self {
             state,
             view: None,
             carried: None,
+            first,
         }
+    }
+
+    /// Changes the state, as one is changed that goes through the caller's hands.
+    pub fn restate(&mut self, change: impl FnOnce(&mut State<D>)) {
+        if let Some(state) = &mut self.state {
+            change(state);
+        }
+    }
+
+    /// The set that the last step was found with; nothing where it was all contacts
+    /// from the start.
+    #[must_use]
+    pub fn set(&self) -> Option<Set> {
+        self.view.as_ref().map(|view| Set {
+            members: view.members.clone(),
+            motion: self.carried.clone().unwrap_or_default(),
+            inverse: view.problem.compliance().inverse_known() == Some(true),
+        })
     }
 
     /// Takes one step to the total loads; commits it if it converged.
@@ -87,11 +121,7 @@ impl<const D: usize> Path<D> {
                 view.problem = view.problem.with_gap(gap);
                 view
             }
-            None => match candidates.view(self.first(candidates), mu, None) {
-                // Those to begin with do not feel a motion that others do.
-                Err(Error::FloatingBody { .. }) => all(problem, stop)?,
-                made => made?,
-            },
+            None => self.begin(problem, candidates, stop)?,
         };
         let began = Instant::now();
         let mut spent = Solution::<D>::default();
@@ -101,6 +131,7 @@ impl<const D: usize> Path<D> {
             let mut before = self.state.as_ref().map(|state| at(state, members));
             if let (false, Some(state)) = (shared, &mut before) {
                 let start = self.carried.clone();
+                let start = start.filter(|a| a.len() == state.rigid.len());
                 state.rigid = start.unwrap_or_else(|| vec![0.0; state.rigid.len()]);
             }
             let left = Settings {
@@ -177,8 +208,37 @@ impl<const D: usize> Path<D> {
         }
     }
 
-    /// The set to begin with: the seeds, and what was closed in the state before.
-    fn first(&self, candidates: &Candidates<D>) -> Vec<usize> {
+    /// The view to begin with, of the set that is known or of a new one.
+    fn begin(
+        &mut self,
+        problem: &Problem<D>,
+        candidates: &Candidates<D>,
+        stop: &AtomicBool,
+    ) -> Result<View<D>, Error> {
+        let known = self.first.take().unwrap_or_else(|| Set {
+            members: self.seeded(candidates),
+            ..Set::default()
+        });
+        let view = if known.members.len() == problem.contacts() {
+            all(problem, stop)?
+        } else {
+            match candidates.view(known.members, problem.mu(), None) {
+                // Those to begin with do not feel a motion that others do.
+                Err(Error::FloatingBody { .. }) => all(problem, stop)?,
+                made => made?,
+            }
+        };
+        if !known.motion.is_empty() {
+            self.carried = Some(known.motion);
+        }
+        if known.inverse {
+            view.problem.compliance().make_inverse(stop)?;
+        }
+        Ok(view)
+    }
+
+    /// A new set: the seeds, and what was closed in the state before.
+    fn seeded(&self, candidates: &Candidates<D>) -> Vec<usize> {
         let mut members = candidates.seeds().to_vec();
         if let Some(state) = &self.state {
             let closed = |&i: &usize| state.status[i] != Status::Open;

@@ -16,6 +16,7 @@ use bipot_rs::error::Error;
 use bipot_rs::linalg::csc::Symmetric;
 use bipot_rs::linalg::dense::{cholesky, invert_from_cholesky};
 use bipot_rs::linalg::multifrontal::{Factor, Schur};
+use bipot_rs::linalg::reach::Reach;
 use bipot_rs::linalg::symbolic::{Options, Symbolic};
 use bodies::{Body, Make};
 
@@ -112,6 +113,36 @@ fn many_columns_are_those_of_one_thread() {
             };
             assert_eq!(bits(&solved(1)), bits(&solved(2)));
         }
+    }
+}
+
+#[test]
+fn a_half_solve_is_what_it_is_alone() {
+    for body in bodies() {
+        let factor = Factor::new(analysed(&body), &matrix(&body), &GO).unwrap();
+        let inside: Vec<usize> = (0..body.n).filter(|i| !body.face.contains(i)).collect();
+        let entries: Vec<[(usize, f64); 2]> = (0..37)
+            .map(|k| {
+                let at = |by: usize| inside[k * by % inside.len()];
+                [(at(97), 1.0 + k as f64), (at(211), -0.3)]
+            })
+            .collect();
+        let unknowns = entries.iter().flatten().map(|&(i, _)| i);
+        let reach = Reach::new(factor.symbolic(), unknowns);
+        let columns: Vec<&[(usize, f64)]> = entries.iter().map(|e| &e[..]).collect();
+        let (all, kept) = factor.half_solve(&reach, &columns);
+        let (p, m) = (reach.pivots().len(), factor.symbolic().kept());
+        // Each alone, and the last ones in other places.
+        for (k, column) in columns.iter().enumerate() {
+            let (one, of_kept) = factor.half_solve(&reach, &[column]);
+            assert!(bits(&one) == bits(&all[k * p..(k + 1) * p]), "column {k}");
+            assert!(
+                bits(&of_kept) == bits(&kept[k * m..(k + 1) * m]),
+                "column {k}"
+            );
+        }
+        let (last, _) = factor.half_solve(&reach, &columns[30..]);
+        assert!(bits(&last) == bits(&all[30 * p..]), "the last ones");
     }
 }
 

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import bipot_rs.early  # noqa: F401
 from bipot_rs import fclib
 from bipot_rs.answers import Answers
+from bipot_rs.cone import project
 from bipot_rs.error_bound import ErrorBound
 from bipot_rs.errors import (
     BipotError,
@@ -30,7 +31,8 @@ from bipot_rs.errors import (
 from bipot_rs.existence import Existence
 from bipot_rs.extras import missing
 from bipot_rs.installation import show_versions, versions
-from bipot_rs.problem import ContactProblem, project, solve
+from bipot_rs.one_call import solve
+from bipot_rs.problem import ContactProblem
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
 
@@ -76,8 +78,7 @@ _LAZY = {
     "pairs": "bipot_rs.facing.pairing",
     "rigid_pairs": "bipot_rs.facing.pairing",
 }
-
-
+# Modules that are attributes without being loaded before.
 _MODULES = (
     *("analytic", "discretisation", "fem", "model", "obstacle", "paraview", "plots"),
     *("scene", "theory"),
@@ -85,15 +86,17 @@ _MODULES = (
 
 
 def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        return import_module(f"bipot_rs.{name}")
-    if name not in _LAZY:
+    module = f"bipot_rs.{name}" if name in _MODULES else _LAZY.get(name)
+    if module is None:
         raise AttributeError(f"module 'bipot_rs' has no attribute {name!r}")
     try:
-        return getattr(import_module(_LAZY[name]), name)
+        found = import_module(module)
     except ModuleNotFoundError as error:
         library = error.name or ""
-        raise missing(error, f"bipot_rs.{name} and scenes", library, "cli") from None
+        raise missing(
+            error, f"bipot_rs.{name} and what uses it", library, "cli"
+        ) from None
+    return found if name in _MODULES else getattr(found, name)
 
 
 def __dir__() -> list[str]:

@@ -103,6 +103,7 @@ class Path:
         cls,
         problem: Condensed,
         start: tuple[_Floats, _Floats, NDArray[np.int8], _Floats] | None = None,
+        working_set: tuple[NDArray[np.int64], _Floats, bool] | None = None,
     ) -> Path: ...
     def step(
         self,

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from bipot_rs.check import floats, number
-from bipot_rs.check import gap as gap_of_step
 from bipot_rs.errors import NoEquilibriumError, NotConvergedError
-from bipot_rs.following import Following, Totals
+from bipot_rs.following import Following
+from bipot_rs.loading import Totals
 from bipot_rs.result import Result, Status, Step
 
 # The least step, of the whole path where none is given, and where rounding of s begins.
@@ -88,21 +88,19 @@ def follow(
     following: Following,
     loads: Callable[[float], Totals],
     plan: Increments,
-    start: Step | None,
     on_step: Callable[[int, Step], object] | None,
 ) -> Result:
-    """Follow a path from where ``start`` left it.
+    """Follow a path from where it stands.
 
     Parameters
     ----------
     following
-        The path, standing at ``start``.
+        The path, which stands at a step of such a path, or at any state, which is then
+        at s = 0.
     loads
         Total load, prescribed displacement and gaps at s.
     plan
         How it is divided.
-    start
-        A step of such a path, or any state, which is then at s = 0.
     on_step
         Called as ``on_step(k, step)`` after each step.
 
@@ -112,6 +110,7 @@ def follow(
         No step of ``smallest`` leads on; ``.result`` holds what was reached.
     """
     s, ahead = 0.0, plan.first
+    start = following.before
     if start is not None and start.s is not None:
         s = start.s
         if s > plan.stops[-1]:
@@ -194,33 +193,3 @@ def _refusal(
     )
     message = where + str(error).partition(": ")[2]
     return type(error)(message, following.result(False, message), error.direction)
-
-
-def proportional(
-    what: str, value: Any, length: int, end: float
-) -> Callable[[float], Any]:
-    """``value(s)``, or an array that grows in proportion to s up to ``end``; checked."""
-    if value is None:
-        zero = np.zeros(length)
-        return lambda _: zero
-    if not callable(value):
-        whole = floats(what, value, shape=(length,))
-        return lambda s: whole if s == end else whole * (s / end)
-
-    def at(s: float) -> Any:
-        return floats(f"{what} at s = {s:.10g}", value(s), shape=(length,))
-
-    return at
-
-
-def gaps_at(
-    gap: Callable[[float], Any] | None, contacts: int, d: int
-) -> Callable[[float], Any]:
-    """``gap(s)`` by component ``(n_c, d)``, checked; None, those of the problem, without it."""
-    if gap is None:
-        return lambda _: None
-
-    def at(s: float) -> Any:
-        return gap_of_step(gap(s), contacts, d, f"gap at s = {s:.10g}")
-
-    return at

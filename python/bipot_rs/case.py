@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs.bodies.stress import Initial, stress
 from bipot_rs.facing.rigid_motion import Motion
 from bipot_rs.fem import Model
-from bipot_rs.following import Totals
 from bipot_rs.inspection import inspect
+from bipot_rs.loading import Totals
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.schema import LoadPath, Pressure, Rigid, Scene, Varying
@@ -391,9 +391,10 @@ def motion_of(rigid: Rigid, path: LoadPath, t: Floats) -> Motion | None:
     own = next((one for one in vectors[:3] if one), None)
     return Motion(
         translation,
-        None if turn is None else np.deg2rad(history(turn.angle)),
+        None if turn is None else history(turn.angle),
         about=None if turn is None else turn.about or own,
         axis=None if turn is None else turn.axis,
+        degrees=True,
     )
 
 

@@ -319,6 +319,47 @@ def frames(value: ArrayLike | None, contacts: int, d: int) -> Array | None:
     return found
 
 
+def matrices(K: Any, B: Any) -> tuple[Csr, Csr]:
+    """A stiffness ``(n, n)`` and a contact operator of as many columns."""
+    stiffness, contact = csr("K", K), csr("B", B)
+    n = stiffness.shape[0]
+    if stiffness.shape != (n, n):
+        raise ValueError(f"K has shape {stiffness.shape}, expected a square matrix")
+    if contact.shape[1] != n:
+        raise ValueError(
+            f"B has shape {contact.shape}, expected {counted(n, 'column')}, as many "
+            "as K has rows"
+        )
+    return stiffness, contact
+
+
+def areas(area: ArrayLike | None, contacts: int) -> Array | None:
+    """Tributary areas, ``(n_c,)``, all positive."""
+    if area is None:
+        return None
+    found = floats("area", area, shape=(contacts,))
+    if not (found > 0).all():
+        at = int(np.argmin(found > 0))
+        raise ValueError(
+            f"area of contact {at} is {found[at]}, expected a positive number"
+        )
+    return found
+
+
+def places(coordinates: ArrayLike | None, n: int) -> Array | None:
+    """Places of degrees of freedom as the core takes them, three coordinates each."""
+    if coordinates is None:
+        return None
+    given = floats("coordinates", coordinates, ndim=2)
+    if given.shape[0] != n or given.shape[1] not in (2, 3):
+        raise ValueError(
+            f"coordinates has shape {given.shape}, expected ({n}, 2) or ({n}, 3)"
+        )
+    found = np.zeros((n, 3))
+    found[:, : given.shape[1]] = given
+    return found
+
+
 def loads(
     load: ArrayLike | None, prescribed: ArrayLike | None, n: int, fixed: int
 ) -> list[tuple[Array, Array]]:

@@ -15,15 +15,13 @@ from bipot_rs.check import Array
 from bipot_rs.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.error_bound import ErrorBound, from_core, without
 from bipot_rs.errors import NoEquilibriumError, NotConvergedError
+from bipot_rs.loading import Totals, done
 from bipot_rs.reduced import opening, solution_fields
 from bipot_rs.result import Outcome, Result, Solution, Step
 from bipot_rs.words import counted
 
 Contacts = Mapping[str, NDArray[Any] | None]
 Settings = tuple[str, float, int | None, float | None]
-Loads = tuple[Array, Array]
-# Total load, prescribed displacements, and gaps where they are not the problem's.
-Totals = tuple[Array, Array, Array | None]
 
 
 class Following:
@@ -33,6 +31,8 @@ class Following:
     ----------
     path
         Where the core stands.
+    before
+        The step that the path started from; ``None`` for the unloaded bodies.
     steps
         The steps that converged.
     """
@@ -52,7 +52,8 @@ class Following:
         self._mu = mu
         self._shape = shape
         self._settings = settings
-        self._before = state(start, *shape)
+        self.before = state(start, *shape)
+        self._first = done(start)
         self.steps: list[Step] = []
         self.rewind()
         self._seconds = {"condense": condense, "solve": 0.0, "recover": 0.0}
@@ -60,11 +61,10 @@ class Following:
 
     def rewind(self) -> None:
         """Stand behind the last of the steps, as a path that is started from there."""
-        at = self.steps[-1] if self.steps else self._before
+        at = self.steps[-1] if self.steps else self.before
         self._last = None if at is None else at.relative_displacement
-        self.path = _core.Path(
-            self._core, _start(at, self._core.stats["rigid_motions"])
-        )
+        stand = _start(at, self._core.stats["rigid_motions"])
+        self.path = _core.Path(self._core, stand, _working_set(at))
         if at is not None and at.stats.get("bytes_beside_W", 0):
             # The inverse of W was made in a step before, and counted as its work.
             self._core.make_inverse()
@@ -109,6 +109,7 @@ class Following:
             **solution_fields(raw),
             _words=self._words(raw),
             slip=raw["slip"],
+            **_set_fields(raw["working_set"]),
             load=load,
             prescribed=prescribed,
             gap=gap,
@@ -160,11 +161,12 @@ class Following:
             self.steps,
             contacts=self._contacts,
             shape=self._shape,
-            start=self._before,
+            start=self.before,
             seconds=None,
             success=success,
             message=f"{count} converged" if message is None else message,
         )
+        made._first = self._first
         made.seconds = self._seconds  # filled further when displacements are asked for
         return made
 
@@ -310,6 +312,26 @@ def _start(
             f"start has {counted(len(rigid), 'rigid motion')}, this problem {motions}"
         )
     return step.reaction, step.relative_displacement, step.status, rigid
+
+
+def _working_set(
+    step: Step | None,
+) -> tuple[NDArray[np.int64], Array, bool] | None:
+    """The set that a step was found with, from which the next one goes on."""
+    if step is None or step.working_set is None:
+        return None
+    motion = np.empty(0) if step.working_motion is None else step.working_motion
+    return step.working_set, motion, bool(step.stats.get("bytes_beside_W", 0))
+
+
+def _set_fields(raw: tuple[NDArray[np.int64], Array] | None) -> dict[str, Any]:
+    if raw is None:
+        return {}
+    members, motion = raw
+    return {
+        "working_set": members,
+        "working_motion": motion if len(motion) else None,
+    }
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,7 +49,8 @@ class Model:
     n
         The number that cells may depend on, ``"n"``, ``"n/2"``, ``"0.5/n"``.
     element
-        ``"P1"`` or ``"Q1"``, in place of the cells of all bodies.
+        ``"P1"``, ``"Q1"``, ``"P2"`` or ``"Q2"``, in place of the cells and the order of
+        all bodies.
 
     Examples
     --------
@@ -193,7 +194,7 @@ class Model:
         and ``radius``; ``cylinder``, of ``point``, ``radius`` and in space ``axis``;
         ``surface``, a file such as STL. ``inside`` for bodies that are within it.
         ``move`` is a table of ``x``, ``y``, ``z``, and ``turn`` one of ``angle`` in
-        degrees, ``about`` and in space ``axis``: totals along the path.
+        **degrees**, ``about`` and in space ``axis``: totals along the path.
         """
         self._named("obstacle", name, table)
 
@@ -345,8 +346,8 @@ class Model:
             Instead of those of `solver`.
         start
             The result of an earlier run of this path that was left off, from a file too:
-            it goes on from there, to the bits of one that went through; to rounding where
-            W is formed of a working set. Of automatic steps one of them does.
+            it goes on from there, to the bits of one that went through. Of automatic
+            steps one of them does.
         on_step
             Called as ``on_step(k, step)`` after each step.
 

@@ -26,6 +26,31 @@ def at_contacts(modes: Array, amounts: Array, d: int) -> Array:
     return field / largest if largest > 0 else field
 
 
+def left_free(
+    fields: Array, bodies: Sequence[int], dofs: Sequence[int], frame: Array | None
+) -> tuple[str, ...]:
+    """Name rigid motions, body by body.
+
+    Parameters
+    ----------
+    fields
+        Motion of each contact, ``(k, n_c, d)``, normal first.
+    bodies, dofs
+        Number of the body of each motion, and a degree of freedom that it moves most.
+    frame
+        Bases ``(n_c, d, d)`` of the contacts; without them axes are those of the contacts.
+    """
+    axes = ("n", "t1", "t2")
+    if frame is not None:
+        axes = ("x", "y", "z")
+        fields = np.einsum("kid,ide->kie", fields, frame)
+    words: list[str] = []
+    for body in dict.fromkeys(bodies):
+        own = [k for k, b in enumerate(bodies) if b == body]
+        words += name_all(fields[own], axes, dofs[own[0]])
+    return tuple(words)
+
+
 def describe(
     direction: Array,
     mu: Array,

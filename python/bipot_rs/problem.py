@@ -1,4 +1,4 @@
-"""The ways in: `ContactProblem`, `solve` and `project`."""
+"""The problem: bodies, contacts and supports, condensed once, and its load paths."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs import _core, motion, summary
-from bipot_rs.adaptive import follow, gaps_at, increments, proportional
+from bipot_rs.adaptive import follow, increments
 from bipot_rs.check import (
     RATIO,
     Array,
     Parts,
+    areas,
     by_component,
     callback,
     choice_of_dimension,
@@ -26,74 +27,18 @@ from bipot_rs.check import (
     friction,
     indices,
     integer,
+    matrices,
+    places,
     settings,
     threads,
-    together,
 )
-from bipot_rs.check import gap as gap_of_step
-from bipot_rs.check import gaps as gaps_of_steps
-from bipot_rs.check import loads as steps_of
 from bipot_rs.errors import NoEquilibriumError
 from bipot_rs.existence import Existence
-from bipot_rs.following import Following, Loads, Settings, Totals, state
+from bipot_rs.following import Following, Settings, state
+from bipot_rs.loading import Loading, Totals, check_case
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.words import counted
-
-# What a path of several may hold, in words.
-_CASE = "load, prescribed, gap, mu or start"
-
-
-def project(
-    tau: ArrayLike, mu: ArrayLike, base: ArrayLike | None = None
-) -> tuple[Array, NDArray[np.int8]]:
-    """Project onto Coulomb's cone or an elliptic one, contact by contact, in parallel.
-
-    Parameters
-    ----------
-    tau
-        Points to project, ``(n_c, d)``, normal first.
-    mu
-        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, one a
-        tangent: the cone is then ``‖D⁻¹ r_t‖ ≤ r_n``, ``D = diag(mu_1, mu_2)``. Those of
-        a contact are both positive, or both zero.
-    base
-        Start state ``t0``, ``(n_c, d)``. With it ``tau`` is an increment, projected
-        onto ``ΔK_μ = K_μ - t0`` [dSF91, 53].
-
-    Returns
-    -------
-    t, status
-        The projection ``(n_c, d)``, equation (12), and its `Status` ``(n_c,)``. With
-        ``mu = 0`` a pressed contact is ``SLIP``.
-
-    Raises
-    ------
-    TypeError, ValueError
-        An argument of the wrong kind or shape, or not finite.
-
-    Examples
-    --------
-    >>> import bipot_rs as bp
-    >>> t, status = bp.project([[1.0, 0.2], [1.0, 3.0], [-1.0, 0.5]], 0.5)
-    >>> t
-    array([[1. , 0.2],
-           [2. , 1. ],
-           [0. , 0. ]])
-    >>> [bp.Status(s).name for s in status]
-    ['STICK', 'SLIP', 'OPEN']
-    """
-    points = floats("tau", tau, ndim=2, copy=False)
-    if points.shape[1] not in (2, 3):
-        raise ValueError(f"tau has shape {points.shape}, expected (n_c, 2) or (n_c, 3)")
-    coefficients = friction(mu, *points.shape)
-    start = None if base is None else floats("base", base, shape=points.shape)
-    if start is not None:
-        with np.errstate(over="ignore"):
-            total = points + start
-        if not np.isfinite(total).all():
-            raise ValueError("base + tau overflows, expected numbers below 1e300")
-    return _core.project(points, coefficients, start)
 
 
 class ContactProblem:
@@ -213,16 +158,8 @@ class ContactProblem:
         gaps: ArrayLike | None = None,
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
     ) -> None:
-        stiffness = csr("K", K)
-        contact = csr("B", B)
+        stiffness, contact = matrices(K, B)
         n = stiffness.shape[0]
-        if stiffness.shape != (n, n):
-            raise ValueError(f"K has shape {stiffness.shape}, expected a square matrix")
-        if contact.shape[1] != n:
-            raise ValueError(
-                f"B has shape {contact.shape}, expected {counted(n, 'column')}, as many "
-                "as K has rows"
-            )
         offsets = floats("gap", gap)
         if offsets.ndim not in (1, 2):
             raise ValueError(
@@ -231,12 +168,6 @@ class ContactProblem:
         contacts = len(offsets)
         d = choice_of_dimension(dim, contacts, contact.shape[0], offsets)
         whole = by_component(offsets, d) if offsets.ndim == 1 else offsets
-        areas = None if area is None else floats("area", area, shape=(contacts,))
-        if areas is not None and not (areas > 0).all():
-            at = int(np.argmin(areas > 0))
-            raise ValueError(
-                f"area of contact {at} is {areas[at]}, expected a positive number"
-            )
         if num_threads is not None:
             num_threads = threads(num_threads)
         bases = frames(frame, contacts, d)
@@ -245,15 +176,14 @@ class ContactProblem:
             "x": contact_array("points", points, contacts, d),
             "normal": None if bases is None else bases[:, 0, :].copy(),
             "frame": bases,
-            "area": areas,
+            "area": areas(area, contacts),
             "gap": offsets,
             "mu": coefficients,
         }
         self._mu = coefficients
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
-        self._gaps = None if gaps is None else gaps_of_steps(gaps, contacts, d)
-        self._known = _known(loads, n, len(self._fixed))
+        self._loading = Loading.of(n, len(self._fixed), contacts, d, loads, gaps)
         limit = memory_limit
         if limit is not None:
             limit = integer("memory_limit", memory_limit, least=1, most=2**63 - 1)
@@ -265,8 +195,8 @@ class ContactProblem:
             coefficients,
             self._fixed,
             num_threads,
-            _places(coordinates, n),
-            self._known,
+            places(coordinates, n),
+            self._loading.loads,
             limit,
             working_set,
         )
@@ -296,38 +226,8 @@ class ContactProblem:
         return summary.html(self._summary())
 
     def _summary(self) -> summary.Summary:
-        n, contacts, d = self._shape
-        known = self.stats
-        left = known["rigid_motions"]
-        held = "supports hold them"
-        if left:
-            held = f"{counted(left, 'rigid motion')} that contact alone must hold"
-        gap = np.asarray(self._contacts["gap"]).reshape(contacts, -1)[:, 0]
-        factor = counted(known["nnz_factor"], "entry")
-        dofs = counted(n, "degree") + " of freedom"
-        kept = (
-            summary.size(known["bytes_factor"]) if known["factor_kept"] else "not kept"
-        )
-        return f"ContactProblem: {dofs}, {summary.places(contacts, d)}", [
-            (
-                "bodies",
-                f"{known['bodies']}, {len(self._fixed)} prescribed degrees of freedom, "
-                + held,
-            ),
-            ("gap", summary.gaps(gap)),
-            ("friction", summary.friction(self._mu)),
-            (
-                "memory",
-                (
-                    f"factor {kept} ({factor}), W {summary.size(known['bytes_compliance'])}, "
-                    f"{summary.size(known['bytes_peak'])} at the most"
-                ),
-            ),
-            (
-                "condensed in",
-                f"{summary.seconds(self._seconds)}, ordering by {known['ordering']}",
-            ),
-        ]
+        fixed = len(self._fixed)
+        return summary.of_problem(self._shape, fixed, self._contacts, self.stats)
 
     @property
     def compliance(self) -> Array:
@@ -367,23 +267,13 @@ class ContactProblem:
         Directions are the axes ``x, y[, z]`` where ``frame`` is known, else those of the
         contacts, ``n, t1[, t2]``; the degree of freedom named is one that moves most.
         """
-        _, contacts, d = self._shape
-        modes = self._core.modes()
-        bodies, dofs = (
+        contacts, d = self._shape[1:]
+        return motion.left_free(
+            self._core.modes().reshape(-1, contacts, d),
             self.stats["rigid_motion_bodies"],
             self.stats["rigid_motion_dofs"],
+            self._contacts["frame"],
         )
-        axes = ("n", "t1", "t2")
-        fields = modes.reshape(len(modes), contacts, d)
-        frame = self._contacts["frame"]
-        if frame is not None:
-            axes = ("x", "y", "z")
-            fields = np.einsum("kid,ide->kie", fields, frame)
-        words: list[str] = []
-        for body in dict.fromkeys(bodies):
-            own = [k for k, b in enumerate(bodies) if b == body]
-            words += motion.name_all(fields[own], axes, dofs[own[0]])
-        return tuple(words)
 
     def reduced(
         self,
@@ -404,7 +294,8 @@ class ContactProblem:
         start
             A `Result` or one of its steps, whose slip history is folded into ``q``.
         gap
-            Gaps of the step, ``(n_c,)`` or ``(n_c, d)``; default those of the start.
+            Gaps of the step, ``(n_c,)`` or ``(n_c, d)``; default the ``gap`` of the
+            problem.
 
         Raises
         ------
@@ -415,16 +306,11 @@ class ContactProblem:
         MemoryError
             ``W`` of all contacts does not fit.
         """
-        n, contacts, d = self._shape
-        steps = steps_of(load, prescribed, n, len(self._fixed))
-        if len(steps) != 1:
-            raise ValueError(
-                f"load and prescribed have {counted(len(steps), 'step')}, expected one"
-            )
-        core = self._core
+        _, contacts, d = self._shape
+        loads, core = self._loading.one(load, prescribed), self._core
         if gap is not None:
-            core = core.with_gap(gap_of_step(gap, contacts, d))
-        q, modes, force = core.free_part(*steps[0])
+            core = core.with_gap(self._loading.gap(gap))
+        q, modes, force = core.free_part(*loads)
         before = state(start, contacts, d)
         if before is not None:
             q[:, 1:] -= before.relative_displacement[:, 1:]
@@ -460,10 +346,27 @@ class ContactProblem:
         exhaust
             As in `ReducedProblem.existence`.
 
+        Returns
+        -------
+        Existence
+            Its ``verdict``, the ``reason`` in words, and what witnesses it.
+
         Raises
         ------
         TypeError, ValueError
             A wrong argument, named.
+        MemoryError
+            ``W`` of all contacts does not fit.
+
+        Examples
+        --------
+        A point that nothing but a wall holds, pressed and pulled away:
+
+        >>> import numpy as np
+        >>> import bipot_rs as bp
+        >>> free = bp.ContactProblem(np.zeros((2, 2)), np.eye(2), gap=[0.0], mu=0.3)
+        >>> [free.existence(load).verdict for load in ([-1.0, 0.0], [1.0, 0.0])]
+        ['guaranteed', 'none']
         """
         try:
             reduced = self.reduced(load, prescribed, start, gap=gap)
@@ -517,7 +420,12 @@ class ContactProblem:
         max_iterations, max_seconds
             Limits of one step.
         start
-            A `Result` or one of its steps to continue from.
+            A `Result` or one of its steps to continue from, to the bits of a path that
+            went through. ``load``, ``prescribed`` and ``gap`` are then those of the steps
+            to come, totals all the same. What is not given and the problem has of its
+            own, its ``gaps`` and ``loads``, goes on behind the steps that ``start`` and
+            the paths before it have done; a single step does not tell how many, and is
+            refused there.
         on_step
             Called as ``on_step(k, step)`` after each step.
         gap
@@ -540,11 +448,26 @@ class ContactProblem:
             contact does: a proof, no reaction works on it and the loads do.
         NotConvergedError
             A step did not converge. ``.result`` of these two holds the steps before.
+
+        Examples
+        --------
+        A path in two pieces; the second goes on where the first has ended:
+
+        >>> import numpy as np
+        >>> import bipot_rs as bp
+        >>> problem = bp.ContactProblem(1e3 * np.eye(2), np.eye(2), gap=[0.0], mu=0.3)
+        >>> path = np.array([[-10.0, 5.0], [-10.0, 0.0], [-10.0, -5.0]])
+        >>> whole = problem.solve(path)
+        >>> first = problem.solve(path[:1])
+        >>> rest = problem.solve(path[1:], start=first)
+        >>> np.array_equal(rest.slip, whole.slip[1:])
+        True
         """
         chosen = settings(method, tol, max_iterations, max_seconds)
         callback("on_step", on_step)
         following = self._following(self._core, self._mu, chosen, start)
-        for k, asked in enumerate(self._totals(load, prescribed, gap)):
+        steps = self._loading.totals(load, prescribed, gap, start)
+        for k, asked in enumerate(steps):
             step = following.advance(*asked)
             if on_step is not None:
                 on_step(k, step)
@@ -607,29 +530,28 @@ class ContactProblem:
         NoEquilibriumError, NotConvergedError
             No step of length ``smallest`` leads on, with the last ``s``. ``.result``
             holds the steps up to there.
+
+        Examples
+        --------
+        A point on two springs, pressed by 10 N and pulled by 5 N in proportion, slides
+        along the wall by 2 mm, in steps of 1.5 mm at the most:
+
+        >>> import numpy as np
+        >>> import bipot_rs as bp
+        >>> problem = bp.ContactProblem(1e3 * np.eye(2), np.eye(2), gap=[0.0], mu=0.3)
+        >>> result = problem.follow([-10.0, 5.0], slip=1.5e-3)
+        >>> result.s
+        array([0.5, 1. ])
+        >>> result.slip[:, 0, 0].round(9)  # of each step
+        array([0.001, 0.001])
         """
         chosen = settings(method, tol, max_iterations, max_seconds)
         callback("on_step", on_step)
-        plan = increments(stops, first, largest, smallest, slip)
-        n, contacts, d = self._shape
-        end = plan.stops[-1]
-        force = proportional("load", load, n, end)
-        moved = proportional("prescribed", prescribed, len(self._fixed), end)
         callback("gap", gap)
-        if gap is None and self._gaps is not None:
-            raise ValueError(
-                "gap is missing: this problem has gaps of "
-                f"{counted(len(self._gaps), 'load step')}, and steps in between need them "
-                "as a function of s"
-            )
-        apart = gaps_at(gap, contacts, d)
-        return follow(
-            self._following(self._core, self._mu, chosen, start),
-            lambda s: (force(s), moved(s), apart(s)),
-            plan,
-            state(start, contacts, d),
-            on_step,
-        )
+        plan = increments(stops, first, largest, smallest, slip)
+        loads = self._loading.along(load, prescribed, gap, plan.stops[-1])
+        following = self._following(self._core, self._mu, chosen, start)
+        return follow(following, loads, plan, on_step)
 
     def solve_many(
         self,
@@ -646,8 +568,8 @@ class ContactProblem:
         ----------
         cases
             Of each path a mapping with any of the keys ``load``, ``prescribed``,
-            ``gap`` and ``start``, as `solve` takes them, and ``mu``, friction coefficients in place
-            of the problem's.
+            ``gap`` and ``start``, as `solve` takes them, and ``mu``, friction
+            coefficients ``(n_c,)`` or one, in place of the problem's.
         method, tol, max_iterations, max_seconds
             As in `solve`.
 
@@ -662,6 +584,20 @@ class ContactProblem:
         ------
         TypeError, ValueError
             A wrong argument, named with the number of its case.
+
+        Examples
+        --------
+        A point on two springs, pressed by 10 N and pulled along the wall by 5 N, on a
+        smooth wall and on a rough one:
+
+        >>> import numpy as np
+        >>> import bipot_rs as bp
+        >>> problem = bp.ContactProblem(1e3 * np.eye(2), np.eye(2), gap=[0.0], mu=0.3)
+        >>> cases = [{"load": [-10.0, 5.0], "mu": mu} for mu in (0.1, 0.9)]
+        >>> for result in problem.solve_many(cases):
+        ...     print(result[-1].reaction[0].round(9))  # n, t, in N
+        [10. -1.]
+        [10. -5.]
         """
         chosen = settings(method, tol, max_iterations, max_seconds)
         paths: list[Following] = []
@@ -671,24 +607,16 @@ class ContactProblem:
                 f"cases is a {type(cases).__name__}, expected mappings, one a path"
             )
         for k, case in enumerate(cases):
-            if not isinstance(case, Mapping):
-                raise TypeError(
-                    f"case {k} is a {type(case).__name__}, expected a mapping with "
-                    f"{_CASE}"
-                )
-            known = {"load", "prescribed", "gap", "mu", "start"}
-            unknown = sorted(set(map(str, case)) - known)
-            if unknown:
-                raise TypeError(f"case {k} has {unknown[0]!r}, expected {_CASE}")
+            check_case(k, case)
             core, mu = self._core, self._mu
             try:
-                asked = (case.get(name) for name in ("load", "prescribed", "gap"))
-                totals.append(self._totals(*asked))
                 if case.get("mu") is not None:
                     mu = friction(case["mu"], *self._shape[1:], ratio=RATIO)
                     core = core.with_mu(mu)
                 start = case.get("start")
                 paths.append(self._following(core, mu, chosen, start))
+                load, prescribed, gap = map(case.get, ("load", "prescribed", "gap"))
+                totals.append(self._loading.totals(load, prescribed, gap, start))
             except (TypeError, ValueError) as error:
                 raise type(error)(f"case {k}: {error}") from None
         followed = _core.follow([path.path for path in paths], totals, *chosen)
@@ -712,6 +640,20 @@ class ContactProblem:
         ------
         TypeError, ValueError, FloatingBodyError, MemoryError
             As `ContactProblem` does; the problem is then as it was.
+
+        Examples
+        --------
+        A point on two springs is pulled away from a wall by 1 N; springs of twice the
+        stiffness let it go half as far:
+
+        >>> import numpy as np
+        >>> import bipot_rs as bp
+        >>> problem = bp.ContactProblem(1e3 * np.eye(2), np.eye(2), gap=[0.0], mu=0.3)
+        >>> before = problem.solve([1.0, 0.0])
+        >>> problem.update(2e3 * np.eye(2))
+        >>> after = problem.solve([1.0, 0.0])
+        >>> before.displacement[0, 0], after.displacement[0, 0]
+        (np.float64(0.001), np.float64(0.0005))
         """
         stiffness = csr("K", K)
         n = self._shape[0]
@@ -729,26 +671,6 @@ class ContactProblem:
         self._core = _core.Condensed(parts, *self._given, before, on_forecast)
         self._seconds = time.perf_counter() - started
 
-    def _totals(
-        self,
-        load: ArrayLike | None,
-        prescribed: ArrayLike | None,
-        gap: ArrayLike | None,
-    ) -> list[Totals]:
-        if self._known is not None and load is None and prescribed is None:
-            loaded = self._known
-        else:
-            loaded = steps_of(load, prescribed, self._shape[0], len(self._fixed))
-        if gap is not None:
-            offsets = list(gaps_of_steps(gap, *self._shape[1:]))
-        elif self._gaps is not None:
-            offsets = list(self._gaps)
-        else:
-            return [(f, u, None) for f, u in loaded]
-        return together(
-            "gap", offsets, "the load path", loaded, lambda g, loads: (*loads, g)
-        )
-
     def _following(
         self,
         core: _core.Condensed,
@@ -758,137 +680,3 @@ class ContactProblem:
     ) -> Following:
         shape, contacts = self._shape[1:], self._contacts | {"mu": mu}
         return Following(core, contacts, mu, shape, chosen, start, self._seconds)
-
-
-def _places(coordinates: ArrayLike | None, n: int) -> Array | None:
-    """Places as the core takes them, three coordinates each."""
-    if coordinates is None:
-        return None
-    given = floats("coordinates", coordinates, ndim=2)
-    if given.shape[0] != n or given.shape[1] not in (2, 3):
-        raise ValueError(
-            f"coordinates has shape {given.shape}, expected ({n}, 2) or ({n}, 3)"
-        )
-    places = np.zeros((n, 3))
-    places[:, : given.shape[1]] = given
-    return places
-
-
-def _known(value: Any, n: int, fixed: int) -> list[Loads] | None:
-    """All loads there will be, step by step."""
-    if value is None:
-        return None
-    if isinstance(value, tuple) and len(value) != 2:
-        raise ValueError(
-            f"loads is a tuple of {len(value)}, expected an array or (load, prescribed)"
-        )
-    load, prescribed = value if isinstance(value, tuple) else (value, None)
-    return steps_of(load, prescribed, n, fixed)
-
-
-def solve(
-    K: Any,
-    B: Any,
-    load: ArrayLike | None = None,
-    prescribed: ArrayLike | None = None,
-    *,
-    gap: ArrayLike,
-    mu: ArrayLike,
-    fixed: ArrayLike | None = None,
-    area: ArrayLike | None = None,
-    dim: int | None = None,
-    num_threads: int | None = None,
-    points: ArrayLike | None = None,
-    frame: ArrayLike | None = None,
-    coordinates: ArrayLike | None = None,
-    memory_limit: int | None = None,
-    working_set: bool | None = None,
-    gaps: ArrayLike | None = None,
-    **settings: Any,
-) -> Result:
-    """Solve one contact problem with Coulomb friction, over one load step or a path.
-
-    ``K u = load + Bᵀ r``, ``v = B u + gap``, and at every contact no penetration, no
-    tension, and Coulomb's friction between ``v`` and ``r``: equations (1), (2) and (9) of
-    ``docs/theory.md``. It is ``ContactProblem(K, B, ...).solve(load, prescribed, ...)`` in
-    one call; keep the `ContactProblem` to solve again without another factorisation.
-
-    Any consistent units; components normal first, ``(n, t1[, t2])``; n degrees of
-    freedom, n_c contacts, d = 2 or 3.
-
-    Parameters
-    ----------
-    K
-        Stiffness, ``(n, n)``, symmetric positive semidefinite, dense or sparse, supports
-        not eliminated.
-    B
-        ``(d n_c, n)``: row ``d i + k`` gives component ``k`` of the relative displacement
-        of contact ``i``, that of the body minus that of the obstacle.
-    load
-        Nodal forces, ``(n,)``, or ``(steps, n)`` for a path: totals at the end of each
-        step; missing is zero.
-    prescribed
-        Displacements of ``fixed``, ``(len(fixed),)`` or ``(steps, len(fixed))``: totals;
-        missing is zero.
-    gap
-        Normal gap, ``(n_c,)``, open when positive, or ``(n_c, d)``.
-    mu
-        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``.
-    fixed
-        Numbers of the prescribed degrees of freedom.
-    area
-        Tributary areas, ``(n_c,)``, for tractions.
-    dim, num_threads, points, frame, coordinates, memory_limit, working_set
-        As in `ContactProblem`.
-    **settings
-        ``method``, ``tol``, ``max_iterations``, ``max_seconds``, ``start`` and ``on_step`` of
-        `ContactProblem.solve`.
-
-    Returns
-    -------
-    Result
-        Of each step the ``reaction`` ``(steps, n_c, d)``, a force on the body, its normal
-        part never negative; ``relative_displacement``, ``slip``, ``status``,
-        ``displacement`` ``(steps, n)``, and the ``residual`` that says how exact it is.
-
-    Raises
-    ------
-    TypeError, ValueError
-        A wrong argument; the message names it, what was found and what was expected.
-    NoEquilibriumError, NotConvergedError, FloatingBodyError, MemoryError
-        As `ContactProblem` and `ContactProblem.solve` say.
-
-    Examples
-    --------
-    A point on two springs is pressed onto a wall by 10 N and pulled along it, first by
-    2 N, which friction holds, then by 5 N, of which it takes 0.3 · 10 N:
-
-    >>> import numpy as np
-    >>> import bipot_rs as bp
-    >>> K, B = 1000.0 * np.eye(2), np.eye(2)
-    >>> result = bp.solve(K, B, [[-10.0, 2.0], [-10.0, 5.0]], gap=[0.0], mu=0.3)
-    >>> result.reaction[:, 0]
-    array([[10., -2.],
-           [10., -3.]])
-    >>> [bp.Status(s).name for s in result.status[:, 0]]
-    ['STICK', 'SLIP']
-    >>> result.displacement[-1].round(12)
-    array([0.   , 0.002])
-    """
-    problem = ContactProblem(
-        K,
-        B,
-        gap=gap,
-        mu=mu,
-        fixed=fixed,
-        area=area,
-        dim=dim,
-        num_threads=num_threads,
-        points=points,
-        frame=frame,
-        coordinates=coordinates,
-        memory_limit=memory_limit,
-        working_set=working_set,
-        gaps=gaps,
-    )
-    return problem.solve(load, prescribed, **settings)

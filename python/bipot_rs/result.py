@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -251,6 +252,14 @@ class Step(Solution):
     gap
         Gaps of this step, ``(n_c, d)``, where obstacles moved; ``None`` where they are
         those of the problem.
+    working_set
+        Numbers of the contacts that ``W`` was formed of, ascending; ``None`` where it is
+        formed of all from the start. With it a path goes on from this step to the bits
+        of one that went through.
+    working_motion
+        Where that set has grown to all contacts of bodies that contact alone holds,
+        amounts of the rigid motions of these bodies as condensed onto all contacts,
+        from which the next step begins; else ``None``.
     """
 
     slip: Array
@@ -260,6 +269,8 @@ class Step(Solution):
     s: float | None = None
     ahead: float | None = None
     gap: Array | None = None
+    working_set: NDArray[np.int64] | None = None
+    working_motion: Array | None = None
     _recover: Callable[[Sequence[Step]], Array] | None = None
     _kept: dict[str, Array] = field(default_factory=dict)
 
@@ -616,12 +627,21 @@ def load(path: str | os.PathLike[str]) -> Result:
         contacts=contacts,
         shape=shape,
         seconds=named("seconds_"),
-        units={name: str(unit) for name, unit in named("unit_").items()},
+        units=_units(attributes) | named("unit_"),
         success=bool(attributes["complete"]),
         message=str(attributes.get("message", "")),
     )
     found._first = int(attributes.get("first_step", 0))
     return found
+
+
+def _units(attributes: Mapping[str, Any]) -> dict[str, str]:
+    """Names of units as the command line writes them, where it did."""
+    try:
+        told = json.loads(str(attributes.get("units", "{}")))
+        return {str(name): str(unit) for name, unit in told.items() if unit}
+    except (ValueError, AttributeError):
+        return {}
 
 
 def _shape(
@@ -646,6 +666,17 @@ _NEEDED = {
     "work",
     "outcome",
 }
+
+
+def _check_set(record: Mapping[str, Any], contacts: int) -> None:
+    """Refuse a working set that is none, or a motion without numbers."""
+    found = np.asarray(record.get("working_set", np.empty(0, np.int64)))
+    bounded = np.concatenate([[-1], found.ravel(), [contacts]])
+    if found.ndim != 1 or found.dtype != np.int64 or not (np.diff(bounded) > 0).all():
+        raise ValueError("working_set holds something else than ascending contacts")
+    motion = np.asarray(record.get("working_motion", np.empty(0)))
+    if motion.ndim != 1 or motion.dtype != np.float64 or not np.isfinite(motion).all():
+        raise ValueError("working_motion holds something else than finite numbers")
 
 
 def _from_record(
@@ -673,6 +704,7 @@ def _from_record(
     if "gap" in record and np.shape(record["gap"]) != (contacts, d):
         found = np.shape(record["gap"])
         raise ValueError(f"gap has shape {found}, expected {(contacts, d)}")
+    _check_set(record, contacts)
     status = record["status"]
     if not np.isin(status, list(Status)).all():
         raise ValueError("status holds something else than 0, 1 and 2")

@@ -6,6 +6,7 @@ of (1), (2) and (21).
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -30,6 +31,7 @@ from bipot_rs.scene_parts import (
 )
 from bipot_rs.schema import KIND, Scene, inconsistencies
 from bipot_rs.shipped import SceneError, folder_of, shipped, text
+from bipot_rs.toml_text import HALF
 from bipot_rs.words import meant
 
 __all__ = [
@@ -45,6 +47,9 @@ __all__ = [
     "shipped",
     "text",
 ]
+
+
+_NO_TEXT = "half of a surrogate pair, which UTF-8 has no bytes for"
 
 
 def read(name: str, settings: Sequence[str] = ()) -> Scene:
@@ -70,6 +75,8 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
 
 def parsed(name: str, source: str) -> dict[str, Any]:
     """The tables of a TOML text; `SceneError` where it is none."""
+    if half := HALF.search(source):
+        raise SceneError(name, [f"is not TOML: it holds {half[0]!r}, {_NO_TEXT}"])
     try:
         return tomllib.loads(source)
     except tomllib.TOMLDecodeError as error:
@@ -205,6 +212,8 @@ def _without_unknown(table: dict[str, Any], error: ValidationError) -> Any:
 
 def _override(table: dict[str, Any], setting: str) -> str | None:
     """Put ``key=value`` into the table; a message if there is no such place."""
+    if half := HALF.search(setting):
+        return f"--set {setting!r}: holds {half[0]!r}, {_NO_TEXT}"
     key, equals, value = setting.partition("=")
     if not equals or not all(key.strip().split(".")):
         return f"--set {setting}: should be KEY=VALUE"
@@ -216,6 +225,12 @@ def _override(table: dict[str, Any], setting: str) -> str | None:
     return wrong and f"--set {key}: {wrong}"
 
 
+def entry(part: str) -> int | None:
+    """The number of an entry of a list; None where a key is none."""
+    # Python takes raised digits for digits, and refuses numbers of thousands of them.
+    return int(part) if re.fullmatch("[0-9]{1,18}", part) else None
+
+
 def put(table: dict[str, Any], key: str, value: Any) -> str | None:
     """Put a value at ``"key.0.key"`` of a table; a message if there is no such place."""
     parts = key.split(".")
@@ -223,10 +238,12 @@ def put(table: dict[str, Any], key: str, value: Any) -> str | None:
     for depth, part in enumerate(parts):
         place, last = ".".join(parts[:depth]), depth == len(parts) - 1
         if isinstance(at, list):
-            if not part.isdigit() or int(part) >= len(at):
-                first = "" if part.isdigit() else f": {place}.0 is the first"
+            index: Any = entry(part)
+            if not at:
+                return f"{place} has no entries"
+            if index is None or index >= len(at):
+                first = f": {place}.0 is the first" if index is None else ""
                 return f"{place} has entries 0 to {len(at) - 1}{first}"
-            index: Any = int(part)
         elif isinstance(at, dict):
             index = part
             if not last and index not in at:

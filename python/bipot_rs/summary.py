@@ -6,7 +6,7 @@ for it. As text and, for notebooks, as a table of HTML.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -143,6 +143,41 @@ def seconds(taken: float) -> str:
     ('12.3 ms', '75 s')
     """
     return f"{taken:.3g} s" if taken >= 1 else f"{1e3 * taken:.3g} ms"
+
+
+def of_problem(
+    shape: tuple[int, int, int],
+    fixed: int,
+    arrays: Mapping[str, NDArray[Any] | None],
+    stats: Mapping[str, Any],
+) -> Summary:
+    """Of a `ContactProblem`: degrees of freedom, contacts and dimension, and what is known."""
+    n, contacts, d = shape
+    left = stats["rigid_motions"]
+    held = "supports hold them"
+    if left:
+        held = f"{counted(left, 'rigid motion')} that contact alone must hold"
+    gap = np.asarray(arrays["gap"]).reshape(contacts, -1)[:, 0]
+    factor = counted(stats["nnz_factor"], "entry")
+    kept = size(stats["bytes_factor"]) if stats["factor_kept"] else "not kept"
+    memory = (
+        f"factor {kept} ({factor}), W {size(stats['bytes_compliance'])}, "
+        f"{size(stats['bytes_peak'])} at the most"
+    )
+    dofs = counted(n, "degree") + " of freedom"
+    return f"ContactProblem: {dofs}, {places(contacts, d)}", [
+        (
+            "bodies",
+            f"{stats['bodies']}, {fixed} prescribed degrees of freedom, {held}",
+        ),
+        ("gap", gaps(gap)),
+        ("friction", friction(np.asarray(arrays["mu"]))),
+        ("memory", memory),
+        (
+            "condensed in",
+            f"{seconds(stats['seconds_condense'])}, ordering by {stats['ordering']}",
+        ),
+    ]
 
 
 def of_solution(solution: Any) -> Summary:

@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+# Half of a surrogate pair: names of files in other encodings leave it in strings.
+HALF = re.compile("[\\ud800-\\udfff]")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -19,6 +21,8 @@ def text(table: Mapping[str, Any]) -> str:
     ------
     TypeError
         Something that TOML has no word for; the message names its place.
+    ValueError
+        Half of a surrogate pair in a string, which no file of TOML holds.
     """
     # Plain values first: below a heading, they would be of its table.
     plain = {k: v for k, v in table.items() if not _has_heading(v)}
@@ -61,6 +65,11 @@ def _key(key: Any) -> str:
 
 
 def _string(value: str) -> str:
+    if half := HALF.search(value):
+        raise ValueError(
+            f"{value!r} holds {half[0]!r}, half of a surrogate pair, expected text that "
+            "UTF-8 can write"
+        )
     # JSON escapes all that TOML wants escaped, but for DEL.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 

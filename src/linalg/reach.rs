@@ -7,7 +7,9 @@ use crate::linalg::dense::forward;
 use crate::linalg::multifrontal::Factor;
 use crate::linalg::symbolic::{Front, Symbolic};
 
-/// Columns that a thread takes together.
+/// Columns that a thread takes together. Fewer are filled up with zeros: products of
+/// another width may sum in another order, and what a column becomes would depend on
+/// those that were asked for with it.
 const COLUMNS: usize = 32;
 
 /// The fronts that entries at some unknowns can reach, in order of elimination.
@@ -58,7 +60,8 @@ impl Reach {
 impl Factor {
     /// Condenses columns given by their entries (unknown, value), all within reach:
     /// `L⁻¹ b_i` on the pivots reached, and `b_c − K_ci K_ii⁻¹ b_i` on the kept
-    /// unknowns, each column after column.
+    /// unknowns, each column after column. A column has the same bits alone and among
+    /// others.
     #[must_use]
     pub fn half_solve(&self, reach: &Reach, columns: &[&[(usize, f64)]]) -> (Vec<f64>, Vec<f64>) {
         let symbolic = &*self.symbolic;
@@ -75,7 +78,8 @@ impl Factor {
             for &f in &reach.fronts {
                 let front = &symbolic.fronts[f];
                 gather(symbolic, front, &x, columns.len(), &mut local);
-                forward(self.panel(front), front.layout(), &mut local, columns.len());
+                local.resize(front.nf() * COLUMNS, 0.0);
+                forward(self.panel(front), front.layout(), &mut local, COLUMNS);
                 scatter(symbolic, front, &mut x, columns.len(), &local);
             }
             let mut inside = Vec::with_capacity(p * columns.len());

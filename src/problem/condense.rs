@@ -21,7 +21,7 @@ use crate::problem::border::{check_finite, check_friction, check_length};
 use crate::problem::compliance::Compliance;
 use crate::problem::forecast::Notice;
 use crate::problem::memory::Budget;
-use crate::problem::patterns::Asked;
+use crate::problem::patterns::{self, Asked};
 use crate::problem::reduced::{Reduced, Rigid};
 use crate::problem::sparse::{self, Owned, Rows};
 use crate::problem::stats::Stats;
@@ -140,7 +140,7 @@ impl<const D: usize> Sorted<D> {
 /// of problems that this process has met, and theirs are kept for problems to come.
 ///
 /// # Errors
-/// As [`Analysed::new`], of the first body that fails.
+/// As [`patterns::limit`], and as [`Analysed::new`], of the first body that fails.
 pub fn analyse(
     parts: Vec<(Vec<usize>, Owned)>,
     kept: Vec<Vec<usize>>,
@@ -152,7 +152,7 @@ pub fn analyse(
         Some(places) => places.into_iter().map(Some).collect(),
         None => vec![None; parts.len()],
     };
-    let few = parts.len() <= FEW;
+    let few = patterns::limit()? > 0 && parts.len() <= FEW;
     let all = parts.iter().zip(&kept).zip(&places);
     let known: Vec<_> = all
         .map(|(((_, stiffness), kept), places)| {

@@ -7,6 +7,7 @@
 
 use std::sync::Arc;
 
+use crate::error::Error;
 use crate::linalg::csc::Symmetric;
 use crate::linalg::symbolic::Symbolic;
 use crate::per_process::PerProcess;
@@ -49,9 +50,6 @@ impl Asked<'_> {
     /// The analysis of this pattern, if it is known.
     #[must_use]
     pub fn find(&self) -> Option<Arc<Symbolic>> {
-        if limit() == 0 {
-            return None;
-        }
         // What is compared is not held meanwhile: others may look, too.
         let list: Vec<Arc<Entry>> = KNOWN.lock()?.clone();
         let found = list.into_iter().find(|entry| self.is(&entry.pattern))?;
@@ -65,10 +63,10 @@ impl Asked<'_> {
 
     /// Keeps the analysis of this pattern, where the bound allows it.
     pub fn keep(&self, symbolic: &Symbolic) {
-        let limit = limit();
-        if self.bytes() + symbolic.counts().bytes_symbolic > limit {
+        let size = self.bytes() + symbolic.counts().bytes_symbolic;
+        let Some(limit) = limit().ok().filter(|&limit| size <= limit) else {
             return;
-        }
+        };
         let entry = Arc::new(Entry {
             pattern: self.pattern(),
             symbolic: symbolic.for_another(),
@@ -151,9 +149,19 @@ impl Entry {
     }
 }
 
-/// Bytes that all of them may take.
-fn limit() -> usize {
-    let asked = std::env::var(VARIABLE).ok();
-    let asked = asked.and_then(|text| text.trim().parse::<usize>().ok());
-    asked.unwrap_or(DEFAULT).saturating_mul(1 << 20)
+/// Bytes that all of them may take; an empty variable counts as missing.
+///
+/// # Errors
+/// [`Error::Megabytes`] for what is not a number of them.
+pub fn limit() -> Result<usize, Error> {
+    let asked = std::env::var_os(VARIABLE).unwrap_or_default();
+    let asked = asked.to_string_lossy();
+    let megabytes = match asked.trim() {
+        "" => DEFAULT,
+        text => text.parse::<usize>().map_err(|_| Error::Megabytes {
+            what: VARIABLE,
+            found: text.to_owned(),
+        })?,
+    };
+    Ok(megabytes.saturating_mul(1 << 20))
 }

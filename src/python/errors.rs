@@ -25,6 +25,7 @@ impl From<Error> for PyErr {
             | Error::NotHeld { .. }
             | Error::Range { .. }
             | Error::ThreadCount { .. }
+            | Error::Megabytes { .. }
             | Error::Asymmetric { .. }
             | Error::FactorDropped
             | Error::UnknownLoads

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use numpy::{PyArray1, PyArray2};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
@@ -543,33 +544,89 @@ fn state<const D: usize>(
     Ok(state)
 }
 
+/// Contacts of a working set, rigid motions of the bodies condensed onto all contacts,
+/// and whether the inverse of its `W` had been made.
+type SetArrays<'py> = (Indices<'py>, Vector<'py>, bool);
+
+fn set<const D: usize>(
+    problem: &Problem<D>,
+    (members, motion, inverse): &SetArrays<'_>,
+) -> PyResult<working_set::Set> {
+    let members = arrays::indices(members, "working_set of start")?;
+    let ascending = members.is_sorted_by(|a, b| a < b);
+    if !ascending || members.last().is_some_and(|&i| i >= problem.contacts()) {
+        return Err(PyValueError::new_err(format!(
+            "working_set of start is not ascending numbers of contacts below {}",
+            problem.contacts()
+        )));
+    }
+    Ok(working_set::Set {
+        members,
+        motion: motion.as_slice()?.to_vec(),
+        inverse: *inverse,
+    })
+}
+
 fn step_dict<'py, const D: usize>(
     py: Python<'py>,
     step: &Step<D>,
     stretch: Option<&Stretch>,
+    set: Option<working_set::Set>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let dict = solution_dict(py, &step.solution, stretch)?;
     let slip = over(stretch, &step.slip);
     let flat = slip.iter().flat_map(|s| s[1..].to_vec()).collect();
     dict.set_item("slip", arrays::square(py, flat, step.slip.len(), D - 1)?)?;
+    let set = set.map(|set| {
+        let members = arrays::from_indices(py, set.members)?;
+        PyResult::Ok((members, arrays::from_vec(py, set.motion)))
+    });
+    dict.set_item("working_set", set.transpose()?)?;
     Ok(dict)
+}
+
+/// One step, after which the path stands where one does that is given the step in the
+/// caller's variables, to the rounding of the change.
+fn advance<const D: usize>(
+    path: &mut working_set::Path<D>,
+    problem: &Problem<D>,
+    (load, prescribed): (&[f64], &[f64]),
+    stretch: Option<&Stretch>,
+    settings: &Settings,
+    stop: &AtomicBool,
+) -> Result<Step<D>, Error> {
+    let step = path.advance(problem, load, prescribed, settings, stop)?;
+    if let (Some(stretch), Outcome::Converged) = (stretch, step.solution.outcome) {
+        path.restate(|state| {
+            state.reaction = stretch.over(&stretch.times(&state.reaction));
+            let v = stretch.over(&state.relative_displacement);
+            state.relative_displacement = stretch.times(&v);
+        });
+    }
+    Ok(step)
 }
 
 #[pymethods]
 impl Path {
     #[new]
-    #[pyo3(signature = (problem, start=None))]
-    fn new(problem: &Condensed, start: Option<StartArrays<'_>>) -> PyResult<Self> {
+    #[pyo3(signature = (problem, start=None, working_set=None))]
+    fn new(
+        problem: &Condensed,
+        start: Option<StartArrays<'_>>,
+        working_set: Option<SetArrays<'_>>,
+    ) -> PyResult<Self> {
         let stretch = problem.stretch.as_ref();
         let progress = match &problem.kind {
             Kind::Two(inner) => {
                 let state = start.as_ref().map(|arrays| state(inner, stretch, arrays));
-                let path = working_set::Path::new(state.transpose()?);
+                let set = working_set.as_ref().map(|arrays| set(inner, arrays));
+                let path = working_set::Path::new(state.transpose()?, set.transpose()?);
                 Progress::Two(Arc::clone(inner), path)
             }
             Kind::Three(inner) => {
                 let state = start.as_ref().map(|arrays| state(inner, stretch, arrays));
-                let path = working_set::Path::new(state.transpose()?);
+                let set = working_set.as_ref().map(|arrays| set(inner, arrays));
+                let path = working_set::Path::new(state.transpose()?, set.transpose()?);
                 Progress::Three(Arc::clone(inner), path)
             }
         };
@@ -605,18 +662,20 @@ impl Path {
             Progress::Two(inner, path) => {
                 let gap = gap.map(arrays::rows).transpose()?;
                 let inner = &moved(inner, self.stretch.as_ref(), gap)?;
+                let stretch = self.stretch.as_ref();
                 let step = interrupt::run(py, self.num_threads, |stop| {
-                    path.advance(inner, load, prescribed, &settings, stop)
+                    advance(path, inner, (load, prescribed), stretch, &settings, stop)
                 })?;
-                step_dict(py, &step, self.stretch.as_ref())
+                step_dict(py, &step, self.stretch.as_ref(), path.set())
             }
             Progress::Three(inner, path) => {
                 let gap = gap.map(arrays::rows).transpose()?;
                 let inner = &moved(inner, self.stretch.as_ref(), gap)?;
+                let stretch = self.stretch.as_ref();
                 let step = interrupt::run(py, self.num_threads, |stop| {
-                    path.advance(inner, load, prescribed, &settings, stop)
+                    advance(path, inner, (load, prescribed), stretch, &settings, stop)
                 })?;
-                step_dict(py, &step, self.stretch.as_ref())
+                step_dict(py, &step, self.stretch.as_ref(), path.set())
             }
         }
     }
@@ -675,8 +734,8 @@ pub(super) fn follow<'py>(
     for ((steps, error), stretch) in followed.into_iter().zip(&stretches) {
         let stretch = stretch.as_ref();
         let dicts: PyResult<Vec<_>> = match steps {
-            Steps::Two(steps) => steps.iter().map(|s| step_dict(py, s, stretch)).collect(),
-            Steps::Three(steps) => steps.iter().map(|s| step_dict(py, s, stretch)).collect(),
+            Steps::Two(steps) => dicts_of(py, steps, stretch),
+            Steps::Three(steps) => dicts_of(py, steps, stretch),
         };
         let error = error.map(|error| PyErr::from(error).into_value(py).into_any());
         out.push((dicts?, error));
@@ -684,9 +743,21 @@ pub(super) fn follow<'py>(
     Ok(out)
 }
 
+/// Steps with the working sets they were found with.
+type Taken<const D: usize> = Vec<(Step<D>, Option<working_set::Set>)>;
+
 enum Steps {
-    Two(Vec<Step<2>>),
-    Three(Vec<Step<3>>),
+    Two(Taken<2>),
+    Three(Taken<3>),
+}
+
+fn dicts_of<'py, const D: usize>(
+    py: Python<'py>,
+    steps: Taken<D>,
+    stretch: Option<&Stretch>,
+) -> PyResult<Vec<Bound<'py, PyDict>>> {
+    let dict = |(step, set)| step_dict(py, &step, stretch, set);
+    steps.into_iter().map(dict).collect()
 }
 
 impl Path {
@@ -703,16 +774,17 @@ impl Path {
             asked: &[OwnStep],
             settings: &Settings,
             stop: &AtomicBool,
-        ) -> Result<(Vec<Step<D>>, Option<Error>), Error> {
+        ) -> Result<(Taken<D>, Option<Error>), Error> {
             let mut done = Vec::with_capacity(asked.len());
             for (load, prescribed, gap) in asked {
                 let gap = gap.as_ref().map(|rows| rows.as_chunks::<D>().0);
+                let loads = (&load[..], &prescribed[..]);
                 let taken = moved(problem, stretch, gap)
-                    .and_then(|of_step| path.advance(&of_step, load, prescribed, settings, stop));
+                    .and_then(|own| advance(path, &own, loads, stretch, settings, stop));
                 match taken {
                     Ok(step) => {
                         let converged = step.solution.outcome == Outcome::Converged;
-                        done.push(step);
+                        done.push((step, path.set()));
                         if !converged {
                             break;
                         }

@@ -381,11 +381,14 @@ def test_links_of_the_site_stay_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
     "module",
     [
         "answers",
+        "cone",
         "error_bound",
         "errors",
         "existence",
+        "facing.rigid_motion",
         "fclib",
         "global_problem",
+        "one_call",
         "problem",
         "reduced",
         "result",
@@ -398,6 +401,7 @@ def test_examples_of_docstrings(
     monkeypatch.chdir(tmp_path)
     found = doctest.testmod(importlib.import_module(f"bipot_rs.{module}"))
     assert found.failed == 0
+    assert found.attempted or module not in ("cone", "one_call", "problem")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())

@@ -73,6 +73,11 @@ def test_arrays_need_none_of_them(tmp_path: Path) -> None:
         ("h5py", "import bipot_rs; bipot_rs.load('x.h5')", "files need h5py"),
         ("h5py", "import bipot_rs; bipot_rs.fclib.read('x')", "files need h5py"),
         ("skfem", "import bipot_rs.fem", "finite elements need scikit-fem"),
+        (
+            "pydantic",
+            "import bipot_rs; bipot_rs.scene",
+            "bipot_rs.scene and what uses it need pydantic",
+        ),
         ("typer", "import bipot_rs.cli", "commands need typer"),
         ("typer", "import runpy; runpy.run_module('bipot_rs')", "commands need typer"),
     ],
@@ -82,7 +87,7 @@ def test_what_to_install_is_said(
 ) -> None:
     done = run(code, (library,), tmp_path)
     last = done.stderr.strip().splitlines()[-1]
-    extra = {"h5py": "io", "skfem": "fem", "typer": "cli"}[library]
+    extra = {"h5py": "io", "skfem": "fem"}.get(library, "cli")
     assert last == (
         f"ModuleNotFoundError: {told}, which is not installed: it comes with the extra "
         f"{extra}, as in pip install 'bipot-rs[{extra}]'"

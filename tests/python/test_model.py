@@ -84,6 +84,8 @@ def test_three_ways_to_the_same_bits(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stderr
     by_toml = datasets(tmp_path / "here" / "result.h5")
     assert len(by_toml) >= 6 + 2 * 8
+    units = {"length": "mm", "force": "N", "stress": "MPa"}
+    assert bp.load(tmp_path / "here" / "result.h5").units == units
 
     result = m.solve()
     assert result.displacement.any()  # which saves them
@@ -268,6 +270,42 @@ def test_random_models_there_and_back(
     again = bp.Model.from_toml(m.to_toml())
     assert again == m
     assert again.scene == m.scene
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("contact.\u00b2.mu", "contact has entries 0 to 0: contact.0 is the first"),
+        ("contact.\u0663.mu", "contact has entries 0 to 0: contact.0 is the first"),
+        (
+            "contact." + "9" * 5000 + ".mu",
+            "contact has entries 0 to 0: contact.0 is the first",
+        ),
+        ("contact.1.mu", "contact has entries 0 to 0"),
+        ("spring.0.normal", "spring has no entries"),
+    ],
+)
+def test_numbers_of_entries_that_are_none(key: str, said: str) -> None:
+    m = bp.Model.from_toml("pressed_block")
+    m._table["spring"] = []
+    with pytest.raises(scene.SceneError) as refused:
+        m.with_(**{key: 0.5})
+    assert refused.value.problems == [f"{key}: {said}"]
+
+
+def test_text_that_no_file_holds(tmp_path: Path) -> None:
+    """Half of a surrogate pair, as file names of other systems leave in strings."""
+    half = "caf\udce9"
+    m = blocks()
+    m._table["title"] = half
+    for path in (None, tmp_path / "scene.toml"):
+        with pytest.raises(ValueError, match="half of a surrogate pair"):
+            m.to_toml(path)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(scene.SceneError, match="half of a surrogate pair"):
+        bp.Model.from_toml(f'title = "{half}"\n[mesh]\n')
+    with pytest.raises(scene.SceneError, match="half of a surrogate pair"):
+        scene.read("pressed_block", [f"title={half}"])
 
 
 def test_mistakes_are_those_of_the_file(tmp_path: Path) -> None:

@@ -122,6 +122,17 @@ def test_the_bound_drops_what_was_not_asked_for_longest(
     assert orderings(problem(sizes[1])) == 0
 
 
+@pytest.mark.parametrize("value", ["abc", "-1", "1.5", "64MB", "9" * 40])
+def test_a_bound_that_is_no_number(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(LIMIT, value)
+    words = f'{LIMIT} is "{value}", expected a whole number of megabytes'
+    with pytest.raises(ValueError, match=words):
+        problem(body(6))
+    # Empty, it is not there.
+    monkeypatch.setenv(LIMIT, "")
+    assert problem(body(6)).stats["n"] > 0
+
+
 def test_update_counts_no_ordering() -> None:
     here = body(6)
     made = problem(here)

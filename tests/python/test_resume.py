@@ -141,6 +141,47 @@ def test_resumed_twice_to_the_same_files(whole: Path, broken: Path) -> None:
     assert columns(broken) == columns(whole)
 
 
+def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) -> None:
+    """What the set was goes along: contacts that have opened again are still in it."""
+    m = bp.Model("A block pressed onto a ball")
+    m.material("soft", young=1.0, poisson=0.3)
+    m.body(
+        "block",
+        material="soft",
+        cell="quadrilateral",
+        x={"from": -1.0, "to": 1.0, "cells": 320},
+        y={"from": 0.0, "to": 0.2, "cells": 4},
+    )
+    m.obstacle(
+        "ball",
+        cylinder={"point": [-0.2, -4.0], "radius": 4.0},
+        move={"x": m.times(0.4, "way")},
+    )
+    m.support("block.top", x=0, y=-2e-3)
+    m.contact("block.bottom", against="ball", mu=0.3)
+    m.path(way=[0.0, 0.4, 0.8, 1.0])
+    m.to_toml(tmp_path / "ball.toml")
+    scene = ("run", "ball.toml", "--out")
+    assert bipot(*scene, "whole", cwd=tmp_path).returncode == 0
+
+    def fault(step: int, *_: object) -> None:
+        if step == 2:
+            raise KeyboardInterrupt
+
+    row = "bipot_rs.running.report:row"
+    assert bipot_with(fault, row, *scene, "here", cwd=tmp_path).returncode == 130
+    assert bipot(*scene, "here", "--resume", cwd=tmp_path).returncode == 0
+    found, expected = (content(tmp_path / at / "result.h5") for at in ("here", "whole"))
+    assert found == expected
+    steps = bp.load(tmp_path / "whole" / "result.h5").steps
+    grown = steps[1].working_set
+    assert grown is not None
+    # More than the set to begin with of a path that goes on from its state alone.
+    assert len(grown) > (steps[1].status > 0).sum() + 12
+    case = m.assemble()
+    assert case.problem().stats["working_set"] is not None
+
+
 def test_problems_of_a_resumed_path(broken: Path) -> None:
     run = bipot(*SCENE, "--out", "here", "--resume", "--fclib", cwd=broken.parent)
     assert run.returncode == 0, run.stderr

@@ -1,5 +1,6 @@
 """Far more candidates than contacts: a set that grows, and the answer of all of them."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -148,6 +149,109 @@ def test_bits_do_not_depend_on_threads() -> None:
     )
     assert one.reaction.tobytes() == two.reaction.tobytes()
     assert one.displacement.tobytes() == two.displacement.tobytes()
+
+
+FIELDS = (
+    *("reaction", "relative_displacement", "slip", "status", "residual", "iterations"),
+    *("work", "displacement", "bipotential_gap", "working_set"),
+)
+
+
+def same_bits(ours: Any, theirs: Any) -> None:
+    assert len(ours) == len(theirs)
+    for one, other in zip(ours, theirs, strict=True):
+        for name in FIELDS:
+            ends = [np.asarray(getattr(step, name)) for step in (one, other)]
+            assert ends[0].tobytes() == ends[1].tobytes(), name
+
+
+def rolling(dim: int) -> tuple[bp.ContactProblem, np.ndarray]:
+    """A ball that goes along the face of a block and drags it, and the gaps of its steps.
+
+    Contacts that are open again stay in the set, so that it is more than a state tells.
+    """
+    cells, depth = ([320, 6], 2e-3) if dim == 2 else ([14, 14, 3], 2e-2)
+    body = block([1.0] * dim, cells, 1.0, 0.3)
+    fixed = np.concatenate([body.dofs(dim - 1, 1.0, k) for k in range(dim)])
+    across = ((body.points[:, 1:-1] - 0.5) ** 2).sum(axis=1)
+    away = [((body.points[:, 0] - x) ** 2 + across) / 2 for x in (0.3, 0.45, 0.6, 0.5)]
+    problem = bp.ContactProblem(
+        body.K, body.B, gap=away[0], mu=0.4, fixed=fixed, working_set=True
+    )
+    assert problem.stats["working_set"] is not None
+    gaps = np.zeros((len(away), len(away[0]), dim))
+    gaps[:, :, 0] = np.array(away) - depth
+    gaps[:, :, 1] = -depth * np.array([[0.0], [1.0], [2.0], [1.5]])
+    return problem, gaps
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_path_goes_on_to_the_same_bits(dim: int, tmp_path: Path) -> None:
+    problem, gaps = rolling(dim)
+    through = problem.solve(gap=gaps)
+    sets = [step.working_set for step in through]
+    assert all(0 < len(s) < len(gaps[0]) for s in sets)
+    # More than closed contacts and seeds: a state alone does not tell it.
+    seeds = problem.stats["working_set"]
+    assert len(sets[-1]) > seeds + (through.status[-1] > 0).sum()
+    through.save(tmp_path / "through.h5")
+    read = bp.load(tmp_path / "through.h5")
+    fresh = rolling(dim)[0]
+    for k in range(1, len(gaps)):
+        same_bits(problem.solve(gap=gaps[k:], start=through[k - 1]), through[k:])
+        same_bits(fresh.solve(gap=gaps[k:], start=read[k - 1]), through[k:])
+    (many,) = problem.solve_many([{"gap": gaps[2:], "start": read[1]}])
+    same_bits(many, through[2:])
+
+
+def test_halved_steps_have_the_bits_of_the_same_load_points() -> None:
+    problem, gaps = rolling(2)
+
+    def gap(s: float) -> np.ndarray:
+        k = min(int(s), 2)
+        return gaps[k] + (s - k) * (gaps[k + 1] - gaps[k])
+
+    automatic = problem.follow(gap=gap, stops=[3.0], first=1.0, slip=2e-4)
+    assert automatic.s is not None
+    # Not a trivial division: a step was too long, and tried again from where it began.
+    assert np.diff(automatic.s, prepend=0.0).min() < 1.0
+    again = problem.solve(gap=np.array([gap(s) for s in automatic.s]))
+    same_bits(again, automatic)
+
+
+def test_a_set_of_all_contacts_of_a_body_that_nothing_else_holds(
+    tmp_path: Path,
+) -> None:
+    """Its rigid motions are those of other unknowns, and go along."""
+    body = block([1.0, 1.0], [320, 6], 1.0, 0.3)
+    gap = (body.points[:, 0] - 0.5) ** 2 / 100
+    load = body.traction(1, 1.0, [0.0, -0.2]) + body.weight([0.01, 0.0])
+    loads = np.outer([0.7, 1.0, 0.9], load)
+    problem = bp.ContactProblem(body.K, body.B, gap=gap, mu=0.4, working_set=True)
+    through = problem.solve(loads)
+    assert through[0].working_set is not None
+    assert len(through[0].working_set) == len(gap)
+    assert through[0].working_motion is not None
+    through.save(tmp_path / "through.h5")
+    read = bp.load(tmp_path / "through.h5")
+    for k in (1, 2):
+        same_bits(problem.solve(loads[k:], start=read[k - 1]), through[k:])
+
+
+def test_a_set_that_is_none_is_refused(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    problem, gaps = rolling(2)
+    step = problem.solve(gap=gaps[:1])
+    count = len(gaps[0])
+    for k, wrong in enumerate(([3, 3], [-1, 4], [0, count], [0.5])):
+        name = tmp_path / f"{k}.h5"
+        step.save(name)
+        with h5py.File(name, "r+") as file:
+            del file.attrs["sealed"]
+            del file["steps/0000/working_set"]
+            file["steps/0000/working_set"] = np.array(wrong)
+        with pytest.raises(ValueError, match="something else than ascending contacts"):
+            bp.load(name)
 
 
 def test_what_else_is_asked_of_it() -> None:

@@ -12,6 +12,9 @@ from bipot_rs.check import Array, floats
 from bipot_rs.facing.closest import directed
 from bipot_rs.words import counted
 
+# In radians: beyond it, degrees are meant more likely than so many turns.
+_MOST_TURNS = 100
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -26,23 +29,40 @@ class Motion:
     translation
         ``(steps, d)`` [m]; ``None`` for none.
     rotation
-        Angles ``(steps,)`` [rad], counter-clockwise in the plane, by the right hand about
-        ``axis`` in space; ``None`` for none.
+        Angles ``(steps,)``, in **radians** unless ``degrees`` is true, totals of any
+        number of turns; counter-clockwise in the plane, by the right hand about ``axis``
+        in space; ``None`` for none.
     about
         A point ``(d,)`` of the axis at the start; default the origin.
     axis
         Direction of the axis ``(3,)``, in space only.
+    degrees
+        Whether ``rotation`` is in degrees, as the ``angle`` of scene files and of
+        `Model.obstacle` always is.
 
     Raises
     ------
     TypeError, ValueError
-        Neither motion is given, or shapes that do not fit.
+        Neither motion is given, shapes that do not fit, or more than 100 turns in
+        radians.
+
+    Examples
+    --------
+    A quarter of a turn, said in two ways:
+
+    >>> import numpy as np
+    >>> one = Motion(rotation=[np.pi / 2])
+    >>> other = Motion(rotation=[90.0], degrees=True)
+    >>> corner = np.array([[1.0, 0.0]])
+    >>> np.array_equal(one.forwards(corner, 1), other.forwards(corner, 1))
+    True
     """
 
     translation: ArrayLike | None = None
     rotation: ArrayLike | None = None
     about: ArrayLike | None = None
     axis: ArrayLike | None = None
+    degrees: bool = field(default=False, kw_only=True)
     _shift: Array = field(init=False, repr=False, compare=False)
     _angle: Array = field(init=False, repr=False, compare=False)
     _pole: Array = field(init=False, repr=False, compare=False)
@@ -54,7 +74,7 @@ class Motion:
             shift = floats("translation", self.translation, ndim=2)
         angle = None
         if self.rotation is not None:
-            angle = floats("rotation", self.rotation, ndim=1)
+            angle = self._radians(floats("rotation", self.rotation, ndim=1))
         pole = None if self.about is None else floats("about", self.about, ndim=1)
         turn = None if self.axis is None else directed("axis", self.axis, 3)
         if any(x is not None and not len(x) for x in (shift, angle)):
@@ -91,6 +111,21 @@ class Motion:
             pole=np.zeros(d) if pole is None else pole,
             turn=turn,
         )
+
+    def _radians(self, rotation: Array) -> Array:
+        if not isinstance(self.degrees, bool):
+            raise TypeError(f"degrees is {self.degrees!r}, expected True or False")
+        if self.degrees:
+            return np.deg2rad(rotation)
+        turns = np.abs(rotation) / (2 * np.pi)
+        if turns.max(initial=0.0) > _MOST_TURNS:
+            at = int(np.argmax(turns))
+            raise ValueError(
+                f"rotation at the end of step {at} is {rotation[at]:g}, {turns[at]:.0f} "
+                f"turns: expected radians, {_MOST_TURNS} turns at the most; degrees=True "
+                "takes degrees, and any number of turns"
+            )
+        return rotation
 
     def _keep(self, **arrays: Array) -> None:
         for name, array in arrays.items():

@@ -36,6 +36,8 @@ _FIELDS = (
     "seconds",
     "s",
     "ahead",
+    "working_set",
+    "working_motion",
 )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs.check import Array
-from bipot_rs.problem import project
+from bipot_rs.cone import project
 
 # A condition on sums of a few numbers, each rounded, is held to a few units of
 # rounding of their sizes: what is constructed on a border stays on it.

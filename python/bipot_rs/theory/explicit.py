@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import coulomb
 from bipot_rs.check import loads as steps_of
-from bipot_rs.problem import ContactProblem, project
+from bipot_rs.cone import project
+from bipot_rs.problem import ContactProblem
 
 Array = NDArray[np.float64]
 

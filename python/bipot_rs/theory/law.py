@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import Array, by_contact, floats, integer, number
-from bipot_rs.problem import project
+from bipot_rs.cone import project
 from bipot_rs.result import Result
 from bipot_rs.theory.convex import (
     direction,

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import Array, by_contact, coulomb, floats, positive
-from bipot_rs.problem import project
+from bipot_rs.cone import project
 from bipot_rs.theory.convex import (
     dot,
     indicator,
