@@ -208,8 +208,17 @@ def test_frames_are_orthonormal_and_follow_the_axes() -> None:
         fem.frames([[0.0, 0.0, 2.0]])[0], [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     )
     np.testing.assert_array_equal(fem.frames([[0.0, -3.0]])[0], [[0, -1], [1, 0]])
-    with pytest.raises(ValueError, match="normal has length zero"):
-        fem.frames([[0.0, 0.0]])
+    with pytest.raises(ValueError, match="normal has length zero, that at 1"):
+        fem.frames([[0.0, 1.0], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize("exponent", [-1060, -700, 500, 1020])
+def test_frames_of_normals_of_any_size(exponent: int) -> None:
+    """Powers of two change no bit, though squares leave the range of doubles."""
+    normals = np.random.default_rng(2).integers(-9, 9, size=(50, 3)) + 0.5
+    np.testing.assert_array_equal(
+        fem.frames(np.ldexp(normals, exponent)), fem.frames(normals)
+    )
 
 
 def two_blocks(lift: float = 0.0) -> list[fem.Body]:

@@ -26,6 +26,8 @@ _THIN = 1e-12
 # Nearer to an edge or a corner than this share of the surface's size, the way to it is
 # rounding, and the normal is the one of the edge.
 _ON = 1e-10
+# Of the sizes of vectors that are added: opposite ones, but for rounding.
+_CANCELS = 1e-9
 # Pairs of points and facets that are compared at once: some hundred megabytes.
 _AT_ONCE = 2**19
 
@@ -97,8 +99,9 @@ class Surface:
     ) -> Surface:
         """The triangles of a file, such as ``die.stl``, or where it has none its lines.
 
-        Whatever meshio reads. Corners at one place are one corner, and triangles that
-        then have none left are gone. Lines make a surface in the plane, of x and y.
+        Whatever meshio reads. Corners at one place are one corner, triangles that then
+        have none left are gone, and of those that are there twice one counts. Lines make
+        a surface in the plane, of x and y.
 
         Raises
         ------
@@ -119,7 +122,7 @@ class Surface:
                 facets = number.reshape(-1)[np.concatenate(cells)]
                 ordered = np.sort(facets, axis=1)
                 whole = (np.diff(ordered, axis=1) > 0).all(axis=1)
-                return cls(x, facets[whole], flipped=flipped)
+                return cls(x, _once(facets[whole]), flipped=flipped)
         kinds = ", ".join(sorted({known for known, _ in blocks})) or "no cells"
         raise ValueError(
             f"{path} has {kinds}, expected triangles, or lines in the plane"
@@ -157,6 +160,10 @@ class Surface:
         far = length(way)
         across = np.einsum("nd,nd->n", way, pseudo)
         inside = across < 0
+        # Of a sheet of two sides, which coincide, that side counts where the point is.
+        sheet = self._sheet[facet, part]
+        pseudo = np.where((sheet & inside & (part == 0))[:, None], -pseudo, pseudo)
+        inside &= ~sheet
         # Past a border the way leads aside; below it, it is a normal of the facet.
         border = self._border[facet, part]
         below = far - np.abs(np.einsum("nd,nd->n", way, self._normal[facet]))
@@ -167,6 +174,8 @@ class Surface:
         way = np.where(smooth[:, None], 1.0, way)
         normal = sign[:, None] * way / length(way)[:, None]
         normal = np.where(smooth[:, None], pseudo, normal)
+        none = ~normal.any(axis=1)
+        normal = np.where(none[:, None], self._normal[facet], normal)
         return Closest(sign * far, normal, foot)
 
     def _portions(self, x: Array) -> Iterator[slice]:
@@ -231,29 +240,45 @@ class Surface:
         k, d = corners.shape
         self._pseudo = np.empty((k, 1 + (d if d == 2 else 2 * d), d))
         self._border = np.zeros(self._pseudo.shape[:2], np.bool_)
+        self._sheet = np.zeros_like(self._border)
+        _, same, count = np.unique(
+            np.sort(corners, axis=1), axis=0, return_inverse=True, return_counts=True
+        )
+        self._sheet[:, 0] = (count > 1)[same.ravel()]
         self._pseudo[:, 0] = normal
         if d == 2:
             self._at_ends()
             return
         ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
-        count = len(self._x)
-        number = ends.min(axis=1) * count + ends.max(axis=1)
+        nodes = len(self._x)
+        number = ends.min(axis=1) * nodes + ends.max(axis=1)
         listed, edge = np.unique(number, return_inverse=True)
-        pairs = np.column_stack([listed // count, listed % count])
+        pairs = np.column_stack([listed // nodes, listed % nodes])
         along = np.where(ends[:, 0] < ends[:, 1], 1, -1)
         self._same_side(edge, along, pairs)
         owner = np.repeat(np.arange(k), 3)
-        sums = _sums(edge, normal[owner], len(pairs))
-        self._pseudo[:, 1:4] = sums[edge].reshape(k, 3, 3)
-        alone = np.bincount(edge, minlength=len(pairs)) == 1
-        self._border[:, 1:4] = alone[edge].reshape(k, 3)
         x = self._x[corners]
         to = np.roll(x, -1, axis=1) - x
+        # Out of the facet, in its plane, at right angles to the edge.
+        aside = _units(np.cross(to, normal[:, None]))
+        sums, sheet = _sums(edge, normal[owner], aside.reshape(-1, 3), len(pairs))
+        self._pseudo[:, 1:4] = sums[edge].reshape(k, 3, 3)
+        self._sheet[:, 1:4] = sheet[edge].reshape(k, 3)
+        alone = np.bincount(edge, minlength=len(pairs)) == 1
+        self._border[:, 1:4] = alone[edge].reshape(k, 3)
         fro = np.roll(x, 1, axis=1) - x
         angle = np.arctan2(length(np.cross(to, fro)), np.einsum("kcd,kcd->kc", to, fro))
         weighted = angle[:, :, None] * normal[:, None]
-        sums = _sums(corners.ravel(), weighted.reshape(-1, 3), len(self._x))
+        # The mean direction over the angle of a corner is that of its bisector.
+        middle = _units(_units(to) + _units(fro)) * np.sin(angle / 2)[:, :, None]
+        sums, sheet = _sums(
+            corners.ravel(),
+            weighted.reshape(-1, 3),
+            -2 * middle.reshape(-1, 3),
+            len(self._x),
+        )
         self._pseudo[:, 4:] = sums[corners]
+        self._sheet[:, 4:] = sheet[corners]
         ended = np.zeros(len(self._x), np.bool_)
         ended[pairs[alone]] = True
         self._border[:, 4:] = ended[corners]
@@ -270,8 +295,15 @@ class Surface:
                 f"segments of the surface that meet at {place(self._x[at])} have normals "
                 "to different sides: each must go on where the one before ends"
             )
-        sums = _sums(corners.ravel(), np.repeat(self._normal, 2, axis=0), len(self._x))
+        ends = _units(self._x[corners[:, 1]] - self._x[corners[:, 0]])
+        sums, sheet = _sums(
+            corners.ravel(),
+            np.repeat(self._normal, 2, axis=0),
+            np.stack([-ends, ends], axis=1).reshape(-1, 2),
+            len(self._x),
+        )
         self._pseudo[:, 1:] = sums[corners]
+        self._sheet[:, 1:] = sheet[corners]
         self._border[:, 1:] = (count.sum(axis=0) == 1)[corners]
 
     def _same_side(self, edge: Ints, along: Ints, pairs: Ints) -> None:
@@ -307,15 +339,47 @@ def _normals(x: Array) -> Array:
     return np.asarray(normal / length(normal)[:, None], np.float64)
 
 
-def _sums(to: Ints, values: Array, count: int) -> Array:
-    """Sums of vectors by where they belong, of length 1.
+def _sums(
+    to: Ints, values: Array, outwards: Array, count: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Sums of vectors by where they belong, of length 1, and where they cancel.
 
-    Where they cancel, between the two sides of a sheet, they are left at zero.
+    There, at the rim of a sheet of two sides, the sum of ``outwards`` takes their place;
+    where that cancels too, between the two sides, zero.
     """
-    columns = [np.bincount(to, column, minlength=count) for column in values.T]
-    sums = np.stack(columns, axis=1).astype(np.float64)
-    size = length(sums)[:, None]
-    return np.asarray(np.divide(sums, size, out=np.zeros_like(sums), where=size > 0))
+
+    def summed(vectors: Array) -> Array:
+        columns = [np.bincount(to, column, minlength=count) for column in vectors.T]
+        total = np.stack(columns, axis=1).astype(np.float64)
+        size = np.bincount(to, length(vectors), minlength=count)
+        # What is left of opposite ones is rounding, which points anywhere.
+        total[length(total) <= _CANCELS * size] = 0.0
+        return _units(total)
+
+    normals = summed(values)
+    sheet = ~normals.any(axis=1)
+    return np.where(sheet[:, None], summed(outwards), normals), sheet
+
+
+def _units(vectors: Array) -> Array:
+    """Vectors ``(..., d)`` of length 1, those of length zero as they are."""
+    size = length(vectors)[..., None]
+    return np.asarray(
+        np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0), np.float64
+    )
+
+
+def _once(facets: Ints) -> Ints:
+    """Facets in their order, one of each that run through the same corners alike."""
+    first = np.argmin(facets, axis=1)
+    turned = np.take_along_axis(
+        facets, (first[:, None] + np.arange(facets.shape[1])) % facets.shape[1], axis=1
+    )
+    # The ends of a segment tell its side, as the sense of a triangle.
+    _, kept = np.unique(
+        turned if facets.shape[1] == 3 else facets, axis=0, return_index=True
+    )
+    return facets[np.sort(kept)]
 
 
 def _levels(x: Array, middle: Array) -> list[tuple[Ints, Any, float]]:
