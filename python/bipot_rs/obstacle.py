@@ -50,8 +50,8 @@ _CENTRE = 1e-8
 _UNIT = 1e-6
 # Of the extent of the points: balances truncation, step⁴, and rounding, ε/step.
 _STEP = 1e-3
-# Steps are made smaller by this, so often at most: to the rounding of the places.
-_FINER, _OFTEN = 1 / 8, 14
+# Steps are made smaller by the one until the length is right to the other.
+_FINER, _FINE = 1 / 8, 1e-9
 
 
 @dataclass(frozen=True)
@@ -183,9 +183,8 @@ class Distance:
         fourth order.
     step
         Of these differences [m]; default a thousandth of the extent of the points asked
-        about, and where they have none of their distance. It must be well below the least
-        radius of curvature of the obstacle: the default is made smaller until the
-        gradient has length 1.
+        about, or of their distances. It must be well below the least radius of curvature
+        of the obstacle: the default is made smaller until the gradient has length 1.
 
     What is no distance is refused: the gradient has length 1 to 1e-6, and at the foot
     ``x - d ∇d`` the function is zero to 1e-6 of the extent of the points.
@@ -217,15 +216,17 @@ class Distance:
         x = taken(points, None)
         distance = self._at(x)
         extent = float(np.ptp(x, axis=0).max(initial=0.0)) if len(x) else 0.0
-        extent = extent or float(np.abs(distance).max(initial=0.0))
-        # Of one place on the surface nothing tells a size; places have one of rounding.
-        extent = extent or float(np.abs(x).max(initial=0.0)) or 1.0
+        extent = max(extent, float(np.abs(distance).max(initial=0.0)))
+        far = float(np.abs(x).max(initial=0.0))
+        rounding = 1e3 * float(np.spacing(far))
         if self.gradient is not None:
             slope = floats("gradient of the distance", self.gradient(x), shape=x.shape)
         elif self.step is not None:
             slope = self._slope(x, float(self.step))
         else:
-            slope = self._finest(x, _STEP * extent)
+            # Of one place on the surface nothing tells a size but its coordinates.
+            size = extent if extent > 1e3 * rounding else far or 1.0
+            slope = self._finest(x, _STEP * size, rounding)
         size = length(slope)
         off = np.abs(size - 1)
         if not (off <= _UNIT).all():
@@ -238,7 +239,7 @@ class Distance:
         normal = slope / size[:, None]
         foot = x - distance[:, None] * normal
         missed = np.abs(self._at(foot))
-        if not (missed <= _UNIT * extent).all():
+        if not (missed <= _UNIT * extent + rounding).all():
             at = int(np.argmax(missed))
             raise ValueError(
                 f"the distance at {place(x[at])} is {distance[at]:g}, but so far along its "
@@ -250,21 +251,19 @@ class Distance:
     def _at(self, x: Array) -> Array:
         return floats("distance", self.function(x), shape=(len(x),))
 
-    def _finest(self, x: Array, step: float) -> Array:
+    def _finest(self, x: Array, step: float, least: float) -> Array:
         """Differences by a step, by smaller ones where these are no gradient of length 1."""
         slope = self._slope(x, step)
         off = np.abs(length(slope) - 1)
-        least = 1e3 * np.spacing(np.abs(x).max(initial=0.0))
-        for _ in range(_OFTEN):
-            again = np.flatnonzero(off > _UNIT)
+        again = np.flatnonzero(off > _FINE)
+        while again.size and step * _FINER >= least:
             step *= _FINER
-            if not again.size or step < least:
-                break
             finer = self._slope(x[again], step)
             missed = np.abs(length(finer) - 1)
             better = missed < off[again]
-            slope[again[better]] = finer[better]
-            off[again[better]] = missed[better]
+            slope[again[better]], off[again[better]] = finer[better], missed[better]
+            # What is off by little and gains nothing has come to its rounding.
+            again = again[(off[again] > _FINE) & (better | (off[again] > _UNIT))]
         return slope
 
     def _slope(self, x: Array, step: float) -> Array:

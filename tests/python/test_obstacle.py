@@ -501,7 +501,7 @@ def test_an_obstacle_that_tells_wrong(wrong: Any, message: str) -> None:
 def knife(dim: int) -> ob.Surface:
     """A sheet of two sides and no thickness, ``z ≤ 0`` of the plane ``x = 0``."""
     if dim == 2:
-        return ob.Surface([[0, 0], [0, -1], [0, -2]], [[0, 1], [1, 2], [2, 1], [1, 0]])
+        return ob.Surface([[0, 0], [0, -2]], [[0, 1], [1, 0]])
     x = np.array([(0, y, z) for y in range(3) for z in (0, -1, -2)], float)
     one = np.array(
         [t for i in (0, 1, 3, 4) for t in ([i, i + 1, i + 3], [i + 3, i + 1, i + 4])]
@@ -550,7 +550,9 @@ def test_triangles_that_a_file_has_twice(tmp_path: Path) -> None:
     triangles = np.arange(len(points)).reshape(-1, 3)
     needle = [[0, 3, 0], [5, 5, 8]]  # corners that fall together
     file = tmp_path / "ball.stl"
-    meshio.Mesh(points, [("triangle", np.concatenate([triangles, needle]))]).write(file)
+    mesh = meshio.Mesh(points, [("triangle", np.concatenate([triangles, needle]))])
+    with np.errstate(invalid="ignore"):  # the normals of triangles without area
+        mesh.write(file)
     read = ob.Surface.from_file(file)
     assert read.closed
     assert repr(read) == f"Surface({len(faces)} triangles)"
