@@ -225,8 +225,8 @@ class Distance:
             slope = self._slope(x, float(self.step))
         else:
             # Of one place on the surface nothing tells a size but its coordinates.
-            size = extent if extent > 1e3 * rounding else far or 1.0
-            slope = self._finest(x, _STEP * size, rounding)
+            known = extent if extent > 1e3 * rounding else far or 1.0
+            slope = self._finest(x, _STEP * known, rounding)
         size = length(slope)
         off = np.abs(size - 1)
         if not (off <= _UNIT).all():

@@ -52,6 +52,7 @@ def of_entities(path: Path) -> Groups | None:
     if head is None or head[1] not in (b"4", b"4.1") or start is None:
         return None
     rest = content[start.end() :]
+    values: _Text | _Binary
     if head[2] == b"0":
         values = _Text(rest[: rest.find(b"$EndEntities")])
     else:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from bipot_rs.bodies.body import Floats, Ints
+from bipot_rs.bodies.elements import Floats, Ints
 
 # Of unit normals: what is left of one beside others of the same plane, or beside what
 # supports prescribe, is rounding.

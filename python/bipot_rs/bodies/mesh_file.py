@@ -269,7 +269,10 @@ def _add_groups(path: Path, file: _File, read: Any) -> None:
             for number in filter(None, told):
                 own = groups.setdefault((dim, number), _none(file))
                 own[block] = np.union1d(own[block], np.flatnonzero(tags == tag))
-    for group, parts in groups.items():
+    # In the order of the names.
+    order = {group: k for k, group in enumerate(named)}
+    for group in sorted(groups, key=lambda one: order.get(one, len(order))):
+        parts = groups[group]
         name = named.get(group, f"physical {group[1]}")
         known = file.sets.setdefault(name, _none(file))
         file.sets[name] = [np.union1d(*p) for p in zip(known, parts, strict=True)]

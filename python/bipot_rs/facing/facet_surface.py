@@ -174,8 +174,8 @@ class Surface:
         way = np.where(smooth[:, None], 1.0, way)
         normal = sign[:, None] * way / length(way)[:, None]
         normal = np.where(smooth[:, None], pseudo, normal)
-        none = ~normal.any(axis=1)
-        normal = np.where(none[:, None], self._normal[facet], normal)
+        none = (normal == 0).all(axis=1, keepdims=True)
+        normal = np.where(none, self._normal[facet], normal)
         return Closest(sign * far, normal, foot)
 
     def _portions(self, x: Array) -> Iterator[slice]:
@@ -357,8 +357,8 @@ def _sums(
         return _units(total)
 
     normals = summed(values)
-    sheet = ~normals.any(axis=1)
-    return np.where(sheet[:, None], summed(outwards), normals), sheet
+    sheet = (normals == 0).all(axis=1, keepdims=True)
+    return np.where(sheet, summed(outwards), normals), sheet.ravel()
 
 
 def _units(vectors: Array) -> Array:

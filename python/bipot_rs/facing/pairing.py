@@ -147,8 +147,11 @@ def pairs(
         )
     master = surface("_master", points_master, facets_master)
     _apart(slave, master)
-    function = clearance if callable(clearance) else None
-    added = np.zeros(()) if function else _clearance(clearance, len(slave.points))
+    function, added = None, np.zeros(())
+    if callable(clearance):
+        function = clearance
+    else:
+        added = _clearance(clearance, len(slave.points))
     if method == "mortar":
         over = overlaps(slave, master, limit)
         if not len(over.slave):
