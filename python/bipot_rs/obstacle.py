@@ -306,7 +306,13 @@ class Union:
 
     def closest(self, points: Array, /) -> Closest:
         """As `Obstacle`; of two at one distance, the first."""
-        all_ = [ask(one, points) for one in self.obstacles]
+        return self._nearest([ask(one, points) for one in self.obstacles])
+
+    def facing(self, points: Array, outward: Array) -> Closest:
+        """As `Surface.facing`."""
+        return self._nearest([ask(one, points, outward) for one in self.obstacles])
+
+    def _nearest(self, all_: Sequence[Closest]) -> Closest:
         nearest = np.argmin([found.distance for found in all_], axis=0)
         at = np.arange(len(nearest))
         distance, normal, foot = (
@@ -322,8 +328,10 @@ _OWN = (Plane, Sphere, Cylinder, Distance, Surface, Union)
 _TOLD = 1e-6
 
 
-def ask(obstacle: Obstacle, points: Array) -> Closest:
+def ask(obstacle: Obstacle, points: Array, outward: Array | None = None) -> Closest:
     """The closest points of an obstacle, checked where it is not one of this package.
+
+    With ``outward (n, d)``, directions out of the body there, `Surface.facing`.
 
     Raises
     ------
@@ -332,6 +340,8 @@ def ask(obstacle: Obstacle, points: Array) -> Closest:
         length 1; feet that are not ``point - distance * normal``, or not on the obstacle;
         a distance that is not negative on the other side of the surface.
     """
+    if isinstance(obstacle, Surface | Union) and outward is not None:
+        return obstacle.facing(points, outward)
     if isinstance(obstacle, _OWN):
         return obstacle.closest(points)
     what = f"obstacle {type(obstacle).__name__}"
@@ -417,8 +427,16 @@ class Approach(NamedTuple):
     drag: Array
 
 
-def approach(obstacle: Obstacle, motion: Motion | None, points: Array) -> Approach:
+def approach(
+    obstacle: Obstacle,
+    motion: Motion | None,
+    points: Array,
+    outward: Array | None = None,
+) -> Approach:
     """Follow an obstacle past ``points (n, d)``, which stay where they are.
+
+    ``outward (n, d)`` are directions out of the body there, of any length; with them a
+    place on an edge of a surface has the normal of `Surface.facing`.
 
     A tangential gap is ``-drag`` in the frame of the contact: relative to an obstacle that
     has carried its surface by ``s``, a body at rest has moved by ``-s``. So an obstacle
@@ -435,7 +453,7 @@ def approach(obstacle: Obstacle, motion: Motion | None, points: Array) -> Approa
     normal = feet = np.empty_like(points)
     for k in range(states):
         before = feet
-        distance[k], towards, feet = _seen(obstacle, motion, points, k)
+        distance[k], towards, feet = _seen(obstacle, motion, points, k, outward)
         if k == 0 or motion is None:
             normal = towards
             continue
@@ -459,11 +477,17 @@ def onwards(obstacle: Obstacle, motion: Motion, points: Array) -> tuple[Array, A
 
 
 def _seen(
-    obstacle: Obstacle, motion: Motion | None, points: Array, state: int
+    obstacle: Obstacle,
+    motion: Motion | None,
+    points: Array,
+    state: int,
+    outward: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Distances, normals and feet of points, of the obstacle as it stands in a state."""
     seen = points if motion is None else motion.back(points, state)
-    found = ask(obstacle, seen)
+    if outward is not None and motion is not None:
+        outward = motion.backwards(outward, state)
+    found = ask(obstacle, seen, outward)
     towards = found.normal if motion is None else motion.forwards(found.normal, state)
     return found.distance, towards, points - found.distance[:, None] * towards
 

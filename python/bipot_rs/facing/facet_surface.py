@@ -43,6 +43,10 @@ class Surface:
     A surface may have a border. Beyond it there is nothing to be inside of: such points
     are outside, however they lie.
 
+    Distances are those to the nearest place. A punch with sharp edges that moves into a
+    body by more than a node is inside its rim has, at that node, the distance of its side:
+    round the edges by that much, or move the body and not the punch.
+
     Parameters
     ----------
     points
@@ -146,12 +150,63 @@ class Surface:
     def closest(self, points: Array, /) -> Closest:
         """As `Obstacle`; of two places at one distance either may be taken."""
         x = taken(points, self.dim)
+        return self._signed(x, *self._located(x))
+
+    def _located(self, x: Array) -> tuple[Array, Ints, Ints]:
+        """As `_search`, of any number of points."""
         foot = np.empty_like(x)
         facet = np.empty(len(x), np.int64)
         part = np.empty(len(x), np.int64)
         for at in self._portions(x):
             foot[at], facet[at], part[at] = self._search(x[at])
-        return self._signed(x, foot, facet, part)
+        return foot, facet, part
+
+    def facing(self, points: Array, outward: Array) -> Closest:
+        """As `closest`, for nodes of bodies with the directions ``outward (n, d)`` there.
+
+        On an edge or a corner, and on a sheet of two sides, a surface has many normals: a
+        node in that very place takes of these the nearest to the opposite of its own, so
+        that a flat body on a flat punch is pressed straight at the rim too.
+        """
+        x = taken(points, self.dim)
+        foot, facet, part = self._located(x)
+        found = self._signed(x, foot, facet, part)
+        on = np.flatnonzero(np.abs(found.distance) <= _ON * self._size)
+        corners = self._x[self._corners[facet[on]]]
+        beside = [
+            length(foot[on] - _on_segment(foot[on], a, b)[0])
+            for a, b in self._edges_of(corners)
+        ]
+        # Rounding tells which of the facets at an edge is found, and as what part of it.
+        rim = np.min(beside, axis=0, initial=np.inf) <= _ON * self._size
+        on = on[rim | self._sheet[facet[on], part[on]]]
+        normal = found.normal.copy()
+        for k, facets in zip(on, self._touching(found.foot[on]), strict=True):
+            normal[k] = _nearest_in_cone(
+                np.vstack([self._normal[facets], normal[k]]), -outward[k], normal[k]
+            )
+        return found._replace(normal=normal)
+
+    def _edges_of(self, corners: Array) -> Iterator[tuple[Array, Array]]:
+        """Ends of the edges of facets ``(k, d, d)``; of segments, each end twice."""
+        for k in range(self.dim):
+            far = (k + 1) % 3 if self.dim == 3 else k
+            yield corners[:, k], corners[:, far]
+
+    def _touching(self, places: Array) -> Iterator[Ints]:
+        """Facets that have each of some places on them."""
+        slack = _ON * self._size
+        for y in places:
+            near = [
+                members[tree.query_ball_point(y, reach + slack)]
+                for members, tree, reach in self._levels
+            ]
+            facets = np.concatenate(near).astype(np.int64)
+            foot, _ = _closest_on(
+                np.broadcast_to(y, (len(facets), self.dim)),
+                self._x[self._corners[facets]],
+            )
+            yield facets[length(foot - y) <= slack]
 
     def _signed(self, x: Array, foot: Array, facet: Ints, part: Ints) -> Closest:
         """Distances with their sign, and the normals: along the way to the foot."""
@@ -369,6 +424,19 @@ def _units(vectors: Array) -> Array:
     )
 
 
+def _nearest_in_cone(normals: Array, direction: Array, otherwise: Array) -> Array:
+    """The unit vector, nearest to a direction, of those that normals ``(k, d)`` span."""
+    from scipy.optimize import nnls
+
+    amounts, _ = nnls(normals.T, direction)
+    found = normals.T @ amounts
+    size = float(np.linalg.norm(found))
+    # Where they all look away there is none.
+    if size <= _CANCELS * float(np.linalg.norm(direction)):
+        return otherwise
+    return np.asarray(found / size, np.float64)
+
+
 def _once(facets: Ints) -> Ints:
     """Facets in their order, one of each that run through the same corners alike."""
     first = np.argmin(facets, axis=1)
@@ -434,7 +502,8 @@ def _closest_on(x: Array, corners: Array) -> tuple[Array, Ints]:
 def _on_segment(x: Array, a: Array, b: Array) -> tuple[Array, Array]:
     """Closest points of segments, and where along them from 0 to 1."""
     way = b - a
-    t = np.clip(_dot(x - a, way) / _dot(way, way), 0.0, 1.0)
+    size = _dot(way, way)
+    t = np.clip(_dot(x - a, way) / np.where(size > 0, size, 1.0), 0.0, 1.0)
     y = a + t[:, None] * way
     # The corner itself, to the bit: facets that share it agree on it.
     return np.where((t >= 1)[:, None], b, y), t

@@ -130,7 +130,9 @@ def meet(
         between = points - bodies[o].points[theirs[match]]
         gap = np.einsum("cd,cd->c", frame[:, 0], between)
     else:
-        frame, moved = _rigid(contact, _obstacle(contact, body.dim), points)
+        frame, moved = _rigid(
+            contact, _obstacle(contact, body.dim), points, _normals(facets)[nodes]
+        )
         gap = moved[0, :, 0].copy()
     clearance = _clearance(contact, points)
     if moved is not None:
@@ -274,11 +276,11 @@ def _other(bodies: Sequence[Body], own: int, name: str) -> int:
 
 
 def _rigid(
-    contact: Contact, obstacle: Obstacle, points: Floats
+    contact: Contact, obstacle: Obstacle, points: Floats, outwards: Floats
 ) -> tuple[Floats, Floats]:
     """Frames, and gaps by component at the start and after each step, of a rigid obstacle."""
     try:
-        met = approach(obstacle, contact.motion, points)
+        met = approach(obstacle, contact.motion, points, outwards)
     except ValueError as error:
         raise ValueError(
             f"obstacle of the contact on {contact.surface!r}: {error}"
@@ -364,11 +366,19 @@ def _against_rigid(
         )
     obstacle, motion = _obstacle(contact, body.dim), contact.motion
     smooth, nodal = _clearances(contact, body)
+    out = outward(body, contact.surface)
+    known = {x.tobytes(): n for x, n in zip(body.points, out, strict=True)}
+
+    def at_nodes(places: Floats) -> Floats:
+        return np.array([known[x.tobytes()] for x in places])
+
     found = rigid_pairs(
         body.points,
         facets,
         lambda places: ask(obstacle, places).distance + smooth(places),
-        normal=lambda places: approach(obstacle, motion, places).normal,
+        normal=lambda places: (
+            approach(obstacle, motion, places, at_nodes(places)).normal
+        ),
         axis=contact.axis,
         dofs=dofs,
         n=n,
