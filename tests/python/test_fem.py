@@ -247,6 +247,27 @@ def test_pair_of_bodies() -> None:
     assert (model.K[: model.offset[1], model.offset[1] :]).nnz == 0
 
 
+@pytest.mark.parametrize("ends", [(0.0, 1.0), (0.3, 0.4), (0.0, 0.0)])
+def test_opposite_nodes_are_found_whatever_is_left_of_a_surface(
+    ends: tuple[float, float],
+) -> None:
+    """Places differ in their last digits, as two meshers write them; of one node, too."""
+    upper, lower = two_blocks()
+    p = lower.mesh.p * (1 + 1e-9)
+    lower = fem.Body(
+        "lower",
+        type(lower.mesh)(p, lower.mesh.t, lower.mesh.boundaries),
+        lower.material,
+    )
+    contact = fem.Contact(
+        "upper", "bottom", 0.3, against=("lower", "top"), within={0: ends, 1: ends}
+    )
+    model = fem.build([upper, lower], [contact])
+    assert len(model.gap) == (16 if ends[1] == 1 else 1)
+    away = model.nodes[model.contact_dofs[:, 1] // 3] - model.points
+    assert abs(away).max() <= 2e-9
+
+
 def test_plane_that_is_not_a_coordinate_plane() -> None:
     normal = np.array([1.0, 2.0, 2.0]) / 3
     contact = fem.Contact("it", "bottom", 0.3, plane=([0, 0, -3.0], 5 * normal))

@@ -1,5 +1,6 @@
 """Springs and planes of symmetry."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.bodies import elements
 from bipot_rs.inspection import inspect
@@ -268,6 +270,66 @@ def test_planes_of_symmetry_turn_with_the_body(name: str, pairing: str) -> None:
     )
     for model in models:
         assert not inspect(model, prescribed=model.prescribed([]))
+
+
+def test_places_of_seven_digits_on_an_inclined_plane() -> None:
+    """Normals are known to as many, and a component along the plane stays free."""
+    mesh = fem.box([np.linspace(0, 1, 3)] * 3, "hexahedron")
+    rough = type(mesh)((TURNS["upright"] @ mesh.p).round(7), mesh.t, mesh.boundaries)
+    body = fem.Body("it", rough, STEEL)
+    supports = [
+        fem.Support("it", "left", (0, 1)),
+        fem.Support("it", "bottom", (2,)),
+    ]
+    model = fem.build([body], [], supports, symmetries=[fem.Symmetry("it", "left")])
+    values = model.prescribed([[0.0, 0.0], [0.1]])
+    result = model.problem().solve(np.zeros(model.n), values)
+    u = result.displacement[0].reshape(-1, 3)
+    np.testing.assert_allclose(u, np.tile([0, 0, 0.1], (27, 1)), rtol=0, atol=1e-6)
+
+
+def test_a_scene_with_inclined_planes_of_symmetry(tmp_path: Path) -> None:
+    """Through a file, its forces and its stresses: the block of the plane, turned."""
+    turn = TURNS["plane"]
+    steps = []
+    for name, R in (("straight", np.eye(2)), ("turned", turn)):
+        mesh = fem.box([np.linspace(0, 1, 4)] * 2, "quadrilateral")
+        x = mesh.p.T @ R.T
+        lines = [
+            "*NODE",
+            *(f"{k}, {a!r}, {b!r}" for k, (a, b) in enumerate(x.tolist(), 1)),
+        ]
+        lines.append("*ELEMENT, TYPE=CPE4, ELSET=ALL")
+        lines += [
+            ", ".join(map(str, [k, *(cell + 1)])) for k, cell in enumerate(mesh.t.T, 1)
+        ]
+        body = fem.Body("it", mesh, STEEL)
+        for word in ("left", "bottom", "top"):
+            lines += [f"*NSET, NSET={word}", *(str(n + 1) for n in body.nodes(word))]
+        (tmp_path / f"{name}.inp").write_text("\n".join(lines))
+        m = bp.Model(title=name)
+        m.material("steel", young=200.0, poisson=0.3)
+        m.body("it", mesh=str(tmp_path / f"{name}.inp"), material="steel")
+        m.symmetry("it.left")
+        push, up = (R @ [0.1, -1.0]).tolist(), R[:, 1].tolist()
+        m.traction("it.top", x=push[0], y=push[1])
+        m.contact("it.bottom", mu=0.2, plane={"point": [0.0, 0.0], "normal": up})
+        case = m.assemble()
+        result = case.solve(tol=1e-13)
+        file = tmp_path / f"{name}.h5"
+        assert result.displacement.any()  # which saves it
+        result.save(file)
+        again = bp.load(file)
+        assert (case.model.inclined is None) == (name == "straight")
+        force = case.contact_force(result, "it.bottom")[0]
+        u = again[0].displacement.reshape(-1, 2)
+        steps.append((u, force))
+    (u, force), (v, other) = steps
+    np.testing.assert_allclose(v, u @ turn.T, rtol=0, atol=1e-10 * abs(u).max())
+    np.testing.assert_allclose(
+        other, turn @ force, rtol=0, atol=1e-10 * abs(force).max()
+    )
+    assert force[1] == pytest.approx(1.0, rel=1e-10)
 
 
 @pytest.mark.parametrize("angle", [30.0, 60.0])

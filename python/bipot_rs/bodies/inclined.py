@@ -22,9 +22,9 @@ from scipy import sparse
 
 from bipot_rs.bodies.elements import Floats, Ints
 
-# Of unit normals: what is left of one beside others of the same plane, or beside what
-# supports prescribe, is rounding.
-_SAME = 1e-9
+# Of unit normals, which files know to seven digits: what is left of one beside others of
+# the same plane, or beside what supports prescribe, is rounding.
+_SAME = 1e-5
 # Of a row of B: what rounding leaves of a direction that the planes take away.
 _GONE = 1e-14
 
@@ -71,7 +71,7 @@ class Planes:
     def refuse(self, prescribed: Floats, nodes: Floats) -> None:
         """Refuse prescribed displacements ``(n,)`` that would leave the planes."""
         off = np.abs(self.given @ prescribed)
-        size = abs(self.given) @ np.abs(prescribed)
+        size = (self.given != 0) @ np.abs(prescribed)
         wrong = off > _SAME * size
         if wrong.any():
             row = int(np.argmax(wrong))

@@ -181,10 +181,14 @@ class Surface:
         rim = np.min(beside, axis=0, initial=np.inf) <= _ON * self._size
         on = on[rim | self._sheet[facet[on], part[on]]]
         normal = found.normal.copy()
-        for k, facets in zip(on, self._touching(found.foot[on]), strict=True):
-            normal[k] = _nearest_in_cone(
-                np.vstack([self._normal[facets], normal[k]]), -outward[k], normal[k]
-            )
+        for at in self._portions(on):
+            point, touching = self._touching(found.foot[on[at]])
+            ends = np.searchsorted(point, np.arange(len(on[at]) + 1))
+            for k, first, last in zip(on[at], ends[:-1], ends[1:], strict=True):
+                normals = np.vstack([self._normal[touching[first:last]], normal[k]])
+                # Most edges are within something flat.
+                if np.abs(normals - normals[-1]).max() > _CANCELS:
+                    normal[k] = _nearest_in_cone(normals, -outward[k], normal[k])
         return found._replace(normal=normal)
 
     def _edges_of(self, corners: Array) -> Iterator[tuple[Array, Array]]:
@@ -193,20 +197,20 @@ class Surface:
             far = (k + 1) % 3 if self.dim == 3 else k
             yield corners[:, k], corners[:, far]
 
-    def _touching(self, places: Array) -> Iterator[Ints]:
-        """Facets that have each of some places on them."""
+    def _touching(self, places: Array) -> tuple[Ints, Ints]:
+        """Places and facets that they are on, in pairs, ascending by place."""
         slack = _ON * self._size
-        for y in places:
-            near = [
-                members[tree.query_ball_point(y, reach + slack)]
-                for members, tree, reach in self._levels
-            ]
-            facets = np.concatenate(near).astype(np.int64)
-            foot, _ = _closest_on(
-                np.broadcast_to(y, (len(facets), self.dim)),
-                self._x[self._corners[facets]],
-            )
-            yield facets[length(foot - y) <= slack]
+        point, facet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+        for members, tree, reach in self._levels if len(places) else []:
+            found = tree.query_ball_point(places, reach + slack)
+            point.append(np.repeat(np.arange(len(places)), [len(one) for one in found]))
+            near = np.concatenate([np.array(one, np.int64) for one in found])
+            facet.append(members[near])
+        p, f = np.concatenate(point), np.concatenate(facet)
+        foot, _ = _closest_on(places[p], self._x[self._corners[f]])
+        on = length(foot - places[p]) <= slack
+        order = np.argsort(p[on], kind="stable")
+        return p[on][order], f[on][order]
 
     def _signed(self, x: Array, foot: Array, facet: Ints, part: Ints) -> Closest:
         """Distances with their sign, and the normals: along the way to the foot."""
@@ -233,7 +237,7 @@ class Surface:
         normal = np.where(none, self._normal[facet], normal)
         return Closest(sign * far, normal, foot)
 
-    def _portions(self, x: Array) -> Iterator[slice]:
+    def _portions(self, x: Array | Ints) -> Iterator[slice]:
         """Points in their order, as many as are compared at once."""
         step = max(1, _AT_ONCE // 64)
         for first in range(0, len(x), step):
