@@ -558,3 +558,22 @@ def test_triangles_that_a_file_has_twice(tmp_path: Path) -> None:
     assert repr(read) == f"Surface({len(faces)} triangles)"
     with pytest.raises(ValueError, match="have normals to different sides"):
         ob.Surface(x, np.concatenate([faces, faces[:1]]))
+
+
+def test_corners_of_stl_that_differ_in_their_last_digit(tmp_path: Path) -> None:
+    """A cavity cut from a block: a slit would put what is in the wall beside it outside."""
+    meshio = pytest.importorskip("meshio")
+    x, faces = icosphere(2)
+    random = np.random.default_rng(0)
+    corners = x[faces].reshape(-1, 3).astype(np.float32)
+    # One unit of the last place, up or down.
+    corners = np.nextafter(corners, random.choice([-9, 9], corners.shape).astype("f4"))
+    file = tmp_path / "cavity.stl"
+    triangles = np.arange(len(corners)).reshape(-1, 3)
+    meshio.Mesh(corners, [("triangle", triangles)]).write(file, binary=True)
+    read = ob.Surface.from_file(file, flipped=True)
+    assert read.closed
+    # In the wall, over the edges of the cavity's facets.
+    middle = (x[faces] + x[np.roll(faces, 1, axis=1)]).reshape(-1, 3) / 2
+    wall = 1.01 * middle / np.linalg.norm(middle, axis=1)[:, None]
+    assert (read.closest(wall).distance < 0).all()

@@ -103,9 +103,10 @@ class Surface:
     ) -> Surface:
         """The triangles of a file, such as ``die.stl``, or where it has none its lines.
 
-        Whatever meshio reads. Corners at one place are one corner, triangles that then
-        have none left are gone, and of those that are there twice one counts. Lines make
-        a surface in the plane, of x and y.
+        Whatever meshio reads. Corners at one place are one corner, of STL those that its
+        seven digits do not tell apart, lest there be slits between triangles. Triangles
+        that then have none left are gone, and of those that are there twice one counts.
+        Lines make a surface in the plane, of x and y.
 
         Raises
         ------
@@ -124,6 +125,8 @@ class Surface:
             if cells:
                 x, number = np.unique(points[:, :d], axis=0, return_inverse=True)
                 facets = number.reshape(-1)[np.concatenate(cells)]
+                if os.fspath(path).lower().endswith(".stl"):
+                    facets = _joined(x)[facets]
                 ordered = np.sort(facets, axis=1)
                 whole = (np.diff(ordered, axis=1) > 0).all(axis=1)
                 return cls(x, _once(facets[whole]), flipped=flipped)
@@ -439,6 +442,20 @@ def _nearest_in_cone(normals: Array, direction: Array, otherwise: Array) -> Arra
     if size <= _CANCELS * float(np.linalg.norm(direction)):
         return otherwise
     return np.asarray(found / size, np.float64)
+
+
+def _joined(x: Array) -> Ints:
+    """For each place the first of those that numbers of 32 bits take for it."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    near = 4 * float(np.spacing(np.float32(np.abs(x).max())))
+    pairs = cKDTree(x).query_pairs(near, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(x), len(x)))
+    _, label = connected_components(graph, directed=False)
+    _, first = np.unique(label, return_index=True)
+    return np.asarray(first[label], np.int64)
 
 
 def _once(facets: Ints) -> Ints:
