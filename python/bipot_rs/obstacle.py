@@ -326,6 +326,9 @@ _OWN = (Plane, Sphere, Cylinder, Distance, Surface, Union)
 # What another obstacle may miss of |n| = 1, and of lying where it says, of the size of
 # the points.
 _TOLD = 1e-6
+# What the distance of a foot may be, of that which it is the foot of: some obstacles know
+# distances to first order, as those over a profile of heights; of a wrong sign it is twice.
+_NEARLY = 0.1
 
 
 def ask(obstacle: Obstacle, points: Array, outward: Array | None = None) -> Closest:
@@ -365,8 +368,9 @@ def ask(obstacle: Obstacle, points: Array, outward: Array | None = None) -> Clos
                 f"{what}: at {place(points[at])} its {words} {miss[at]:.3g}"
             )
     again = np.abs(_answer(what, obstacle, found.foot).distance)
-    if (again > slack).any():
-        at = int(np.argmax(again))
+    far = again > np.maximum(slack, _NEARLY * np.abs(found.distance))
+    if far.any():
+        at = int(np.argmax(far))
         raise ValueError(
             f"{what}: at {place(points[at])} its foot is {place(found.foot[at])}, which has "
             f"the distance {again[at]:.3g}, expected a point of its surface: is the "

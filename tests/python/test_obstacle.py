@@ -448,6 +448,25 @@ def test_an_obstacle_of_another_making() -> None:
             np.testing.assert_allclose(one, other, rtol=0, atol=EXACT)
 
 
+class Waves:
+    """Heights over a line, and the distance to first order: z - h along the normal."""
+
+    dim = 2
+
+    def closest(self, points: np.ndarray) -> ob.Closest:
+        slope = 0.02 * np.cos(2 * points[:, 0])
+        normal = np.column_stack([-slope, np.ones(len(points))])
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        above = points[:, 1] - 0.01 * np.sin(2 * points[:, 0])
+        distance = above * normal[:, 1]
+        return ob.Closest(distance, normal, points - distance[:, None] * normal)
+
+
+def test_a_profile_that_knows_distances_to_first_order() -> None:
+    x = np.random.default_rng(0).uniform([-1, -0.1], [1, 0.3], (200, 2))
+    np.testing.assert_array_equal(ob.ask(Waves(), x).foot, Waves().closest(x).foot)
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
