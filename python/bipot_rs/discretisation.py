@@ -177,6 +177,11 @@ class Estimator:
             raise ValueError(
                 "the model has springs: the error of the mesh knows rigid supports only"
             )
+        if model.inclined is not None:
+            raise ValueError(
+                "the model has a plane of symmetry that no axis is normal to: the error of "
+                "the mesh does not know it, turn the meshes"
+            )
         self.bodies = [simplices(body) for body in model.bodies]
         self.materials = [body.isotropic for body in model.bodies]
         self.facets = contact_facets(model, self.bodies)

@@ -30,6 +30,7 @@ from bipot_rs.bodies.elasticity import (
     vtk_cells,
 )
 from bipot_rs.bodies.elements import second_order
+from bipot_rs.bodies.inclined import Planes, planes
 from bipot_rs.bodies.mesh_check import check_mesh
 from bipot_rs.bodies.mesh_file import read_mesh, read_meshes
 from bipot_rs.bodies.stress import Initial, initial_forces, stress, thermal, von_mises
@@ -126,13 +127,16 @@ class Model:
     nodes : (n / d, d)
         Places of all nodes, body after body.
     supports
-        Those given, and behind them one for each plane of symmetry.
+        Those given, and behind them one for each plane of symmetry normal to an axis.
     symmetries : int
         How many these are.
     springs : tuple of Spring
         Whose stiffness is in K.
     moving : (steps, n_c, d) or None
         Gaps of each load step by component, where obstacles move; `gaps` gives them.
+    inclined : bipot_rs.bodies.inclined.Planes or None
+        Planes of symmetry that no axis is normal to. K, B and all loads made here know
+        them; a load of other making f is to be ``inclined.within @ f``.
     """
 
     bodies: tuple[Body, ...]
@@ -155,6 +159,8 @@ class Model:
     symmetries: int = 0
     springs: tuple[Spring, ...] = ()
     moving: Floats | None = field(default=None, repr=False)
+    inclined: Planes | None = None
+    _bare: Any = field(default=None, repr=False)
 
     @property
     def n(self) -> int:
@@ -267,7 +273,8 @@ class Model:
                 (np.arange(rows.size), np.repeat(np.arange(len(contacts)), d)),
             )
         )
-        first = self.B[rows].tocsc()[:, ::d]
+        B = self.B if self._bare is None else self._bare
+        first = B[rows].tocsc()[:, ::d]
         return sparse.csr_array(first.T @ along)
 
     def problem(
@@ -401,7 +408,7 @@ class Model:
     def _at(self, index: int, own: Floats) -> Floats:
         f, first = np.zeros(self.n), self.offset[index]
         f[first : first + own.size] = own
-        return f
+        return f if self.inclined is None else self.inclined.within @ f
 
     def _forces(self, index: int, points: Quadrature, value: Field) -> Floats:
         return self._at(index, nodal_forces(self.bodies[index], points, value))
@@ -443,6 +450,8 @@ class Model:
                         f"on surface {support.surface!r} of body {support.body!r}"
                     )
                 at[row] = moved
+        if self.inclined is not None:
+            self.inclined.refuse(np.nan_to_num(at), self.nodes)
         return at[self.fixed]
 
 
@@ -463,7 +472,8 @@ def build(
     supports
         Prescribed displacements; their values are those of `Model.prescribed`.
     symmetries
-        Planes that cut the bodies in two alike halves, of which the bodies are one.
+        Planes that cut the bodies in two alike halves, of which the bodies are one, in
+        any direction (`bipot_rs.bodies.inclined`).
     springs
         Elastic foundations.
 
@@ -487,8 +497,11 @@ def build(
     dim = dims.pop()
     ends = np.cumsum([0] + [dim * len(body.points) for body in bodies])
     offset, n = tuple(int(e) for e in ends[:-1]), int(ends[-1])
-    planes = [(s, plane_of(bodies[body_index(bodies, s.body)], s)) for s in symmetries]
-    supports = [*supports, *(Support(s.body, s.surface, (k,)) for s, k in planes)]
+    mirrors = [(s, plane_of(bodies[body_index(bodies, s.body)], s)) for s in symmetries]
+    straight = [
+        Support(s.body, s.surface, (k,)) for s, (k, _) in mirrors if k is not None
+    ]
+    supports = [*supports, *straight]
     matrices = [stiffness(body) for body in bodies]
     for spring in springs:
         b = body_index(bodies, spring.body)
@@ -527,9 +540,13 @@ def build(
     mu = pairs.reshape(-1, 2)[group]
     if all(np.ndim(c.mu) == 0 for c in contacts):
         mu = mu[:, 0].copy()
-    B = relative_displacement(found, n)
+    B, K = relative_displacement(found, n), _stacked(matrices)
     free = np.ones(n)
     free[fixed] = 0.0
+    inclined, bare = _inclined(bodies, offset, mirrors, free == 0), None
+    if inclined is not None:
+        bare = B
+        B, K = inclined.relative(B), inclined.stiffness(K)
     mobile = (abs(B) @ free).reshape(-1, dim)
     mu[~mobile[:, 1:].any(axis=1)] = 0.0
 
@@ -538,7 +555,7 @@ def build(
         supports=tuple(supports),
         contacts=tuple(contacts),
         offset=offset,
-        K=_stacked(matrices),
+        K=K,
         B=B,
         gap=gap,
         mu=mu,
@@ -552,9 +569,27 @@ def build(
         dim=dim,
         moving=gaps_of_steps(found, dim),
         nodes=np.concatenate([body.points for body in bodies]),
-        symmetries=len(symmetries),
+        symmetries=len(straight),
         springs=tuple(springs),
+        inclined=inclined,
+        _bare=bare,
     )
+
+
+def _inclined(
+    bodies: Sequence[Body],
+    offset: Sequence[int],
+    mirrors: Sequence[tuple[Symmetry, tuple[int | None, Floats]]],
+    fixed: NDArray[np.bool_],
+) -> Planes | None:
+    """Planes of symmetry that no axis is normal to."""
+    groups = []
+    for symmetry, (axis, normal) in mirrors:
+        if axis is None:
+            b = body_index(bodies, symmetry.body)
+            nodes = bodies[b].nodes(symmetry.surface)
+            groups.append((offset[b] + bodies[b].dim * nodes, normal))
+    return planes(groups, fixed, bodies[0].dim)
 
 
 def _stacked(blocks: Sequence[Any]) -> Any:

@@ -20,10 +20,12 @@ def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Array:
     dim = n.shape[1]
     if dim not in (2, 3):
         raise ValueError(f"normals has shape {n.shape}, expected (n_c, 2) or (n_c, 3)")
-    length = np.linalg.norm(n, axis=1)
-    if not np.all((length > 0) & np.isfinite(length)):
-        raise ValueError("a normal has length zero or is not finite")
-    n = n / length[:, None]
+    size = np.abs(n).max(axis=1)
+    if not (size > 0).all():
+        raise ValueError(f"a normal has length zero, that at {int(np.argmin(size))}")
+    # Squares of large or small components leave the range; powers of two change no bit.
+    n = np.ldexp(n, -np.frexp(size)[1][:, None])
+    n = n / np.linalg.norm(n, axis=1)[:, None]
     nearest = np.argmax(np.abs(n), axis=1)
     frame = np.empty((len(n), dim, dim))
     frame[:, 0] = n

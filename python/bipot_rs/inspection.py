@@ -223,6 +223,8 @@ def _unheld(model: Model) -> Iterator[str]:
     """
     modes, owner = _modes(model)
     held = [modes[model.fixed]]
+    if model.inclined is not None:
+        held.append(np.asarray(model.inclined.normals.T @ modes))
     rows = (model.B @ modes).reshape(-1, model.dim, modes.shape[1])
     rubs = _rubs(model)
     held += [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]

@@ -1,7 +1,8 @@
 """Rigid obstacles, at rest or moving along the load path.
 
 Whatever has ``dim`` and ``closest(points)`` is an obstacle (`Obstacle`); the shapes here
-are those with a formula, and `Surface` is one of facets.
+are those with a formula, and `Surface` is one of facets. What one of another's making
+answers is checked (`ask`).
 
 Displacements are small: a contact keeps the frame of one place of the obstacle for the
 whole path, that of its nearest approach to the node. Of a step the gap is the distance
@@ -20,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs.check import Array, callback, floats, number
+from bipot_rs.check import Array, callback, floats, number, shown
 from bipot_rs.facing.closest import Closest, Obstacle, directed, length, place, taken
 from bipot_rs.facing.facet_surface import Surface
 from bipot_rs.facing.rigid_motion import Motion
@@ -37,6 +38,7 @@ __all__ = [
     "Surface",
     "Union",
     "approach",
+    "ask",
     "onwards",
 ]
 
@@ -48,6 +50,8 @@ _CENTRE = 1e-8
 _UNIT = 1e-6
 # Of the extent of the points: balances truncation, step⁴, and rounding, ε/step.
 _STEP = 1e-3
+# Steps are made smaller by the one until the length is right to the other.
+_FINER, _FINE = 1 / 8, 1e-9
 
 
 @dataclass(frozen=True)
@@ -179,7 +183,8 @@ class Distance:
         fourth order.
     step
         Of these differences [m]; default a thousandth of the extent of the points asked
-        about. It must be well below the least radius of curvature of the obstacle.
+        about, or of their distances. It must be well below the least radius of curvature
+        of the obstacle: the default is made smaller until the gradient has length 1.
 
     What is no distance is refused: the gradient has length 1 to 1e-6, and at the foot
     ``x - d ∇d`` the function is zero to 1e-6 of the extent of the points.
@@ -211,12 +216,17 @@ class Distance:
         x = taken(points, None)
         distance = self._at(x)
         extent = float(np.ptp(x, axis=0).max(initial=0.0)) if len(x) else 0.0
-        extent = extent or float(np.abs(distance).max(initial=0.0))
-        extent = extent or float(np.abs(x).max(initial=0.0)) or 1.0
+        extent = max(extent, float(np.abs(distance).max(initial=0.0)))
+        far = float(np.abs(x).max(initial=0.0))
+        rounding = 1e3 * float(np.spacing(far))
         if self.gradient is not None:
             slope = floats("gradient of the distance", self.gradient(x), shape=x.shape)
+        elif self.step is not None:
+            slope = self._slope(x, float(self.step))
         else:
-            slope = self._slope(x, _STEP * extent if self.step is None else self.step)
+            # Of one place on the surface nothing tells a size but its coordinates.
+            known = extent if extent > 1e3 * rounding else far or 1.0
+            slope = self._finest(x, _STEP * known, rounding)
         size = length(slope)
         off = np.abs(size - 1)
         if not (off <= _UNIT).all():
@@ -229,7 +239,7 @@ class Distance:
         normal = slope / size[:, None]
         foot = x - distance[:, None] * normal
         missed = np.abs(self._at(foot))
-        if not (missed <= _UNIT * extent).all():
+        if not (missed <= _UNIT * extent + rounding).all():
             at = int(np.argmax(missed))
             raise ValueError(
                 f"the distance at {place(x[at])} is {distance[at]:g}, but so far along its "
@@ -241,7 +251,28 @@ class Distance:
     def _at(self, x: Array) -> Array:
         return floats("distance", self.function(x), shape=(len(x),))
 
+    def _finest(self, x: Array, step: float, least: float) -> Array:
+        """Differences by a step, by smaller ones where these are no gradient of length 1."""
+        slope = self._slope(x, step)
+        off = np.abs(length(slope) - 1)
+        again = np.flatnonzero(off > _FINE)
+        while again.size and step * _FINER >= least:
+            step *= _FINER
+            finer = self._slope(x[again], step)
+            missed = np.abs(length(finer) - 1)
+            better = missed < off[again]
+            slope[again[better]], off[again[better]] = finer[better], missed[better]
+            # What is off by little and gains nothing has come to its rounding.
+            again = again[(off[again] > _FINE) & (better | (off[again] > _UNIT))]
+        return slope
+
     def _slope(self, x: Array, step: float) -> Array:
+        # On a grid on which places and steps add up exactly: what is rounded away would
+        # be divided by the step.
+        largest = float(np.abs(x).max(initial=0.0)) + 2 * step
+        grid = 4 * np.spacing(largest)
+        step = max(1.0, np.rint(step / grid)) * grid
+        x = np.rint(x / grid) * grid
         slope = np.empty_like(x)
         for k, unit in enumerate(np.eye(x.shape[1])):
             ahead = [self._at(x + j * step * unit) for j in (-2, -1, 1, 2)]
@@ -275,13 +306,110 @@ class Union:
 
     def closest(self, points: Array, /) -> Closest:
         """As `Obstacle`; of two at one distance, the first."""
-        all_ = [one.closest(points) for one in self.obstacles]
+        return self._nearest([ask(one, points) for one in self.obstacles])
+
+    def facing(self, points: Array, outward: Array) -> Closest:
+        """As `Surface.facing`."""
+        return self._nearest([ask(one, points, outward) for one in self.obstacles])
+
+    def _nearest(self, all_: Sequence[Closest]) -> Closest:
         nearest = np.argmin([found.distance for found in all_], axis=0)
         at = np.arange(len(nearest))
         distance, normal, foot = (
             np.stack(each)[nearest, at] for each in zip(*all_, strict=True)
         )
         return Closest(distance, normal, foot)
+
+
+# Those of this package, which answer as they should.
+_OWN = (Plane, Sphere, Cylinder, Distance, Surface, Union)
+# What another obstacle may miss of |n| = 1, and of lying where it says, of the size of
+# the points.
+_TOLD = 1e-6
+# What the distance of a foot may be, of that which it is the foot of: some obstacles know
+# distances to first order, as those over a profile of heights; of a wrong sign it is twice.
+_NEARLY = 0.1
+
+
+def ask(obstacle: Obstacle, points: Array, outward: Array | None = None) -> Closest:
+    """The closest points of an obstacle, checked where it is not one of this package.
+
+    With ``outward (n, d)``, directions out of the body there, `Surface.facing`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        It answers with other shapes or with what is no number; normals that have not
+        length 1; feet that are not ``point - distance * normal``, or not on the obstacle;
+        a distance that is not negative on the other side of the surface.
+    """
+    if isinstance(obstacle, Surface | Union) and outward is not None:
+        return obstacle.facing(points, outward)
+    if isinstance(obstacle, _OWN):
+        return obstacle.closest(points)
+    what = f"obstacle {type(obstacle).__name__}"
+    found = _answer(what, obstacle, points)
+    if not len(points):
+        return found
+    extent = max(
+        float(np.ptp(points, axis=0).max()), float(np.abs(found.distance).max())
+    )
+    rounding = 1e3 * float(np.spacing(np.abs(points).max()))
+    slack = max(_TOLD * extent, rounding)
+    off = np.abs(length(found.normal) - 1)
+    between = length(points - found.distance[:, None] * found.normal - found.foot)
+    for miss, most, words in (
+        (off, _TOLD, "normal has not length 1, it misses it by"),
+        (between, slack, "foot is not point - distance * normal, it is off by"),
+    ):
+        if (miss > most).any():
+            at = int(np.argmax(miss))
+            raise ValueError(
+                f"{what}: at {place(points[at])} its {words} {miss[at]:.3g}"
+            )
+    again = np.abs(_answer(what, obstacle, found.foot).distance)
+    far = again > np.maximum(slack, _NEARLY * np.abs(found.distance))
+    if far.any():
+        at = int(np.argmax(far))
+        raise ValueError(
+            f"{what}: at {place(points[at])} its foot is {place(found.foot[at])}, which has "
+            f"the distance {again[at]:.3g}, expected a point of its surface: is the "
+            "distance negative inside, and the normal outward there too?"
+        )
+    # Beyond a rim the other side is outside too: where it is so everywhere, there is none.
+    step = 4 * slack
+    behind = _answer(what, obstacle, found.foot - step * found.normal).distance
+    if (behind > step / 2).all():
+        raise ValueError(
+            f"{what}: behind its surface, at {place(found.foot[0] - step * found.normal[0])}, "
+            f"its distance is {behind[0]:.3g}, expected a negative one: it is signed"
+        )
+    return found
+
+
+def _answer(what: str, obstacle: Obstacle, points: Array) -> Closest:
+    """What an obstacle says, of the right shapes and of numbers."""
+    found = obstacle.closest(points)
+    try:
+        parts = (found.distance, found.normal, found.foot)
+    except AttributeError:
+        raise TypeError(
+            f"{what} answers with {shown(found)}, expected a Closest of distance, normal "
+            "and foot"
+        ) from None
+    shapes = ((len(points),), points.shape, points.shape)
+    checked = []
+    for name, value, shape in zip(Closest._fields, parts, shapes, strict=True):
+        array = floats(f"{name} of the {what}", value, shape=shape, finite=False)
+        bad = ~np.isfinite(array.reshape(len(points), -1)).all(axis=1)
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise ValueError(
+                f"{name} of the {what} is {array[at].tolist()} at {place(points[at])}, "
+                "expected finite numbers"
+            )
+        checked.append(array)
+    return Closest(*checked)
 
 
 class Approach(NamedTuple):
@@ -303,8 +431,16 @@ class Approach(NamedTuple):
     drag: Array
 
 
-def approach(obstacle: Obstacle, motion: Motion | None, points: Array) -> Approach:
+def approach(
+    obstacle: Obstacle,
+    motion: Motion | None,
+    points: Array,
+    outward: Array | None = None,
+) -> Approach:
     """Follow an obstacle past ``points (n, d)``, which stay where they are.
+
+    ``outward (n, d)`` are directions out of the body there, of any length; with them a
+    place on an edge of a surface has the normal of `Surface.facing`.
 
     A tangential gap is ``-drag`` in the frame of the contact: relative to an obstacle that
     has carried its surface by ``s``, a body at rest has moved by ``-s``. So an obstacle
@@ -321,7 +457,7 @@ def approach(obstacle: Obstacle, motion: Motion | None, points: Array) -> Approa
     normal = feet = np.empty_like(points)
     for k in range(states):
         before = feet
-        distance[k], towards, feet = _seen(obstacle, motion, points, k)
+        distance[k], towards, feet = _seen(obstacle, motion, points, k, outward)
         if k == 0 or motion is None:
             normal = towards
             continue
@@ -345,11 +481,17 @@ def onwards(obstacle: Obstacle, motion: Motion, points: Array) -> tuple[Array, A
 
 
 def _seen(
-    obstacle: Obstacle, motion: Motion | None, points: Array, state: int
+    obstacle: Obstacle,
+    motion: Motion | None,
+    points: Array,
+    state: int,
+    outward: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Distances, normals and feet of points, of the obstacle as it stands in a state."""
     seen = points if motion is None else motion.back(points, state)
-    found = obstacle.closest(seen)
+    if outward is not None and motion is not None:
+        outward = motion.backwards(outward, state)
+    found = ask(obstacle, seen, outward)
     towards = found.normal if motion is None else motion.forwards(found.normal, state)
     return found.distance, towards, points - found.distance[:, None] * towards
 

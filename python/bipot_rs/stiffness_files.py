@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 
 from bipot_rs import text_tables
 from bipot_rs.fem import frames
+from bipot_rs.figures import real, whole
 from bipot_rs.problem import ContactProblem
 from bipot_rs.text_tables import Table
 from bipot_rs.words import counted, printable
@@ -257,8 +258,8 @@ def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
                 continue
             cells = text.replace(",", " ").split()
             try:
-                one = tuple(map(int, cells[:4]))
-                value = float(cells[4])
+                one = tuple(map(whole, cells[:4]))
+                value = real(cells[4])
             except (ValueError, IndexError):
                 one, value = (), np.nan
             if len(cells) != 5 or len(one) != 4 or not np.isfinite(value):
@@ -407,8 +408,16 @@ def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
     found = np.full((len(table), dim), -1, np.int64)
     for k, line in enumerate(table.lines):
         values = [int(column[k]) for column in columns]
-        if optional and all(v == missing for v in values):
+        blank = [v == missing for v in values]
+        if all(blank):
             continue
+        if any(blank):
+            lacks, has = names[blank.index(True)], names[blank.index(False)]
+            raise table.wrong(
+                line,
+                f"{lacks} is blank where {has} is {values[blank.index(False)]}: expected "
+                "all of them, or none for a rigid obstacle",
+            )
         if len(values) == 1:
             found[k] = [dofs.at(values[0], c + 1, table, line) for c in range(dim)]
         else:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs.figures import real, whole
 from bipot_rs.words import counted, printable
 
 Floats = NDArray[np.float64]
@@ -95,7 +96,7 @@ class Table:
         if not text and missing is not None:
             return missing
         try:
-            value = float(text)
+            value = real(text)
         except ValueError:
             value = np.inf
         if not np.isfinite(value):
@@ -114,7 +115,7 @@ class Table:
                 found[k] = missing
                 continue
             try:
-                found[k] = int(text)
+                found[k] = whole(text)
             except (ValueError, OverflowError):
                 raise self.wrong(
                     self.lines[k], f"{name} is {text!r}, expected an integer"
@@ -185,8 +186,8 @@ def _listing(path: Path) -> tuple[list[tuple[int, int]], list[list[float]]]:
         cells = text.rstrip(",").split(",")
         try:
             label, places = (
-                int(cells[0]),
-                [float(c) if c.strip() else 0.0 for c in cells[1:4]],
+                whole(cells[0]),
+                [real(c) if c.strip() else 0.0 for c in cells[1:4]],
             )
         except ValueError:
             places = [np.nan]

@@ -208,8 +208,17 @@ def test_frames_are_orthonormal_and_follow_the_axes() -> None:
         fem.frames([[0.0, 0.0, 2.0]])[0], [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     )
     np.testing.assert_array_equal(fem.frames([[0.0, -3.0]])[0], [[0, -1], [1, 0]])
-    with pytest.raises(ValueError, match="normal has length zero"):
-        fem.frames([[0.0, 0.0]])
+    with pytest.raises(ValueError, match="normal has length zero, that at 1"):
+        fem.frames([[0.0, 1.0], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize("exponent", [-1060, -700, 500, 1020])
+def test_frames_of_normals_of_any_size(exponent: int) -> None:
+    """Powers of two change no bit, though squares leave the range of doubles."""
+    normals = np.random.default_rng(2).integers(-9, 9, size=(50, 3)) + 0.5
+    np.testing.assert_array_equal(
+        fem.frames(np.ldexp(normals, exponent)), fem.frames(normals)
+    )
 
 
 def two_blocks(lift: float = 0.0) -> list[fem.Body]:
@@ -236,6 +245,27 @@ def test_pair_of_bodies() -> None:
     force = (model.B.T @ np.random.default_rng(3).normal(size=48)).reshape(-1, 3)
     assert abs(force.sum(axis=0)).max() <= 1e-14 * abs(force).sum()
     assert (model.K[: model.offset[1], model.offset[1] :]).nnz == 0
+
+
+@pytest.mark.parametrize("ends", [(0.0, 1.0), (0.3, 0.4), (0.0, 0.0)])
+def test_opposite_nodes_are_found_whatever_is_left_of_a_surface(
+    ends: tuple[float, float],
+) -> None:
+    """Places differ in their last digits, as two meshers write them; of one node, too."""
+    upper, lower = two_blocks()
+    p = lower.mesh.p * (1 + 1e-9)
+    lower = fem.Body(
+        "lower",
+        type(lower.mesh)(p, lower.mesh.t, lower.mesh.boundaries),
+        lower.material,
+    )
+    contact = fem.Contact(
+        "upper", "bottom", 0.3, against=("lower", "top"), within={0: ends, 1: ends}
+    )
+    model = fem.build([upper, lower], [contact])
+    assert len(model.gap) == (16 if ends[1] == 1 else 1)
+    away = model.nodes[model.contact_dofs[:, 1] // 3] - model.points
+    assert abs(away).max() <= 2e-9
 
 
 def test_plane_that_is_not_a_coordinate_plane() -> None:

@@ -89,7 +89,7 @@ RUST_NAMES = {
 PYTHON = (
     "bodies facing mesh_error running",
     (
-        "_core early extras toml_text vtu words "
+        "_core early extras figures toml_text vtu words "
         "running.exits running.folder running.interrupts running.telling running.workers"
     ),
     "shipped",
@@ -108,9 +108,12 @@ PYTHON = (
     "problem",
     "global_problem one_call",
     "fclib",
-    "analytic bodies.elements bodies.inp bodies.materials facing.closest",
+    (
+        "analytic bodies.elements bodies.gmsh_groups bodies.inp bodies.materials "
+        "facing.closest"
+    ),
     "bodies.boxes bodies.body",
-    "bodies.elasticity",
+    "bodies.elasticity bodies.inclined",
     "bodies.mesh_check bodies.stress bodies.surfaces",
     "bodies.mesh_file",
     "facing.facet_surface facing.rigid_motion",

@@ -128,6 +128,37 @@ def test_bodies_of_one_file() -> None:
         body.facets("base")
 
 
+@pytest.mark.parametrize("bare", ["", "_bare"])
+@pytest.mark.parametrize("form", ["22", "41", "41_binary"])
+def test_groups_of_gmsh(form: str, bare: str) -> None:
+    """Entities in several groups, turned around in some, one name for lines and a face."""
+    mesh = fem.read_mesh(DATA / f"groups{form}{bare}.msh")
+    words = ["base", "side", "round", "left", "all", "base"]
+    if bare:
+        words = [f"physical {k}" for k in range(1, 7)]
+    body = fem.Body("it", mesh, STEEL)
+    assert set(mesh.boundaries) == set(words[:3])
+    assert set(mesh.subdomains) == set(words[3:])
+    # By group the length or the area, and the mean place.
+    exact = [(2, (1, 0)), (1, (2, 0.5)), (3, (4 / 3, 5 / 6))]
+    exact += [(1, (0.5, 0.5)), (2, (1, 0.5)), (1, (1.5, 0.5))]
+    for k, (name, (size, middle)) in enumerate(zip(words, exact, strict=True)):
+        points = body.surface(name) if k < 3 else body.volume()
+        own = slice(None) if k < 3 else body.volume_cells(name)
+        weights = points.weights[own]
+        assert weights.sum() == pytest.approx(size, rel=1e-13)
+        found = np.einsum("dpq,pq->d", points.places[:, own], weights) / size
+        np.testing.assert_allclose(found, middle, rtol=0, atol=1e-13)
+
+
+def test_damaged_groups_of_gmsh(tmp_path: Path) -> None:
+    text = (DATA / "groups41.msh").read_text()
+    path = tmp_path / "it.msh"
+    path.write_text(text.replace('2 5 "all"', '2 "all"'))
+    with pytest.raises(ValueError, match=r"it\.msh .*"):
+        fem.read_mesh(path)
+
+
 def test_a_block_from_a_file_pressed_on_a_plane() -> None:
     """Uniaxial stress: p/E of shortening, and the pressure on the plane."""
     body = fem.Body("block", fem.read_mesh(DATA / "hexahedron27.msh"), STEEL)
@@ -298,6 +329,11 @@ def test_faces_of_inp(kind: str, tmp_path: Path) -> None:
         ("CPE4", "S4", "has shells and no solids"),
         ("3, 1., 1.", "3, nan, 1.", "has a place that is no number: a node of cell 0"),
         ("5, 6\n", "3, 4\n", "cell"),
+        ("1, 2, 1\n", "1, 2, 0\n", "line 19: generates 1, 2, 0, expected first, last"),
+        ("1, 2, 1\n", "2, 1\n", "line 19: generates 2, 1, expected first, last"),
+        ("1, 2, 1\n", "2\n", "line 19: generates 2, expected first, last and step"),
+        ("3, 1., 1.", "3, 1_0., 1.", "line 7: is '1_0., 1.', expected coordinates"),
+        ("7, 1, 2, 3, 4", "7, 1, 2, 3, 0_4", "line 13: .*expected whole numbers"),
     ],
 )
 def test_inp_refuses(old: str, new: str, said: str, tmp_path: Path) -> None:
@@ -306,6 +342,60 @@ def test_inp_refuses(old: str, new: str, said: str, tmp_path: Path) -> None:
     path.write_text(INP.replace(old, new))
     with pytest.raises(ValueError, match=said):
         fem.read_mesh(path)
+
+
+ASSEMBLY = """*PART, NAME=Plate
+*NODE
+1, 0., 0.
+2, 1., 0.
+3, 1., 1.
+4, 0., 1.
+*ELEMENT, TYPE=CPE4, ELSET=Set-1
+1, 1, 2, 3, 4
+*NSET, NSET=SET-1
+1, 2
+*NSET, NSET=alike
+3, 4
+*SURFACE, NAME=face
+Set-1, S1
+*END PART
+*ASSEMBLY, NAME=all
+*INSTANCE, NAME=Plate-1, PART=Plate
+*END INSTANCE
+*NSET, NSET=Set-1, INSTANCE=Plate-1
+2, 3
+*NSET, NSET=alike, INSTANCE=Plate-1
+4, 3
+*ELSET, ELSET=cells, INSTANCE=Plate-1
+1
+*NSET, NSET=same, INSTANCE=Plate-1
+Plate-1.set-1
+*SURFACE, NAME=face
+cells, S3
+*SURFACE, NAME=other
+Plate-1.Set-1, S4
+*END ASSEMBLY
+"""
+
+
+def test_one_name_in_part_and_assembly(tmp_path: Path) -> None:
+    path = tmp_path / "plate.inp"
+    path.write_text(ASSEMBLY)
+    mesh = fem.read_mesh(path)
+    middles = {
+        name: mesh.p[:, mesh.facets[:, f]].mean(axis=1).T.tolist()
+        for name, f in mesh.boundaries.items()
+    }
+    assert middles == {
+        "Set-1": [[1.0, 0.5]],
+        "Plate-1.Set-1": [[0.5, 0.0]],
+        "alike": [[0.5, 1.0]],
+        "same": [[0.5, 0.0]],
+        "face": [[0.5, 1.0]],
+        "Plate-1.face": [[0.5, 0.0]],
+        "other": [[0.0, 0.5]],
+    }
+    assert set(mesh.subdomains) == {"Set-1", "cells"}
 
 
 def test_files_that_are_no_mesh(tmp_path: Path) -> None:

@@ -173,3 +173,50 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(kind: str) -> None:
     np.testing.assert_allclose(
         found[0].reaction, found[1].reaction, rtol=0, atol=1e-9 * size
     )
+
+
+@pytest.mark.parametrize("kind", ["T6", "Q8", "Q4"])
+def test_clearances_at_nodes(kind: str) -> None:
+    """Of a body, a plane and a plane that moves: a linear clearance is what it is."""
+    bodies = [
+        cube(kind, "high", 0.0, [0.0, 0.45, 1.0]),
+        cube("T3", "low", -1.0, [0.0, 0.3, 0.7, 1.0]),
+    ]
+    floor = ob.Plane([0, 0, 0], [0, 0, 1.0])
+    way = ob.Motion([[0, 0, -0.1], [0, 0, -0.2]])
+    against: list[dict[str, Any]] = [
+        {"against": ("low", "top")},
+        {"obstacle": floor},
+        {"obstacle": floor, "motion": way},
+    ]
+    for within in (None, {0: (0.0, 0.45)}):
+        nodes = bodies[0].nodes("bottom", within)
+        values = 0.1 + bodies[0].points[nodes] @ [0.3, -0.2, 0.0]
+        for other in against:
+            gaps = []
+            for clearance in (values, lambda x: 0.1 + x @ [0.3, -0.2, 0.0]):
+                contact = fem.Contact(
+                    *("high", "bottom", 0.2),
+                    clearance=clearance,
+                    pairing="mortar",
+                    within=within,
+                    **other,
+                )
+                model = fem.build(bodies, [contact])
+                moved = model.gaps(2) if "motion" in other else None
+                gaps.append((model.gap, moved))
+            (one, first), (two, second) = gaps
+            # Rules on skewed quadrilaterals, of which there are none: rounding.
+            np.testing.assert_allclose(one, two, rtol=0, atol=1e-13)
+            if first is not None and second is not None:
+                np.testing.assert_allclose(first, second, rtol=0, atol=1e-13)
+                np.testing.assert_allclose(
+                    first[1, :, 0], one + 0.2, rtol=0, atol=1e-13
+                )
+    contact = fem.Contact(
+        *("high", "bottom", 0.2), clearance=values[1:], pairing="mortar", obstacle=floor
+    )
+    with pytest.raises(
+        ValueError, match=r"clearance of the contact on 'bottom' has sha"
+    ):
+        fem.build(bodies, [contact])

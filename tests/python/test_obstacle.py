@@ -247,6 +247,37 @@ def test_a_distance_by_its_formula() -> None:
     np.testing.assert_allclose(given.foot, exact.foot, rtol=0, atol=EXACT)
 
 
+@pytest.mark.parametrize("far", [0.0, 1e6, -3e7])
+@pytest.mark.parametrize("count", [1, 50])
+def test_a_distance_far_from_the_origin(count: int, far: float) -> None:
+    """Also at one place of the surface, where nothing but the obstacle has a size."""
+    centre = np.full(3, far)
+    x = np.random.default_rng(1).normal(size=(count, 3))
+    x = centre + x / np.linalg.norm(x, axis=1)[:, None]
+    found = ob.Distance(lambda x: np.linalg.norm(x - centre, axis=1) - 1).closest(x)
+    exact = ob.Sphere(centre, 1.0).closest(x)
+    # Places have so many digits; over a step of about a thousandth, and curved by 1.
+    places = np.finfo(float).eps * abs(far)
+    np.testing.assert_allclose(
+        found.normal, exact.normal, rtol=0, atol=1e-9 + 4 * places
+    )
+    np.testing.assert_allclose(
+        found.distance, exact.distance, rtol=0, atol=4 * places + EXACT
+    )
+
+
+def test_steps_of_a_distance_find_a_small_obstacle() -> None:
+    """A pin of a ten-thousandth of the extent of the points, which the step would jump."""
+    x = np.array([[0.0, 1.0], [1e-4, 0.0], [-8e-5, 6e-5], [1.0, 1.0]])
+    pin = ob.Distance(lambda x: np.linalg.norm(x, axis=1) - 1e-4)
+    exact = ob.Cylinder([0, 0], 1e-4).closest(x)
+    found = pin.closest(x)
+    # Accepted where the length of the gradient is 1 to 1e-6: of a circle, its direction
+    # is off by less than the root of that.
+    np.testing.assert_allclose(found.normal, exact.normal, rtol=0, atol=1e-3)
+    assert np.abs(found.distance - exact.distance).max() <= EXACT
+
+
 def test_of_several_the_nearest() -> None:
     floor, ball = ob.Plane([0, 0, 0], [0, 0, 1]), ob.Sphere([0, 0, 1], 0.5)
     x = np.array([[0, 0, 2.0], [3, 0, 0.2], [0, 0, 0.1]])
@@ -396,3 +427,176 @@ def test_the_normal_is_that_of_the_nearest_approach() -> None:
         met.drag[:, 0], [[0, 0, 0], [3, 0, 0], [5, 0, 0], [9, 0, 0]]
     )
     assert np.argmin(met.distance[:, 0]) == 2
+
+
+class Told:
+    """An obstacle of someone else's: the unit disc or ball, and what it says wrong."""
+
+    dim = None
+
+    def __init__(self, wrong: Any) -> None:
+        self._wrong = wrong
+
+    def closest(self, points: np.ndarray) -> Any:
+        far = np.linalg.norm(points, axis=1)
+        normal = points / far[:, None]
+        return self._wrong(ob.Closest(far - 1, normal, normal), points)
+
+
+def test_an_obstacle_of_another_making() -> None:
+    right = Told(lambda found, _: found)
+    for dim in (2, 3):
+        x = around(dim)
+        here, there = ob.ask(right, x), ob.Sphere(np.zeros(dim), 1.0).closest(x)
+        for one, other in zip(here, there, strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=EXACT)
+
+
+class Waves:
+    """Heights over a line, and the distance to first order: z - h along the normal."""
+
+    dim = 2
+
+    def closest(self, points: np.ndarray) -> ob.Closest:
+        slope = 0.02 * np.cos(2 * points[:, 0])
+        normal = np.column_stack([-slope, np.ones(len(points))])
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        above = points[:, 1] - 0.01 * np.sin(2 * points[:, 0])
+        distance = above * normal[:, 1]
+        return ob.Closest(distance, normal, points - distance[:, None] * normal)
+
+
+def test_a_profile_that_knows_distances_to_first_order() -> None:
+    x = np.random.default_rng(0).uniform([-1, -0.1], [1, 0.3], (200, 2))
+    np.testing.assert_array_equal(ob.ask(Waves(), x).foot, Waves().closest(x).foot)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda *_: None, "obstacle Told answers with None, expected a Closest"),
+        (
+            lambda f, _: f._replace(distance=f.distance[:, None]),
+            r"distance of the obstacle Told has shape \(300, 1\), expected \(300,\)",
+        ),
+        (
+            lambda f, _: f._replace(normal=f.normal[0]),
+            r"normal of the obstacle Told has shape \(3,\), expected \(300, 3\)",
+        ),
+        (
+            lambda f, x: f._replace(distance=np.where(x[:, 0] > 0, f.distance, np.nan)),
+            r"distance of the obstacle Told is nan at \(-",
+        ),
+        (
+            lambda f, _: f._replace(normal=2 * f.normal),
+            r"at \(.*\) its normal has not length 1, it misses it by 1",
+        ),
+        (
+            lambda f, _: f._replace(normal=-f.normal),
+            r"at \(.*\) its foot is not point - distance \* normal, it is off by",
+        ),
+        (
+            lambda f, _: f._replace(distance=-f.distance),
+            "its foot is not point - distance",
+        ),
+        (
+            lambda f, x: ob.Closest(
+                abs(f.distance), f.normal, x - abs(f.distance)[:, None] * f.normal
+            ),
+            r"its foot is \(.*\), which has the distance .* negative inside",
+        ),
+        (
+            lambda f, _: f._replace(
+                distance=abs(f.distance),
+                normal=np.sign(f.distance)[:, None] * f.normal,
+            ),
+            "behind its surface, at .* expected a negative one: it is signed",
+        ),
+    ],
+)
+def test_an_obstacle_that_tells_wrong(wrong: Any, message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=message):
+        ob.approach(Told(wrong), None, around(3))
+    with pytest.raises((TypeError, ValueError), match=message):
+        ob.Union([ob.Plane([0, 0, -9], [0, 0, 1]), Told(wrong)]).closest(around(3))
+
+
+def knife(dim: int) -> ob.Surface:
+    """A sheet of two sides and no thickness, ``z ≤ 0`` of the plane ``x = 0``."""
+    if dim == 2:
+        return ob.Surface([[0, 0], [0, -2]], [[0, 1], [1, 0]])
+    x = np.array([(0, y, z) for y in range(3) for z in (0, -1, -2)], float)
+    one = np.array(
+        [t for i in (0, 1, 3, 4) for t in ([i, i + 1, i + 3], [i + 3, i + 1, i + 4])]
+    )
+    return ob.Surface(x, np.concatenate([one, one[:, ::-1]]))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_sheet_of_two_sides_has_no_inside(dim: int) -> None:
+    """Its normal at the rim leads away from it, on it to the side of a facet."""
+    random = np.random.default_rng(4)
+    low, high = [-1, 0.2, -1.8][-dim:], [1, 1.8, -0.2][-dim:]
+    low[0], high[0] = -1, 1
+    x = random.uniform(low, high, (300, dim))
+    sheet = knife(dim)
+    found = sheet.closest(x)
+    np.testing.assert_allclose(found.distance, np.abs(x[:, 0]), rtol=0, atol=EXACT)
+    np.testing.assert_allclose(found.normal[:, 0], np.sign(x[:, 0]), rtol=EXACT)
+    # Over nodes, edges and facets alike.
+    middle, end = np.array([0, 1.0, -1])[-dim:], np.array([0, 1.0, 0])[-dim:]
+    middle[0] = end[0] = 0
+    for place in (middle, end):
+        above = place + np.outer([0.5, -0.5, 1e-6, -1e-6], np.eye(dim)[0])
+        found = sheet.closest(above)
+        np.testing.assert_allclose(found.distance, [0.5, 0.5, 1e-6, 1e-6], rtol=1e-9)
+    on = sheet.closest(middle[None])
+    assert abs(on.distance[0]) <= EXACT
+    np.testing.assert_allclose(np.abs(on.normal[0]), np.eye(dim)[0], atol=EXACT)
+    rim = sheet.closest(np.array([end, end + 0.3 * np.eye(dim)[-1]]))
+    np.testing.assert_allclose(rim.distance, [0, 0.3], atol=EXACT)
+    np.testing.assert_allclose(rim.normal, [np.eye(dim)[-1]] * 2, atol=EXACT)
+    if dim == 3:
+        side = sheet.closest(np.array([[0, 0, -0.5], [0, 0, 0.0]]))
+        root = np.sqrt(0.5)
+        np.testing.assert_allclose(
+            side.normal, [[0, -1, 0], [0, -root, root]], atol=EXACT
+        )
+
+
+def test_triangles_that_a_file_has_twice(tmp_path: Path) -> None:
+    meshio = pytest.importorskip("meshio")
+    x, faces = icosphere(1)
+    random = np.random.default_rng(0)
+    again = np.roll(faces[random.integers(0, len(faces), 20)], 1, axis=1)
+    points = np.concatenate([x[faces], x[again]]).reshape(-1, 3)
+    triangles = np.arange(len(points)).reshape(-1, 3)
+    needle = [[0, 3, 0], [5, 5, 8]]  # corners that fall together
+    file = tmp_path / "ball.stl"
+    mesh = meshio.Mesh(points, [("triangle", np.concatenate([triangles, needle]))])
+    with np.errstate(invalid="ignore"):  # the normals of triangles without area
+        mesh.write(file)
+    read = ob.Surface.from_file(file)
+    assert read.closed
+    assert repr(read) == f"Surface({len(faces)} triangles)"
+    with pytest.raises(ValueError, match="have normals to different sides"):
+        ob.Surface(x, np.concatenate([faces, faces[:1]]))
+
+
+def test_corners_of_stl_that_differ_in_their_last_digit(tmp_path: Path) -> None:
+    """A cavity cut from a block: a slit would put what is in the wall beside it outside."""
+    meshio = pytest.importorskip("meshio")
+    x, faces = icosphere(2)
+    random = np.random.default_rng(0)
+    corners = x[faces].reshape(-1, 3).astype(np.float32)
+    # One unit of the last place, up or down.
+    corners = np.nextafter(corners, random.choice([-9, 9], corners.shape).astype("f4"))
+    file = tmp_path / "cavity.stl"
+    triangles = np.arange(len(corners)).reshape(-1, 3)
+    meshio.Mesh(corners, [("triangle", triangles)]).write(file, binary=True)
+    read = ob.Surface.from_file(file, flipped=True)
+    assert read.closed
+    # In the wall, over the edges of the cavity's facets.
+    middle = (x[faces] + x[np.roll(faces, 1, axis=1)]).reshape(-1, 3) / 2
+    wall = 1.01 * middle / np.linalg.norm(middle, axis=1)[:, None]
+    assert (read.closest(wall).distance < 0).all()

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
 from bipot_rs import analytic, fem, scene
@@ -442,6 +443,58 @@ FLOOR = ob.Plane([0, 0], [0, -1])
 def test_what_cannot_be(contacts: list[fem.Contact], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         fem.build([slab()], contacts)
+
+
+def test_what_is_no_obstacle() -> None:
+    with pytest.raises(
+        TypeError, match="obstacle of the contact on 'top' is 3, expect"
+    ):
+        fem.build([slab()], [fem.Contact("slab", "top", 0, obstacle=3)])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("pairing", ["match", "mortar"])
+def test_a_punch_with_sharp_edges_presses_straight(pairing: str, moving: bool) -> None:
+    """Nodes at its very edges and corners, which have the normals of three faces."""
+    turn = Rotation.random(random_state=1).as_matrix()
+    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (0, 1.0)])
+    facets = np.array(
+        [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+    )
+    facets = np.concatenate([facets, [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]]])
+    facets = np.concatenate([facets, [[1, 5, 7], [1, 7, 3]]])
+    places, motion = corners @ turn.T, None
+    punch = ob.Surface(places, facets)
+    assert punch.closest((turn @ [0, 0, -2.0])[None]).distance[0] == pytest.approx(2)
+    grid = np.linspace(-2, 2, 9)
+    mesh = fem.box([grid, grid, np.linspace(-1, 0, 3)], "hexahedron")
+    body = fem.Body(
+        "it", type(mesh)(turn @ mesh.p, mesh.t, mesh.boundaries), fem.Material(E, NU)
+    )
+    if moving:  # it comes from above, and turns into place
+        lift = 3 * turn[:, 2]
+        way = Rotation.from_rotvec([0.3, -0.4, 0.2])
+        motion = ob.Motion(
+            [-lift],
+            [way.magnitude()],
+            about=[0, 0, 0],
+            axis=way.as_rotvec(),
+        )
+        punch = ob.Surface((places + lift) @ way.as_matrix(), facets)
+    contact = fem.Contact(
+        "it", "top", 0.0, obstacle=punch, motion=motion, pairing=pairing
+    )
+    model = fem.build([body], [contact])
+    gap = model.gap if model.moving is None else model.moving[-1, :, 0]
+    flat = model.points @ turn
+    under = np.abs(flat[:, :2]).max(axis=1) <= 1 + 1e-9
+    assert under.sum() == 25
+    # In the mean over facets, those beyond the rim count too.
+    inner = under if pairing == "match" else np.abs(flat[:, :2]).max(axis=1) < 0.9
+    np.testing.assert_allclose(gap[inner], 0, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        model.frame[under, 0], np.tile(-turn[:, 2], (25, 1)), rtol=0, atol=1e-13
+    )
 
 
 def test_steps_of_obstacles_and_of_loads() -> None:

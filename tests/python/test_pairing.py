@@ -264,6 +264,22 @@ def test_a_gap_is_that_of_the_places() -> None:
             )
 
 
+@pytest.mark.parametrize("nodes", KINDS)
+def test_clearance_of_nodes(nodes: int) -> None:
+    """Numbers at nodes are what the shape functions between them are, in the mean."""
+    one, other = sheet(nodes, 3, up=False), sheet(4, 4, up=True)
+    values = np.random.default_rng(0).normal(size=len(one[0]))
+    for method in ("mortar", "nodes") if nodes < 5 else ("mortar",):
+        plain = bp.pairs(*one, *other, method=method)
+        found = bp.pairs(*one, *other, method=method, clearance=values)
+        # As a displacement of the slave along the normals would open the gap.
+        opened = np.concatenate([values[:, None] * [0, 0, 1], 0 * other[0]]).ravel()
+        moved = plain.gap + (plain.B @ opened)[::3]
+        np.testing.assert_allclose(found.gap, moved, rtol=0, atol=1e-13)
+        if method == "nodes":
+            np.testing.assert_array_equal(found.gap - plain.gap, values[found.node])
+
+
 def test_clearance_in_the_mean() -> None:
     """∫ ψ x² / a = x² - h²/6 for 2 N_1 - N_2 on either side, on segments of length h."""
     x = np.linspace(0, 1, 6)

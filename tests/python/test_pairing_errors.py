@@ -76,6 +76,21 @@ def with_facet(facets: Any, at: int, nodes: list[int]) -> Any:
         ({"facets_slave": ONE[1][:0]}, r"facets_slave has shape \(0, 4\)"),
         ({"points_slave": ONE[0] * np.nan}, "points_slave is nan at"),
         ({"clearance": lambda _: np.zeros(3)}, r"at the places has shape \(3,\)"),
+        (
+            {"clearance": np.zeros(3)},
+            r"clearance has shape \(3,\), expected a number, or \(9,\)",
+        ),
+        (
+            {
+                "dofs_slave": np.arange(27).reshape(9, 3),
+                "dofs_master": np.arange(27).reshape(9, 3) + 3,
+                "n": 30,
+            },
+            (
+                "dofs_master gives node 0 the degree of freedom 3, which dofs_slave gives "
+                "node 1 in another place, 0.*away"
+            ),
+        ),
         ({"n": 100}, "degrees of freedom are given in part"),
         (
             {
@@ -154,6 +169,39 @@ def test_layers_of_a_master() -> None:
     assert abs(near.B[:, : 3 * 18] - bp.pairs(*ONE, *OTHER).B).max() < 1e-14
     # The nearest layer is the one that nodes meet.
     assert abs(bp.pairs(*ONE, *both, method="nodes").gap).max() < 1e-15
+
+
+def storeys(turns: float, parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """A ramp of triangles about a pole, whose storeys share its node alone."""
+    angle = np.linspace(0, 2 * np.pi * turns, parts + 1)
+    rim = np.c_[np.cos(angle), np.sin(angle), -0.05 * angle]
+    facets = [[0, k, k + 1] for k in range(1, parts + 1)]
+    return np.concatenate([[[0, 0, 0.0]], rim]), np.array(facets)
+
+
+@pytest.mark.parametrize("turns", [1.1, 1.9])
+def test_layers_that_share_a_node(turns: float) -> None:
+    """Covered twice in part, though by less than the whole facet."""
+    corners = [[2.0, 2, 0.1], [-2, 2, 0.1], [-2, -2, 0.1], [2, -2, 0.1]]
+    pad = (np.array(corners), np.array([[3, 2, 1, 0]]))
+    with pytest.raises(ValueError, match="lies in several layers opposite to facet 0"):
+        bp.pairs(*pad, *storeys(turns, 12))
+    once = bp.pairs(*pad, *storeys(1.0, 12))
+    # Seen from above, a polygon of 12 corners.
+    assert once.area.sum() == pytest.approx(6 * np.sin(np.pi / 6), rel=1e-12)
+
+
+def test_two_sides_of_a_slit() -> None:
+    """One body meets itself along a slit that ends at node 2: numbers in common are right."""
+    points = np.array([[0.0, 0], [1, 0], [2, 0], [1, 0], [0, 0], [1, 1], [1, -1]])
+    upper, lower = [[1, 2], [0, 1]], [[2, 3], [3, 4]]
+    dofs = np.arange(14).reshape(7, 2)
+    kept = bp.pairs(
+        points, upper, points, lower, dofs_slave=dofs, dofs_master=dofs, n=14
+    )
+    apart = bp.pairs(points, upper, points, lower)
+    whole = apart.B[:, :14] + apart.B[:, 14:]
+    assert abs(kept.B - whole).max() <= 1e-15
 
 
 def test_opposite_facets_at_a_node() -> None:

@@ -280,6 +280,10 @@ def line(number: int, text: str) -> Edit:
         ),
         ("load.csv", line(2, "-1,10,1,0"), "load.csv line 2: step is -1, expected 0"),
         ("load.csv", line(2, "2,10,1,0"), "load.csv has no step 1, and one 2"),
+        ("load.csv", line(2, "0,10,1_0,0"), "load.csv line 2: fx is '1_0', expected"),
+        ("load.csv", line(2, "0,1_0,1,0"), "load.csv line 2: node is '1_0', expected"),
+        ("nodes.inp", line(6, "13, 1_0, 0"), "nodes.inp line 6: is '13, 1_0, 0', exp"),
+        ("K.mtx", lambda _: "1,1,1,1,1_0\n", "K.mtx line 1: is '1,1,1,1,1_0'"),
         (
             "fixed.csv",
             line(2, "0,10.5,1,0"),
@@ -341,6 +345,10 @@ def test_degrees_of_freedom_without_nodes(tmp_path: Path) -> None:
     run = bipot(*command, cwd=tmp_path)
     assert run.returncode == 2
     assert "line 2: degree of freedom 50 is none of 0 to 49" in run.stderr
+    path.write_text("dof_x,dof_y,other_x,other_y,nx,ny,mu\n0,1,4,,0,1,0.3\n")
+    run = bipot(*command, cwd=tmp_path)
+    assert run.returncode == 2
+    assert "line 2: other_y is blank where other_x is 4: expected all" in run.stderr
     path.write_text("node,nx,ny,mu\n3,0,1,0.3\n")
     run = bipot(*command, cwd=tmp_path)
     assert "names nodes, which --nodes must list" in run.stderr

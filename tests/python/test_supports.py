@@ -1,11 +1,17 @@
 """Springs and planes of symmetry."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+import bipot_rs as bp
 from bipot_rs import fem
 from bipot_rs.bodies import elements
+from bipot_rs.inspection import inspect
 
 Floats = NDArray[np.float64]
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
@@ -170,12 +176,205 @@ def test_supports_and_symmetries_that_disagree() -> None:
         model.prescribed([[0.0], [0.0]])
 
 
+def turned(mesh: Any, turn: np.ndarray) -> Any:
+    return type(mesh)(turn @ mesh.p, mesh.t, mesh.boundaries, mesh.subdomains)
+
+
+# A turn of the plane, of space about no axis, and of space about an upright one.
+TURNS = {
+    "plane": Rotation.from_rotvec([0, 0, np.pi / 6]).as_matrix()[:2, :2],
+    "space": Rotation.from_rotvec([0.3, -0.5, 0.7]).as_matrix(),
+    "upright": Rotation.from_rotvec([0, 0, np.pi / 6]).as_matrix(),
+}
+
+
+@pytest.mark.parametrize("pairing", ["match", "mortar"])
+@pytest.mark.parametrize("name", TURNS)
+def test_planes_of_symmetry_turn_with_the_body(name: str, pairing: str) -> None:
+    """Two planes that meet in an edge, friction below, heat, and all of it turned.
+
+    A second body lies under the first where its meshes need not match.
+    """
+    turn = TURNS[name]
+    d = len(turn)
+    cell = "hexahedron" if d == 3 else "quadrilateral"
+    models, results = [], []
+    for R in (np.eye(d), turn):
+        axes = [np.linspace(0, 1, 4)] * d
+        upper = turned(fem.box(axes, cell), R)
+        wide = [np.linspace(0, 1, 3)] * (d - 1)
+        lower = turned(fem.box([*wide, np.linspace(-0.5, 0, 2)], cell), R)
+        bodies = [fem.Body("upper", upper, STEEL), fem.Body("lower", lower, STEEL)]
+        up = R[:, -1]
+        if pairing == "mortar":
+            contact = fem.Contact(
+                "upper", "bottom", 0.3, against=("lower", "top"), pairing="mortar"
+            )
+            sides = [(b, s) for b in ("upper", "lower") for s in ("left", "front")]
+        else:
+            bodies = bodies[:1]
+            contact = fem.Contact("upper", "bottom", 0.3, plane=(0 * up, up))
+            sides = [("upper", "left"), ("upper", "front")]
+        sides = [(b, s) for b, s in sides if s in upper.boundaries]
+        planes = [fem.Symmetry(*side) for side in sides]
+        if pairing == "mortar":
+            planes.append(fem.Symmetry("lower", "bottom"))
+        model = fem.build(bodies, [contact], symmetries=planes)
+        out = R[:, 0]
+        load = model.traction(
+            "upper",
+            "top",
+            lambda x, up=up, out=out: (
+                np.multiply.outer(-up, 1 + np.tensordot(out, x, 1) ** 2)
+                + 0.1 * np.multiply.outer(out, 1 + 0 * x[0])
+            ),
+        )
+        load += model.initial_strain("upper", 1e-3 * np.eye(d))
+        values = model.prescribed([])
+        results.append(model.problem().solve(load, values, tol=1e-13))
+        models.append(model)
+    (straight, inclined), (one, other) = models, results
+    assert straight.inclined is None
+    assert inclined.inclined is not None
+    assert abs(inclined.K - inclined.K.T).max() == 0
+    u, v = (r.displacement[0].reshape(-1, d) for r in results)
+    scale = abs(u).max()
+    # η of 1e-13 and a condition of about 1e3.
+    np.testing.assert_allclose(v, u @ turn.T, rtol=0, atol=1e-9 * scale)
+    assert abs(inclined.inclined.normals.T @ v.ravel()).max() <= 1e-13 * scale
+    force = [
+        np.einsum("cij,ci->cj", m.frame, r.reaction[0])
+        for m, r in zip(models, results, strict=True)
+    ]
+    largest = abs(force[0]).max()
+    np.testing.assert_allclose(force[1], force[0] @ turn.T, rtol=0, atol=1e-8 * largest)
+    np.testing.assert_array_equal(one.status, other.status)
+    assert {1, 2} <= set(one.status.ravel().tolist())
+    fields = [
+        m.fields(r.displacement[0], r.reaction[0], r.status[0])
+        for m, r in zip(models, results, strict=True)
+    ]
+    pressure = [f["contact_pressure"] for f in fields]
+    np.testing.assert_allclose(
+        pressure[1], pressure[0], rtol=0, atol=1e-8 * abs(pressure[0]).max()
+    )
+    stress = [
+        fem.stress(m.bodies[0], m.displacement_of("upper", r.displacement[0]))
+        for m, r in zip(models, results, strict=True)
+    ]
+    np.testing.assert_allclose(
+        stress[1],
+        np.einsum("ia,cab,jb->cij", turn, stress[0], turn),
+        rtol=0,
+        atol=1e-8 * abs(stress[0]).max(),
+    )
+    for model in models:
+        assert not inspect(model, prescribed=model.prescribed([]))
+
+
+def test_places_of_seven_digits_on_an_inclined_plane() -> None:
+    """Normals are known to as many, and a component along the plane stays free."""
+    mesh = fem.box([np.linspace(0, 1, 3)] * 3, "hexahedron")
+    rough = type(mesh)((TURNS["upright"] @ mesh.p).round(7), mesh.t, mesh.boundaries)
+    body = fem.Body("it", rough, STEEL)
+    supports = [
+        fem.Support("it", "left", (0, 1)),
+        fem.Support("it", "bottom", (2,)),
+    ]
+    model = fem.build([body], [], supports, symmetries=[fem.Symmetry("it", "left")])
+    values = model.prescribed([[0.0, 0.0], [0.1]])
+    result = model.problem().solve(np.zeros(model.n), values)
+    u = result.displacement[0].reshape(-1, 3)
+    np.testing.assert_allclose(u, np.tile([0, 0, 0.1], (27, 1)), rtol=0, atol=1e-6)
+
+
+def test_a_scene_with_inclined_planes_of_symmetry(tmp_path: Path) -> None:
+    """Through a file, its forces and its stresses: the block of the plane, turned."""
+    turn = TURNS["plane"]
+    steps = []
+    for name, R in (("straight", np.eye(2)), ("turned", turn)):
+        mesh = fem.box([np.linspace(0, 1, 4)] * 2, "quadrilateral")
+        x = mesh.p.T @ R.T
+        lines = [
+            "*NODE",
+            *(f"{k}, {a!r}, {b!r}" for k, (a, b) in enumerate(x.tolist(), 1)),
+        ]
+        lines.append("*ELEMENT, TYPE=CPE4, ELSET=ALL")
+        lines += [
+            ", ".join(map(str, [k, *(cell + 1)])) for k, cell in enumerate(mesh.t.T, 1)
+        ]
+        body = fem.Body("it", mesh, STEEL)
+        for word in ("left", "bottom", "top"):
+            lines += [f"*NSET, NSET={word}", *(str(n + 1) for n in body.nodes(word))]
+        (tmp_path / f"{name}.inp").write_text("\n".join(lines))
+        m = bp.Model(title=name)
+        m.material("steel", young=200.0, poisson=0.3)
+        m.body("it", mesh=str(tmp_path / f"{name}.inp"), material="steel")
+        m.symmetry("it.left")
+        push, up = (R @ [0.1, -1.0]).tolist(), R[:, 1].tolist()
+        m.traction("it.top", x=push[0], y=push[1])
+        m.contact("it.bottom", mu=0.2, plane={"point": [0.0, 0.0], "normal": up})
+        case = m.assemble()
+        result = case.solve(tol=1e-13)
+        file = tmp_path / f"{name}.h5"
+        assert result.displacement.any()  # which saves it
+        result.save(file)
+        again = bp.load(file)
+        assert (case.model.inclined is None) == (name == "straight")
+        force = case.contact_force(result, "it.bottom")[0]
+        u = again[0].displacement.reshape(-1, 2)
+        steps.append((u, force))
+    (u, force), (v, other) = steps
+    np.testing.assert_allclose(v, u @ turn.T, rtol=0, atol=1e-10 * abs(u).max())
+    np.testing.assert_allclose(
+        other, turn @ force, rtol=0, atol=1e-10 * abs(force).max()
+    )
+    assert force[1] == pytest.approx(1.0, rel=1e-10)
+
+
+@pytest.mark.parametrize("angle", [30.0, 60.0])
+def test_a_sector_of_a_ring(angle: float) -> None:
+    """Two planes that meet aslant, one along an axis, and a pressure: σ = -p, exactly."""
+    mesh = fem.box([np.linspace(0, 1, 4)] * 2, "triangle")
+    # The half of a square below its diagonal, made a triangle of this angle.
+    x, y = mesh.p
+    keep = (y[mesh.t] <= x[mesh.t] + 1e-9).all(axis=0)
+    end = np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
+    places = np.array([x - y, 0 * x]) + y * end[:, None]
+    wedge = type(mesh)(places, mesh.t).restrict(np.flatnonzero(keep))
+    middle = wedge.p[:, wedge.facets].mean(axis=1)
+    border = wedge.boundary_facets()
+    on = {
+        "low": np.abs(middle[1]) <= 1e-9,
+        "high": np.abs(middle[0] * end[1] - middle[1] * end[0]) <= 1e-9,
+    }
+    named = {k: border[v[border]] for k, v in on.items()}
+    named["rim"] = np.setdiff1d(border, np.concatenate(list(named.values())))
+    body = fem.Body("it", fem.with_surfaces(wedge, named), STEEL)
+    model = fem.build(
+        [body], [], symmetries=[fem.Symmetry("it", "low"), fem.Symmetry("it", "high")]
+    )
+    problem = model.problem()
+    result = problem.solve(model.pressure("it", "rim", 1.0), model.prescribed([]))
+    u = result.displacement[0].reshape(-1, 2)
+    # Plane strain: ε = -(1 + ν)(1 - 2ν) p/E along both axes.
+    exact = -1.3 * 0.4 / STEEL.young * body.points
+    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-12 * abs(exact).max())
+
+
 def test_symmetries_that_cannot_be() -> None:
     mesh = block("quadrilateral").mesh
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     inclined = fem.Body("it", type(mesh)(turn @ mesh.p, mesh.t, mesh.boundaries), STEEL)
-    with pytest.raises(ValueError, match=r"normal \(-?0\.8, -?0\.6\), .*turn the mesh"):
-        fem.build([inclined], [], symmetries=[fem.Symmetry("it", "left")])
+    plane = [fem.Symmetry("it", "left")]
+    held = fem.build(
+        [inclined], [], [fem.Support("it", "left", (0,))], symmetries=plane
+    )
+    assert not held.prescribed([[0.0]]).any()
+    with pytest.raises(
+        ValueError, match=r"supports move the node at .* by 0\.08 out of its plane"
+    ):
+        held.prescribed([[0.1]])
     p = mesh.p.copy()
     p[0] += 0.1 * p[1] ** 2
     bent = fem.Body("it", type(mesh)(p, mesh.t, mesh.boundaries), STEEL)

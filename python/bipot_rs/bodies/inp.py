@@ -2,20 +2,32 @@
 
 meshio reads these files too, but knows no plane strain and no ``*SURFACE``, and gives
 sets to the wrong cells where a block of cells has no set or two blocks share one.
+
+Sets of the part and of the assembly are apart: where one name stands for two, it is that
+of the assembly, which supports and loads name, and the part's is ``INSTANCE.NAME``, as
+the assembly itself calls it.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs.figures import real, whole
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+S = TypeVar("S")
+T = TypeVar("T")
+# Of a set: whether it is the part's own, and its name in capitals.
+Key = tuple[bool, str]
 
 # Nodes of cells are in the order of VTK.
 _SOLIDS = {4: "tetra", 8: "hexahedron", 10: "tetra10", 20: "hexahedron20"}
@@ -34,6 +46,7 @@ _TYPES = (
 )
 # Those of it that are no cells of a body in the plane.
 _SHELL = re.compile(r"(?:S|M3D|SFM3D|R3D|STRI)\d+[A-Z]*")
+_NUMBER = re.compile(r"[+-]?[0-9]+")
 # Corners of the faces S1, S2, …
 _FACES = {
     "triangle": "01 12 20",
@@ -107,11 +120,13 @@ class _Reader:
         self.places: list[list[float]] = []
         self.cell: dict[int, tuple[int, int]] = {}
         self.blocks: list[tuple[str, Ints, bool]] = []
-        self.nodes_of: dict[str, list[int]] = {}
-        self.cells_of: dict[str, list[int]] = {}
-        self.name: dict[str, str] = {}
-        self.faces: dict[str, list[tuple[int, ...]]] = {}
-        self.free: dict[str, list[int]] = {}
+        self.nodes_of: dict[Key, list[int]] = {}
+        self.cells_of: dict[Key, list[int]] = {}
+        self.name: dict[Key, str] = {}
+        self.faces: dict[Key, list[tuple[int, ...]]] = {}
+        self.free: dict[Key, list[int]] = {}
+        self.in_part = False
+        self.part = ""
         take = {
             "NODE": self._nodes,
             "ELEMENT": self._cells,
@@ -145,24 +160,57 @@ class _Reader:
                         "has a second part, whose numbers start again: expected one "
                         "part a file",
                     )
-            elif section.word == "INSTANCE" and section.rows:
-                raise self._error(
-                    section.line, "moves its part, expected an instance that does not"
-                )
+                self.in_part = True
+                self.part = section.parameters.get("NAME", "")
+            elif section.word == "END PART":
+                self.in_part = False
+            elif section.word == "INSTANCE":
+                if section.rows:
+                    raise self._error(
+                        section.line,
+                        "moves its part, expected an instance that does not",
+                    )
+                self.part = section.parameters.get("NAME", self.part)
         points = np.zeros((len(self.places), 3))
         for row, place in zip(points, self.places, strict=True):
             row[: len(place)] = place
         self.inp = Inp(
             points,
             self.blocks,
-            {self.name[k]: self._by_block(v) for k, v in self.cells_of.items()},
-            {
-                self.name[k]: np.unique([self.node[n] for n in v]).astype(np.int64)
-                for k, v in self.nodes_of.items()
-            },
-            {self.name[k]: v for k, v in self.faces.items()},
-            {self.name[k]: self._by_block(v) for k, v in self.free.items()},
+            self._named(self.cells_of, self._by_block),
+            self._named(self.nodes_of, self._places),
+            {self._called(k, self.faces): v for k, v in self.faces.items()},
+            self._named(self.free, self._by_block),
         )
+
+    def _named(
+        self, sets: dict[Key, list[int]], made: Callable[[list[int]], T]
+    ) -> dict[str, T]:
+        return {self._called(key, sets): made(own) for key, own in sets.items()}
+
+    def _called(self, key: Key, sets: Mapping[Key, Sequence[object]]) -> str:
+        """The name of a set, with that of the instance where the assembly has another."""
+        other = sets.get((False, key[1]))
+        if key[0] and other is not None and set(other) != set(sets[key]):
+            return f"{self.part}.{self.name[key]}"
+        return self.name[key]
+
+    def _places(self, numbers: list[int]) -> Ints:
+        return np.unique([self.node[n] for n in numbers]).astype(np.int64)
+
+    def _key(self, name: str) -> Key:
+        return self.in_part, name.upper()
+
+    def _known(self, sets: dict[Key, S], name: str) -> S | None:
+        """A set by its name, of the part or of the assembly, ``INSTANCE.NAME`` of the part."""
+        word = name.strip('"').upper()
+        outer, _, inner = word.partition(".")
+        if inner and outer == self.part.upper():
+            found = sets.get((True, inner))
+            if found is not None:
+                return found
+        first = sets.get((self.in_part, word))
+        return sets.get((not self.in_part, word)) if first is None else first
 
     def _error(self, line: int, what: str) -> ValueError:
         return ValueError(f"{self.path}, line {line}: {what}")
@@ -203,7 +251,7 @@ class _Reader:
 
     def _numbers(self, line: int, row: list[str]) -> list[int]:
         try:
-            return [int(part) for part in row if part]
+            return [whole(part) for part in row if part]
         except ValueError:
             raise self._error(
                 line, f"is {', '.join(row)!r}, expected whole numbers"
@@ -219,7 +267,7 @@ class _Reader:
                 while rest and not rest[-1]:
                     rest.pop()
                 # What is left out between commas is zero.
-                place = [float(p.upper().replace("D", "E")) if p else 0.0 for p in rest]
+                place = [real(p.upper().replace("D", "E")) if p else 0.0 for p in rest]
             except ValueError:
                 raise self._error(
                     line, f"is {', '.join(rest)!r}, expected coordinates"
@@ -287,9 +335,9 @@ class _Reader:
             "CPE or CPS with 3, 4, 6 or 8 nodes, or shells and lines on their surface",
         )
 
-    def _add(self, sets: dict[str, list[int]], name: str, numbers: list[int]) -> None:
-        self.name.setdefault(name.upper(), name)
-        sets.setdefault(name.upper(), []).extend(numbers)
+    def _add(self, sets: dict[Key, list[int]], name: str, numbers: list[int]) -> None:
+        self.name.setdefault(self._key(name), name)
+        sets.setdefault(self._key(name), []).extend(numbers)
 
     def _set(self, section: _Section) -> None:
         nodes = section.word == "NSET"
@@ -302,24 +350,25 @@ class _Reader:
         own: list[int] = []
         for line, row in section.rows:
             if "GENERATE" in section.parameters:
-                first, last, *step = self._numbers(line, row)
-                own += range(first, last + 1, *step)
+                own += self._generated(line, row)
                 continue
             for part in filter(None, row):
-                if part.lstrip("+-").isdigit():
-                    own.append(int(part))
-                elif part.strip('"').upper() in sets:
-                    own += sets[part.strip('"').upper()]
+                named = self._known(sets, part)
+                if _NUMBER.fullmatch(part):
+                    own.append(whole(part))
+                elif named is not None:
+                    own += named
                 else:
                     raise self._error(line, f"names a set {part!r} that is not known")
         if nodes and "ELSET" in section.parameters:
             places: set[int] = set()
-            cells = section.parameters["ELSET"].upper()
-            if cells not in self.cells_of:
+            cells = self._known(self.cells_of, section.parameters["ELSET"])
+            if cells is None:
                 raise self._error(
-                    section.line, f"names a set {cells!r} that is not known"
+                    section.line,
+                    f"names a set {section.parameters['ELSET']!r} that is not known",
                 )
-            for number in self.cells_of[cells]:
+            for number in cells:
                 block, k = self.cell[number]
                 places.update(self.blocks[block][1][k].tolist())
             own += [n for n, at in self.node.items() if at in places]
@@ -334,30 +383,28 @@ class _Reader:
         name = section.parameters.get("NAME", "")
         if not name:
             raise self._error(section.line, "has a surface without NAME=")
-        self.name.setdefault(name.upper(), name)
+        self.name.setdefault(self._key(name), name)
         if section.parameters.get("TYPE", "ELEMENT").upper() == "NODE":
             for line, row in section.rows:
-                own = self.nodes_of.get(row[0].strip('"').upper())
-                if own is None and row[0].isdigit() and int(row[0]) in self.node:
-                    own = [int(row[0])]
+                own = self._known(self.nodes_of, row[0])
+                if own is None and self._is(row[0], self.node):
+                    own = [whole(row[0])]
                 if own is None:
                     raise self._error(
                         line, f"names nodes {row[0]!r} that are not known"
                     )
                 self._add(self.nodes_of, name, own)
             return
-        faces = self.faces.setdefault(name.upper(), [])
+        faces = self.faces.setdefault(self._key(name), [])
         for line, row in section.rows:
-            who = row[0].strip('"').upper()
-            if who in self.cells_of:
-                cells = self.cells_of[who]
-            elif who.isdigit() and int(who) in self.cell:
-                cells = [int(who)]
-            else:
+            cells = self._known(self.cells_of, row[0])
+            if cells is None and self._is(row[0], self.cell):
+                cells = [whole(row[0])]
+            if cells is None:
                 raise self._error(line, f"names cells {row[0]!r} that are not known")
             label = row[1].upper() if len(row) > 1 else ""
             if not label:
-                self.free.setdefault(name.upper(), []).extend(cells)
+                self.free.setdefault(self._key(name), []).extend(cells)
                 continue
             for number in cells:
                 block, k = self.cell[number]
@@ -370,6 +417,21 @@ class _Reader:
                     )
                 face = sides[int(label[1]) - 1]
                 faces.append(tuple(int(nodes[k, int(c)]) for c in face))
+
+    def _generated(self, line: int, row: list[str]) -> range:
+        """First, last and step of *NSET or *ELSET, GENERATE."""
+        numbers = self._numbers(line, row)
+        first, last, step = [*numbers, 1][:3] if len(numbers) in (2, 3) else (0, 0, 0)
+        if step < 1 or last < first:
+            raise self._error(
+                line,
+                f"generates {', '.join(filter(None, row)) or 'nothing'}, expected first, "
+                "last and step, ascending and the step 1 or more",
+            )
+        return range(first, last + 1, step)
+
+    def _is(self, word: str, known: Mapping[int, object]) -> bool:
+        return bool(_NUMBER.fullmatch(word)) and whole(word) in known
 
     def _by_block(self, numbers: list[int]) -> list[Ints]:
         own: list[list[int]] = [[] for _ in self.blocks]

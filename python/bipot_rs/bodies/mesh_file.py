@@ -3,7 +3,7 @@
 Named are volumes (``mesh.subdomains``) and surfaces (``mesh.boundaries``):
 
 - gmsh ``.msh``, versions 2.2 and 4.1, text and binary: physical groups, ``physical 3``
-  where they have no name;
+  where they have no name; of one name, a curve's and a surface's are one each;
 - Abaqus and CalculiX ``.inp``: ELSET, SURFACE, and NSET, whose surface is made of the
   facets all of whose nodes it has;
 - ``.vtu``: none but integer data of cells, as ``tag 3`` for the value 3 of ``tag``;
@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs.bodies import inp
+from bipot_rs.bodies import gmsh_groups, inp
 from bipot_rs.bodies.elements import OF_VTK, Floats, Ints, facet_nodes, make_mesh
 from bipot_rs.bodies.mesh_check import check_mesh
 from bipot_rs.words import counted
@@ -233,8 +233,10 @@ def _of_meshio(path: Path, suffix: str) -> _File:
     points = np.zeros((len(read.points), 3))
     points[:, : np.shape(read.points)[1]] = read.points
     file = _File(points, blocks)
-    for name, parts in read.cell_sets.items():
-        if not name.startswith("gmsh:"):
+    if suffix == ".msh":
+        _add_groups(path, file, read)
+    else:
+        for name, parts in read.cell_sets.items():
             file.sets[name] = [_numbers(part) for part in parts]
     _add_tags(file, read)
     return file
@@ -253,11 +255,37 @@ def _numbers(part: Any) -> Ints:
     return np.zeros(0, np.int64) if part is None else np.asarray(part, dtype=np.int64)
 
 
+def _add_groups(path: Path, file: _File, read: Any) -> None:
+    """Sets by physical groups of gmsh."""
+    named = gmsh_groups.names(path)
+    entities = gmsh_groups.of_entities(path)
+    key = "gmsh:physical" if entities is None else "gmsh:geometrical"
+    groups: dict[tuple[int, int], list[Ints]] = {}
+    for block, tags in enumerate(read.cell_data.get(key, [])):
+        dim = _dimension(file.blocks[block][0])
+        for tag in np.unique(tags).tolist():
+            # The sign tells which way round; zero is no group.
+            told = [abs(tag)] if entities is None else entities.get((dim, tag), [])
+            for number in filter(None, told):
+                own = groups.setdefault((dim, number), _none(file))
+                own[block] = np.union1d(own[block], np.flatnonzero(tags == tag))
+    # In the order of the names.
+    order = {group: k for k, group in enumerate(named)}
+    for group in sorted(groups, key=lambda one: order.get(one, len(order))):
+        parts = groups[group]
+        name = named.get(group, f"physical {group[1]}")
+        known = file.sets.setdefault(name, _none(file))
+        file.sets[name] = [np.union1d(*p) for p in zip(known, parts, strict=True)]
+
+
+def _none(file: _File) -> list[Ints]:
+    return [np.zeros(0, np.int64) for _ in file.blocks]
+
+
 def _add_tags(file: _File, read: Any) -> None:
     """Sets by integer data of cells, where no name says the same."""
-    named = {tuple(int(k) for k in v): name for name, v in read.field_data.items()}
     for key, parts in read.cell_data.items():
-        if key == "gmsh:geometrical" or not all(
+        if key.startswith("gmsh:") or not all(
             np.ndim(part) == 1 and np.asarray(part).dtype.kind in "iu" for part in parts
         ):
             continue
@@ -268,20 +296,7 @@ def _add_tags(file: _File, read: Any) -> None:
             continue
         for value in values.tolist():
             cells = [np.flatnonzero(np.asarray(part) == value) for part in parts]
-            if key != "gmsh:physical":
-                file.sets.setdefault(f"{key} {value}", cells)
-                continue
-            if value == 0:  # none
-                continue
-            # One number may be a group of lines and another of triangles.
-            for dim in {_dimension(kind) for kind, _ in file.blocks}:
-                own = [
-                    c if _dimension(kind) == dim else c[:0]
-                    for c, (kind, _) in zip(cells, file.blocks, strict=True)
-                ]
-                name = named.get((value, dim), f"physical {value}")
-                if any(len(c) for c in own):
-                    file.sets.setdefault(name, own)
+            file.sets.setdefault(f"{key} {value}", cells)
 
 
 def _dimension(kind: str) -> int:

@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs.bodies.elasticity import Body, Box, Ints, Material, surface_stiffness
+from bipot_rs.bodies.elasticity import (
+    Body,
+    Box,
+    Floats,
+    Ints,
+    Material,
+    surface_stiffness,
+)
 from bipot_rs.bodies.elements import KINDS, facet_nodes
 from bipot_rs.check import floats, number
 
@@ -87,15 +94,14 @@ def spring_stiffness(body: Body, spring: Spring) -> Any:
     return surface_stiffness(body, spring.surface, whole)
 
 
-def plane_of(body: Body, symmetry: Symmetry) -> int:
-    """The axis that a plane of symmetry is normal to.
+def plane_of(body: Body, symmetry: Symmetry) -> tuple[int | None, Floats]:
+    """The axis that a plane of symmetry is normal to, if one, and its unit normal.
 
     Raises
     ------
     ValueError
-        The surface is not plane, or not normal to an axis.
+        The surface is not plane.
     """
-    what = f"symmetry on {symmetry.surface!r} of body {symmetry.body!r}"
     places = body.points[body.nodes(symmetry.surface)]
     centre = places.mean(axis=0)
     # The plane is normal to the direction in which places differ least.
@@ -104,18 +110,16 @@ def plane_of(body: Body, symmetry: Symmetry) -> int:
     spread = np.ptp(places, axis=0)
     axis = int(np.argmin(spread))
     if spread[axis] <= _FLAT * size:
-        return axis
+        return axis, np.eye(body.dim)[axis]
     n = directions[-1]
     off = np.ptp((places - centre) @ n)
     if off > _FLAT * size:
         raise ValueError(
-            f"{what}: the surface is not plane, its nodes lie up to {off:g} apart along "
+            f"symmetry on {symmetry.surface!r} of body {symmetry.body!r}: the surface is "
+            f"not plane, its nodes lie up to {off:g} apart along "
             f"({', '.join(f'{x:.3g}' for x in n)}), expected a plane"
         )
-    raise ValueError(
-        f"{what}: the plane has the normal ({', '.join(f'{x:.3g}' for x in n)}), expected "
-        "one along an axis of coordinates: turn the mesh so that it has"
-    )
+    return None, np.asarray(n, np.float64)
 
 
 def surface(

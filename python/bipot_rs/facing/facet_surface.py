@@ -26,6 +26,8 @@ _THIN = 1e-12
 # Nearer to an edge or a corner than this share of the surface's size, the way to it is
 # rounding, and the normal is the one of the edge.
 _ON = 1e-10
+# Of the sizes of vectors that are added: opposite ones, but for rounding.
+_CANCELS = 1e-9
 # Pairs of points and facets that are compared at once: some hundred megabytes.
 _AT_ONCE = 2**19
 
@@ -40,6 +42,10 @@ class Surface:
 
     A surface may have a border. Beyond it there is nothing to be inside of: such points
     are outside, however they lie.
+
+    Distances are those to the nearest place. A punch with sharp edges that moves into a
+    body by more than a node is inside its rim has, at that node, the distance of its side:
+    round the edges by that much, or move the body and not the punch.
 
     Parameters
     ----------
@@ -97,8 +103,10 @@ class Surface:
     ) -> Surface:
         """The triangles of a file, such as ``die.stl``, or where it has none its lines.
 
-        Whatever meshio reads. Corners at one place are one corner, and triangles that
-        then have none left are gone. Lines make a surface in the plane, of x and y.
+        Whatever meshio reads. Corners at one place are one corner, of STL those that its
+        seven digits do not tell apart, lest there be slits between triangles. Triangles
+        that then have none left are gone, and of those that are there twice one counts.
+        Lines make a surface in the plane, of x and y.
 
         Raises
         ------
@@ -117,9 +125,11 @@ class Surface:
             if cells:
                 x, number = np.unique(points[:, :d], axis=0, return_inverse=True)
                 facets = number.reshape(-1)[np.concatenate(cells)]
+                if os.fspath(path).lower().endswith(".stl"):
+                    facets = _joined(x)[facets]
                 ordered = np.sort(facets, axis=1)
                 whole = (np.diff(ordered, axis=1) > 0).all(axis=1)
-                return cls(x, facets[whole], flipped=flipped)
+                return cls(x, _once(facets[whole]), flipped=flipped)
         kinds = ", ".join(sorted({known for known, _ in blocks})) or "no cells"
         raise ValueError(
             f"{path} has {kinds}, expected triangles, or lines in the plane"
@@ -143,12 +153,67 @@ class Surface:
     def closest(self, points: Array, /) -> Closest:
         """As `Obstacle`; of two places at one distance either may be taken."""
         x = taken(points, self.dim)
+        return self._signed(x, *self._located(x))
+
+    def _located(self, x: Array) -> tuple[Array, Ints, Ints]:
+        """As `_search`, of any number of points."""
         foot = np.empty_like(x)
         facet = np.empty(len(x), np.int64)
         part = np.empty(len(x), np.int64)
         for at in self._portions(x):
             foot[at], facet[at], part[at] = self._search(x[at])
-        return self._signed(x, foot, facet, part)
+        return foot, facet, part
+
+    def facing(self, points: Array, outward: Array) -> Closest:
+        """As `closest`, for nodes of bodies with the directions ``outward (n, d)`` there.
+
+        On an edge or a corner, and on a sheet of two sides, a surface has many normals: a
+        node in that very place takes of these the nearest to the opposite of its own, so
+        that a flat body on a flat punch is pressed straight at the rim too.
+        """
+        x = taken(points, self.dim)
+        foot, facet, part = self._located(x)
+        found = self._signed(x, foot, facet, part)
+        on = np.flatnonzero(np.abs(found.distance) <= _ON * self._size)
+        corners = self._x[self._corners[facet[on]]]
+        beside = [
+            length(foot[on] - _on_segment(foot[on], a, b)[0])
+            for a, b in self._edges_of(corners)
+        ]
+        # Rounding tells which of the facets at an edge is found, and as what part of it.
+        rim = np.min(beside, axis=0, initial=np.inf) <= _ON * self._size
+        on = on[rim | self._sheet[facet[on], part[on]]]
+        normal = found.normal.copy()
+        for at in self._portions(on):
+            point, touching = self._touching(found.foot[on[at]])
+            ends = np.searchsorted(point, np.arange(len(on[at]) + 1))
+            for k, first, last in zip(on[at], ends[:-1], ends[1:], strict=True):
+                normals = np.vstack([self._normal[touching[first:last]], normal[k]])
+                # Most edges are within something flat.
+                if np.abs(normals - normals[-1]).max() > _CANCELS:
+                    normal[k] = _nearest_in_cone(normals, -outward[k], normal[k])
+        return found._replace(normal=normal)
+
+    def _edges_of(self, corners: Array) -> Iterator[tuple[Array, Array]]:
+        """Ends of the edges of facets ``(k, d, d)``; of segments, each end twice."""
+        for k in range(self.dim):
+            far = (k + 1) % 3 if self.dim == 3 else k
+            yield corners[:, k], corners[:, far]
+
+    def _touching(self, places: Array) -> tuple[Ints, Ints]:
+        """Places and facets that they are on, in pairs, ascending by place."""
+        slack = _ON * self._size
+        point, facet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+        for members, tree, reach in self._levels if len(places) else []:
+            found = tree.query_ball_point(places, reach + slack)
+            point.append(np.repeat(np.arange(len(places)), [len(one) for one in found]))
+            near = np.concatenate([np.array(one, np.int64) for one in found])
+            facet.append(members[near])
+        p, f = np.concatenate(point), np.concatenate(facet)
+        foot, _ = _closest_on(places[p], self._x[self._corners[f]])
+        on = length(foot - places[p]) <= slack
+        order = np.argsort(p[on], kind="stable")
+        return p[on][order], f[on][order]
 
     def _signed(self, x: Array, foot: Array, facet: Ints, part: Ints) -> Closest:
         """Distances with their sign, and the normals: along the way to the foot."""
@@ -157,6 +222,10 @@ class Surface:
         far = length(way)
         across = np.einsum("nd,nd->n", way, pseudo)
         inside = across < 0
+        # Of a sheet of two sides, which coincide, that side counts where the point is.
+        sheet = self._sheet[facet, part]
+        pseudo = np.where((sheet & inside & (part == 0))[:, None], -pseudo, pseudo)
+        inside &= ~sheet
         # Past a border the way leads aside; below it, it is a normal of the facet.
         border = self._border[facet, part]
         below = far - np.abs(np.einsum("nd,nd->n", way, self._normal[facet]))
@@ -167,9 +236,11 @@ class Surface:
         way = np.where(smooth[:, None], 1.0, way)
         normal = sign[:, None] * way / length(way)[:, None]
         normal = np.where(smooth[:, None], pseudo, normal)
+        none = (normal == 0).all(axis=1, keepdims=True)
+        normal = np.where(none, self._normal[facet], normal)
         return Closest(sign * far, normal, foot)
 
-    def _portions(self, x: Array) -> Iterator[slice]:
+    def _portions(self, x: Array | Ints) -> Iterator[slice]:
         """Points in their order, as many as are compared at once."""
         step = max(1, _AT_ONCE // 64)
         for first in range(0, len(x), step):
@@ -231,29 +302,45 @@ class Surface:
         k, d = corners.shape
         self._pseudo = np.empty((k, 1 + (d if d == 2 else 2 * d), d))
         self._border = np.zeros(self._pseudo.shape[:2], np.bool_)
+        self._sheet = np.zeros_like(self._border)
+        _, same, count = np.unique(
+            np.sort(corners, axis=1), axis=0, return_inverse=True, return_counts=True
+        )
+        self._sheet[:, 0] = (count > 1)[same.ravel()]
         self._pseudo[:, 0] = normal
         if d == 2:
             self._at_ends()
             return
         ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
-        count = len(self._x)
-        number = ends.min(axis=1) * count + ends.max(axis=1)
+        nodes = len(self._x)
+        number = ends.min(axis=1) * nodes + ends.max(axis=1)
         listed, edge = np.unique(number, return_inverse=True)
-        pairs = np.column_stack([listed // count, listed % count])
+        pairs = np.column_stack([listed // nodes, listed % nodes])
         along = np.where(ends[:, 0] < ends[:, 1], 1, -1)
         self._same_side(edge, along, pairs)
         owner = np.repeat(np.arange(k), 3)
-        sums = _sums(edge, normal[owner], len(pairs))
-        self._pseudo[:, 1:4] = sums[edge].reshape(k, 3, 3)
-        alone = np.bincount(edge, minlength=len(pairs)) == 1
-        self._border[:, 1:4] = alone[edge].reshape(k, 3)
         x = self._x[corners]
         to = np.roll(x, -1, axis=1) - x
+        # Out of the facet, in its plane, at right angles to the edge.
+        aside = _units(np.cross(to, normal[:, None]))
+        sums, sheet = _sums(edge, normal[owner], aside.reshape(-1, 3), len(pairs))
+        self._pseudo[:, 1:4] = sums[edge].reshape(k, 3, 3)
+        self._sheet[:, 1:4] = sheet[edge].reshape(k, 3)
+        alone = np.bincount(edge, minlength=len(pairs)) == 1
+        self._border[:, 1:4] = alone[edge].reshape(k, 3)
         fro = np.roll(x, 1, axis=1) - x
         angle = np.arctan2(length(np.cross(to, fro)), np.einsum("kcd,kcd->kc", to, fro))
         weighted = angle[:, :, None] * normal[:, None]
-        sums = _sums(corners.ravel(), weighted.reshape(-1, 3), len(self._x))
+        # The mean direction over the angle of a corner is that of its bisector.
+        middle = _units(_units(to) + _units(fro)) * np.sin(angle / 2)[:, :, None]
+        sums, sheet = _sums(
+            corners.ravel(),
+            weighted.reshape(-1, 3),
+            -2 * middle.reshape(-1, 3),
+            len(self._x),
+        )
         self._pseudo[:, 4:] = sums[corners]
+        self._sheet[:, 4:] = sheet[corners]
         ended = np.zeros(len(self._x), np.bool_)
         ended[pairs[alone]] = True
         self._border[:, 4:] = ended[corners]
@@ -270,8 +357,15 @@ class Surface:
                 f"segments of the surface that meet at {place(self._x[at])} have normals "
                 "to different sides: each must go on where the one before ends"
             )
-        sums = _sums(corners.ravel(), np.repeat(self._normal, 2, axis=0), len(self._x))
+        ends = _units(self._x[corners[:, 1]] - self._x[corners[:, 0]])
+        sums, sheet = _sums(
+            corners.ravel(),
+            np.repeat(self._normal, 2, axis=0),
+            np.stack([-ends, ends], axis=1).reshape(-1, 2),
+            len(self._x),
+        )
         self._pseudo[:, 1:] = sums[corners]
+        self._sheet[:, 1:] = sheet[corners]
         self._border[:, 1:] = (count.sum(axis=0) == 1)[corners]
 
     def _same_side(self, edge: Ints, along: Ints, pairs: Ints) -> None:
@@ -307,15 +401,74 @@ def _normals(x: Array) -> Array:
     return np.asarray(normal / length(normal)[:, None], np.float64)
 
 
-def _sums(to: Ints, values: Array, count: int) -> Array:
-    """Sums of vectors by where they belong, of length 1.
+def _sums(
+    to: Ints, values: Array, outwards: Array, count: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Sums of vectors by where they belong, of length 1, and where they cancel.
 
-    Where they cancel, between the two sides of a sheet, they are left at zero.
+    There, at the rim of a sheet of two sides, the sum of ``outwards`` takes their place;
+    where that cancels too, between the two sides, zero.
     """
-    columns = [np.bincount(to, column, minlength=count) for column in values.T]
-    sums = np.stack(columns, axis=1).astype(np.float64)
-    size = length(sums)[:, None]
-    return np.asarray(np.divide(sums, size, out=np.zeros_like(sums), where=size > 0))
+
+    def summed(vectors: Array) -> Array:
+        columns = [np.bincount(to, column, minlength=count) for column in vectors.T]
+        total = np.stack(columns, axis=1).astype(np.float64)
+        size = np.bincount(to, length(vectors), minlength=count)
+        # What is left of opposite ones is rounding, which points anywhere.
+        total[length(total) <= _CANCELS * size] = 0.0
+        return _units(total)
+
+    normals = summed(values)
+    sheet = (normals == 0).all(axis=1, keepdims=True)
+    return np.where(sheet, summed(outwards), normals), sheet.ravel()
+
+
+def _units(vectors: Array) -> Array:
+    """Vectors ``(..., d)`` of length 1, those of length zero as they are."""
+    size = length(vectors)[..., None]
+    return np.asarray(
+        np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0), np.float64
+    )
+
+
+def _nearest_in_cone(normals: Array, direction: Array, otherwise: Array) -> Array:
+    """The unit vector, nearest to a direction, of those that normals ``(k, d)`` span."""
+    from scipy.optimize import nnls
+
+    amounts, _ = nnls(normals.T, direction)
+    found = normals.T @ amounts
+    size = float(np.linalg.norm(found))
+    # Where they all look away there is none.
+    if size <= _CANCELS * float(np.linalg.norm(direction)):
+        return otherwise
+    return np.asarray(found / size, np.float64)
+
+
+def _joined(x: Array) -> Ints:
+    """For each place the first of those that numbers of 32 bits take for it."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    near = 4 * float(np.spacing(np.float32(np.abs(x).max())))
+    pairs = cKDTree(x).query_pairs(near, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(x), len(x)))
+    _, label = connected_components(graph, directed=False)
+    _, first = np.unique(label, return_index=True)
+    return np.asarray(first[label], np.int64)
+
+
+def _once(facets: Ints) -> Ints:
+    """Facets in their order, one of each that run through the same corners alike."""
+    first = np.argmin(facets, axis=1)
+    turned = np.take_along_axis(
+        facets, (first[:, None] + np.arange(facets.shape[1])) % facets.shape[1], axis=1
+    )
+    # The ends of a segment tell its side, as the sense of a triangle.
+    _, kept = np.unique(
+        turned if facets.shape[1] == 3 else facets, axis=0, return_index=True
+    )
+    return facets[np.sort(kept)]
 
 
 def _levels(x: Array, middle: Array) -> list[tuple[Ints, Any, float]]:
@@ -370,7 +523,8 @@ def _closest_on(x: Array, corners: Array) -> tuple[Array, Ints]:
 def _on_segment(x: Array, a: Array, b: Array) -> tuple[Array, Array]:
     """Closest points of segments, and where along them from 0 to 1."""
     way = b - a
-    t = np.clip(_dot(x - a, way) / _dot(way, way), 0.0, 1.0)
+    size = _dot(way, way)
+    t = np.clip(_dot(x - a, way) / np.where(size > 0, size, 1.0), 0.0, 1.0)
     y = a + t[:, None] * way
     # The corner itself, to the bit: facets that share it agree on it.
     return np.where((t >= 1)[:, None], b, y), t

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from bipot_rs.bodies.elasticity import Body, Box, Floats, Ints, Quadrature
-from bipot_rs.check import RATIO, floats, friction, number
+from bipot_rs.check import RATIO, floats, friction, number, shown
 from bipot_rs.facing.facet_mesh import turned_outward
 from bipot_rs.facing.pairing import METHODS, Pairs, pairs, rigid_pairs
 from bipot_rs.frames import frames
-from bipot_rs.obstacle import Motion, Obstacle, Plane, approach, onwards
+from bipot_rs.obstacle import Motion, Obstacle, Plane, approach, ask, onwards
 
 # Up to so many pairs of nodes comparing all takes less time than importing a tree.
 _ALL_PAIRS = 2**20
@@ -38,8 +38,9 @@ class Contact:
     have no positive area, need ``"mortar"`` with rigid obstacles too
     (`bipot_rs.rigid_pairs`).
 
-    ``clearance`` adds to the gap: a number, or a function of the places ``(nodes, d)``
-    [m], of which mortar takes the weighted mean. ``within`` keeps nodes by their places,
+    ``clearance`` adds to the gap: a number, one for each node of the surface in ascending
+    order, as `Body.nodes` has them, or a function of the places ``(nodes, d)`` [m]; mortar
+    takes the weighted mean. ``within`` keeps nodes by their places,
     where meshes do not match the facets all of whose nodes it keeps. In space ``mu`` may
     be a pair, friction along the tangents t1 and t2: t1 is then ``axis (d,)``, a
     direction of the material such as its grain, made orthogonal to the normal, and t2 at
@@ -51,7 +52,7 @@ class Contact:
     mu: float | Sequence[float]
     plane: tuple[ArrayLike, ArrayLike] | None = None
     against: tuple[str, str] | None = None
-    clearance: float | Callable[[Floats], ArrayLike] = 0.0
+    clearance: ArrayLike | Callable[[Floats], ArrayLike] = 0.0
     within: Box | None = None
     axis: ArrayLike | None = None
     obstacle: Obstacle | None = None
@@ -113,7 +114,9 @@ def meet(
         frame = frames(-_normals(facets)[nodes], contact.axis)
         o = _other(bodies, b, contact.against[0])
         theirs = bodies[o].nodes(contact.against[1])
-        match = _match(points, bodies[o].points[theirs], frame, contact)
+        # Of the whole surface: of what `within` leaves may be a single node.
+        size = np.ptp(body.points[body.nodes(contact.surface)], axis=0).max()
+        match = _match(points, bodies[o].points[theirs], frame, contact, size)
         facing = _normals(bodies[o].surface(contact.against[1]))[theirs[match]]
         towards = np.einsum("cd,cd->c", frame[:, 0], facing)
         away = np.flatnonzero(towards <= 0)
@@ -127,7 +130,9 @@ def meet(
         between = points - bodies[o].points[theirs[match]]
         gap = np.einsum("cd,cd->c", frame[:, 0], between)
     else:
-        frame, moved = _rigid(contact, _obstacle(contact, body.dim), points)
+        frame, moved = _rigid(
+            contact, _obstacle(contact, body.dim), points, _normals(facets)[nodes]
+        )
         gap = moved[0, :, 0].copy()
     clearance = _clearance(contact, points)
     if moved is not None:
@@ -151,6 +156,27 @@ def _clearance(contact: Contact, points: Floats) -> Floats:
             f"{what} has shape {found.shape}, expected a number or ({len(points)},)"
         )
     return found
+
+
+def _clearances(
+    contact: Contact, body: Body
+) -> tuple[Callable[[Floats], Floats], Floats]:
+    """Where clearances are meant in the mean: a function of places, and values at nodes."""
+    nodal = np.zeros(len(body.points))
+    if callable(contact.clearance) or np.ndim(contact.clearance) == 0:
+        return lambda places: _clearance(contact, places), nodal
+    nodes = body.nodes(contact.surface, contact.within)
+    nodal[nodes] = _clearance(contact, body.points[nodes])
+    return lambda places: np.zeros(len(places)), nodal
+
+
+def _for_pairs(
+    contact: Contact, body: Body
+) -> ArrayLike | Callable[[Floats], ArrayLike]:
+    """The clearance as `pairs` takes it: an array has one for each node of the body."""
+    if callable(contact.clearance) or np.ndim(contact.clearance) == 0:
+        return contact.clearance
+    return _clearances(contact, body)[1]
 
 
 def gaps_onwards(
@@ -179,14 +205,15 @@ def gaps_onwards(
         distance, drag = onwards(obstacle, motion, points)
         distance = distance + _clearance(contact, points)
     else:
+        body = bodies[body_index(bodies, contact.body)]
+        smooth, nodal = _clearances(contact, body)
 
         def at(places: Floats) -> Floats:
             apart, carried = onwards(obstacle, motion, places)
-            return np.column_stack([apart + _clearance(contact, places), carried])
+            return np.column_stack([apart + smooth(places), carried])
 
-        body = bodies[body_index(bodies, contact.body)]
-        means = _means(body, _facets_of(contact, body), at, 1 + points.shape[1])
-        distance, drag = means[:, 0], means[:, 1:]
+        means, slave = _means(body, _facets_of(contact, body), at, 1 + points.shape[1])
+        distance, drag = means[:, 0] + slave @ nodal, means[:, 1:]
     gaps = before - np.einsum("cij,cj->ci", frame, drag)
     gaps[:, 0] = distance
     return np.asarray(gaps, np.float64)
@@ -206,6 +233,13 @@ def _check(contact: Contact, dim: int) -> None:
         raise ValueError(
             f"contact on {contact.surface!r} needs one obstacle: plane, obstacle or "
             "against"
+        )
+    if contact.obstacle is not None and not callable(
+        getattr(contact.obstacle, "closest", None)
+    ):
+        raise TypeError(
+            f"obstacle of the contact on {contact.surface!r} is {shown(contact.obstacle)}, "
+            "expected one of bipot_rs.obstacle, or what has closest(points)"
         )
     if contact.motion is not None and contact.against is not None:
         raise ValueError(
@@ -242,11 +276,11 @@ def _other(bodies: Sequence[Body], own: int, name: str) -> int:
 
 
 def _rigid(
-    contact: Contact, obstacle: Obstacle, points: Floats
+    contact: Contact, obstacle: Obstacle, points: Floats, outwards: Floats
 ) -> tuple[Floats, Floats]:
     """Frames, and gaps by component at the start and after each step, of a rigid obstacle."""
     try:
-        met = approach(obstacle, contact.motion, points)
+        met = approach(obstacle, contact.motion, points, outwards)
     except ValueError as error:
         raise ValueError(
             f"obstacle of the contact on {contact.surface!r}: {error}"
@@ -285,7 +319,7 @@ def _weighted(
                 *(body.points, ours),
                 *(bodies[o].points, _facets_outward(bodies[o], contact.against[1])),
                 method=contact.pairing,
-                clearance=contact.clearance,
+                clearance=_for_pairs(contact, body),
                 axis=contact.axis,
                 dofs_slave=numbers(b),
                 dofs_master=numbers(o),
@@ -331,35 +365,49 @@ def _against_rigid(
             "obstacle"
         )
     obstacle, motion = _obstacle(contact, body.dim), contact.motion
+    smooth, nodal = _clearances(contact, body)
+    out = outward(body, contact.surface)
+    known = {x.tobytes(): n for x, n in zip(body.points, out, strict=True)}
+
+    def at_nodes(places: Floats) -> Floats:
+        return np.array([known[x.tobytes()] for x in places])
+
     found = rigid_pairs(
         body.points,
         facets,
-        lambda places: obstacle.closest(places).distance + _clearance(contact, places),
-        normal=lambda places: approach(obstacle, motion, places).normal,
+        lambda places: ask(obstacle, places).distance + smooth(places),
+        normal=lambda places: (
+            approach(obstacle, motion, places, at_nodes(places)).normal
+        ),
         axis=contact.axis,
         dofs=dofs,
         n=n,
     )
+    found = replace(found, gap=found.gap + found.slave @ nodal)
     if motion is None:
         return found, None
 
     def at(places: Floats) -> Floats:
         met = approach(obstacle, motion, places)
-        apart = met.distance[1:, :, None] + _clearance(contact, places)[..., None]
+        apart = met.distance[1:, :, None] + smooth(places)[..., None]
         every = np.concatenate([apart, met.drag[1:]], axis=2)
         return np.ascontiguousarray(every.transpose(1, 0, 2)).reshape(len(places), -1)
 
     states, d = motion.steps, body.dim
-    means = _means(body, facets, at, states * (1 + d)).reshape(-1, states, 1 + d)
+    means, slave = _means(body, facets, at, states * (1 + d))
+    means = means.reshape(-1, states, 1 + d)
     gaps = -np.einsum("cij,ckj->kci", found.frame, means[:, :, 1:])
-    gaps[:, :, 0] = means[:, :, 0].T
+    gaps[:, :, 0] = means[:, :, 0].T + slave @ nodal
     return found, gaps
 
 
 def _means(
     body: Body, facets: Ints, fields: Callable[[Floats], Floats], count: int
-) -> Floats:
-    """Means of fields ``(m, count)`` of places over the dual functions, ``(n_c, count)``."""
+) -> tuple[Floats, Any]:
+    """Means of fields ``(m, count)`` of places over the dual functions, ``(n_c, count)``.
+
+    And the weights of the nodes, `Pairs.slave`, that these functions make.
+    """
     known: dict[bytes, Floats] = {}
 
     def one(k: int) -> Callable[[Floats], Floats]:
@@ -372,8 +420,8 @@ def _means(
 
         return at
 
-    means = [rigid_pairs(body.points, facets, one(k)).gap for k in range(count)]
-    return np.column_stack(means)
+    means = [rigid_pairs(body.points, facets, one(k)) for k in range(count)]
+    return np.column_stack([mean.gap for mean in means]), means[0].slave
 
 
 def gaps_of_steps(found: Sequence[Meeting], dim: int) -> Floats | None:
@@ -442,14 +490,16 @@ def _normals(facets: Quadrature) -> Floats:
     return np.where(np.abs(nodal) <= small, 0.0, nodal)
 
 
-def _match(ours: Floats, theirs: Floats, frame: Floats, contact: Contact) -> Ints:
+def _match(
+    ours: Floats, theirs: Floats, frame: Floats, contact: Contact, size: float
+) -> Ints:
     """Index of the node opposite to each of ours, along the normal."""
     match = _nearest(ours, theirs)
     between = ours - theirs[match]
     along = np.einsum("cd,cd->c", frame[:, 0], between)
     aside = np.linalg.norm(between - along[:, None] * frame[:, 0], axis=1)
     # Nodes of one place written by two meshers differ in their last digits.
-    bad = np.flatnonzero(aside > 1e-7 * np.ptp(ours, axis=0).max())
+    bad = np.flatnonzero(aside > 1e-7 * size)
     if bad.size:
         raise ValueError(
             f"surfaces {contact.surface!r} of {contact.body!r} and {contact.against} do "

@@ -166,16 +166,6 @@ def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
     kept = size > least
     kept &= _apart(slave, s, master, m) <= distance
     _one_layer(slave, s[kept], master, m[kept], ours[kept], theirs[kept], least[kept])
-    covered = np.bincount(s[kept], size[kept], minlength=len(slave.size))
-    # Corners that are not in one plane, seen from their mean plane, add rounding only.
-    double = covered > slave.size * (1 + 1e-6)
-    if double.any():
-        at = int(np.argmax(covered / slave.size))
-        raise ValueError(
-            f"{master.name} lies in several layers opposite to facet {at} of "
-            f"{slave.name}, which is covered {covered[at] / slave.size[at]:.2f} times: "
-            "give distance, within which the right one is the only one"
-        )
     return Overlaps(s[kept], m[kept], polygons[kept], theirs[kept])
 
 
@@ -198,7 +188,12 @@ def _one_layer(
     theirs: Array,
     least: Array,
 ) -> None:
-    """Refuse facets of the master one behind the other, which neighbours are not."""
+    """Refuse facets of the master one behind the other.
+
+    Neighbours at an edge are not: they run along it in opposite directions
+    (`facet_mesh`), and seen along a normal that both face they lie on its two sides.
+    Those that share a corner alone may be, as the storeys of a ramp about its pole.
+    """
     first = np.searchsorted(s, s)
     place = np.arange(len(s)) - first
     for step in range(1, int(place.max(initial=0)) + 1):
@@ -208,7 +203,7 @@ def _one_layer(
         shared = corners[m[one]][:, :, None] == corners[m[other]][:, None, :]
         over = (theirs[one].max(axis=1) > theirs[other].min(axis=1)).all(axis=1)
         over &= (theirs[other].max(axis=1) > theirs[one].min(axis=1)).all(axis=1)
-        over &= ~shared.any(axis=(1, 2))
+        over &= shared.sum(axis=(1, 2)) < slave.dim - 1
         one, other = one[over], other[over]
         if not one.size:
             continue

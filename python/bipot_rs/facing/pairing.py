@@ -74,7 +74,7 @@ def pairs(
     *,
     method: str = "mortar",
     distance: float | None = None,
-    clearance: float | Callable[[Array], ArrayLike] = 0.0,
+    clearance: ArrayLike | Callable[[Array], ArrayLike] = 0.0,
     axis: ArrayLike | None = None,
     dofs_slave: ArrayLike | None = None,
     dofs_master: ArrayLike | None = None,
@@ -108,8 +108,9 @@ def pairs(
         there is no limit. Facets face each other if their normals are within 60° of
         opposite.
     clearance
-        Adds to the gap [m]: a number, or a function of places ``(m, d)`` on the slave
-        that returns ``(m,)``. Mortar takes its weighted mean.
+        Adds to the gap [m]: a number, one for each of ``points_slave``, or a function of
+        places ``(m, d)`` on the slave that returns ``(m,)``. Mortar takes its weighted
+        mean, of numbers at nodes by the shape functions between them.
     axis
         In space, a direction that the tangents t1 follow, as of `fem.frames`.
     dofs_slave, dofs_master, n
@@ -146,7 +147,11 @@ def pairs(
         )
     master = surface("_master", points_master, facets_master)
     _apart(slave, master)
-    function = clearance if callable(clearance) else None
+    function, added = None, np.zeros(())
+    if callable(clearance):
+        function = clearance
+    else:
+        added = _clearance(clearance, len(slave.points))
     if method == "mortar":
         over = overlaps(slave, master, limit)
         if not len(over.slave):
@@ -156,14 +161,15 @@ def pairs(
         found = _nodes(slave, master, limit, function)
         if not len(found.node):
             raise ValueError(_nothing(slave, master, distance))
-    constant = 0.0 if function else float(floats("clearance", clearance, shape=()))
+    columns = _columns(slave, dofs_slave, master, dofs_master, n)
+    _own_dofs(slave, columns[0], master, columns[1])
     return _assembled(
         found,
         frames(_normals(slave, found.node), axis),
         slave,
         master,
-        constant,
-        _columns(slave, dofs_slave, master, dofs_master, n),
+        found.slave @ added if added.ndim else float(added),
+        columns,
     )
 
 
@@ -216,6 +222,39 @@ def rigid_pairs(
         normals = np.broadcast_to(given, places.shape)
     columns = _columns(slave, dofs, None, None, n)
     return _assembled(found, frames(normals, axis), slave, None, 0.0, columns)
+
+
+def _clearance(value: ArrayLike, nodes: int) -> Array:
+    found = floats("clearance", value)
+    if found.shape not in ((), (nodes,)):
+        raise ValueError(
+            f"clearance has shape {found.shape}, expected a number, or ({nodes},): one "
+            "for each of points_slave"
+        )
+    return found
+
+
+def _own_dofs(slave: Surface, ours: Ints, master: Surface, theirs: Ints) -> None:
+    """Refuse one degree of freedom for two places: relative to itself nothing moves."""
+    own, other = np.unique(slave.facets), np.unique(master.facets)
+    known = np.full(max(int(ours.max()), int(theirs.max())) + 1, -1, np.int64)
+    known[ours[own]] = own[:, None]
+    same = known[theirs[other]]
+    at = np.argwhere(same >= 0)
+    if not at.size:
+        return
+    node, partner = other[at[:, 0]], same[tuple(at.T)]
+    apart = np.linalg.norm(master.points[node] - slave.points[partner], axis=1)
+    # At the end of a slit the two surfaces of one body have a node in common.
+    size = max(slave.radius.max(), master.radius.max())
+    wrong = apart > _RIM * size
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise ValueError(
+            f"dofs_master gives node {node[k]} the degree of freedom "
+            f"{theirs[node[k], at[k, 1]]}, which dofs_slave gives node {partner[k]} in "
+            f"another place, {apart[k]:g} away: expected numbers of their own"
+        )
 
 
 def _normals(slave: Surface, node: Ints) -> Array:
@@ -386,7 +425,7 @@ def _assembled(
     frame: Array,
     slave: Surface,
     master: Surface | None,
-    clearance: float,
+    clearance: Array | float,
     columns: tuple[Ints, Ints, int],
 ) -> Pairs:
     """Components along the frames, and the gap of the places."""

@@ -151,6 +151,11 @@ class Motion:
         # Not turned at all, they keep their bits.
         return directions if angle == 0 else directions @ self._matrix(angle).T
 
+    def backwards(self, directions: Array, state: int) -> Array:
+        """Directions ``(n, d)`` as seen by the obstacle, the inverse of `forwards`."""
+        angle = self._angle[state]
+        return directions if angle == 0 else directions @ self._matrix(angle)
+
     def back(self, points: Array, state: int) -> Array:
         """Places ``(n, d)`` as seen by the obstacle, which thinks itself at the start."""
         moved, angle = points - self._shift[state], self._angle[state]

@@ -127,6 +127,47 @@ def save_all() -> None:
     gmsh.option.setNumber("Mesh.SaveAll", 0)
 
 
+def groups() -> None:
+    """Two squares whose lines and faces are in several groups, or turned around in one.
+
+    One name is that of lines and of a face; in the files that end in ``_bare`` none has
+    a name.
+    """
+    for bare in (False, True):
+        for version, binary in ((2.2, False), (4.1, False), (4.1, True)):
+            gmsh.model.add("groups")
+            for bound in ("Mesh.MeshSizeMin", "Mesh.MeshSizeMax"):
+                gmsh.option.setNumber(bound, 1)
+            geo = gmsh.model.geo
+            corners = ((0, 0), (1, 0), (2, 0), (2, 1), (1, 1), (0, 1))
+            points = [geo.addPoint(x, y, 0) for x, y in corners]
+            rim = [
+                geo.addLine(a, b)
+                for a, b in zip(points, [*points[1:], points[0]], strict=False)
+            ]
+            middle = geo.addLine(points[1], points[4])
+            left = geo.addCurveLoop([rim[0], middle, rim[4], rim[5]])
+            right = geo.addCurveLoop([rim[1], rim[2], rim[3], -middle])
+            faces = [geo.addPlaneSurface([loop]) for loop in (left, right)]
+            geo.synchronize()
+            for tag, (dim, own, name) in enumerate(
+                (
+                    (1, [rim[0], rim[1]], "base"),
+                    (1, [-rim[2]], "side"),
+                    (1, [rim[2], rim[3], rim[4]], "round"),
+                    (2, [faces[0]], "left"),
+                    (2, faces, "all"),
+                    (2, [-faces[1]], "base"),
+                ),
+                start=1,
+            ):
+                gmsh.model.addPhysicalGroup(dim, own, tag, "" if bare else name)
+            gmsh.model.mesh.generate(2)
+            kind = "_binary" if binary else ""
+            name = f"groups{version:g}{kind}{'_bare' if bare else ''}.msh"
+            write(name.replace(".", "", 1), 1, False, version, binary)
+
+
 def main() -> None:
     """All of them."""
     # gmsh writes the name that it is given into some of the files.
@@ -139,6 +180,7 @@ def main() -> None:
     two_bodies()
     disk()
     save_all()
+    groups()
     gmsh.finalize()
 
 

@@ -1,0 +1,198 @@
+"""Meshes turned, in other units, far away, numbered at random; obstacles with bad facets.
+
+A wrong answer that is called converged is what is looked for.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bipot_rs import analytic, fem
+from bipot_rs import obstacle as ob
+
+Floats = NDArray[np.float64]
+E, NU, P = 1000.0, 0.3, 2.0
+KINDS: dict[str, tuple[str, bool | None]] = {
+    "T3": ("tetrahedron", None),
+    "T6": ("tetrahedron", False),
+    "Q4": ("hexahedron", None),
+    "Q8": ("hexahedron", True),
+    "Q9": ("hexahedron", False),
+}
+# Names of surfaces by place, of a unit cube above `low`.
+SIDES: dict[str, tuple[int, float]] = {
+    "bottom": (2, 0.0),
+    "top": (2, 1.0),
+    "left": (0, 0.0),
+    "front": (1, 0.0),
+}
+
+
+def shuffled(mesh: Any, seed: int) -> Any:
+    """The same cells, nodes and cells in another order."""
+    random = np.random.default_rng(seed)
+    order = random.permutation(mesh.p.shape[1])
+    p = np.empty_like(mesh.p)
+    p[:, order] = mesh.p
+    return type(mesh)(p, order[mesh.t][:, random.permutation(mesh.t.shape[1])])
+
+
+def cube(
+    kind: str, name: str, low: float, grid: list[float], turn: Floats, unit: float
+) -> fem.Body:
+    """A unit cube above ``low``, not equally divided, turned, in other units of length.
+
+    A force keeps its unit, so that stresses go by ``1/unit²``.
+    """
+    cell, few = KINDS[kind]
+    up = low + np.array([0, 0.4, 1.0])
+    mesh = shuffled(fem.box([grid, grid, up], cell), seed=len(grid))
+    if few is not None:
+        mesh = fem.second_order(mesh, serendipity=few)
+    named = {
+        word: fem.surface(mesh, within={k: (at + low * (k == 2),) * 2})
+        for word, (k, at) in SIDES.items()
+    }
+    placed = type(mesh)(unit * (turn @ mesh.p), mesh.t, named)
+    return fem.Body(name, placed, fem.Material(E / unit**2, NU))
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+@pytest.mark.parametrize(
+    ("high", "low"),
+    [("T6", "Q8"), ("Q8", "T6"), ("T3", "Q9"), ("Q4", "Q8"), ("Q9", "T3")],
+)
+def test_patch_turned_and_in_other_units(high: str, low: str, unit: float) -> None:
+    """Two bodies that do not match, on planes of symmetry that no axis is normal to."""
+    turn = Rotation.random(random_state=len(high + low) + int(unit > 1)).as_matrix()
+    bodies = [
+        cube(high, "high", 0.0, [0, 0.45, 1.0], turn, unit),
+        cube(low, "low", -1.0, [0, 0.3, 0.7, 1.0], turn, unit),
+    ]
+    contact = fem.Contact(
+        "high", "bottom", 0.5, against=("low", "top"), pairing="mortar"
+    )
+    planes = [fem.Symmetry(b.name, s) for b in bodies for s in ("left", "front")]
+    planes.append(fem.Symmetry("low", "bottom"))
+    model = fem.build(bodies, [contact], symmetries=planes)
+    load = model.pressure("high", "top", P / unit**2)
+    result = model.problem().solve(load, model.prescribed([]), tol=1e-14)
+    x = model.nodes @ turn / unit
+    exact = P / E * np.column_stack([NU * x[:, 0], NU * x[:, 1], -1 - x[:, 2]])
+    u = result.displacement[0].reshape(-1, 3) @ turn / unit
+    # Some hundred unknowns: a condition of 1e3 times rounding.
+    np.testing.assert_allclose(u, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+    assert result.traction is not None
+    np.testing.assert_allclose(
+        unit**2 * result.traction[0, :, 0], P, rtol=0, atol=1e-11 * P
+    )
+
+
+@pytest.mark.parametrize("kind", ["T6", "Q8"])
+def test_hertz_turned_and_in_other_units(kind: str) -> None:
+    """A rigid ball on a quarter of a block: the straight answer, and nearly Hertz's."""
+    cell, few = KINDS[kind]
+    radius, a = 1.0, 0.1
+    near = np.linspace(0, 1.4 * a, 4)
+    g = np.concatenate([near, 1.4 * a * 7 ** np.linspace(0, 1, 4)[1:]])
+    found = []
+    for turn, unit in (
+        (np.eye(3), 1.0),
+        (Rotation.random(random_state=3).as_matrix(), 1e6),
+    ):
+        mesh = fem.box([g, g, np.sort(-g)], cell)
+        mesh = fem.second_order(shuffled(mesh, 5), serendipity=bool(few))
+        low = -float(g[-1])
+        places: dict[str, tuple[int, float]] = {
+            "top": (2, 0.0),
+            "bottom": (2, low),
+            "left": (0, 0.0),
+            "front": (1, 0.0),
+        }
+        named = {
+            word: fem.surface(mesh, within={k: (at, at)})
+            for word, (k, at) in places.items()
+        }
+        placed = type(mesh)(unit * (turn @ mesh.p), mesh.t, named)
+        body = fem.Body("it", placed, fem.Material(E / unit**2, NU))
+        ball = ob.Sphere(unit * (radius - a**2 / radius) * turn[:, 2], unit * radius)
+        contact = fem.Contact("it", "top", 0.0, obstacle=ball, pairing="mortar")
+        planes = [fem.Symmetry("it", s) for s in ("left", "front", "bottom")]
+        model = fem.build([body], [contact], symmetries=planes)
+        result = model.problem().solve(None, model.prescribed([]), tol=1e-12)
+        force = np.einsum("cij,ci->j", model.frame, result.reaction[0]) @ turn
+        u = result.displacement[0].reshape(-1, 3) @ turn / unit
+        found.append((force, u, result.status[0]))
+    (force, u, status), (other, v, again) = found
+    np.testing.assert_allclose(other, force, rtol=0, atol=1e-9 * abs(force).max())
+    np.testing.assert_allclose(v, u, rtol=0, atol=1e-9 * abs(u).max())
+    np.testing.assert_array_equal(status, again)
+    half, _, _ = analytic.hertz_sphere(
+        -4 * force[2], radius, analytic.contact_modulus(E, NU)
+    )
+    # Three facets over the radius, and a block ten radii deep.
+    assert half == pytest.approx(a, rel=0.06)
+
+
+def floor(kind: str, n: int) -> ob.Surface:
+    """``[-1, 2]²`` in z = 0 of n × n squares: a sheet, one of two sides, or a slab."""
+    line = np.linspace(-1, 2, n + 1)
+    x = np.array([(a, b, 0.0) for a in line for b in line])
+    i = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    cells = np.stack([i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]], -1)
+    cells = cells.reshape(-1, 4)
+    up = np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]])
+    if kind == "sheet":
+        return ob.Surface(x, up)
+    if kind == "two sides":
+        return ob.Surface(x, np.concatenate([up, up[:, ::-1]]))
+    rim = np.concatenate([i[:, 0], i[-1, 1:], i[-2::-1, -1], i[0, -2:0:-1]])
+    on, m = np.roll(rim, -1), len(x)
+    sides = [np.c_[rim, rim + m, on + m], np.c_[rim, on + m, on]]
+    return ob.Surface(
+        np.concatenate([x, x - [0, 0, 0.5]]),
+        np.concatenate([up, up[:, ::-1] + m, *sides]),
+    )
+
+
+@pytest.mark.parametrize("pairing", ["match", "mortar"])
+@pytest.mark.parametrize("n", [3, 7])
+@pytest.mark.parametrize("kind", ["sheet", "two sides", "slab"])
+def test_a_floor_of_triangles_is_a_plane(kind: str, n: int, pairing: str) -> None:
+    """Nodes of the body are on corners, edges and facets of the floor, and at a rim."""
+    turn = Rotation.random(random_state=n).as_matrix()
+    flat = floor(kind, n)
+    for lower in (0.0, -1.0):  # over the middle, and with two sides on the rim
+        grid = np.linspace(0, 1, 4)
+        mesh = fem.box([grid + lower, grid + lower, grid], "hexahedron")
+        body = fem.Body(
+            "it",
+            type(mesh)(turn @ mesh.p, mesh.t, mesh.boundaries),
+            fem.Material(E, NU),
+        )
+        answers = []
+        for obstacle in (
+            ob.Surface(flat._x @ turn.T, flat._corners),
+            ob.Plane([0, 0, 0], turn[:, 2]),
+        ):
+            contact = fem.Contact(
+                "it", "bottom", 0.5, obstacle=obstacle, pairing=pairing
+            )
+            model = fem.build([body], [contact])
+            push = turn @ np.array([0.3, 0.2, -1.0])
+            load = model.traction("it", "top", push)
+            answers.append((model, model.problem().solve(load, tol=1e-13)))
+        (model, one), (plain, other) = answers
+        np.testing.assert_allclose(model.gap, 0, atol=1e-15)
+        # A dozen roundings of numbers of size 1.
+        np.testing.assert_allclose(model.frame[:, 0], plain.frame[:, 0], atol=1e-14)
+        np.testing.assert_allclose(
+            one.displacement,
+            other.displacement,
+            rtol=0,
+            atol=1e-10 * abs(other.displacement).max(),
+        )
+        np.testing.assert_array_equal(one.status, other.status)
