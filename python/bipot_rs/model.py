@@ -19,6 +19,7 @@ from bipot_rs import toml_text
 from bipot_rs.case import Case
 from bipot_rs.errors import BipotError
 from bipot_rs.result import Result, Step
+from bipot_rs.review import review
 from bipot_rs.scene import assemble, bodies, checked, parsed, put
 from bipot_rs.schema import Scene
 from bipot_rs.shipped import SceneError, folder_of, text
@@ -436,6 +437,10 @@ class ModelResult(Result):
 
     def _load(self, k: int) -> float:
         return self.case.step_parameter(self._first + k, self.steps[k])
+
+    def remarks(self) -> list[str]:
+        """What a person should look at in the answer, a sentence each (`review`)."""
+        return review(self.case.model, self.steps)
 
     def contacts_of(self, name: str) -> Ints:
         """Numbers of the contacts on a surface ``"body.surface"``, ascending."""

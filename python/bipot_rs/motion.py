@@ -155,7 +155,7 @@ def _list(contacts: NDArray[np.intp]) -> str:
     return f"contact{'s' if len(contacts) > 1 else ''} {shown}{more}"
 
 
-def name_all(fields: Array, axes: tuple[str, ...], dof: int) -> list[str]:
+def name_all(fields: Array, axes: tuple[str, ...], whose: str) -> list[str]:
     """Words for a space of motions, ``fields (k, n_c, d)``.
 
     Translations that lie in it are named by their axis; the rest turn.
@@ -167,6 +167,6 @@ def name_all(fields: Array, axes: tuple[str, ...], dof: int) -> list[str]:
         shift = np.tile(unit, int(touched.sum())) / np.sqrt(touched.sum())
         # Rounding leaves 1e-8 of a translation that is free, a rotation most of it.
         if np.linalg.norm(shift - span @ (span.T @ shift)) <= 1e-6:
-            words.append(f"translation along {axis}, degree of freedom {dof}")
+            words.append(f"translation along {axis}, {whose}")
     turns = len(fields) - len(words)
-    return words + [f"rotation, degree of freedom {dof}"] * turns
+    return words + [f"rotation, {whose}"] * turns

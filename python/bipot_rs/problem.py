@@ -33,12 +33,12 @@ from bipot_rs.check import (
 from bipot_rs.check import gap as gap_of_step
 from bipot_rs.check import gaps as gaps_of_steps
 from bipot_rs.check import loads as steps_of
-from bipot_rs.errors import NoEquilibriumError
+from bipot_rs.errors import FloatingBodyError, NoEquilibriumError
 from bipot_rs.existence import Existence
 from bipot_rs.following import Following, Loads, Settings, Totals, state
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Result, Step
-from bipot_rs.words import counted
+from bipot_rs.words import body_of, counted
 
 # What a path of several may hold, in words.
 _CASE = "load, prescribed, gap, mu or start"
@@ -157,6 +157,9 @@ class ContactProblem:
         with what they will take, a mapping with ``bodies``, ``n_contact_dofs``,
         ``nnz_factor``, ``flops``, ``bytes_factor``, ``bytes_peak`` and ``ordering`` as in
         `stats`. An exception it raises ends the work and comes out here.
+    bodies
+        Names of the bodies, each with its first degree of freedom, by which messages
+        then call them: ``{"upper": 0, "lower": 240}``.
 
     Raises
     ------
@@ -212,6 +215,7 @@ class ContactProblem:
         working_set: bool | None = None,
         gaps: ArrayLike | None = None,
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+        bodies: Mapping[str, int] | None = None,
     ) -> None:
         stiffness = csr("K", K)
         contact = csr("B", B)
@@ -253,6 +257,7 @@ class ContactProblem:
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
         self._gaps = None if gaps is None else gaps_of_steps(gaps, contacts, d)
+        self._bodies = _named(bodies, n)
         self._known = _known(loads, n, len(self._fixed))
         limit = memory_limit
         if limit is not None:
@@ -365,7 +370,8 @@ class ContactProblem:
         """In words, the motions that supports leave free and contact alone must hold.
 
         Directions are the axes ``x, y[, z]`` where ``frame`` is known, else those of the
-        contacts, ``n, t1[, t2]``; the degree of freedom named is one that moves most.
+        contacts, ``n, t1[, t2]``; of bodies without a name a degree of freedom is named
+        that moves most.
         """
         _, contacts, d = self._shape
         modes = self._core.modes()
@@ -382,7 +388,11 @@ class ContactProblem:
         words: list[str] = []
         for body in dict.fromkeys(bodies):
             own = [k for k, b in enumerate(bodies) if b == body]
-            words += motion.name_all(fields[own], axes, dofs[own[0]])
+            dof = dofs[own[0]]
+            known = self._bodies and body_of(dof, self._bodies)
+            words += motion.name_all(
+                fields[own], axes, known or f"degree of freedom {dof}"
+            )
         return tuple(words)
 
     def reduced(
@@ -726,7 +736,16 @@ class ContactProblem:
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
     ) -> None:
         started = time.perf_counter()
-        self._core = _core.Condensed(parts, *self._given, before, on_forecast)
+        try:
+            self._core = _core.Condensed(parts, *self._given, before, on_forecast)
+        except (FloatingBodyError, ValueError) as error:
+            dof = getattr(error, "dof", None)
+            if dof is None or self._bodies is None:
+                raise
+            named = type(error)(f"{body_of(dof, self._bodies)}: {error}")
+            if isinstance(named, FloatingBodyError):
+                named.dof = dof
+            raise named from None
         self._seconds = time.perf_counter() - started
 
     def _totals(
@@ -757,7 +776,27 @@ class ContactProblem:
         start: Result | Step | None,
     ) -> Following:
         shape, contacts = self._shape[1:], self._contacts | {"mu": mu}
-        return Following(core, contacts, mu, shape, chosen, start, self._seconds)
+        return Following(
+            *(core, contacts, mu, shape, chosen, start, self._seconds), self._bodies
+        )
+
+
+def _named(bodies: Mapping[str, int] | None, n: int) -> dict[str, int] | None:
+    """Names of bodies with their first degrees of freedom, checked."""
+    if bodies is None:
+        return None
+    if not isinstance(bodies, Mapping):
+        raise TypeError(
+            f"bodies is a {type(bodies).__name__}, expected a mapping of names to first "
+            "degrees of freedom"
+        )
+    found = {
+        str(name): integer(f"bodies[{name!r}]", first, least=0, most=max(n - 1, 0))
+        for name, first in bodies.items()
+    }
+    if len(set(found.values())) < len(found):
+        raise ValueError(f"bodies is {found}, expected each to begin somewhere else")
+    return found
 
 
 def _places(coordinates: ArrayLike | None, n: int) -> Array | None:

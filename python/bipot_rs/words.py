@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 
 def counted(number: int, noun: str) -> str:
@@ -37,3 +37,17 @@ def meant(word: str, known: Iterable[str]) -> str:
     """``, did you mean 'x'?``, or nothing."""
     found = nearest(word, known)
     return f", did you mean {found!r}?" if found and found != word else ""
+
+
+def body_of(dof: int, bodies: Mapping[str, int] | None) -> str:
+    """``body 'name'``, whose degree of freedom it is, or what it is known by.
+
+    ``bodies`` are their names, each with its first degree of freedom.
+
+    >>> body_of(7, {"upper": 0, "lower": 6}), body_of(7, None)
+    ("body 'lower'", 'the body of degree of freedom 7')
+    """
+    first = [(at, name) for name, at in (bodies or {}).items() if at <= dof]
+    return (
+        f"body {max(first)[1]!r}" if first else f"the body of degree of freedom {dof}"
+    )

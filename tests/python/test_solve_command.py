@@ -361,7 +361,7 @@ def test_no_answer_and_what_holds_nothing(tmp_path: Path) -> None:
     assert run.returncode == 1
     first, last = map(json.loads, run.stdout.splitlines())
     assert (first["step"], first["stick"]) == (0, 2)
-    assert "step 1: no answer exists" in last["message"]
+    assert "load step 2: no answer exists" in last["message"]
     kept = bp.load(tmp_path / "out" / "K" / "result.h5")
     assert (len(kept), kept.success) == (1, False)
     # The second node is a body of its own, which nothing touches.
