@@ -312,18 +312,28 @@ def test_names_of_which_there_are_none(bipot: Any) -> None:
     assert "there is no 'steel', expected one of stel, did you mean 'stel'?" in err
 
 
-def test_a_body_that_floats_has_its_name(bipot: Any) -> None:
-    assert bipot("new", "mine", "--template", "two_bodies")[0] == 0
+def test_a_body_that_slides_away_has_its_name(bipot: Any) -> None:
+    """Towed by 5 where it is pressed by 10 and friction takes 3."""
+    assert bipot("new", "mine", "--template", "block")[0] == 0
     text = Path("mine.toml").read_text()
-    held = '[[support]]\non = "lower.bottom"\nx = 0.0\ny = 0.0\n'
-    assert held in text
-    Path("mine.toml").write_text(text.replace(held, ""))
-    out = bipot("check", "mine.toml")[1]
-    assert "nothing holds bodies 'upper' and 'lower'" in out or "'lower'" in out
-    status, _, err = bipot("run", "mine.toml")
+    supports = re.compile(r"(?s)\[\[support\]\]\n.*?(?=\n# Forces)")
+    forces = """[[pressure]]
+on = "block.top"
+value = 10.0
+amplitude = "press"
+[[traction]]
+on = "block.top"
+x = { value = 5.0, amplitude = "drag" }
+"""
+    Path("mine.toml").write_text(supports.sub(lambda _: forces, text))
+    status, _, err = bipot("run", "mine.toml", "--set", "mesh.n=2")
     assert status == 1
-    assert "body 'lower'" in err.splitlines()[-1]
-    assert "degree of freedom" not in err.splitlines()[-1].partition(":")[0]
+    last = err.splitlines()[-1]
+    # 0.75 of the pull is 3.75, more than the 3 that hold.
+    assert last.startswith("bipot: load step 4 of 5: no answer exists")
+    assert (
+        "nothing stops this motion: body 'block', translation along (1, 0, 0)" in last
+    )
 
 
 def test_plot_draws_what_run_draws(bipot: Any) -> None:

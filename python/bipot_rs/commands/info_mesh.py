@@ -44,7 +44,6 @@ def _bodies(path: Path) -> dict[str, Any]:
     import numpy as np
 
     from bipot_rs.bodies.elements import KINDS
-    from bipot_rs.bodies.mesh_check import check_mesh
     from bipot_rs.bodies.mesh_file import read_mesh, read_meshes
 
     several = ""
@@ -70,10 +69,13 @@ def _bodies(path: Path) -> dict[str, Any]:
         for known, of in ((volumes, one.subdomains), (surfaces, one.boundaries)):
             for group, members in (of or {}).items():
                 known[group] = max(known.get(group, 0), len(members))
-        try:
-            check_mesh(one, "it")
-        except ValueError as error:
-            mistake = mistake or str(error)
+        mistake = mistake or _wrong(one, "it")
+    if mistake and len(volumes) > 1 and not several:
+        # Bodies side by side are pieces: each may be sound.
+        apart = read_meshes(path, check=False)
+        told = [_wrong(one, f"volume {name!r}") for name, one in apart.items()]
+        mistake = next(filter(None, told), "")
+        several = "" if mistake else "its volumes are bodies apart: read each by group="
     points = np.concatenate([one.p.T for one in parts])
     found: dict[str, Any] = {
         "kind": "mesh",
@@ -100,6 +102,17 @@ def _bodies(path: Path) -> dict[str, Any]:
     name = printable(path.name)
     lines.append(f'  use it    mesh = "{name}" in a scene: bipot new --template mesh')
     return found | {"lines": lines}
+
+
+def _wrong(mesh: Any, what: str) -> str:
+    """What is wrong with a mesh, or nothing."""
+    from bipot_rs.bodies.mesh_check import check_mesh
+
+    try:
+        check_mesh(mesh, what)
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 _NO_SURFACE = "none named: a scene names some by place, [body.NAME.surface.OTHER]"
