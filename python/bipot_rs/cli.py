@@ -81,6 +81,8 @@ def _helpful(message: str, arguments: list[str]) -> str:
         if name in shipped() or name.endswith(".toml"):
             return f"{message} To solve a scene: bipot run {name}"
         return f"{message} bipot --help lists the commands."
+    if message.startswith("Missing ") and arguments:
+        return f"{message} bipot {arguments[0]} --help tells what it takes."
     if message.startswith("Got unexpected extra argument") and "--set" in arguments:
         return f"{message}: --set takes KEY=VALUE in one piece, without spaces"
     return message
@@ -316,8 +318,9 @@ def new(
     from bipot_rs.commands.new import write
 
     with _refusing():
-        path = write(name, template)
-        typer.echo(f"{path}: bipot check {path}, bipot run {path}")
+        path, *beside = write(name, template)
+        written = " and ".join(map(str, [path, *beside]))
+        typer.echo(f"{written}: bipot check {path}, bipot run {path}")
 
 
 @app.command()

@@ -109,12 +109,14 @@ def _slid(model: Model, steps: Sequence[Step]) -> Iterator[str]:
         if ratio <= 1:
             continue
         moved = steps[k].relative_displacement[at[node], 1:]
+        kept = "they go on meeting what lay opposite at the start"
+        if contact.against is None:
+            kept = "normals stay those of the nearest approach, however round it is"
         yield (
             f"contacts of {_named(model, group)} slide by up to "
             f"{np.linalg.norm(moved):.3g} from where they were, at "
             f"{place(model.points[at[node]])} in load step {k + 1} of {len(steps)}, "
-            f"{ratio:.2g} times their distance from each other: they go on meeting what "
-            "lay opposite at the start"
+            f"{ratio:.2g} times their distance from each other: {kept}"
         )
 
 

@@ -409,7 +409,7 @@ class TestErrorsCarryTheirResult:
         result = caught.value.result
         assert result.reaction.shape == (1, 2, 2)  # nothing was asked of the first
         assert not result.success
-        assert re.search(r"step\D{0,3}1\b", str(caught.value))  # counted from 0
+        assert str(caught.value).startswith("load step 2: not converged")
 
     def test_reduced_reports_instead(self) -> None:
         solution = reduced().solve(method="uzawa", max_iterations=1)

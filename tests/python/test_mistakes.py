@@ -44,6 +44,11 @@ RUN = ("run", "sheared_cube")
         (("run", "SHEARED_CUBE"), "did you mean 'sheared_cube'?"),
         (("run", "sheared_cube.toml"), "did you mean 'sheared_cube'?"),
         (("run", "mein.toml"), "did you mean 'mine.toml'?"),
+        (("sweep",), "Missing argument 'SCENE'. bipot sweep --help tells what"),
+        (
+            (*RUN, "--set", 'material.steel.young="7"'),
+            "material.steel.young: should be a valid number, without quotes, got '7'",
+        ),
         (("run", "mine"), "did you mean 'mine.toml'?"),
         (("mine",), "To solve a scene: bipot run mine.toml"),
         (("scenes", "two_block"), "did you mean 'two_blocks'?"),

@@ -13,6 +13,7 @@ from bipot_rs.words import counted, printable
 # Bodies, and surfaces of rigid obstacles.
 _BODIES, _SURFACES = (".msh", ".inp", ".vtu"), (".stl",)
 SUFFIXES = (*_BODIES, *_SURFACES)
+_MANY = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}
 # Names that are told one by one; of more the first ones.
 _NAMES = 12
 
@@ -64,7 +65,9 @@ def _bodies(path: Path) -> dict[str, Any]:
     for one in parts:
         kind = KINDS[type(one)]
         order = "first" if kind.degree == 1 else "second"
-        name = f"{kind.shape} of {order} order, {kind.vtk}"
+        name = (
+            f"{_MANY.get(kind.shape, kind.shape + 's')} of {order} order ({kind.vtk})"
+        )
         cells[name] = cells.get(name, 0) + int(one.t.shape[1])
         for known, of in ((volumes, one.subdomains), (surfaces, one.boundaries)):
             for group, members in (of or {}).items():

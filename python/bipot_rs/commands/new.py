@@ -22,8 +22,8 @@ def templates() -> list[str]:
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
-def write(name: str, template: str) -> Path:
-    """Write a commented scene; returns its file, ``name`` with ``.toml``.
+def write(name: str, template: str) -> list[Path]:
+    """Write a commented scene; returns its files, first ``name`` with ``.toml``.
 
     A template with a mesh has it written beside the scene, under the name of the scene.
 
@@ -46,14 +46,15 @@ def write(name: str, template: str) -> Path:
         text = text.replace(word, file)
     _new(path, _HINT + text)
     source = _FOLDER / f"{template}.inp"
-    if source.exists():
-        try:
-            _new(mesh, source.read_text(encoding="utf-8"))
-        except OSError:
-            # One without the other is of no use.
-            path.unlink()
-            raise
-    return path
+    if not source.exists():
+        return [path]
+    try:
+        _new(mesh, source.read_text(encoding="utf-8"))
+    except OSError:
+        # One without the other is of no use.
+        path.unlink()
+        raise
+    return [path, mesh]
 
 
 def _new(path: Path, text: str) -> None:

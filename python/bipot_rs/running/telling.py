@@ -52,11 +52,19 @@ class Progress:
                 BarColumn,
                 MofNCompleteColumn,
                 SpinnerColumn,
+                Task,
                 TextColumn,
                 TimeElapsedColumn,
                 TimeRemainingColumn,
             )
             from rich.progress import Progress as Bar
+            from rich.text import Text
+
+            class Remaining(TimeRemainingColumn):
+                """Of steps, which are alike; of phases the ones before tell nothing."""
+
+                def render(self, task: Task) -> Text:
+                    return super().render(task) if task.id else Text("")
 
             self.bar = Bar(
                 SpinnerColumn(),
@@ -64,7 +72,7 @@ class Progress:
                 BarColumn(),
                 MofNCompleteColumn(),
                 TimeElapsedColumn(),
-                TimeRemainingColumn(),
+                Remaining(),
                 TextColumn("{task.fields[told]}"),
                 # NO_COLOR and TERM=dumb are rich's to honour.
                 console=Console(stderr=True, highlight=False),
