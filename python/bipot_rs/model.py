@@ -23,6 +23,7 @@ from bipot_rs.review import review
 from bipot_rs.scene import assemble, bodies, checked, parsed, put
 from bipot_rs.schema import Scene
 from bipot_rs.shipped import SceneError, folder_of, text
+from bipot_rs.words import counted, later
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -384,8 +385,11 @@ class Model:
                 on_step=on_step,
             )
         except BipotError as error:
+            # Counted from the start of the whole path.
+            error.args = (later(str(error), first),)
             if error.result is not None:
                 error.result = ModelResult(error.result, case, first)
+                error.result.message = str(error)
             raise
         return ModelResult(result, case, first)
 
@@ -395,8 +399,6 @@ class Model:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        from bipot_rs.words import counted
-
         bodies, contacts = (len(self._table.get(k, ())) for k in ("body", "contact"))
         return (
             f"Model({self.title!r}: {counted(bodies, 'body')}, "

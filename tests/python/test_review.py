@@ -149,3 +149,22 @@ def test_a_model_tells_it_of_its_result() -> None:
     # Sheared by 0.3 over a height of 1: a rotation and a strain of about 0.15 each.
     assert [one.split()[0] for one in said[:2]] == ["rotations", "strains"]
     assert all("in load step 2 of 2" in one for one in said)
+
+
+def test_a_path_that_goes_on_counts_its_load_steps_from_its_start() -> None:
+    side = {"from": 0.0, "to": 1.0, "cells": 4}
+
+    def model(*go: float) -> Any:
+        m = bp.Model("Pressed and sheared")
+        m.material("soft", young=1.0, poisson=0.3)
+        m.body("block", material="soft", cell="quadrilateral", x=side, y=side)
+        m.support("block.top", x=m.times(0.01, "go"), y=-0.01)
+        m.contact("block.bottom", plane={"point": [0, 0], "normal": [0, 1]}, mu=0.3)
+        m.path(go=list(go))
+        return m
+
+    two = model(0.1, 0.2).solve()
+    with pytest.raises(bp.NotConvergedError) as failed:
+        model(0.1, 0.2, 0.9).solve(start=two, method="uzawa", max_iterations=1)
+    assert str(failed.value).startswith("load step 3: not converged")
+    assert failed.value.result.message == str(failed.value)

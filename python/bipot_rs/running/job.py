@@ -17,7 +17,7 @@ from bipot_rs.running.folder import RESULT, draft_in, replace
 from bipot_rs.running.folder import told as files_of
 from bipot_rs.running.interrupts import Interrupts
 from bipot_rs.running.telling import Progress, complain, line
-from bipot_rs.words import counted
+from bipot_rs.words import counted, later
 
 if TYPE_CHECKING:
     from bipot_rs.discretisation import DiscretisationError, Estimator
@@ -306,11 +306,7 @@ class Job:
 
     def _of_path(self, message: str) -> str:
         """The message with its load step counted from the start of the whole path."""
-        here = len(self.reached) + 1
-        rest = message.removeprefix(f"load step {here - self.resumed}: ")
-        if rest == message:
-            return message
-        return f"load step {here}{self._of_all()}: {rest}"
+        return later(message, self.resumed, self._of_all())
 
     def _of_all(self) -> str:
         """``of 5``, where it is known how many load steps there are."""

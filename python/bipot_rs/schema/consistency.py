@@ -17,7 +17,7 @@ from bipot_rs.schema.contact import Plane, Touch
 from bipot_rs.schema.mesh import Block, Within
 from bipot_rs.schema.root import Scene
 from bipot_rs.schema.table import AXES, LARGEST, Components
-from bipot_rs.words import counted, meant
+from bipot_rs.words import counted, instead
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def _volumes(place: str, block: Block, known: Known) -> Iterator[str]:
                 "a box names no volume" if block.mesh is None else "its file names none"
             )
             said = f"{place}: there is no volume {volume!r}"
-            yield said + _instead(volume, known.volumes, why)
+            yield said + instead(volume, known.volumes, why)
 
 
 def _box(name: str, block: Block, scene: Scene) -> Iterator[str]:
@@ -299,7 +299,7 @@ def _no_obstacle(name: str, scene: Scene) -> str:
     said = f"there is no obstacle {name!r}"
     if name in scene.body:
         return f"{said}, and a surface of body {name!r} is {name}.SURFACE"
-    return said + _instead(name, scene.obstacle, f"[obstacle.{name}] makes it")
+    return said + instead(name, scene.obstacle, f"[obstacle.{name}] makes it")
 
 
 def _pairing(place: str, contact: Touch) -> Iterator[str]:
@@ -457,12 +457,4 @@ def _unknown(
     name: str, known: Sequence[str] | dict[str, Any], otherwise: str = ""
 ) -> str:
     """A name that is not known, and what to do where none is."""
-    return f"there is no {name!r}" + _instead(name, known, otherwise)
-
-
-def _instead(
-    name: str, known: Sequence[str] | dict[str, Any], otherwise: str = ""
-) -> str:
-    if known:
-        return f", expected one of {', '.join(known)}{meant(name, known)}"
-    return ", nor any other" + (f": {otherwise}" if otherwise else "")
+    return f"there is no {name!r}" + instead(name, known, otherwise)
