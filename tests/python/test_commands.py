@@ -183,6 +183,7 @@ def test_info(bipot: Any) -> None:
         ("gone.h5", "there is no gone.h5"),
         ("empty", "empty is a folder without result.h5 or sweep.csv"),
         ("gone.msh", "gone.msh is not there"),
+        ("K.mtx", "K.mtx is a file .mtx, expected a result (.h5), a sweep"),
         ("text.h5", "text.h5"),
         ("nothing", "neither a file nor one of"),
     ],
@@ -190,6 +191,7 @@ def test_info(bipot: Any) -> None:
 def test_info_of_nothing(name: str, message: str, bipot: Any) -> None:
     Path("empty").mkdir()
     Path("text.h5").write_text("text")
+    Path("K.mtx").write_text("text")
     status, out, err = bipot("info", name)
     assert (status, out) == (2, "")
     assert message in err
@@ -206,6 +208,8 @@ def test_info_of_arrays_without_displacements(bipot: Any) -> None:
     assert status == 0
     assert "1 load step, every residual at most" in out
     assert "no displacements each" in out
+    assert "  contacts  1 contact in 2 dimensions\n" in out
+    assert "unknown" not in out
     assert json.loads(bipot("info", "plain.h5", "--json")[1])["displacements"] is None
     assert result.displacement.shape == (1, 2)
     result.save("plain.h5")

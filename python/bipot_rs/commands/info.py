@@ -44,6 +44,12 @@ def info(name: str) -> dict[str, Any]:
     if path.suffix.lower() in SUFFIXES:
         return mesh(path)
     if path.suffix not in (".h5", ".hdf5", ".hdf"):
+        if path.is_file() and path.suffix not in ("", ".toml"):
+            raise ValueError(
+                f"{name} is a file {path.suffix}, expected a result (.h5), a sweep "
+                f"({SWEEP}), a mesh ({', '.join(SUFFIXES)}), a problem (.hdf5) or a scene "
+                "(.toml)"
+            )
         return _scene(name)
     if not path.exists():
         raise OSError(f"there is no {path}")
@@ -89,7 +95,9 @@ def _result(path: Path) -> dict[str, Any]:
     result = load(path)
     count = len(result)
     x = contacts.get("x")
-    dim = None if x is None else x.shape[1]
+    # Of arrays places need not be known.
+    contacts_n, d = result._shape if count else (0 if x is None else len(x), 0)
+    dim = (d or None) if x is None else x.shape[1]
     found: dict[str, Any] = {
         "kind": "result",
         "file": str(path),
@@ -99,7 +107,7 @@ def _result(path: Path) -> dict[str, Any]:
         "package": attributes.get("package"),
         "method": attributes.get("method"),
         "tol": attributes.get("tol"),
-        "contacts": None if x is None else len(x),
+        "contacts": contacts_n if count or x is not None else None,
         "dim": dim,
         "steps": count,
     }
@@ -108,12 +116,13 @@ def _result(path: Path) -> dict[str, Any]:
     lines = [
         f"{path}: a result of {whose}, {'' if found['complete'] else 'not '}complete",
         f"  said      {found['message'] or '-'}",
-        f"  by        bipot_rs {found['package'] or '(unknown)'}, {by}",
     ]
-    if x is not None:
-        where = f", {box(x)}" if len(x) else ""
+    if found["package"]:
+        lines.append(f"  by        bipot_rs {found['package']}, {by}")
+    if dim is not None:
+        where = f", {box(x)}" if x is not None and len(x) else ""
         lines.append(
-            f"  contacts  {counted(len(x), 'contact')} in {dim} dimensions{where}"
+            f"  contacts  {counted(contacts_n, 'contact')} in {dim} dimensions{where}"
         )
         lines.append(
             f"  friction  {_span(contacts.get('mu'))}; gap {_span(contacts.get('gap'))}"

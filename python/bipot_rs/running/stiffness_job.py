@@ -54,7 +54,7 @@ def run(
             _print(json.dumps(row))
         else:
             counts = ", ".join(f"{name} {row[name]}" for name in _STATUS)
-            of = "" if given is None else f" of {len(given.prescribed)}"
+            of = "" if given is None else f" of {_count(given)}"
             _print(f"load step {k + 1}{of}: {counts}, residual {row['residual']:.1e}")
         interrupts.check()
 
@@ -109,6 +109,12 @@ def run(
         names = ", ".join(sorted(path.name for path in _ours(folder, given)))
         _print(f"{size}, {perf_counter() - began:.2f} s\n{folder}: {names}")
     return code
+
+
+def _count(given: Given) -> int:
+    """Load steps: rows of the one are repeated where the other has more."""
+    loads = 1 if given.load is None else len(given.load)
+    return max(loads, len(given.prescribed))
 
 
 def _labelled(given: Given, dof: int | None) -> str:
