@@ -175,7 +175,7 @@ def _refusal(
 ) -> NoEquilibriumError | NotConvergedError:
     """Why the path ends at s, with all that was reached."""
     where = (
-        f"step {len(following.steps)}: the path ends at s = {s:.10g}: from there no step "
+        f"load step {len(following.steps) + 1}: the path ends at s = {s:.10g}: from there no step "
         f"to s = {to:.10g}, and smallest = {plan.smallest:g} allows no shorter one: "
     )
     if isinstance(failed, Step) and failed.converged:

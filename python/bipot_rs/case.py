@@ -17,7 +17,7 @@ from bipot_rs.loading import Totals
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.schema import LoadPath, Pressure, Rigid, Scene, Varying
-from bipot_rs.words import counted
+from bipot_rs.words import counted, instead
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -260,9 +260,7 @@ class Case:
         """
         known = self.contacts
         if name not in known:
-            raise ValueError(
-                f"there is no contact on {name!r}, expected one of {', '.join(known)}"
-            )
+            raise ValueError(f"there is no contact on {name!r}{instead(name, known)}")
         return known[name]
 
     @property
@@ -303,8 +301,7 @@ class Case:
         ]
         if not mine:
             raise ValueError(
-                f"there is no support on {name!r}, expected one of "
-                f"{', '.join(dict.fromkeys(names)) or 'none'}"
+                f"there is no support on {name!r}" + instead(name, dict.fromkeys(names))
             )
         dofs = np.unique(np.concatenate([d.ravel() for d in mine]))
         found = np.zeros((len(result), model.dim))

@@ -76,9 +76,13 @@ def _helpful(message: str, arguments: list[str]) -> str:
         from bipot_rs.shipped import shipped
 
         name = arguments[0] if arguments else ""
+        if Path(f"{name}.toml").is_file():
+            name += ".toml"
         if name in shipped() or name.endswith(".toml"):
             return f"{message} To solve a scene: bipot run {name}"
         return f"{message} bipot --help lists the commands."
+    if message.startswith("Missing ") and arguments:
+        return f"{message} bipot {arguments[0]} --help tells what it takes."
     if message.startswith("Got unexpected extra argument") and "--set" in arguments:
         return f"{message}: --set takes KEY=VALUE in one piece, without spaces"
     return message
@@ -305,15 +309,18 @@ def new(
     name: Annotated[str, typer.Argument(help="The file, .toml added.")] = "scene",
     template: Annotated[
         str,
-        typer.Option(help="What to begin with: block, mortar, obstacle or two_bodies."),
+        typer.Option(
+            help="What to begin with: block, mesh, mortar, obstacle or two_bodies."
+        ),
     ] = "block",
 ) -> None:
     """Write a commented scene that runs as it is; an existing file stays as it is."""
     from bipot_rs.commands.new import write
 
     with _refusing():
-        path = write(name, template)
-        typer.echo(f"{path}: bipot check {path}, bipot run {path}")
+        path, *beside = write(name, template)
+        written = " and ".join(map(str, [path, *beside]))
+        typer.echo(f"{written}: bipot check {path}, bipot run {path}")
 
 
 @app.command()
@@ -337,12 +344,13 @@ def info(
     file: Annotated[
         str,
         typer.Argument(
-            metavar="FILE", help="A result, the folder of a run, a problem, a scene."
+            metavar="FILE",
+            help="A result, the folder of a run or of a sweep, a mesh, a problem, a scene.",
         ),
     ],
     json: _Json = False,
 ) -> None:
-    """Tell what is in a file, in some ten lines."""
+    """Tell what is in a file or a folder, in some ten lines."""
     from bipot_rs.commands.info import info as of
 
     with _refusing(as_json=json, file=file):
@@ -387,7 +395,9 @@ def sweep(
     ranges: Annotated[
         list[str] | None,
         typer.Option(
-            "--range", metavar="KEY=A:B:N", help="N values from A to B, both included."
+            "--range",
+            metavar="KEY=FROM:TO:COUNT",
+            help="COUNT values with both ends: 0.1:0.5:3 is 0.1, 0.3, 0.5.",
         ),
     ] = None,
     out: Annotated[

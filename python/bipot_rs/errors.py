@@ -23,7 +23,11 @@ class BipotError(Exception):
         How each contact moves along the rigid motion that the loads set free,
         ``(n_c, d)``, normal first, the largest of length 1; ``None`` where none was
         found.
+    dof
+        A degree of freedom of the body that is free to move, where one is; else ``None``.
     """
+
+    dof: int | None = None
 
     def __init__(
         self,
@@ -36,7 +40,8 @@ class BipotError(Exception):
         self.direction = direction
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (*self.args, self.result, self.direction)
+        known = (*self.args, self.result, self.direction)
+        return type(self), known, {"dof": self.dof}
 
 
 class NoEquilibriumError(BipotError):

@@ -298,6 +298,9 @@ class Model:
             num_threads=num_threads,
             gaps=self.moving,
             on_forecast=on_forecast,
+            bodies=dict(
+                zip((body.name for body in self.bodies), self.offset, strict=True)
+            ),
         )
 
     def gaps(self, steps: int) -> Floats | None:

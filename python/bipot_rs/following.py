@@ -18,7 +18,7 @@ from bipot_rs.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.loading import Totals, done
 from bipot_rs.reduced import opening, solution_fields
 from bipot_rs.result import Outcome, Result, Solution, Step
-from bipot_rs.words import counted
+from bipot_rs.words import body_of, counted
 
 Contacts = Mapping[str, NDArray[Any] | None]
 Settings = tuple[str, float, int | None, float | None]
@@ -46,12 +46,15 @@ class Following:
         settings: Settings,
         start: Result | Step | None,
         condense: float,
+        bodies: Mapping[str, int] | None = None,
     ) -> None:
         self._core = core
         self._contacts = contacts
         self._mu = mu
         self._shape = shape
         self._settings = settings
+        # Their names, each with its first degree of freedom.
+        self._bodies = bodies
         self.before = state(start, *shape)
         self._first = done(start)
         self.steps: list[Step] = []
@@ -139,7 +142,7 @@ class Following:
 
     def failure(self, step: Step) -> NoEquilibriumError | NotConvergedError:
         """What a step that did not converge ends the path with."""
-        message = f"step {len(self.steps)}: {step.message}"
+        message = f"load step {len(self.steps) + 1}: {step.message}"
         none = step.outcome is Outcome.NO_EQUILIBRIUM
         direction = None
         if step.free_motion is not None:
@@ -151,7 +154,7 @@ class Following:
 
     def ended(self, error: Exception) -> NoEquilibriumError:
         """What the core says of a step without an answer, with the steps before."""
-        message = f"step {len(self.steps)}: {error}"
+        message = f"load step {len(self.steps) + 1}: {error}"
         return NoEquilibriumError(message, self.result(False, message))
 
     def result(self, success: bool = True, message: str | None = None) -> Result:
@@ -221,7 +224,7 @@ class Following:
         # A body is known by a degree of freedom that a motion of it moves most.
         names: dict[int, str] = {}
         for body, dof in zip(owners, stats["rigid_motion_dofs"], strict=True):
-            names.setdefault(body, f"the body of degree of freedom {dof}")
+            names.setdefault(body, body_of(dof, self._bodies))
         meeting = [
             tuple(dict.fromkeys(names[owners[k]] for k in np.flatnonzero(felt[:, i])))
             for i in range(contacts)

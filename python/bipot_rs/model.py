@@ -19,9 +19,11 @@ from bipot_rs import toml_text
 from bipot_rs.case import Case
 from bipot_rs.errors import BipotError
 from bipot_rs.result import Result, Step
+from bipot_rs.review import review
 from bipot_rs.scene import assemble, bodies, checked, parsed, put
 from bipot_rs.schema import Scene
 from bipot_rs.shipped import SceneError, folder_of, text
+from bipot_rs.words import counted, later
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -384,8 +386,11 @@ class Model:
                 on_step=on_step,
             )
         except BipotError as error:
+            # Counted from the start of the whole path.
+            error.args = (later(str(error), first),)
             if error.result is not None:
                 error.result = ModelResult(error.result, case, first)
+                error.result.message = str(error)
             raise
         return ModelResult(result, case, first)
 
@@ -395,8 +400,6 @@ class Model:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        from bipot_rs.words import counted
-
         bodies, contacts = (len(self._table.get(k, ())) for k in ("body", "contact"))
         return (
             f"Model({self.title!r}: {counted(bodies, 'body')}, "
@@ -437,6 +440,10 @@ class ModelResult(Result):
 
     def _load(self, k: int) -> float:
         return self.case.step_parameter(self._first + k, self.steps[k])
+
+    def remarks(self) -> list[str]:
+        """What a person should look at in the answer, a sentence each (`review`)."""
+        return review(self.case.model, self.steps)
 
     def contacts_of(self, name: str) -> Ints:
         """Numbers of the contacts on a surface ``"body.surface"``, ascending."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs.check import Array
 from bipot_rs.friction import dissipation
+from bipot_rs.words import body_of
 
 # Parts of a motion below this, relative to the whole, are not worth a word. Where the
 # loads pass the limit of friction by little, turning a proof by ω changes what it
@@ -27,7 +28,11 @@ def at_contacts(modes: Array, amounts: Array, d: int) -> Array:
 
 
 def left_free(
-    fields: Array, bodies: Sequence[int], dofs: Sequence[int], frame: Array | None
+    fields: Array,
+    bodies: Sequence[int],
+    dofs: Sequence[int],
+    frame: Array | None,
+    names: Mapping[str, int] | None = None,
 ) -> tuple[str, ...]:
     """Name rigid motions, body by body.
 
@@ -39,6 +44,8 @@ def left_free(
         Number of the body of each motion, and a degree of freedom that it moves most.
     frame
         Bases ``(n_c, d, d)`` of the contacts; without them axes are those of the contacts.
+    names
+        Of bodies, each with its first degree of freedom.
     """
     axes = ("n", "t1", "t2")
     if frame is not None:
@@ -47,7 +54,9 @@ def left_free(
     words: list[str] = []
     for body in dict.fromkeys(bodies):
         own = [k for k, b in enumerate(bodies) if b == body]
-        words += name_all(fields[own], axes, dofs[own[0]])
+        dof = dofs[own[0]]
+        whose = body_of(dof, names) if names else f"degree of freedom {dof}"
+        words += name_all(fields[own], axes, whose)
     return tuple(words)
 
 
@@ -180,7 +189,7 @@ def _list(contacts: NDArray[np.intp]) -> str:
     return f"contact{'s' if len(contacts) > 1 else ''} {shown}{more}"
 
 
-def name_all(fields: Array, axes: tuple[str, ...], dof: int) -> list[str]:
+def name_all(fields: Array, axes: tuple[str, ...], whose: str) -> list[str]:
     """Words for a space of motions, ``fields (k, n_c, d)``.
 
     Translations that lie in it are named by their axis; the rest turn.
@@ -192,6 +201,6 @@ def name_all(fields: Array, axes: tuple[str, ...], dof: int) -> list[str]:
         shift = np.tile(unit, int(touched.sum())) / np.sqrt(touched.sum())
         # Rounding leaves 1e-8 of a translation that is free, a rotation most of it.
         if np.linalg.norm(shift - span @ (span.T @ shift)) <= 1e-6:
-            words.append(f"translation along {axis}, degree of freedom {dof}")
+            words.append(f"translation along {axis}, {whose}")
     turns = len(fields) - len(words)
-    return words + [f"rotation, degree of freedom {dof}"] * turns
+    return words + [f"rotation, {whose}"] * turns

@@ -32,13 +32,13 @@ from bipot_rs.check import (
     settings,
     threads,
 )
-from bipot_rs.errors import NoEquilibriumError
+from bipot_rs.errors import FloatingBodyError, NoEquilibriumError
 from bipot_rs.existence import Existence
 from bipot_rs.following import Following, Settings, state
 from bipot_rs.loading import Loading, Totals, check_case
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Result, Step
-from bipot_rs.words import counted
+from bipot_rs.words import body_of, counted
 
 
 class ContactProblem:
@@ -102,6 +102,9 @@ class ContactProblem:
         with what they will take, a mapping with ``bodies``, ``n_contact_dofs``,
         ``nnz_factor``, ``flops``, ``bytes_factor``, ``bytes_peak`` and ``ordering`` as in
         `stats`. An exception it raises ends the work and comes out here.
+    bodies
+        Names of the bodies, each with its first degree of freedom, by which messages
+        then call them: ``{"upper": 0, "lower": 240}``.
 
     Raises
     ------
@@ -157,6 +160,7 @@ class ContactProblem:
         working_set: bool | None = None,
         gaps: ArrayLike | None = None,
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+        bodies: Mapping[str, int] | None = None,
     ) -> None:
         stiffness, contact = matrices(K, B)
         n = stiffness.shape[0]
@@ -184,6 +188,7 @@ class ContactProblem:
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
         self._loading = Loading.of(n, len(self._fixed), contacts, d, loads, gaps)
+        self._bodies = _named(bodies, n)
         limit = memory_limit
         if limit is not None:
             limit = integer("memory_limit", memory_limit, least=1, most=2**63 - 1)
@@ -265,7 +270,8 @@ class ContactProblem:
         """In words, the motions that supports leave free and contact alone must hold.
 
         Directions are the axes ``x, y[, z]`` where ``frame`` is known, else those of the
-        contacts, ``n, t1[, t2]``; the degree of freedom named is one that moves most.
+        contacts, ``n, t1[, t2]``; of bodies without a name a degree of freedom is named
+        that moves most.
         """
         contacts, d = self._shape[1:]
         return motion.left_free(
@@ -273,6 +279,7 @@ class ContactProblem:
             self.stats["rigid_motion_bodies"],
             self.stats["rigid_motion_dofs"],
             self._contacts["frame"],
+            self._bodies,
         )
 
     def reduced(
@@ -668,7 +675,16 @@ class ContactProblem:
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
     ) -> None:
         started = time.perf_counter()
-        self._core = _core.Condensed(parts, *self._given, before, on_forecast)
+        try:
+            self._core = _core.Condensed(parts, *self._given, before, on_forecast)
+        except (FloatingBodyError, ValueError) as error:
+            dof = getattr(error, "dof", None)
+            if dof is None or self._bodies is None:
+                raise
+            named = type(error)(f"{body_of(dof, self._bodies)}: {error}")
+            if isinstance(named, FloatingBodyError):
+                named.dof = dof
+            raise named from None
         self._seconds = time.perf_counter() - started
 
     def _following(
@@ -679,4 +695,24 @@ class ContactProblem:
         start: Result | Step | None,
     ) -> Following:
         shape, contacts = self._shape[1:], self._contacts | {"mu": mu}
-        return Following(core, contacts, mu, shape, chosen, start, self._seconds)
+        return Following(
+            *(core, contacts, mu, shape, chosen, start, self._seconds), self._bodies
+        )
+
+
+def _named(bodies: Mapping[str, int] | None, n: int) -> dict[str, int] | None:
+    """Names of bodies with their first degrees of freedom, checked."""
+    if bodies is None:
+        return None
+    if not isinstance(bodies, Mapping):
+        raise TypeError(
+            f"bodies is a {type(bodies).__name__}, expected a mapping of names to first "
+            "degrees of freedom"
+        )
+    found = {
+        str(name): integer(f"bodies[{name!r}]", first, least=0, most=max(n - 1, 0))
+        for name, first in bodies.items()
+    }
+    if len(set(found.values())) < len(found):
+        raise ValueError(f"bodies is {found}, expected each to begin somewhere else")
+    return found

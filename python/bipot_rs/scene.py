@@ -187,6 +187,10 @@ def _mistake(error: Any, table: dict[str, Any]) -> str:
         message = "should be a table"
     message = message.removeprefix("Value error, ").removeprefix("Input ")
     given = error.get("input")
+    if kind in ("float_type", "int_type") and isinstance(given, str):
+        with suppress(ValueError):
+            float(given)
+            message += ", without quotes"
     if isinstance(given, str | int | float):
         return f"{path}: {message}, got {given!r}"
     return f"{path}: {message}"

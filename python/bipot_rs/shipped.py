@@ -41,12 +41,18 @@ def folder_of(name: str) -> Path:
 
 def _nothing(path: Path) -> str:
     """What is wrong with a name that is no scene, and which one was meant."""
+    # How near a name is to itself with .toml depends on its length.
+    with_suffix = f"{path}.toml"
+    hint = f"; did you mean {with_suffix!r}?" if Path(with_suffix).is_file() else ""
     if path.is_dir():
-        return f"is a folder, expected a TOML file or one of {', '.join(shipped())}"
+        known = ", ".join(shipped())
+        return f"is a folder, expected a TOML file or one of {known}{hint}"
     beside = path.parent.glob("*.toml") if path.parent.is_dir() else ()
     files = [str(other) for other in beside]
     stem = path.name.removesuffix(".toml")
     said = f"is neither a file nor one of {', '.join(shipped())}"
+    if hint:
+        return said + hint
     if found := nearest(str(path), files) or nearest(stem, shipped()):
         said += f"; did you mean {found!r}?"
     return said

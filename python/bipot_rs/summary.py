@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs.sliding import distances, farthest
 from bipot_rs.words import counted
 
 Row = tuple[str, str]
@@ -211,6 +212,16 @@ def of_solution(solution: Any) -> Summary:
     ]
 
 
+def _slid(result: Any) -> str:
+    """How far contacts have gone, where that is beyond their distance from each other."""
+    x = result.contacts.get("x")
+    if x is None or not len(x):
+        return ""
+    _, _, ratio = farthest(result, distances(x), np.arange(len(x)))
+    told = f", contacts slid by up to {ratio:.2g} times their distance from each other"
+    return told if ratio > 1 else ""
+
+
 def of_result(result: Any) -> Summary:
     """Of a `Result`, by what its steps hold."""
     title = f"Result: {result.message}"
@@ -227,7 +238,7 @@ def of_result(result: Any) -> Summary:
     return title, [
         ("contacts", f"{places(contacts, d)}, at the end {counts(last.status)}"),
         ("forces", f"at the end {forces(last.reaction, result.contacts.get('frame'))}"),
-        ("path", f"friction dissipated {lost:.5g} in all"),
+        ("path", f"friction dissipated {lost:.5g} in all{_slid(result)}"),
         (
             "residual",
             f"{worst.residual:.2g} at the most, held to {worst.tolerance:.2g}",

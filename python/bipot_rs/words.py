@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Collection, Iterable, Mapping
 
 
 def counted(number: int, noun: str) -> str:
@@ -37,3 +38,43 @@ def meant(word: str, known: Iterable[str]) -> str:
     """``, did you mean 'x'?``, or nothing."""
     found = nearest(word, known)
     return f", did you mean {found!r}?" if found and found != word else ""
+
+
+def instead(word: str, known: Collection[str], otherwise: str = "") -> str:
+    """What there is in place of a name that is not known, to end a sentence.
+
+    >>> "there is no 'a'" + instead("a", ["b", "c"])
+    "there is no 'a', expected one of b, c"
+    >>> "there is no 'a'" + instead("a", [], "its mesh names no surface")
+    "there is no 'a', nor any other: its mesh names no surface"
+    """
+    if known:
+        return f", expected one of {', '.join(known)}{meant(word, known)}"
+    return ", nor any other" + (f": {otherwise}" if otherwise else "")
+
+
+def later(message: str, steps: int, of: str = "") -> str:
+    """What is said of a load step of a path that has gone on after others, of the whole.
+
+    >>> later("load step 2: not converged", 3, " of 9")
+    'load step 5 of 9: not converged'
+    """
+
+    def counted_on(found: re.Match[str]) -> str:
+        return f"load step {int(found[1]) + steps}{of}: "
+
+    return re.sub(r"^load step (\d+): ", counted_on, message)
+
+
+def body_of(dof: int, bodies: Mapping[str, int] | None) -> str:
+    """``body 'name'``, whose degree of freedom it is, or what it is known by.
+
+    ``bodies`` are their names, each with its first degree of freedom.
+
+    >>> body_of(7, {"upper": 0, "lower": 6}), body_of(7, None)
+    ("body 'lower'", 'the body of degree of freedom 7')
+    """
+    first = [(at, name) for name, at in (bodies or {}).items() if at <= dof]
+    return (
+        f"body {max(first)[1]!r}" if first else f"the body of degree of freedom {dof}"
+    )

@@ -12,7 +12,8 @@ use crate::panics::Panicked;
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
         let text = error.to_string();
-        match error {
+        let dof = place(&error);
+        let made = match error {
             Error::Shape { .. }
             | Error::NotFinite { .. }
             | Error::EntryNotFinite { .. }
@@ -37,7 +38,22 @@ impl From<Error> for PyErr {
             Error::Memory { .. } | Error::MemoryLimit { .. } => PyMemoryError::new_err(text),
             Error::Threads { .. } => PyOSError::new_err(text),
             Error::Interrupted => PyKeyboardInterrupt::new_err(text),
+        };
+        if let Some(dof) = dof {
+            // Whose it is, Python knows: it puts the name of the body in front.
+            Python::attach(|py| drop(made.value(py).setattr("dof", dof)));
         }
+        made
+    }
+}
+
+/// The degree of freedom that an error speaks of.
+fn place(error: &Error) -> Option<usize> {
+    match *error {
+        Error::FloatingBody { dof } | Error::Mechanism { dof, .. } | Error::Indefinite { dof } => {
+            Some(dof)
+        }
+        _ => None,
     }
 }
 

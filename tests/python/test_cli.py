@@ -68,7 +68,7 @@ def test_run_writes_table_and_files(tmp_path: Path) -> None:
     for word in ("stick", "slip", "open", "residual", "result.h5", "192 degrees"):
         assert word in run.stdout
     # Without a terminal a line for each load step takes the place of the bar.
-    assert re.findall(r"^step (\d) of 2: load", run.stderr, re.M) == ["1", "2"]
+    assert re.findall(r"^load step (\d) of 2: load", run.stderr, re.M) == ["1", "2"]
 
 
 def test_json_lines(tmp_path: Path) -> None:

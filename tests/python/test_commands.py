@@ -8,8 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import bipot_rs as bp
 from bipot_rs import cli, fclib
 from bipot_rs.commands import check as checking
 from bipot_rs.commands.new import templates
@@ -41,10 +43,9 @@ def bipot(
 @pytest.mark.parametrize("name", templates())
 def test_a_new_scene_runs_as_it_is(name: str, bipot: Any) -> None:
     status, out, _ = bipot("new", "mine", "--template", name)
-    assert (status, out) == (
-        0,
-        "mine.toml: bipot check mine.toml, bipot run mine.toml\n",
-    )
+    files = "mine.toml and mine.inp" if name == "mesh" else "mine.toml"
+    assert status == 0
+    assert out == f"{files}: bipot check mine.toml, bipot run mine.toml\n"
     written = Path("mine.toml").read_text()
     # It says why, and how it is run under the name it has.
     assert written.count("#") > 15
@@ -180,7 +181,9 @@ def test_info(bipot: Any) -> None:
     ("name", "message"),
     [
         ("gone.h5", "there is no gone.h5"),
-        ("empty", "empty is a folder without result.h5"),
+        ("empty", "empty is a folder without result.h5 or sweep.csv"),
+        ("gone.msh", "gone.msh is not there"),
+        ("K.mtx", "K.mtx is a file .mtx, expected a result (.h5), a sweep"),
         ("text.h5", "text.h5"),
         ("nothing", "neither a file nor one of"),
     ],
@@ -188,12 +191,152 @@ def test_info(bipot: Any) -> None:
 def test_info_of_nothing(name: str, message: str, bipot: Any) -> None:
     Path("empty").mkdir()
     Path("text.h5").write_text("text")
+    Path("K.mtx").write_text("text")
     status, out, err = bipot("info", name)
     assert (status, out) == (2, "")
     assert message in err
     found = json.loads(bipot("info", name, "--json")[1])
     assert found["ok"] is False
     assert message in found["message"]
+
+
+def test_info_of_arrays_without_displacements(bipot: Any) -> None:
+    """What Python saves: displacements only where they were asked for."""
+    result = bp.solve(np.eye(2), np.eye(2), [[-1.0, 0.0]], gap=[0.0], mu=0.3)
+    result.save("plain.h5")
+    status, out, _ = bipot("info", "plain.h5")
+    assert status == 0
+    assert "1 load step, every residual at most" in out
+    assert "no displacements each" in out
+    assert "  contacts  1 contact in 2 dimensions\n" in out
+    assert "unknown" not in out
+    assert json.loads(bipot("info", "plain.h5", "--json")[1])["displacements"] is None
+    assert result.displacement.shape == (1, 2)
+    result.save("plain.h5")
+    assert "; 2 displacements each" in bipot("info", "plain.h5")[1]
+    points = np.empty((0, 2))
+    none = np.empty((0, 2))
+    bp.solve(
+        np.eye(2), none, [[1.0, 0.0]], gap=np.empty(0), mu=0.3, dim=2, points=points
+    ).save("none.h5")
+    status, out, _ = bipot("info", "none.h5")
+    assert status == 0
+    assert "0 contacts in 2 dimensions\n" in out
+
+
+def test_info_counts_load_steps_from_one(bipot: Any) -> None:
+    assert bipot("run", "sheared_cube", *SMALL)[0] == 0
+    out = bipot("info", "out/sheared_cube")[1]
+    assert "load step 1 of 2: open" in out
+    assert "load step 2 of 2: open" in out
+
+
+def test_info_of_meshes(bipot: Any, repository: Path) -> None:
+    assert bipot("new", "pad", "--template", "mesh")[0] == 0
+    status, out, _ = bipot("info", "pad.inp")
+    assert status == 0
+    assert "pad.inp: a mesh in 2 dimensions" in out
+    assert "160 quadrilaterals of first order (quad)" in out
+    assert "189, [-10, 10] × [0, 10]" in out
+    assert "volumes   pad (160 cells)" in out
+    assert "surfaces  foot (20 facets), top (20 facets)" in out
+    shipped_one = repository / "docs" / "tutorials" / "pad_on_block.msh"
+    found = json.loads(bipot("info", str(shipped_one), "--json")[1])
+    assert (found["kind"], found["dim"], found["mistake"]) == ("mesh", 2, "")
+    assert {"pad", "block"} <= set(found["volumes"])
+    # A cell turned inside out is told, and the rest besides.
+    text = Path("pad.inp").read_text().replace("1, 1, 2, 23, 22", "1, 2, 1, 23, 22")
+    Path("bad.inp").write_text(text)
+    status, out, _ = bipot("info", "bad.inp")
+    assert status == 0
+    assert re.search("mistake   it has .* cell", out)
+    Path("tool.stl").write_text(
+        "solid t\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n"
+        "vertex 0 2 0\nendloop\nendfacet\nendsolid t\n"
+    )
+    found = json.loads(bipot("info", "tool.stl", "--json")[1])
+    assert (found["kind"], found["cells"]) == ("surface", {"triangle": 1})
+
+
+def test_info_of_folders(bipot: Any) -> None:
+    assert bipot("run", "sheared_cube", *SMALL, "--json")[0] == 0
+    sweep = ("sweep", "sheared_cube", *SMALL, "--set", "contact.0.mu=0.2,-1")
+    assert bipot(*sweep, "--jobs", "1", "--json")[0] == 2
+    for name in ("out/sheared_cube-sweep", "out/sheared_cube-sweep/sweep.csv"):
+        status, out, _ = bipot("info", name)
+        assert status == 0
+        assert "a sweep of 2 rows" in out
+        assert "ended     1 solved, 1 bad input" in out
+        assert "varied    contact.0.mu = 0.2, -1" in out
+        assert "row 2     scene 'sheared_cube': contact.0.mu: should be" in out
+    found = json.loads(bipot("info", "out/sheared_cube-sweep", "--json")[1])
+    assert found["outcomes"] == {"solved": 1, "bad input": 1}
+    status, out, _ = bipot("info", "out")
+    assert status == 0
+    assert "out: a folder of 1 run and 1 sweep" in out
+    assert "bipot info out/sheared_cube-sweep" in out
+
+
+def test_new_with_a_mesh_overwrites_neither(bipot: Any) -> None:
+    Path("mine.inp").write_text("mine")
+    status, _, err = bipot("new", "mine", "--template", "mesh")
+    assert status == 2
+    assert "mine.inp is there already and stays as it is" in err
+    assert [path.name for path in Path().iterdir()] == ["mine.inp"]
+    assert Path("mine.inp").read_text() == "mine"
+    # Beside the scene, and found from anywhere.
+    Path("there").mkdir()
+    assert bipot("new", "there/pad", "--template", "mesh")[0] == 0
+    assert 'mesh = "pad.inp"' in Path("there/pad.toml").read_text()
+    assert bipot("check", "there/pad.toml")[0] == 0
+
+
+def test_check_counts_all_nodes(bipot: Any) -> None:
+    """Of second order those between the corners, too."""
+    for element, nodes in (("Q1", 5**3), ("Q2", 9**3)):
+        out = bipot(
+            "check", "sheared_cube", *SMALL, "--set", f"mesh.element={element}"
+        )[1]
+        assert f"cube ({nodes} nodes, 64 cells)" in out
+
+
+def test_names_of_which_there_are_none(bipot: Any) -> None:
+    """What makes one is said, where there is nothing to choose from."""
+    assert bipot("new", "mine", "--template", "block")[0] == 0
+    text = Path("mine.toml").read_text()
+    cut = re.sub(r"(?s)\[path.amplitude\].*", "", text)
+    Path("mine.toml").write_text(cut)
+    err = bipot("check", "mine.toml")[2]
+    told = "there is no 'drag', nor any other: path.amplitude.drag = [1.0] makes it"
+    assert f"path.parameter: {told}" in err
+    assert "none" not in err
+    Path("mine.toml").write_text(text.replace("[material.steel]", "[material.stel]"))
+    err = bipot("check", "mine.toml")[2]
+    assert "there is no 'steel', expected one of stel, did you mean 'stel'?" in err
+
+
+def test_a_body_that_slides_away_has_its_name(bipot: Any) -> None:
+    """Towed by 5 where it is pressed by 10 and friction takes 3."""
+    assert bipot("new", "mine", "--template", "block")[0] == 0
+    text = Path("mine.toml").read_text()
+    supports = re.compile(r"(?s)\[\[support\]\]\n.*?(?=\n# Forces)")
+    forces = """[[pressure]]
+on = "block.top"
+value = 10.0
+amplitude = "press"
+[[traction]]
+on = "block.top"
+x = { value = 5.0, amplitude = "drag" }
+"""
+    Path("mine.toml").write_text(supports.sub(lambda _: forces, text))
+    status, _, err = bipot("run", "mine.toml", "--set", "mesh.n=2")
+    assert status == 1
+    last = err.splitlines()[-1]
+    # 0.75 of the pull is 3.75, more than the 3 that hold.
+    assert last.startswith("bipot: load step 4 of 5: no answer exists")
+    assert (
+        "nothing stops this motion: body 'block', translation along (1, 0, 0)" in last
+    )
 
 
 def test_plot_draws_what_run_draws(bipot: Any) -> None:

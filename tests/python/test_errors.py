@@ -371,7 +371,7 @@ class TestErrorsCarryTheirResult:
         free = bp.ContactProblem(
             np.zeros((2, 2)), np.eye(2), gap=np.zeros(1), mu=0.5, dim=2
         )
-        with pytest.raises(bp.NoEquilibriumError, match="step 1") as caught:
+        with pytest.raises(bp.NoEquilibriumError, match="load step 2") as caught:
             free.solve(np.array([[-1.0, 0.3], [1.0, 0.0]]))
         return caught.value
 
@@ -388,7 +388,7 @@ class TestErrorsCarryTheirResult:
 
     def test_slides_away_at_once(self) -> None:
         free = bp.ContactProblem(np.zeros((2, 2)), np.eye(2), gap=np.zeros(1), mu=0.5)
-        with pytest.raises(bp.NoEquilibriumError, match="step 0") as caught:
+        with pytest.raises(bp.NoEquilibriumError, match="load step 1") as caught:
             free.solve(np.array([-1.0, 0.6]))  # beyond the cone
         assert caught.value.result.reaction.shape == (0, 1, 2)
 
@@ -409,7 +409,7 @@ class TestErrorsCarryTheirResult:
         result = caught.value.result
         assert result.reaction.shape == (1, 2, 2)  # nothing was asked of the first
         assert not result.success
-        assert re.search(r"step\D{0,3}1\b", str(caught.value))  # counted from 0
+        assert str(caught.value).startswith("load step 2: not converged")
 
     def test_reduced_reports_instead(self) -> None:
         solution = reduced().solve(method="uzawa", max_iterations=1)

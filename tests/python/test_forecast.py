@@ -1,6 +1,9 @@
 """What the work will take, told before it is done."""
 
+import io
+import re
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +12,7 @@ import pytest
 
 import bipot_rs as bp
 from bars import bar_problem
-from bipot_rs.running import forecast
+from bipot_rs.running import forecast, telling
 from bipot_rs.scene import assemble, bodies, read
 
 COUNTS = (
@@ -145,7 +148,7 @@ def test_a_run_tells_it_before_the_first_step(
     assert [line.split()[0] for line in lines[1:6]] == [
         *("bodies", "contacts", "sizes", "memory", "time")
     ]
-    assert lines[6].startswith("step 1 of 2")
+    assert lines[6].startswith("load step 1 of 2")
     # A program that reads lines of JSON is told nothing else.
     assert cli.app(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
     assert capsys.readouterr().err == ""
@@ -170,3 +173,37 @@ def test_meshes_of_files_are_counted_once_they_are_read(
         for name in ("pressed_block", "sheared_cube"):
             box = read(name, ["mesh.n=3", *settings])
             assert forecast._assembly(box) == forecast._entries(bodies(box))
+
+
+class Terminal(io.StringIO):
+    """A screen as far as it says so."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_sees_that_a_long_phase_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its name, its clock, what was foretold; drawn anew with nobody asking for it."""
+    screen = Terminal()
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    with telling.Progress(6, 2, quiet=False) as progress:
+        progress.phase("condense")
+        progress.foretell(forecast.duration(40.0))
+        progress.bar.refresh()
+        began = screen.getvalue()
+        assert "condense" in began
+        assert "about 40 s foretold" in began
+        # Its clock alone: phases differ, what is left of them nobody knows.
+        assert len(re.findall(r"-:--|\d:\d\d:\d\d", began.splitlines()[-1])) == 1
+        # Ten times a second, while the core works without holding the interpreter.
+        limit = time.monotonic() + 10
+        while screen.getvalue() == began and time.monotonic() < limit:
+            time.sleep(0.05)
+        assert screen.getvalue() != began
+        progress.phase("solve")
+        progress.bar.refresh()
+        assert "foretold" not in screen.getvalue().rpartition("solve")[2]

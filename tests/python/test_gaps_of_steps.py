@@ -332,7 +332,7 @@ def test_existence_is_of_the_gaps_of_the_step() -> None:
     assert problem.existence().verdict == "guaranteed"
     assert problem.existence(gap=[-0.1]).verdict == "none"
     with pytest.raises(
-        bp.NoEquilibriumError, match="step 1: contact 0 penetrates by 1"
+        bp.NoEquilibriumError, match="load step 2: contact 0 penetrates by 1"
     ):
         problem.solve(gap=[[0.1], [-0.1]])
 

@@ -89,7 +89,7 @@ RUST_NAMES = {
 PYTHON = (
     "bodies facing mesh_error running",
     (
-        "_core early extras figures toml_text vtu words "
+        "_core early extras figures sliding toml_text vtu words "
         "running.exits running.folder running.interrupts running.telling running.workers"
     ),
     "shipped",
@@ -125,7 +125,7 @@ PYTHON = (
     "theory.explicit theory.functionals theory.inequalities theory.inelastic",
     "theory",
     "fem",
-    "text_tables inspection contact_surface",
+    "text_tables inspection review contact_surface",
     "stiffness_files",
     "schema.table",
     "schema.material schema.mesh schema.path",
@@ -149,6 +149,7 @@ PYTHON = (
     "discretisation",
     "mesh_error.enough",
     "running.run_files",
+    "commands.info_mesh commands.info_sweep",
     "commands.check commands.info commands.new commands.plot commands.schema",
     "commands.sweep",
     "commands",

@@ -44,6 +44,13 @@ RUN = ("run", "sheared_cube")
         (("run", "SHEARED_CUBE"), "did you mean 'sheared_cube'?"),
         (("run", "sheared_cube.toml"), "did you mean 'sheared_cube'?"),
         (("run", "mein.toml"), "did you mean 'mine.toml'?"),
+        (("sweep",), "Missing argument 'SCENE'. bipot sweep --help tells what"),
+        (
+            (*RUN, "--set", 'material.steel.young="7"'),
+            "material.steel.young: should be a valid number, without quotes, got '7'",
+        ),
+        (("run", "mine"), "did you mean 'mine.toml'?"),
+        (("mine",), "To solve a scene: bipot run mine.toml"),
         (("scenes", "two_block"), "did you mean 'two_blocks'?"),
         (("run", "."), "is a folder, expected a TOML file"),
         ((*RUN, "--set", "mesh.n", "6"), "--set takes KEY=VALUE in one piece"),
@@ -71,6 +78,7 @@ RUN = ("run", "sheared_cube")
         ((*RUN, "--method", "newtom"), "did you mean 'newton'?"),
         ((*RUN, "--tol", "2"), "tol is 2, expected a positive number below 1"),
         ((*RUN, "--out", "mine.toml/x"), "--out DIR names another"),
+        ((*RUN, "--out", "mine.toml"), "mine.toml is a file, expected a folder"),
         (("run", "--json", "sheared_cube", "--fast"), "No such option"),
     ],
 )

@@ -157,4 +157,4 @@ def test_the_sentence_at_the_end() -> None:
 def test_a_path_of_unknown_length(capsys: pytest.CaptureFixture[str]) -> None:
     with Progress(6, None, quiet=False) as progress:
         progress.step(path(1)[0])
-    assert capsys.readouterr().err.startswith("step 1: load 0, open 1, slip 20")
+    assert capsys.readouterr().err.startswith("load step 1: load 0, open 1, slip 20")

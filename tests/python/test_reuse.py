@@ -172,7 +172,7 @@ def test_a_path_that_fails_keeps_the_others_from_nothing() -> None:
     same_bits(good, free.solve(rests))
     assert not bad.success
     assert len(bad) == 1
-    assert "step 1" in bad.message
+    assert "load step 2" in bad.message
     assert not none.success
     assert len(none) == 0
 

@@ -1,5 +1,8 @@
 """Motions that supports leave free: found, counted, named, and pinned by contact."""
 
+import pickle
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import sparse
@@ -57,3 +60,65 @@ def test_a_mechanism_is_refused() -> None:
     factor = rng.standard_normal((16, 4))
     with pytest.raises(bp.FloatingBodyError, match=r"motions free|rigid body"):
         bp.ContactProblem(factor @ factor.T, np.eye(16), gap=np.zeros(8), mu=0.3)
+
+
+def two_blocks(dof_names: bool) -> bp.ContactProblem:
+    """Two blocks that contact alone holds, the second one's numbers behind the first's."""
+    body = block((2, 1), (3, 2), 7.0, 0.3)
+    K, B = (sparse.block_diag([one, one]) for one in (body.K, body.B))
+    n = body.K.shape[0]
+    names = {"bodies": {"upper": 0, "lower": n}} if dof_names else {}
+    return bp.ContactProblem(K, B, gap=np.tile(body.gap, 2), mu=0.3, **names)
+
+
+def test_bodies_are_called_by_their_names() -> None:
+    assert {motion.split(", ")[1] for motion in two_blocks(True).rigid_motions} == {
+        "body 'upper'",
+        "body 'lower'",
+    }
+    load = np.zeros(two_blocks(True)._shape[0])
+    load[len(load) // 2 + 1 :: 2] = 1.0  # the second one is lifted
+    with pytest.raises(bp.NoEquilibriumError, match="motion: body 'lower', con"):
+        two_blocks(True).solve(load)
+    with pytest.raises(bp.NoEquilibriumError, match="the body of degree of freedom"):
+        two_blocks(False).solve(load)
+
+
+def test_a_body_that_floats_is_called_by_its_name() -> None:
+    body = block((2, 1), (2, 1), 7.0, 0.3)
+    n = body.K.shape[0]
+    K = sparse.block_diag([body.K, body.K])
+    B = sparse.hstack([sparse.csr_array(body.B), sparse.csr_array(body.B.shape)])
+    given = {"gap": body.gap, "mu": 0.3}
+    with pytest.raises(bp.FloatingBodyError, match=r"^the stiffness leaves") as plain:
+        bp.ContactProblem(K, B, **given)
+    # The second block has no contact; which of its unknowns is named, is up to the order.
+    assert n <= plain.value.dof < 2 * n
+    assert f"degree of freedom {plain.value.dof}:" in str(plain.value)
+    names = {"upper": 0, "lower": n}
+    with pytest.raises(bp.FloatingBodyError, match=r"^body 'lower': the st") as named:
+        bp.ContactProblem(K, B, bodies=names, **given)
+    again = pickle.loads(pickle.dumps(named.value))
+    assert again.dof == named.value.dof == plain.value.dof
+    assert str(again) == str(named.value)
+
+
+def test_an_indefinite_body_is_called_by_its_name() -> None:
+    K = np.diag([1.0, 1.0, -1.0, 1.0])
+    B = np.eye(4)
+    with pytest.raises(ValueError, match=r"^body 'b': stiffness K is indefinite"):
+        bp.ContactProblem(K, B, gap=np.zeros(2), mu=0.3, bodies={"a": 0, "b": 2})
+
+
+@pytest.mark.parametrize(
+    ("bodies", "kind", "message"),
+    [
+        (["a"], TypeError, "bodies is a list, expected a mapping"),
+        ({"a": 4}, ValueError, r"bodies\['a'\] is 4, expected 0 to 3"),
+        ({"a": 0.5}, TypeError, r"bodies\['a'\] is 0.5, expected an integer"),
+        ({"a": 0, "b": 0}, ValueError, "expected each to begin somewhere else"),
+    ],
+)
+def test_names_that_are_none(bodies: Any, kind: type[Exception], message: str) -> None:
+    with pytest.raises(kind, match=message):
+        bp.ContactProblem(np.eye(4), np.eye(4), gap=np.zeros(2), mu=0.3, bodies=bodies)

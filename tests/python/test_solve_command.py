@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -369,7 +370,12 @@ def test_no_answer_and_what_holds_nothing(tmp_path: Path) -> None:
     assert run.returncode == 1
     first, last = map(json.loads, run.stdout.splitlines())
     assert (first["step"], first["stick"]) == (0, 2)
-    assert "step 1: no answer exists" in last["message"]
+    assert "load step 2: no answer exists" in last["message"]
+    # As a person is told; the second one is not reached.
+    run = bipot(*command, "--load", "load.csv", cwd=tmp_path)
+    assert run.stdout == (
+        f"load step 1 of 2: open 0, slip 0, stick 2, residual {first['residual']:.1e}\n"
+    )
     kept = bp.load(tmp_path / "out" / "K" / "result.h5")
     assert (len(kept), kept.success) == (1, False)
     # The second node is a body of its own, which nothing touches.
@@ -378,6 +384,8 @@ def test_no_answer_and_what_holds_nothing(tmp_path: Path) -> None:
     run = bipot(*command, cwd=tmp_path)
     assert run.returncode == 1
     assert "degree of freedom 2" in run.stderr
+    # No nodes, no labels.
+    assert "of node" not in run.stderr
 
 
 def test_an_interrupt_keeps_the_steps(tmp_path: Path) -> None:
@@ -400,3 +408,15 @@ def test_an_interrupt_keeps_the_steps(tmp_path: Path) -> None:
     shutil.rmtree(tmp_path / "out")
     (tmp_path / "out").write_text("no folder")
     assert bipot(*command, cwd=tmp_path).returncode == 2
+
+
+def test_what_floats_is_told_by_its_node(tmp_path: Path) -> None:
+    mmwrite(tmp_path / "K.mtx", sparse.diags_array([1.0, 1, 0, 0]).tocoo())
+    (tmp_path / "nodes.csv").write_text("node,x,y\n3,0,0\n7,1,0\n")
+    (tmp_path / "contacts.csv").write_text("node,nx,ny,mu\n3,0,1,0.3\n")
+    command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
+    run = bipot(*command, "--nodes", "nodes.csv", cwd=tmp_path)
+    assert run.returncode == 1
+    assert re.search(
+        r"\(degree of freedom [23] is [xy] of node 7\)$", run.stderr.strip()
+    )

@@ -128,7 +128,7 @@ def test_no_steps_are_told_too() -> None:
     with pytest.raises(bp.NoEquilibriumError) as failed:
         bp.solve(K, B, prescribed=[-1.0], gap=[0.0], mu=0.1, fixed=[0])
     told = str(failed.value.result)
-    assert told.startswith("Result: step 0: contact 0 penetrates")
+    assert told.startswith("Result: load step 1: contact 0 penetrates")
     assert "1 contact in the plane" in told
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from bipot_rs import cli
 from bipot_rs.commands.sweep import rows, spaced, values
+from bipot_rs.commands.sweep import write as write_table
 from bipot_rs.running.workers import Workers
 
 BIPOT = [sys.executable, "-m", "bipot_rs"]
@@ -54,6 +55,70 @@ def test_values_of_a_range(setting: str, found: list[str]) -> None:
 def test_ranges_that_are_none(setting: str) -> None:
     with pytest.raises(ValueError, match=f"--range {setting}"):
         spaced(setting)
+
+
+@pytest.mark.parametrize(
+    ("setting", "why"),
+    [
+        ("4:9:4", "names no KEY"),
+        ("n=4:9", "has 2 parts where three are needed"),
+        ("n=4:9:0.5", "is not of two numbers and a whole one"),
+        ("n=4:9:0", "asks for 0 values, of 1 to 100000"),
+    ],
+)
+def test_what_is_wrong_with_a_range(setting: str, why: str) -> None:
+    with pytest.raises(ValueError, match=f"--range {setting}: {why}, should be KEY="):
+        spaced(setting)
+
+
+def test_a_count_taken_for_a_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.app(["sweep", "sheared_cube", "--range", "mesh.n=4:9:4"]) == 2
+    told = capsys.readouterr().err
+    assert "--range mesh.n=4:9:4: is 4 values, 4, 5.66667, 7.33333, 9" in told
+    assert "mesh.n takes whole numbers: the third number is how many values" in told
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("spoil", "why"),
+    [
+        (lambda text: "".join(text.splitlines(True)[:-1]) + "1,0.3", "row 2 has not"),
+        (lambda text: text.replace("row,", "raw,"), "not the table of a sweep"),
+        (lambda text: text[:-4] + '"open', "is damaged"),
+        (lambda _: "", "not the table of a sweep"),
+    ],
+)
+def test_a_damaged_table_is_told_by_name(
+    spoil: Any,
+    why: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "here" / "sweep.csv"
+    write(path.parent, path)
+    path.write_text(spoil(path.read_text()))
+    command = [*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--resume"]
+    for arguments in (command, ["info", "here"]):
+        assert cli.app(list(arguments)) == 2
+        captured = capsys.readouterr()
+        assert "here/sweep.csv" in captured.err
+        assert why in captured.err
+        assert captured.out == ""
+
+
+def write(folder: Path, path: Path) -> None:
+    """The table that a sweep of two rows leaves, without its numbers."""
+    folder.mkdir()
+    done = {
+        k: {"contact.0.mu": mu, "outcome": "solved", "message": "", "digest": str(k)}
+        for k, mu in enumerate(("0.2", "0.3"))
+    }
+    write_table(path, ["contact.0.mu"], done)
 
 
 def test_combinations() -> None:

@@ -94,7 +94,8 @@ def test_the_wheel_holds_the_package_and_asks_for_little(
     wanted = {
         path.relative_to(source).as_posix()
         for path in (source / "bipot_rs").rglob("*")
-        if path.suffix in (".py", ".pyi", ".toml", ".typed") or path.name == "py.typed"
+        if path.suffix in (".py", ".pyi", ".toml", ".inp", ".typed")
+        or path.name == "py.typed"
     }
     assert wanted <= names
     needed = [r for r in told.get_all("Requires-Dist", []) if "extra ==" not in r]
@@ -114,7 +115,7 @@ def test_the_source_distribution_holds_what_builds_it(
         here = {
             p.relative_to(repository)
             for p in (repository / folder).rglob("*")
-            if p.suffix in (".rs", ".py", ".pyi", ".toml")
+            if p.suffix in (".rs", ".py", ".pyi", ".toml", ".inp")
         }
         assert here <= there
     # Cargo reads it as it stands: every target that the manifest names is there.

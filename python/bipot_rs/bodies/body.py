@@ -25,6 +25,7 @@ from bipot_rs.bodies.elements import (
     reference,
 )
 from bipot_rs.bodies.materials import Elastic, Material
+from bipot_rs.words import instead
 
 Field: TypeAlias = ArrayLike | Callable[[Floats], ArrayLike]
 Box: TypeAlias = Mapping[int, tuple[float, float]]
@@ -195,8 +196,8 @@ class Body:
         known = self.mesh.subdomains or {}
         if volume not in known:
             raise ValueError(
-                f"body {self.name!r} has no volume {volume!r}, expected one of "
-                + (", ".join(sorted(known)) or "none: its mesh names no volume")
+                f"body {self.name!r} has no volume {volume!r}"
+                + instead(volume, sorted(known), "its mesh names no volume")
             )
         return np.asarray(known[volume], dtype=np.int64)
 
@@ -205,8 +206,8 @@ class Body:
         known = self.mesh.boundaries or {}
         if surface not in known:
             raise ValueError(
-                f"body {self.name!r} has no surface {surface!r}, expected one of "
-                + (", ".join(sorted(known)) or "none: its mesh names no surface")
+                f"body {self.name!r} has no surface {surface!r}"
+                + instead(surface, sorted(known), "its mesh names no surface")
             )
         return np.asarray(known[surface], dtype=np.int64)
 

@@ -19,6 +19,12 @@ from bipot_rs.words import counted
 
 # Volume over the cube of the longest side, below which rounding makes the sign.
 _FLAT = 1e-12
+_CURES = {
+    "flat": "its nodes lie in a line or a plane: mesh anew, with merged nodes or a finer "
+    "size there, or delete the cell and close the hole",
+    "folded": "are its nodes in the order of its kind? Else mesh anew there, with straight "
+    "sides or a finer size",
+}
 # Distance of two nodes over the shortest side at them: cut open, not meshed so.
 _CLOSE = 1e-6
 
@@ -79,7 +85,7 @@ def _cells(mesh: Any, nodes: NDArray[np.int64], what: str) -> None:
                 f"cell {cell} at {_place(x[cell].mean(axis=0))}: its {extent} is "
                 f"{abs(volume[cell]):.3g}, its longest side {longest[cell]:.3g}, and the "
                 f"determinant of its mapping from {determinant[:, cell].min():.3g} to "
-                f"{determinant[:, cell].max():.3g}"
+                f"{determinant[:, cell].max():.3g}; {_CURES[word]}"
             )
 
 

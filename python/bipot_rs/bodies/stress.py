@@ -71,6 +71,12 @@ class MeanStress:
         # ∂_a φ_i, (i, a, shapes).
         self._slopes = np.einsum("qbi,qbac,qc->iac", slopes, inner, share)
 
+    def gradient(self, displacement: ArrayLike) -> Floats:
+        """Mean of ``∂_a u_k`` over each cell, ``(k, a, cells)``."""
+        u = _nodal(self.body, displacement)[self.body.cells]
+        found = np.einsum("iac,cik->kac", self._slopes[..., self._which], u)
+        return np.asarray(found, np.float64)
+
     def __call__(
         self,
         displacement: ArrayLike,
@@ -80,21 +86,21 @@ class MeanStress:
     ) -> Floats:
         """As `stress`."""
         body = self.body
-        d, u = body.dim, _nodal(body, displacement)[body.cells]
-        gradient = np.einsum("iac,cik->kac", self._slopes[..., self._which], u)
-        strain = np.zeros((3, 3, len(u)))
+        d, gradient = body.dim, self.gradient(displacement)
+        count = gradient.shape[2]
+        strain = np.zeros((3, 3, count))
         strain[:d, :d] = 0.5 * (gradient + gradient.swapaxes(0, 1))
         if initial is not None:
             weights = body.volume().weights
             share = weights / weights.sum(axis=1, keepdims=True)
             strain -= np.einsum("abcq,cq->abc", initial_strain(body, initial), share)
-        six = np.empty((len(u), 6))
+        six = np.empty((count, 6))
         for k, material in enumerate(body.materials):
             here = body.material_of_cells == k
             law = _in_space(body, material)[ROWS, COLUMNS][:, ROWS, COLUMNS]
             law[:, 3:] *= 2.0  # the mirrored component of a shear
             six[here] = np.einsum("st,tc->cs", law, strain[ROWS, COLUMNS][:, here])
-        found = np.empty((len(u), 3, 3))
+        found = np.empty((count, 3, 3))
         found[:, ROWS, COLUMNS] = six
         found[:, COLUMNS, ROWS] = six
         return found if space else np.ascontiguousarray(found[:, :d, :d])

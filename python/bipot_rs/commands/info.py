@@ -1,4 +1,4 @@
-"""``bipot info``: what is in a file, in some ten lines."""
+"""``bipot info``: what is in a file or a folder, in some ten lines."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs.running.folder import RESULT
+from bipot_rs.commands.info_mesh import SUFFIXES, box, mesh
+from bipot_rs.commands.info_sweep import sweep
+from bipot_rs.running.folder import RESULT, SWEEP
 from bipot_rs.words import counted, printable
 
 # Steps of a result that are told one by one; of longer paths both ends.
@@ -15,12 +17,12 @@ _STEPS = 3
 
 
 def info(name: str) -> dict[str, Any]:
-    """What a result, a problem of FCLIB or a scene holds.
+    """What a result, a sweep, a problem of FCLIB, a mesh or a scene holds.
 
     Parameters
     ----------
     name
-        A file, the folder of a run, or a shipped scene.
+        A file, the folder of a run, of a sweep or of several of them, or a shipped scene.
 
     Returns
     -------
@@ -34,10 +36,20 @@ def info(name: str) -> dict[str, Any]:
     """
     path = Path(name)
     if path.is_dir():
-        if not (path / RESULT).exists():
-            raise ValueError(f"{name} is a folder without {RESULT}")
-        path = path / RESULT
+        if (path / RESULT).exists():
+            return _result(path / RESULT)
+        return sweep(path / SWEEP) if (path / SWEEP).exists() else _folder(path)
+    if path.name == SWEEP:
+        return sweep(path)
+    if path.suffix.lower() in SUFFIXES:
+        return mesh(path)
     if path.suffix not in (".h5", ".hdf5", ".hdf"):
+        if path.is_file() and path.suffix not in ("", ".toml"):
+            raise ValueError(
+                f"{name} is a file {path.suffix}, expected a result (.h5), a sweep "
+                f"({SWEEP}), a mesh ({', '.join(SUFFIXES)}), a problem (.hdf5) or a scene "
+                "(.toml)"
+            )
         return _scene(name)
     if not path.exists():
         raise OSError(f"there is no {path}")
@@ -50,6 +62,30 @@ def info(name: str) -> dict[str, Any]:
             raise error from None
 
 
+def _folder(path: Path) -> dict[str, Any]:
+    """A folder of folders, as ``out`` is after some runs."""
+    kinds = {RESULT: "run", SWEEP: "sweep"}
+    inside = sorted(one for one in path.iterdir() if one.is_dir())
+    found = {
+        str(one): kind
+        for one in inside
+        for file, kind in kinds.items()
+        if (one / file).exists()
+    }
+    if not found:
+        raise ValueError(
+            f"{path} is a folder without {RESULT} or {SWEEP}, and so are those in it"
+        )
+    many = [
+        counted(list(found.values()).count(kind), kind)
+        for kind in kinds.values()
+        if kind in found.values()
+    ]
+    lines = [f"{path}: a folder of {' and '.join(many)}"]
+    lines += [f"  {kind:<9} bipot info {printable(one)}" for one, kind in found.items()]
+    return {"kind": "folder", "file": str(path), "holds": found, "lines": lines}
+
+
 def _result(path: Path) -> dict[str, Any]:
     from bipot_rs.export import read_result
     from bipot_rs.result import load
@@ -59,7 +95,9 @@ def _result(path: Path) -> dict[str, Any]:
     result = load(path)
     count = len(result)
     x = contacts.get("x")
-    dim = None if x is None else x.shape[1]
+    # Of arrays places need not be known.
+    contacts_n, d = result._shape if count else (0 if x is None else len(x), 0)
+    dim = (d or None) if x is None else x.shape[1]
     found: dict[str, Any] = {
         "kind": "result",
         "file": str(path),
@@ -69,7 +107,7 @@ def _result(path: Path) -> dict[str, Any]:
         "package": attributes.get("package"),
         "method": attributes.get("method"),
         "tol": attributes.get("tol"),
-        "contacts": None if x is None else len(x),
+        "contacts": contacts_n if count or x is not None else None,
         "dim": dim,
         "steps": count,
     }
@@ -78,25 +116,25 @@ def _result(path: Path) -> dict[str, Any]:
     lines = [
         f"{path}: a result of {whose}, {'' if found['complete'] else 'not '}complete",
         f"  said      {found['message'] or '-'}",
-        f"  by        bipot_rs {found['package'] or '(unknown)'}, {by}",
     ]
-    if x is not None:
-        low, high = x.min(axis=0), x.max(axis=0)
-        where = " × ".join(
-            f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high, strict=True)
-        )
+    if found["package"]:
+        lines.append(f"  by        bipot_rs {found['package']}, {by}")
+    if dim is not None:
+        where = f", {box(x)}" if x is not None and len(x) else ""
         lines.append(
-            f"  contacts  {counted(len(x), 'contact')} in {dim} dimensions, {where}"
+            f"  contacts  {counted(contacts_n, 'contact')} in {dim} dimensions{where}"
         )
         lines.append(
             f"  friction  {_span(contacts.get('mu'))}; gap {_span(contacts.get('gap'))}"
         )
     if count:
         found["residual"] = float(result.residual.max())
-        found["displacements"] = len(result[0].displacement)
+        kept = result[0]._kept.get("u")
+        found["displacements"] = None if kept is None else len(kept)
+        moved = "no" if kept is None else len(kept)
         lines.append(
             f"  steps     {counted(count, 'load step')}, every residual at most "
-            f"{found['residual']:.1e}; {found['displacements']} displacements each"
+            f"{found['residual']:.1e}; {moved} displacements each"
         )
         told = [
             row(k, float(steps[k].get("load", k)), step)
@@ -108,8 +146,9 @@ def _result(path: Path) -> dict[str, Any]:
         for k in ends:
             one = told[k]
             lines.append(
-                f"  step {k:<4} open {one['open']}, slip {one['slip']}, stick "
-                f"{one['stick']}, normal force {result[k].reaction[:, 0].sum():.5g}"
+                f"  load step {k + 1} of {count}: open {one['open']}, slip "
+                f"{one['slip']}, stick {one['stick']}, normal force "
+                f"{result[k].reaction[:, 0].sum():.5g}"
             )
         last = told[-1]
         found["last"] = {name: last[name] for name in ("open", "slip", "stick")}

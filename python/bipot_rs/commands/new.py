@@ -12,8 +12,9 @@ _HINT = (
     f"#:schema ./{SCHEMA}\n"
     f"# An editor that knows TOML checks this file: bipot schema > {SCHEMA}\n\n"
 )
-# What a template says where the command to run it has its file.
-_NAME = "@NAME@"
+# What a template says where the command to run it has its file, and where it has the
+# mesh beside it: as seen from here, and from the scene.
+_NAME, _MESH, _BESIDE = "@NAME@", "@MESH@", "@FILE@"
 
 
 def templates() -> list[str]:
@@ -21,15 +22,17 @@ def templates() -> list[str]:
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
-def write(name: str, template: str) -> Path:
-    """Write a commented scene; returns its file, ``name`` with ``.toml``.
+def write(name: str, template: str) -> list[Path]:
+    """Write a commented scene; returns its files, first ``name`` with ``.toml``.
+
+    A template with a mesh has it written beside the scene, under the name of the scene.
 
     Raises
     ------
     ValueError
         There is no such template.
     OSError
-        There is a file of this name already, or none can be written there.
+        There is a file of this name already, scene or mesh, or none can be written there.
     """
     if template not in templates():
         raise ValueError(
@@ -38,14 +41,31 @@ def write(name: str, template: str) -> Path:
         )
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     text = (_FOLDER / f"{template}.toml").read_text(encoding="utf-8")
+    mesh = path.with_suffix(".inp")
+    for word, file in ((_NAME, str(path)), (_MESH, str(mesh)), (_BESIDE, mesh.name)):
+        text = text.replace(word, file)
+    _new(path, _HINT + text)
+    source = _FOLDER / f"{template}.inp"
+    if not source.exists():
+        return [path]
+    try:
+        _new(mesh, source.read_text(encoding="utf-8"))
+    except OSError:
+        # One without the other is of no use.
+        path.unlink()
+        raise
+    return [path, mesh]
+
+
+def _new(path: Path, text: str) -> None:
+    """Write a file that is not there yet."""
     try:
         # Not looked for first: whatever comes in between would be overwritten.
         with path.open("x", encoding="utf-8") as file:
-            file.write(_HINT + text.replace(_NAME, str(path)))
+            file.write(text)
     except FileExistsError:
         raise FileExistsError(
             f"{path} is there already and stays as it is: give another name"
         ) from None
     except OSError as error:
         raise OSError(f"cannot write {path}: {error.strerror or error}") from error
-    return path

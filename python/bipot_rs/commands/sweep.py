@@ -15,11 +15,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from bipot_rs.commands.info_sweep import read as table_of
 from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
+from bipot_rs.running.folder import SWEEP, make
 from bipot_rs.running.telling import Progress, complain, line
 from bipot_rs.words import counted
 
-TABLE = "sweep.csv"
 # More rows are a slip of the pen.
 MOST = 100_000
 OUTCOMES = {
@@ -69,7 +70,9 @@ def values(setting: str) -> tuple[str, list[str]]:
 
 
 def spaced(setting: str) -> tuple[str, list[str]]:
-    """``KEY=a:b:n`` as the key and n values from a to b, whole where a and b are.
+    """``KEY=FROM:TO:COUNT`` as the key and COUNT values with both ends.
+
+    They are whole numbers where the ends are, if that many of equal distance are.
 
     Raises
     ------
@@ -78,17 +81,25 @@ def spaced(setting: str) -> tuple[str, list[str]]:
     """
     key, equals, text = setting.partition("=")
     parts = text.split(":")
-    problem = ValueError(
-        f"--range {setting}: should be KEY=FROM:TO:COUNT, as in contact.0.mu=0.1:0.5:9"
-    )
-    if not equals or not key.strip() or len(parts) != 3:
-        raise problem
+
+    def problem(why: str) -> ValueError:
+        return ValueError(
+            f"--range {setting}: {why}, should be KEY=FROM:TO:COUNT, COUNT values with "
+            "both ends, as contact.0.mu=0.1:0.5:3 is 0.1, 0.3, 0.5"
+        )
+
+    if not equals or not key.strip():
+        raise problem("names no KEY")
+    if len(parts) != 3:
+        raise problem(f"has {counted(len(parts), 'part')} where three are needed")
     try:
         low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
     except ValueError:
-        raise problem from None
-    if not (abs(low) < 1e300 and abs(high) < 1e300 and 1 <= count <= MOST):
-        raise problem
+        raise problem("is not of two numbers and a whole one") from None
+    if not (abs(low) < 1e300 and abs(high) < 1e300):
+        raise problem("goes beyond 1e300")
+    if not 1 <= count <= MOST:
+        raise problem(f"asks for {count} values, of 1 to {MOST}")
     if count == 1 and low != high:
         raise ValueError(
             f"--range {setting}: one value cannot be both {low} and {high}"
@@ -117,7 +128,9 @@ def rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]
         if names.count(key) > 1:
             raise ValueError(f"{key} is given {names.count(key)} times, expected once")
     if not axes:
-        raise ValueError("nothing varies: give --set KEY=V1,V2,… or --range KEY=a:b:n")
+        raise ValueError(
+            "nothing varies: give --set KEY=V1,V2,… or --range KEY=FROM:TO:COUNT"
+        )
     count = 1
     for _, found in axes:
         count *= len(found)
@@ -186,6 +199,7 @@ def digests(
     asked: Sequence[Mapping[str, str]],
     method: str | None,
     tol: float | None,
+    ranges: Sequence[str] = (),
 ) -> list[str]:
     """What decides the numbers of each row, in a word; empty where a scene is wrong.
 
@@ -193,6 +207,8 @@ def digests(
     ------
     SceneError
         All rows are wrong, and the first says why.
+    ValueError
+        One of ``ranges`` has parts of whole numbers, where the scene takes none.
     """
     from bipot_rs.running.resume import stamps
     from bipot_rs.scene import read
@@ -203,6 +219,7 @@ def digests(
         try:
             whole = read(scene, [f"{k}={v}" for k, v in settings.items()])
         except SceneError as error:
+            _whole(ranges, error.problems)
             first = error if first is None else first
             found.append("")
             continue
@@ -218,14 +235,33 @@ def digests(
     return found
 
 
+def _whole(ranges: Sequence[str], problems: Sequence[str]) -> None:
+    """Say of a range that it would split whole numbers: a count taken for a step."""
+    for setting in ranges:
+        key, found = spaced(setting)
+        if any(p.startswith(f"{key}: ") and "integer" in p for p in problems):
+            shown = [f"{float(v):.6g}" for v in found[:4]]
+            shown += ["…"] if len(found) > len(shown) else []
+            raise ValueError(
+                f"--range {setting}: is {counted(len(found), 'value')}, "
+                f"{', '.join(shown)}, and {key} takes whole numbers: the third number "
+                "is how many values, not their distance"
+            )
+
+
 def earlier(
     path: Path, asked: Sequence[Mapping[str, str]], known: Sequence[str]
 ) -> dict[int, dict[str, Any]]:
     """Rows that an earlier sweep has done, by number: the same settings of the same scene."""
     if not path.exists():
         raise ValueError(f"nothing to resume: there is no {path}")
-    with path.open(newline="", encoding="utf-8") as file:
-        done = {row.get("digest", ""): row for row in csv.DictReader(file)}
+    try:
+        _, rows = table_of(path)
+    except ValueError as error:
+        raise ValueError(
+            f"cannot resume: {error}; without --resume all rows are solved anew"
+        ) from None
+    done = {row.get("digest", ""): row for row in rows}
     return {
         k: {**done[digest], **settings}
         for k, (settings, digest) in enumerate(zip(asked, known, strict=True))
@@ -274,15 +310,15 @@ def run(
 
     asked = rows(settings, ranges)
     keys = list(asked[0])
-    known = digests(scene, asked, method, tol)
+    known = digests(scene, asked, method, tol, ranges)
     solver(method or "auto", 1e-10 if tol is None else tol)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make(folder)
     except OSError as error:
         raise OSError(
             f"cannot write to the folder {folder}: {error}; --out DIR names another"
         ) from error
-    path = folder / TABLE
+    path = folder / SWEEP
     done: dict[int, dict[str, Any]] = earlier(path, asked, known) if resume else {}
     left = [k for k in range(len(asked)) if k not in done]
     if path.exists() and path.read_bytes().count(b"\n") > len(done) + 1:
@@ -337,17 +373,16 @@ def _print(
         for n in forces
     ]
     shown = [*keys, "outcome", "open", "slip", "stick", "residual", "seconds"]
-    for name in (*shown[: len(keys) + 4], *heads, *shown[len(keys) + 4 :]):
+    for name in ("row", *shown[: len(keys) + 4], *heads, *shown[len(keys) + 4 :]):
         table.add_column(name.replace("[", r"\["), justify="right")
     for k in sorted(done):
         cells = [*shown[: len(keys) + 4], *forces, *shown[len(keys) + 4 :]]
-        table.add_row(*(_cell(done[k].get(name)) for name in cells))
+        table.add_row(str(k + 1), *(_cell(done[k].get(name)) for name in cells))
     console.print(table)
     for k in sorted(done):
         if done[k].get("message"):
-            console.print(
-                f"row {k}: {done[k]['message']}", markup=False, soft_wrap=True
-            )
+            told = f"row {k + 1}: {done[k]['message']}"
+            console.print(told, markup=False, soft_wrap=True)
     console.print(message, markup=False, soft_wrap=True)
 
 

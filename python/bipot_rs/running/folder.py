@@ -11,6 +11,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 RESULT = "result.h5"
+# The table of a sweep.
+SWEEP = "sweep.csv"
 _DRAFT = ".bipot-"
 _NAMES = (
     RESULT,
@@ -20,6 +22,14 @@ _NAMES = (
     "tractions.png",
     "error.png",
 )
+
+
+def make(folder: Path) -> None:
+    """Make a folder that may be there; a file of its name is no place for results."""
+    for one in (folder, *folder.parents):
+        if one.exists() and not one.is_dir():
+            raise NotADirectoryError(f"{one} is a file, expected a folder")
+    folder.mkdir(parents=True, exist_ok=True)
 
 
 @contextmanager
@@ -34,7 +44,7 @@ def draft_in(folder: Path) -> Iterator[Path]:
         One sentence, with what would help.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make(folder)
         _clear(folder)
         for path in map(folder.joinpath, _NAMES):
             if path.is_dir():

@@ -62,7 +62,7 @@ def cores() -> int:
 def sizes(model: Model, steps: int) -> list[str]:
     """Bodies and contacts of a model, a line each kind."""
     bodies = ", ".join(
-        f"{body.name} ({counted(body.mesh.nvertices, 'node')}, "
+        f"{body.name} ({counted(len(body.points), 'node')}, "
         f"{counted(body.mesh.nelements, 'cell')})"
         for body in model.bodies
     )

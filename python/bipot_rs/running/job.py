@@ -17,7 +17,7 @@ from bipot_rs.running.folder import RESULT, draft_in, replace
 from bipot_rs.running.folder import told as files_of
 from bipot_rs.running.interrupts import Interrupts
 from bipot_rs.running.telling import Progress, complain, line
-from bipot_rs.words import counted
+from bipot_rs.words import counted, later
 
 if TYPE_CHECKING:
     from bipot_rs.discretisation import DiscretisationError, Estimator
@@ -262,7 +262,14 @@ class Job:
 
     def _foretell(self, counts: Mapping[str, Any]) -> None:
         """Say what the work will take, before it is done."""
-        from bipot_rs.running.forecast import cost, remarked, sizes
+        from bipot_rs.running.forecast import (
+            cores,
+            cost,
+            duration,
+            remarked,
+            seconds,
+            sizes,
+        )
 
         if self.case is None or self.scene is None:
             return
@@ -270,6 +277,7 @@ class Job:
         known = sizes(self.case.model, len(self.case.parameter))
         remarks = remarked(self.case.remarks())
         self.progress.block("\n".join([*title, *known, *cost(counts), *remarks]))
+        self.progress.foretell(duration(seconds(counts, cores())))
 
     def _told(self, k: int, parameter: float, step: Step) -> dict[str, Any]:
         """What is told of a load step, its discretisation error included if asked for."""
@@ -297,11 +305,14 @@ class Job:
         }
 
     def _of_path(self, message: str) -> str:
-        """The message with the step counted from the start of the path."""
-        here = len(self.reached)
-        local = f"step {here - self.resumed}: "
-        rest = message.removeprefix(local)
-        return message if rest == message else f"step {here}: {rest}"
+        """The message with its load step counted from the start of the whole path."""
+        return later(message, self.resumed, self._of_all())
+
+    def _of_all(self) -> str:
+        """``of 5``, where it is known how many load steps there are."""
+        if self.scene is None or self.scene.path.increments:
+            return ""
+        return f" of {self.scene.path.count()}"
 
     @contextmanager
     def _phase(self, name: str) -> Iterator[None]:
@@ -392,6 +403,7 @@ class Job:
         """The table of load steps, and what it comes to."""
         from rich.console import Console
 
+        from bipot_rs.review import review
         from bipot_rs.running.report import closing, print_table
 
         if self.case is None or self.scene is None:
@@ -425,7 +437,8 @@ class Job:
             if self.no_error:
                 say(f"no error: {self.no_error}")
         if solved:
-            for sentence in closing(rows, self.tol, folder):
+            remarks = review(self.case.model, [step for _, step in self.reached])
+            for sentence in closing(rows, self.tol, folder, remarks):
                 say(sentence)
         times = ", ".join(
             f"{phase} {self.seconds[phase]:.2f} s" for phase in PHASES[:-1]

@@ -95,6 +95,8 @@ def print_table(
     largest = max((abs(row["load"]) for row in rows), default=0.0)
     # A sine comes back to zero but for its rounding.
     small = _ROUNDING * largest
+    # Counted from 1, as people do; files and --json count from 0.
+    rows = [{**row, "step": row["step"] + 1} for row in rows]
     rows = [{**row, "load": 0.0} if abs(row["load"]) < small else row for row in rows]
     shown: list[Mapping[str, Any] | None] = list(rows)
     if len(rows) > _MOST_ROWS:
@@ -167,7 +169,12 @@ def _cell(one: Mapping[str, Any], column: str) -> str:
     return _FORMS.get(kind, "{}").format(value)
 
 
-def closing(rows: Sequence[Mapping[str, Any]], tol: float, folder: Any) -> list[str]:
+def closing(
+    rows: Sequence[Mapping[str, Any]],
+    tol: float,
+    folder: Any,
+    remarks: Sequence[str] = (),
+) -> list[str]:
     """What a solved path comes to, and what to look at next."""
     if not rows:
         return []
@@ -186,13 +193,14 @@ def closing(rows: Sequence[Mapping[str, Any]], tol: float, folder: Any) -> list[
         )
     else:
         held = any(key.startswith("friction_used") and last[key] for key in last)
-        slipping = [row["step"] for row in rows if row["slip"] and not row["stick"]]
+        slipping = [row["step"] + 1 for row in rows if row["slip"] and not row["stick"]]
         if held and slipping:
             also = f" and {len(slipping) - 1} more" if len(slipping) > 1 else ""
             said.append(
-                f"remark: all contacts that press slip in load step {slipping[0]}{also}: "
-                "friction is used up there."
+                f"remark: all contacts that press slip in load step {slipping[0]} of "
+                f"{len(rows)}{also}: friction is used up there."
             )
+    said += [f"remark: {remark}." for remark in remarks]
     said.append(
         f"next: paraview {folder}/result.pvd, bipot plot {folder}, bipot info {folder}"
     )

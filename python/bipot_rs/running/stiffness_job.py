@@ -10,7 +10,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
-from bipot_rs.running.folder import RESULT
+from bipot_rs.running.folder import RESULT, make
 from bipot_rs.running.interrupts import Interrupts
 from bipot_rs.running.telling import complain
 from bipot_rs.words import counted
@@ -54,7 +54,8 @@ def run(
             _print(json.dumps(row))
         else:
             counts = ", ".join(f"{name} {row[name]}" for name in _STATUS)
-            _print(f"step {k}: {counts}, residual {row['residual']:.1e}")
+            of = "" if given is None else f" of {_count(given)}"
+            _print(f"load step {k + 1}{of}: {counts}, residual {row['residual']:.1e}")
         interrupts.check()
 
     code, message = SOLVED, "solved"
@@ -66,13 +67,13 @@ def run(
         require()
         given = read(**files)  # type: ignore[arg-type]
         # Before the work: one that cannot be made is found then.
-        folder.mkdir(parents=True, exist_ok=True)
+        make(folder)
         try:
             result = given.problem().solve(
                 given.load, given.prescribed, method=method, tol=tol, on_step=on_step
             )
         except BipotError as error:
-            result, message = error.result, str(error)
+            result, message = error.result, str(error) + _labelled(given, error.dof)
             code = NOT_CONVERGED if isinstance(error, NotConvergedError) else NO_ANSWER
         except KeyboardInterrupt:
             interrupts.hold()
@@ -108,6 +109,20 @@ def run(
         names = ", ".join(sorted(path.name for path in _ours(folder, given)))
         _print(f"{size}, {perf_counter() - began:.2f} s\n{folder}: {names}")
     return code
+
+
+def _count(given: Given) -> int:
+    """Load steps: rows of the one are repeated where the other has more."""
+    loads = 1 if given.load is None else len(given.load)
+    return max(loads, len(given.prescribed))
+
+
+def _labelled(given: Given, dof: int | None) -> str:
+    """What a degree of freedom is called in the files, which know nodes."""
+    if dof is None or not given.labels[dof][1]:
+        return ""
+    node, component = given.labels[dof]
+    return f" (degree of freedom {dof} is {component} of node {node})"
 
 
 def _row(k: int, step: Any) -> dict[str, Any]:

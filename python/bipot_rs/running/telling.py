@@ -52,11 +52,19 @@ class Progress:
                 BarColumn,
                 MofNCompleteColumn,
                 SpinnerColumn,
+                Task,
                 TextColumn,
                 TimeElapsedColumn,
                 TimeRemainingColumn,
             )
             from rich.progress import Progress as Bar
+            from rich.text import Text
+
+            class Remaining(TimeRemainingColumn):
+                """Of steps, which are alike; of phases the ones before tell nothing."""
+
+                def render(self, task: Task) -> Text:
+                    return super().render(task) if task.id else Text("")
 
             self.bar = Bar(
                 SpinnerColumn(),
@@ -64,7 +72,7 @@ class Progress:
                 BarColumn(),
                 MofNCompleteColumn(),
                 TimeElapsedColumn(),
-                TimeRemainingColumn(),
+                Remaining(),
                 TextColumn("{task.fields[told]}"),
                 # NO_COLOR and TERM=dumb are rich's to honour.
                 console=Console(stderr=True, highlight=False),
@@ -84,10 +92,15 @@ class Progress:
         """Name the phase that begins."""
         if self.bar is not None and self.bar.tasks[0].description != name:
             before = self.bar.tasks[0].description
-            self.bar.update(0, description=name, advance=1 if before else 0)
+            self.bar.update(0, description=name, advance=1 if before else 0, told="")
             if name == "solve":
                 # Its clock is that of the steps, and so is the time they will take.
                 self.bar.reset(1, completed=self.bar.tasks[1].completed, visible=True)
+
+    def foretell(self, time: str) -> None:
+        """Say how long the phase that runs may take, beside its bar and its clock."""
+        if self.bar is not None:
+            self.bar.update(0, told=f"{time} foretold")
 
     def skip(self, steps: int) -> None:
         """Begin after load steps that are done already."""
@@ -100,7 +113,7 @@ class Progress:
         of = "" if self.steps is None else f" of {self.steps}"
         self.advance(
             told,
-            f"step {row['step'] + 1}{of}: load {row['load']:.6g}, {told}, "
+            f"load step {row['step'] + 1}{of}: load {row['load']:.6g}, {told}, "
             f"residual {row['residual']:.1e}",
         )
 

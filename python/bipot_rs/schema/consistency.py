@@ -17,7 +17,7 @@ from bipot_rs.schema.contact import Plane, Touch
 from bipot_rs.schema.mesh import Block, Within
 from bipot_rs.schema.root import Scene
 from bipot_rs.schema.table import AXES, LARGEST, Components
-from bipot_rs.words import counted
+from bipot_rs.words import counted, instead
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,8 @@ def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
         for end, material in block.materials.items():
             if material not in scene.material:
                 place = f"body.{name}.material{end}"
-                yield f"{place}: {_unknown(material, scene.material)}"
+                table = f"[material.{material}] makes it"
+                yield f"{place}: {_unknown(material, scene.material, table)}"
         if isinstance(block.material, dict):
             yield from _volumes(f"body.{name}.material", block, known[name])
         own = _box if block.mesh is None else _of_file
@@ -99,9 +100,11 @@ def _volumes(place: str, block: Block, known: Known) -> Iterator[str]:
         return
     for volume in block.material:
         if volume not in known.volumes:
-            none = "none: a box names no volume" if block.mesh is None else "none"
-            names = ", ".join(known.volumes) or none
-            yield f"{place}: there is no volume {volume!r}, expected one of {names}"
+            why = (
+                "a box names no volume" if block.mesh is None else "its file names none"
+            )
+            said = f"{place}: there is no volume {volume!r}"
+            yield said + instead(volume, known.volumes, why)
 
 
 def _box(name: str, block: Block, scene: Scene) -> Iterator[str]:
@@ -197,7 +200,8 @@ def _surface(known: Mapping[str, Known], path: str, on: str) -> Iterator[str]:
         if not face:
             yield f"{path}: should be {body}.SURFACE, a surface that its mesh names"
     elif not dot or face not in names:
-        yield f"{path}: {_unknown(on, [f'{body}.{name}' for name in names])}"
+        table = f"[body.{body}.surface.NAME] makes one, by place and direction"
+        yield f"{path}: {_unknown(on, [f'{body}.{name}' for name in names], table)}"
 
 
 def _components(scene: Scene, dim: int | None) -> Iterator[str]:
@@ -241,7 +245,7 @@ def _strains(
         if body not in known:
             yield f"{place}.on: {_unknown(body, list(known))}"
         elif volume and names is not None and volume not in names:
-            yield f"{place}.on: {_unknown(volume, names)}, volumes of body {body!r}"
+            yield f"{place}.on: {_unknown(volume, names)} of the volumes of body {body!r}"
         heat = strain.expansion is not None, strain.temperature is not None
         if any(heat) == (strain.tensor is not None) or any(heat) != all(heat):
             yield f"{place}: needs expansion and temperature, or tensor"
@@ -295,7 +299,7 @@ def _no_obstacle(name: str, scene: Scene) -> str:
     said = f"there is no obstacle {name!r}"
     if name in scene.body:
         return f"{said}, and a surface of body {name!r} is {name}.SURFACE"
-    return f"{said}, expected one of {', '.join(scene.obstacle) or 'none'}"
+    return said + instead(name, scene.obstacle, f"[obstacle.{name}] makes it")
 
 
 def _pairing(place: str, contact: Touch) -> Iterator[str]:
@@ -414,9 +418,12 @@ def _path(scene: Scene) -> Iterator[str]:
     for place, number in scene.varying():
         used.add(number.amplitude)
         if number.amplitude is not None and number.amplitude not in path.amplitude:
-            yield f"{place}.amplitude: {_unknown(number.amplitude, path.amplitude)}"
+            table = f"path.amplitude.{number.amplitude} = [1.0] makes it"
+            told = _unknown(number.amplitude, path.amplitude, table)
+            yield f"{place}.amplitude: {told}"
     if path.parameter is not None and path.parameter not in path.amplitude:
-        yield f"path.parameter: {_unknown(path.parameter, path.amplitude)}"
+        table = f"path.amplitude.{path.parameter} = [1.0] makes it"
+        yield f"path.parameter: {_unknown(path.parameter, path.amplitude, table)}"
     for name, amplitude in path.amplitude.items():
         place = f"path.amplitude.{name}"
         if (amplitude.table is None) == (amplitude.wave is None):
@@ -446,5 +453,8 @@ def _path(scene: Scene) -> Iterator[str]:
         )
 
 
-def _unknown(name: str, known: Sequence[str] | dict[str, Any]) -> str:
-    return f"there is no {name!r}, expected one of {', '.join(known) or 'none'}"
+def _unknown(
+    name: str, known: Sequence[str] | dict[str, Any], otherwise: str = ""
+) -> str:
+    """A name that is not known, and what to do where none is."""
+    return f"there is no {name!r}" + instead(name, known, otherwise)

@@ -1,0 +1,43 @@
+"""How far contacts slide, against their distance from each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of each of several places the distance to the nearest other one, ``(m,)``.
+
+    >>> distances(np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]]))
+    array([1., 1., 2.])
+    """
+    from scipy.spatial import cKDTree
+
+    if len(points) < 2:
+        return np.full(len(points), np.inf)
+    found, _ = cKDTree(points).query(points, k=2)
+    nearest = np.asarray(found[:, 1], np.float64)
+    # Two contacts of one node say nothing of the mesh.
+    return np.where(nearest > 0, nearest, np.inf)
+
+
+def farthest(
+    steps: Sequence[Any], apart: NDArray[np.float64], at: NDArray[np.integer[Any]]
+) -> tuple[int, int, float]:
+    """Where a pressed contact has gone farthest along, relative to ``apart (m,)``.
+
+    ``steps`` are of `Result`, and ``at (m,)`` the contacts that are looked at. Returns the
+    step from 0, which of ``at``, and the ratio.
+    """
+    found = 0, 0, 0.0
+    for k, step in enumerate(steps):
+        along = np.linalg.norm(step.relative_displacement[at, 1:], axis=1)
+        ratio = np.where(step.reaction[at, 0] > 0, along / apart, 0.0)
+        node = int(np.argmax(ratio))
+        if ratio[node] > found[2]:
+            found = k, node, float(ratio[node])
+    return found

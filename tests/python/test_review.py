@@ -1,0 +1,170 @@
+"""What is said of an answer once it is there, against displacements known exactly."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs import fem
+from bipot_rs import obstacle as ob
+from bipot_rs.review import across, review
+from bipot_rs.sliding import distances
+
+
+def cube(dim: int, name: str = "a", low: float = 0.0, size: float = 1.0) -> fem.Body:
+    g = size * np.linspace(0, 1, 5)
+    axes = [g] * (dim - 1) + [size * low + g]
+    cell = "quadrilateral" if dim == 2 else "hexahedron"
+    return fem.Body(name, fem.box(axes, cell), fem.Material(1.0, 0.3))
+
+
+def built(dim: int, size: float = 1.0, **contact: Any) -> fem.Model:
+    up = np.eye(dim)[dim - 1]
+    plane = {"plane": (0 * up, up)}
+    bodies = [cube(dim, size=size)]
+    if "against" in contact:
+        bodies.append(cube(dim, "b", -1.0, size))
+    return fem.build(
+        bodies, [fem.Contact("a", "bottom", 0.3, **(contact or plane))], []
+    )
+
+
+def step(model: fem.Model, u: Any = None, v: Any = None, pressed: Any = True) -> Any:
+    """A load step with these displacements, relative ones, and contacts that press."""
+    shape = len(model.gap), model.dim
+    moved = np.zeros((len(model.nodes), model.dim)) if u is None else u
+    reaction = np.zeros(shape)
+    reaction[:, 0] = np.broadcast_to(pressed, shape[0])
+    return SimpleNamespace(
+        displacement=np.asarray(moved).ravel(),
+        reaction=reaction,
+        relative_displacement=np.zeros(shape) if v is None else v,
+    )
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("size", [1.0, 1e-6])
+def test_a_rotation_is_seen_with_its_angle(dim: int, size: float) -> None:
+    """A field W x with W skew turns by the length of its axial vector, and strains by none."""
+    model = built(dim, size)
+    axial = np.array([0.3, -0.4, 1.2]) / 1.3 if dim == 3 else np.array([0, 0, 1.0])
+    x = np.zeros((len(model.nodes), 3))
+    x[:, :dim] = model.nodes
+    unit = np.cross(axial, x)[:, :dim]
+    (said,) = review(model, [step(model), step(model, 0.06 * unit)])
+    # 0.06 rad are 3.44 degrees.
+    assert said.startswith("rotations up to 3.4°, 0.06 rad, of body 'a' at (")
+    assert f"in load step 2 of 2, beyond 0.05 in {4**dim} of its {4**dim} cells" in said
+    assert review(model, [step(model, 0.04 * unit)]) == []
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_strain_is_seen_with_its_size(dim: int) -> None:
+    """Uniform strain of principal values 0.02 and -0.07, in axes that are turned."""
+    model = built(dim)
+    c, s = np.cos(0.4), np.sin(0.4)
+    turn = np.eye(dim)
+    turn[:2, :2] = [[c, -s], [s, c]]
+    strain = turn @ np.diag([0.02, -0.07, 0.0][:dim]) @ turn.T
+    (said,) = review(model, [step(model, model.nodes @ strain)])
+    assert said.startswith("strains up to 7 % of body 'a' at (")
+    assert review(model, [step(model, 0.7 * model.nodes @ strain)]) == []
+
+
+def test_the_worst_load_step_is_told_and_not_the_last() -> None:
+    model = built(2)
+    turn = model.nodes @ np.array([[0.0, -1.0], [1.0, 0.0]])
+    path = [step(model, a * turn) for a in (0.01, 0.3, 0.1)]
+    (said,) = review(model, path)
+    assert "0.3 rad" in said
+    assert "in load step 2 of 3" in said
+
+
+def test_sliding_counts_in_distances_of_contacts() -> None:
+    """Of pairs and round obstacles; a rigid plane is the same everywhere."""
+    v = np.zeros((5, 2))
+    v[3, 1] = -0.6  # of nodes 0.25 apart
+    pair = built(2, against=("b", "top"))
+    (said,) = review(pair, [step(pair, v=v), step(pair)])
+    assert said.startswith("contacts of a.bottom slide by up to 0.6 from where they")
+    assert "in load step 1 of 2, 2.4 times their distance" in said
+    # One that is apart may be anywhere.
+    assert review(pair, [step(pair, v=v, pressed=[1, 1, 1, 0, 1]), step(pair)]) == []
+    assert review(pair, [step(pair, v=0.4 * v)]) == []
+    round_one = built(2, obstacle=ob.Sphere([0.5, -3.0], 3.0))
+    assert len(review(round_one, [step(round_one, v=v)])) == 1
+    for flat in (built(2), built(2, obstacle=ob.Plane([0, 0], [0, 1]))):
+        assert review(flat, [step(flat, v=v)]) == []
+
+
+def test_a_narrow_zone_is_told() -> None:
+    model = built(2)
+    for pressed, nodes in (([0, 1, 1, 1, 0], "3 nodes"), ([0, 0, 1, 0, 0], "1 node")):
+        (said,) = review(model, [step(model, pressed=pressed)])
+        assert f"the contact zone of a.bottom is {nodes} across" in said
+    # Of the last load step; all of a surface, and none of it, are bounded by no mesh.
+    narrow = step(model, pressed=[0, 0, 1, 0, 0])
+    assert review(model, [narrow, step(model)]) == []
+    assert review(model, [narrow, step(model, pressed=0)]) == []
+    assert review(model, []) == []
+
+
+def test_across_takes_the_narrow_side() -> None:
+    """A strip of 3 by 20 nodes, turned in space."""
+    i, j = np.meshgrid(np.arange(3.0), np.arange(20.0))
+    flat = np.stack([i.ravel(), j.ravel(), 0 * i.ravel()], axis=1)
+    turn, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))
+    for size in (1.0, 1e-3):
+        strip = size * flat @ turn
+        # Of rounding alone: all distances are one.
+        assert across(strip, distances(strip)) == pytest.approx(3, rel=1e-12)
+    assert across(flat[:, :2][:7], np.ones(7)) == 7
+
+
+def test_a_result_tells_how_far_contacts_slid() -> None:
+    """A block drawn over its support by 0.4, on nodes 0.1 apart, in its summary."""
+    K, B = np.eye(4), np.eye(4)
+    load = [[-1.0, 0.4 + 0.3, -1.0, 0.4 + 0.3]]
+    points = np.array([[0.0, 0.0], [0.1, 0.0]])
+    result = bp.solve(K, B, load, gap=np.zeros(2), mu=0.3, points=points)
+    # Friction takes 0.3 of the pull, and the springs of stiffness one the rest.
+    assert "contacts slid by up to 4 times their distance" in str(result)
+    wide = bp.solve(K, B, load, gap=np.zeros(2), mu=0.3, points=10 * points)
+    assert "slid" not in str(wide)
+    nowhere = bp.solve(K, B, load, gap=np.zeros(2), mu=0.3)
+    assert "slid" not in str(nowhere)
+
+
+def test_a_model_tells_it_of_its_result() -> None:
+    side = {"from": 0.0, "to": 1.0, "cells": 4}
+    m = bp.Model("Sheared far")
+    m.material("soft", young=1.0, poisson=0.3)
+    m.body("block", material="soft", cell="quadrilateral", x=side, y=side)
+    m.support("block.top", x=m.times(0.3, "go"), y=m.times(-0.1, "go"))
+    m.contact("block.bottom", plane={"point": [0, 0], "normal": [0, 1]}, mu=2.0)
+    m.path(go=[0.1, 1.0])
+    said = m.solve().remarks()
+    # Sheared by 0.3 over a height of 1: a rotation and a strain of about 0.15 each.
+    assert [one.split()[0] for one in said[:2]] == ["rotations", "strains"]
+    assert all("in load step 2 of 2" in one for one in said)
+
+
+def test_a_path_that_goes_on_counts_its_load_steps_from_its_start() -> None:
+    side = {"from": 0.0, "to": 1.0, "cells": 4}
+
+    def model(*go: float) -> Any:
+        m = bp.Model("Pressed and sheared")
+        m.material("soft", young=1.0, poisson=0.3)
+        m.body("block", material="soft", cell="quadrilateral", x=side, y=side)
+        m.support("block.top", x=m.times(0.01, "go"), y=-0.01)
+        m.contact("block.bottom", plane={"point": [0, 0], "normal": [0, 1]}, mu=0.3)
+        m.path(go=list(go))
+        return m
+
+    two = model(0.1, 0.2).solve()
+    with pytest.raises(bp.NotConvergedError) as failed:
+        model(0.1, 0.2, 0.9).solve(start=two, method="uzawa", max_iterations=1)
+    assert str(failed.value).startswith("load step 3: not converged")
+    assert failed.value.result.message == str(failed.value)
