@@ -201,7 +201,7 @@ def facets_in_space(
     return image
 
 
-def box_in_space(places: Array, ax: Any) -> None:
+def box_in_space(places: Array, ax: Any, zoom: float = 0.82) -> None:
     """Limits of axes in space, one length the same along all three."""
     low, high = places.min(axis=0), places.max(axis=0)
     # What is flat still has to be seen.
@@ -212,12 +212,15 @@ def box_in_space(places: Array, ax: Any) -> None:
     for k, name in enumerate("xyz"):
         getattr(ax, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
         axis = getattr(ax, f"{name}axis")
+        # A short axis has room for few numbers.
+        count = max(1, round(4 * half[k] / half.max() + 0.4))
         # Where x ends y begins: two numbers would lie on each other.
-        axis.set_major_locator(MaxNLocator(4, prune="lower" if name == "y" else None))
+        prune = "lower" if name == "y" else None
+        axis.set_major_locator(MaxNLocator(min(count, 4), prune=prune))
         axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
     ax.zaxis.labelpad = 8
     # Room for the labels, which the layout does not see.
-    ax.set_box_aspect(half, zoom=0.82)
+    ax.set_box_aspect(half, zoom=zoom)
 
 
 def _forces(

@@ -121,7 +121,7 @@ def fit(ax: Any) -> None:
     width, _ = ax.figure.get_size_inches()
     # Beside the axes stand labels and the colour bar, above and below labels.
     inner = width - 2.0
-    height = min(max(inner * high / wide, 1.2), 5.4)
+    height = min(max(inner * high / wide, 2.0), 5.4)
     ax.figure.set_size_inches(width, height + 0.9)
 
 
@@ -180,11 +180,11 @@ def bare(ax: Any) -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
-def whole_numbers(ax: Any) -> None:
+def whole_numbers(axis: Any) -> None:
     """Ticks of load steps."""
     from matplotlib.ticker import MaxNLocator
 
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
 
 
 def round_number(value: float) -> float:

@@ -251,7 +251,7 @@ def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any
             transform = ax.get_yaxis_transform()
             ax.text(*at, whose, transform=transform, fontsize="small", **place)
     if len(lines) == 1:
-        ax.yaxis.get_major_locator().set_params(integer=True)
+        canvas.whole_numbers(ax.yaxis)
     else:
         ends = sorted({1, steps})
         at = [(k * apart + end, str(end)) for k in range(len(lines)) for end in ends]

@@ -102,10 +102,10 @@ def draw_resultants(
     canvas.name_axis(ax.yaxis, "force", units.get("force"))
     ax.set_xlabel("load step")
     if len(parts) > 1:
-        _name_surfaces([name for name, _ in parts], ax)
+        _name_surfaces([name for name, _ in parts], mu is not None, ax)
     else:
         canvas.legend_above(ax)
-    canvas.whole_numbers(ax)
+    canvas.whole_numbers(ax.xaxis)
     canvas.bare(ax)
     return ax
 
@@ -149,15 +149,21 @@ def _of_surface(
             )
 
 
-def _name_surfaces(names: Sequence[str], ax: Any) -> None:
+def _name_surfaces(names: Sequence[str], limited: bool, ax: Any) -> None:
     from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
 
     whose = [
         Line2D([], [], color=canvas.cycle(k), lw=2, label=name)
         for k, name in enumerate(names)
     ]
     looks = (("-", "normal"), ("--", "tangential"))
-    kinds = [Line2D([], [], color="black", ls=ls, label=name) for ls, name in looks]
+    kinds: list[Any] = [
+        Line2D([], [], color="black", ls=ls, label=name) for ls, name in looks
+    ]
+    if limited:
+        band = {"facecolor": canvas.QUIET, "alpha": 0.3}
+        kinds.append(Patch(label="within Σ μ × normal", **band))
     canvas.legend_above(ax, handles=whose + kinds)
 
 
@@ -208,7 +214,7 @@ def draw_shares(status: NDArray[Any], ax: Any) -> Any:
     ax.set_ylabel("share of contacts")
     ax.set_xlabel("load step")
     canvas.legend_above(ax)
-    canvas.whole_numbers(ax)
+    canvas.whole_numbers(ax.xaxis)
     canvas.bare(ax)
     return ax
 
@@ -314,7 +320,7 @@ def dissipation(
     canvas.name_axis(ax.yaxis, "work of friction", canvas.work_unit(units))
     ax.set_xlim(0.2, len(path) + 0.8)
     canvas.legend_above(ax)
-    canvas.whole_numbers(ax)
+    canvas.whole_numbers(ax.xaxis)
     canvas.bare(ax)
     return ax
 

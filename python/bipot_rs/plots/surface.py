@@ -32,7 +32,7 @@ QUANTITIES = {
 NOTHING = {
     "pressure": "all contacts are open",
     "shear": "no friction acts",
-    "slip": "no contact slips",
+    "slip": "no slip in the step",
     "gap": "all contacts are closed",
 }
 # Gaps of what is open, but for rounding closed, to this part of the surface's width.
@@ -108,7 +108,8 @@ def draw_map(
     if len(uv) < 3 or np.ptp(uv, axis=0).min() == 0:
         raise ValueError("the contacts lie on a line: tractions draws those")
     if not values.any():
-        ax.tripcolor(_triangles(uv, seen.area), 0 * values, cmap=canvas.blank())
+        triangles = _triangles(uv, seen.area)
+        ax.tripcolor(triangles, values, shading="gouraud", cmap=canvas.blank())
         canvas.say(ax, NOTHING[quantity])
     else:
         low, high, extend = span(values, quantity)
@@ -332,16 +333,18 @@ def _tangents(seen: Contacts) -> tuple[Array, list[str]]:
 
 
 def _mean_tangents(frame: Array, normal: Array) -> Array:
-    """The mean t1 made to lie in a plane, and what is at right angles to it."""
-    normal = normal * (-1.0 if frame[:, 0].mean(axis=0) @ normal < 0 else 1.0)
-    first = frame[:, 1].mean(axis=0)
+    """The mean t1 made to lie in a plane, and what is at right angles to it, as t2 is."""
+    first, second = frame[:, 1:].mean(axis=0)
     first = first - (first @ normal) * normal
     if np.linalg.norm(first) < 0.1:
         # Around an axis they cancel: the axis of coordinates that the plane is nearest to.
         axis = np.eye(3)[np.argmin(np.abs(normal))]
         first = axis - (axis @ normal) * normal
     first = first / np.linalg.norm(first)
-    return np.stack([first, np.cross(normal, first)])
+    across = np.cross(normal, first)
+    if np.linalg.norm(second) < 0.1:
+        second = np.sign(across[np.argmax(np.abs(across))]) * across
+    return np.stack([first, across if across @ second >= 0 else -across])
 
 
 def _finish(
