@@ -216,9 +216,10 @@ def box_in_space(places: Array, ax: Any, zoom: float = 0.82) -> None:
         count = max(1, round(4 * half[k] / half.max() + 0.4))
         # Where x ends y begins: two numbers would lie on each other.
         prune = "lower" if name == "y" else None
-        axis.set_major_locator(MaxNLocator(min(count, 4), prune=prune))
+        ticks = {"min_n_ticks": min(count, 2), "prune": prune}
+        axis.set_major_locator(MaxNLocator(min(count, 4), **ticks))
+        axis.labelpad = 8
         axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
-    ax.zaxis.labelpad = 8
     # Room for the labels, which the layout does not see.
     ax.set_box_aspect(half, zoom=zoom)
 
