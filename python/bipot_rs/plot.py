@@ -63,7 +63,7 @@ def tractions(
     last = steps[-1]
     n, d = known["x"].shape
     seen = Contacts(
-        **known,
+        **known,  # type: ignore[arg-type]
         reaction=last["reaction"],
         status=last["status"].astype(np.int8),
         gap=np.zeros(n),

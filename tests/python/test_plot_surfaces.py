@@ -369,6 +369,17 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
     assert bipot("plot", folder, "--kind", "deformed", *moved)[0] == 0
 
 
+def test_of_arrays_there_are_neither_bodies_nor_surfaces(bipot: Any) -> None:
+    bp.solve(np.eye(2), np.eye(2), [-1.0, 0], gap=[0], mu=0.3).save("a.h5")
+    for more, said in (
+        (("--kind", "deformed"), "a.h5 is not the result of a scene, whose mesh"),
+        (("--contact", "a.b"), "--contact is 'a.b', but a.h5 does not tell surfaces"),
+    ):
+        status, out, err = bipot("plot", "a.h5", *more)
+        assert (status, out) == (2, "")
+        assert said in " ".join(err.split())
+
+
 def test_the_table_of_a_curved_surface_has_its_force(bipot: Any) -> None:
     scene = Path(__file__).parents[2] / "examples" / "scenes" / "rolling_cylinder.toml"
     assert bipot("run", str(scene), "--set", "mesh.n=2", "--json")[0] == 0

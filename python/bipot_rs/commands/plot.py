@@ -164,6 +164,11 @@ def draw(
     if not steps:
         raise ValueError(f"{path} holds no load steps to draw")
     result = load(path)
+    if contact is not None and "surface" not in result.contacts:
+        raise ValueError(
+            f"--contact is {contact!r}, but {path} does not tell surfaces: an earlier "
+            "version wrote it, or it is of a problem given as arrays"
+        )
     title, units = _labels(attributes)
     result.units = units or result.units
     target = path.with_name(f"{kind}.png") if out is None else out
@@ -176,7 +181,7 @@ def draw(
         if "not supported" in said:
             raise ValueError(f"cannot draw {target}: {error}") from error
         # Of the library's words those of the command line.
-        if contact is not None and said.startswith(("where is", "there is no contact")):
+        if contact is not None and said.startswith("there is no contact"):
             raise ValueError(f"--contact: {said}") from error
         raise
     return target

@@ -137,17 +137,17 @@ def _component(seen: Contacts, tangential: Array, one: Places) -> Array:
     """
     own = tangential[one.order]
     if seen.frame is None and seen.x.shape[1] == 2:
-        return own[:, 0]
+        return np.asarray(own[:, 0], np.float64)
     tangents = seen.has_frame[one.order, 1:]
     along = np.einsum("mkd,md->mk", tangents, one.towards)
     if seen.x.shape[1] == 2:
         return np.asarray(own[:, 0] * np.where(along[:, 0] < 0, -1.0, 1.0))
-    return np.einsum("mk,mk->m", own, along)
+    return np.asarray(np.einsum("mk,mk->m", own, along), np.float64)
 
 
 def _limit(seen: Contacts, one: Places) -> Array:
     """Friction by unit pressure along a line, ``(m,)``."""
-    mu = np.asarray(seen.mu)[one.order]
+    mu: Array = np.asarray(seen.mu, np.float64)[one.order]
     if mu.ndim == 1:
         return mu
     # The most that an ellipse's points reach along the line.
@@ -254,8 +254,8 @@ def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any
         canvas.whole_numbers(ax.yaxis)
     else:
         ends = sorted({1, steps})
-        at = [(k * apart + end, str(end)) for k in range(len(lines)) for end in ends]
-        ax.set_yticks(*zip(*at, strict=True))
+        rows_of = [k * apart + end for k in range(len(lines)) for end in ends]
+        ax.set_yticks(rows_of, [str(end) for end in ends] * len(lines))
     counted = f"numbers in {seen.said}" if steps > 1 and seen.said else seen.said
     canvas.legend_above(ax, handles=canvas.status_handles(status[-1]), title=counted)
     canvas.name_axis(ax.xaxis, name, seen.units.get("length"))

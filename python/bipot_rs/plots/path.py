@@ -102,7 +102,8 @@ def draw_resultants(
     canvas.name_axis(ax.yaxis, "force", units.get("force"))
     ax.set_xlabel("load step")
     if len(parts) > 1:
-        _name_surfaces([name for name, _ in parts], mu is not None, ax)
+        curved = frame is not None and any(is_curved(frame[o, 0]) for _, o in parts)
+        _name_surfaces([name for name, _ in parts], ax, curved, mu is not None)
     else:
         canvas.legend_above(ax)
     canvas.whole_numbers(ax.xaxis)
@@ -120,9 +121,10 @@ def _of_surface(
     """Lines of one surface, all in one colour where there are several."""
     number = np.arange(1, len(reaction) + 1)
     style = _style(len(reaction))
-    curved = frame is not None and is_curved(frame[:, 0])
+    force = None
     names = ("normal", "tangential", "within ±Σ μ × normal")
-    if curved:
+    if frame is not None and is_curved(frame[:, 0]):
+        force = np.einsum("sck,ckd->sd", reaction, frame)
         names = ("Σ normal", "Σ |tangential|", "within Σ μ × normal")
         press, least = reaction[..., 0].sum(axis=1), 0.0
         size = np.linalg.norm(reaction[..., 1:], axis=-1)
@@ -140,8 +142,7 @@ def _of_surface(
     if limit is not None:
         band = {"color": colour or canvas.LIMIT, "alpha": 0.15, "lw": 0}
         ax.fill_between(number, least * limit, limit, label=names[2], **band)
-    if curved and colour is None:
-        force = np.einsum("sck,ckd->sd", reaction, frame)
+    if force is not None and colour is None:
         looks = ("-", "--", ":")
         for name, values, ls in zip("xyz", force.T, looks, strict=False):
             ax.plot(
@@ -149,7 +150,7 @@ def _of_surface(
             )
 
 
-def _name_surfaces(names: Sequence[str], limited: bool, ax: Any) -> None:
+def _name_surfaces(names: Sequence[str], ax: Any, curved: bool, limited: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -158,11 +159,13 @@ def _name_surfaces(names: Sequence[str], limited: bool, ax: Any) -> None:
         for k, name in enumerate(names)
     ]
     looks = (("-", "normal"), ("--", "tangential"))
+    if curved:
+        looks = (("-", "Σ normal"), ("--", "tangential, curved: Σ of sizes"))
     kinds: list[Any] = [
         Line2D([], [], color="black", ls=ls, label=name) for ls, name in looks
     ]
     if limited:
-        band = {"facecolor": canvas.QUIET, "alpha": 0.3}
+        band: dict[str, Any] = {"facecolor": canvas.QUIET, "alpha": 0.3}
         kinds.append(Patch(label="within Σ μ × normal", **band))
     canvas.legend_above(ax, handles=whose + kinds)
 

@@ -96,15 +96,17 @@ def _straight(x: Array) -> Array | None:
     off = x - x.mean(axis=0)
     main = np.linalg.svd(off, full_matrices=False)[2]
     length = np.ptp(off @ main[0])
+    axes: Array = np.eye(x.shape[1])
     if length == 0:
-        return np.eye(x.shape[1])[0]
+        return np.asarray(axes[0])
     if len(main) > 1 and np.ptp(off @ main[-1]) > _STRAIGHT * length:
         return None
     nearest = int(np.argmax(np.abs(main[0])))
-    axis = np.eye(x.shape[1])[nearest]
+    axis = axes[nearest]
     direction = main[0] * np.sign(main[0][nearest])
     # Coordinates as they were given, not but for rounding.
-    return axis if np.abs(direction - axis).max() <= _STRAIGHT else direction
+    near = np.abs(direction - axis).max() <= _STRAIGHT
+    return np.asarray(axis if near else direction)
 
 
 def _projected(x: Array, direction: Array) -> Places:

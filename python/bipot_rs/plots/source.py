@@ -67,9 +67,11 @@ class Contacts:
         """Some of the contacts, by a mask or numbers."""
         arrays = ("x", "frame", "area", "mu", "reaction", "status", "gap", "slip")
         given = {name: getattr(self, name) for name in (*arrays, "surface")}
-        return replace(
-            self, **{k: None if a is None else a[chosen] for k, a in given.items()}
-        )
+        cut: dict[str, Any] = {
+            name: None if array is None else array[chosen]
+            for name, array in given.items()
+        }
+        return replace(self, **cut)
 
     @property
     def traction(self) -> Array:
