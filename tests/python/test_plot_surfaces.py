@@ -392,3 +392,18 @@ def test_the_table_of_a_curved_surface_has_its_force(bipot: Any) -> None:
         assert told == pytest.approx(result.resultant[-1, k], rel=1e-12)
     size = np.abs(result.reaction[-1, :, 1]).sum()
     assert float(row["tangential_force of block.track"]) == pytest.approx(size)
+
+
+def test_a_sweep_names_what_is_used_of_friction(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from bipot_rs.commands.sweep import _print
+
+    row = {"outcome": "solved", "friction_used of a.flat": 0.5}
+    _print(["mu"], {0: row}, "")
+    assert "Ft/(μFn)" in capsys.readouterr().out
+    both = row | {"friction_used of a.round": 0.25, "force_x of a.round": 1.0}
+    _print(["mu"], {0: both}, "")
+    heads = capsys.readouterr().out
+    assert "Ft/(μFn)" in heads
+    assert "Σ|rt|/(Σμrn)" in heads
