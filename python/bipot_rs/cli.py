@@ -367,19 +367,49 @@ def plot(
         str,
         typer.Option(
             help="Which picture: tractions, slip, status_map, resultants, status_shares, "
-            "force_displacement, dissipation; of a plane surface in space also "
+            "force_displacement, dissipation, deformed; of a plane surface in space also "
             "pressure_map, shear_map, gap_map."
         ),
     ] = "tractions",
     out: Annotated[
         Path | None, typer.Option(help="The file; RESULT/KIND.png if not given.")
     ] = None,
+    contact: Annotated[
+        str | None,
+        typer.Option(
+            metavar="BODY.SURFACE", help="The contact surface; all if not given."
+        ),
+    ] = None,
+    along: Annotated[
+        str | None,
+        typer.Option(
+            metavar="x|y|z|arc",
+            help="What places along a line are: a coordinate, or the length of its arc.",
+        ),
+    ] = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            help="Of deformed: the scene, where the result does not lead to it."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="What was set in --scene."),
+    ] = None,
 ) -> None:
     """Draw a result that is there, without solving."""
     from bipot_rs.commands.plot import draw
 
     with _refusing():
-        typer.echo(draw(result, kind, out))
+        made = draw(
+            *(result, kind, out),
+            contact=contact,
+            along=along,
+            scene=scene,
+            settings=settings or (),
+        )
+        typer.echo(made)
 
 
 @app.command()

@@ -1,6 +1,8 @@
-"""The surface that contacts lie on: facets of the mesh between them."""
+"""The surfaces that contacts lie on: their names, facets of the mesh between contacts."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,29 @@ _KINDS = {
     (3, 8): ("quad8", 4),
     (3, 9): ("quad9", 4),
 }
+
+
+def surface_names(model: Model) -> list[str]:
+    """Contact surfaces by name, ``"body.surface"``, those of one name numbered."""
+    plain = [f"{contact.body}.{contact.surface}" for contact in model.contacts]
+    return [
+        name if plain.count(name) == 1 else f"{name} {k}"
+        for k, name in enumerate(plain)
+    ]
+
+
+def surface_labels(model: Model) -> dict[str, Any]:
+    """Which surface each contact is of, as a result keeps it.
+
+    Returns
+    -------
+    dict
+        ``surface (n_c,)``, numbers, and ``surface_names``, text by number.
+    """
+    return {
+        "surface": model.group,
+        "surface_names": np.array(surface_names(model), str),
+    }
 
 
 def contact_surface(model: Model) -> list[tuple[str, Ints]]:

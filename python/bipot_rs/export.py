@@ -295,6 +295,10 @@ def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
 def _store(h5py: Any, group: Any, name: str, value: Any) -> None:
     """Make a dataset; numbers without what h5py's own way adds of choices and looks."""
     array = np.asarray(value, order="C")
+    if array.dtype.kind == "U":
+        # HDF5 has no letters of four bytes.
+        group[name] = np.char.encode(array, "utf-8")
+        return
     if array.dtype.kind not in "fiub":
         group[name] = value
         return
@@ -362,7 +366,9 @@ def _arrays(group: Any, limit: int) -> dict[str, NDArray[Any]]:
                 f"{data.name} claims {data.nbytes} bytes, more than a file of "
                 f"{limit // _TIGHTEST} bytes can hold"
             )
-        found[name] = data[()]
+        array = data[()]
+        text = isinstance(array, np.ndarray) and array.dtype.kind == "S"
+        found[name] = np.char.decode(array, "utf-8") if text else array
     return found
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from bipot_rs import toml_text
 from bipot_rs.case import Case
+from bipot_rs.contact_surface import surface_labels
 from bipot_rs.errors import BipotError
 from bipot_rs.result import Result, Step
 from bipot_rs.review import review
@@ -419,7 +420,7 @@ class ModelResult(Result):
     def __init__(self, result: Result, case: Case, first: int = 0) -> None:
         super().__init__(
             result.steps,
-            contacts=result.contacts,
+            contacts={**result.contacts, **surface_labels(case.model)},
             shape=case.model.points.shape,
             start=result.start,
             success=result.success,

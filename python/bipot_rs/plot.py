@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 
 from bipot_rs.check import floats
 from bipot_rs.plots import canvas
+from bipot_rs.plots.body import box_in_space
 from bipot_rs.plots.line import draw_tractions
-from bipot_rs.plots.path import draw_resultants, draw_shares, sums
-from bipot_rs.plots.source import Contacts
+from bipot_rs.plots.path import draw_resultants, draw_shares
+from bipot_rs.plots.source import Contacts, names_of, surface_of
 from bipot_rs.plots.surface import draw_map, draw_status, is_plane
 
 Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
+
+# Surfaces that have maps of their own; more are drawn together.
+_ROWS = 4
 
 
 def tractions(
@@ -35,12 +39,13 @@ def tractions(
     path
         Picture to write; the suffix chooses the format.
     contacts
-        ``x (n_c, d)``, ``area (n_c,)``, ``mu``, ``frame (n_c, d, d)``, as
-        in a result file.
+        ``x (n_c, d)``, ``area (n_c,)``, ``mu``, ``frame (n_c, d, d)``, and where there
+        are surfaces ``surface (n_c,)`` and ``surface_names``, as in a result file. Each
+        surface has lines, in space maps, of its own.
     steps
         At least one, each with ``load``, ``reaction (n_c, d)``, ``status (n_c,)``.
     title
-        Line on top.
+        Line on top; which load step is drawn follows.
     units
         Names of units by ``"length"``, ``"force"``, ``"stress"``.
 
@@ -53,39 +58,57 @@ def tractions(
 
     if not steps:
         raise ValueError("steps is empty, expected at least one load step")
-    contacts, steps = _checked(contacts, steps)
+    known, steps = _checked(contacts, steps)
     names = dict(units or {})
     last = steps[-1]
-    n, d = contacts["x"].shape
+    n, d = known["x"].shape
     seen = Contacts(
-        **contacts,
+        **known,  # type: ignore[arg-type]
         reaction=last["reaction"],
         status=last["status"].astype(np.int8),
         gap=np.zeros(n),
         slip=np.zeros((n, d - 1)),
         units=names,
+        surface=surface_of(contacts, n),
+        names=names_of(contacts),
     )
-    planar = d == 2
     # Not pyplot: it would keep the figure and choose a backend for the process.
-    heights = [5.2 if planar else 4.1, 2.6][: min(len(steps), 2)]
+    rows = [5.2] if d == 2 else [4.1] * len(_rows(seen))
+    heights = [*rows, *([2.6] if len(steps) > 1 else [])]
     figure = Figure(figsize=(11.0, sum(heights)), layout="constrained")
     parts: Any = figure.subfigures(
         len(heights), 1, height_ratios=heights, squeeze=False
     ).ravel()
-    if planar:
+    if d == 2:
         draw_tractions(seen, None, parts[0].add_subplot())
-    elif is_plane(seen):
-        _maps(parts[0], seen)
     else:
-        _clouds(parts[0], seen)
+        _in_space(parts, seen)
     if len(steps) > 1:
-        left, right = parts[1].subplots(1, 2)
+        left, right = parts[-1].subplots(1, 2)
         reaction = np.array([step["reaction"] for step in steps])
-        press, drag, limit, _ = sums(reaction, seen.frame, seen.mu)
-        draw_resultants(press, drag, limit, names, left)
+        draw_resultants(reaction, seen.frame, seen.mu, seen.surfaces, names, left)
         draw_shares(np.array([step["status"] for step in steps]), right)
+        said = f"load step {len(steps)} of {len(steps)}"
+        title = f"{title}, {said}" if title else said
     figure.suptitle(title, fontsize=13, fontweight="bold")
     figure.savefig(path, dpi=150)
+
+
+def _rows(seen: Contacts) -> list[tuple[str, Contacts]]:
+    """What has a row of pictures: each surface where they are plane, else all in space."""
+    if is_plane(seen):
+        return [("", seen)]
+    each = [(name, seen.part(own)) for name, own in seen.surfaces]
+    if len(each) > _ROWS or not all(is_plane(one) for _, one in each):
+        return [("", seen)]
+    return each
+
+
+def _in_space(figures: Sequence[Any], seen: Contacts) -> None:
+    for figure, (name, one) in zip(figures, _rows(seen), strict=False):
+        (_maps if is_plane(one) else _clouds)(figure, one)
+        if name:
+            figure.suptitle(name, x=0.01, ha="left", fontsize="medium")
 
 
 def _checked(
@@ -131,15 +154,20 @@ def _clouds(figure: Any, seen: Contacts) -> None:
     panels = figure.subplots(1, 3, subplot_kw={"projection": "3d"})
     x, unit = seen.x, canvas.stress_unit(seen.units)
     shear = np.linalg.norm(seen.traction[:, 1:], axis=1)
-    below: dict[str, Any] = {"location": "bottom", "shrink": 0.8, "pad": 0.02}
+    below: dict[str, Any] = {"location": "bottom", "shrink": 0.7, "pad": 0.02}
     for ax, values, name in (
         (panels[0], seen.traction[:, 0], "pressure"),
         (panels[1], shear, "shear traction"),
     ):
-        cloud = ax.scatter(*x.T, c=values, s=8, cmap="viridis")
+        cloud = ax.scatter(*x.T, c=values, s=8, cmap="viridis", depthshade=False)
         bar = ax.figure.colorbar(cloud, ax=ax, **below)
         canvas.name_axis(bar.ax.xaxis, name, unit)
-    panels[2].scatter(*x.T, c=seen.status, s=8, **canvas.status_colours())
+    panels[2].scatter(
+        *x.T, c=seen.status, s=8, depthshade=False, **canvas.status_colours()
+    )
     canvas.legend_above(panels[2], handles=canvas.status_handles(seen.status))
     for ax in panels:
-        ax.set_box_aspect(np.maximum(np.ptp(x, axis=0), 0.2 * np.ptp(x)))
+        box_in_space(x, ax, zoom=0.72)
+        for axis in "xyz":
+            length = seen.units.get("length")
+            canvas.name_axis(getattr(ax, f"{axis}axis"), axis, length)

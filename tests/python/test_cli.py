@@ -108,6 +108,8 @@ def test_result_file_is_a_result(tmp_path: Path) -> None:
             "area": (16,),
             "gap": (16,),
             "mu": (16,),
+            "surface": (16,),
+            "surface_names": (1,),
         }
         assert {"reaction", "relative_displacement", "slip", "status"} <= set(
             file["steps/0001"]

@@ -136,7 +136,7 @@ PYTHON = (
     "case",
     "scene_parts",
     "plots.canvas",
-    "plots.source plots.skin",
+    "plots.source plots.skin plots.places",
     "plots.line plots.path plots.convergence plots.body",
     "plots.surface",
     "plots.space",

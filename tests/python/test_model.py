@@ -103,7 +103,8 @@ def test_three_ways_to_the_same_bits(tmp_path: Path) -> None:
     assert by_toml["steps/0001/load"] != by_arrays["steps/0001/load"]
     for name, content in by_toml.items():
         assert by_python[name] == content, name
-        if not name.endswith("/load"):
+        # Nor names of surfaces.
+        if not name.endswith("/load") and not name.startswith("contacts/surface"):
             assert by_arrays[name] == content, name
 
 

@@ -56,7 +56,7 @@ def test_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     plane = contacts(x, np.array([0.0, 1.0]))
     texts = drawn(monkeypatch, tmp_path / "a.png", plane, [step(9, 2)])
     counts = np.bincount(step(9, 2)["status"], minlength=3)
-    for text in ("It", "traction [MPa]", "place [mm]", f"slip ({counts[1]})"):
+    for text in ("It", "traction [MPa]", "x [mm]", f"slip ({counts[1]})"):
         assert text in texts
     assert "load step" not in texts  # one step is no path
 

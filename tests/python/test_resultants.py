@@ -18,22 +18,85 @@ def frames(count: int, d: int) -> np.ndarray:
     return np.linalg.qr(RANDOM.standard_normal((count, d, d)))[0]
 
 
+def flat_frames(count: int, d: int) -> np.ndarray:
+    """Those of one plane, with tangents that differ."""
+    found = frames(count, d)
+    found[:, 0] = found[0, 0]
+    for k in range(1, d):
+        for j in range(k):
+            on = np.sum(found[:, k] * found[:, j], axis=1, keepdims=True)
+            found[:, k] -= on * found[:, j]
+        found[:, k] /= np.linalg.norm(found[:, k], axis=1, keepdims=True)
+    return found
+
+
 @pytest.mark.parametrize("d", [2, 3])
 def test_as_sums_of_vectors_in_space(d: int) -> None:
     reaction = RANDOM.standard_normal((12, d))
-    frame, mu = frames(12, d), RANDOM.uniform(0.1, 0.9, 12)
+    frame, mu = flat_frames(12, d), RANDOM.uniform(0.1, 0.9, 12)
     group = np.arange(12) % 3
     found = resultants(reaction, frame, mu, group, 3)
     for k, one in enumerate(found):
-        drag = np.zeros(d)
-        for i in np.flatnonzero(group == k):
-            whole = reaction[i] @ frame[i]
-            drag += whole - (whole @ frame[i, 0]) * frame[i, 0]
+        own = group == k
+        total = np.sum([reaction[i] @ frame[i] for i in np.flatnonzero(own)], axis=0)
+        drag = total - (total @ frame[0, 0]) * frame[0, 0]
+        assert not one.curved
         # A sum of four vectors of order one.
         assert one.tangential == pytest.approx(np.linalg.norm(drag), rel=1e-13)
-        own = group == k
+        np.testing.assert_allclose(one.force, total, rtol=0, atol=1e-14)
         assert one.normal == pytest.approx(reaction[own, 0].sum(), abs=1e-14)
         assert one.limit == pytest.approx(mu[own] @ reaction[own, 0], abs=1e-14)
+
+
+def ring(count: int) -> np.ndarray:
+    """Frames of a closed ring in the plane, normals inwards, tangents of either sign."""
+    angle = 2 * np.pi * np.arange(count) / count
+    normal = -np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    tangent[::3] *= -1
+    return np.stack([normal, tangent], axis=1)
+
+
+@pytest.mark.parametrize("curve", [ring(9), frames(9, 3)])
+def test_what_turns_in_a_ring_uses_its_friction_and_has_no_force(
+    curve: np.ndarray,
+) -> None:
+    """Each contact at its limit, whatever its direction: used up, to rounding."""
+    d = curve.shape[1]
+    mu = np.full(len(curve), 0.4)
+    reaction = np.zeros((len(curve), d))
+    reaction[:, 0] = 2.0
+    way = RANDOM.standard_normal((len(curve), d - 1))
+    if d == 2:
+        # All the same way around.
+        way[:, 0] = np.where(np.arange(len(curve)) % 3 == 0, -1.0, 1.0)
+    reaction[:, 1:] = 0.8 * way / np.linalg.norm(way, axis=1, keepdims=True)
+    (one,) = resultants(reaction, curve, mu, np.zeros(len(curve), np.int64), 1)
+    assert one.curved
+    assert one.used == pytest.approx(1, rel=1e-14)
+    assert one.normal == pytest.approx(2.0 * len(curve), rel=1e-14)
+    np.testing.assert_allclose(
+        one.force, np.einsum("ik,ikd->d", reaction, curve), atol=1e-13
+    )
+    if d == 2:
+        np.testing.assert_allclose(one.force, 0, atol=1e-13)
+
+
+def test_an_ellipse_on_a_curved_surface_is_used_up_at_its_limit() -> None:
+    """By the reach of the ellipse along the friction of each contact."""
+    mu = RANDOM.uniform(0.1, 0.9, (7, 2))
+    way = RANDOM.standard_normal((7, 2))
+    press = RANDOM.uniform(1, 2, 7)
+    # On the rim: ‖D⁻¹ r_t‖ = r_n.
+    rim = way / np.linalg.norm(way / mu, axis=1, keepdims=True) * press[:, None]
+    group = np.zeros(7, np.int64)
+    reaction = np.column_stack([press, rim])
+    (one,) = resultants(reaction, frames(7, 3), mu, group, 1)
+    assert one.used == pytest.approx(1, rel=1e-13)
+    reaction[:, 1:] = 0
+    (still,) = resultants(reaction, frames(7, 3), mu, group, 1)
+    assert still.used == 0
+    assert still.limit == pytest.approx(press @ mu.max(axis=1), rel=1e-14)
 
 
 def test_friction_is_used_up_where_all_slip_one_way() -> None:
@@ -111,6 +174,27 @@ def test_a_narrow_table_has_fewer_columns_and_whole_cells(width: int) -> None:
     assert "residual" in head
     assert ("seconds" in head) == (width >= 100)
     assert not any("…" in line for line in lines)
+
+
+@pytest.mark.parametrize("width", [75, 100, 200])
+def test_a_curved_surface_is_told_by_its_own_heads(width: int) -> None:
+    rows = [
+        {**row, "force_x of block.side0": 3.0, "force_y of block.side0": -4e-13}
+        for row in path(3)
+    ]
+    lines = printed(rows, width)
+    assert max(map(len, lines)) <= width
+    head = lines[2]
+    for name in ("Σrn [N]", "Σ|rt| [N]", "Σ|rt|/(Σμrn)"):
+        assert name in head
+    assert "Fn" not in head
+    # In steps.csv they are all the same.
+    assert ("Fx [N]" in head, "Fy [N]" in head) == ((width > 75,) * 2)
+    if width > 75:
+        cells = lines[4].split()
+        at = cells.index("3")
+        # Of what balances rounding is left.
+        assert cells[at + 1] == "0"
 
 
 def test_zero_but_for_rounding_is_zero() -> None:

@@ -3,15 +3,40 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
 from bipot_rs.running.folder import RESULT
 from bipot_rs.words import meant
 
-# Draws a result that `load` has read: the file to write, the result, a title.
-Picture = Callable[[Path, Any, str], None]
+# The picture of the bodies, which needs their mesh.
+BODIES = "deformed"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is drawn of a result.
+
+    Attributes
+    ----------
+    where
+        Name of a contact surface, ``"body.surface"``; None for all.
+    along
+        ``"x"``, ``"y"``, ``"z"`` or ``"arc"``; None for what the picture takes.
+    case
+        The bodies, for the picture of them.
+    """
+
+    where: str | None = None
+    along: str | None = None
+    case: Any = None
+
+
+# Draws a result that `load` has read: the file to write, the result, a title, what of it.
+Picture = Callable[[Path, Any, str, Asked], None]
 
 
 def kinds() -> dict[str, Picture]:
@@ -19,15 +44,26 @@ def kinds() -> dict[str, Picture]:
     from bipot_rs import plots
 
     def one(function: Callable[..., Any], *names: str) -> Picture:
-        def draw(path: Path, result: Any, title: str) -> None:
-            ax = function(result, *names)
+        takes = signature(function).parameters
+        kind = "_".join([*names, "map"]) if names else function.__name__
+
+        def draw(path: Path, result: Any, title: str, asked: Asked) -> None:
+            chosen = {"where": asked.where, "along": asked.along}
+            given = {key: value for key, value in chosen.items() if value is not None}
+            for key in given:
+                if key not in takes:
+                    raise ValueError(
+                        f"--{_OPTIONS[key]} does not go with --kind {kind}"
+                    )
+            bodies = [asked.case] if function is plots.deformed else []
+            ax = function(*bodies, result, *names, **given)
             if title:
                 ax.figure.suptitle(title)
             ax.figure.savefig(path, dpi=150, bbox_inches="tight")
 
         return draw
 
-    drawn: dict[str, Picture] = {"tractions": _left_by_run}
+    drawn: dict[str, Picture] = {"tractions": _tractions(one(plots.tractions))}
     for function in (
         plots.slip,
         plots.status_map,
@@ -35,6 +71,7 @@ def kinds() -> dict[str, Picture]:
         plots.status_shares,
         plots.force_displacement,
         plots.dissipation,
+        plots.deformed,
     ):
         drawn[function.__name__] = one(function)
     for quantity in ("pressure", "shear", "gap"):
@@ -42,14 +79,45 @@ def kinds() -> dict[str, Picture]:
     return drawn
 
 
-def _left_by_run(path: Path, result: Any, title: str) -> None:
-    from bipot_rs.plot import tractions
-
-    steps = [{"reaction": step.reaction, "status": step.status} for step in result]
-    tractions(path, result.contacts, steps, title=title, units=result.units)
+# What `Asked` holds, by the options of the command line.
+_OPTIONS = {"where": "contact", "along": "along"}
 
 
-def draw(name: str, kind: str, out: Path | None) -> Path:
+def _tractions(line: Picture) -> Picture:
+    """What a run leaves; along a direction or of one surface the line alone."""
+
+    def draw(path: Path, result: Any, title: str, asked: Asked) -> None:
+        if asked.along is not None:
+            line(path, result, title, asked)
+            return
+        from bipot_rs.plot import tractions
+        from bipot_rs.plots.source import selection
+
+        known = result.contacts
+        chosen = selection(asked.where, len(result[-1].status), known)
+        contacts = {
+            name: values if name == "surface_names" else values[chosen]
+            for name, values in known.items()
+        }
+        steps = [
+            {"reaction": step.reaction[chosen], "status": step.status[chosen]}
+            for step in result
+        ]
+        tractions(path, contacts, steps, title=title, units=result.units)
+
+    return draw
+
+
+def draw(
+    name: str,
+    kind: str,
+    out: Path | None,
+    *,
+    contact: str | None = None,
+    along: str | None = None,
+    scene: str | None = None,
+    settings: Sequence[str] = (),
+) -> Path:
     """Draw a picture of a result; returns its file.
 
     Parameters
@@ -61,6 +129,13 @@ def draw(name: str, kind: str, out: Path | None) -> Path:
     out
         File to write, the suffix chooses the format; ``KIND.png`` beside the result if
         not given.
+    contact
+        The surface to draw, ``"body.surface"``; all if not given.
+    along
+        What places are: ``"x"``, ``"y"``, ``"z"`` or ``"arc"``.
+    scene, settings
+        For the picture of the bodies, the scene of the result and what was set in it;
+        those that the file tells if not given.
 
     Raises
     ------
@@ -76,6 +151,10 @@ def draw(name: str, kind: str, out: Path | None) -> Path:
             f"--kind is {kind!r}, expected one of {', '.join(known)}"
             + meant(kind, known)
         )
+    if along is not None and along not in ("x", "y", "z", "arc"):
+        raise ValueError(f"--along is {along!r}, expected x, y, z or arc")
+    if kind != BODIES and (scene is not None or settings):
+        raise ValueError(f"--scene and --set go with --kind {BODIES} alone")
     path = Path(name)
     if path.is_dir():
         path = path / RESULT
@@ -85,17 +164,62 @@ def draw(name: str, kind: str, out: Path | None) -> Path:
     if not steps:
         raise ValueError(f"{path} holds no load steps to draw")
     result = load(path)
+    if contact is not None and "surface" not in result.contacts:
+        raise ValueError(
+            f"--contact is {contact!r}, but {path} does not tell surfaces: an earlier "
+            "version wrote it, or it is of a problem given as arrays"
+        )
     title, units = _labels(attributes)
     result.units = units or result.units
     target = path.with_name(f"{kind}.png") if out is None else out
+    case = _case(path, attributes, scene, settings) if kind == BODIES else None
     try:
         with writing(target):
-            known[kind](target, result, title)
+            known[kind](target, result, title, Asked(contact, along, case))
     except ValueError as error:
-        if "not supported" in str(error):
+        said = str(error)
+        if "not supported" in said:
             raise ValueError(f"cannot draw {target}: {error}") from error
+        # Of the library's words those of the command line.
+        if contact is not None and said.startswith("there is no contact"):
+            raise ValueError(f"--contact: {said}") from error
         raise
     return target
+
+
+def _case(
+    path: Path,
+    attributes: Mapping[str, Any],
+    scene: str | None,
+    settings: Sequence[str],
+) -> Any:
+    """The bodies of a result, meshed again; the very scene that was solved, or an error."""
+    from bipot_rs.running.resume import stamps
+    from bipot_rs.scene import assemble, bodies, read
+
+    told = str(attributes.get("scene", ""))
+    if "scene_digest" not in attributes:
+        raise ValueError(
+            f"{path} is not the result of a scene, whose mesh the picture needs: draw it "
+            "by plots.deformed in Python"
+        )
+    if scene is None:
+        settings = [*json.loads(attributes.get("settings", "[]")), *settings]
+    name = told if scene is None else scene
+    try:
+        found = read(name, settings)
+    except ValueError as error:
+        raise ValueError(
+            f"the picture needs the scene of {path}, {told!r} where it was solved: give it "
+            f"by --scene, with what was set by --set ({error})"
+        ) from error
+    digest = stamps(found, "", 0.0)["scene_digest"]
+    if digest != attributes["scene_digest"]:
+        raise ValueError(
+            f"{path} is of another scene than {name!r} as it is now, or of other settings: "
+            "give that by --scene, with what was set by --set"
+        )
+    return assemble(found, bodies(found))
 
 
 def _labels(attributes: Mapping[str, Any]) -> tuple[str, dict[str, str]]:

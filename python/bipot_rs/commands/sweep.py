@@ -368,9 +368,12 @@ def _print(
     names = [name for row in done.values() for name in row if "friction_used" in name]
     forces = list(dict.fromkeys(names))
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    # Of a curved surface the part that sizes of friction have, `report.forces`.
+    curved = {n for row in done.values() for n in row if n.startswith("force_x of ")}
     heads = [
-        "Ft/(μFn)" + (f"\n{n.partition(' of ')[2]}" if len(forces) > 1 else "")
-        for n in forces
+        ("Σ|rt|/(Σμrn)" if f"force_x of {whose}" in curved else "Ft/(μFn)")
+        + (f"\n{whose}" if len(forces) > 1 else "")
+        for whose in (name.partition(" of ")[2] for name in forces)
     ]
     shown = [*keys, "outcome", "open", "slip", "stick", "residual", "seconds"]
     for name in ("row", *shown[: len(keys) + 4], *heads, *shown[len(keys) + 4 :]):

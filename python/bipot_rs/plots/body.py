@@ -11,7 +11,13 @@ from numpy.typing import ArrayLike
 from bipot_rs.check import Array, floats, number
 from bipot_rs.plots import canvas
 from bipot_rs.plots.skin import corners_of, deformed_nodes, skin
-from bipot_rs.plots.source import one_step, units_of
+from bipot_rs.plots.source import (
+    model_of,
+    number_of,
+    one_step,
+    said_of,
+    units_of,
+)
 
 if TYPE_CHECKING:
     from bipot_rs.fem import Model
@@ -24,8 +30,8 @@ _FORCE = "#d55e00"
 
 
 def deformed(
-    model: Model,
-    result: Any,
+    model: Any,
+    result: Any = None,
     *,
     step: int = -1,
     scale: float | None = None,
@@ -40,9 +46,10 @@ def deformed(
     Parameters
     ----------
     model
-        The bodies, `fem.Model`.
+        The bodies: a `fem.Model`, a `Case`, a `Model`, or the `ModelResult` of one.
     result
-        A `Result` of them, or one of its `Step` s.
+        A `Result` of them, or one of its `Step` s; of a `ModelResult` by itself it may be
+        left out.
     step
         Which step of a result.
     scale
@@ -57,7 +64,7 @@ def deformed(
         As in `tractions`.
     at_rest
         What initial strains add to the stress of the displacements, ``(cells, 3, 3)``,
-        as `Case.stress_at_rest` has it.
+        as `Case.stress_at_rest` has it; found by itself, but of a `fem.Model` alone.
 
     Returns
     -------
@@ -69,6 +76,8 @@ def deformed(
     TypeError, ValueError
         A wrong argument, named; a step that has lost its problem.
     """
+    given, result = model, model if result is None else result
+    model, case = _bodies(given, result)
     units = units_of(result, units)
     found: Any = one_step(result, step)
     if not hasattr(found, "displacement"):
@@ -88,22 +97,64 @@ def deformed(
     ends = [*model.offset[1:], model.n]
     bodies = zip(model.bodies, model.offset, ends, strict=True)
     tensors = np.concatenate([stress(b, u[i:j], space=True) for b, i, j in bodies])
+    if at_rest is None and case is not None:
+        at_rest = _at_rest(case, result, found, step)
     if at_rest is not None:
         tensors = tensors + floats("at_rest", at_rest, shape=tensors.shape)
     mises = von_mises(tensors)
     places, scale = deformed_nodes(model.nodes, u, scale, _DEFORMED)
+    own = ax is None
     ax = canvas.axes_of(ax, size=(5.4, 4.0), space=model.dim == 3)
     draw = _plane if model.dim == 2 else _space
     image = draw(model, places, mises, ax)
+    tails = places[:0]
     if forces:
-        _forces(model, places, np.asarray(found.reaction), near, ax)
-    _limits(model, places, near, ax)
+        tails = _forces(model, places, np.asarray(found.reaction), near, ax)
+    _limits(model, places, tails, near, ax)
+    if own and model.dim == 2:
+        canvas.fit(ax)
     canvas.colour_bar(image, ax, "von Mises stress", canvas.stress_unit(units))
-    if scale != 1:
-        ax.set_title(f"displacements × {scale:g}", fontsize="small", loc="left")
+    scaled = [f"displacements × {scale:g}"] if scale != 1 else []
+    said = [said_of(result, step)] if said_of(result, step) else []
+    canvas.note(ax, ", ".join(scaled + said))
     for name in "xyz"[: model.dim]:
         canvas.name_axis(getattr(ax, f"{name}axis"), name, units.get("length"))
     return ax
+
+
+def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
+    """`fem.Model` and, where one is known, the `Case` of what was given for the bodies."""
+    known = getattr(result, "case", None)
+    if hasattr(type(given), "assemble") and known is not None:
+        # That of the very result need not be made again.
+        if given.scene == known.scene:
+            return known.model, known
+    elif known is not None and known.model is given:
+        return given, known
+    model, case = model_of(given)
+    if model is None:
+        raise TypeError(
+            f"model is a {type(given).__name__}, expected a Model, a Case or a ModelResult"
+        )
+    return model, case
+
+
+def _at_rest(case: Any, result: Any, found: Any, step: int) -> Array | None:
+    """What initial strains of a case add to the stress of a step."""
+    place = number_of(result, step)
+    whole: Array | None
+    if getattr(found, "s", None) is not None:
+        whole = case.stress_at_rest(found)
+    elif place is not None:
+        whole = case.stress_at_rest(place[0])
+    else:
+        whole = case.stress_at_rest(0)
+        if whole is not None:
+            raise ValueError(
+                "result is one load step, and initial strains act, which differ from step "
+                "to step: give the Result and step=, or at_rest="
+            )
+    return whole
 
 
 def _plane(model: Model, places: Array, stress: Array, ax: Any) -> Any:
@@ -150,7 +201,7 @@ def facets_in_space(
     return image
 
 
-def box_in_space(places: Array, ax: Any) -> None:
+def box_in_space(places: Array, ax: Any, zoom: float = 0.82) -> None:
     """Limits of axes in space, one length the same along all three."""
     low, high = places.min(axis=0), places.max(axis=0)
     # What is flat still has to be seen.
@@ -161,22 +212,27 @@ def box_in_space(places: Array, ax: Any) -> None:
     for k, name in enumerate("xyz"):
         getattr(ax, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
         axis = getattr(ax, f"{name}axis")
+        # A short axis has room for few numbers.
+        count = max(1, round(4 * half[k] / half.max() + 0.4))
         # Where x ends y begins: two numbers would lie on each other.
-        axis.set_major_locator(MaxNLocator(4, prune="lower" if name == "y" else None))
+        prune = "lower" if name == "y" else None
+        ticks = {"min_n_ticks": min(count, 2), "prune": prune}
+        axis.set_major_locator(MaxNLocator(min(count, 4), **ticks))
+        axis.labelpad = 8
         axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
-    ax.zaxis.labelpad = 8
     # Room for the labels, which the layout does not see.
-    ax.set_box_aspect(half, zoom=0.82)
+    ax.set_box_aspect(half, zoom=zoom)
 
 
 def _forces(
     model: Model, places: Array, reaction: Array, near: float | None, ax: Any
-) -> None:
+) -> Array:
+    """Draw the arrows of forces; where they begin, ``(arrows, d)``."""
     force = np.einsum("ck,ckd->cd", reaction, model.frame)
     size = np.linalg.norm(force, axis=1)
     largest = float(size.max(initial=0.0))
     if largest == 0:
-        return
+        return places[:0]
     loaded = np.flatnonzero(size > 1e-6 * largest)
     chosen = loaded[:: -(-len(loaded) // _ARROWS)]
     at = places[model.contact_dofs[chosen, 0] // model.dim]
@@ -199,9 +255,12 @@ def _forces(
         )
     else:
         ax.quiver(*at.T, *arrows.T, color=_FORCE, pivot="tip", lw=1.0)
+    return np.asarray(at - arrows)
 
 
-def _limits(model: Model, places: Array, near: float | None, ax: Any) -> None:
+def _limits(
+    model: Model, places: Array, tails: Array, near: float | None, ax: Any
+) -> None:
     if near is not None:
         x = places[model.contact_dofs[:, 0] // model.dim]
         around = near * np.ptp(x, axis=0).max()
@@ -214,11 +273,8 @@ def _limits(model: Model, places: Array, near: float | None, ax: Any) -> None:
     elif model.dim == 3:
         box_in_space(places, ax)
     else:
-        both = np.concatenate([places, model.nodes])
-        low, high = both.min(axis=0), both.max(axis=0)
+        every = np.concatenate([places, model.nodes, tails])
+        low, high = every.min(axis=0), every.max(axis=0)
         margin = 0.03 * (high - low).max()
-        if len(model.points):
-            # Arrows end outside.
-            margin = max(margin, 1.1 * _ARROW * (high - low).max())
         ax.set_xlim(low[0] - margin, high[0] + margin)
         ax.set_ylim(low[1] - margin, high[1] + margin)

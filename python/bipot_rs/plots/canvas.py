@@ -18,6 +18,8 @@ from bipot_rs.summary import STATUS
 # By status: open, slip, stick.
 COLOURS = ("#d9dee3", "#f28e2b", "#1f4e79")
 PRESSURE, SHEAR, LIMIT, QUIET = "#1f4e79", "#c0392b", "#f28e2b", "#7f8c8d"
+# Of several surfaces, in their order; then from the first again.
+_CYCLE = ("#1f4e79", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#7f7f7f")
 # Inches: at the width of a column, 85 mm, letters of 10 points come out as 7.
 SIZE = (4.8, 3.6)
 Units = Mapping[str, str]
@@ -108,8 +110,48 @@ def work_unit(units: Units) -> str | None:
     return _WORK.get((force, length), f"{force}·{length}")
 
 
-def legend_above(ax: Any, **more: Any) -> Any:
-    """Legend over the axes, where it hides nothing."""
+def cycle(k: int) -> str:
+    """Colour of the surface of number ``k`` among those drawn."""
+    return _CYCLE[k % len(_CYCLE)]
+
+
+def fit(ax: Any) -> None:
+    """Give a figure with one picture at one scale in x and y the height that it fills."""
+    wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
+    width, _ = ax.figure.get_size_inches()
+    # Beside the axes stand labels and the colour bar, above and below labels.
+    inner = width - 2.0
+    height = min(max(inner * high / wide, 2.0), 5.4)
+    ax.figure.set_size_inches(width, height + 0.9)
+
+
+def note(ax: Any, text: str) -> None:
+    """A few words above the axes, on their left."""
+    if text:
+        ax.set_title(text, fontsize="small", loc="left")
+
+
+def say(ax: Any, text: str) -> None:
+    """A sentence in the middle of axes that have nothing else to tell."""
+    place = {"ha": "center", "va": "center", "transform": ax.transAxes}
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+    if ax.name == "3d":
+        ax.text2D(0.5, 0.97, text, **place)
+    else:
+        ax.text(0.5, 0.5, text, bbox=box, **place)
+
+
+def blank() -> Any:
+    """Colours of a surface whose values are all the same."""
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap([COLOURS[0]])
+
+
+def legend_above(ax: Any, *, title: str = "", **more: Any) -> Any:
+    """Legend over the axes, where it hides nothing, under a title on its left."""
+    if title:
+        more = {"title": title, "title_fontsize": "small", "alignment": "left"} | more
     place = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "frameon": False}
     look = {"fontsize": "small", "ncols": 3, "columnspacing": 1.2, "handlelength": 1.4}
     return ax.legend(**{**place, **look, **more})
@@ -138,11 +180,11 @@ def bare(ax: Any) -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
-def whole_numbers(ax: Any) -> None:
+def whole_numbers(axis: Any) -> None:
     """Ticks of load steps."""
     from matplotlib.ticker import MaxNLocator
 
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
 
 
 def round_number(value: float) -> float:

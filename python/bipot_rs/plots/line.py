@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import Array, floats
+from bipot_rs.check import Array
 from bipot_rs.friction import dissipation
 from bipot_rs.plots import canvas
+from bipot_rs.plots.places import Places, common
 from bipot_rs.plots.source import Contacts, Given, look
+from bipot_rs.result import Status
 
-# Points on one line, to this part of its length.
-_STRAIGHT = 1e-6
 # Beyond so many contacts markers would run into each other.
 _MARKERS = 60
 
@@ -24,13 +24,16 @@ def tractions(
     result: Any,
     *,
     step: int = -1,
-    along: ArrayLike | None = None,
-    where: ArrayLike | None = None,
+    along: ArrayLike | str | None = None,
+    where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
     """Pressure and shear along a line, within ±μ times the pressure, and the zones.
+
+    Shear is positive where it pulls the body that has the contacts the way that places
+    grow. Several surfaces have a line each, by name, over the same axis.
 
     Parameters
     ----------
@@ -39,13 +42,19 @@ def tractions(
     step
         Which step of a result.
     along
-        Direction ``(d,)`` to measure places along, and in space the one of shear. In the
-        plane it may be left out: places are then those along t1, on a curve its length.
+        What places are: a direction ``(d,)`` or ``"x"``, ``"y"``, ``"z"``, on which
+        contacts are projected, in space the one of shear, too; or ``"arc"``, the length
+        of the chain of contacts. An open one begins at the end of least x (y, z where
+        x is the same), a closed one at its largest x and goes counter-clockwise. Default
+        in the plane: x, y or the direction of a straight line, of others the arc. The
+        label says what it is. Contacts that are no one line are drawn as marks.
     where
-        Contacts to draw, a mask ``(n_c,)`` or numbers: in space those of one line.
+        Contacts to draw, a mask ``(n_c,)``, numbers, or the name of their surface,
+        ``"body.surface"``: in space those of one line.
     contacts
-        ``x (n_c, d)``, ``frame``, ``area``, ``mu`` in a mapping, or the model, where the
-        result does not know them. Without areas, forces are drawn.
+        ``x (n_c, d)``, ``frame``, ``area``, ``mu``, and to tell surfaces ``surface
+        (n_c,)`` and ``surface_names``, in a mapping, or the model, where the result does
+        not know them. Without areas, forces are drawn.
     units
         Names by ``"length"``, ``"force"``, ``"stress"``; default those of the result.
     ax
@@ -64,34 +73,37 @@ def tractions(
     return draw_tractions(seen, along, canvas.axes_of(ax))
 
 
-def draw_tractions(seen: Contacts, along: ArrayLike | None, ax: Any) -> Any:
+def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
     """`tractions` on axes that are there."""
-    order, s, name = _line(seen, along)
-    p, t = seen.traction[order, 0], _shear(seen, along)[order]
-    edge = None
-    if seen.mu is not None:
-        mu = seen.mu
-        if mu.ndim == 2:
-            # The most that an ellipse's points reach along the line.
-            across = seen.has_frame[:, 1:] @ _direction(along, 3)
-            mu = dissipation(mu, across)
-        limit = mu[order] * p
-        ax.fill_between(s, -limit, limit, color=canvas.LIMIT, alpha=0.15, lw=0)
-        dashed = {"ls": "--", "color": canvas.LIMIT, "lw": 1}
-        (edge,) = ax.plot(s, limit, label="±μ × pressure", **dashed)
-        ax.plot(s, -limit, **dashed)
-    mark = {"marker": "o", "ms": 3} if len(s) <= _MARKERS else {}
+    lines, name = _lines(seen, along)
+    pressure, shear = seen.traction[:, 0], seen.traction[:, 1:]
     what = ("pressure", "shear") if seen.area is not None else ("normal", "tangential")
-    lines = ax.plot(s, p, color=canvas.PRESSURE, lw=1.6, label=what[0], **mark)
-    lines += ax.plot(s, t, color=canvas.SHEAR, lw=1.6, label=what[1], **mark)
-    lines += [] if edge is None else [edge]
+    edge = None
+    for k, (_, one) in enumerate(lines):
+        mark = _mark(one)
+        colours = (canvas.PRESSURE, canvas.SHEAR)
+        if len(lines) > 1:
+            colours = (canvas.cycle(k), canvas.cycle(k))
+        p, t = pressure[one.order], _component(seen, shear, one)
+        if seen.mu is not None and one.once:
+            limit = _limit(seen, one) * p
+            band = canvas.LIMIT if len(lines) == 1 else colours[0]
+            ax.fill_between(one.s, -limit, limit, color=band, alpha=0.15, lw=0)
+            dashed = {"ls": "--" if len(lines) == 1 else ":", "color": band, "lw": 1}
+            (edge,) = ax.plot(one.s, limit, label="±μ × pressure", **dashed)
+            ax.plot(one.s, -limit, **dashed)
+        ax.plot(one.s, p, color=colours[0], lw=1.6, label=what[0], **mark)
+        if len(lines) > 1:
+            mark = {"ls": "--"} | mark
+        ax.plot(one.s, t, color=colours[1], lw=1.6, label=what[1], **mark)
     ax.axhline(0, color="black", lw=0.6)
-    _strip(ax, s, seen.status[order])
+    _strips(ax, lines, seen.status)
     canvas.bare(ax)
-    zones = canvas.status_handles(seen.status)
-    # Filled column by column: lines above zones.
-    pairs = [h for both in zip(_padded(lines), zones, strict=True) for h in both]
-    canvas.legend_above(ax, handles=pairs)
+    kinds = [h for h in ax.get_lines() if h.get_label() in what]
+    kinds += [] if edge is None else [edge]
+    if len(lines) > 1:
+        kinds = _styles(what, edge is not None)
+    _legend(ax, lines, kinds, seen)
     canvas.name_axis(ax.xaxis, name, seen.units.get("length"))
     if seen.area is not None:
         canvas.name_axis(ax.yaxis, "traction", canvas.stress_unit(seen.units))
@@ -100,32 +112,122 @@ def draw_tractions(seen: Contacts, along: ArrayLike | None, ax: Any) -> Any:
     return ax
 
 
-def _padded(handles: list[Any]) -> list[Any]:
+def _lines(
+    seen: Contacts, along: ArrayLike | str | None
+) -> tuple[list[tuple[str, Places]], str]:
+    """Surfaces by name with the places of their contacts, and what these are."""
+    names, parts = zip(*seen.surfaces, strict=True)
+    found = common(seen.x, parts, along)
+    told = {one.name for one in found}
+    name = told.pop() if len(told) == 1 else "arc length along each surface"
+    return list(zip(names, found, strict=True)), name
+
+
+def _mark(one: Places) -> dict[str, Any]:
+    if not one.once:
+        # A line through them would go to and fro.
+        return {"marker": "o", "ms": 2, "ls": "none"}
+    return {"marker": "o", "ms": 3} if len(one.s) <= _MARKERS else {}
+
+
+def _component(seen: Contacts, tangential: Array, one: Places) -> Array:
+    """The part of tangential vectors ``(n_c, d - 1)`` along a line, ``(m,)``.
+
+    In the plane the whole of it, positive the way that places grow; t1 points either way.
+    """
+    own = tangential[one.order]
+    if seen.frame is None and seen.x.shape[1] == 2:
+        return np.asarray(own[:, 0], np.float64)
+    tangents = seen.has_frame[one.order, 1:]
+    along = np.einsum("mkd,md->mk", tangents, one.towards)
+    if seen.x.shape[1] == 2:
+        return np.asarray(own[:, 0] * np.where(along[:, 0] < 0, -1.0, 1.0))
+    return np.asarray(np.einsum("mk,mk->m", own, along), np.float64)
+
+
+def _limit(seen: Contacts, one: Places) -> Array:
+    """Friction by unit pressure along a line, ``(m,)``."""
+    mu: Array = np.asarray(seen.mu, np.float64)[one.order]
+    if mu.ndim == 1:
+        return mu
+    # The most that an ellipse's points reach along the line.
+    tangents = seen.has_frame[one.order, 1:]
+    return dissipation(mu, np.einsum("mkd,md->mk", tangents, one.towards))
+
+
+def _styles(what: tuple[str, str], limited: bool) -> list[Any]:
+    """Of lines that have the colours of surfaces."""
     from matplotlib.lines import Line2D
 
-    nothing = [Line2D([], [], ls="none", label=" ") for _ in range(3 - len(handles))]
+    looks = [("-", what[0]), ("--", what[1]), *([(":", "±μ × pressure")] * limited)]
+    return [Line2D([], [], color="black", lw=1.2, ls=ls, label=s) for ls, s in looks]
+
+
+def _legend(
+    ax: Any, lines: list[tuple[str, Places]], kinds: list[Any], seen: Contacts
+) -> None:
+    """What lines and zones are, above the axes; filled column by column."""
+    zones = canvas.status_handles(seen.status)
+    if len(lines) == 1:
+        # Lines above zones.
+        handles = [h for both in zip(_padded(kinds), zones, strict=True) for h in both]
+        canvas.legend_above(ax, handles=handles, title=seen.said)
+        return
+    from matplotlib.lines import Line2D
+
+    whose = [
+        Line2D([], [], color=canvas.cycle(k), lw=2, label=name)
+        for k, (name, _) in enumerate(lines)
+    ]
+    rows = max(3, len(whose))
+    columns = [*_padded(whose, rows), *_padded(kinds, rows), *_padded(zones, rows)]
+    canvas.legend_above(ax, handles=columns, title=seen.said)
+
+
+def _padded(handles: list[Any], rows: int = 3) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    nothing = [Line2D([], [], ls="none", label=" ") for _ in range(rows - len(handles))]
     return handles + nothing
 
 
-def draw_slip(seen: Contacts, along: ArrayLike | None, ax: Any) -> Any:
-    """Slip of the step along a line."""
-    order, s, name = _line(seen, along)
-    v = seen.slip[:, 0]
-    if seen.x.shape[1] == 3:
-        v = seen.vectors(seen.slip) @ _direction(along, 3)
-    mark = {"marker": "o", "ms": 3} if len(s) <= _MARKERS else {}
-    ax.plot(s, v[order], color=canvas.SHEAR, lw=1.6, **mark)
+def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
+    """Slip of the step along a line; none where contact is open."""
+    lines, name = _lines(seen, along)
+    for k, (_, one) in enumerate(lines):
+        v = _component(seen, closed_slip(seen), one)
+        v[seen.status[one.order] == Status.OPEN] = np.nan
+        colour = canvas.SHEAR if len(lines) == 1 else canvas.cycle(k)
+        mark = _mark(one)
+        if np.isnan(v).any():
+            # Between open contacts one alone has no line.
+            mark = {"marker": "o", "ms": 2} | mark
+        ax.plot(one.s, v, color=colour, lw=1.6, **mark)
     ax.axhline(0, color="black", lw=0.6)
-    _strip(ax, s, seen.status[order])
+    _strips(ax, lines, seen.status)
     canvas.bare(ax)
-    canvas.legend_above(ax, handles=canvas.status_handles(seen.status))
+    if len(lines) == 1:
+        zones = canvas.status_handles(seen.status)
+        canvas.legend_above(ax, handles=zones, title=seen.said)
+    else:
+        _legend(ax, lines, [], seen)
     canvas.name_axis(ax.xaxis, name, seen.units.get("length"))
     canvas.name_axis(ax.yaxis, "slip in the step", seen.units.get("length"))
     return ax
 
 
+def closed_slip(seen: Contacts) -> Array:
+    """Slip of the step where contact slips, ``(n_c, d - 1)``; zero elsewhere.
+
+    What sticks has that of the residual, and what is open moves, but on nothing.
+    """
+    return np.where(seen.status[:, None] == Status.SLIP, seen.slip, 0.0)
+
+
 def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any:
     """Zones along a line, a row a load step, the first at the bottom.
+
+    Several surfaces lie above each other, each with rows of its own.
 
     Parameters
     ----------
@@ -134,70 +236,31 @@ def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any
     status
         ``(steps, n_c)`` of the contacts that are drawn.
     """
-    order, s, name = _line(seen, None)
-    rows = np.arange(len(status) + 1) + 0.5
-    ax.pcolormesh(_edges(s), rows, status[:, order], **canvas.status_colours())
-    ax.yaxis.get_major_locator().set_params(integer=True)
-    handles = canvas.status_handles(status[-1])
-    canvas.legend_above(ax, handles=handles)
+    lines, name = _lines(seen, None)
+    steps = len(status)
+    # Between surfaces as much as a row, and of long paths more.
+    apart = steps + max(1.0, 0.12 * steps)
+    for k, (whose, one) in enumerate(lines):
+        rows = k * apart + np.arange(steps + 1) + 0.5
+        ax.pcolormesh(
+            _edges(one.s), rows, status[:, one.order], **canvas.status_colours()
+        )
+        if len(lines) > 1:
+            place = {"ha": "left", "va": "center", "rotation": 90}
+            at = (1.01, rows.mean())
+            transform = ax.get_yaxis_transform()
+            ax.text(*at, whose, transform=transform, fontsize="small", **place)
+    if len(lines) == 1:
+        canvas.whole_numbers(ax.yaxis)
+    else:
+        ends = sorted({1, steps})
+        rows_of = [k * apart + end for k in range(len(lines)) for end in ends]
+        ax.set_yticks(rows_of, [str(end) for end in ends] * len(lines))
+    counted = f"numbers in {seen.said}" if steps > 1 and seen.said else seen.said
+    canvas.legend_above(ax, handles=canvas.status_handles(status[-1]), title=counted)
     canvas.name_axis(ax.xaxis, name, seen.units.get("length"))
     ax.set_ylabel("load step")
     return ax
-
-
-def _direction(along: ArrayLike | None, d: int) -> Array:
-    if along is None:
-        raise ValueError(
-            "along is missing: of contacts in space, a line is drawn along a direction, "
-            "with where= those on it; a whole surface is drawn by surface_map"
-        )
-    direction = floats("along", along, shape=(d,))
-    length = float(np.linalg.norm(direction))
-    if length == 0:
-        raise ValueError("along is zero, expected a direction")
-    return direction / length
-
-
-def _shear(seen: Contacts, along: ArrayLike | None) -> Array:
-    if seen.x.shape[1] == 2:
-        return seen.traction[:, 1]
-    return seen.vectors(seen.traction[:, 1:]) @ _direction(along, 3)
-
-
-def _line(
-    seen: Contacts, along: ArrayLike | None
-) -> tuple[NDArray[np.intp], Array, str]:
-    """Order of the contacts along the line, their places on it, and its name."""
-    x = seen.x
-    if along is not None or x.shape[1] == 3:
-        s = x @ _direction(along, x.shape[1])
-    else:
-        off = x - x.mean(axis=0)
-        main = np.linalg.svd(off, full_matrices=False)[2]
-        if np.ptp(off @ main[-1]) > _STRAIGHT * np.ptp(off @ main[0]):
-            order, s = _chain(x)
-            return order, s, "length along the contact"
-        tangent = main[0] * np.sign(main[0][np.argmax(np.abs(main[0]))])
-        s = x @ (tangent if seen.frame is None else seen.frame[0, 1])
-    order = np.argsort(s, kind="stable")
-    return order, s[order], "place"
-
-
-def _chain(x: Array) -> tuple[NDArray[np.intp], Array]:
-    """Points of a curve from one end to the other, each the nearest of the rest."""
-    far = x - x.mean(axis=0)
-    at = int(np.argmax(np.einsum("ij,ij->i", far, far)))
-    left = np.ones(len(x), dtype=np.bool_)
-    order, s = [at], [0.0]
-    left[at] = False
-    while left.any():
-        apart = np.linalg.norm(x - x[at], axis=1)
-        apart[~left] = np.inf
-        at = int(np.argmin(apart))
-        order.append(at)
-        s.append(s[-1] + float(apart[at]))
-        left[at] = False
-    return np.array(order), np.array(s)
 
 
 def _edges(s: Array) -> Array:
@@ -207,14 +270,37 @@ def _edges(s: Array) -> Array:
     return np.concatenate([s[:1], (s[1:] + s[:-1]) / 2, s[-1:]])
 
 
-def _strip(ax: Any, s: Array, status: NDArray[np.integer[Any]]) -> None:
-    """A strip of zones at the bottom of the axes, below what is drawn."""
+def _strips(
+    ax: Any, lines: list[tuple[str, Places]], status: NDArray[np.integer[Any]]
+) -> None:
+    """Strips of zones at the bottom of the axes, below what is drawn, one a surface."""
+    lines = [(name, one) for name, one in lines if one.once]
+    if not lines:
+        return
+    high = 0.04 if len(lines) == 1 else 0.03
+    low, top = ax.get_ylim()
+    ax.set_ylim(low - (0.03 + high * len(lines)) * (top - low), top)
+    for k, (_, one) in enumerate(lines):
+        _strip(ax, one.s, status[one.order], (k * high, (k + 1) * high))
+        if len(lines) > 1:
+            edge = {"transform": ax.get_xaxis_transform(), "scaley": False}
+            ends = [one.s[0], one.s[-1]]
+            ax.plot(ends, [k * high] * 2, color=canvas.cycle(k), lw=2, **edge)
+    first = min(one.s[0] for _, one in lines)
+    last = max(one.s[-1] for _, one in lines)
+    if last > first:
+        ax.set_xlim(first, last)
+
+
+def _strip(
+    ax: Any, s: Array, status: NDArray[np.integer[Any]], rows: tuple[float, float]
+) -> None:
     from matplotlib.collections import PolyCollection
 
-    low, high = ax.get_ylim()
-    ax.set_ylim(low - 0.07 * (high - low), high)
-    ends = _edges(s)
-    corners = [[(a, 0.0), (b, 0.0), (b, 0.04), (a, 0.04)] for a, b in pairwise(ends)]
+    low, high = rows
+    corners = [
+        [(a, low), (b, low), (b, high), (a, high)] for a, b in pairwise(_edges(s))
+    ]
     colours = canvas.status_colours()
     strip = PolyCollection(
         corners,
@@ -226,5 +312,3 @@ def _strip(ax: Any, s: Array, status: NDArray[np.integer[Any]]) -> None:
         antialiased=False,
     )
     ax.add_collection(strip, autolim=False)
-    if s[-1] > s[0]:
-        ax.set_xlim(s[0], s[-1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,13 +14,19 @@ from bipot_rs.plots import canvas
 from bipot_rs.plots.source import (
     Given,
     contacts_of,
+    names_of,
     selection,
     steps_of,
+    surface_of,
     units_of,
 )
+from bipot_rs.result import Result
+from bipot_rs.resultants import held, is_curved
 from bipot_rs.summary import STATUS
 
 _STYLE: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 1.5}
+# A mean of normals shorter than this is the rounding of normals that cancel.
+_AROUND = 1e-6
 # Beyond so many steps markers would run into each other.
 _MARKERS = 80
 
@@ -28,15 +34,18 @@ _MARKERS = 80
 def resultants(
     result: Any,
     *,
-    where: ArrayLike | None = None,
+    where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
     """Normal and tangential force over the load steps, and what friction could hold.
 
-    The tangential force is the one along the line that it follows; friction could hold
-    ``Σ μ r_n``, of nodes that all pull one way.
+    Of a flat surface the tangential force is the one along the line that it follows;
+    friction could hold ``Σ μ r_n``, of nodes that all pull one way. Where normals differ
+    no such force is one that loads balance: of a curved surface ``Σ r_n`` and ``Σ ‖r_t‖``
+    are drawn, the latter within ``Σ μ r_n``, and the force in global components on the
+    body that has the contacts. Several surfaces have lines of their own, by name.
 
     Parameters
     ----------
@@ -50,41 +59,140 @@ def resultants(
     matplotlib.axes.Axes
     """
     units = units_of(result, units)
-    press, drag, limit, _ = _forces(result, where, contacts)
-    return draw_resultants(press, drag, limit, units, canvas.axes_of(ax))
+    path, known = steps_of(result), contacts_of(result, contacts)
+    chosen, frame, mu = _chosen(path, where, known)
+    surface = surface_of(known, len(path[0].status))
+    reaction = path.reaction[:, chosen]
+    if surface is None:
+        parts = [("", np.arange(reaction.shape[1]))]
+    else:
+        names, surface = names_of(known), surface[chosen]
+        parts = [(names[k], np.flatnonzero(surface == k)) for k in np.unique(surface)]
+    return draw_resultants(reaction, frame, mu, parts, units, canvas.axes_of(ax))
 
 
 def draw_resultants(
-    press: Array, drag: Array, limit: Array | None, units: Mapping[str, str], ax: Any
+    reaction: Array,
+    frame: Array | None,
+    mu: Array | None,
+    parts: Sequence[tuple[str, NDArray[np.intp]]],
+    units: Mapping[str, str],
+    ax: Any,
 ) -> Any:
-    """`resultants` on axes that are there, from forces ``(steps,)``."""
-    number = np.arange(1, len(press) + 1)
-    style = _style(len(press))
-    ax.plot(number, press, color=canvas.PRESSURE, label="normal", **style)
-    ax.plot(number, drag, color=canvas.SHEAR, label="tangential", **style)
-    if limit is not None:
-        band = {"color": canvas.LIMIT, "alpha": 0.15, "lw": 0}
-        ax.fill_between(number, -limit, limit, label="within ±Σ μ × normal", **band)
+    """`resultants` on axes that are there.
+
+    Parameters
+    ----------
+    reaction, frame, mu
+        ``(steps, n_c, d)``, ``(n_c, d, d)``, ``(n_c,)`` or ``(n_c, 2)``.
+    parts
+        Name and contacts of each surface.
+    """
+    for k, (_, own) in enumerate(parts):
+        frames = None if frame is None else frame[own]
+        coefficients = None if mu is None else mu[own]
+        _of_surface(
+            reaction[:, own],
+            frames,
+            coefficients,
+            ax,
+            None if len(parts) == 1 else canvas.cycle(k),
+        )
     ax.axhline(0, color="black", lw=0.6)
     canvas.name_axis(ax.yaxis, "force", units.get("force"))
     ax.set_xlabel("load step")
-    canvas.legend_above(ax)
-    canvas.whole_numbers(ax)
+    if len(parts) > 1:
+        curved = frame is not None and any(is_curved(frame[o, 0]) for _, o in parts)
+        _name_surfaces([name for name, _ in parts], ax, curved, mu is not None)
+    else:
+        canvas.legend_above(ax)
+    canvas.whole_numbers(ax.xaxis)
     canvas.bare(ax)
     return ax
 
 
+def _of_surface(
+    reaction: Array,
+    frame: Array | None,
+    mu: Array | None,
+    ax: Any,
+    colour: str | None,
+) -> None:
+    """Lines of one surface, all in one colour where there are several."""
+    number = np.arange(1, len(reaction) + 1)
+    style = _style(len(reaction))
+    force = None
+    names = ("normal", "tangential", "within ±Σ μ × normal")
+    if frame is not None and is_curved(frame[:, 0]):
+        force = np.einsum("sck,ckd->sd", reaction, frame)
+        names = ("Σ normal", "Σ |tangential|", "within Σ μ × normal")
+        press, least = reaction[..., 0].sum(axis=1), 0.0
+        size = np.linalg.norm(reaction[..., 1:], axis=-1)
+        drag, limit = size.sum(axis=1), None
+        if mu is not None:
+            limit = held(reaction, mu)[1].sum(axis=1)
+    else:
+        press, drag, limit, _ = sums(reaction, frame, mu)
+        least = -1.0
+    ax.plot(number, press, color=colour or canvas.PRESSURE, label=names[0], **style)
+    dashed = {"ls": "--"} if colour else {}
+    ax.plot(
+        number, drag, color=colour or canvas.SHEAR, label=names[1], **style, **dashed
+    )
+    if limit is not None:
+        band = {"color": colour or canvas.LIMIT, "alpha": 0.15, "lw": 0}
+        ax.fill_between(number, least * limit, limit, label=names[2], **band)
+    if force is not None and colour is None:
+        looks = ("-", "--", ":")
+        for name, values, ls in zip("xyz", force.T, looks, strict=False):
+            ax.plot(
+                number, values, ls=ls, color=canvas.QUIET, lw=1.2, label=f"force {name}"
+            )
+
+
+def _name_surfaces(names: Sequence[str], ax: Any, curved: bool, limited: bool) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    whose = [
+        Line2D([], [], color=canvas.cycle(k), lw=2, label=name)
+        for k, name in enumerate(names)
+    ]
+    looks = (("-", "normal"), ("--", "tangential"))
+    if curved:
+        looks = (("-", "Σ normal"), ("--", "tangential, curved: Σ of sizes"))
+    kinds: list[Any] = [
+        Line2D([], [], color="black", ls=ls, label=name) for ls, name in looks
+    ]
+    if limited:
+        band: dict[str, Any] = {"facecolor": canvas.QUIET, "alpha": 0.3}
+        kinds.append(Patch(label="within Σ μ × normal", **band))
+    canvas.legend_above(ax, handles=whose + kinds)
+
+
 def status_shares(
-    result: Any, *, where: ArrayLike | None = None, ax: Any = None
+    result: Any,
+    *,
+    where: ArrayLike | str | None = None,
+    ax: Any = None,
+    contacts: Given | None = None,
 ) -> Any:
     """Parts of the contacts that stick, slip and are open, over the load steps.
+
+    Parameters
+    ----------
+    result
+        A `Result`.
+    where, contacts, ax
+        As in `tractions`.
 
     Returns
     -------
     matplotlib.axes.Axes
     """
     path = steps_of(result)
-    status = path.status[:, selection(where, len(path[0].status))]
+    known = contacts_of(path, contacts)
+    status = path.status[:, selection(where, len(path[0].status), known)]
     return draw_shares(status, canvas.axes_of(ax))
 
 
@@ -109,7 +217,7 @@ def draw_shares(status: NDArray[Any], ax: Any) -> Any:
     ax.set_ylabel("share of contacts")
     ax.set_xlabel("load step")
     canvas.legend_above(ax)
-    canvas.whole_numbers(ax)
+    canvas.whole_numbers(ax.xaxis)
     canvas.bare(ax)
     return ax
 
@@ -119,7 +227,7 @@ def force_displacement(
     displacement: ArrayLike | None = None,
     *,
     name: str | None = None,
-    where: ArrayLike | None = None,
+    where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
@@ -128,7 +236,9 @@ def force_displacement(
 
     The force is what drives the bodies that have the contacts, the opposite of friction.
     The area of a closed loop is the work that friction took, where ``displacement`` is
-    that of the point that is driven. Dashes are the most that friction could hold.
+    that of the point that is driven. Dashes are the most that friction could hold, where
+    normals are parallel; of a curved surface the force is that at right angles to the mean
+    normal, all of it where normals cancel.
 
     Parameters
     ----------
@@ -154,11 +264,10 @@ def force_displacement(
     path, units = steps_of(result), units_of(result, units)
     _, drag, limit, main = _forces(path, where, contacts)
     if displacement is None:
-        chosen = selection(where, len(path[0].status))
+        chosen, frame, _ = _chosen(path, where, contacts_of(path, contacts))
         v = path.relative_displacement[:, chosen, 1:]
-        frame = contacts_of(path, contacts).get("frame")
         if frame is not None:
-            v = np.einsum("sck,ckd->scd", v, np.asarray(frame)[chosen, 1:])
+            v = np.einsum("sck,ckd->scd", v, frame[:, 1:])
         delta = v.mean(axis=1) @ main
         name = name or "mean relative displacement"
     else:
@@ -214,7 +323,7 @@ def dissipation(
     canvas.name_axis(ax.yaxis, "work of friction", canvas.work_unit(units))
     ax.set_xlim(0.2, len(path) + 0.8)
     canvas.legend_above(ax)
-    canvas.whole_numbers(ax)
+    canvas.whole_numbers(ax.xaxis)
     canvas.bare(ax)
     return ax
 
@@ -223,44 +332,55 @@ def _style(steps: int) -> dict[str, Any]:
     return _STYLE if steps <= _MARKERS else _STYLE | {"marker": ""}
 
 
-def _forces(
-    result: Any, where: ArrayLike | None, contacts: Given | None
-) -> tuple[Array, Array, Array | None, Array]:
-    """Normal and tangential force ``(steps,)``, friction's limit, and the line of the drag.
-
-    The line is a unit vector, global where frames are known, else along t1, t2.
-    """
-    path = steps_of(result)
-    known = contacts_of(path, contacts)
+def _chosen(
+    path: Result, where: ArrayLike | str | None, known: Mapping[str, Any]
+) -> tuple[Any, Array | None, Array | None]:
+    """Which contacts are drawn, their frames and their friction coefficients."""
     n, d = path[0].reaction.shape
-    chosen = selection(where, n)
+    chosen = selection(where, n, known)
     frame, mu = known.get("frame"), known.get("mu")
     if frame is not None:
         frame = floats("frame of contacts", frame, shape=(n, d, d))[chosen]
     if mu is not None:
         mu = np.asarray(mu)[chosen]
+    return chosen, frame, mu
+
+
+def _forces(
+    path: Result, where: ArrayLike | str | None, contacts: Given | None
+) -> tuple[Array, Array, Array | None, Array]:
+    """Normal and tangential force ``(steps,)``, friction's limit, and the line of the drag.
+
+    The line is a unit vector, global where frames are known, else along t1, t2.
+    """
+    chosen, frame, mu = _chosen(path, where, contacts_of(path, contacts))
     return sums(path.reaction[:, chosen], frame, mu)
 
 
 def sums(
     reaction: Array, frame: Array | None, mu: Array | None
 ) -> tuple[Array, Array, Array | None, Array]:
-    """As `_forces`, of reactions ``(steps, n_c, d)``."""
+    """As `_forces`, of reactions ``(steps, n_c, d)``; no limit where normals differ."""
+    parallel = True
     if frame is None:
         press, drag = reaction[..., 0].sum(axis=1), reaction[..., 1:].sum(axis=1)
     else:
         # In the frame of each contact; summed in global components.
         force = np.einsum("sck,ckd->sd", reaction, frame)
-        normal = frame[:, 0].mean(axis=0)
+        # Of a clamp, too: opposite normals have one line.
+        side = np.where(frame[:, 0] @ frame[0, 0] < 0, -1.0, 1.0)
+        parallel = not is_curved(frame[:, 0] * side[:, None])
+        normal = frame[0, 0] if parallel else frame[:, 0].mean(axis=0)
+        length = np.linalg.norm(normal)
         # Around a hole the normals cancel: all of the force is then tangential.
-        normal /= np.linalg.norm(normal) or 1.0
+        normal = normal / length if length > _AROUND else np.zeros_like(normal)
         press = force @ normal
         drag = force - press[:, None] * normal
     main = np.linalg.svd(drag, full_matrices=False)[2][0]
     # Of the two directions of the line that the drag follows, the ascending axis.
     main = main * np.sign(main[np.argmax(np.abs(main))])
     limit = None
-    if mu is not None:
+    if mu is not None and parallel:
         if mu.ndim == 2:
             # The most that an ellipse's points reach along the line of the drag.
             tangents = np.eye(2) if frame is None else frame[:, 1:]

@@ -11,9 +11,10 @@ from bipot_rs.check import Array
 from bipot_rs.export import library
 from bipot_rs.plots import canvas
 from bipot_rs.plots.body import box_in_space, facets_in_space
+from bipot_rs.plots.line import closed_slip
 from bipot_rs.plots.skin import corners_of, skin
-from bipot_rs.plots.source import Contacts, look
-from bipot_rs.plots.surface import QUANTITIES, span, values_of
+from bipot_rs.plots.source import Contacts, look, model_of
+from bipot_rs.plots.surface import NOTHING, QUANTITIES, span, values_of
 
 if TYPE_CHECKING:
     from bipot_rs.fem import Model
@@ -22,7 +23,7 @@ BACKENDS = ("matplotlib", "pyvista")
 
 
 def surface3d(
-    model: Model,
+    model: Any,
     result: Any,
     quantity: str = "pressure",
     *,
@@ -38,7 +39,7 @@ def surface3d(
     Parameters
     ----------
     model
-        The bodies, `fem.Model`, in space.
+        The bodies, in space: `fem.Model`, or what has one, as `deformed` takes it.
     result, step, units
         As in `tractions`.
     quantity
@@ -72,6 +73,11 @@ def surface3d(
     if quantity != "status" and quantity not in QUANTITIES:
         raise ValueError(
             f"quantity is {quantity!r}, expected one of {', '.join(QUANTITIES)}, status"
+        )
+    given, (model, _) = model, model_of(model)
+    if model is None:
+        raise TypeError(
+            f"model is a {type(given).__name__}, expected a Model, a Case or a ModelResult"
         )
     if model.dim != 3:
         raise ValueError("model lies in the plane, expected bodies in space")
@@ -117,6 +123,8 @@ def _matplotlib(
         colours["cmap"] = canvas.status_colours()["cmap"]
     else:
         of_facet = [values[c].mean(axis=1) for c in parts]
+        if not values.any():
+            colours["cmap"] = canvas.blank()
     image = facets_in_space(polygons, np.concatenate(of_facet), ax, **colours)
     places = model.points
     if bodies:
@@ -126,10 +134,15 @@ def _matplotlib(
         _slip(model, seen, places, ax)
     box_in_space(places, ax)
     if quantity == "status":
-        canvas.legend_above(ax, handles=canvas.status_handles(seen.status))
+        zones = canvas.status_handles(seen.status)
+        canvas.legend_above(ax, handles=zones, title=seen.said)
     else:
-        _, _, extend = span(values, quantity)
-        canvas.colour_bar(image, ax, name, unit, extend=extend)
+        if values.any():
+            _, _, extend = span(values, quantity)
+            canvas.colour_bar(image, ax, name, unit, extend=extend)
+        else:
+            canvas.say(ax, NOTHING[quantity])
+        canvas.note(ax, seen.said)
     for axis in "xyz":
         length = seen.units.get("length")
         canvas.name_axis(getattr(ax, f"{axis}axis"), axis, length)
@@ -137,7 +150,7 @@ def _matplotlib(
 
 
 def _slip(model: Model, seen: Contacts, places: Array, ax: Any) -> None:
-    vectors = seen.vectors(seen.slip)
+    vectors = seen.vectors(closed_slip(seen))
     size = np.linalg.norm(vectors, axis=1)
     largest = float(size.max(initial=0.0))
     if largest == 0:
@@ -228,7 +241,7 @@ def _pyvista(
         outline = pv.PolyData(model.nodes, lines=lines)
         plotter.add_mesh(outline, color=canvas.QUIET, line_width=2)
     if arrows:
-        vectors = seen.vectors(seen.slip)
+        vectors = seen.vectors(closed_slip(seen))
         largest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
         if largest > 0:
             longest = 0.12 * np.ptp(model.nodes, axis=0).max()

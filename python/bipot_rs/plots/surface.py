@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import Array
 from bipot_rs.plots import canvas
-from bipot_rs.plots.line import draw_slip, draw_zones
+from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
 from bipot_rs.plots.source import (
     Contacts,
     Given,
+    contacts_of,
     look,
     selection,
     steps_of,
@@ -27,6 +28,15 @@ QUANTITIES = {
     "slip": ("slip in the step", "length"),
     "gap": ("gap", "length"),
 }
+# What is said where a quantity is zero everywhere.
+NOTHING = {
+    "pressure": "all contacts are open",
+    "shear": "no friction acts",
+    "slip": "no slip in the step",
+    "gap": "all contacts are closed",
+}
+# Gaps of what is open, but for rounding closed, to this part of the surface's width.
+_TOUCHES = 1e-12
 # Nodes of one plane, to this part of its width.
 _PLANE = 1e-6
 _PIXELS = 500
@@ -42,7 +52,7 @@ def surface_map(
     *,
     step: int = -1,
     arrows: bool | None = None,
-    where: ArrayLike | None = None,
+    where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
@@ -50,15 +60,20 @@ def surface_map(
     """Map of a plane surface of contact in space, triangulated by its nodes.
 
     Tractions grow without bound towards an edge: the colours span what 98 nodes of 100
-    have, and an arrow at the colour bar says that others have more.
+    have, and an arrow at the colour bar says that others have more. Where there is
+    nothing to tell by colours, such as a gap where all is closed, that is said instead.
+
+    Places are those on the plane, along x, y or z where it lies so, else along t1 and t2
+    of the contacts, in the mean where these differ.
 
     Parameters
     ----------
     result, step, where, contacts, units, ax
         As in `tractions`. Of several surfaces, ``where`` chooses one.
     quantity
-        ``"pressure"``, ``"shear"`` (its size), ``"slip"`` (the size of the step's),
-        ``"gap"`` (what is left of it, zero where bodies touch).
+        ``"pressure"``, ``"shear"`` (its size), ``"slip"`` (the size of the step's, zero
+        where contact sticks or is open), ``"gap"`` (what is left of it, zero where bodies
+        touch).
     arrows
         Whether arrows show the direction, of shear as it acts on the body that has the
         contacts; default: of shear and slip, where the frames are known.
@@ -77,7 +92,8 @@ def surface_map(
             f"quantity is {quantity!r}, expected one of {', '.join(QUANTITIES)}"
         )
     seen = look(result, step, contacts=contacts, where=where, units=units)
-    vector = {"shear": seen.traction[:, 1:], "slip": seen.slip}.get(quantity)
+    vectors = {"shear": seen.traction[:, 1:], "slip": closed_slip(seen)}
+    vector = vectors.get(quantity)
     if arrows is None:
         arrows = vector is not None and seen.frame is not None
     return draw_map(seen, quantity, canvas.axes_of(ax), vector if arrows else None)
@@ -87,23 +103,29 @@ def draw_map(
     seen: Contacts, quantity: str, ax: Any, vector: Array | None = None
 ) -> Any:
     """`surface_map` on axes that are there."""
-    uv = _plane(seen)
+    uv, names = _plane(seen)
     values, name, unit = values_of(seen, quantity)
-    low, high, extend = span(values, quantity)
     if len(uv) < 3 or np.ptp(uv, axis=0).min() == 0:
         raise ValueError("the contacts lie on a line: tractions draws those")
-    image = ax.tripcolor(
-        _triangles(uv, seen.area),
-        values,
-        shading="gouraud",
-        cmap="viridis",
-        vmin=low,
-        vmax=high,
-    )
-    canvas.colour_bar(image, ax, name, unit, extend=extend)
-    if vector is not None:
-        _arrows(seen, uv, vector, ax, color="white")
-    _finish(seen, uv, ax)
+    if not values.any():
+        triangles = _triangles(uv, seen.area)
+        ax.tripcolor(triangles, values, shading="gouraud", cmap=canvas.blank())
+        canvas.say(ax, NOTHING[quantity])
+    else:
+        low, high, extend = span(values, quantity)
+        image = ax.tripcolor(
+            _triangles(uv, seen.area),
+            values,
+            shading="gouraud",
+            cmap="viridis",
+            vmin=low,
+            vmax=high,
+        )
+        canvas.colour_bar(image, ax, name, unit, extend=extend)
+        if vector is not None:
+            _arrows(seen, uv, vector, ax, color="white")
+    _finish(seen, uv, names, ax)
+    canvas.note(ax, seen.said)
     return ax
 
 
@@ -116,12 +138,14 @@ def values_of(seen: Contacts, quantity: str) -> tuple[Array, str, str | None]:
         if seen.area is None:
             name = {"pressure": "normal force", "shear": "friction force"}[quantity]
             unit = seen.units.get("force")
+    # Of what touches, the gap is rounding.
+    width = float(np.ptp(seen.x, axis=0).max())
+    apart = (seen.status == Status.OPEN) & (np.abs(seen.gap) > _TOUCHES * width)
     values: dict[str, Array] = {
         "pressure": seen.traction[:, 0],
         "shear": np.linalg.norm(seen.traction[:, 1:], axis=1),
-        "slip": np.linalg.norm(seen.slip, axis=1),
-        # Of what touches, the gap is rounding.
-        "gap": np.where(seen.status == Status.OPEN, seen.gap, 0.0),
+        "slip": np.linalg.norm(closed_slip(seen), axis=1),
+        "gap": np.where(apart, seen.gap, 0.0),
     }
     return values[quantity], name, unit
 
@@ -142,7 +166,7 @@ def status_map(
     result: Any,
     *,
     step: int | None = None,
-    where: ArrayLike | None = None,
+    where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
@@ -155,7 +179,7 @@ def status_map(
     Parameters
     ----------
     result, where, contacts, units, ax
-        As in `surface_map`.
+        As in `surface_map`; in the plane several surfaces have rows of their own.
     step
         Which step; default the last one, in the plane all.
 
@@ -170,7 +194,8 @@ def status_map(
         return draw_status(seen, ax)
     if step is None and isinstance(result, Result):
         path = steps_of(result)
-        chosen = selection(where, len(path[0].status))
+        known = contacts_of(path, contacts)
+        chosen = selection(where, len(path[0].status), known)
         return draw_zones(seen, path.status[:, chosen], ax)
     draw_zones(seen, seen.status[None], ax)
     ax.set_yticks([])
@@ -182,7 +207,7 @@ def draw_status(seen: Contacts, ax: Any) -> Any:
     """`status_map` of a surface on axes that are there."""
     from scipy.spatial import cKDTree
 
-    uv = _plane(seen)
+    uv, names = _plane(seen)
     low, high = uv.min(axis=0), uv.max(axis=0)
     step = (high - low).max() / _PIXELS or 1.0
     # Pixels of a whole number an axis, to the very rim of the surface.
@@ -206,8 +231,9 @@ def draw_status(seen: Contacts, ax: Any) -> Any:
         interpolation="nearest",
         **canvas.status_colours(),
     )
-    canvas.legend_above(ax, handles=canvas.status_handles(seen.status))
-    _finish(seen, uv, ax)
+    zones = canvas.status_handles(seen.status)
+    canvas.legend_above(ax, handles=zones, title=seen.said)
+    _finish(seen, uv, names, ax)
     return ax
 
 
@@ -215,16 +241,17 @@ def slip(
     result: Any,
     *,
     step: int = -1,
-    along: ArrayLike | None = None,
-    where: ArrayLike | None = None,
+    along: ArrayLike | str | None = None,
+    where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
     """Slip of a step: along a line in the plane, as arrows on a surface in space.
 
-    Arrows are drawn at about one contact of each of 14 × 14 squares, over the zones,
-    their length as their colour the size of the slip, and only where contact slips.
+    Arrows are drawn at about one contact of each of 14 × 14 squares, their length as their
+    colour the size of the slip, and only where contact slips; the others are dots, those
+    that are open circles. Along a line there is none where contact is open.
 
     Parameters
     ----------
@@ -239,14 +266,21 @@ def slip(
     ax = canvas.axes_of(ax)
     if seen.x.shape[1] == 2 or along is not None:
         return draw_slip(seen, along, ax)
-    uv = _plane(seen)
-    size = np.linalg.norm(seen.slip, axis=1)
-    ax.scatter(*uv.T, s=4, color="#c9ced3", lw=0)
-    arrows = _arrows(seen, uv, seen.slip, ax, cmap="viridis", values=size)
+    uv, names = _plane(seen)
+    moved = closed_slip(seen)
+    size = np.linalg.norm(moved, axis=1)
+    closed = seen.status != Status.OPEN
+    ax.scatter(*uv[closed].T, s=4, color="#c9ced3", lw=0)
+    rings = {"facecolors": "none", "edgecolors": "#c9ced3", "lw": 0.6}
+    ax.scatter(*uv[~closed].T, s=9, **rings)
+    arrows = _arrows(seen, uv, moved, ax, cmap="viridis", values=size)
     if arrows is not None:
         unit = seen.units.get("length")
         canvas.colour_bar(arrows, ax, "slip in the step", unit)
-    _finish(seen, uv, ax, margin=0.13)
+    else:
+        canvas.say(ax, NOTHING["slip"])
+    _finish(seen, uv, names, ax, margin=0.13)
+    canvas.note(ax, seen.said)
     return ax
 
 
@@ -257,44 +291,73 @@ def is_plane(seen: Contacts) -> bool:
     return bool(widths[-1] <= _PLANE * widths[0]) if len(widths) == 3 else True
 
 
-def _plane(seen: Contacts) -> Array:
-    """Coordinates ``(n_c, 2)`` on the plane of the contacts: along t1, t2 of the first."""
+def _plane(seen: Contacts) -> tuple[Array, list[str]]:
+    """Coordinates ``(n_c, 2)`` on the plane of the contacts, and what they are."""
     x = seen.x
     if x.shape[1] != 3:
         raise ValueError("the contacts lie in the plane: tractions draws their line")
     if not is_plane(seen):
+        surfaces = [name for name, _ in seen.surfaces if name]
+        where = f" (there are {', '.join(surfaces)})" if len(surfaces) > 1 else ""
         raise ValueError(
-            "the contacts lie on more than one plane: choose those of one by where=, or "
-            "draw them in space by surface3d"
+            "the contacts lie on more than one plane: choose those of one by where="
+            f"{where}, or draw them in space by surface3d"
         )
-    if seen.frame is not None:
-        return np.asarray(x @ seen.frame[0, 1:].T)
-    # The two coordinates that the plane is seen best along.
-    off = x - x.mean(axis=0)
-    normal = np.linalg.svd(off, full_matrices=False)[2][-1]
-    return np.delete(x, np.argmax(np.abs(normal)), axis=1)
+    axes, names = _tangents(seen)
+    return x @ axes.T, names
 
 
-def _finish(seen: Contacts, uv: Array, ax: Any, margin: float = 0.0) -> None:
+def _tangents(seen: Contacts) -> tuple[Array, list[str]]:
+    """Axes ``(2, 3)`` on the plane of the contacts, and their names.
+
+    Those of the contacts where these are the same: else, as of a roller over a plane,
+    they lean out of it, and places along one of them would be those of no ruler.
+    """
+    off = seen.x - seen.x.mean(axis=0)
+    # Three rows more, so that there are three directions of two contacts, too.
+    rows = np.concatenate([off, np.zeros((3, 3))])
+    normal = np.linalg.svd(rows, full_matrices=False)[2][-1]
+    names = ["along t1", "along t2"]
+    if seen.frame is None:
+        # The two coordinates that the plane is seen best along.
+        axes = np.delete(np.eye(3), np.argmax(np.abs(normal)), axis=0)
+    elif np.abs(seen.frame - seen.frame[0]).max() <= _PLANE:
+        axes = seen.frame[0, 1:]
+    else:
+        axes = _mean_tangents(seen.frame, normal)
+        names = ["along mean t1", "along mean t2"]
+    at = np.argmax(axes, axis=1)
+    if np.allclose(axes, np.eye(3)[at], rtol=0, atol=_PLANE):
+        return np.eye(3)[at], ["xyz"[k] for k in at]
+    return axes, names
+
+
+def _mean_tangents(frame: Array, normal: Array) -> Array:
+    """The mean t1 made to lie in a plane, and what is at right angles to it, as t2 is."""
+    first, second = frame[:, 1:].mean(axis=0)
+    first = first - (first @ normal) * normal
+    if np.linalg.norm(first) < 0.1:
+        # Around an axis they cancel: the axis of coordinates that the plane is nearest to.
+        axis = np.eye(3)[np.argmin(np.abs(normal))]
+        first = axis - (axis @ normal) * normal
+    first = first / np.linalg.norm(first)
+    across = np.cross(normal, first)
+    if np.linalg.norm(second) < 0.1:
+        second = np.sign(across[np.argmax(np.abs(across))]) * across
+    return np.stack([first, across if across @ second >= 0 else -across])
+
+
+def _finish(
+    seen: Contacts, uv: Array, names: list[str], ax: Any, margin: float = 0.0
+) -> None:
     unit = seen.units.get("length")
     around = margin * np.ptp(uv, axis=0).max()
     low, high = uv.min(axis=0) - around, uv.max(axis=0) + around
     ax.set_aspect("equal")
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
-    names = ["along t1", "along t2"]
-    axes = None if seen.frame is None else _axes_of(seen.frame[0, 1:])
-    if axes is not None:
-        names = ["xyz"[k] for k in axes]
     canvas.name_axis(ax.xaxis, names[0], unit)
     canvas.name_axis(ax.yaxis, names[1], unit)
-
-
-def _axes_of(tangents: Array) -> tuple[int, ...] | None:
-    """Coordinate axes that the tangents are, if they are."""
-    at = np.argmax(tangents, axis=1)
-    exact = np.allclose(tangents, np.eye(3)[at], rtol=0, atol=1e-12)
-    return tuple(int(k) for k in at) if exact else None
 
 
 def _arrows(
@@ -307,7 +370,7 @@ def _arrows(
     **look: Any,
 ) -> Any:
     """Arrows of tangential vectors, on a few contacts, the longest as wide as a square."""
-    frame = seen.has_frame
+    axes, _ = _tangents(seen)
     size = np.linalg.norm(vector, axis=1)
     largest = float(size.max(initial=0.0))
     # Rounding of what sticks has no direction.
@@ -315,8 +378,7 @@ def _arrows(
     if not chosen.size or largest == 0:
         return None
     across = np.ptp(uv, axis=0).max() / _ARROWS
-    # In the tangents of the first contact, which are the axes of the map.
-    flat = seen.vectors(vector)[chosen] @ frame[0, 1:].T
+    flat = seen.vectors(vector)[chosen] @ axes.T
     if values is None:
         flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
         scale = 1 / (0.8 * across)

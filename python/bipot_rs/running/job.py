@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -47,6 +48,8 @@ class Job:
         self.started = perf_counter()
         self.seconds = dict.fromkeys(PHASES, 0.0)
         self.folder = Path()
+        # As --set gave them.
+        self.settings: list[str] = []
         self.scene: Scene | None = None
         self.case: Case | None = None
         self.problem: ContactProblem | None = None
@@ -84,7 +87,7 @@ class Job:
         self.interrupts.hold()
         # Arrays come and go; memory that went back to the system is touched anew.
         _core.keep_heap()
-        self.folder = folder
+        self.folder, self.settings = folder, settings
         try:
             from bipot_rs.export import require
             from bipot_rs.running import forecast
@@ -360,6 +363,7 @@ class Job:
                 attributes={
                     "scene": self.name or "",
                     "message": message,
+                    "settings": json.dumps(self.settings),
                     **run_files.labels(self.scene),
                     **stamp,
                 },

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bipot_rs.contact_surface import surface_names
 from bipot_rs.result import Step
 from bipot_rs.resultants import resultants
 from bipot_rs.words import counted
@@ -19,8 +20,9 @@ COLUMNS = (
     "iterations",
     "seconds",
 )
-# Of each contact surface, in steps.csv.
+# Of each contact surface, in steps.csv; of a curved one its force by components besides.
 FORCES = ("normal_force", "tangential_force", "friction_used")
+COMPONENTS = ("force_x", "force_y", "force_z")
 _FORMS = {
     "load": "{:.6g}",
     "residual": "{:.1e}",
@@ -29,6 +31,7 @@ _FORMS = {
     "normal_force": "{:.5g}",
     "tangential_force": "{:.5g}",
     "friction_used": "{:.4f}",
+    **dict.fromkeys(COMPONENTS, "{:.5g}"),
 }
 # What a terminal too narrow for all of them does without, first to last.
 _LEAST = ("seconds", "iterations", "load")
@@ -45,26 +48,24 @@ def row(k: int, parameter: float, step: Step) -> dict[str, Any]:
     return dict(zip(COLUMNS, told, strict=True))
 
 
-def names(model: Any) -> list[str]:
-    """Contact surfaces by name, those of one name numbered."""
-    plain = [f"{contact.body}.{contact.surface}" for contact in model.contacts]
-    return [
-        name if plain.count(name) == 1 else f"{name} {k}"
-        for k, name in enumerate(plain)
-    ]
-
-
 def forces(model: Any, step: Step) -> dict[str, float | None]:
-    """`FORCES` of every contact surface, keys ``"normal_force of block.bottom"``."""
+    """`FORCES` of every contact surface, keys ``"normal_force of block.bottom"``.
+
+    As `Resultant` has them: of a flat surface ``Σ r_n``, ``‖Σ r_t‖`` and its part of
+    ``Σ μ r_n``; of a curved one ``Σ r_n``, ``Σ ‖r_t‖`` and its part of ``Σ μ r_n``, and
+    `COMPONENTS` of the force on the body that has the contacts, in global axes.
+    """
     found: dict[str, float | None] = {}
-    surfaces = names(model)
     each = resultants(
         step.reaction, model.frame, model.mu, model.group, len(model.contacts)
     )
-    for name, force in zip(surfaces, each, strict=True):
-        for key, value in zip(
-            FORCES, (force.normal, force.tangential, force.used), strict=True
-        ):
+    for name, force in zip(surface_names(model), each, strict=True):
+        told: list[tuple[str, float | None]] = list(
+            zip(FORCES, (force.normal, force.tangential, force.used), strict=True)
+        )
+        if force.curved:
+            told += zip(COMPONENTS, force.force.tolist(), strict=False)
+        for key, value in told:
             found[f"{key} of {name}"] = value
     return found
 
@@ -103,7 +104,8 @@ def print_table(
         third = _MOST_ROWS // 3
         shown = [*rows[:third], None, *rows[-third:]]
     table = _table(columns, shown, title, unit)
-    for name in _LEAST:
+    components = [key for key in keys if key.startswith(COMPONENTS)]
+    for name in (*_LEAST, *components):
         # As wide as its cells are: rich would shorten them to what fits.
         free = console.options.update(width=10_000)
         if console.measure(table, options=free).maximum <= console.width:
@@ -133,9 +135,10 @@ def _table(
         collapse_padding=True,
     )
     surfaces = {key.partition(" of ")[2] for key in columns if " of " in key}
+    known = (rows[0] if rows else None) or {}
     for column in columns:
         kind, _, surface = column.partition(" of ")
-        head = _head(kind, unit)
+        head = _head(kind, unit, curved=f"{COMPONENTS[0]} of {surface}" in known)
         if len(surfaces) > 1 and surface:
             head = f"{surface}\n{head}"
         table.add_column(head, justify="right", no_wrap=True)
@@ -147,13 +150,20 @@ def _table(
     return table
 
 
-def _head(kind: str, unit: str) -> str:
+def _head(kind: str, unit: str, *, curved: bool) -> str:
     force = f" [{unit}]" if unit else ""
     heads = {
         "normal_force": f"Fn{force}",
         "tangential_force": f"Ft{force}",
         "friction_used": "Ft/(μFn)",
     }
+    if curved:
+        heads = {
+            "normal_force": f"Σrn{force}",
+            "tangential_force": f"Σ|rt|{force}",
+            "friction_used": "Σ|rt|/(Σμrn)",
+            **{name: f"F{name[-1]}{force}" for name in COMPONENTS},
+        }
     # Of rich, square brackets are markup.
     return heads.get(kind, kind).replace("[", r"\[")
 
@@ -164,7 +174,8 @@ def _cell(one: Mapping[str, Any], column: str) -> str:
         return "-"
     kind, _, surface = column.partition(" of ")
     normal = one.get(f"{FORCES[0]} of {surface}")
-    if kind == FORCES[1] and normal is not None and value < _ROUNDING * abs(normal):
+    summed = kind in (FORCES[1], *COMPONENTS)
+    if summed and normal is not None and abs(value) < _ROUNDING * abs(normal):
         value = 0.0
     return _FORMS.get(kind, "{}").format(value)
 

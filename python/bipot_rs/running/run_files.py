@@ -105,6 +105,7 @@ def write_pictures(
     errors: Errors,
 ) -> None:
     """tractions.png, and error.png of the last load step where its error is known."""
+    from bipot_rs.contact_surface import surface_labels
     from bipot_rs.export import writing
     from bipot_rs.plot import tractions
 
@@ -112,7 +113,7 @@ def write_pictures(
     with writing(folder / "tractions.png"):
         tractions(
             draft / "tractions.png",
-            contacts(case),
+            contacts(case) | surface_labels(case.model),
             steps(reached, errors),
             title=title,
             units=units,
@@ -178,12 +179,13 @@ def write_result(
     attributes: Mapping[str, Any],
 ) -> None:
     """What is there to be read back."""
+    from bipot_rs.contact_surface import surface_labels
     from bipot_rs.export import write_result, writing
 
     with writing(folder / RESULT):
         write_result(
             draft / RESULT,
-            {} if case is None else contacts(case),
+            {} if case is None else contacts(case) | surface_labels(case.model),
             steps(reached, errors),
             complete=complete,
             attributes=attributes,

@@ -1,0 +1,192 @@
+"""Places along lines of contacts are those of a ruler laid along them."""
+
+import numpy as np
+import pytest
+
+from bipot_rs import fem
+from bipot_rs.plots.places import places
+
+RANDOM = np.random.default_rng(5)
+
+
+def arc(
+    start: float, end: float, count: int, radius: float = 3.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a circle in no order, and their angles."""
+    angle = RANDOM.permutation(np.linspace(start, end, count))
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), angle
+
+
+def chords(angle: np.ndarray, radius: float = 3.0) -> np.ndarray:
+    """Lengths from the first of them on."""
+    step = 2 * radius * np.sin(np.abs(np.diff(angle)) / 2)
+    return np.concatenate([[0.0], np.cumsum(step)])
+
+
+@pytest.mark.parametrize(("start", "end"), [(0.2, 2.4), (3.3, 6.0), (0.5, 5.9)])
+def test_an_arc_goes_from_its_end_of_least_x(start: float, end: float) -> None:
+    x, angle = arc(start, end, 30)
+    found = places(x, None)
+    ends = sorted((start, end), key=np.cos)
+    exact = np.linspace(*ends, 30)
+    np.testing.assert_allclose(angle[found.order], exact, rtol=1e-12)
+    # Sums of 29 chords of order one.
+    np.testing.assert_allclose(found.s, chords(exact), rtol=0, atol=1e-13)
+    assert found.name == "arc length from the end of least x"
+
+
+def test_an_arc_that_stands_goes_up() -> None:
+    x, _ = arc(-1.0, 1.0, 15)
+    found = places(x, "arc")
+    assert (np.diff(x[found.order, 1]) > 0).all()
+    assert found.name == "arc length from the end of least y"
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_ring_goes_around_once_against_the_clock(mirrored: bool) -> None:
+    count = 31
+    x, angle = arc(0.0, 2 * np.pi * (1 - 1 / count), count)
+    if mirrored:
+        x, angle = x * [1, -1], -angle % (2 * np.pi)
+    found = places(x, None)
+    assert found.order[0] == found.order[-1]
+    np.testing.assert_allclose(
+        angle[found.order[:-1]], 2 * np.pi / count * np.arange(count), atol=1e-12
+    )
+    chord = 6 * np.sin(np.pi / count)
+    np.testing.assert_allclose(found.s, chord * np.arange(count + 1), rtol=1e-12)
+    # Tangents of the circle, the first and the last ones the same.
+    tangent = np.stack([-x[found.order, 1], x[found.order, 0]], axis=1) / 3
+    np.testing.assert_allclose(found.towards, tangent, atol=1e-12)
+    assert found.name == "arc length from largest x, counter-clockwise"
+
+
+def test_a_ring_without_one_contact_is_open() -> None:
+    count = 24
+    x, _ = arc(0.0, 2 * np.pi * (1 - 2 / count), count - 1)
+    found = places(x, None)
+    assert found.name.startswith("arc length from the end of least")
+    assert len(found.order) == count - 1
+
+
+def test_a_graded_ring_is_closed() -> None:
+    """Spacings that grow by 1.3 and fall again, as of a mesh refined at one place."""
+    step = 1.3 ** np.concatenate([np.arange(8), np.arange(8)[::-1]])
+    angle = RANDOM.permutation(2 * np.pi * np.cumsum(step) / step.sum())
+    x = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    found = places(x, None)
+    assert "counter-clockwise" in found.name
+    around = angle[found.order]
+    assert np.sum(np.diff(around) < 0) == 1  # where the angle begins anew
+
+
+def test_two_sides_of_a_corner_are_one_chain() -> None:
+    s = np.arange(0.0, 6.5, 0.5)
+    low = np.minimum(s, 3.0)
+    x = np.stack([low, s - low], axis=1)
+    order = RANDOM.permutation(len(x))
+    found = places(x[order], None)
+    np.testing.assert_allclose(found.s, s, atol=1e-14)
+    np.testing.assert_array_equal(order[found.order], np.arange(len(x)))
+
+
+@pytest.mark.parametrize(
+    ("direction", "name"),
+    [
+        ([1.0, 0.0], "x"),
+        ([-1.0, 0.0], "x"),
+        ([0.0, -2.0], "y"),
+        ([3.0, 4.0], "along (0.6, 0.8)"),
+        ([3.0, -4.0], "along (-0.6, 0.8)"),
+    ],
+)
+def test_straight_lines_have_their_coordinate(
+    direction: list[float], name: str
+) -> None:
+    t = RANDOM.permutation(np.arange(9.0))
+    x = np.array([0.25, 2.0]) + t[:, None] * np.array(direction)
+    found = places(x, None)
+    assert found.name == name
+    size = np.linalg.norm(direction)
+    np.testing.assert_allclose(np.diff(found.s), size, rtol=1e-12)
+    if name in "xy":
+        np.testing.assert_array_equal(found.s, np.sort(x[:, "xy".index(name)]))
+
+
+def test_turned_and_made_larger_it_is_the_same_line() -> None:
+    x, _ = arc(0.3, 2.0, 20)
+    one = places(x, "arc")
+    turn = np.linalg.qr(RANDOM.standard_normal((3, 3)))[0]
+    in_space = 1e6 * np.column_stack([x, np.zeros(len(x))]) @ turn.T
+    other = places(in_space, "arc")
+    steps = 1e6 * np.diff(one.s)
+    np.testing.assert_allclose(np.diff(other.s), steps, rtol=1e-9)
+    order = list(other.order)
+    assert order in (list(one.order), list(one.order[::-1]))
+
+
+def test_a_ring_in_space_is_seen_from_an_axis() -> None:
+    x, angle = arc(0.0, 2 * np.pi * 0.95, 20)
+    # In the plane of y and z; counter-clockwise seen from +x goes from y to z.
+    found = places(np.column_stack([np.full(20, 7.0), x]), "arc")
+    np.testing.assert_allclose(np.diff(angle[found.order[:-1]]), np.pi / 10, rtol=1e-9)
+    assert found.name == ("arc length from largest y, counter-clockwise seen from +x")
+
+
+def test_a_surface_is_no_line() -> None:
+    u, v = np.meshgrid(np.arange(6.0), np.arange(6.0))
+    x = np.stack([u.ravel(), v.ravel(), 0 * u.ravel()], axis=1)
+    with pytest.raises(ValueError, match="do not lie on one line"):
+        places(x, "arc")
+    assert not places(x, "x").once
+    assert places(x[:6], "x").once
+    with pytest.raises(ValueError, match="along is 'w', expected x, y, z, arc"):
+        places(x, "w")
+    with pytest.raises(ValueError, match="along is 'z', expected x, y, arc"):
+        places(x[:, :2], "z")
+
+
+def test_one_contact_has_a_place() -> None:
+    assert places(np.array([[2.0, 3.0]]), None).s == [2.0]
+    assert places(np.array([[2.0, 3.0]]), "arc").s == [2.0]
+
+
+def test_a_roller_does_not_scale_the_plane_under_it() -> None:
+    """Normals lean: places are still those of the plane."""
+    from bipot_rs.plots.source import Contacts
+    from bipot_rs.plots.surface import _plane
+
+    u, v = np.meshgrid(np.linspace(1, 4, 5), np.linspace(-1, 1, 4))
+    x = np.stack([u.ravel(), v.ravel(), np.full(u.size, 0.5)], axis=1)
+    away = x - [0.0, 0.0, 10.0]
+    away[:, 1] = 0  # of a cylinder along y above the plane
+    n = len(x)
+    seen = Contacts(
+        x=x,
+        frame=fem.frames(away),
+        area=None,
+        mu=None,
+        reaction=np.zeros((n, 3)),
+        status=np.zeros(n, np.int8),
+        gap=np.zeros(n),
+        slip=np.zeros((n, 2)),
+        units={},
+    )
+    uv, names = _plane(seen)
+    assert names == ["x", "y"]
+    np.testing.assert_array_equal(uv, x[:, :2])
+    turn = np.linalg.qr(RANDOM.standard_normal((3, 3)))[0]
+    turn[:, 0] *= np.linalg.det(turn)
+    turned = seen.part(slice(None))
+    turned = type(seen)(
+        **{
+            **vars(turned),
+            "x": x @ turn.T,
+            "frame": seen.frame @ turn.T,
+        }
+    )
+    uv, names = _plane(turned)
+    assert names == ["along mean t1", "along mean t2"]
+    np.testing.assert_allclose(
+        uv - uv.mean(axis=0), x[:, :2] - x[:, :2].mean(axis=0), atol=1e-12
+    )
