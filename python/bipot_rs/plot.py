@@ -168,6 +168,7 @@ def _clouds(figure: Any, seen: Contacts) -> None:
     canvas.legend_above(panels[2], handles=canvas.status_handles(seen.status))
     for ax in panels:
         box_in_space(x, ax, zoom=0.72)
+        ax.tick_params(labelsize="small")
         for axis in "xyz":
             length = seen.units.get("length")
             canvas.name_axis(getattr(ax, f"{axis}axis"), axis, length)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bipot_rs import fem
 from bipot_rs.plot import tractions
+from layout import overlaps
 
 
 def contacts(x: NDArray[np.float64], normal: NDArray[np.float64]) -> dict[str, Any]:
@@ -34,8 +35,8 @@ def step(count: int, dim: int, k: int = 0) -> dict[str, Any]:
     }
 
 
-def drawn(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> list[str]:
-    """Titles, labels and legends of the picture that is written to ``path``."""
+def figure_of(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> Any:
+    """The picture that is written to ``path``, as a figure."""
     kept: list[Any] = []
     save = matplotlib.figure.Figure.savefig
 
@@ -46,9 +47,15 @@ def drawn(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> list[
     monkeypatch.setattr(matplotlib.figure.Figure, "savefig", keep)
     tractions(path, *arguments, title="It", units={"length": "mm", "stress": "MPa"})
     assert path.read_bytes().startswith(b"\x89PNG")
+    return kept[0]
+
+
+def drawn(monkeypatch: pytest.MonkeyPatch, path: Path, *arguments: Any) -> list[str]:
+    """Titles, labels and legends of the picture that is written to ``path``."""
     from matplotlib.text import Text
 
-    return [t.get_text() for t in kept[0].findobj(Text) if t.get_text()]
+    figure = figure_of(monkeypatch, path, *arguments)
+    return [t.get_text() for t in figure.findobj(Text) if t.get_text()]
 
 
 def test_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -87,6 +94,39 @@ def test_surfaces_that_are_not_one_plane(
         [step(30, 3)],
     )
     assert "pressure [MPa]" in texts
+
+
+def test_a_ball_can_be_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    out = np.random.default_rng(1).normal(size=(200, 3))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    out = out[out[:, 2] < -0.8]
+    ball = contacts(10 * out, np.array([0.0, 0.0, 1.0])) | {"frame": fem.frames(-out)}
+    steps = [step(len(out), 3, k) for k in range(2)]
+    figure = figure_of(monkeypatch, tmp_path / "a.png", ball, steps)
+    assert overlaps(figure) == []
+
+
+def test_plane_surfaces_have_maps_of_their_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A floor and a wall: each with its coordinates, and the path of each."""
+    u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))
+    floor = contacts(np.column_stack([u, v, 0 * u]), np.array([0.0, 0.0, 1.0]))
+    wall = contacts(np.column_stack([0 * u, u, v]), np.array([1.0, 0.0, 0.0]))
+    both = {name: np.concatenate([floor[name], wall[name]]) for name in floor}
+    both |= {
+        "surface": np.repeat([0, 1], len(u)),
+        "surface_names": ["block.bottom", "block.side"],
+    }
+    steps = [step(2 * len(u), 3, k) for k in range(3)]
+    figure = figure_of(monkeypatch, tmp_path / "a.png", both, steps)
+    assert overlaps(figure) == []
+    from matplotlib.text import Text
+
+    texts = [t.get_text() for t in figure.findobj(Text)]
+    # Above its maps, and in the legend of the path.
+    assert texts.count("block.bottom") == texts.count("block.side") == 2
+    assert {"x [mm]", "y [mm]", "z [mm]", "It, load step 3 of 3"} <= set(texts)
 
 
 def test_contact_that_is_open_everywhere(
