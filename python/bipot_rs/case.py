@@ -151,6 +151,7 @@ class Case:
         asked = self.problem() if problem is None else problem
         plan = self.scene.path.increments
         if plan is None:
+            self._goes_on(start, first)
             load = None if self.load is None else self.load[first:]
             moved = None if self.gaps is None else self.gaps[first:]
             return asked.solve(load, self.prescribed[first:], gap=moved, **chosen)
@@ -179,6 +180,30 @@ class Case:
             gap=None if self.gaps is None else gap,
             **chosen,
         )
+
+    def _goes_on(self, start: Result | Step | None, first: int) -> None:
+        """Refuse a start that another path has led to, as far as it knows its loads."""
+        last = start[-1] if isinstance(start, Result) and len(start) else start
+        if last is None or isinstance(last, Result) or not first:
+            return
+        own = {
+            "load": None if self.load is None else self.load[first - 1],
+            "prescribed": self.prescribed[first - 1],
+            "gap": None if self.gaps is None else self.gaps[first - 1],
+        }
+        for name, value in own.items():
+            theirs = getattr(last, name)
+            if theirs is None:
+                # Not kept in files; of a path without moving obstacles there are no gaps.
+                other = name == "gap" and value is not None and last.load is not None
+            elif value is None:
+                other = name == "gap" or bool(np.any(theirs))
+            else:
+                other = not np.array_equal(theirs, value)
+            if other:
+                raise ValueError(
+                    f"start ends with another {name} than load step {first} of this path"
+                )
 
     def remarks(self) -> list[str]:
         """What a person should look at before solving, a sentence each (`inspection`)."""

@@ -30,7 +30,7 @@ from bipot_rs.bodies.elasticity import (
     vtk_cells,
 )
 from bipot_rs.bodies.elements import second_order
-from bipot_rs.bodies.inclined import Planes, planes
+from bipot_rs.bodies.inclined import HeldNodes, Planes, planes
 from bipot_rs.bodies.mesh_check import check_mesh
 from bipot_rs.bodies.mesh_file import read_mesh, read_meshes
 from bipot_rs.bodies.stress import Initial, initial_forces, stress, thermal, von_mises
@@ -81,6 +81,10 @@ __all__ = [
     "von_mises",
     "with_surfaces",
 ]
+
+
+# Of a tangential row of B: what the digits of a normal leave of one that is held.
+_NO_WAY = 1e-6
 
 
 @dataclass(frozen=True)
@@ -298,6 +302,9 @@ class Model:
             num_threads=num_threads,
             gaps=self.moving,
             on_forecast=on_forecast,
+            held=None
+            if self.inclined is None
+            else HeldNodes(self.inclined, self.fixed, self.nodes),
             bodies=dict(
                 zip((body.name for body in self.bodies), self.offset, strict=True)
             ),
@@ -547,11 +554,20 @@ def build(
     free = np.ones(n)
     free[fixed] = 0.0
     inclined, bare = _inclined(bodies, offset, mirrors, free == 0), None
+    moving = gaps_of_steps(found, dim)
     if inclined is not None:
+        if dim == 3:
+            # Friction by direction has tangents of its own.
+            plain = np.array([np.ndim(c.mu) == 0 for c in contacts], np.bool_)[group]
+            turned = inclined.tangents(frame, dofs[:, 0], plain)
+            B, moving = _in_frames(turned, frame, B, moving)
+            frame = turned
         bare = B
         B, K = inclined.relative(B), inclined.stiffness(K)
-    mobile = (abs(B) @ free).reshape(-1, dim)
-    mu[~mobile[:, 1:].any(axis=1)] = 0.0
+    left = (abs(B) @ free).reshape(-1, dim)[:, 1:]
+    whole = abs(B if bare is None else bare).sum(axis=1).reshape(-1, dim)[:, 1:]
+    # Rounding of a normal is no way to slip.
+    mu[(left <= _NO_WAY * whole).all(axis=1)] = 0.0
 
     return Model(
         bodies=tuple(bodies),
@@ -570,13 +586,32 @@ def build(
         group=group.astype(np.int64),
         support_dofs=tuple(support_dofs),
         dim=dim,
-        moving=gaps_of_steps(found, dim),
+        moving=moving,
         nodes=np.concatenate([body.points for body in bodies]),
         symmetries=len(straight),
         springs=tuple(springs),
         inclined=inclined,
         _bare=bare,
     )
+
+
+def _in_frames(
+    turned: Floats, frame: Floats, B: Any, moving: Floats | None
+) -> tuple[Any, Floats | None]:
+    """B and the gaps of steps by the components of other frames."""
+    rotation = np.einsum("cki,cli->ckl", turned, frame)
+    same = (turned == frame).all(axis=(1, 2))
+    if same.all():
+        return B, moving
+    rotation[same] = np.eye(turned.shape[1])
+    blocks = sparse.bsr_array(
+        (rotation, np.arange(len(frame)), np.arange(len(frame) + 1))
+    )
+    if moving is not None:
+        moving = np.where(
+            same[:, None], moving, np.einsum("ckl,scl->sck", rotation, moving)
+        )
+    return sparse.csr_array(blocks.tocsr() @ B), moving
 
 
 def _inclined(

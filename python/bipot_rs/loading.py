@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,19 @@ Loads = tuple[Array, Array]
 Totals = tuple[Array, Array, Array | None]
 
 
+class Held(Protocol):
+    """What K and B cannot say of nodes that are held across the axes."""
+
+    def stiffness(self, K: Any) -> Any:
+        """K of which they are held."""
+
+    def load(self, force: Array) -> Array:
+        """Forces without what holds them."""
+
+    def prescribed(self, values: Array) -> None:
+        """Refuse displacements that they cannot have."""
+
+
 @dataclass(frozen=True)
 class Loading:
     """Sizes of the totals of a step, and what a problem has of its own for each step.
@@ -36,6 +49,8 @@ class Loading:
         Loads and prescribed displacements of each step; ``None`` without own ones.
     gaps : (steps, n_c, d) or None
         Gaps of each step; ``None`` where they do not change.
+    held
+        Of nodes that planes hold, which every load must know.
     """
 
     n: int
@@ -44,6 +59,7 @@ class Loading:
     d: int
     loads: list[Loads] | None = None
     gaps: Array | None = None
+    held: Held | None = None
 
     @classmethod
     def of(
@@ -54,6 +70,7 @@ class Loading:
         d: int,
         loads: Any,
         gaps: ArrayLike | None,
+        held: Held | None = None,
     ) -> Loading:
         """With loads and gaps as `ContactProblem` takes them, checked."""
         known = None
@@ -64,21 +81,28 @@ class Loading:
                     f"loads is a tuple of {len(given)}, expected an array or "
                     "(load, prescribed)"
                 )
-            known = steps_of(*given, n, fixed)
+            known = [_kept(held, one) for one in steps_of(*given, n, fixed)]
         moving = None if gaps is None else gaps_of_steps(gaps, contacts, d)
         if known is not None and moving is not None:
             # As many of the one as of the other, or one.
             together("gaps", list(moving), "loads", known, lambda *both: both)
-        return cls(n, fixed, contacts, d, known, moving)
+        return cls(n, fixed, contacts, d, known, moving, held)
 
     def one(self, load: ArrayLike | None, prescribed: ArrayLike | None) -> Loads:
         """Loads and prescribed displacements of one step."""
+        if self.loads is not None and load is None and prescribed is None:
+            if len(self.loads) == 1:
+                return self.loads[0]
+            raise ValueError(
+                f"load is missing: this problem has loads of {len(self.loads)} steps of its "
+                "own, and one is asked for"
+            )
         steps = steps_of(load, prescribed, self.n, self.fixed)
         if len(steps) != 1:
             raise ValueError(
                 f"load and prescribed have {counted(len(steps), 'step')}, expected one"
             )
-        return steps[0]
+        return _kept(self.held, steps[0])
 
     def gap(self, value: ArrayLike) -> Array:
         """Gaps of one step by component, ``(n_c, d)``."""
@@ -109,8 +133,9 @@ class Loading:
             first = _done(start, count, given)
             _same_path(start, first, loads, gaps)
         forces = steps_of(load, prescribed, self.n, self.fixed)
-        if loads is not None:
-            forces = loads
+        forces = (
+            loads if loads is not None else [_kept(self.held, one) for one in forces]
+        )
         offsets: list[Array] | None = None
         if gap is not None:
             offsets = list(gaps_of_steps(gap, self.contacts, self.d))
@@ -135,6 +160,12 @@ class Loading:
         end: float,
     ) -> Callable[[float], Totals]:
         """Totals at ``s``, of functions or of arrays that grow in proportion to it."""
+        if self.loads is not None and load is None and prescribed is None:
+            raise ValueError(
+                "load is missing: this problem has loads of "
+                f"{counted(len(self.loads), 'load step')} of its own, and steps in between "
+                "need them as a function of s"
+            )
         force = _proportional("load", load, self.n, end)
         moved = _proportional("prescribed", prescribed, self.fixed, end)
         if gap is None and self.gaps is not None:
@@ -144,7 +175,16 @@ class Loading:
                 "as a function of s"
             )
         at = _gaps_at(gap, self.contacts, self.d)
-        return lambda s: (force(s), moved(s), at(s))
+        return lambda s: (*_kept(self.held, (force(s), moved(s))), at(s))
+
+
+def _kept(held: Held | None, loads: Loads) -> Loads:
+    """Loads of a step, of nodes that planes hold without what the planes carry."""
+    if held is None:
+        return loads
+    force, moved = loads
+    held.prescribed(moved)
+    return held.load(force), moved
 
 
 def check_case(k: int, case: Any) -> None:
@@ -220,8 +260,8 @@ def _same_path(
             other = "load"
     if other is not None:
         raise ValueError(
-            f"start ends with another {other} than step {behind} of the path that this "
-            f"problem has of its own: give {other}, of the steps to come"
+            f"start ends with another {other} than load step {behind + 1} of the path that "
+            f"this problem has of its own: give {other}, of the steps to come"
         )
 
 

@@ -35,7 +35,7 @@ from bipot_rs.check import (
 from bipot_rs.errors import FloatingBodyError, NoEquilibriumError
 from bipot_rs.existence import Existence
 from bipot_rs.following import Following, Settings, state
-from bipot_rs.loading import Loading, Totals, check_case
+from bipot_rs.loading import Held, Loading, Totals, check_case
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.words import body_of, counted
@@ -105,6 +105,9 @@ class ContactProblem:
     bodies
         Names of the bodies, each with its first degree of freedom, by which messages
         then call them: ``{"upper": 0, "lower": 240}``.
+    held
+        What every load must know of nodes that planes across the axes hold; `fem.Model`
+        gives it.
 
     Raises
     ------
@@ -161,6 +164,7 @@ class ContactProblem:
         gaps: ArrayLike | None = None,
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
         bodies: Mapping[str, int] | None = None,
+        held: Held | None = None,
     ) -> None:
         stiffness, contact = matrices(K, B)
         n = stiffness.shape[0]
@@ -187,7 +191,9 @@ class ContactProblem:
         self._mu = coefficients
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
-        self._loading = Loading.of(n, len(self._fixed), contacts, d, loads, gaps)
+        self._loading = Loading.of(
+            *(n, len(self._fixed), contacts, d, loads, gaps), held=held
+        )
         self._bodies = _named(bodies, n)
         limit = memory_limit
         if limit is not None:
@@ -666,6 +672,10 @@ class ContactProblem:
         n = self._shape[0]
         if stiffness.shape != (n, n):
             raise ValueError(f"K has shape {stiffness.shape}, expected ({n}, {n})")
+        if self._loading.held is not None:
+            from scipy.sparse import csr_array
+
+            stiffness = csr("K", self._loading.held.stiffness(csr_array(K)))
         self._condense(stiffness.parts, self._core)
 
     def _condense(

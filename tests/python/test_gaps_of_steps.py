@@ -273,7 +273,9 @@ def test_a_start_that_does_not_tell_what_is_next() -> None:
     again = problem.solve(gap=gaps[2:], start=whole[1])
     assert np.array_equal(again.reaction, whole.reaction[2:])
     other = make(2).solve(gap=gaps[[1, 0]])
-    with pytest.raises(ValueError, match="start ends with another gap than step 1"):
+    with pytest.raises(
+        ValueError, match="start ends with another gap than load step 2"
+    ):
         problem.solve(start=other)
     with pytest.raises(ValueError, match=r"4 steps, and this problem .* for 4: give"):
         problem.solve(prescribed=prescribed, start=whole)
@@ -282,7 +284,9 @@ def test_a_start_that_does_not_tell_what_is_next() -> None:
     loads = make(2, loads=(None, prescribed))
     with pytest.raises(ValueError, match="gaps has 4 steps but loads has 3"):
         make(2, gaps=gaps, loads=(None, prescribed[:3]))
-    with pytest.raises(ValueError, match="start ends with another load than step 0"):
+    with pytest.raises(
+        ValueError, match="start ends with another load than load step 1"
+    ):
         loads.solve(start=make(2).solve(prescribed=2 * prescribed[0]))
 
 
@@ -378,3 +382,21 @@ def test_gaps_that_follow_does_not_take() -> None:
     # Obstacles that would stand still, unsaid.
     with pytest.raises(ValueError, match="gap is missing: this problem has gaps of 4"):
         make(2, gaps=gaps).follow()
+
+
+def test_loads_of_its_own_are_not_forgotten() -> None:
+    """Who asks for one step or for steps in between is told that none was named."""
+    K = 1e3 * np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2))
+    given = {"gap": [0.0], "mu": 0.3}
+    load = np.array([10.0, 1.0, 0.0, 0.0])
+    one = bp.ContactProblem(K, np.eye(2, 4), loads=load[None], **given)
+    assert one.existence().verdict == "none"
+    plain = bp.ContactProblem(K, np.eye(2, 4), **given)
+    np.testing.assert_array_equal(one.reduced().q, plain.reduced(load).q)
+    several = bp.ContactProblem(K, np.eye(2, 4), loads=[0 * load, load], **given)
+    for ask in (several.existence, several.reduced):
+        with pytest.raises(ValueError, match=r"load is missing: .* loads of 2 steps"):
+            ask()
+    for problem in (one, several):
+        with pytest.raises(ValueError, match=r"load is missing: .* as a function of s"):
+            problem.follow()

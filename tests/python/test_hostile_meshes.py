@@ -3,6 +3,7 @@
 A wrong answer that is called converged is what is looked for.
 """
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,8 @@ SIDES: dict[str, tuple[int, float]] = {
     "left": (0, 0.0),
     "front": (1, 0.0),
 }
+
+STEEL = fem.Material(210e9, 0.3)
 
 
 def shuffled(mesh: Any, seed: int) -> Any:
@@ -196,3 +199,40 @@ def test_a_floor_of_triangles_is_a_plane(kind: str, n: int, pairing: str) -> Non
             atol=1e-10 * abs(other.displacement).max(),
         )
         np.testing.assert_array_equal(one.status, other.status)
+
+
+@pytest.mark.parametrize("width", [1 / 3, 0.7])
+@pytest.mark.parametrize("angle", [0.0, 30.0])
+def test_a_punch_of_seven_digits_presses_straight_at_its_rim(
+    width: float, angle: float, tmp_path: Path
+) -> None:
+    """A block on a cube of a file: what its digits leave aside is not a direction."""
+    turn = Rotation.from_euler("z", angle, degrees=True).as_matrix()
+    box = fem.box([np.linspace(0, width, 4)] * 3, "hexahedron")
+    outside = fem.box([np.linspace(0, width, 4)] * 3, "tetrahedron")
+    faces = outside.p[:, outside.facets[:, outside.boundary_facets()]].T
+    faces = faces.transpose(1, 0, 2) if faces.shape[1] != 3 else faces
+    middle = np.full(3, width / 2)
+    normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    inward = np.einsum("kd,kd->k", normal, faces[:, 0] - middle) < 0
+    faces[inward] = faces[inward, ::-1]
+    faces = (faces - [0, 0, width]) @ turn.T
+    lines = ["solid cube"]
+    for face in faces:
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += ["vertex " + " ".join(f"{x:.6e}" for x in corner) for corner in face]
+        lines += ["endloop", "endfacet"]
+    file = tmp_path / "cube.stl"
+    file.write_text("\n".join([*lines, "endsolid cube", ""]))
+    block = fem.Body("block", type(box)(turn @ box.p, box.t, box.boundaries), STEEL)
+    forces = []
+    for obstacle in (ob.Surface.from_file(file), ob.Plane((0, 0, 0), (0, 0, 1))):
+        contact = fem.Contact("block", "bottom", 0.3, obstacle=obstacle)
+        top = fem.Support("block", "top", (0, 1, 2))
+        model = fem.build([block], [contact], [top])
+        result = model.problem().solve(None, model.prescribed([[0, 0, -0.01 * width]]))
+        forces.append(np.einsum("cij,ci->j", model.frame, result.reaction[0]))
+    # Seven digits of the places beside a hundredth pressed in.
+    np.testing.assert_allclose(
+        forces[0], forces[1], rtol=0, atol=1e-4 * abs(forces[1]).max()
+    )

@@ -390,6 +390,13 @@ def test_what_was_reached_has_names_and_goes_on(tmp_path: Path) -> None:
         m.solve(start=whole[0])
 
 
+def test_a_start_from_another_path_is_refused() -> None:
+    one, other = blocks(), blocks(shear=[0.0, 0.5])
+    whole = other.solve()
+    with pytest.raises(ValueError, match=r"another (load|prescribed) than load step 2"):
+        one.solve(start=whole)
+
+
 def test_the_schema_of_the_scene_is_json() -> None:
     told = Scene.model_json_schema(by_alias=True)
     assert {"body", "contact", "path"} <= told["properties"].keys()

@@ -176,8 +176,11 @@ def test_supports_and_symmetries_that_disagree() -> None:
         model.prescribed([[0.0], [0.0]])
 
 
-def turned(mesh: Any, turn: np.ndarray) -> Any:
-    return type(mesh)(turn @ mesh.p, mesh.t, mesh.boundaries, mesh.subdomains)
+def turned(
+    mesh: Any, turn: np.ndarray, off: float | NDArray[Any] = 0.0, digits: int = 17
+) -> Any:
+    p = (turn @ mesh.p + np.reshape(off, (-1, 1))).round(digits)
+    return type(mesh)(p, mesh.t, mesh.boundaries, mesh.subdomains)
 
 
 # A turn of the plane, of space about no axis, and of space about an upright one.
@@ -188,22 +191,34 @@ TURNS = {
 }
 
 
+# Off the origin, decimals of the places, and how far the answer may then be from that of
+# the straight body: η of 1e-13 and a condition of about 1e3; 1e-7 of places beside
+# displacements of 1e-3.
+PLACES = {"": (0.0, 17, 1e-9), "far": (100.0, 17, 1e-9), "seven": (0.0, 7, 1e-4)}
+
+
 @pytest.mark.parametrize("pairing", ["match", "mortar"])
+@pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("name", TURNS)
-def test_planes_of_symmetry_turn_with_the_body(name: str, pairing: str) -> None:
+def test_planes_of_symmetry_turn_with_the_body(
+    name: str, place: str, pairing: str
+) -> None:
     """Two planes that meet in an edge, friction below, heat, and all of it turned.
 
     A second body lies under the first where its meshes need not match.
     """
     turn = TURNS[name]
+    far, digits, close = PLACES[place]
     d = len(turn)
+    off = far * np.array([1.0, -0.3, 0.2])[:d]
     cell = "hexahedron" if d == 3 else "quadrilateral"
     models, results = [], []
     for R in (np.eye(d), turn):
+        at = (off, digits) if R is turn else (0 * off,)
         axes = [np.linspace(0, 1, 4)] * d
-        upper = turned(fem.box(axes, cell), R)
+        upper = turned(fem.box(axes, cell), R, *at)
         wide = [np.linspace(0, 1, 3)] * (d - 1)
-        lower = turned(fem.box([*wide, np.linspace(-0.5, 0, 2)], cell), R)
+        lower = turned(fem.box([*wide, np.linspace(-0.5, 0, 2)], cell), R, *at)
         bodies = [fem.Body("upper", upper, STEEL), fem.Body("lower", lower, STEEL)]
         up = R[:, -1]
         if pairing == "mortar":
@@ -213,7 +228,7 @@ def test_planes_of_symmetry_turn_with_the_body(name: str, pairing: str) -> None:
             sides = [(b, s) for b in ("upper", "lower") for s in ("left", "front")]
         else:
             bodies = bodies[:1]
-            contact = fem.Contact("upper", "bottom", 0.3, plane=(0 * up, up))
+            contact = fem.Contact("upper", "bottom", 0.3, plane=(at[0], up))
             sides = [("upper", "left"), ("upper", "front")]
         sides = [(b, s) for b, s in sides if s in upper.boundaries]
         planes = [fem.Symmetry(*side) for side in sides]
@@ -224,8 +239,8 @@ def test_planes_of_symmetry_turn_with_the_body(name: str, pairing: str) -> None:
         load = model.traction(
             "upper",
             "top",
-            lambda x, up=up, out=out: (
-                np.multiply.outer(-up, 1 + np.tensordot(out, x, 1) ** 2)
+            lambda x, up=up, out=out, begin=out @ at[0]: (
+                np.multiply.outer(-up, 1 + (np.tensordot(out, x, 1) - begin) ** 2)
                 + 0.1 * np.multiply.outer(out, 1 + 0 * x[0])
             ),
         )
@@ -239,15 +254,16 @@ def test_planes_of_symmetry_turn_with_the_body(name: str, pairing: str) -> None:
     assert abs(inclined.K - inclined.K.T).max() == 0
     u, v = (r.displacement[0].reshape(-1, d) for r in results)
     scale = abs(u).max()
-    # η of 1e-13 and a condition of about 1e3.
-    np.testing.assert_allclose(v, u @ turn.T, rtol=0, atol=1e-9 * scale)
+    np.testing.assert_allclose(v, u @ turn.T, rtol=0, atol=close * scale)
     assert abs(inclined.inclined.normals.T @ v.ravel()).max() <= 1e-13 * scale
     force = [
         np.einsum("cij,ci->cj", m.frame, r.reaction[0])
         for m, r in zip(models, results, strict=True)
     ]
     largest = abs(force[0]).max()
-    np.testing.assert_allclose(force[1], force[0] @ turn.T, rtol=0, atol=1e-8 * largest)
+    np.testing.assert_allclose(
+        force[1], force[0] @ turn.T, rtol=0, atol=10 * close * largest
+    )
     np.testing.assert_array_equal(one.status, other.status)
     assert {1, 2} <= set(one.status.ravel().tolist())
     fields = [
@@ -256,7 +272,7 @@ def test_planes_of_symmetry_turn_with_the_body(name: str, pairing: str) -> None:
     ]
     pressure = [f["contact_pressure"] for f in fields]
     np.testing.assert_allclose(
-        pressure[1], pressure[0], rtol=0, atol=1e-8 * abs(pressure[0]).max()
+        pressure[1], pressure[0], rtol=0, atol=10 * close * abs(pressure[0]).max()
     )
     stress = [
         fem.stress(m.bodies[0], m.displacement_of("upper", r.displacement[0]))
@@ -266,10 +282,34 @@ def test_planes_of_symmetry_turn_with_the_body(name: str, pairing: str) -> None:
         stress[1],
         np.einsum("ia,cab,jb->cij", turn, stress[0], turn),
         rtol=0,
-        atol=1e-8 * abs(stress[0]).max(),
+        atol=10 * close * abs(stress[0]).max(),
     )
-    for model in models:
+    for model in models if digits > 7 else ():
         assert not inspect(model, prescribed=model.prescribed([]))
+
+
+def test_loads_of_ones_own_know_an_inclined_plane() -> None:
+    """Nodal forces across the plane are carried by it, whoever made them."""
+    turn = TURNS["plane"]
+    mesh = fem.box([np.linspace(0, 1, 4)] * 2, "quadrilateral")
+    answers = []
+    for R in (np.eye(2), turn):
+        body = fem.Body("it", turned(mesh, R), STEEL)
+        planes = [fem.Symmetry("it", "left"), fem.Symmetry("it", "bottom")]
+        model = fem.build([body], [], symmetries=planes)
+        force = np.zeros((len(body.points), 2))
+        force[body.nodes("top")] = R @ [0.3, -1.0]
+        force[body.nodes("left")] += R @ [0.5, 0.0]
+        problem = model.problem()
+        u = problem.solve(force.ravel()).displacement[0].reshape(-1, 2) @ R
+        answers.append(u)
+        if model.inclined is not None:
+            # K without the planes is that of the same bodies.
+            problem.update(fem.build([body], []).K)
+            again = problem.solve(force.ravel()).displacement[0].reshape(-1, 2) @ R
+            np.testing.assert_allclose(again, u, rtol=0, atol=1e-10 * abs(u).max())
+    scale = abs(answers[0]).max()
+    np.testing.assert_allclose(answers[1], answers[0], rtol=0, atol=1e-10 * scale)
 
 
 def test_places_of_seven_digits_on_an_inclined_plane() -> None:
@@ -372,7 +412,7 @@ def test_symmetries_that_cannot_be() -> None:
     )
     assert not held.prescribed([[0.0]]).any()
     with pytest.raises(
-        ValueError, match=r"supports move the node at .* by 0\.08 out of its plane"
+        ValueError, match=r"prescribe at \(0, 0\) has a part of 0\.08 across the plane"
     ):
         held.prescribed([[0.1]])
     p = mesh.p.copy()

@@ -25,7 +25,7 @@ from bipot_rs.bodies.elements import Floats, Ints
 # Of unit normals, which files know to seven digits: what is left of one beside others of
 # the same plane, or beside what supports prescribe, is rounding.
 _SAME = 1e-5
-# Of a row of B: what rounding leaves of a direction that the planes take away.
+# Of a row of B: what rounding leaves of an entry that the planes take away.
 _GONE = 1e-14
 
 
@@ -59,14 +59,53 @@ class Planes:
         return found
 
     def relative(self, B: Any) -> Any:
-        """``B P``, of which nothing is left where it is rounding beside a row of B."""
+        """``B P``, of which nothing is left where it is rounding beside a row of B.
+
+        A direction that the planes take away altogether is gone, not small: W would
+        call what the digits of their normals leave of it a compliance.
+        """
         found = sparse.csr_array(B @ self.within)
         rows = np.repeat(np.arange(found.shape[0]), np.diff(found.indptr))
         largest = abs(B).max(axis=1).toarray().ravel()
         found.data[np.abs(found.data) <= _GONE * largest[rows]] = 0.0
+        left = abs(found).max(axis=1).toarray().ravel()
+        found.data[(left <= _SAME * largest)[rows]] = 0.0
         found.eliminate_zeros()
         found.sort_indices()
         return found
+
+    def tangents(self, frame: Floats, first: Ints, within: NDArray[np.bool_]) -> Floats:
+        """Frames ``(n_c, 3, 3)`` whose last tangent is normal to the one plane of a node.
+
+        Parameters
+        ----------
+        frame
+            As they are; others than those asked for stay, to the bit.
+        first
+            First degree of freedom of the node of each contact.
+        within
+            Of which contacts the tangents may be turned.
+        """
+        turned = frame.copy()
+        normals = sparse.csr_array(self.normals)
+        for i in np.flatnonzero(within):
+            Q = normals[first[i] : first[i] + 3].toarray()
+            Q = Q[:, np.abs(Q).any(axis=0)]
+            n = frame[i, 0]
+            if Q.shape[1] != 1 or abs(n @ Q[:, 0]) > _SAME:
+                # Two planes leave no tangent, and across a plane nothing slips.
+                continue
+            across = Q[:, 0] - (n @ Q[:, 0]) * n
+            across /= np.linalg.norm(across)
+            turned[i, 1:] = np.cross(across, n), across
+        return turned
+
+    def load(self, force: Floats) -> Floats:
+        """Forces ``(n,)`` without what the planes carry; those of a model as they are."""
+        off = np.abs(self.normals.T @ force).max(initial=0.0)
+        if off <= _GONE * np.abs(force).max(initial=0.0):
+            return force
+        return np.asarray(self.within @ force, np.float64)
 
     def refuse(self, prescribed: Floats, nodes: Floats) -> None:
         """Refuse prescribed displacements ``(n,)`` that would leave the planes."""
@@ -78,9 +117,33 @@ class Planes:
             dof = int(self.given.indices[self.given.indptr[row]])
             place = ", ".join(f"{x:g}" for x in nodes[dof // nodes.shape[1]])
             raise ValueError(
-                f"supports move the node at ({place}) by {off[row]:g} out of its plane of "
-                "symmetry, expected displacements within that plane"
+                f"what supports prescribe at ({place}) has a part of {off[row]:g} across the "
+                "plane of symmetry of that node, expected prescribed components that lie "
+                "in it by themselves"
             )
+
+
+@dataclass(frozen=True)
+class HeldNodes:
+    """`Planes` as a contact problem asks for them (`loading.Held`)."""
+
+    planes: Planes
+    fixed: Ints
+    nodes: Floats = field(repr=False)
+
+    def stiffness(self, K: Any) -> Any:
+        """`Planes.stiffness`."""
+        return self.planes.stiffness(K)
+
+    def load(self, force: Floats) -> Floats:
+        """`Planes.load`."""
+        return self.planes.load(force)
+
+    def prescribed(self, values: Floats) -> None:
+        """`Planes.refuse`, of the values at ``fixed``."""
+        at = np.zeros(self.nodes.size)
+        at[self.fixed] = values
+        self.planes.refuse(at, self.nodes)
 
 
 def planes(

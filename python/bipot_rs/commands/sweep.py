@@ -323,7 +323,10 @@ def run(
     left = [k for k in range(len(asked)) if k not in done]
     if path.exists() and path.read_bytes().count(b"\n") > len(done) + 1:
         # Rows that are not asked for now, of this sweep or another, are worth keeping.
-        path.replace(path.with_name(f"{path.stem}-before{path.suffix}"))
+        before = path.with_name(f"{path.stem}-before{path.suffix}")
+        path.replace(before)
+        if not as_json:
+            complain(f"rows that are not asked for now are kept in {before}")
     write(path, keys, done)
     if done and not as_json:
         complain(f"{counted(len(done), 'row')} of {len(asked)} are done already")

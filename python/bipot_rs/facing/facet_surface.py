@@ -26,6 +26,9 @@ _THIN = 1e-12
 # Nearer to an edge or a corner than this share of the surface's size, the way to it is
 # rounding, and the normal is the one of the edge.
 _ON = 1e-10
+# A node of a body is at an edge of what it is pressed on where files, which know places to
+# seven digits, do not tell the two apart.
+_RIM = 1e-6
 # Of the sizes of vectors that are added: opposite ones, but for rounding.
 _CANCELS = 1e-9
 # Pairs of points and facets that are compared at once: some hundred megabytes.
@@ -174,14 +177,14 @@ class Surface:
         x = taken(points, self.dim)
         foot, facet, part = self._located(x)
         found = self._signed(x, foot, facet, part)
-        on = np.flatnonzero(np.abs(found.distance) <= _ON * self._size)
+        on = np.flatnonzero(np.abs(found.distance) <= _RIM * self._size)
         corners = self._x[self._corners[facet[on]]]
         beside = [
             length(foot[on] - _on_segment(foot[on], a, b)[0])
             for a, b in self._edges_of(corners)
         ]
         # Rounding tells which of the facets at an edge is found, and as what part of it.
-        rim = np.min(beside, axis=0, initial=np.inf) <= _ON * self._size
+        rim = np.min(beside, axis=0, initial=np.inf) <= _RIM * self._size
         on = on[rim | self._sheet[facet[on], part[on]]]
         normal = found.normal.copy()
         for at in self._portions(on):
@@ -202,7 +205,7 @@ class Surface:
 
     def _touching(self, places: Array) -> tuple[Ints, Ints]:
         """Places and facets that they are on, in pairs, ascending by place."""
-        slack = _ON * self._size
+        slack = _RIM * self._size
         point, facet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
         for members, tree, reach in self._levels if len(places) else []:
             found = tree.query_ball_point(places, reach + slack)

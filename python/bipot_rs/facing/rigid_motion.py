@@ -121,7 +121,7 @@ class Motion:
         if turns.max(initial=0.0) > _MOST_TURNS:
             at = int(np.argmax(turns))
             raise ValueError(
-                f"rotation at the end of step {at} is {rotation[at]:g}, {turns[at]:.0f} "
+                f"rotation at the end of load step {at + 1} is {rotation[at]:g}, {turns[at]:.0f} "
                 f"turns: expected radians, {_MOST_TURNS} turns at the most; degrees=True "
                 "takes degrees, and any number of turns"
             )
