@@ -94,7 +94,7 @@ def test_only_cells_equal_to_the_bit_share_a_matrix() -> None:
     nearly[2, 0] = np.nextafter(1.0, 2.0)
     negative = square * [[1, 1], [1, -0.0], [1, 1], [-0.0, 1]]
     corners = np.stack([square, nearly, square + 4, nearly, square, negative])
-    shapes, which = elasticity._shapes(corners)
+    shapes, which = elasticity.distinct_cells(corners)
     assert len(shapes) == 2
     np.testing.assert_array_equal(which[[0, 2, 4, 5]], which[0])
     np.testing.assert_array_equal(which[[1, 3]], which[1])
@@ -124,7 +124,7 @@ def test_equal_hashes_of_different_cells_are_seen_through() -> None:
     corners = np.zeros((6, 3, 2))
     corners[::2, 1:] = np.reshape(first, (2, 2))
     corners[1::2, 1:] = np.reshape(second, (2, 2))
-    shapes, which = elasticity._shapes(corners)
+    shapes, which = elasticity.distinct_cells(corners)
     np.testing.assert_array_equal(shapes[which], corners)
 
 

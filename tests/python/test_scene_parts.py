@@ -108,7 +108,8 @@ def test_three_ways_to_the_same_bits(made: Any, tmp_path: Path) -> None:
     by_arrays = datasets(tmp_path / "arrays.h5")
     for name, content_of in by_toml.items():
         assert by_python[name] == content_of, name
-        if not name.endswith("/load"):  # arrays know no parameter of the path
+        # Arrays know no parameter of the path, and no names of surfaces.
+        if not name.endswith("/load") and not name.startswith("contacts/surface"):
             assert by_arrays[name] == content_of, name
 
 
