@@ -355,6 +355,21 @@ def test_degrees_of_freedom_without_nodes(tmp_path: Path) -> None:
     assert "names nodes, which --nodes must list" in run.stderr
 
 
+def test_normals_that_point_the_wrong_way_are_remarked(tmp_path: Path) -> None:
+    """Nothing closes then, which is an answer, and hardly ever the one that is meant."""
+    mmwrite(tmp_path / "K.mtx", sparse.identity(2, format="coo"), symmetry="symmetric")
+    (tmp_path / "load.csv").write_text("dof,force\n1,-1\n")
+    command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
+    for normal, remarked in ((1, False), (-1, True)):
+        (tmp_path / "contacts.csv").write_text(
+            f"dof_x,dof_y,nx,ny,mu,gap\n0,1,0,{normal},0.3,0\n"
+        )
+        run = bipot(*command, "--load", "load.csv", cwd=tmp_path)
+        assert run.returncode == 0, run.stderr
+        assert ("no contact closes in any load step" in run.stdout) is remarked
+        assert ("do the normals point from the obstacle" in run.stdout) is remarked
+
+
 def test_no_answer_and_what_holds_nothing(tmp_path: Path) -> None:
     """Towed harder than friction holds; and bodies that contact cannot hold."""
     K = sparse.coo_matrix(np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2)))

@@ -37,6 +37,10 @@ _FORMS = {
 _LEAST = ("seconds", "iterations", "load")
 # What sums of forces that balance leave of zero, relative to those summed.
 _ROUNDING = 1e-13
+NEVER_CLOSED = (
+    "remark: no contact closes in any load step. Does the load press the bodies together, "
+    "and do the normals point from the obstacle to the body?"
+)
 # Rows of a table that is still read as a whole; of longer ones both ends are shown.
 _MOST_ROWS = 60
 
@@ -198,10 +202,7 @@ def closing(
         + _state(last, contacts)
     ]
     if all(row["open"] == contacts for row in rows):
-        said.append(
-            "remark: no contact closes in any load step. Does the load press the bodies "
-            "together, and does the normal of the plane point to the body?"
-        )
+        said.append(NEVER_CLOSED)
     else:
         held = any(key.startswith("friction_used") and last[key] for key in last)
         slipping = [row["step"] + 1 for row in rows if row["slip"] and not row["stick"]]

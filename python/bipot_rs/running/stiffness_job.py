@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
 from bipot_rs.running.folder import RESULT, make
 from bipot_rs.running.interrupts import Interrupts
+from bipot_rs.running.report import NEVER_CLOSED
 from bipot_rs.running.telling import complain
 from bipot_rs.words import counted
 
@@ -107,6 +108,8 @@ def run(
     elif given is not None:
         size = f"{given.K.shape[0]} degrees of freedom, {counted(len(given.gap), 'contact')}"
         names = ", ".join(sorted(path.name for path in _ours(folder, given)))
+        if reached and not any(row["slip"] or row["stick"] for row in reached):
+            _print(NEVER_CLOSED)
         _print(f"{size}, {perf_counter() - began:.2f} s\n{folder}: {names}")
     return code
 
