@@ -140,7 +140,8 @@ class Model:
         Gaps of each load step by component, where obstacles move; `gaps` gives them.
     inclined : bipot_rs.bodies.inclined.Planes or None
         Planes of symmetry that no axis is normal to. K, B and all loads made here know
-        them; a load of other making f is to be ``inclined.within @ f``.
+        them, and so does `problem`; a `ContactProblem` made otherwise is to be given
+        ``inclined.within @ f`` of a load f.
     """
 
     bodies: tuple[Body, ...]

@@ -141,7 +141,8 @@ def across(points: Array, apart: Array) -> float:
     """How many nodes a zone of places ``(m, d)`` is across where it is narrowest.
 
     Its extent over the mean distance ``apart`` of nodes, in space along the narrower
-    principal axis of its surface; a heuristic where cells differ in size.
+    principal axis of its surface, and no more than the diameter of a disc of as many
+    nodes; a heuristic where cells differ in size.
     """
     d = points.shape[1]
     near = float(np.median(apart))
@@ -151,4 +152,5 @@ def across(points: Array, apart: Array) -> float:
     _, axes = np.linalg.eigh(arm.T @ arm)
     # Ascending: across the surface, then within it the narrow and the wide one.
     extents = np.ptp(arm @ axes[:, 1:], axis=0)
-    return min(float(extents.min() / near) + 1, float(len(points)))
+    disc = 2 * np.sqrt(len(points) / np.pi)
+    return float(min(extents.min() / near + 1, disc))

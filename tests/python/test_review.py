@@ -121,6 +121,10 @@ def test_across_takes_the_narrow_side() -> None:
         # Of rounding alone: all distances are one.
         assert across(strip, distances(strip)) == pytest.approx(3, rel=1e-12)
     assert across(flat[:, :2][:7], np.ones(7)) == 7
+    # Eleven nodes scattered over a disc, as an irregular mesh has them, are not four.
+    radius, angle = np.sqrt(np.arange(11) / 10), 2.4 * np.arange(11)
+    disc = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1)
+    assert across(disc, np.full(11, 0.5)) < 4
 
 
 def test_a_result_tells_how_far_contacts_slid() -> None:
