@@ -88,7 +88,9 @@ class Planes:
         """
         turned = frame.copy()
         normals = sparse.csr_array(self.normals)
-        for i in np.flatnonzero(within):
+        held = np.diff(normals.indptr) > 0
+        on = held[first[:, None] + np.arange(3)].any(axis=1)
+        for i in np.flatnonzero(within & on):
             Q = normals[first[i] : first[i] + 3].toarray()
             Q = Q[:, np.abs(Q).any(axis=0)]
             n = frame[i, 0]
