@@ -197,6 +197,17 @@ def test_problems_of_a_resumed_path(broken: Path) -> None:
     assert "without --resume" in again.stderr
 
 
+def test_who_begins_anew_is_told_what_there_is(broken: Path) -> None:
+    again = bipot(*SCENE, "--out", "here", cwd=broken.parent)
+    assert again.returncode == 0
+    assert "4 load steps of this very run, which was left off: --resume" in again.stderr
+    # Whole it is now; and of other settings nothing can be gone on with.
+    for more in ([], ["--tol", "1e-9"]):
+        quiet = bipot(*SCENE, *more, "--out", "here", cwd=broken.parent)
+        assert quiet.returncode == 0
+        assert "left off" not in quiet.stderr
+
+
 def test_complete_is_complete(whole: Path) -> None:
     before = (whole / "result.h5").read_bytes()
     run = bipot(*SCENE, "--out", "here", "--resume", cwd=whole.parent)

@@ -91,7 +91,7 @@ class Job:
         try:
             from bipot_rs.export import require
             from bipot_rs.running import forecast
-            from bipot_rs.running.resume import earlier, stamps
+            from bipot_rs.running.resume import earlier, left_off, stamps
             from bipot_rs.scene import read
 
             require()
@@ -108,6 +108,10 @@ class Job:
                 done = earlier(folder / RESULT, stamp, count)
                 if done.success:
                     return self._complete_already(folder, done, fclib=fclib)
+            elif not self.as_json and (folder / RESULT).exists():
+                remark = left_off(folder / RESULT, stamp, count)
+                if remark:
+                    complain(remark)
             with (
                 draft_in(folder) as draft,
                 Progress(len(PHASES) - 1, count, quiet=self.as_json) as self.progress,

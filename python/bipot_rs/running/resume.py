@@ -83,6 +83,20 @@ def earlier(path: Path, expected: Mapping[str, Any], count: int | None) -> Resul
     return found
 
 
+def left_off(path: Path, expected: Mapping[str, Any], count: int | None) -> str:
+    """What to say to one who begins anew what ``path`` holds a part of; or nothing."""
+    try:
+        found = earlier(path, expected, count)
+    except (OSError, ValueError):
+        return ""
+    if found.success or not len(found):
+        return ""
+    return (
+        f"{path} has {counted(len(found), 'load step')} of this very run, which was left "
+        "off: --resume goes on from there, this begins anew"
+    )
+
+
 def same_contacts(
     path: Path, found: Result, contacts: Mapping[str, NDArray[Any] | None]
 ) -> None:
