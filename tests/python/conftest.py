@@ -1,6 +1,7 @@
 """What every test shares: where the repository is, and reproducible examples."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,3 +18,22 @@ settings.load_profile("ci" if os.environ.get("CI") else "home")
 def repository() -> Path:
     """The root of the source tree."""
     return Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def bipot(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Callable[..., tuple[int, str, str]]:
+    """The command in this process, in an empty folder: status, output, errors."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        # Not at the top: most tests need no command.
+        from bipot_rs import cli
+
+        status = cli.app(list(arguments)) or 0
+        return status, *capsys.readouterr()
+
+    return run

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs import cli, fclib
+from bipot_rs import fclib
 from bipot_rs.commands import check as checking
 from bipot_rs.commands.new import templates
 from bipot_rs.commands.plot import kinds
@@ -22,22 +22,6 @@ from bipot_rs.scene import assemble, bodies, read
 from bipot_rs.shipped import shipped, text
 
 SMALL = ("--set", "mesh.n=4")
-
-
-@pytest.fixture
-def bipot(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> Callable[..., tuple[int, str, str]]:
-    """The command in this process, in an empty folder: status, output, errors."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        status = cli.app(list(arguments)) or 0
-        return status, *capsys.readouterr()
-
-    return run
 
 
 @pytest.mark.parametrize("name", templates())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs import cli, fem, plots
+from bipot_rs import fem, plots
 from bipot_rs.plots import canvas
 from bipot_rs.plots.source import look
 from layout import overlaps
@@ -310,21 +310,6 @@ def test_where_nothing_can_be_told_that_is_said() -> None:
         ax = plots.surface_map(result, quantity)
         assert [t.get_text() for t in ax.texts] == [said]
         assert not ax.child_axes
-
-
-@pytest.fixture
-def bipot(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> Callable[..., tuple[int, str, str]]:
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        status = cli.app(list(arguments)) or 0
-        return status, *capsys.readouterr()
-
-    return run
 
 
 def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
