@@ -206,8 +206,13 @@ def _stiffness(
     nodes: Name | None,
 ) -> tuple[Any, _Dofs]:
     with path.open("rb") as file:
-        start = file.read(len(_FIRST)).decode("latin-1")
-    if start != _FIRST:
+        start = file.read(1024)
+    if b"\0" in start:
+        raise ValueError(
+            f"{path} is no text, expected a Matrix Market file, as scipy.io.mmwrite makes "
+            "of any matrix, or lines of nodes and components"
+        )
+    if not start.startswith(_FIRST.encode()):
         return _of_nodes(path)
     K = _market(path)
     n = K.shape[0]

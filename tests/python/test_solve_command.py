@@ -330,6 +330,15 @@ def test_numbers_of_contacts(row: str, words: str, tmp_path: Path) -> None:
     assert f"contacts.csv line 3: {words}" in run.stderr
 
 
+def test_a_matrix_that_is_no_text(tmp_path: Path) -> None:
+    command, _ = written(tmp_path, "block", by_dof=True)
+    sparse.save_npz(tmp_path / "K.npz", sparse.identity(4, format="csr"))
+    command[command.index("--stiffness") + 1] = "K.npz"
+    run = bipot(*command, cwd=tmp_path)
+    assert run.returncode == 2
+    assert "K.npz is no text, expected a Matrix Market file, as scipy" in run.stderr
+
+
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     command, _ = written(tmp_path, "block")
     (tmp_path / "load.csv").unlink()
