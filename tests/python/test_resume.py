@@ -198,6 +198,8 @@ def test_problems_of_a_resumed_path(broken: Path) -> None:
 
 
 def test_who_begins_anew_is_told_what_there_is(broken: Path) -> None:
+    looked = bipot("info", "here", cwd=broken.parent)
+    assert "load step 4 of 4 reached: open" in looked.stdout
     again = bipot(*SCENE, "--out", "here", cwd=broken.parent)
     assert again.returncode == 0
     assert "4 load steps of this very run, which was left off: --resume" in again.stderr

@@ -140,13 +140,15 @@ def _result(path: Path) -> dict[str, Any]:
             row(k, float(steps[k].get("load", k)), step)
             for k, step in enumerate(result)
         ]
+        # How many there were to be, a run that was left off did not keep.
+        reached = "" if found["complete"] else " reached"
         ends = list(range(count))
         if count > _STEPS:
             ends[1 : 1 - _STEPS] = []
         for k in ends:
             one = told[k]
             lines.append(
-                f"  load step {k + 1} of {count}: open {one['open']}, slip "
+                f"  load step {k + 1} of {count}{reached}: open {one['open']}, slip "
                 f"{one['slip']}, stick {one['stick']}, normal force "
                 f"{result[k].reaction[:, 0].sum():.5g}"
             )
