@@ -347,7 +347,7 @@ def test_of_several_the_nearest() -> None:
         (lambda: ob.Motion([[0, 0]], about=[0, 0, 0]), "about .* has 3 components"),
         (
             lambda: ob.Motion(rotation=[0.0, -720.0]),
-            r"step 1 is -720, 115 turns: expected radians, .* degrees=True",
+            r"load step 2 is -720, 115 turns: expected radians, .* degrees=True",
         ),
         (lambda: ob.Plane([0, 0], [0, 1]).closest(np.eye(3)), r"expected \(n, 2\)"),
     ],
