@@ -10,29 +10,22 @@ pub(crate) fn zeros(len: usize) -> Vec<f64> {
     let values = vec![0.0; len];
     #[cfg(target_os = "linux")]
     if std::mem::size_of_val(values.as_slice()) >= LARGE {
-        let bytes = std::mem::size_of_val(values.as_slice());
-        // SAFETY: the range is that of the allocation.
-        unsafe { advise_large(values.as_ptr().cast_mut().cast(), bytes) };
+        let page = 1 << 21;
+        let begin = values.as_ptr().addr();
+        let inner = begin.next_multiple_of(page);
+        let end = begin + std::mem::size_of_val(values.as_slice());
+        let start = values.as_ptr().cast::<u8>().wrapping_add(inner - begin);
+        // SAFETY: the range lies inside the allocation, and the advice changes
+        // neither its contents nor who may use it. Refusal does no harm.
+        unsafe {
+            libc::madvise(
+                start.cast_mut().cast(),
+                (end - inner) / page * page,
+                libc::MADV_HUGEPAGE,
+            );
+        }
     }
     values
-}
-
-/// Asks for large pages where whole ones fit into a range; refusal does no harm.
-///
-/// # Safety
-/// The range must be this process's own. Neither its contents nor who may use them
-/// change.
-#[cfg(target_os = "linux")]
-unsafe fn advise_large(start: *mut u8, bytes: usize) {
-    let page = 1 << 21;
-    let (begin, end) = (start.addr(), start.addr() + bytes);
-    let inner = begin.next_multiple_of(page);
-    if inner + page <= end {
-        let length = (end - inner) / page * page;
-        let from = start.wrapping_add(inner - begin);
-        // SAFETY: inside the range, and advice only.
-        unsafe { libc::madvise(from.cast(), length, libc::MADV_HUGEPAGE) };
-    }
 }
 
 /// Frees a vector, and its pages at once: the allocator would keep those of
@@ -78,23 +71,13 @@ pub fn keep_heap() {
         const GROWTH: i32 = 1 << 24;
         /// Arrays above this are no part of the heap [bytes].
         const APART: i32 = 1 << 23;
-        /// What it grows by at once, in large pages where the system gives them.
-        const AHEAD: i32 = 1 << 26;
         // SAFETY: these set thresholds of the allocator, which it locks itself.
         unsafe {
             // One heap for all threads: what one has freed serves the others.
             libc::mallopt(libc::M_ARENA_MAX, 1);
             libc::mallopt(libc::M_MMAP_THRESHOLD, APART);
             libc::mallopt(libc::M_TRIM_THRESHOLD, 8 * GROWTH);
-            libc::mallopt(libc::M_TOP_PAD, AHEAD);
-            // More than can be left at the end of the heap, which grows for it.
-            let block = libc::malloc((APART / 2).cast_unsigned() as usize);
             libc::mallopt(libc::M_TOP_PAD, GROWTH);
-            if !block.is_null() {
-                let end = libc::sbrk(0);
-                advise_large(block.cast(), end.addr().saturating_sub(block.addr()));
-                libc::free(block);
-            }
         }
     }
 }
