@@ -199,7 +199,8 @@ def test_problems_of_a_resumed_path(broken: Path) -> None:
 
 def test_who_begins_anew_is_told_what_there_is(broken: Path) -> None:
     looked = bipot("info", "here", cwd=broken.parent)
-    assert "load step 4 of 4 reached: open" in looked.stdout
+    assert "4 load steps of 9, every residual" in looked.stdout
+    assert "load step 4 of 9: open" in looked.stdout
     again = bipot(*SCENE, "--out", "here", cwd=broken.parent)
     assert again.returncode == 0
     assert "4 load steps of this very run, which was left off: --resume" in again.stderr
@@ -208,6 +209,14 @@ def test_who_begins_anew_is_told_what_there_is(broken: Path) -> None:
         quiet = bipot(*SCENE, *more, "--out", "here", cwd=broken.parent)
         assert quiet.returncode == 0
         assert "left off" not in quiet.stderr
+
+
+def test_who_goes_on_is_told_behind_what(broken: Path) -> None:
+    run = bipot(*SCENE, "--out", "here", "--resume", cwd=broken.parent)
+    assert run.returncode == 0
+    assert "going on behind 4 load steps" in run.stderr
+    looked = bipot("info", "here", cwd=broken.parent)
+    assert "9 load steps, every residual" in looked.stdout
 
 
 def test_complete_is_complete(whole: Path) -> None:

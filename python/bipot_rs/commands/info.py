@@ -110,6 +110,8 @@ def _result(path: Path) -> dict[str, Any]:
         "contacts": contacts_n if count or x is not None else None,
         "dim": dim,
         "steps": count,
+        # Automatic steps are as many as it takes, and other files do not say.
+        "planned": int(attributes["planned"]) if "planned" in attributes else None,
     }
     whose = found["scene"] or "a problem given as arrays"
     by = f"method {found['method'] or '-'}, tol {found['tol'] or '-'}"
@@ -132,23 +134,25 @@ def _result(path: Path) -> dict[str, Any]:
         kept = result[0]._kept.get("u")
         found["displacements"] = None if kept is None else len(kept)
         moved = "no" if kept is None else len(kept)
+        whole = found["planned"] or count
+        missing = "" if count == whole else f" of {whole}"
         lines.append(
-            f"  steps     {counted(count, 'load step')}, every residual at most "
+            f"  steps     {counted(count, 'load step')}{missing}, every residual at most "
             f"{found['residual']:.1e}; {moved} displacements each"
         )
         told = [
             row(k, float(steps[k].get("load", k)), step)
             for k, step in enumerate(result)
         ]
-        # How many there were to be, a run that was left off did not keep.
-        reached = "" if found["complete"] else " reached"
+        known = found["complete"] or found["planned"] is not None
+        reached = "" if known else " reached"
         ends = list(range(count))
         if count > _STEPS:
             ends[1 : 1 - _STEPS] = []
         for k in ends:
             one = told[k]
             lines.append(
-                f"  load step {k + 1} of {count}{reached}: open {one['open']}, slip "
+                f"  load step {k + 1} of {whole}{reached}: open {one['open']}, slip "
                 f"{one['slip']}, stick {one['stick']}, normal force "
                 f"{result[k].reaction[:, 0].sum():.5g}"
             )

@@ -108,6 +108,9 @@ class Job:
                 done = earlier(folder / RESULT, stamp, count)
                 if done.success:
                     return self._complete_already(folder, done, fclib=fclib)
+                if not self.as_json:
+                    kept = counted(len(done), "load step")
+                    complain(f"{folder / RESULT}: going on behind {kept}")
             elif not self.as_json and (folder / RESULT).exists():
                 remark = left_off(folder / RESULT, stamp, count)
                 if remark:
@@ -317,9 +320,14 @@ class Job:
 
     def _of_all(self) -> str:
         """``of 5``, where it is known how many load steps there are."""
+        planned = self._planned()
+        return f" of {planned['planned']}" if planned else ""
+
+    def _planned(self) -> dict[str, int]:
+        """How many load steps there were to be, where it is known."""
         if self.scene is None or self.scene.path.increments:
-            return ""
-        return f" of {self.scene.path.count()}"
+            return {}
+        return {"planned": self.scene.path.count()}
 
     @contextmanager
     def _phase(self, name: str) -> Iterator[None]:
@@ -368,6 +376,7 @@ class Job:
                     "scene": self.name or "",
                     "message": message,
                     "settings": json.dumps(self.settings),
+                    **self._planned(),
                     **run_files.labels(self.scene),
                     **stamp,
                 },
