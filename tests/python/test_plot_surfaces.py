@@ -238,7 +238,7 @@ def test_bodies_come_from_whatever_has_them() -> None:
             ax = plots.deformed(given, result, step=step)
             from matplotlib.collections import PolyCollection
 
-            (cells,) = (c for c in ax.collections if type(c) is PolyCollection)
+            cells, *_ = (c for c in ax.collections if type(c) is PolyCollection)
             # The residual 1e-12 of the scene, condensed.
             np.testing.assert_allclose(cells.get_array(), stress, rtol=1e-9)
     loaded = plots.deformed(result)
@@ -258,8 +258,9 @@ def test_margins_are_as_wide_as_arrows(clamped: Any) -> None:
     ax = plots.deformed(clamped)
     (arrows,) = (it for it in ax.collections if isinstance(it, Quiver))
     tails = arrows.XY - np.stack([arrows.U, arrows.V], axis=1)
-    (cells,) = (c for c in ax.collections if type(c) is PolyCollection)
-    nodes = [clamped.case.model.nodes, *(p.vertices for p in cells.get_paths())]
+    parts = [c for c in ax.collections if type(c) is PolyCollection]
+    places = [path.vertices for part in parts for path in part.get_paths()]
+    nodes = [clamped.case.model.nodes, *places]
     drawn = np.concatenate([tails, *nodes])
     low, high = np.transpose([ax.get_xlim(), ax.get_ylim()])
     margin = 0.03 * np.ptp(drawn, axis=0).max()

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 import bipot_rs as bp
@@ -251,8 +252,6 @@ def test_zones_of_a_surface_are_those_of_the_nearest_node(cube: Any) -> None:
 def test_bodies_are_deformed(line: Any, near: float | None) -> None:
     model, result = line
     ax = plots.deformed(model, result, scale=3.0, near=near)
-    from matplotlib.collections import PolyCollection
-
     (cells,) = (c for c in ax.collections if type(c) is PolyCollection)
     u = result[-1].displacement
     places = model.nodes + 3.0 * u.reshape(-1, 2)
@@ -270,6 +269,48 @@ def test_bodies_are_deformed(line: Any, near: float | None) -> None:
         assert np.linalg.norm(tips - place, axis=1).min() == 0
     assert (arrows.V > 0).all()
     assert ax.get_aspect() == 1
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_rigid_obstacles_are_drawn_as_contacts_see_them(moves: bool) -> None:
+    m = bp.Model("A block pressed onto a cylinder")
+    m.material("soft", young=1.0, poisson=0.3)
+    m.body(
+        "block",
+        material="soft",
+        cell="quadrilateral",
+        x={"from": -1.0, "to": 1.0, "cells": 20},
+        y={"from": 0.0, "to": 0.5, "cells": 5},
+    )
+    way = {"move": {"x": m.times(0.3 if moves else 0.0, "way")}}
+    m.obstacle("roller", cylinder={"point": [-0.2, -4.0], "radius": 4.0}, **way)
+    m.support("block.top", x=0, y=-2e-2)
+    m.contact("block.bottom", against="roller", mu=0.3)
+    m.path(way=[0.0, 1.0])
+    result = m.solve()
+    model = result.case.model
+
+    def edge(step: int, scale: float) -> Any:
+        ax = plots.deformed(result, step=step, scale=scale)
+        _, band = (c for c in ax.collections if type(c) is PolyCollection)
+        (path,) = band.get_paths()
+        return path.vertices[: len(model.points)]
+
+    if not moves:
+        # Closest points of the nodes, which are numbered along the surface: of a circle.
+        at = edge(0, 1.0) - [-0.2, -4.0]
+        np.testing.assert_allclose(np.linalg.norm(at, axis=1), 4.0, rtol=1e-14)
+    for step, scale in ((0, 3.0), (1, 7.0)):
+        found = result[step]
+        nodes = model.contact_dofs[:, 0] // 2
+        drawn = model.nodes[nodes] + scale * found.displacement.reshape(-1, 2)[nodes]
+        apart = np.einsum("cd,cd->c", model.frame[:, 0], drawn - edge(step, scale))
+        # As far from the body as contacts are open, which roundings of places of size 4
+        # blur.
+        np.testing.assert_allclose(
+            apart, scale * found.relative_displacement[:, 0], atol=1e-14
+        )
+        assert (found.status > 0).any()
 
 
 def test_bodies_in_space_show_their_outside(cube: Any) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from bipot_rs.check import Array, floats, number
 from bipot_rs.plots import canvas
+from bipot_rs.plots.places import places as along
 from bipot_rs.plots.skin import corners_of, deformed_nodes, skin
 from bipot_rs.plots.source import (
     model_of,
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 _DEFORMED, _ARROW = 0.05, 0.12
 # More arrows than this would hide each other.
 _ARROWS = 25
+# Of the size of the bodies: how thick a rigid obstacle is drawn, and how much of what is
+# around the bodies it may claim. Enlarged gaps can be larger than the bodies.
+_THICK, _AROUND = 0.025, 0.15
 _FORCE = "#d55e00"
 
 
@@ -42,6 +46,9 @@ def deformed(
     at_rest: ArrayLike | None = None,
 ) -> Any:
     """Deformed bodies in the colours of the stress of von Mises, with contact forces.
+
+    In the plane rigid obstacles are grey bands, as far as contacts face them, at the gaps
+    of the step times ``scale``: where a band is touched, a contact is closed.
 
     Parameters
     ----------
@@ -110,7 +117,8 @@ def deformed(
     tails = places[:0]
     if forces:
         tails = _forces(model, places, np.asarray(found.reaction), near, ax)
-    _limits(model, places, tails, near, ax)
+    bands = _obstacles(model, found, scale, ax) if model.dim == 2 else places[:0]
+    _limits(model, places, tails, bands, near, ax)
     if own and model.dim == 2:
         canvas.fit(ax)
     canvas.colour_bar(image, ax, "von Mises stress", canvas.stress_unit(units))
@@ -258,8 +266,37 @@ def _forces(
     return np.asarray(at - arrows)
 
 
+def _obstacles(model: Model, found: Any, scale: float, ax: Any) -> Array:
+    """Draw the rigid obstacles as contacts see them; corners of the bands, ``(k, 2)``."""
+    from matplotlib.collections import PolyCollection
+
+    normal = model.frame[:, 0]
+    # Of this step: the obstacle may have moved.
+    gap = (
+        found.relative_displacement[:, 0] - (model.B @ found.displacement)[:: model.dim]
+    )
+    bands = []
+    for k, contact in enumerate(model.contacts):
+        mine = np.flatnonzero(model.group == k)
+        if contact.against is not None or len(mine) < 2:
+            continue
+        mine = mine[along(model.points[mine], "arc").order]
+        near = model.points[mine] - scale * gap[mine, None] * normal[mine]
+        thick = _THICK * np.ptp(model.nodes, axis=0).max()
+        bands.append(np.concatenate([near, (near - thick * normal[mine])[::-1]]))
+    if not bands:
+        return model.nodes[:0]
+    ax.add_collection(PolyCollection(bands, fc=canvas.QUIET, lw=0, zorder=0.5))
+    return np.concatenate(bands)
+
+
 def _limits(
-    model: Model, places: Array, tails: Array, near: float | None, ax: Any
+    model: Model,
+    places: Array,
+    tails: Array,
+    bands: Array,
+    near: float | None,
+    ax: Any,
 ) -> None:
     if near is not None:
         x = places[model.contact_dofs[:, 0] // model.dim]
@@ -274,6 +311,10 @@ def _limits(
         box_in_space(places, ax)
     else:
         every = np.concatenate([places, model.nodes, tails])
+        low, high = every.min(axis=0), every.max(axis=0)
+        room = _AROUND * (high - low).max()
+        shown = np.clip(bands, low - room, high + room)
+        every = np.concatenate([every, shown])
         low, high = every.min(axis=0), every.max(axis=0)
         margin = 0.03 * (high - low).max()
         ax.set_xlim(low[0] - margin, high[0] + margin)
