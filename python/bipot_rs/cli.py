@@ -368,7 +368,8 @@ def plot(
         typer.Option(
             help="Which picture: tractions, slip, status_map, resultants, status_shares, "
             "force_displacement, dissipation, deformed; of a plane surface in space also "
-            "pressure_map, shear_map, gap_map."
+            "pressure_map, shear_map, gap_map, of any pressure_3d, shear_3d, gap_3d, "
+            "slip_3d, status_3d."
         ),
     ] = "tractions",
     out: Annotated[
@@ -390,7 +391,8 @@ def plot(
     scene: Annotated[
         str | None,
         typer.Option(
-            help="Of deformed: the scene, where the result does not lead to it."
+            help="Of deformed and the pictures in 3d: the scene, where the result does "
+            "not lead to it."
         ),
     ] = None,
     settings: Annotated[

@@ -336,7 +336,10 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
         (("--contact", "pad.tob"), "there is no contact on 'pad.tob', expected one of"),
         (("--along", "w"), "--along is 'w', expected x, y, z or arc"),
         (("--kind", "resultants", "--along", "x"), "--along does not go with --kind"),
-        (("--kind", "slip", "--scene", "x.toml"), "go with --kind deformed alone"),
+        (
+            ("--kind", "slip", "--scene", "x.toml"),
+            "go with --kind deformed, pressure_3d",
+        ),
         (("--kind", "deformed", "--contact", "pad.top"), "--contact does not go with"),
         # By itself it knows what was set; with another scene that is to be told.
         (
@@ -393,3 +396,28 @@ def test_a_sweep_names_what_is_used_of_friction(
     heads = capsys.readouterr().out
     assert "Ft/(μFn)" in heads
     assert "Σ|rt|/(Σμrn)" in heads
+
+
+def test_surfaces_off_one_plane_are_drawn_in_space(bipot: Any) -> None:
+    """And what says so says it in the words of the command line."""
+    m = bp.Model("A block in a corner")
+    m.material("soft", young=1.0, poisson=0.3)
+    side = {"from": 0.0, "to": 1.0, "cells": 3}
+    m.body("block", material="soft", cell="hexahedron", x=side, y=side, z=side)
+    floor = {"point": [0, 0, 0], "normal": [0, 0, 1]}
+    wall = {"point": [0, 0, 0], "normal": [1, 0, 0]}
+    m.support("block.top", x=0, y=0, z=-1e-3)
+    m.contact("block.bottom", plane=floor, mu=0.3)
+    m.contact("block.left", plane=wall, mu=0.3)
+    m.to_toml("corner.toml")
+    assert bipot("run", "corner.toml", "--json")[0] == 0
+    status, _, err = bipot("plot", "out/corner", "--kind", "pressure_map")
+    assert status == 2
+    assert (
+        "choose those of one by --contact (there are block.bottom, block.left), or draw "
+        "them in space by --kind pressure_3d" in " ".join(err.split())
+    )
+    chosen = ("--kind", "pressure_map", "--contact", "block.bottom")
+    assert bipot("plot", "out/corner", *chosen)[0] == 0
+    assert bipot("plot", "out/corner", "--kind", "pressure_3d")[0] == 0
+    assert Path("out/corner/pressure_3d.png").stat().st_size > 10_000

@@ -12,8 +12,10 @@ from typing import Any
 from bipot_rs.running.folder import RESULT
 from bipot_rs.words import meant
 
-# The picture of the bodies, which needs their mesh.
-BODIES = "deformed"
+# Quantities that are drawn on the surfaces of bodies in space.
+_IN_SPACE = ("pressure", "shear", "gap", "slip", "status")
+# Pictures of the bodies, which need their mesh.
+BODIES = ("deformed", *(f"{quantity}_3d" for quantity in _IN_SPACE))
 
 
 @dataclass(frozen=True)
@@ -40,12 +42,11 @@ Picture = Callable[[Path, Any, str, Asked], None]
 
 
 def kinds() -> dict[str, Picture]:
-    """Pictures by name: what a run leaves, and those of `bipot_rs.plots` by their names."""
+    """Pictures by name: what a run leaves, and those of `bipot_rs.plots`."""
     from bipot_rs import plots
 
-    def one(function: Callable[..., Any], *names: str) -> Picture:
+    def one(kind: str, function: Callable[..., Any], *names: str) -> Picture:
         takes = signature(function).parameters
-        kind = "_".join([*names, "map"]) if names else function.__name__
 
         def draw(path: Path, result: Any, title: str, asked: Asked) -> None:
             chosen = {"where": asked.where, "along": asked.along}
@@ -55,7 +56,7 @@ def kinds() -> dict[str, Picture]:
                     raise ValueError(
                         f"--{_OPTIONS[key]} does not go with --kind {kind}"
                     )
-            bodies = [asked.case] if function is plots.deformed else []
+            bodies = [asked.case] if kind in BODIES else []
             ax = function(*bodies, result, *names, **given)
             if title:
                 ax.figure.suptitle(title)
@@ -63,7 +64,8 @@ def kinds() -> dict[str, Picture]:
 
         return draw
 
-    drawn: dict[str, Picture] = {"tractions": _tractions(one(plots.tractions))}
+    drawn: dict[str, Picture] = {}
+    drawn["tractions"] = _tractions(one("tractions", plots.tractions))
     for function in (
         plots.slip,
         plots.status_map,
@@ -73,14 +75,27 @@ def kinds() -> dict[str, Picture]:
         plots.dissipation,
         plots.deformed,
     ):
-        drawn[function.__name__] = one(function)
+        drawn[function.__name__] = one(function.__name__, function)
     for quantity in ("pressure", "shear", "gap"):
-        drawn[f"{quantity}_map"] = one(plots.surface_map, quantity)
+        kind = f"{quantity}_map"
+        drawn[kind] = one(kind, plots.surface_map, quantity)
+    for quantity in _IN_SPACE:
+        kind = f"{quantity}_3d"
+        drawn[kind] = one(kind, plots.surface3d, quantity)
     return drawn
 
 
 # What `Asked` holds, by the options of the command line.
 _OPTIONS = {"where": "contact", "along": "along"}
+# Words of the pictures in Python, and those of the command line.
+_WORDS = {
+    "along is missing": "--along is missing",
+    "by where=": "by --contact",
+    "with where= those": "with --contact those",
+    "by surface3d": "by --kind pressure_3d",
+    "by surface_map": "by --kind pressure_map",
+    "there is no contact": "--contact: there is no contact",
+}
 
 
 def _tractions(line: Picture) -> Picture:
@@ -153,8 +168,11 @@ def draw(
         )
     if along is not None and along not in ("x", "y", "z", "arc"):
         raise ValueError(f"--along is {along!r}, expected x, y, z or arc")
-    if kind != BODIES and (scene is not None or settings):
-        raise ValueError(f"--scene and --set go with --kind {BODIES} alone")
+    if kind not in BODIES and (scene is not None or settings):
+        raise ValueError(
+            f"--scene and --set go with --kind {', '.join(BODIES)} alone: the others "
+            "need no mesh"
+        )
     path = Path(name)
     if path.is_dir():
         path = path / RESULT
@@ -172,7 +190,7 @@ def draw(
     title, units = _labels(attributes)
     result.units = units or result.units
     target = path.with_name(f"{kind}.png") if out is None else out
-    case = _case(path, attributes, scene, settings) if kind == BODIES else None
+    case = _case(path, attributes, scene, settings) if kind in BODIES else None
     try:
         with writing(target):
             known[kind](target, result, title, Asked(contact, along, case))
@@ -180,10 +198,9 @@ def draw(
         said = str(error)
         if "not supported" in said:
             raise ValueError(f"cannot draw {target}: {error}") from error
-        # Of the library's words those of the command line.
-        if contact is not None and said.startswith("there is no contact"):
-            raise ValueError(f"--contact: {said}") from error
-        raise
+        for word, own in _WORDS.items():
+            said = said.replace(word, own)
+        raise ValueError(said) from error
     return target
 
 
