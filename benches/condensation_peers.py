@@ -4,8 +4,8 @@
     python benches/condensation_peers.py --large     # and the cube of 148k
     python benches/condensation_peers.py --quick
 
-One matrix, contact unknowns last, and S is what each computes. In turn, the order
-another each round, each run a process of its own, on one thread and on two; the smallest time of a
+One matrix, contact unknowns last, and S is what each computes. In turn, the order another
+each round, each run a process of its own, on one thread and on two; the smallest time of a
 program counts, ratios are medians of those within a round. CHOLMOD is compiled here with
 ``cc`` when its header is found, PARDISO is used when a Python has the MKL runtime
 (``--mkl`` names it). Rewrites the table of `benches/README.md`.

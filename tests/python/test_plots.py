@@ -292,12 +292,17 @@ def test_rigid_obstacles_are_drawn_as_contacts_see_them(moves: bool) -> None:
 
     def edge(step: int, scale: float) -> Any:
         ax = plots.deformed(result, step=step, scale=scale)
-        _, band = (c for c in ax.collections if type(c) is PolyCollection)
-        (path,) = band.get_paths()
-        return path.vertices[: len(model.points)]
+        _, bands = (c for c in ax.collections if type(c) is PolyCollection)
+        # A piece for each facet, whose first two corners are at its contacts.
+        (line,) = (facets for kind, facets in contact_surface(model) if kind == "line")
+        assert len(line) == 20
+        found = np.empty_like(model.points)
+        for path, facet in zip(bands.get_paths(), line, strict=True):
+            found[facet] = path.vertices[:2]
+        return found
 
     if not moves:
-        # Closest points of the nodes, which are numbered along the surface: of a circle.
+        # Closest points of the nodes: on the circle.
         at = edge(0, 1.0) - [-0.2, -4.0]
         np.testing.assert_allclose(np.linalg.norm(at, axis=1), 4.0, rtol=1e-14)
     for step, scale in ((0, 3.0), (1, 7.0)):

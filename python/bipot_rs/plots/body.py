@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from bipot_rs.check import Array, floats, number
 from bipot_rs.plots import canvas
-from bipot_rs.plots.places import places as along
 from bipot_rs.plots.skin import corners_of, deformed_nodes, skin
 from bipot_rs.plots.source import (
     model_of,
@@ -270,23 +269,32 @@ def _obstacles(model: Model, found: Any, scale: float, ax: Any) -> Array:
     """Draw the rigid obstacles as contacts see them; corners of the bands, ``(k, 2)``."""
     from matplotlib.collections import PolyCollection
 
+    from bipot_rs.contact_surface import contact_surface
+
     normal = model.frame[:, 0]
     # Of this step: the obstacle may have moved.
     gap = (
         found.relative_displacement[:, 0] - (model.B @ found.displacement)[:: model.dim]
     )
+    near = model.points - scale * gap[:, None] * normal
+    far = near - _THICK * np.ptp(model.nodes, axis=0).max() * normal
+    rigid = np.array([contact.against is None for contact in model.contacts], bool)
     bands = []
-    for k, contact in enumerate(model.contacts):
-        mine = np.flatnonzero(model.group == k)
-        if contact.against is not None or len(mine) < 2:
+    for kind, facets in contact_surface(model):
+        if kind == "vertex":
             continue
-        mine = mine[along(model.points[mine], "arc").order]
-        near = model.points[mine] - scale * gap[mine, None] * normal[mine]
-        thick = _THICK * np.ptp(model.nodes, axis=0).max()
-        bands.append(np.concatenate([near, (near - thick * normal[mine])[::-1]]))
+        # Of three nodes the last is the middle one.
+        order = [0, 1] if kind == "line" else [0, 2, 1]
+        line = facets[rigid[model.group[facets[:, 0]]]][:, order]
+        bands += list(np.concatenate([near[line], far[line[:, ::-1]]], axis=1))
     if not bands:
         return model.nodes[:0]
-    ax.add_collection(PolyCollection(bands, fc=canvas.QUIET, lw=0, zorder=0.5))
+    # Edges of their own colour hide the seams.
+    ax.add_collection(
+        PolyCollection(
+            bands, facecolors=canvas.QUIET, edgecolors=canvas.QUIET, lw=0.3, zorder=0.5
+        )
+    )
     return np.concatenate(bands)
 
 
