@@ -583,6 +583,16 @@ def test_triangles_that_a_file_has_twice(tmp_path: Path) -> None:
         ob.Surface(x, np.concatenate([faces, faces[:1]]))
 
 
+def test_a_file_too_far_from_the_origin_for_its_digits(tmp_path: Path) -> None:
+    meshio = pytest.importorskip("meshio")
+    x, faces = icosphere(1)
+    file = tmp_path / "far.stl"
+    # One wide at 1e8: single precision has steps of 8 there.
+    meshio.Mesh(x / 2 + [1e8, 0, 0], [("triangle", faces)]).write(file, binary=True)
+    with pytest.raises(ValueError, match=r"no triangle whose corners .* 1e\+08 from"):
+        ob.Surface.from_file(file)
+
+
 def test_corners_of_stl_that_differ_in_their_last_digit(tmp_path: Path) -> None:
     """A cavity cut from a block: a slit would put what is in the wall beside it outside."""
     meshio = pytest.importorskip("meshio")

@@ -118,7 +118,8 @@ class Surface:
         OSError
             There is no such file.
         ValueError
-            It cannot be read, or holds neither.
+            It cannot be read, holds neither, or lies so far from the origin that its
+            digits tell no corners apart.
         """
         from bipot_rs.bodies.mesh_file import read_cells
 
@@ -132,6 +133,12 @@ class Surface:
                     facets = _joined(x)[facets]
                 ordered = np.sort(facets, axis=1)
                 whole = (np.diff(ordered, axis=1) > 0).all(axis=1)
+                if not whole.any():
+                    wide, far = np.ptp(x, axis=0).max(), np.abs(x).max()
+                    raise ValueError(
+                        f"{path} has no {kind} whose corners its digits tell apart: it is "
+                        f"{wide:.3g} wide, {far:.3g} from the origin"
+                    )
                 return cls(x, _once(facets[whole]), flipped=flipped)
         kinds = ", ".join(sorted({known for known, _ in blocks})) or "no cells"
         raise ValueError(
