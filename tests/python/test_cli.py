@@ -71,6 +71,13 @@ def test_run_writes_table_and_files(tmp_path: Path) -> None:
     assert re.findall(r"^load step (\d) of 2: load", run.stderr, re.M) == ["1", "2"]
 
 
+def test_a_sine_that_comes_back_to_zero_is_told_as_zero(tmp_path: Path) -> None:
+    run = bipot("run", "cyclic_cube", "--set", "mesh.n=3", cwd=tmp_path)
+    loads = re.findall(r"^load step \d+ of 41: load ([^,]+),", run.stderr, re.M)
+    assert [loads[k] for k in (0, 10, 20, 30, 40)] == ["0"] * 5
+    assert loads[5] == "1"
+
+
 def test_json_lines(tmp_path: Path) -> None:
     run = bipot("run", "sheared_cube", "--set=mesh.n=3", "--json", cwd=tmp_path)
     *steps, last = lines(run.stdout)

@@ -8,6 +8,7 @@ from typing import Any
 from bipot_rs.contact_surface import surface_names
 from bipot_rs.result import Step
 from bipot_rs.resultants import resultants
+from bipot_rs.running.telling import settled
 from bipot_rs.words import counted
 
 COLUMNS = (
@@ -98,11 +99,11 @@ def print_table(
     keys = [key for key in (rows[0] if rows else ()) if " of " in key]
     columns = [*COLUMNS[:5], *keys, *COLUMNS[5:], *more]
     largest = max((abs(row["load"]) for row in rows), default=0.0)
-    # A sine comes back to zero but for its rounding.
-    small = _ROUNDING * largest
     # Counted from 1, as people do; files and --json count from 0.
-    rows = [{**row, "step": row["step"] + 1} for row in rows]
-    rows = [{**row, "load": 0.0} if abs(row["load"]) < small else row for row in rows]
+    rows = [
+        {**row, "step": row["step"] + 1, "load": settled(row["load"], largest)}
+        for row in rows
+    ]
     shown: list[Mapping[str, Any] | None] = list(rows)
     if len(rows) > _MOST_ROWS:
         third = _MOST_ROWS // 3

@@ -8,6 +8,11 @@ from collections.abc import Mapping
 from typing import Any, TextIO
 
 
+def settled(load: float, largest: float) -> float:
+    """The load, or zero where a sine has come back to that but for its rounding."""
+    return 0.0 if abs(load) < 1e-13 * largest else load
+
+
 def line(**values: Any) -> None:
     """One object of --json."""
     tell(json.dumps(values), sys.stdout)
@@ -43,6 +48,8 @@ class Progress:
     ) -> None:
         self.phases, self.steps, self.noun = phases, steps, noun
         self.bar: Any = None
+        # The largest load so far.
+        self.largest = 0.0
         self.lines = not quiet and not sys.stderr.isatty()
 
     def __enter__(self) -> Progress:
@@ -111,9 +118,11 @@ class Progress:
         """Tell that a load step is done."""
         told = f"open {row['open']}, slip {row['slip']}, stick {row['stick']}"
         of = "" if self.steps is None else f" of {self.steps}"
+        self.largest = max(self.largest, abs(row["load"]))
+        load = settled(row["load"], self.largest)
         self.advance(
             told,
-            f"load step {row['step'] + 1}{of}: load {row['load']:.6g}, {told}, "
+            f"load step {row['step'] + 1}{of}: load {load:.6g}, {told}, "
             f"residual {row['residual']:.1e}",
         )
 
