@@ -56,6 +56,8 @@ class Job:
         # Load steps reached: what is told of each, and the step. Pairs, so that an
         # interrupt between the two cannot tear them apart.
         self.reached: list[tuple[dict[str, Any], Step]] = []
+        # How many there are to be; of automatic ones nobody knows.
+        self.count: int | None = None
         # How many of them an earlier run left.
         self.resumed = 0
         # With --error: what finds it, what it found for each step, and what it could not.
@@ -101,23 +103,25 @@ class Job:
             forecast.solver(method, tol)
             forecast.fits(scene)
             stamp = stamps(scene, method, tol)
-            # Nobody knows how many automatic steps there will be.
-            count = None if scene.path.increments else scene.path.count()
+            if not scene.path.increments:
+                self.count = scene.path.count()
             done = None
             if resume:
-                done = earlier(folder / RESULT, stamp, count)
+                done = earlier(folder / RESULT, stamp, self.count)
                 if done.success:
                     return self._complete_already(folder, done, fclib=fclib)
                 if not self.as_json:
                     kept = counted(len(done), "load step")
                     complain(f"{folder / RESULT}: going on behind {kept}")
             elif not self.as_json and (folder / RESULT).exists():
-                remark = left_off(folder / RESULT, stamp, count)
+                remark = left_off(folder / RESULT, stamp, self.count)
                 if remark:
                     complain(remark)
             with (
                 draft_in(folder) as draft,
-                Progress(len(PHASES) - 1, count, quiet=self.as_json) as self.progress,
+                Progress(
+                    len(PHASES) - 1, self.count, quiet=self.as_json
+                ) as self.progress,
             ):
                 code, message = self._attempt(
                     scene, method, tol, folder, done, error=error
@@ -320,14 +324,7 @@ class Job:
 
     def _of_all(self) -> str:
         """``of 5``, where it is known how many load steps there are."""
-        planned = self._planned()
-        return f" of {planned['planned']}" if planned else ""
-
-    def _planned(self) -> dict[str, int]:
-        """How many load steps there were to be, where it is known."""
-        if self.scene is None or self.scene.path.increments:
-            return {}
-        return {"planned": self.scene.path.count()}
+        return "" if self.count is None else f" of {self.count}"
 
     @contextmanager
     def _phase(self, name: str) -> Iterator[None]:
@@ -376,7 +373,7 @@ class Job:
                     "scene": self.name or "",
                     "message": message,
                     "settings": json.dumps(self.settings),
-                    **self._planned(),
+                    **({} if self.count is None else {"planned": self.count}),
                     **run_files.labels(self.scene),
                     **stamp,
                 },
