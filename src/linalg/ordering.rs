@@ -157,7 +157,11 @@ pub(crate) fn by_metis(graph: &Graph) -> Option<Vec<u32>> {
         // keeps no pointer after it returns.
         unsafe {
             metis::METIS_SetDefaultOptions(options.as_mut_ptr());
-            options[metis::moptions_et_METIS_OPTION_SEED as usize] = 1;
+            options[metis::moptions_et_METIS_OPTION_SEED as usize] = 2;
+            // Sides that differ by 1.2, which is METIS's own choice, make smaller
+            // separators at first and more work below: over six seeds, 1.1 is up to
+            // one per cent better on cubes and bars, and level on squares and plates.
+            options[metis::moptions_et_METIS_OPTION_UFACTOR as usize] = 100;
             // Equal patterns are grouped before we come here.
             options[metis::moptions_et_METIS_OPTION_COMPRESS as usize] = 0;
             metis::METIS_NodeND(

@@ -84,22 +84,34 @@ pub(crate) fn errors(k: &Sparse, kept: &[usize]) -> Errors {
 }
 
 /// What one rounding of every entry of K does to S: no algorithm that starts from
-/// rounded entries can be trusted with more.
+/// rounded entries can be trusted with more. The worst of some draws, for few numbers
+/// may decide: a stiff grain afloat in soft ground is off by what the rounding of its
+/// six rigid motions happens to be, and one draw may be lucky with them.
 pub(crate) fn errors_of_data(k: &Sparse, kept: &[usize]) -> Errors {
-    let mut random = StdRng::seed_from_u64(1);
+    const DRAWS: u64 = 4;
     let dense = k.dense();
-    let mut rounded = dense.clone();
-    for j in 0..k.n {
-        for i in 0..=j {
-            let up = [-1.0, 1.0][usize::from(random.random_bool(0.5))];
-            let value = dense[j * k.n + i] * (1.0 + up * 0.5 * f64::EPSILON);
-            (rounded[j * k.n + i], rounded[i * k.n + j]) = (value, value);
-        }
-    }
     let exact = double_double::schur(k.n, &dense, kept);
-    let moved = double_double::schur(k.n, &rounded, kept);
-    let moved: Vec<f64> = moved.iter().map(|d| d.high).collect();
-    compare(&moved, &exact, &reach(k.n, &dense, kept))
+    let reach = reach(k.n, &dense, kept);
+    let draw = |seed| {
+        let mut random = StdRng::seed_from_u64(seed);
+        let mut rounded = dense.clone();
+        for j in 0..k.n {
+            for i in 0..=j {
+                let up = [-1.0, 1.0][usize::from(random.random_bool(0.5))];
+                let value = dense[j * k.n + i] * (1.0 + up * 0.5 * f64::EPSILON);
+                (rounded[j * k.n + i], rounded[i * k.n + j]) = (value, value);
+            }
+        }
+        let moved = double_double::schur(k.n, &rounded, kept);
+        let moved: Vec<f64> = moved.iter().map(|d| d.high).collect();
+        compare(&moved, &exact, &reach)
+    };
+    let worse = |a: Errors, b: Errors| Errors {
+        of_largest: a.of_largest.max(b.of_largest),
+        of_diagonal: a.of_diagonal.max(b.of_diagonal),
+        roundings: a.roundings.max(b.roundings),
+    };
+    (2..=DRAWS).map(draw).fold(draw(1), worse)
 }
 
 pub(crate) fn compare(s: &[f64], exact: &[Double], reach: &[f64]) -> Errors {

@@ -13,7 +13,8 @@ use crate::matrices::{Sparse, shuffle};
 const PROMISED: f64 = 1e-14;
 
 /// Errors by those that one rounding of every entry of K makes: as many digits as
-/// the data have. The most met is 3.4.
+/// the data have. Mostly up to 3.4; of a stiff grain afloat, over orders of
+/// elimination, up to 6.3 and once in sixteen 10.7.
 const OF_DATA: f64 = 10.0;
 
 const SQUARES: Shape = Shape::Box { dim: 2, order: 1 };
