@@ -79,5 +79,30 @@ pub fn keep_heap() {
             libc::mallopt(libc::M_TRIM_THRESHOLD, 8 * GROWTH);
             libc::mallopt(libc::M_TOP_PAD, GROWTH);
         }
+        if std::thread::available_parallelism().is_ok_and(|cores| cores.get() > 1) {
+            // Where there is no thread to be had, pages are touched when they are needed.
+            let _ = std::thread::Builder::new().spawn(touch_heap);
+        }
     }
+}
+
+/// Takes from the heap what a job of some thousand unknowns will want, writes a byte
+/// into each page, and gives it back: by a thread beside imports, which leave other
+/// cores idle, so that the job itself meets pages that are there.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn touch_heap() {
+    const PAGE: usize = 1 << 12;
+    /// Below what the heap gives away as arrays apart [bytes].
+    const PIECE: usize = 1 << 22;
+    const PIECES: usize = 10;
+    let touched = |_| {
+        let mut piece = Vec::<u8>::with_capacity(PIECE);
+        for page in piece.spare_capacity_mut().chunks_mut(PAGE) {
+            page[0].write(1);
+        }
+        // Else nobody would see the writes, and they would be left out.
+        std::hint::black_box(piece)
+    };
+    let all: Vec<Vec<u8>> = (0..PIECES).map(touched).collect();
+    drop(all);
 }
