@@ -90,9 +90,9 @@ def write_result(
     digits = max(4, len(str(max(len(steps) - 1, 0))))
 
     def fill(file: Any) -> None:
-        file.attrs.update(dict(attributes or {}))
-        file.attrs.update(format=FORMAT, version=VERSION, complete=bool(complete))
-        file.attrs["sealed"] = True
+        ours = {"format": FORMAT, "version": VERSION, "complete": bool(complete)}
+        for name, value in {**(attributes or {}), **ours, "sealed": True}.items():
+            _label(h5py, file, name, value)
         group = file.create_group("contacts")
         for name, array in contacts.items():
             if array is not None:
@@ -236,8 +236,10 @@ def write_series(
     with aside(index) as draft:
         draft.write_bytes(collection(names))
     written = set(names)
-    for old in index.parent.glob(f"{index.stem}_[0-9][0-9][0-9][0-9]*.vtu"):
-        if old.name not in written and old.stem[len(index.stem) + 1 :].isdigit():
+    for old in index.parent.iterdir():
+        number = old.name.removeprefix(f"{index.stem}_").removesuffix(".vtu")
+        is_step = old.name == f"{index.stem}_{number}.vtu" and number.isdigit()
+        if is_step and len(number) >= 4 and old.name not in written:
             old.unlink()
 
 
@@ -308,9 +310,10 @@ def _store(h5py: Any, group: Any, name: str, value: Any) -> None:
 
 
 def _label(h5py: Any, group: Any, name: str, value: Any) -> None:
-    """Make an attribute, likewise."""
-    array = np.asarray(value)
-    if array.dtype.kind not in "fiub":
+    """Make an attribute, likewise; texts are such as h5py makes of them."""
+    text = isinstance(value, str)
+    array = np.array(value, dtype=h5py.string_dtype()) if text else np.asarray(value)
+    if not text and array.dtype.kind not in "fiub":
         group.attrs[name] = value
         return
     h5py.h5a.create(group.id, name.encode(), *_form(h5py, array)).write(array)

@@ -284,6 +284,32 @@ def test_help_is_quick_to_import(tmp_path: Path) -> None:
     assert run.stderr.strip() == "[]"
 
 
+def test_a_run_has_what_it_needs_before_its_phases(tmp_path: Path) -> None:
+    """A signal between two phases finds no module half imported, nor does a clock."""
+    code = """
+import sys
+from contextlib import contextmanager
+from bipot_rs.cli import app
+from bipot_rs.running.job import Job
+phase, ours = Job._phase, ("bipot_rs", "skfem", "scipy", "h5py")
+@contextmanager
+def watched(self, name):
+    before = set(sys.modules)
+    with phase(self, name):
+        yield
+    new = [m for m in set(sys.modules) - before if m.partition(".")[0] in ours]
+    print("imported by", name, sorted(new), file=sys.stderr)
+Job._phase = watched
+app(["run", "pressed_block", "--set", "mesh.n=4", "--json", "--out", "out"])
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
+    )
+    told = run.stderr.splitlines()
+    assert len(told) >= 6, run.stderr
+    assert all(line.endswith(" []") for line in told), run.stderr
+
+
 def test_a_reader_that_leaves(tmp_path: Path) -> None:
     with subprocess.Popen(
         [*BIPOT, "run", "cyclic_cube", "--set", "mesh.n=4", "--json"],

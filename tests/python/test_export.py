@@ -106,14 +106,19 @@ def test_series_for_paraview(tmp_path: Path) -> None:
     assert b"binary" in (tmp_path / "a_0002.vtu").read_bytes()
 
 
-def test_shorter_series_replaces_a_longer_one_and_nothing_else(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["a", "a[1]", "a*", "a_0001"])
+def test_shorter_series_replaces_a_longer_one_and_nothing_else(
+    tmp_path: Path, name: str
+) -> None:
+    """Signs that mean something in patterns are letters of a name like others."""
     points = np.zeros((2, 3))
-    export.write_series(tmp_path / "a.pvd", points, None, [{}] * 3)
-    (tmp_path / "a_0002b.vtu").touch()
-    (tmp_path / "ab_0002.vtu").touch()
-    export.write_series(tmp_path / "a.pvd", points, None, [{}])
+    export.write_series(tmp_path / f"{name}.pvd", points, None, [{}] * 3)
+    others = {f"{name}_0002b.vtu", f"{name}_02.vtu", f"{name}b_0002.vtu", "a1_0002.vtu"}
+    for other in others:
+        (tmp_path / other).touch()
+    export.write_series(tmp_path / f"{name}.pvd", points, None, [{}])
     left = {path.name for path in tmp_path.iterdir()}
-    assert left == {"a.pvd", "a_0000.vtu", "a_0002b.vtu", "ab_0002.vtu"}
+    assert left == {f"{name}.pvd", f"{name}_0000.vtu"} | others
 
 
 def test_series_of_large_and_odd_fields(tmp_path: Path) -> None:

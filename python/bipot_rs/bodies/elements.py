@@ -331,13 +331,16 @@ def first_order(mesh: Any) -> Any:
     return made
 
 
+@cache
 def reference(element: type, order: int) -> tuple[Floats, Floats, Floats]:
     """Shape functions of scikit-fem on the reference cell, at its points of Gauss.
+
+    Found once a process: the points are roots of polynomials.
 
     Returns
     -------
     phi, slopes, weights
-        ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``.
+        ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``, not to be written to.
     """
     own = element()
     points, weights = get_quadrature(own.refdom, order)
@@ -345,7 +348,10 @@ def reference(element: type, order: int) -> tuple[Floats, Floats, Floats]:
     # Constant ones come without a column for each point.
     phi = np.stack([np.broadcast_to(f, weights.shape) for f, _ in both])
     slopes = np.stack([np.broadcast_to(df, points.shape) for _, df in both], axis=-1)
-    return phi, np.ascontiguousarray(slopes.transpose(1, 0, 2)), weights
+    found = phi, np.ascontiguousarray(slopes.transpose(1, 0, 2)), np.array(weights)
+    for array in found:
+        array.flags.writeable = False
+    return found
 
 
 def jacobian(nodes: Floats, slopes: Floats) -> Floats:

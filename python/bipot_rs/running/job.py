@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 # A tolerance that depends on the mesh.
 ENOUGH = "discretisation"
+# What a run of any scene asks for on its way: imported while signals wait, and not on
+# the time of what asks first.
+_LATER = ("bipot_rs.fem", "bipot_rs.paraview", "bipot_rs.running.report")
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
 
 
@@ -103,6 +107,8 @@ class Job:
             forecast.solver(method, tol)
             forecast.fits(scene)
             stamp = stamps(scene, method, tol)
+            for later in _LATER:
+                import_module(later)
             if not scene.path.increments:
                 self.count = scene.path.count()
             done = None
