@@ -2,7 +2,7 @@
 
     python examples/with_fenicsx.py [FILE.npz]
 
-For DOLFINx 0.8 and later, on one process: mesh, form and K are its own, and its numbers
+For DOLFINx from 0.5 on, on one process: mesh, form and K are its own, and its numbers
 of nodes and components. Units: mm, N, MPa.
 """
 
@@ -24,7 +24,11 @@ def solve(n: int = 6) -> tuple[bp.Result, np.ndarray]:
     corners = [np.zeros(3), np.full(3, SIDE)]
     kind = mesh.CellType.hexahedron
     domain = mesh.create_box(MPI.COMM_SELF, corners, [n, n, n], kind)
-    space = fem.functionspace(domain, ("Lagrange", 1, (3,)))
+    newer = hasattr(fem, "functionspace")  # DOLFINx 0.7
+    if newer:
+        space = fem.functionspace(domain, ("Lagrange", 1, (3,)))
+    else:
+        space = fem.VectorFunctionSpace(domain, ("Lagrange", 1))
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     lame = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
     shear = YOUNG / (2 * (1 + POISSON))
@@ -33,7 +37,15 @@ def solve(n: int = 6) -> tuple[bp.Result, np.ndarray]:
     # Two Gauss points along each edge, exact for this element on boxes.
     inside = ufl.dx(metadata={"quadrature_degree": 3})
     form = fem.form(ufl.inner(stress, ufl.sym(ufl.grad(v))) * inside)
-    K = sparse.csr_matrix(fem.assemble_matrix(form).to_scipy())
+    if newer:
+        K = sparse.csr_matrix(fem.assemble_matrix(form).to_scipy())
+    else:
+        from dolfinx.fem.petsc import assemble_matrix
+
+        A = assemble_matrix(form)
+        A.assemble()
+        pointers, columns, values = A.getValuesCSR()
+        K = sparse.csr_matrix((values, columns, pointers))
 
     # Nodes, whose components follow one another: 3 node + component.
     places = space.tabulate_dof_coordinates()
