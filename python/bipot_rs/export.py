@@ -237,9 +237,9 @@ def write_series(
         draft.write_bytes(collection(names))
     written = set(names)
     for old in index.parent.iterdir():
-        number = old.name.removeprefix(f"{index.stem}_").removesuffix(".vtu")
-        is_step = old.name == f"{index.stem}_{number}.vtu" and number.isdigit()
-        if is_step and len(number) >= 4 and old.name not in written:
+        digits = old.name.removeprefix(f"{index.stem}_").removesuffix(".vtu")
+        is_step = old.name == f"{index.stem}_{digits}.vtu" and digits.isdigit()
+        if is_step and len(digits) >= 4 and old.name not in written:
             old.unlink()
 
 

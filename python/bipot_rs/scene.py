@@ -10,7 +10,6 @@ import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +28,9 @@ from bipot_rs.scene_parts import (
     supports,
     symmetries,
 )
-from bipot_rs.schema import KIND, Scene, inconsistencies
+from bipot_rs.schema import KIND, Scene, inconsistencies, out_of_range
 from bipot_rs.shipped import SceneError, folder_of, shipped, text
+from bipot_rs.stand_ins import others, places
 from bipot_rs.toml_text import HALF
 from bipot_rs.words import meant
 
@@ -100,11 +100,13 @@ def checked(
         scene = Scene.model_validate(table)
     except ValidationError as error:
         found += [_mistake(e, table) for e in error.errors()]
-        rest = _without_unknown(table, error)
-        if rest is not None:
-            with suppress(ValidationError):
-                found += inconsistencies(Scene.model_validate(rest))
+        found += others(table, places(error))
         raise SceneError(name, found) from None
+    extreme = out_of_range(scene)
+    if extreme:
+        found += [sentence for _, sentence in extreme]
+        found += others(table, [place for place, _ in extreme])
+        raise SceneError(name, found)
     found += inconsistencies(scene)
     if found:
         raise SceneError(name, found)
@@ -194,24 +196,6 @@ def _mistake(error: Any, table: dict[str, Any]) -> str:
     if isinstance(given, str | int | float):
         return f"{path}: {message}, got {given!r}"
     return f"{path}: {message}"
-
-
-def _without_unknown(table: dict[str, Any], error: ValidationError) -> Any:
-    """The table without its unknown keys, if these are all that is wrong with it."""
-    mistakes = error.errors()
-    if any(mistake["type"] != "extra_forbidden" for mistake in mistakes):
-        return None
-    try:
-        rest = deepcopy(table)
-    except RecursionError:  # what is unknown may nest as deep as it likes
-        return None
-    for mistake in mistakes:
-        at: Any = rest
-        *above, last = (p for p in mistake["loc"] if not str(p).startswith(KIND))
-        for part in above:
-            at = at[part]
-        at.pop(last, None)
-    return rest
 
 
 def _override(table: dict[str, Any], setting: str) -> str | None:

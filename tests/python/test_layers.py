@@ -133,7 +133,7 @@ PYTHON = (
     "schema.root",
     "schema.consistency",
     "running.report schema scene_keys mesh_error.simplices",
-    "case",
+    "case stand_ins",
     "scene_parts",
     "plots.canvas",
     "plots.source plots.skin plots.places",

@@ -145,6 +145,44 @@ def test_mistakes_are_told_together(said: Any) -> None:
     assert "there is no 'cube.botom'" in told
 
 
+UNKNOWN = "contact.0.on: there is no 'cube.botom'"
+
+
+@pytest.mark.parametrize(
+    ("setting", "mistake"),
+    [
+        ("contact.0.mu=-1", "contact.0.mu: should be greater than or equal to 0"),
+        ('contact.0.mu="much"', "contact.0.mu: should be a valid number"),
+        ("contact.0.plane=3", "contact.0.plane: should be a table"),
+        ("contact.0.plane.normal=[0]", "contact.0.plane.normal: "),
+        ("material.steel=7", "material.steel: should be a table"),
+        ("material.steel.poisson=0.5", "material.steel.poisson: "),
+        ("material.steel.young=1e99", "material.steel.young: is 1e+99, expected zero"),
+        ("body.cube.x=[]", "body.cube.x"),
+        ("mesh.n=0", "mesh.n: "),
+        ("support=1", "support: "),
+        ("support.0.x=1e70", "support.0.x"),
+        ("support.0.x.amplitude=3", "support.0.x"),
+        ("path.steps=-3", "path.steps: "),
+        ("path.amplitude.shear=true", "path.amplitude.shear"),
+    ],
+)
+def test_values_do_not_hide_names(said: Any, setting: str, mistake: str) -> None:
+    """One round tells of a value and of a name, and nothing that is not so."""
+
+    def mistakes(*settings: str) -> list[str]:
+        told = said(*RUN, *(word for s in settings for word in ("--set", s)))
+        head, _, rest = told.partition(" mistakes:\n")
+        return (rest or head.removeprefix("scene 'sheared_cube': ")).split("\n  ")
+
+    alone = mistakes(setting)
+    assert any(mistake in line for line in alone), alone
+    both = mistakes(setting, "contact.0.on=cube.botom")
+    more = [line for line in both if line.strip() not in map(str.strip, alone)]
+    assert len(more) == 1, both
+    assert UNKNOWN in more[0]
+
+
 @pytest.mark.parametrize(
     ("word", "found"),
     [

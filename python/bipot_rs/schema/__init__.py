@@ -4,7 +4,7 @@
 itself is said by `inconsistencies`.
 """
 
-from bipot_rs.schema.consistency import Known, inconsistencies
+from bipot_rs.schema.consistency import UNUSED, Known, inconsistencies, out_of_range
 from bipot_rs.schema.contact import Clearance, Plane, Rigid, Touch
 from bipot_rs.schema.load import (
     BodyForce,
@@ -24,6 +24,7 @@ from bipot_rs.schema.table import AXES, KIND, Varying
 __all__ = [
     "AXES",
     "KIND",
+    "UNUSED",
     "Amplitude",
     "Automatic",
     "Axis",
@@ -51,4 +52,5 @@ __all__ = [
     "Varying",
     "Within",
     "inconsistencies",
+    "out_of_range",
 ]

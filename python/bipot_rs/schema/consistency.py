@@ -19,6 +19,9 @@ from bipot_rs.schema.root import Scene
 from bipot_rs.schema.table import AXES, LARGEST, Components
 from bipot_rs.words import counted, instead
 
+# How sentences end about what no other table uses.
+UNUSED = ("nothing uses it", "no contact is against it")
+
 
 @dataclass(frozen=True)
 class Known:
@@ -45,13 +48,10 @@ def inconsistencies(
     Parameters
     ----------
     scene
-        All of it.
+        All of it, no number of it `out_of_range`.
     known
         Of each body what its mesh tells; without it, what the tables do.
     """
-    found = list(_out_of_range(scene.model_dump(by_alias=True, exclude={"solver"})))
-    if found:
-        return found
     if known is None:
         known = {name: _of_table(block) for name, block in scene.body.items()}
     dim = max((one.dim for one in known.values() if one.dim), default=None)
@@ -377,21 +377,26 @@ def _elliptic(
         )
 
 
-def _out_of_range(value: Any, path: str = "") -> Iterator[str]:
-    """Numbers that arithmetic cannot be trusted with."""
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _out_of_range(inner, f"{path}.{key}" if path else str(key))
-    elif isinstance(value, list):
-        for k, inner in enumerate(value):
-            yield from _out_of_range(inner, f"{path}.{k}")
-    elif isinstance(value, float) and not (
-        value == 0 or 1 / LARGEST <= abs(value) <= LARGEST
-    ):
-        yield (
-            f"{path}: is {value:g}, expected zero or a size from {1 / LARGEST:g} "
-            f"to {LARGEST:g}"
-        )
+def out_of_range(scene: Scene) -> list[tuple[tuple[str | int, ...], str]]:
+    """Numbers that arithmetic cannot be trusted with: their places, and what is said."""
+    found = []
+    for place, value in _numbers(scene.model_dump(by_alias=True, exclude={"solver"})):
+        if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
+            expected = f"zero or a size from {1 / LARGEST:g} to {LARGEST:g}"
+            said = f"{'.'.join(map(str, place))}: is {value:g}, expected {expected}"
+            found.append((place, said))
+    return found
+
+
+def _numbers(
+    value: Any, place: tuple[str | int, ...] = ()
+) -> Iterator[tuple[tuple[str | int, ...], float]]:
+    if isinstance(value, dict | list):
+        inside = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, inner in inside:
+            yield from _numbers(inner, (*place, key))
+    elif isinstance(value, float):
+        yield place, value
 
 
 def _too_large(name: str, nodes: int, dim: int, steps: int) -> Iterator[str]:
