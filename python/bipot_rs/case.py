@@ -13,7 +13,7 @@ from bipot_rs.bodies.stress import Initial, stress
 from bipot_rs.facing.rigid_motion import Motion
 from bipot_rs.fem import Model
 from bipot_rs.inspection import inspect
-from bipot_rs.loading import Totals
+from bipot_rs.loading import Totals, differing
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.schema import LoadPath, Pressure, Rigid, Scene, Varying
@@ -186,24 +186,17 @@ class Case:
         last = start[-1] if isinstance(start, Result) and len(start) else start
         if last is None or isinstance(last, Result) or not first:
             return
+        nothing = np.zeros(self.model.n)
         own = {
-            "load": None if self.load is None else self.load[first - 1],
+            "load": nothing if self.load is None else self.load[first - 1],
             "prescribed": self.prescribed[first - 1],
             "gap": None if self.gaps is None else self.gaps[first - 1],
         }
-        for name, value in own.items():
-            theirs = getattr(last, name)
-            if theirs is None:
-                # Not kept in files; of a path without moving obstacles there are no gaps.
-                other = name == "gap" and value is not None and last.load is not None
-            elif value is None:
-                other = name == "gap" or bool(np.any(theirs))
-            else:
-                other = not np.array_equal(theirs, value)
-            if other:
-                raise ValueError(
-                    f"start ends with another {name} than load step {first} of this path"
-                )
+        other = differing(last, own)
+        if other is not None:
+            raise ValueError(
+                f"start ends with another {other} than load step {first} of this path"
+            )
 
     def remarks(self) -> list[str]:
         """What a person should look at before solving, a sentence each (`inspection`)."""

@@ -247,22 +247,31 @@ def _same_path(
     if not first or last is None:
         return
     behind = first - 1
-    other = None
+    own: dict[str, Array | None] = {}
+    if loads is not None:
+        own["load"], own["prescribed"] = loads[min(behind, len(loads) - 1)]
     if gaps is not None:
-        own = gaps[min(behind, len(gaps) - 1)]
-        if last.gap is None or not np.array_equal(last.gap, own):
-            other = "gap"
-    if loads is not None and last.load is not None and last.prescribed is not None:
-        force, moved = loads[min(behind, len(loads) - 1)]
-        if not (
-            np.array_equal(last.load, force) and np.array_equal(last.prescribed, moved)
-        ):
-            other = "load"
+        own["gap"] = gaps[min(behind, len(gaps) - 1)]
+    other = differing(last, own)
     if other is not None:
         raise ValueError(
             f"start ends with another {other} than load step {behind + 1} of the path that "
             f"this problem has of its own: give {other}, of the steps to come"
         )
+
+
+def differing(step: Step, totals: Mapping[str, Array | None]) -> str | None:
+    """Which of these totals is another than that of a step, as far as the step knows.
+
+    Files keep no loads; gaps they do, of paths that have any.
+    """
+    for name, own in totals.items():
+        theirs = getattr(step, name)
+        if theirs is None and name != "gap":
+            continue
+        if (theirs is None) != (own is None) or not np.array_equal(theirs, own):
+            return name
+    return None
 
 
 def _proportional(

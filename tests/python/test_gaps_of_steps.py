@@ -285,7 +285,7 @@ def test_a_start_that_does_not_tell_what_is_next() -> None:
     with pytest.raises(ValueError, match="gaps has 4 steps but loads has 3"):
         make(2, gaps=gaps, loads=(None, prescribed[:3]))
     with pytest.raises(
-        ValueError, match="start ends with another load than load step 1"
+        ValueError, match="start ends with another prescribed than load step 1"
     ):
         loads.solve(start=make(2).solve(prescribed=2 * prescribed[0]))
 
