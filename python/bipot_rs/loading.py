@@ -267,9 +267,11 @@ def differing(step: Step, totals: Mapping[str, Array | None]) -> str | None:
     """
     for name, own in totals.items():
         theirs = getattr(step, name)
-        if theirs is None and name != "gap":
-            continue
-        if (theirs is None) != (own is None) or not np.array_equal(theirs, own):
+        if theirs is None or own is None:
+            same = theirs is own or (theirs is None and name != "gap")
+        else:
+            same = np.array_equal(theirs, own)
+        if not same:
             return name
     return None
 
