@@ -225,9 +225,14 @@ def test_info_of_meshes(bipot: Any, repository: Path) -> None:
     assert "volumes   pad (160 cells)" in out
     assert "surfaces  foot (20 facets), top (20 facets)" in out
     shipped_one = repository / "docs" / "tutorials" / "pad_on_block.msh"
+    assert 'use it    mesh = "pad.inp" in a scene' in out
     found = json.loads(bipot("info", str(shipped_one), "--json")[1])
     assert (found["kind"], found["dim"], found["mistake"]) == ("mesh", 2, "")
     assert {"pad", "block"} <= set(found["volumes"])
+    out = bipot("info", str(shipped_one))[1]
+    assert re.search(
+        r'mesh = \{ file = "pad_on_block.msh", group = "(pad|block)" \}', out
+    )
     # A cell turned inside out is told, and the rest besides.
     text = Path("pad.inp").read_text().replace("1, 1, 2, 23, 22", "1, 2, 1, 23, 22")
     Path("bad.inp").write_text(text)

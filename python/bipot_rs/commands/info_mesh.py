@@ -102,8 +102,11 @@ def _bodies(path: Path) -> dict[str, Any]:
         lines.append(f"  remark    {several}")
     if mistake:
         lines.append(f"  mistake   {mistake}")
-    name = printable(path.name)
-    lines.append(f'  use it    mesh = "{name}" in a scene: bipot new --template mesh')
+    given = f'"{printable(path.name)}"'
+    if several and volumes:
+        group = printable(next(iter(volumes)))
+        given = f'{{ file = {given}, group = "{group}" }}'
+    lines.append(f"  use it    mesh = {given} in a scene: bipot new --template mesh")
     return found | {"lines": lines}
 
 
