@@ -236,11 +236,20 @@ def write_series(
     with aside(index) as draft:
         draft.write_bytes(collection(names))
     written = set(names)
-    for old in index.parent.iterdir():
+    for old in _beside(index):
         digits = old.name.removeprefix(f"{index.stem}_").removesuffix(".vtu")
-        is_step = old.name == f"{index.stem}_{digits}.vtu" and digits.isdigit()
-        if is_step and len(digits) >= 4 and old.name not in written:
+        is_step = old.name == f"{index.stem}_{digits}.vtu" and len(digits) >= 4
+        number = digits.isascii() and digits.isdigit()
+        if is_step and number and old.name not in written:
             old.unlink()
+
+
+def _beside(path: Path) -> list[Path]:
+    """What a folder holds, where one may look into it."""
+    try:
+        return list(path.parent.iterdir())
+    except PermissionError:
+        return []
 
 
 def place(path: Any, what: str = "path") -> Path:
@@ -312,7 +321,8 @@ def _store(h5py: Any, group: Any, name: str, value: Any) -> None:
 def _label(h5py: Any, group: Any, name: str, value: Any) -> None:
     """Make an attribute, likewise; texts are such as h5py makes of them."""
     text = isinstance(value, str)
-    array = np.array(value, dtype=h5py.string_dtype()) if text else np.asarray(value)
+    kind = h5py.string_dtype() if text else None
+    array = np.asarray(value, dtype=kind, order="C")
     if not text and array.dtype.kind not in "fiub":
         group.attrs[name] = value
         return

@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from bipot_rs.schema import KIND, UNUSED, Scene, inconsistencies
+from bipot_rs.schema import KIND, UNUSED, Scene, inconsistencies, out_of_range
 
 # Keys and numbers of entries, down to a value.
 Where = tuple[str | int, ...]
@@ -34,9 +34,9 @@ def places(error: ValidationError) -> list[Where]:
 
 
 def others(table: dict[str, Any], wrong: Iterable[Where]) -> list[str]:
-    """Inconsistencies of a scene that have nothing to do with what is ``wrong`` in it.
+    """What else is wrong with a scene, that has nothing to do with what is ``wrong``.
 
-    Few are passed over, which are told once the others are mended; none is made up.
+    Some of it may be passed over, which is told once the rest is mended; none is made up.
     """
     try:
         rest = deepcopy(table)
@@ -44,23 +44,33 @@ def others(table: dict[str, Any], wrong: Iterable[Where]) -> list[str]:
         return []
     # Number of the stand-in that each place has.
     mended: dict[Where, int] = {}
+    found: list[str] = []
     wrong = list(wrong)
     while wrong:
         if not all(_replace(rest, place, mended) for place in dict.fromkeys(wrong)):
-            return []
+            return found
         try:
             scene = Scene.model_validate(rest)
         except ValidationError as error:
             wrong = places(error)
             continue
-        if _MAKERS & mended.keys():
-            return []
-        return list(_apart(inconsistencies(scene), mended))
-    return []
+        extreme = out_of_range(scene)
+        found += [sentence for _, sentence in extreme]
+        wrong = [place for place, _ in extreme]
+        if not wrong and not any(_makes_names(place) for place in mended):
+            found += _apart(inconsistencies(scene), mended)
+    return found
+
+
+def _makes_names(place: Where) -> bool:
+    """Whether others may use names from there: a table, or one whose name is misspelt."""
+    return place in _MAKERS or (len(place) == 1 and place[0] not in Scene.model_fields)
 
 
 def _replace(table: dict[str, Any], place: Where, mended: dict[Where, int]) -> bool:
     """Put the next stand-in; whether there was one."""
+    if not place:  # a key that looks like what a union calls its kinds
+        return False
     at: Any = table
     for depth, part in enumerate(place):
         inside = at[part] if _has(at, part) else None
@@ -94,15 +104,26 @@ def _is_number(part: str | int) -> bool:
 
 
 def _apart(found: Iterable[str], mended: Iterable[Where]) -> Iterator[str]:
-    """Sentences whose places are neither above nor below those of stand-ins."""
+    """Sentences that no stand-in has to do with."""
     near = {".".join(map(str, place)) for place in mended}
-    above = {place[:k] for place in near for k, sign in enumerate(place) if sign == "."}
-    tables = {place.partition(".")[0] for place in near}
+    entries = {".".join(map(str, place[:2])) for place in mended}
+    tables = {str(place[0]) for place in mended}
     for sentence in found:
-        keys = sentence.partition(": ")[0].split(".")
-        up = {".".join(keys[:k]) for k in range(1, len(keys) + 1)}
-        # Counts of the path are compared with one another, and grids with the mesh.
-        beside = {"path": "path", "body": "mesh"}.get(keys[0])
-        touched = near & up or ".".join(keys) in above or beside in tables
-        if not touched and not sentence.endswith(UNUSED):
-            yield sentence
+        if sentence.endswith(UNUSED) or any(_within(sentence, place) for place in near):
+            continue
+        name = "there is no " in sentence
+        # Keys of one entry go together or do not; a name is known whatever is beside it.
+        if not name and any(_within(sentence, entry) for entry in entries):
+            continue
+        # Grids take the cells of the mesh, and the path's counts and names are its own.
+        if _within(sentence, "body") and "mesh" in tables and not name:
+            continue
+        if _within(sentence, "path") and tables & {"path", "body", "mesh"}:
+            continue
+        if ".amplitude: " in sentence and "path" in tables:
+            continue
+        yield sentence
+
+
+def _within(sentence: str, place: str) -> bool:
+    return sentence.startswith((f"{place}.", f"{place}: "))

@@ -79,7 +79,7 @@ pub fn keep_heap() {
             libc::mallopt(libc::M_TRIM_THRESHOLD, 8 * GROWTH);
             libc::mallopt(libc::M_TOP_PAD, GROWTH);
         }
-        if std::thread::available_parallelism().is_ok_and(|cores| cores.get() > 1) {
+        if crate::threads::count(None).is_ok_and(|threads| threads > 1) {
             // Where there is no thread to be had, pages are touched when they are needed.
             let _ = std::thread::Builder::new().spawn(touch_heap);
         }
@@ -96,13 +96,15 @@ fn touch_heap() {
     const PIECE: usize = 1 << 22;
     const PIECES: usize = 10;
     let touched = |_| {
-        let mut piece = Vec::<u8>::with_capacity(PIECE);
+        let mut piece = Vec::<u8>::new();
+        // Where memory is short, it is for the job.
+        piece.try_reserve_exact(PIECE).ok()?;
         for page in piece.spare_capacity_mut().chunks_mut(PAGE) {
             page[0].write(1);
         }
         // Else nobody would see the writes, and they would be left out.
-        std::hint::black_box(piece)
+        Some(std::hint::black_box(piece))
     };
-    let all: Vec<Vec<u8>> = (0..PIECES).map(touched).collect();
+    let all: Vec<Vec<u8>> = (0..PIECES).map_while(touched).collect();
     drop(all);
 }

@@ -184,6 +184,31 @@ def test_values_do_not_hide_names(said: Any, setting: str, mistake: str) -> None
 
 
 @pytest.mark.parametrize(
+    "settings",
+    [
+        ["|x=1"],
+        ["contact.0.agianst=3"],
+        ['contact.0.pairing="nodes"', "contact.0.against=5"],
+        ["contact.0.axis=[1.0, 0.0, 0.0]", "contact.0.mu=[0.3]"],
+        ["path.amplitud=3"],
+        ["pth=3"],
+        ["mesh.n=-1", "path.steps=1000000"],
+    ],
+)
+def test_stand_ins_make_no_mistakes_up(said: Any, settings: list[str]) -> None:
+    """Keys that go together with a wrong one are not told as wrong."""
+    told = said(*RUN, *(word for s in settings for word in ("--set", s)))
+    assert "mistakes" not in told
+
+
+def test_what_stand_ins_leave_is_in_range(said: Any) -> None:
+    told = said(*RUN, "--set", "mesh.m=1", "--set", "material.steel.young=1e99")
+    assert "mesh.m: unknown key" in told
+    assert "material.steel.young: is 1e+99" in told
+    assert "2 mistakes" in told
+
+
+@pytest.mark.parametrize(
     ("word", "found"),
     [
         ("Alpha-Beta", "alpha_beta"),

@@ -418,7 +418,7 @@ def _too_large(name: str, nodes: int, dim: int, steps: int) -> Iterator[str]:
 
 
 def _path(scene: Scene) -> Iterator[str]:
-    path = scene.path
+    path, count = scene.path, scene.path.count()
     used = {path.parameter}
     for place, number in scene.varying():
         used.add(number.amplitude)
@@ -439,10 +439,10 @@ def _path(scene: Scene) -> Iterator[str]:
             yield f"{place}: a ramp has no period"
         elif amplitude.wave is not None and path.steps is None:
             yield f"path.steps: is missing, and the wave {name} has no end"
-        elif amplitude.table is not None and len(amplitude.table) != path.count():
+        elif amplitude.table is not None and len(amplitude.table) != count:
             yield (
                 f"{place}: has {counted(len(amplitude.table), 'factor')} for "
-                f"{counted(path.count(), 'step')}"
+                f"{counted(count, 'step')}"
             )
         if name not in used:
             yield f"{place}: nothing uses it"
