@@ -75,7 +75,8 @@ def _replace(table: dict[str, Any], place: Where, mended: dict[Where, int]) -> b
     for depth, part in enumerate(place):
         inside = at[part] if _has(at, part) else None
         below = place[depth + 1 :]
-        if not below or not isinstance(inside, list if _is_number(below[0]) else dict):
+        table_or_list = list if below and isinstance(below[0], int) else dict
+        if not below or not isinstance(inside, table_or_list):
             # A plain value, or a list, may stand for a table: its place is then meant.
             place = place[: depth + 1]
             break
@@ -97,10 +98,6 @@ def _has(at: Any, part: str | int) -> bool:
     if isinstance(at, list):
         return isinstance(part, int) and part < len(at)
     return part in at
-
-
-def _is_number(part: str | int) -> bool:
-    return isinstance(part, int)
 
 
 def _apart(found: Iterable[str], mended: Iterable[Where]) -> Iterator[str]:

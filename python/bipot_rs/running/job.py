@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 ENOUGH = "discretisation"
 # What a run of any scene asks for on its way: imported while signals wait, and not on
 # the time of what asks first.
-_LATER = ("bipot_rs.fem", "bipot_rs.paraview", "bipot_rs.running.report")
+_LATER = ("bipot_rs.paraview", "bipot_rs.running.report")
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
 
 
