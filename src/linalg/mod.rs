@@ -19,6 +19,7 @@ mod packed;
 pub mod pages;
 mod quotient;
 pub mod reach;
+mod region;
 pub mod signs;
 pub mod small;
 mod solves;

@@ -18,6 +18,7 @@ use crate::linalg::csc::{Symmetric, narrow};
 use crate::linalg::dense::{factor_panel, mirror_upper, rank_update};
 use crate::linalg::packed::{Packed, Run, add_to_panel, add_to_update, segments};
 use crate::linalg::pages::{release, zeros};
+use crate::linalg::region::{End, Left, Piece, Region};
 use crate::linalg::sweep::{Columns, Forward};
 use crate::linalg::symbolic::{Front, Symbolic, Task};
 use crate::linalg::walk::{inner, lock, upwards};
@@ -111,12 +112,14 @@ impl Factor {
     /// [`Error::SparseStructure`] when `k` has not the pattern analysed.
     ///
     /// The memory is that of a factor of the same analysis that is gone, if there
-    /// was one: it stays with the analysis, to the end of that.
+    /// was one: it stays with the analysis, to the end of that. So does the stack of
+    /// updates, from the second factor on.
     pub fn new(symbolic: Arc<Symbolic>, k: &Symmetric, stop: &AtomicBool) -> Result<Self, Error> {
         let diagonal = checked_diagonal(&symbolic, k)?;
         let k = (k, diagonal.as_slice());
         let mut panels = Panels::of(&symbolic);
         let (schur, weakest) = eliminate(&symbolic, k, stop, Some(&mut panels), None)?;
+        symbolic.set_used();
         Ok(Self {
             symbolic,
             panels: panels.values,
@@ -152,7 +155,7 @@ impl Factor {
 
 impl Drop for Factor {
     fn drop(&mut self) {
-        self.symbolic.give_spare(std::mem::take(&mut self.panels));
+        self.symbolic.give_panels(std::mem::take(&mut self.panels));
     }
 }
 
@@ -166,7 +169,7 @@ struct Panels {
 
 impl Panels {
     fn of(symbolic: &Symbolic) -> Self {
-        let spare = symbolic.take_spare();
+        let spare = symbolic.take_panels();
         let is_clear = spare.len() != symbolic.panels;
         Self {
             values: if is_clear {
@@ -187,8 +190,28 @@ fn eliminate(
     panels: Option<&mut Panels>,
     loads: Option<&Forward>,
 ) -> Result<Eliminated, Error> {
-    let done = Work::new(symbolic, k, diagonal, stop, panels, loads).go()?;
-    Ok((done.schur(symbolic, k), done.weakest))
+    let (need, keeps) = match panels {
+        Some(_) => (symbolic.stack, symbolic.is_used()),
+        None => (symbolic.stack_dropped, false),
+    };
+    let mut memory = symbolic.take_stack();
+    if memory.len() != need {
+        memory = zeros(need);
+    }
+    let region = Region::new(&mut memory);
+    let done = Work::new(symbolic, k, diagonal, stop, &region, panels, loads).go()?;
+    if keeps {
+        let schur = done.schur(symbolic, k, &memory);
+        symbolic.give_stack(memory);
+        return Ok((schur, done.weakest));
+    }
+    // S takes the place of what no update has any more.
+    let end = done.updates.iter().map(Left::end).max();
+    memory.truncate(end.unwrap_or(0));
+    memory.shrink_to_fit();
+    let schur = done.schur(symbolic, k, &memory);
+    release(memory);
+    Ok((schur, done.weakest))
 }
 
 /// S, and the weakest pivot as [`Factor::weakest_pivot`] gives it.
@@ -207,9 +230,6 @@ fn checked_diagonal(symbolic: &Symbolic, k: &Symmetric) -> Result<Vec<f64>, Erro
     bad.map_or(Ok(diagonal), |dof| Err(Error::Indefinite { dof }))
 }
 
-/// What a finished task has left: one update after another.
-type Updates = Vec<f64>;
-
 /// One factorisation on its way.
 struct Work<'a, 'l> {
     symbolic: &'a Symbolic,
@@ -221,8 +241,13 @@ struct Work<'a, 'l> {
     /// Whether these are zero.
     is_clear: bool,
     loads: Option<&'a Forward<'l>>,
-    updates: Vec<Mutex<Updates>>,
-    buffers: Buffers,
+    /// Where updates lie until they are taken.
+    stack: &'a Region<'a>,
+    /// From which end of it each task takes: not the one of its children. Thus on one
+    /// thread either end is a stack, and together they need what was counted.
+    ends: Vec<End>,
+    /// What each finished task has left: one update after another.
+    updates: Vec<Mutex<Option<Piece<'a>>>>,
     /// Smallest pivot of each task, as (ratio, unknown).
     weakest: Vec<Mutex<Option<(f64, usize)>>>,
     /// The failure of the earliest task. Tasks that do not depend on a failed
@@ -233,7 +258,7 @@ struct Work<'a, 'l> {
 
 /// What is left when all fronts are done.
 struct Done {
-    updates: Vec<Updates>,
+    updates: Vec<Left>,
     weakest: Option<(usize, f64)>,
 }
 
@@ -243,6 +268,7 @@ impl<'a, 'l> Work<'a, 'l> {
         k: &'a Symmetric<'a>,
         diagonal: &'a [f64],
         stop: &'a AtomicBool,
+        stack: &'a Region<'a>,
         panels: Option<&'a mut Panels>,
         loads: Option<&'a Forward<'l>>,
     ) -> Self {
@@ -260,11 +286,13 @@ impl<'a, 'l> Work<'a, 'l> {
             }
             parts
         };
-        let need = if panels.is_some() {
-            symbolic.stack
-        } else {
-            symbolic.stack_dropped
-        };
+        let mut ends = vec![End::Low; tasks.len()];
+        // Parents come after their children.
+        for (number, task) in tasks.iter().enumerate().rev() {
+            if let Some(parent) = task.parent {
+                ends[number] = ends[parent].other();
+            }
+        }
         Self {
             symbolic,
             k,
@@ -273,8 +301,9 @@ impl<'a, 'l> Work<'a, 'l> {
             panels: panels.map(split),
             is_clear,
             loads,
+            stack,
+            ends,
             updates: tasks.iter().map(|_| Mutex::default()).collect(),
-            buffers: Buffers::new(need),
             weakest: tasks.iter().map(|_| Mutex::default()).collect(),
             failure: Mutex::new(None),
         }
@@ -283,7 +312,7 @@ impl<'a, 'l> Work<'a, 'l> {
     fn go(self) -> Result<Done, Error> {
         upwards(self.symbolic, &|number| {
             match self.work(number, &self.symbolic.tasks[number]) {
-                Ok(updates) => *lock(&self.updates[number]) = updates,
+                Ok(updates) => *lock(&self.updates[number]) = Some(updates),
                 Err(error) => {
                     let mut failure = lock(&self.failure);
                     if failure.as_ref().is_none_or(|(first, _)| number < *first) {
@@ -304,21 +333,21 @@ impl<'a, 'l> Work<'a, 'l> {
         for own in self.weakest {
             weakest = smaller(weakest, inner(own));
         }
+        let left =
+            |updates: Mutex<Option<Piece>>| inner(updates).map_or_else(Left::default, Piece::leave);
         Ok(Done {
-            updates: self.updates.into_iter().map(inner).collect(),
+            updates: self.updates.into_iter().map(left).collect(),
             weakest: weakest.map(|(ratio, dof)| (dof, ratio)),
         })
     }
 
-    fn work(&self, number: usize, task: &Task) -> Result<Updates, Error> {
+    fn work(&self, number: usize, task: &Task) -> Result<Piece<'a>, Error> {
         let mut panels = self.panels.as_ref().map(|parts| lock(&parts[number]));
-        let mut dropped = if panels.is_some() {
-            Vec::new()
-        } else {
-            self.buffers.take(task.panel)
-        };
+        let end = self.ends[number];
+        let own = if panels.is_some() { 0 } else { task.panel };
+        let mut dropped = self.stack.take(own, end.other());
         let mut loads = self.loads.map(|loads| loads.begin(number));
-        let mut stack = self.buffers.take(task.stack);
+        let mut stack = self.stack.take(task.stack, end);
         let mut weakest = None;
         // Start of each update that waits on the stack.
         let mut waiting: Vec<(usize, usize)> = Vec::new();
@@ -380,13 +409,8 @@ impl<'a, 'l> Work<'a, 'l> {
         if let (Some(sweep), Some(waiting)) = (self.loads, loads) {
             sweep.end(number, waiting);
         }
-        self.buffers.give(dropped);
         *lock(&self.weakest[number]) = weakest;
-        if task.stack > task.left {
-            let mut left = self.buffers.take(task.left);
-            left[..task.left].copy_from_slice(&stack[..task.left]);
-            self.buffers.give(std::mem::replace(&mut stack, left));
-        }
+        stack.keep(task.left);
         Ok(stack)
     }
 
@@ -408,22 +432,18 @@ impl<'a, 'l> Work<'a, 'l> {
         weakest: &mut Option<(f64, usize)>,
     ) -> Result<(), Error> {
         let numbers = &self.symbolic.task_children[task.children.clone()];
-        let taken: Vec<Updates> = numbers
+        let taken: Vec<Option<Piece>> = numbers
             .iter()
-            .map(|&child| std::mem::take(&mut *lock(&self.updates[child])))
+            .map(|&child| lock(&self.updates[child]).take())
             .collect();
         let children = numbers
             .iter()
-            .zip(&taken)
+            .zip(taken.iter().flatten())
             .flat_map(|(&child, updates)| left_by(self.symbolic, child, updates));
         for &child in numbers {
             *weakest = smaller(*weakest, *lock(&self.weakest[child]));
         }
-        self.eliminate(front, panel, children, update, true, weakest)?;
-        for updates in taken {
-            self.buffers.give(updates);
-        }
-        Ok(())
+        self.eliminate(front, panel, children, update, true, weakest)
     }
 
     /// Takes a pivot with `before` unknowns eliminated below it, or says what
@@ -492,7 +512,7 @@ impl<'a, 'l> Work<'a, 'l> {
 
 impl Done {
     /// Adds what reached the kept unknowns to their block of K.
-    fn schur(&self, symbolic: &Symbolic, k: &Symmetric) -> Vec<f64> {
+    fn schur(&self, symbolic: &Symbolic, k: &Symmetric, stack: &[f64]) -> Vec<f64> {
         let m = symbolic.kept();
         let mut schur = zeros(m * m);
         // Of S too the upper triangle is summed.
@@ -509,7 +529,7 @@ impl Done {
             len: narrow(m),
         }];
         for &task in &symbolic.roots {
-            for (front, values) in left_by(symbolic, task, &self.updates[task]) {
+            for (front, values) in left_by(symbolic, task, self.updates[task].within(stack)) {
                 let rows = symbolic.runs_of(&symbolic.fronts[front]);
                 let map = segments(rows, symbolic.interior, 0, &all);
                 add_to_update(&mut schur, |j| j * m, 0, values, &map);
@@ -541,72 +561,5 @@ fn smaller(a: Option<(f64, usize)>, b: Option<(f64, usize)>) -> Option<(f64, usi
     match (a, b) {
         (Some(a), Some(b)) => Some(if b.0 < a.0 { b } else { a }),
         (a, b) => a.or(b),
-    }
-}
-
-/// Buffers that have been used before: memory fresh from the system costs a
-/// second a gigabyte when it is first touched.
-struct Buffers {
-    free: Mutex<Free>,
-    /// What may be held, in use or not [f64]: the need of one thread.
-    limit: usize,
-}
-
-#[derive(Default)]
-struct Free {
-    list: Vec<Vec<f64>>,
-    /// Numbers in all buffers, in use or not.
-    held: usize,
-}
-
-impl Buffers {
-    fn new(limit: usize) -> Self {
-        Self {
-            free: Mutex::default(),
-            limit,
-        }
-    }
-
-    /// A buffer of at least `len` numbers, whatever they are.
-    fn take(&self, len: usize) -> Vec<f64> {
-        let mut free = lock(&self.free);
-        // A quarter more than asked for may lie idle in a buffer, and as much as
-        // nobody counts.
-        let most = (len + len / 4).max(1 << 16);
-        let best = (0..free.list.len())
-            .filter(|&i| (len..=most).contains(&free.list[i].len()))
-            .min_by_key(|&i| free.list[i].len());
-        if let Some(i) = best {
-            return free.list.swap_remove(i);
-        }
-        // New ones take the place of those that do not fit, the largest that is
-        // too small first: towards the root updates grow, and nobody will ask
-        // for that one again.
-        let mut dropped = Vec::new();
-        while free.held + len > self.limit {
-            let next = (0..free.list.len())
-                .max_by_key(|&i| (free.list[i].len() < len, free.list[i].len()));
-            let Some(next) = next else { break };
-            let buffer = free.list.swap_remove(next);
-            free.held -= buffer.len();
-            dropped.push(buffer);
-        }
-        free.held += len;
-        drop(free);
-        dropped.into_iter().for_each(release);
-        zeros(len)
-    }
-
-    /// Takes a buffer back.
-    fn give(&self, buffer: Vec<f64>) {
-        if !buffer.is_empty() {
-            lock(&self.free).list.push(buffer);
-        }
-    }
-}
-
-impl Drop for Free {
-    fn drop(&mut self) {
-        self.list.drain(..).for_each(release);
     }
 }

@@ -130,6 +130,12 @@ impl Analysed {
         self.symbolic.bytes_spare() as u128
     }
 
+    /// Bytes that the factorisation leaves for the one after it.
+    #[must_use]
+    pub fn bytes_left(&self) -> u128 {
+        self.symbolic.bytes_left() as u128
+    }
+
     /// What the factorisation will cost.
     #[must_use]
     pub fn counts(&self) -> &Counts {

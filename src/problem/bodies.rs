@@ -357,7 +357,7 @@ pub fn needed(parts: &[Analysed], dropped: bool) -> u128 {
         let factor = if dropped {
             0
         } else {
-            counts.bytes_factor as u128 - square
+            counts.bytes_factor as u128 - square + part.bytes_left()
         };
         // The Cholesky factor stands beside S, then beside the inverse, which is W.
         let stays = factor + 2 * square;

@@ -9,6 +9,7 @@ mod pattern;
 mod tasks;
 
 use std::ops::{Deref, Range};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
@@ -125,9 +126,18 @@ pub(crate) struct Task {
 pub struct Symbolic {
     plan: Arc<Plan>,
     counts: Counts,
-    /// Memory of a factor of this pattern that is gone, for the next one: fresh
-    /// memory costs a second a gigabyte when it is first touched.
-    spare: Mutex<Vec<f64>>,
+    spare: Spare,
+}
+
+/// Memory of factors of a pattern that are gone, for the next one: fresh memory costs a
+/// second a gigabyte when it is first touched. Nobody waits for it: in a forked child
+/// the locks may be held by a thread that is not there.
+#[derive(Debug, Default)]
+struct Spare {
+    panels: Mutex<Vec<f64>>,
+    stack: Mutex<Vec<f64>>,
+    /// Whether there was a factor: where there are two, there will be more.
+    is_used: AtomicBool,
 }
 
 impl Deref for Symbolic {
@@ -252,7 +262,7 @@ impl Symbolic {
                 seconds_order,
                 seconds_symbolic: begin.elapsed().as_secs_f64() - seconds_order,
             },
-            spare: Mutex::default(),
+            spare: Spare::default(),
         })
     }
 
@@ -274,7 +284,7 @@ impl Symbolic {
         Self {
             plan: Arc::clone(&self.plan),
             counts,
-            spare: Mutex::default(),
+            spare: Spare::default(),
         }
     }
 
@@ -282,22 +292,60 @@ impl Symbolic {
     /// [`Counts::bytes_peak`] counts among what it takes.
     #[must_use]
     pub fn bytes_spare(&self) -> usize {
-        let spare = self.spare.try_lock();
-        spare.map_or(0, |spare| size_of_val(spare.as_slice()))
+        [&self.spare.panels, &self.spare.stack]
+            .map(|spare| spare.try_lock().map_or(0, |held| size_of_val(&held[..])))
+            .iter()
+            .sum()
     }
 
-    /// Memory for a factor, used before or none. Nobody waits: in a forked child
-    /// the lock may be held by a thread that is not there.
-    pub(crate) fn take_spare(&self) -> Vec<f64> {
-        let spare = self.spare.try_lock();
-        spare.map_or_else(|_| Vec::new(), |mut spare| std::mem::take(&mut *spare))
-    }
-
-    /// Keeps the memory of a factor for the next one.
-    pub(crate) fn give_spare(&self, panels: Vec<f64>) {
-        if let Ok(mut spare) = self.spare.try_lock() {
-            *spare = panels;
+    /// Bytes of the stack of updates, where the next factor will leave it to the one
+    /// after.
+    #[must_use]
+    pub fn bytes_left(&self) -> usize {
+        if self.is_used() {
+            self.stack * size_of::<f64>()
+        } else {
+            0
         }
+    }
+
+    /// Whether there was a factor of this analysis.
+    pub(crate) fn is_used(&self) -> bool {
+        self.spare.is_used.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn set_used(&self) {
+        self.spare.is_used.store(true, Ordering::Relaxed);
+    }
+
+    /// Memory for panels, used before or none.
+    pub(crate) fn take_panels(&self) -> Vec<f64> {
+        take(&self.spare.panels)
+    }
+
+    pub(crate) fn give_panels(&self, panels: Vec<f64>) {
+        give(&self.spare.panels, panels);
+    }
+
+    /// Memory for updates, used before or none.
+    pub(crate) fn take_stack(&self) -> Vec<f64> {
+        take(&self.spare.stack)
+    }
+
+    pub(crate) fn give_stack(&self, stack: Vec<f64>) {
+        give(&self.spare.stack, stack);
+    }
+}
+
+fn take(spare: &Mutex<Vec<f64>>) -> Vec<f64> {
+    spare
+        .try_lock()
+        .map_or_else(|_| Vec::new(), |mut spare| std::mem::take(&mut *spare))
+}
+
+fn give(spare: &Mutex<Vec<f64>>, values: Vec<f64>) {
+    if let Ok(mut spare) = spare.try_lock() {
+        *spare = values;
     }
 }
 

@@ -1,0 +1,274 @@
+//! One stretch of memory, dealt out in pieces from both of its ends.
+//!
+//! Fresh memory costs a second a gigabyte when it is first touched. Updates come and
+//! go all the time a factorisation lasts, and larger ones take the place of smaller
+//! ones: an allocator would go to the system for each. Here what one has left serves
+//! the next.
+
+use std::marker::PhantomData;
+use std::ops::{Deref, DerefMut, Range};
+use std::sync::Mutex;
+
+use crate::linalg::pages::{release, zeros};
+use crate::linalg::walk::lock;
+
+/// Which end of a region a piece is taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum End {
+    Low,
+    High,
+}
+
+impl End {
+    pub(crate) fn other(self) -> Self {
+        match self {
+            Self::Low => Self::High,
+            Self::High => Self::Low,
+        }
+    }
+}
+
+/// Memory that is dealt out.
+pub(crate) struct Region<'m> {
+    memory: *mut f64,
+    /// What nobody has, in order; no two touch.
+    gaps: Mutex<Vec<Range<usize>>>,
+    borrowed: PhantomData<&'m mut [f64]>,
+}
+
+// SAFETY: `memory` is only read and written through pieces, whose ranges do not
+// overlap; a range goes from one to the next under the lock of `gaps`.
+unsafe impl Sync for Region<'_> {}
+
+impl<'m> Region<'m> {
+    pub(crate) fn new(memory: &'m mut [f64]) -> Self {
+        let whole = 0..memory.len();
+        Self {
+            memory: memory.as_mut_ptr(),
+            gaps: Mutex::new(Vec::from_iter((!whole.is_empty()).then_some(whole))),
+            borrowed: PhantomData,
+        }
+    }
+
+    /// A piece of `len` numbers, whatever they are, from the gap nearest to `end` that
+    /// has room; from the system where none has.
+    pub(crate) fn take(&self, len: usize, end: End) -> Piece<'_> {
+        let mut gaps = lock(&self.gaps);
+        let fits = |gap: &Range<usize>| gap.len() >= len;
+        let found = match end {
+            End::Low => gaps.iter().position(fits),
+            End::High => gaps.iter().rposition(fits),
+        };
+        let Some(at) = found else {
+            return Piece::Apart(zeros(len));
+        };
+        let gap = &mut gaps[at];
+        let range = match end {
+            End::Low => gap.start..gap.start + len,
+            End::High => gap.end - len..gap.end,
+        };
+        match end {
+            End::Low => gap.start = range.end,
+            End::High => gap.end = range.start,
+        }
+        if gap.start == gap.end {
+            gaps.remove(at);
+        }
+        Piece::Part {
+            region: self,
+            range,
+            end,
+        }
+    }
+
+    /// Takes back what no piece has any more.
+    fn give(&self, range: Range<usize>) {
+        if range.is_empty() {
+            return;
+        }
+        let mut gaps = lock(&self.gaps);
+        let at = gaps.partition_point(|gap| gap.start < range.start);
+        let after = gaps.get(at).is_some_and(|gap| gap.start == range.end);
+        let before = at > 0 && gaps[at - 1].end == range.start;
+        match (before, after) {
+            (true, true) => gaps[at - 1].end = gaps.remove(at).end,
+            (true, false) => gaps[at - 1].end = range.end,
+            (false, true) => gaps[at].start = range.start,
+            (false, false) => gaps.insert(at, range),
+        }
+    }
+}
+
+/// Numbers of one owner.
+pub(crate) enum Piece<'r> {
+    /// A part of a region, which goes back to it.
+    Part {
+        region: &'r Region<'r>,
+        range: Range<usize>,
+        end: End,
+    },
+    /// What the region had no room for.
+    Apart(Vec<f64>),
+}
+
+impl Piece<'_> {
+    /// Leaves the numbers where they are, and the region has no more of them.
+    pub(crate) fn leave(mut self) -> Left {
+        match &mut self {
+            Self::Part { range, .. } => Left::Part(std::mem::replace(range, 0..0)),
+            Self::Apart(values) => Left::Apart(std::mem::take(values)),
+        }
+    }
+
+    /// Gives back all but the first `len` numbers, which may move.
+    pub(crate) fn keep(&mut self, len: usize) {
+        let rest = self.len() - len;
+        if rest == 0 {
+            return;
+        }
+        match self {
+            Self::Part { end: End::Low, .. } => {}
+            // Towards the end it was taken from: the next piece finds no hole there.
+            Self::Part { end: End::High, .. } => self.copy_within(..len, rest),
+            Self::Apart(values) => {
+                let kept = values[..len].to_vec();
+                release(std::mem::replace(values, kept));
+            }
+        }
+        if let Self::Part { region, range, end } = self {
+            let given = match end {
+                End::Low => range.start + len..range.end,
+                End::High => range.start..range.end - len,
+            };
+            match end {
+                End::Low => range.end = given.start,
+                End::High => range.start = given.end,
+            }
+            region.give(given);
+        }
+    }
+}
+
+/// Numbers that nobody takes back, by their place in the memory of their region.
+pub(crate) enum Left {
+    Part(Range<usize>),
+    Apart(Vec<f64>),
+}
+
+impl Default for Left {
+    fn default() -> Self {
+        Self::Part(0..0)
+    }
+}
+
+impl Left {
+    /// Where they end in the memory of their region; 0 for those that are apart.
+    pub(crate) fn end(&self) -> usize {
+        match self {
+            Self::Part(range) => range.end,
+            Self::Apart(_) => 0,
+        }
+    }
+
+    /// The numbers, of which the memory of their region holds its part.
+    pub(crate) fn within<'s>(&'s self, memory: &'s [f64]) -> &'s [f64] {
+        match self {
+            Self::Part(range) => &memory[range.clone()],
+            Self::Apart(values) => values,
+        }
+    }
+}
+
+impl Deref for Piece<'_> {
+    type Target = [f64];
+
+    fn deref(&self) -> &[f64] {
+        match self {
+            // SAFETY: the range lies inside the memory that the region borrows, and is
+            // this piece's alone until it is given back.
+            Self::Part { region, range, .. } => unsafe {
+                std::slice::from_raw_parts(region.memory.add(range.start), range.len())
+            },
+            Self::Apart(values) => values,
+        }
+    }
+}
+
+impl DerefMut for Piece<'_> {
+    fn deref_mut(&mut self) -> &mut [f64] {
+        match self {
+            // SAFETY: as above, and nobody else has this piece.
+            Self::Part { region, range, .. } => unsafe {
+                std::slice::from_raw_parts_mut(region.memory.add(range.start), range.len())
+            },
+            Self::Apart(values) => values,
+        }
+    }
+}
+
+impl Drop for Piece<'_> {
+    fn drop(&mut self) {
+        match self {
+            Self::Part { region, range, .. } => region.give(range.clone()),
+            Self::Apart(values) => release(std::mem::take(values)),
+        }
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::cast_precision_loss, reason = "marks of pieces")]
+mod tests {
+    use super::*;
+
+    /// Pieces come from the end asked for, go back in any order, and the whole is one
+    /// gap again.
+    #[test]
+    fn what_is_given_back_joins() {
+        let mut memory = vec![0.0; 100];
+        let region = Region::new(&mut memory);
+        let range = |piece: &Piece| match piece {
+            Piece::Part { range, .. } => range.clone(),
+            Piece::Apart(_) => panic!("there was room"),
+        };
+        let mut pieces: Vec<Piece> = [(30, End::Low), (20, End::High), (10, End::Low)]
+            .map(|(len, end)| region.take(len, end))
+            .into();
+        assert_eq!(range(&pieces[0]), 0..30);
+        assert_eq!(range(&pieces[1]), 80..100);
+        assert_eq!(range(&pieces[2]), 30..40);
+        for (k, piece) in pieces.iter_mut().enumerate() {
+            piece.fill(k as f64);
+        }
+        pieces[0].keep(12);
+        pieces[1][0] = 7.0;
+        pieces[1].keep(5);
+        assert_eq!(range(&pieces[0]), 0..12);
+        assert_eq!(range(&pieces[1]), 95..100);
+        assert_eq!(*pieces[1], [7.0, 1.0, 1.0, 1.0, 1.0]);
+        assert_eq!(*pieces[0], [0.0; 12]);
+        assert_eq!(*pieces[2], [2.0; 10]);
+        // The first gap that has room, from either end.
+        assert_eq!(range(&region.take(18, End::Low)), 12..30);
+        assert_eq!(range(&region.take(19, End::Low)), 40..59);
+        assert_eq!(range(&region.take(19, End::High)), 76..95);
+        assert!(
+            matches!(region.take(56, End::High), Piece::Apart(ref values) if values.len() == 56)
+        );
+        assert_eq!(region.take(0, End::Low).len(), 0);
+        pieces.swap_remove(0);
+        pieces.clear();
+        let gaps = lock(&region.gaps);
+        assert_eq!((gaps.len(), &gaps[0]), (1, &(0..100)));
+    }
+
+    #[test]
+    fn without_memory_every_piece_is_apart() {
+        let region = Region::new(&mut []);
+        let mut piece = region.take(4, End::Low);
+        piece.fill(3.0);
+        piece.keep(2);
+        assert_eq!(*piece, [3.0; 2]);
+        assert_eq!(region.take(0, End::High).len(), 0);
+        assert!(lock(&region.gaps).is_empty());
+    }
+}
