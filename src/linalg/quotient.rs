@@ -8,6 +8,23 @@ use crate::linalg::csc::{mix, narrow};
 /// dissection cannot separate anything around it.
 const DENSE: f64 = 10.0;
 
+/// Equal neighbourhoods are looked at no further where they make so much fewer nodes
+/// than there are unknowns; where hardly any are equal, entries that happen to vanish
+/// are missing in K.
+const FEWER: f64 = 0.6;
+
+/// Unknowns that follow one another are of one node, up to [`MOST`] of them, where of
+/// the neighbours that either has so many are those of both. Of nodes joined by an
+/// element half the neighbours are common ones.
+const COMMON: f64 = 0.75;
+
+/// Unknowns that follow one another count as one neighbour: where directions do not act
+/// on each other, each is joined to the same nodes by other unknowns.
+const THREE: usize = 3;
+
+/// Degrees of freedom of a node: of a shell's.
+const MOST: usize = 6;
+
 /// The graph of nodes. Interior ones come first, kept ones after them.
 #[derive(Debug)]
 pub(crate) struct Quotient {
@@ -21,25 +38,46 @@ pub(crate) struct Quotient {
 }
 
 impl Quotient {
-    /// Groups unknowns whose closed neighbourhoods are equal. Kept ones are
-    /// grouped only where they follow one another in `kept`, so that S keeps
-    /// the caller's order; `place` is the position of each in `kept`.
+    /// Groups unknowns whose closed neighbourhoods are equal; where few are, those that
+    /// follow one another and have most of their neighbours in common. Kept ones are
+    /// grouped only where they follow one another in `kept`, so that S keeps the caller's
+    /// order; `place` is the position of each in `kept`.
     pub(crate) fn new(
         col_ptr: &[usize],
         row_idx: &[usize],
         kept: &[usize],
         place: &[Option<u32>],
     ) -> Self {
-        let n = place.len();
         let column = |j: usize| &row_idx[col_ptr[j]..col_ptr[j + 1]];
+        let equal = Self::grouped(column, kept, place, |lead, j, _| same(column, lead, j));
+        #[expect(clippy::cast_precision_loss, reason = "a threshold")]
+        let is_fewer = |this: &Self| this.len() as f64 <= FEWER * place.len() as f64;
+        if is_fewer(&equal) {
+            return equal;
+        }
+        let alike = Self::grouped(column, kept, place, |lead, j, after| {
+            after < MOST && common(column(lead), column(j)) >= COMMON || same(column, lead, j)
+        });
+        if is_fewer(&alike) { alike } else { equal }
+    }
+
+    /// Groups those that follow one another by `is_one(first of the group, unknown,
+    /// unknowns after the first)`, and others by their equal neighbourhoods.
+    fn grouped<'a>(
+        column: impl Fn(usize) -> &'a [usize] + Copy,
+        kept: &[usize],
+        place: &[Option<u32>],
+        is_one: impl Fn(usize, usize, usize) -> bool,
+    ) -> Self {
+        let n = place.len();
         let mut node_of = vec![0_u32; n];
         let mut leaders: Vec<u32> = Vec::new();
         let mut by_hash: HashMap<u64, Vec<u32>> = HashMap::new();
         for j in (0..n).filter(|&j| place[j].is_none()) {
             // Unknowns of a node mostly follow one another.
-            let near = leaders.last().copied();
-            if let Some(node) = near.filter(|&lead| same(column, lead as usize, j)) {
-                node_of[j] = node_of[node as usize];
+            let near = leaders.last().map(|&lead| lead as usize);
+            if let Some(lead) = near.filter(|&lead| is_one(lead, j, j - lead)) {
+                node_of[j] = node_of[lead];
                 continue;
             }
             let candidates = by_hash.entry(hash(column(j), j)).or_default();
@@ -55,14 +93,14 @@ impl Quotient {
             };
         }
         let interior = leaders.len();
+        // Where in `kept` the group begins.
+        let mut first = 0;
         for (at, &j) in kept.iter().enumerate() {
-            let previous = at.checked_sub(1).map(|before| kept[before]);
-            node_of[j] = if let Some(previous) = previous.filter(|&p| same(column, p, j)) {
-                node_of[previous]
-            } else {
+            if at == 0 || !is_one(kept[first], j, at - first) {
+                first = at;
                 leaders.push(narrow(j));
-                narrow(leaders.len() - 1)
-            };
+            }
+            node_of[j] = narrow(leaders.len() - 1);
         }
         let mut this = Self {
             node_of,
@@ -73,7 +111,7 @@ impl Quotient {
             interior,
         };
         this.collect_members(leaders.len(), kept, place);
-        this.join(&leaders, column);
+        this.join(column);
         this
     }
 
@@ -95,16 +133,27 @@ impl Quotient {
         self.member_start = start;
     }
 
-    fn join<'a>(&mut self, leaders: &[u32], column: impl Fn(usize) -> &'a [usize]) {
-        let mut seen = vec![u32::MAX; leaders.len()];
-        for (v, &lead) in leaders.iter().enumerate() {
+    /// A node is joined to those that any of its unknowns is joined to.
+    fn join<'a>(&mut self, column: impl Fn(usize) -> &'a [usize]) {
+        let nodes = self.member_start.len() - 1;
+        let mut seen = vec![u32::MAX; nodes];
+        for v in 0..nodes {
             let own = narrow(v);
             seen[v] = own;
-            for &i in column(lead as usize) {
-                let w = self.node_of[i];
-                if seen[w as usize] != own {
-                    seen[w as usize] = own;
-                    self.neighbours.push(w);
+            let members = &self.members[self.member_start[v]..self.member_start[v + 1]];
+            let mut before: &[usize] = &[];
+            for &member in members {
+                let column = column(member as usize);
+                if column == before {
+                    continue;
+                }
+                before = column;
+                for &i in column {
+                    let w = self.node_of[i];
+                    if seen[w as usize] != own {
+                        seen[w as usize] = own;
+                        self.neighbours.push(w);
+                    }
                 }
             }
             self.start.push(self.neighbours.len());
@@ -190,4 +239,81 @@ fn same<'a>(column: impl Fn(usize) -> &'a [usize], a: usize, b: usize) -> bool {
         return x.binary_search(&a).is_ok() && x.binary_search(&b).is_ok();
     }
     false
+}
+
+/// Of the neighbours in either of two sorted lists, the part that is in both.
+#[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
+fn common(a: &[usize], b: &[usize]) -> f64 {
+    let groups = |list: &[usize]| -> Vec<usize> {
+        let mut found: Vec<usize> = list.iter().map(|&i| i / THREE).collect();
+        found.dedup();
+        found
+    };
+    let (a, b) = (groups(a), groups(b));
+    let (mut p, mut q, mut both) = (0, 0, 0);
+    while p < a.len() && q < b.len() {
+        let (i, j) = (a[p], b[q]);
+        both += usize::from(i == j);
+        p += usize::from(i <= j);
+        q += usize::from(j <= i);
+    }
+    both as f64 / (a.len() + b.len() - both).max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Nodes of three unknowns along a line, each joined to the nodes beside it, but for
+    /// the pairs of unknowns that `missing` takes out; nothing is joined twice.
+    fn line(nodes: usize, missing: impl Fn(usize, usize) -> bool) -> (Vec<usize>, Vec<usize>) {
+        let (mut col_ptr, mut row_idx) = (vec![0], Vec::new());
+        for j in 0..3 * nodes {
+            let near = (3 * (j / 3)).saturating_sub(3)..(3 * (j / 3) + 6).min(3 * nodes);
+            row_idx.extend(near.filter(|&i| i == j || !missing(i.min(j), i.max(j))));
+            col_ptr.push(row_idx.len());
+        }
+        (col_ptr, row_idx)
+    }
+
+    #[test]
+    fn entries_that_vanish_leave_the_nodes() {
+        let nodes = 40;
+        let kept: Vec<usize> = (3 * nodes - 6..3 * nodes).collect();
+        let place: Vec<Option<u32>> = (0..3 * nodes)
+            .map(|j| kept.iter().position(|&k| k == j).map(narrow))
+            .collect();
+        let of = |missing: &dyn Fn(usize, usize) -> bool| {
+            let (col_ptr, row_idx) = line(nodes, missing);
+            Quotient::new(&col_ptr, &row_idx, &kept, &place)
+        };
+        let whole = of(&|_, _| false);
+        // No direction acts on another one, but for the first and the second of a node.
+        let some = of(&|i, j| i % 3 != j % 3 && !(i % 3 == 0 && j == i + 1));
+        assert_eq!(whole.len(), nodes);
+        assert_eq!(some.len(), nodes);
+        for v in 0..nodes {
+            assert_eq!(some.members(v), whole.members(v));
+            let sorted = |nodes: &Quotient| {
+                let mut list = nodes.neighbours(v).to_vec();
+                list.sort_unstable();
+                list
+            };
+            assert_eq!(sorted(&some), sorted(&whole));
+        }
+        assert_eq!(some.kept(), whole.kept());
+    }
+
+    /// Unknowns of a line of nodes with one each have half of their neighbours in common.
+    #[test]
+    fn neighbours_are_not_one_node() {
+        let n = 30;
+        let row_idx: Vec<usize> = (0_usize..n)
+            .flat_map(|j| j.saturating_sub(1)..(j + 2).min(n))
+            .collect();
+        let mut col_ptr = vec![0];
+        col_ptr.extend((0..n).map(|j| 3 * j + 2 - usize::from(j + 1 == n)));
+        let nodes = Quotient::new(&col_ptr, &row_idx, &[], &vec![None; n]);
+        assert_eq!(nodes.len(), n);
+    }
 }
