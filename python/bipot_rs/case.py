@@ -13,7 +13,7 @@ from bipot_rs.bodies.stress import Initial, stress
 from bipot_rs.facing.rigid_motion import Motion
 from bipot_rs.fem import Model
 from bipot_rs.inspection import inspect
-from bipot_rs.loading import Totals, differing
+from bipot_rs.loading import Totals, differing, reached
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.schema import LoadPath, Pressure, Rigid, Scene, Varying
@@ -183,8 +183,8 @@ class Case:
 
     def _goes_on(self, start: Result | Step | None, first: int) -> None:
         """Refuse a start that another path has led to, as far as it knows its loads."""
-        last = start[-1] if isinstance(start, Result) and len(start) else start
-        if last is None or isinstance(last, Result) or not first:
+        last = reached(start)
+        if last is None or not first:
             return
         nothing = np.zeros(self.model.n)
         own = {

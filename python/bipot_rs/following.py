@@ -15,7 +15,7 @@ from bipot_rs.check import Array
 from bipot_rs.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.error_bound import ErrorBound, from_core, without
 from bipot_rs.errors import NoEquilibriumError, NotConvergedError
-from bipot_rs.loading import Totals, done
+from bipot_rs.loading import Totals, done, reached
 from bipot_rs.reduced import opening, solution_fields
 from bipot_rs.result import Outcome, Result, Solution, Step
 from bipot_rs.words import body_of, counted
@@ -285,19 +285,8 @@ class _StepProblem:
 
 def state(start: Result | Step | None, contacts: int, d: int) -> Step | None:
     """The step to continue from, checked."""
-    if start is None:
-        return None
-    step = start
-    if isinstance(start, Result):
-        if not len(start):
-            # Nothing was added to what that path itself started from.
-            return start.start
-        step = start[-1]
-    if not isinstance(step, Step):
-        raise TypeError(
-            f"start is a {type(start).__name__}, expected a Result or one of its steps"
-        )
-    if step.reaction.shape != (contacts, d):
+    step = reached(start)
+    if step is not None and step.reaction.shape != (contacts, d):
         raise ValueError(
             f"start has reactions of shape {step.reaction.shape}, expected {(contacts, d)}"
         )

@@ -205,6 +205,24 @@ def done(start: Result | Step | None) -> int:
     return start._first + len(start) if isinstance(start, Result) else 0
 
 
+def reached(start: Result | Step | None) -> Step | None:
+    """The step that a path goes on from.
+
+    Raises
+    ------
+    TypeError
+        What is no path and no step of one.
+    """
+    if isinstance(start, Result):
+        # Where nothing was added, what that path itself started from.
+        return start[-1] if len(start) else start.start
+    if start is None or isinstance(start, Step):
+        return start
+    raise TypeError(
+        f"start is a {type(start).__name__}, expected a Result or one of its steps"
+    )
+
+
 def _done(start: Result | Step, count: int, given: bool) -> int:
     """The same, of a path of which a problem has ``count`` steps itself."""
     if not isinstance(start, Result):
@@ -242,8 +260,7 @@ def _same_path(
     gaps: Array | None,
 ) -> None:
     """Refuse a start that another path has led to."""
-    steps = start if isinstance(start, Result) else (start,)
-    last = steps[-1] if len(steps) else getattr(start, "start", None)
+    last = reached(start)
     if not first or last is None:
         return
     behind = first - 1

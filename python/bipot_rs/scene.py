@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from bipot_rs.case import Case, Load, along
 from bipot_rs.fem import Body, Model, build
-from bipot_rs.scene_keys import instead
+from bipot_rs.scene_keys import instead, standing
 from bipot_rs.scene_parts import (
     bodies,
     contacts,
@@ -99,7 +99,8 @@ def checked(
     try:
         scene = Scene.model_validate(table)
     except ValidationError as error:
-        found += [_mistake(e, table) for e in error.errors()]
+        known = standing(Scene, table)
+        found += [_mistake(e, known) for e in error.errors()]
         found += others(table, places(error))
         raise SceneError(name, found) from None
     extreme = out_of_range(scene)
@@ -176,13 +177,16 @@ def _loads(scene: Scene, meshed: Sequence[Body], model: Model) -> Iterator[Load]
         yield Load(place[on], None, still, none, nodal, told.factor, strain)
 
 
-def _mistake(error: Any, table: dict[str, Any]) -> str:
-    """One line of pydantic's report, in the words of the scene file."""
+def _mistake(error: Any, known: Mapping[str, Sequence[str]]) -> str:
+    """One line of pydantic's report, in the words of the scene file.
+
+    ``known`` are the places of keys that are right.
+    """
     parts = [str(part) for part in error["loc"]]
     path = ".".join(part for part in parts if not part.startswith(KIND))
     kind, message = error["type"], error["msg"]
     if kind == "extra_forbidden":
-        return f"{path}: unknown key{instead(Scene, parts, table)}"
+        return f"{path}: unknown key{instead(Scene, parts, known)}"
     if kind == "missing":
         return f"{path}: is missing"
     if kind in ("model_type", "dict_type", "model_attributes_type"):

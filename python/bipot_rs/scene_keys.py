@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
@@ -13,7 +13,9 @@ from bipot_rs.words import nearest
 _DEEPEST = 16
 
 
-def instead(root: type[BaseModel], place: Sequence[str], table: Any) -> str:
+def instead(
+    root: type[BaseModel], place: Sequence[str], standing: Mapping[str, Sequence[str]]
+) -> str:
     """What an unknown key at ``place`` may have been meant for, to end a sentence.
 
     Parameters
@@ -22,18 +24,24 @@ def instead(root: type[BaseModel], place: Sequence[str], table: Any) -> str:
         The whole scene.
     place
         Keys and numbers of entries down to the unknown one.
-    table
-        The scene as it was read, where the key may stand somewhere else.
+    standing
+        `standing` of the scene as it was read, where the key may be right.
     """
     *above, wrong = place
     known = keys(root, above)
     if found := nearest(wrong, known):
         return f", did you mean {'.'.join([*above, found])}?"
-    elsewhere = [path for path in _paths(table) if path.split(".")[-1] == wrong]
-    elsewhere = [path for path in elsewhere if path != ".".join(place)]
-    if elsewhere:
+    if elsewhere := standing.get(wrong):
         return f", did you mean {' or '.join(elsewhere[:3])}?"
     return f", expected one of {', '.join(known)}" if known else ""
+
+
+def standing(root: type[BaseModel], table: Any) -> dict[str, list[str]]:
+    """Of each key of a scene as it was read, the places where the scene has such a one."""
+    found: dict[str, list[str]] = {}
+    for key, path in _paths([root], table):
+        found.setdefault(key, []).append(path)
+    return found
 
 
 def keys(root: type[BaseModel], place: Sequence[str]) -> list[str]:
@@ -77,17 +85,22 @@ def _keys(annotation: Any) -> Iterator[str]:
             yield from _keys(one)
 
 
-def _paths(table: Any, path: str = "", depth: int = _DEEPEST) -> Iterator[str]:
-    """Places of the keys of a table that was read, down to a depth."""
-    entries: Any = ()
-    if not depth:
+def _paths(
+    kinds: Sequence[Any], table: Any, path: str = "", depth: int = _DEEPEST
+) -> Iterator[tuple[str, str]]:
+    """Keys and places in a table of one of ``kinds`` that was read, down to a depth."""
+    if not depth or not kinds:
         return
     if isinstance(table, dict):
-        entries = table.items()
+        entries: Any = table.items()
+        known = {name for kind in kinds for name in _keys(kind)}
     elif isinstance(table, list):
-        entries = enumerate(table)
+        entries, known = enumerate(table), set()
+    else:
+        return
     for key, inner in entries:
         here = f"{path}.{key}" if path else str(key)
-        if isinstance(table, dict):
-            yield here
-        yield from _paths(inner, here, depth - 1)
+        if key in known:
+            yield str(key), here
+        below = [one for kind in kinds for one in _step(kind, str(key))]
+        yield from _paths(below, inner, here, depth - 1)

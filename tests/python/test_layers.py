@@ -35,7 +35,7 @@ RUST_SIBLINGS = {
         "below lu tree",
         "symbolic",
         "walk",
-        "sweep",
+        "region sweep",
         "multifrontal sparse_lu",
         "solves",
         "reach",
@@ -84,7 +84,10 @@ RUST_NAMES = {
     "metis_sys": ("linalg/ordering.rs",),
     "pyo3": ("python/",),
     "numpy": ("python/",),
-    "unsafe": ("linalg/ordering.rs", "linalg/dense/kernels.rs", "linalg/pages.rs"),
+    "unsafe": (
+        *("linalg/ordering.rs", "linalg/dense/kernels.rs", "linalg/pages.rs"),
+        "linalg/region.rs",
+    ),
 }
 PYTHON = (
     "bodies facing mesh_error running",

@@ -56,6 +56,10 @@ def test_from_python_through_a_file(
         part.save(tmp_path / "part.h5")
         assert same(solve(k, steps, bp.load(tmp_path / "part.h5")), whole[k:])
         assert same(solve(k, steps, part), whole[k:])
+    with pytest.raises(
+        TypeError, match="start is a tuple, expected a Result or one of"
+    ):
+        case.solve(start=whole[:1], first=1)
 
 
 def test_from_the_result_of_an_error(tmp_path: Path) -> None:

@@ -291,6 +291,28 @@ def test_mistakes_are_all_told(settings: list[str], problems: list[str]) -> None
         assert problem in str(caught.value)
 
 
+def test_a_key_that_is_wrong_twice_is_meant_for_neither() -> None:
+    """A key is looked for where the scene has it, and in one walk for all mistakes."""
+    table = scene.parsed("sheared_cube", scene.text("sheared_cube"))
+    contact = table["contact"][0]
+    table["contact"] = [
+        contact | {"cells": 3, "young": 1, "zzz": k} for k in range(300)
+    ]
+    table["body"]["cube"]["zzz"] = 1
+    with pytest.raises(scene.SceneError) as caught:
+        scene.checked("mine", table)
+    found = caught.value.problems
+    (young,) = (f"material.{name}.young" for name in table["material"])
+    for k in (0, 299):
+        assert f"contact.{k}.young: unknown key, did you mean {young}?" in found
+        near = (
+            "did you mean body.cube.x.cells or body.cube.y.cells or body.cube.z.cells?"
+        )
+        assert f"contact.{k}.cells: unknown key, {near}" in found
+        (meant,) = (line for line in found if line.startswith(f"contact.{k}.zzz: "))
+        assert meant.startswith(f"contact.{k}.zzz: unknown key, expected one of on, mu")
+
+
 def test_files_that_are_no_scenes(tmp_path: Path) -> None:
     with pytest.raises(scene.SceneError, match="neither a file nor one of cattaneo"):
         scene.read("nothing")
