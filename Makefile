@@ -130,5 +130,6 @@ checks:
 $(STAMP): pyproject.toml Cargo.toml Cargo.lock $(shell find src -name '*.rs') | prerequisites
 	$(PYTHON) -m venv $(VENV)
 	$(PY) -m pip install --quiet --disable-pip-version-check 'maturin>=1.16,<2'
+	@echo "compiling the core and installing: some three minutes, more on a busy machine"
 	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --editable '.[dev]'
 	@touch $@

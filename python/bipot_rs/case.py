@@ -211,6 +211,8 @@ class Case:
                 "nothing moves: no load, no prescribed displacement but zero, no obstacle "
                 "that moves or penetrates"
             )
+        if self.scene is not None and self.scene.lacks_n():
+            said.append("mesh.n: no body takes it, another one gives the same mesh")
         return said
 
     def stress_at_rest(self, step: int | Step) -> Floats | None:

@@ -206,11 +206,13 @@ def solve(
         typer.Option(help="Table: node, x, y[, z]; or a file with a *NODE listing."),
     ] = None,
     load: Annotated[
-        Path | None, typer.Option(help="Table: node, fx, fy[, fz][, step].")
+        Path | None, typer.Option(help="Table: node, fx, fy[, fz][, step from 0].")
     ] = None,
     fixed: Annotated[
         Path | None,
-        typer.Option(help="Table: node, ux, uy[, uz][, step], blank where free."),
+        typer.Option(
+            help="Table: node, ux, uy[, uz][, step from 0], blank where free."
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -388,6 +390,13 @@ def plot(
             help="What places along a line are: a coordinate, or the length of its arc.",
         ),
     ] = None,
+    step: Annotated[
+        int | None,
+        typer.Option(
+            metavar="K",
+            help="The load step to draw, from 1 as in the table; the last if not given.",
+        ),
+    ] = None,
     scene: Annotated[
         str | None,
         typer.Option(
@@ -408,6 +417,7 @@ def plot(
             *(result, kind, out),
             contact=contact,
             along=along,
+            step=step,
             scene=scene,
             settings=settings or (),
         )

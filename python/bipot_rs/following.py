@@ -337,6 +337,10 @@ class _Recovery:
     core: _core.Condensed
     seconds: dict[str, float]
 
+    def at_hand(self) -> bool:
+        """Whether a displacement takes no factorisation."""
+        return bool(self.core.stats["factor_kept"])
+
     def __call__(self, steps: Sequence[Step]) -> Array:
         began = time.perf_counter()
         none = np.empty(0)

@@ -222,14 +222,12 @@ def _unheld(model: Model) -> Iterator[str]:
     free under any load.
     """
     modes, owner = _modes(model)
-    held = [modes[model.fixed]]
-    if model.inclined is not None:
-        held.append(np.asarray(model.inclined.normals.T @ modes))
+    supports = _supporting(model, modes)
+    bare = set(_bare(supports, owner))
     rows = (model.B @ modes).reshape(-1, model.dim, modes.shape[1])
     rubs = _rubs(model)
-    held += [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]
-    held += [_sprung(model, spring, modes) for spring in model.springs]
-    constraints = np.concatenate(held)
+    felt = [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]
+    constraints = np.concatenate([*supports, *felt])
     for members in _meeting(model):
         columns = np.flatnonzero(np.isin(owner, members))
         own = constraints[:, columns]
@@ -239,12 +237,38 @@ def _unheld(model: Model) -> Iterator[str]:
         free = V[values <= _FREE * values.max()].T
         if not free.shape[1]:
             continue
+        several = len(members) > 1
         names = " and ".join(repr(model.bodies[b].name) for b in members)
-        words = _said(model, members, modes[:, columns], free)
-        yield (
-            f"nothing holds {'bodies' if len(members) > 1 else 'body'} {names} against "
-            f"{'; '.join(words)}: add a support, or friction or a contact that stops it"
-        )
+        whole = f"{'bodies' if several else 'body'} {names}"
+        if bare.issuperset(members) and free.shape[1] >= len(columns) // len(members):
+            where = "on any of them" if several else "on it"
+            yield f"nothing holds {whole}: no support and no spring is {where}"
+        else:
+            words = _said(model, members, modes[:, columns], free)
+            yield (
+                f"nothing holds {whole} against {'; '.join(words)}: add a support, or "
+                "friction or a contact that stops it"
+            )
+
+
+def unsupported(model: Model) -> list[str]:
+    """Names of the bodies without any support or spring, which contact alone can hold."""
+    modes, owner = _modes(model)
+    return [model.bodies[b].name for b in _bare(_supporting(model, modes), owner)]
+
+
+def _supporting(model: Model, modes: Array) -> list[Array]:
+    """What rigid motions do to supports and springs, a row each."""
+    found = [modes[model.fixed]]
+    if model.inclined is not None:
+        found.append(np.asarray(model.inclined.normals.T @ modes))
+    return [*found, *(_sprung(model, spring, modes) for spring in model.springs)]
+
+
+def _bare(supporting: list[Array], owner: Ints) -> list[int]:
+    """Bodies none of whose motions any of them feels."""
+    felt = np.any([rows.any(axis=0) for rows in supporting], axis=0)
+    return sorted(set(owner.tolist()) - set(owner[felt].tolist()))
 
 
 def _sprung(model: Model, spring: Spring, modes: Array) -> Array:

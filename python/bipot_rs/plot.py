@@ -31,8 +31,9 @@ def tractions(
     *,
     title: str = "",
     units: Mapping[str, str] | None = None,
+    step: int = -1,
 ) -> None:
-    """Draw the last load step, and the path that led to it.
+    """Draw a load step, and the path.
 
     Parameters
     ----------
@@ -48,6 +49,8 @@ def tractions(
         Line on top; which load step is drawn follows.
     units
         Names of units by ``"length"``, ``"force"``, ``"stress"``.
+    step
+        Which of ``steps`` is drawn, the last if not given.
 
     Raises
     ------
@@ -60,12 +63,13 @@ def tractions(
         raise ValueError("steps is empty, expected at least one load step")
     known, steps = _checked(contacts, steps)
     names = dict(units or {})
-    last = steps[-1]
+    at = range(len(steps))[step]
+    drawn = steps[at]
     n, d = known["x"].shape
     seen = Contacts(
         **known,  # type: ignore[arg-type]
-        reaction=last["reaction"],
-        status=last["status"].astype(np.int8),
+        reaction=drawn["reaction"],
+        status=drawn["status"].astype(np.int8),
         gap=np.zeros(n),
         slip=np.zeros((n, d - 1)),
         units=names,
@@ -88,7 +92,7 @@ def tractions(
         reaction = np.array([step["reaction"] for step in steps])
         draw_resultants(reaction, seen.frame, seen.mu, seen.surfaces, names, left)
         draw_shares(np.array([step["status"] for step in steps]), right)
-        said = f"load step {len(steps)} of {len(steps)}"
+        said = f"load step {at + 1} of {len(steps)}"
         title = f"{title}, {said}" if title else said
     figure.suptitle(title, fontsize=13, fontweight="bold")
     figure.savefig(path, dpi=150)

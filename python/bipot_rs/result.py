@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from enum import IntEnum, StrEnum
 from itertools import groupby
@@ -232,6 +232,16 @@ class Solution:
         return str(self._known["diagnosis"])
 
 
+class Recovery(Protocol):
+    """Displacements of steps, from their reactions."""
+
+    def __call__(self, steps: Sequence[Step], /) -> Array:
+        """Find them, a row each."""
+
+    def at_hand(self) -> bool:
+        """Whether that takes no factorisation."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Step(Solution):
     """One load step: a `Solution` with what belongs to a path.
@@ -271,7 +281,7 @@ class Step(Solution):
     gap: Array | None = None
     working_set: NDArray[np.int64] | None = None
     working_motion: Array | None = None
-    _recover: Callable[[Sequence[Step]], Array] | None = None
+    _recover: Recovery | None = None
     _kept: dict[str, Array] = field(default_factory=dict)
 
     @property
@@ -513,16 +523,35 @@ class Result(Sequence[Step]):
         """Whether each step is an answer, ``(steps,)``."""
         return self._stack("converged", (0,), np.bool_)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(
+        self, path: str | os.PathLike[str], *, displacements: bool | None = None
+    ) -> None:
         """Write the result to an HDF5 file; `load` reads it back.
 
-        Displacements are written where they have been computed.
+        Parameters
+        ----------
+        path
+            File to write or to replace.
+        displacements
+            Whether displacements ``(n,)`` that nobody has asked for are found first, a
+            solve a load step. By default where the problem keeps its factor, not where
+            ``loads=`` did without. Those that have been found are written in any case,
+            and a file without them can give none.
 
         Raises
         ------
         OSError
             The file cannot be written; an earlier one of that name is intact.
+        ValueError
+            ``displacements=True`` and steps that have lost their problem.
         """
+        if displacements is None:
+            ways = [(step, step._recover) for step in self.steps]
+            recover([step for step, way in ways if way is not None and way.at_hand()])
+        elif displacements:
+            recover(self.steps)
+            for step in self.steps:
+                _ = step.displacement  # of one that has lost its problem, refused
         export.write_result(
             path,
             self.contacts,

@@ -13,6 +13,7 @@ from bipot_rs.bodies.stress import MeanStress
 from bipot_rs.check import Array
 from bipot_rs.facing.closest import place
 from bipot_rs.fem import Model
+from bipot_rs.inspection import unsupported
 from bipot_rs.obstacle import Plane
 from bipot_rs.result import Step
 from bipot_rs.sliding import distances, farthest
@@ -40,7 +41,8 @@ def review(model: Model, steps: Sequence[Step]) -> list[str]:
         A sentence each, none where nothing is suspicious: rotations or strains beyond
         five per cent, in the mean over a cell; contacts that have slid further from what
         they met at the start than their distance from each other; contact zones less
-        than four nodes across at the end.
+        than four nodes across at the end; bodies without a support that no contact holds
+        at the end.
     """
     if not len(steps):
         return []
@@ -48,6 +50,7 @@ def review(model: Model, steps: Sequence[Step]) -> list[str]:
         *_large(model, steps),
         *_slid(model, steps),
         *_coarse(model, steps[-1], len(steps)),
+        *_gone(model, steps[-1]),
     ]
 
 
@@ -134,6 +137,20 @@ def _coarse(model: Model, last: Step, count: int) -> Iterator[str]:
                 f"{_named(model, group)} is {nodes:.0f} node{'' if nodes < 1.5 else 's'} "
                 f"across, around {place(model.points[pressed].mean(axis=0))}: its "
                 "pressure is rough there, smaller cells make it better"
+            )
+
+
+def _gone(model: Model, last: Step) -> Iterator[str]:
+    for name in unsupported(model):
+        groups = [
+            group
+            for group, contact in enumerate(model.contacts)
+            if name in (contact.body, (contact.against or ("",))[0])
+        ]
+        if not last.reaction[np.isin(model.group, groups)].any():
+            yield (
+                f"body {name!r} has no support and no spring, and at the end no contact "
+                "holds it: it has been pushed away, or a support is missing"
             )
 
 

@@ -472,7 +472,9 @@ def _values(
     told = np.unique(step)
     if len(table) and len(told) < count:
         absent = int(np.argmax(told != np.arange(len(told))))
-        raise ValueError(f"{table.path} has no step {absent}, and one {count - 1}")
+        raise ValueError(
+            f"{table.path} has no step {absent}, and one {count - 1}: steps count from 0"
+        )
     found = np.full((count, dofs.count), np.nan)
     where = np.zeros(found.shape, np.int64)
     number = table.integers("node" if by_node else "dof")

@@ -158,7 +158,8 @@ def of_problem(
     held = "supports hold them"
     if left:
         held = f"{counted(left, 'rigid motion')} that contact alone must hold"
-    gap = np.asarray(arrays["gap"]).reshape(contacts, -1)[:, 0]
+    gap = np.asarray(arrays["gap"])
+    gap = gap[:, 0] if gap.ndim > 1 else gap
     factor = counted(stats["nnz_factor"], "entry")
     kept = size(stats["bytes_factor"]) if stats["factor_kept"] else "not kept"
     memory = (
@@ -235,8 +236,13 @@ def of_result(result: Any) -> Summary:
     lost = sum(step.dissipation for step in result)
     iterations = sum(step.iterations for step in result)
     work = sum(step.work for step in result)
+    met = f"{places(contacts, d)}, at the end {counts(last.status)}"
+    if contacts and not any(step.status.any() for step in result):
+        met += (
+            "; none closes in any load step: is that what the loads and normals mean?"
+        )
     return title, [
-        ("contacts", f"{places(contacts, d)}, at the end {counts(last.status)}"),
+        ("contacts", met),
         ("forces", f"at the end {forces(last.reaction, result.contacts.get('frame'))}"),
         ("path", f"friction dissipated {lost:.5g} in all{_slid(result)}"),
         (

@@ -55,6 +55,11 @@ class Table:
             raise self.wrong(rows.line_num, str(error)) from None
         if header is None:
             raise ValueError(f"{self.path} is empty, expected a line of column names")
+        if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+            raise self.wrong(
+                self.header_line,
+                f"has one column, {header[0]!r}: expected names separated by commas",
+            )
         if len(set(header)) < len(header):
             raise self.wrong(self.header_line, f"repeats a name: {', '.join(header)}")
         self.names = header

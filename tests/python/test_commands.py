@@ -117,6 +117,10 @@ def test_check_tells_all_mistakes(bipot: Any) -> None:
         ),
         (["contact.0.plane.point=[0,0,-500]"], "stays 500 away"),
         (
+            [f"body.cube.{axis}.cells=4" for axis in "xyz"],
+            "mesh.n: no body takes it, another one gives the same mesh",
+        ),
+        (
             ["support.0.z=0.0", "path.amplitude.shear=[0.0, 0.0]"],
             "nothing moves: no load, no prescribed displacement",
         ),
@@ -185,9 +189,9 @@ def test_info_of_nothing(name: str, message: str, bipot: Any) -> None:
 
 
 def test_info_of_arrays_without_displacements(bipot: Any) -> None:
-    """What Python saves: displacements only where they were asked for."""
+    """What Python saves: displacements, unless they are not wanted."""
     result = bp.solve(np.eye(2), np.eye(2), [[-1.0, 0.0]], gap=[0.0], mu=0.3)
-    result.save("plain.h5")
+    result.save("plain.h5", displacements=False)
     status, out, _ = bipot("info", "plain.h5")
     assert status == 0
     assert "1 load step, every residual at most" in out
@@ -195,8 +199,8 @@ def test_info_of_arrays_without_displacements(bipot: Any) -> None:
     assert "  contacts  1 contact in 2 dimensions\n" in out
     assert "unknown" not in out
     assert json.loads(bipot("info", "plain.h5", "--json")[1])["displacements"] is None
-    assert result.displacement.shape == (1, 2)
     result.save("plain.h5")
+    assert np.array_equal(bp.load("plain.h5").displacement, result.displacement)
     assert "; 2 displacements each" in bipot("info", "plain.h5")[1]
     points = np.empty((0, 2))
     none = np.empty((0, 2))
@@ -362,6 +366,21 @@ def test_plot_draws_each_kind(bipot: Any) -> None:
         assert bipot("plot", "out/sheared_cube", "--kind", kind)[0] == 0
         drawn[kind] = Path(f"out/sheared_cube/{kind}.png").read_bytes()
     assert len(set(drawn.values())) == len(drawn)
+    steps = {}
+    for kind in ("tractions", "slip", "pressure_3d"):
+        for k in (1, 2):
+            asked = ("--kind", kind, "--step", str(k), "--out", "step.png")
+            assert bipot("plot", "out/sheared_cube", *asked)[0] == 0
+            steps[kind, k] = Path("step.png").read_bytes()
+    assert len(set(steps.values())) == 6
+    for kind in ("slip", "pressure_3d"):
+        assert steps[kind, 2] == drawn[kind]
+    for k in ("0", "3"):
+        status, _, err = bipot("plot", "out/sheared_cube", "--step", k)
+        assert status == 2
+        assert f"--step is {k}, expected one from 1 to 2" in err
+    asked = ("--kind", "resultants", "--step", "1")
+    assert "--step does not go with" in bipot("plot", "out/sheared_cube", *asked)[2]
     assert (
         bipot("plot", "out/sheared_cube", "--kind", "shear_map", "--out", "m.svg")[0]
         == 0

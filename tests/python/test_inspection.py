@@ -7,7 +7,7 @@ import pytest
 
 from bipot_rs import fem
 from bipot_rs import obstacle as ob
-from bipot_rs.inspection import inspect
+from bipot_rs.inspection import inspect, unsupported
 
 FLOOR = ([0, 0, 0], [0, 0, 1.0])
 
@@ -114,10 +114,12 @@ def test_friction_that_is_left_out() -> None:
 
 def test_bodies_that_nothing_holds() -> None:
     alone = inspect(fem.build([cube()], []))
-    (said,) = alone
+    assert alone == ["nothing holds body 'a': no support and no spring is on it"]
+    # With one that leaves motions free, these are told.
+    (said,) = inspect(fem.build([cube()], [], [fem.Support("a", "left", (0,))]))
     assert said.startswith(
-        "nothing holds body 'a' against translation along x; translation along y; "
-        "translation along z; rotation about"
+        "nothing holds body 'a' against translation along y; translation along z; "
+        "rotation about"
     )
     # On a floor without friction it slides, and turns about the vertical.
     (said,) = inspect(fem.build([cube()], [on(mu=0.0)]))
@@ -140,6 +142,10 @@ def test_two_bodies_that_move_as_one() -> None:
     assert said.startswith(
         "nothing holds bodies 'a' and 'b' against translation along y:"
     )
+    both = fem.build([cube(), cube("b", -1.0)], [pair])
+    assert inspect(both) == [
+        "nothing holds bodies 'a' and 'b': no support and no spring is on any of them"
+    ]
     # Without friction between them, the upper one slides by itself.
     slick = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
     held = fem.Support("b", "left", (0, 1, 2))
@@ -148,6 +154,17 @@ def test_two_bodies_that_move_as_one() -> None:
     assert "'a' and 'b'" in said
     assert "of body 'a'" in said
     assert "of body 'b'" not in said
+
+
+def test_what_contact_alone_can_hold() -> None:
+    pair = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
+    blocks = [cube(), cube("b", -1.0)]
+    slope = fem.Support("a", "top", (2,))
+    spring = fem.Spring("b", "left", stiffness=3.0)
+    assert unsupported(fem.build(blocks, [pair])) == ["a", "b"]
+    assert unsupported(fem.build(blocks, [pair], [slope])) == ["b"]
+    assert unsupported(fem.build(blocks, [pair], springs=[spring])) == ["a"]
+    assert unsupported(fem.build(blocks, [pair], [slope], springs=[spring])) == []
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,11 @@ def test_pieces(shape: str) -> None:
     ).with_subdomains({"second": np.arange(cells, 2 * cells)})
     with pytest.raises(ValueError, match=r"falls into 2 pieces .* group="):
         fem.check_mesh(apart)
+    unnamed = type(mesh)(apart.p, apart.t)
+    with pytest.raises(
+        ValueError, match=r"name the volumes in the mesh, and .* group="
+    ):
+        fem.check_mesh(unnamed)
     up = np.zeros((len(mesh.p), 1))
     up[-1] = 1.0
     touching = type(mesh)(np.hstack([mesh.p, mesh.p + up]), apart.t)

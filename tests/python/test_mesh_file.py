@@ -444,8 +444,13 @@ def test_vtu_refuses(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="two dimensions in no plane"):
         fem.read_mesh(path)
     vtu(path, np.array(square)[:, [2, 0, 1]], [("quad", np.array([[0, 1, 2, 3]]))])
-    with pytest.raises(ValueError, match="two dimensions in the plane x = const"):
+    with pytest.raises(
+        ValueError,
+        match=r"two dimensions in the plane x = const.* give the volumes one",
+    ):
         fem.read_mesh(path)
+    with pytest.raises(ValueError, match=r"no volume 'pad'.* give the volumes one"):
+        fem.read_mesh(path, "pad")
     vtu(path, square, [("quad", np.array([[0, 1, 2, 3], [1, 2, 3, 0]]))])
     with pytest.raises(ValueError, match="1 cell twice"):
         fem.read_mesh(path)

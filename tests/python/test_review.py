@@ -107,7 +107,8 @@ def test_a_narrow_zone_is_told() -> None:
     # Of the last load step; all of a surface, and none of it, are bounded by no mesh.
     narrow = step(model, pressed=[0, 0, 1, 0, 0])
     assert review(model, [narrow, step(model)]) == []
-    assert review(model, [narrow, step(model, pressed=0)]) == []
+    (said,) = review(model, [narrow, step(model, pressed=0)])
+    assert "nodes across" not in said
     assert review(model, []) == []
 
 
@@ -172,3 +173,20 @@ def test_a_path_that_goes_on_counts_its_load_steps_from_its_start() -> None:
         model(0.1, 0.2, 0.9).solve(start=two, method="uzawa", max_iterations=1)
     assert str(failed.value).startswith("load step 3: not converged")
     assert failed.value.result.message == str(failed.value)
+
+
+def test_a_body_that_was_pushed_away_is_told() -> None:
+    """The lower one hangs on nothing; the upper one is held by a support."""
+    pair = fem.Contact("a", "bottom", 0.3, against=("b", "top"))
+    bodies = [cube(2), cube(2, "b", -1.0)]
+    top = fem.Support("a", "top", (0, 1))
+    model = fem.build(bodies, [pair], [top])
+    away = step(model, pressed=0)
+    assert review(model, [step(model)]) == []
+    (said,) = review(model, [step(model), away])
+    assert said == (
+        "body 'b' has no support and no spring, and at the end no contact holds it: it "
+        "has been pushed away, or a support is missing"
+    )
+    ground = fem.Support("b", "bottom", (0, 1))
+    assert review(fem.build(bodies, [pair], [top, ground]), [away]) == []

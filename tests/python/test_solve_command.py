@@ -280,7 +280,12 @@ def line(number: int, text: str) -> Edit:
             "load.csv line 2: fx is 'a', expected a finite",
         ),
         ("load.csv", line(2, "-1,10,1,0"), "load.csv line 2: step is -1, expected 0"),
-        ("load.csv", line(2, "2,10,1,0"), "load.csv has no step 1, and one 2"),
+        ("load.csv", line(2, "2,10,1,0"), "load.csv has no step 1, and one 2: "),
+        (
+            "contacts.csv",
+            lambda text: text.replace(",", ";"),
+            "contacts.csv line 1: has one column, 'node;nx;ny;mu;area;gap': expected names",
+        ),
         ("load.csv", line(2, "0,10,1_0,0"), "load.csv line 2: fx is '1_0', expected"),
         ("load.csv", line(2, "0,1_0,1,0"), "load.csv line 2: node is '1_0', expected"),
         ("nodes.inp", line(6, "13, 1_0, 0"), "nodes.inp line 6: is '13, 1_0, 0', exp"),

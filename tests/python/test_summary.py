@@ -46,6 +46,10 @@ def test_a_result_in_six_lines() -> None:
     assert said["path"] == "friction dissipated 0.5 in all"
     assert said["residual"].endswith("held to 1e-10")
     assert "condense" in said["cost"]
+    away = rows(str(two().solve(np.abs(PULL))))
+    assert away["contacts"].startswith("2 contacts in the plane, at the end 2 open")
+    assert "; none closes in any load step" in away["contacts"]
+    assert "none closes" not in told
 
 
 def test_a_step_tells_what_has_been_asked() -> None:
@@ -91,6 +95,13 @@ def test_bodies_that_contact_alone_holds_are_told() -> None:
     problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=0.5)
     assert problem.stats["rigid_motions"] == 2
     assert "2 rigid motions that contact alone must hold" in str(problem)
+
+
+def test_a_problem_without_contacts_is_told() -> None:
+    none = np.empty((0, 2))
+    problem = bp.ContactProblem(np.eye(2), none, gap=np.empty((0, 2)), mu=0.3, dim=2)
+    said = rows(str(problem))
+    assert (said["gap"], said["friction"]) == ("none", "none")
 
 
 def test_a_reduced_problem() -> None:

@@ -157,7 +157,11 @@ def _pieces(mesh: Any, what: str) -> None:
     advice = (
         "nodes that are there twice: merge them"
         if distance[at] <= _CLOSE * np.ptp(mesh.p, axis=1).max()
-        else "make bodies of them by group="
+        else (
+            "make bodies of them by group="
+            if mesh.subdomains
+            else "name the volumes in the mesh, and make bodies of them by group="
+        )
     )
     raise ValueError(
         f"{what} falls into {len(names)} pieces that share no node, the smallest of "

@@ -321,6 +321,13 @@ def _volumes(file: _File) -> dict[str, list[Ints]]:
     return found
 
 
+# What is missing where only surfaces of a body in space have been written.
+_NO_CELLS = (
+    ": of a body in space it has surfaces alone; where there are physical groups gmsh "
+    "writes nothing else, give the volumes one"
+)
+
+
 def _names(found: Mapping[str, Any], what: str) -> str:
     if not found:
         return f"it names no {what}"
@@ -342,6 +349,7 @@ def _mesh(
         if name not in volumes:
             raise ValueError(
                 f"the mesh {path} has no volume {name!r}; {_names(volumes, 'volume')}"
+                + (_NO_CELLS if top == 2 and np.ptp(file.points[:, 2]) else "")
             )
     chosen = []
     for block, (kind, nodes) in enumerate(file.blocks):
@@ -456,7 +464,7 @@ def _plane(path: Path, points: Floats, cells: Ints) -> Floats:
         where = f"the plane {'xyz'[flat[0]]} = const" if flat.size else "no plane"
         raise ValueError(
             f"the mesh {path} has cells of two dimensions in {where}, expected them in "
-            "one with z = const, or cells of three dimensions"
+            f"one with z = const, or cells of three dimensions{_NO_CELLS}"
         )
     return np.ascontiguousarray(points[:, :2])
 

@@ -28,12 +28,15 @@ class Asked:
         Name of a contact surface, ``"body.surface"``; None for all.
     along
         ``"x"``, ``"y"``, ``"z"`` or ``"arc"``; None for what the picture takes.
+    step
+        The load step that is drawn, from 0; None for the last.
     case
         The bodies, for the picture of them.
     """
 
     where: str | None = None
     along: str | None = None
+    step: int | None = None
     case: Any = None
 
 
@@ -49,7 +52,7 @@ def kinds() -> dict[str, Picture]:
         takes = signature(function).parameters
 
         def draw(path: Path, result: Any, title: str, asked: Asked) -> None:
-            chosen = {"where": asked.where, "along": asked.along}
+            chosen = {name: getattr(asked, name) for name in _OPTIONS}
             given = {key: value for key, value in chosen.items() if value is not None}
             for key in given:
                 if key not in takes:
@@ -86,7 +89,7 @@ def kinds() -> dict[str, Picture]:
 
 
 # What `Asked` holds, by the options of the command line.
-_OPTIONS = {"where": "contact", "along": "along"}
+_OPTIONS = {"where": "contact", "along": "along", "step": "step"}
 # Words of the pictures in Python, and those of the command line.
 _WORDS = {
     "along is missing": "--along is missing",
@@ -118,7 +121,8 @@ def _tractions(line: Picture) -> Picture:
             {"reaction": step.reaction[chosen], "status": step.status[chosen]}
             for step in result
         ]
-        tractions(path, contacts, steps, title=title, units=result.units)
+        at = len(steps) - 1 if asked.step is None else asked.step
+        tractions(path, contacts, steps, title=title, units=result.units, step=at)
 
     return draw
 
@@ -130,6 +134,7 @@ def draw(
     *,
     contact: str | None = None,
     along: str | None = None,
+    step: int | None = None,
     scene: str | None = None,
     settings: Sequence[str] = (),
 ) -> Path:
@@ -148,6 +153,8 @@ def draw(
         The surface to draw, ``"body.surface"``; all if not given.
     along
         What places are: ``"x"``, ``"y"``, ``"z"`` or ``"arc"``.
+    step
+        The load step to draw, from 1; the last if not given.
     scene, settings
         For the picture of the bodies, the scene of the result and what was set in it;
         those that the file tells if not given.
@@ -181,6 +188,8 @@ def draw(
     _, steps, attributes = read_result(path)
     if not steps:
         raise ValueError(f"{path} holds no load steps to draw")
+    if step is not None and not 1 <= step <= len(steps):
+        raise ValueError(f"--step is {step}, expected one from 1 to {len(steps)}")
     result = load(path)
     if contact is not None and "surface" not in result.contacts:
         raise ValueError(
@@ -193,7 +202,8 @@ def draw(
     case = _case(path, attributes, scene, settings) if kind in BODIES else None
     try:
         with writing(target):
-            known[kind](target, result, title, Asked(contact, along, case))
+            at = None if step is None else step - 1
+            known[kind](target, result, title, Asked(contact, along, at, case))
     except ValueError as error:
         said = str(error)
         if "not supported" in said:
@@ -217,8 +227,8 @@ def _case(
     told = str(attributes.get("scene", ""))
     if "scene_digest" not in attributes:
         raise ValueError(
-            f"{path} is not the result of a scene, whose mesh the picture needs: draw it "
-            "by plots.deformed in Python"
+            f"{path} is not the result of a scene, whose mesh the picture needs: ParaView "
+            "draws a series of the bodies, result.pvd, and plots.deformed a Model in Python"
         )
     if scene is None:
         settings = [*json.loads(attributes.get("settings", "[]")), *settings]

@@ -69,6 +69,11 @@ class Axis(Table):
     ] = Field(default_factory=lambda: [[1.0, 1.0]])
     points: Annotated[list[float], Field(min_length=2)] | None = None
 
+    def takes_n(self) -> bool:
+        """Whether the grid depends on the resolution."""
+        given = [text for text in (self.cells, self.cell) if text is not None]
+        return len(self.growth) > 1 or any("n" in text for text in given)
+
     def grid(self, n: int | None) -> Floats:
         """Ascending grid points; `ValueError` says what does not fit."""
         grid = self._points(n)

@@ -109,6 +109,14 @@ class Scene(Table):
             return int(self.mesh.element[1])
         return block.order if block.mesh is None else block.mesh.order
 
+    def lacks_n(self) -> bool:
+        """Whether ``mesh.n`` is given and no body takes it."""
+        if self.mesh is None or self.mesh.n is None:
+            return False
+        boxes = [block for block in self.body.values() if block.mesh is None]
+        axes = [axis for block in boxes for axis in (block.x, block.y, block.z)]
+        return not any(axis is not None and axis.takes_n() for axis in axes)
+
     def varying(self) -> Iterator[tuple[str, Varying]]:
         """Every number that may have an amplitude, with its path."""
         for kind in ("support", "traction", "body_force"):
