@@ -77,6 +77,51 @@ impl Body {
     }
 }
 
+/// Nodes of some unknowns on a grid, a tenth of the entries missing: S is the Schur
+/// complement, in any order of the kept unknowns, however nodes are made of them.
+#[test]
+fn nodes_whose_entries_vanish() {
+    let mut random = StdRng::seed_from_u64(11);
+    for (unknowns, grid) in [(3, [5, 4, 3]), (2, [8, 7, 1]), (1, [9, 9, 1])] {
+        let nodes: usize = grid.iter().product();
+        let n = unknowns * nodes;
+        let at = |v: usize| [v % grid[0], v / grid[0] % grid[1], v / grid[0] / grid[1]];
+        let mut dense = vec![0.0_f64; n * n];
+        for j in 0..n {
+            for i in 0..j {
+                let (p, q) = (at(i / unknowns), at(j / unknowns));
+                let near = (0..3).all(|k| p[k].abs_diff(q[k]) <= 1);
+                if near && random.random_bool(0.9) {
+                    let value = random.random_range(-1.0..1.0);
+                    (dense[j * n + i], dense[i * n + j]) = (value, value);
+                }
+            }
+        }
+        for j in 0..n {
+            dense[j * n + j] = 1.0 + (0..n).map(|i| dense[j * n + i].abs()).sum::<f64>();
+        }
+        let body = Body::from_dense(n, &dense);
+        let k = body.matrix();
+        for share in [0.1, 0.4] {
+            let mut kept: Vec<usize> = (0..n).filter(|_| random.random_bool(share)).collect();
+            for i in (1..kept.len()).rev() {
+                kept.swap(i, random.random_range(0..=i));
+            }
+            let whole: Vec<usize> = (n - n / 6..n).collect();
+            for kept in [kept, whole] {
+                let found = factor(&k, &kept).unwrap();
+                let reference: Vec<f64> = double_double::schur(n, &dense, &kept)
+                    .iter()
+                    .map(|d| d.high)
+                    .collect();
+                assert!(symmetric_to_the_bit(found.schur(), kept.len()));
+                // Some tens of roundings.
+                assert!(distance(found.schur(), &reference) < 1e-14);
+            }
+        }
+    }
+}
+
 fn factor(k: &Symmetric, kept: &[usize]) -> Result<Factor, Error> {
     let symbolic = Symbolic::analyse(k, kept, &Options::default())?;
     Factor::new(Arc::new(symbolic), k, &GO)

@@ -96,7 +96,7 @@ fn analysed(body: &bodies::Body, k: &Symmetric) -> Arc<Symbolic> {
     Arc::new(Symbolic::analyse(k, &body.face, &Options::default()).unwrap())
 }
 
-/// Both ways, a seventh: idle quarters of buffers, and tables of each front.
+/// Both ways, a seventh: tables of each front, and what allocators round up to.
 fn assert_foretold(found: usize, foretold: usize) {
     assert!(
         20 * found <= 23 * foretold && 20 * foretold <= 23 * found,
@@ -133,8 +133,8 @@ fn the_peak_is_as_foretold() {
         most(|| Factor::new(Arc::clone(&symbolic), &k, &GO).unwrap())
     });
     assert!(counts.bytes_peak <= counts.bytes_peak_threads);
-    // What two threads hold depends on who came first, within the bound and the
-    // idle quarters of buffers.
+    // What two threads hold depends on who came first, within the bound and what does
+    // not fit the holes that the other has left.
     let bound = without_analysis(&counts, counts.bytes_peak_threads);
     assert!(20 * bytes <= 23 * bound, "{bytes} bytes, at most {bound}");
     drop(factor);
@@ -149,13 +149,21 @@ fn a_second_matrix_takes_the_memory_of_the_first() {
     with_threads(1, || {
         let factored = || Factor::new(Arc::clone(&symbolic), &k, &GO).unwrap();
         assert_eq!(symbolic.bytes_spare(), 0);
-        assert_eq!(symbolic.bytes_left(), 0);
         drop(factored());
         let counts = symbolic.counts();
         let square = 8 * symbolic.kept().pow(2);
         let panels = counts.bytes_factor - square;
         assert_eq!(symbolic.bytes_spare(), panels);
-        let left = symbolic.bytes_left();
+        let (bytes, factor) = most(factored);
+        assert_eq!(symbolic.bytes_spare(), 0);
+        drop(factor);
+        // Updates and tables, but no second factor.
+        assert!(
+            bytes < without_analysis(counts, counts.bytes_peak) - counts.bytes_factor / 2,
+            "{bytes} bytes"
+        );
+        symbolic.keep_stack(true);
+        let left = symbolic.bytes_stack();
         let (bytes, factor) = most(factored);
         assert_eq!(symbolic.bytes_spare(), left);
         drop(factor);
@@ -167,6 +175,19 @@ fn a_second_matrix_takes_the_memory_of_the_first() {
         assert_foretold(bytes, square);
         drop(factor);
         assert_eq!(symbolic.bytes_spare(), panels + left);
+        // A matrix that is refused leaves what it found.
+        let mut values = body.values.clone();
+        for j in 0..body.n {
+            let column = body.col_ptr[j]..body.col_ptr[j + 1];
+            for at in column.filter(|&at| body.row_idx[at] != j) {
+                values[at] *= 3.0;
+            }
+        }
+        let not = Symmetric::new(body.n, &body.col_ptr, &body.row_idx, &values).unwrap();
+        drop(Factor::new(Arc::clone(&symbolic), &not, &GO).unwrap_err());
+        assert_eq!(symbolic.bytes_spare(), panels + left);
+        symbolic.keep_stack(false);
+        assert_eq!(symbolic.bytes_spare(), panels);
     });
 }
 

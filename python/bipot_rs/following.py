@@ -338,7 +338,7 @@ class _Recovery:
     seconds: dict[str, float]
 
     def at_hand(self) -> bool:
-        """Whether a displacement takes no factorisation."""
+        """Whether the problem keeps the factor that this takes."""
         return bool(self.core.stats["factor_kept"])
 
     def __call__(self, steps: Sequence[Step]) -> Array:

@@ -222,8 +222,14 @@ def _unheld(model: Model) -> Iterator[str]:
     free under any load.
     """
     modes, owner = _modes(model)
+    bare = set(_bare(model))
     supports = _supporting(model, modes)
-    bare = set(_bare(supports, owner))
+    # Bodies that meet nothing but each other.
+    alone = set(range(len(model.bodies))) - {
+        body_index(model.bodies, contact.body)
+        for contact in model.contacts
+        if contact.against is None
+    }
     rows = (model.B @ modes).reshape(-1, model.dim, modes.shape[1])
     rubs = _rubs(model)
     felt = [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]
@@ -240,7 +246,7 @@ def _unheld(model: Model) -> Iterator[str]:
         several = len(members) > 1
         names = " and ".join(repr(model.bodies[b].name) for b in members)
         whole = f"{'bodies' if several else 'body'} {names}"
-        if bare.issuperset(members) and free.shape[1] >= len(columns) // len(members):
+        if bare.issuperset(members) and alone.issuperset(members):
             where = "on any of them" if several else "on it"
             yield f"nothing holds {whole}: no support and no spring is {where}"
         else:
@@ -253,8 +259,7 @@ def _unheld(model: Model) -> Iterator[str]:
 
 def unsupported(model: Model) -> list[str]:
     """Names of the bodies without any support or spring, which contact alone can hold."""
-    modes, owner = _modes(model)
-    return [model.bodies[b].name for b in _bare(_supporting(model, modes), owner)]
+    return [model.bodies[b].name for b in _bare(model)]
 
 
 def _supporting(model: Model, modes: Array) -> list[Array]:
@@ -265,10 +270,18 @@ def _supporting(model: Model, modes: Array) -> list[Array]:
     return [*found, *(_sprung(model, spring, modes) for spring in model.springs)]
 
 
-def _bare(supporting: list[Array], owner: Ints) -> list[int]:
-    """Bodies none of whose motions any of them feels."""
-    felt = np.any([rows.any(axis=0) for rows in supporting], axis=0)
-    return sorted(set(owner.tolist()) - set(owner[felt].tolist()))
+def _bare(model: Model) -> list[int]:
+    held = np.zeros(model.n, np.bool_)
+    held[model.fixed] = True
+    if model.inclined is not None:
+        held[model.inclined.normals.tocoo().row] = True
+    sprung = {body_index(model.bodies, spring.body) for spring in model.springs}
+    return [
+        b
+        for b, body in enumerate(model.bodies)
+        if b not in sprung
+        and not held[model.offset[b] : model.offset[b] + body.points.size].any()
+    ]
 
 
 def _sprung(model: Model, spring: Spring, modes: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from enum import IntEnum, StrEnum
 from itertools import groupby
@@ -239,7 +240,7 @@ class Recovery(Protocol):
         """Find them, a row each."""
 
     def at_hand(self) -> bool:
-        """Whether that takes no factorisation."""
+        """Whether the problem keeps the factor that this takes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -535,8 +536,9 @@ class Result(Sequence[Step]):
         displacements
             Whether displacements ``(n,)`` that nobody has asked for are found first, a
             solve a load step. By default where the problem keeps its factor, not where
-            ``loads=`` did without. Those that have been found are written in any case,
-            and a file without them can give none.
+            ``loads=`` did without, nor beyond the memory of the machine. The steps keep
+            them. Those that have been found are written in any case, and a file without
+            them can give none.
 
         Raises
         ------
@@ -547,7 +549,10 @@ class Result(Sequence[Step]):
         """
         if displacements is None:
             ways = [(step, step._recover) for step in self.steps]
-            recover([step for step, way in ways if way is not None and way.at_hand()])
+            with suppress(MemoryError):
+                recover(
+                    [step for step, way in ways if way is not None and way.at_hand()]
+                )
         elif displacements:
             recover(self.steps)
             for step in self.steps:

@@ -113,13 +113,16 @@ impl Factor {
     ///
     /// The memory is that of a factor of the same analysis that is gone, if there
     /// was one: it stays with the analysis, to the end of that. So does the stack of
-    /// updates, from the second factor on.
+    /// updates, where [`Symbolic::keep_stack`] says so.
     pub fn new(symbolic: Arc<Symbolic>, k: &Symmetric, stop: &AtomicBool) -> Result<Self, Error> {
         let diagonal = checked_diagonal(&symbolic, k)?;
         let k = (k, diagonal.as_slice());
         let mut panels = Panels::of(&symbolic);
-        let (schur, weakest) = eliminate(&symbolic, k, stop, Some(&mut panels), None)?;
-        symbolic.set_used();
+        let done = eliminate(&symbolic, k, stop, Some(&mut panels), None);
+        if done.is_err() && !panels.is_clear {
+            symbolic.give_panels(std::mem::take(&mut panels.values));
+        }
+        let (schur, weakest) = done?;
         Ok(Self {
             symbolic,
             panels: panels.values,
@@ -190,21 +193,19 @@ fn eliminate(
     panels: Option<&mut Panels>,
     loads: Option<&Forward>,
 ) -> Result<Eliminated, Error> {
-    let (need, keeps) = match panels {
-        Some(_) => (symbolic.stack, symbolic.is_used()),
-        None => (symbolic.stack_dropped, false),
+    let keeps = panels.is_some() && symbolic.keeps_stack();
+    let mut memory = match panels {
+        Some(_) => symbolic.take_stack(),
+        None => zeros(symbolic.stack_dropped),
     };
-    let mut memory = symbolic.take_stack();
-    if memory.len() != need {
-        memory = zeros(need);
-    }
     let region = Region::new(&mut memory);
-    let done = Work::new(symbolic, k, diagonal, stop, &region, panels, loads).go()?;
+    let done = Work::new(symbolic, k, diagonal, stop, &region, panels, loads).go();
     if keeps {
-        let schur = done.schur(symbolic, k, &memory);
+        let found = done.map(|done| (done.schur(symbolic, k, &memory), done.weakest));
         symbolic.give_stack(memory);
-        return Ok((schur, done.weakest));
+        return found;
     }
+    let done = done?;
     // S takes the place of what no update has any more.
     let end = done.updates.iter().map(Left::end).max();
     memory.truncate(end.unwrap_or(0));
@@ -348,6 +349,10 @@ impl<'a, 'l> Work<'a, 'l> {
         let mut dropped = self.stack.take(own, end.other());
         let mut loads = self.loads.map(|loads| loads.begin(number));
         let mut stack = self.stack.take(task.stack, end);
+        debug_assert!(
+            rayon::current_num_threads() > 1 || dropped.is_part() && stack.is_part(),
+            "one thread needs more than was counted"
+        );
         let mut weakest = None;
         // Start of each update that waits on the stack.
         let mut waiting: Vec<(usize, usize)> = Vec::new();

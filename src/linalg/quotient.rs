@@ -18,9 +18,13 @@ const FEWER: f64 = 0.6;
 /// element half the neighbours are common ones.
 const COMMON: f64 = 0.75;
 
-/// Unknowns that follow one another count as one neighbour: where directions do not act
+/// Unknowns that follow one another count as one neighbour: where directions hardly act
 /// on each other, each is joined to the same nodes by other unknowns.
 const THREE: usize = 3;
+
+/// The same part, of unknowns one by one, where directions act on each other: 0.46 on a
+/// grid of bricks whose directions act between nodes off the axes alone.
+const ACTING: f64 = 0.25;
 
 /// Degrees of freedom of a node: of a shell's.
 const MOST: usize = 6;
@@ -37,43 +41,30 @@ pub(crate) struct Quotient {
     interior: usize,
 }
 
-impl Quotient {
-    /// Groups unknowns whose closed neighbourhoods are equal; where few are, those that
-    /// follow one another and have most of their neighbours in common. Kept ones are
-    /// grouped only where they follow one another in `kept`, so that S keeps the caller's
-    /// order; `place` is the position of each in `kept`.
-    pub(crate) fn new(
-        col_ptr: &[usize],
-        row_idx: &[usize],
-        kept: &[usize],
-        place: &[Option<u32>],
-    ) -> Self {
-        let column = |j: usize| &row_idx[col_ptr[j]..col_ptr[j + 1]];
-        let equal = Self::grouped(column, kept, place, |lead, j, _| same(column, lead, j));
-        #[expect(clippy::cast_precision_loss, reason = "a threshold")]
-        let is_fewer = |this: &Self| this.len() as f64 <= FEWER * place.len() as f64;
-        if is_fewer(&equal) {
-            return equal;
-        }
-        let alike = Self::grouped(column, kept, place, |lead, j, after| {
-            after < MOST && common(column(lead), column(j)) >= COMMON || same(column, lead, j)
-        });
-        if is_fewer(&alike) { alike } else { equal }
-    }
+/// Whether an unknown is of the node of another, which comes so many before it.
+type IsOne<'a> = dyn Fn(usize, usize, usize) -> bool + 'a;
 
-    /// Groups those that follow one another by `is_one(first of the group, unknown,
-    /// unknowns after the first)`, and others by their equal neighbourhoods.
-    fn grouped<'a>(
+/// Unknowns by their nodes.
+struct Groups {
+    node_of: Vec<u32>,
+    /// How many there are, and of them those of unknowns that are not kept.
+    nodes: usize,
+    interior: usize,
+}
+
+impl Groups {
+    /// Groups those that follow one another by `is_one(first of the node, unknown, unknowns
+    /// after the first)`, and others by their equal neighbourhoods.
+    fn new<'a>(
         column: impl Fn(usize) -> &'a [usize] + Copy,
         kept: &[usize],
         place: &[Option<u32>],
-        is_one: impl Fn(usize, usize, usize) -> bool,
+        is_one: &IsOne,
     ) -> Self {
-        let n = place.len();
-        let mut node_of = vec![0_u32; n];
+        let mut node_of = vec![0_u32; place.len()];
         let mut leaders: Vec<u32> = Vec::new();
         let mut by_hash: HashMap<u64, Vec<u32>> = HashMap::new();
-        for j in (0..n).filter(|&j| place[j].is_none()) {
+        for j in (0..place.len()).filter(|&j| place[j].is_none()) {
             // Unknowns of a node mostly follow one another.
             let near = leaders.last().map(|&lead| lead as usize);
             if let Some(lead) = near.filter(|&lead| is_one(lead, j, j - lead)) {
@@ -93,24 +84,58 @@ impl Quotient {
             };
         }
         let interior = leaders.len();
-        // Where in `kept` the group begins.
-        let mut first = 0;
+        // Where in `kept` the node begins, and its number.
+        let (mut first, mut nodes) = (0, interior);
         for (at, &j) in kept.iter().enumerate() {
             if at == 0 || !is_one(kept[first], j, at - first) {
                 first = at;
-                leaders.push(narrow(j));
+                nodes += 1;
             }
-            node_of[j] = narrow(leaders.len() - 1);
+            node_of[j] = narrow(nodes - 1);
         }
-        let mut this = Self {
+        Self {
             node_of,
+            nodes,
+            interior,
+        }
+    }
+}
+
+impl Quotient {
+    /// Groups unknowns whose closed neighbourhoods are equal; where few are, those that
+    /// follow one another and have most of their neighbours in common. Kept ones are
+    /// grouped only where they follow one another in `kept`, so that S keeps the caller's
+    /// order; `place` is the position of each in `kept`.
+    pub(crate) fn new(
+        col_ptr: &[usize],
+        row_idx: &[usize],
+        kept: &[usize],
+        place: &[Option<u32>],
+    ) -> Self {
+        let column = |j: usize| &row_idx[col_ptr[j]..col_ptr[j + 1]];
+        let group = |is_one: &IsOne| Groups::new(column, kept, place, is_one);
+        let equal = group(&|lead, j, _| same(column, lead, j));
+        #[expect(clippy::cast_precision_loss, reason = "a threshold")]
+        let most = FEWER * (place.len() - kept.len()) as f64;
+        #[expect(clippy::cast_precision_loss, reason = "a threshold")]
+        let is_fewer = |groups: &Groups| groups.interior as f64 <= most;
+        let groups = if is_fewer(&equal) {
+            equal
+        } else {
+            let alike = group(&|lead, j, after| {
+                after < MOST && is_alike(column(lead), column(j)) || same(column, lead, j)
+            });
+            if is_fewer(&alike) { alike } else { equal }
+        };
+        let mut this = Self {
+            node_of: groups.node_of,
             member_start: Vec::new(),
-            members: vec![0; n],
+            members: vec![0; place.len()],
             start: vec![0],
             neighbours: Vec::new(),
-            interior,
+            interior: groups.interior,
         };
-        this.collect_members(leaders.len(), kept, place);
+        this.collect_members(groups.nodes, kept, place);
         this.join(column);
         this
     }
@@ -241,23 +266,32 @@ fn same<'a>(column: impl Fn(usize) -> &'a [usize], a: usize, b: usize) -> bool {
     false
 }
 
-/// Of the neighbours in either of two sorted lists, the part that is in both.
+/// Whether unknowns with these neighbours are of one node: most are of the same nodes,
+/// and some the same, for directions that do not act on each other at all had better be
+/// eliminated apart.
+fn is_alike(a: &[usize], b: &[usize]) -> bool {
+    common(a, b, THREE) >= COMMON && common(a, b, 1) >= ACTING
+}
+
+/// Of the neighbours in either of two sorted lists, the part that is in both; of `width`
+/// that follow one another all are the same.
 #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
-fn common(a: &[usize], b: &[usize]) -> f64 {
-    let groups = |list: &[usize]| -> Vec<usize> {
-        let mut found: Vec<usize> = list.iter().map(|&i| i / THREE).collect();
-        found.dedup();
-        found
-    };
-    let (a, b) = (groups(a), groups(b));
-    let (mut p, mut q, mut both) = (0, 0, 0);
-    while p < a.len() && q < b.len() {
-        let (i, j) = (a[p], b[q]);
+fn common(a: &[usize], b: &[usize], width: usize) -> f64 {
+    let (mut p, mut q, mut both, mut all) = (0, 0, 0_usize, 0_usize);
+    while p < a.len() || q < b.len() {
+        let of = |list: &[usize], at: usize| list.get(at).map_or(usize::MAX, |&i| i / width);
+        let (i, j) = (of(a, p), of(b, q));
+        let least = i.min(j);
+        all += 1;
         both += usize::from(i == j);
-        p += usize::from(i <= j);
-        q += usize::from(j <= i);
+        while p < a.len() && a[p] / width == least {
+            p += 1;
+        }
+        while q < b.len() && b[q] / width == least {
+            q += 1;
+        }
     }
-    both as f64 / (a.len() + b.len() - both).max(1) as f64
+    both as f64 / all.max(1) as f64
 }
 
 #[cfg(test)]
@@ -288,8 +322,9 @@ mod tests {
             Quotient::new(&col_ptr, &row_idx, &kept, &place)
         };
         let whole = of(&|_, _| false);
-        // No direction acts on another one, but for the first and the second of a node.
-        let some = of(&|i, j| i % 3 != j % 3 && !(i % 3 == 0 && j == i + 1));
+        // Of each node the directions do not act on each other, nor the first on the last
+        // of every other node.
+        let some = of(&|i, j| i / 3 == j / 3 || i % 6 == 0 && j == i + 5);
         assert_eq!(whole.len(), nodes);
         assert_eq!(some.len(), nodes);
         for v in 0..nodes {
@@ -302,6 +337,14 @@ mod tests {
             assert_eq!(sorted(&some), sorted(&whole));
         }
         assert_eq!(some.kept(), whole.kept());
+    }
+
+    /// Three lines side by side, whose unknowns follow one another: no nodes, but lines.
+    #[test]
+    fn directions_that_do_not_act_stay_apart() {
+        let (col_ptr, row_idx) = line(30, |i, j| i % 3 != j % 3);
+        let nodes = Quotient::new(&col_ptr, &row_idx, &[], &[None; 90]);
+        assert_eq!(nodes.len(), 90);
     }
 
     /// Unknowns of a line of nodes with one each have half of their neighbours in common.

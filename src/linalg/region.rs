@@ -60,6 +60,7 @@ impl<'m> Region<'m> {
             End::High => gaps.iter().rposition(fits),
         };
         let Some(at) = found else {
+            drop(gaps);
             return Piece::Apart(zeros(len));
         };
         let gap = &mut gaps[at];
@@ -112,6 +113,11 @@ pub(crate) enum Piece<'r> {
 }
 
 impl Piece<'_> {
+    /// Whether the region had room for it.
+    pub(crate) fn is_part(&self) -> bool {
+        matches!(self, Self::Part { .. }) || self.is_empty()
+    }
+
     /// Leaves the numbers where they are, and the region has no more of them.
     pub(crate) fn leave(mut self) -> Left {
         match &mut self {
@@ -121,7 +127,11 @@ impl Piece<'_> {
     }
 
     /// Gives back all but the first `len` numbers, which may move.
+    ///
+    /// # Panics
+    /// If there are not so many: the rest would lie in pieces of others.
     pub(crate) fn keep(&mut self, len: usize) {
+        assert!(len <= self.len());
         let rest = self.len() - len;
         if rest == 0 {
             return;
@@ -162,11 +172,11 @@ impl Default for Left {
 }
 
 impl Left {
-    /// Where they end in the memory of their region; 0 for those that are apart.
+    /// Where they end in the memory of their region; 0 where none are there.
     pub(crate) fn end(&self) -> usize {
         match self {
-            Self::Part(range) => range.end,
-            Self::Apart(_) => 0,
+            Self::Part(range) if range.start < range.end => range.end,
+            _ => 0,
         }
     }
 

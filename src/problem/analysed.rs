@@ -39,6 +39,8 @@ pub struct Analysed {
     symbolic: Arc<Symbolic>,
     /// Whether it had to be ordered: no analysis of its pattern was at hand.
     ordered: bool,
+    /// Whether the analysis is that of the same body with other values.
+    again: bool,
 }
 
 impl Analysed {
@@ -63,10 +65,9 @@ impl Analysed {
         let same = |body: &&Body| {
             body.dofs == dofs && body.kept == kept && body.symbolic.check_pattern(&view).is_ok()
         };
-        let known = match before.filter(same) {
-            Some(body) => Some(Arc::clone(&body.symbolic)),
-            None => known,
-        };
+        let before = before.filter(same).map(|body| Arc::clone(&body.symbolic));
+        let again = before.is_some();
+        let known = before.or(known);
         let ordered = known.is_none();
         let symbolic = match known {
             Some(symbolic) => symbolic,
@@ -80,6 +81,7 @@ impl Analysed {
             places,
             symbolic,
             ordered,
+            again,
         })
     }
 
@@ -110,6 +112,7 @@ impl Analysed {
             stiffness,
             kept,
             ordered: true,
+            again: false,
         })
     }
 
@@ -130,10 +133,20 @@ impl Analysed {
         self.symbolic.bytes_spare() as u128
     }
 
-    /// Bytes that the factorisation leaves for the one after it.
+    /// Bytes that a factorisation after another takes more, if it leaves its stack to the
+    /// one after it: S is then made beside that. 0 for the first of an analysis.
     #[must_use]
     pub fn bytes_left(&self) -> u128 {
-        self.symbolic.bytes_left() as u128
+        if self.again {
+            self.symbolic.bytes_stack() as u128 + 8 * (self.counts().kept as u128).pow(2)
+        } else {
+            0
+        }
+    }
+
+    /// Says whether it does so: where there were two matrices, there will be more.
+    pub fn leave_stack(&self, leave: bool) {
+        self.symbolic.keep_stack(leave && self.again);
     }
 
     /// What the factorisation will cost.
@@ -362,6 +375,7 @@ fn undo(body: Body) -> Analysed {
         places: body.places,
         symbolic: body.symbolic,
         ordered: body.ordered,
+        again: false,
     }
 }
 

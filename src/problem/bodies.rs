@@ -93,8 +93,16 @@ impl Bodies {
         budget: &Budget,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
+        let what = "the condensation of K";
         let spare = parts.iter().map(Analysed::bytes_spare).sum();
-        budget.check("the condensation of K", needed, spare)?;
+        budget.check(what, needed, spare)?;
+        // Time, for memory that nobody else wants.
+        let left: u128 = parts.iter().map(Analysed::bytes_left).sum();
+        let leave = supports.known.is_none() && budget.check(what, needed + left, spare).is_ok();
+        for part in &parts {
+            part.leave_stack(leave);
+        }
+        let needed = needed + if leave { left } else { 0 };
         let loads = supports.known.as_ref().map(|known| {
             let force = |(load, prescribed): &Loads| supports.force(load, prescribed);
             known.iter().map(force).collect::<Result<Vec<_>, _>>()
@@ -357,7 +365,7 @@ pub fn needed(parts: &[Analysed], dropped: bool) -> u128 {
         let factor = if dropped {
             0
         } else {
-            counts.bytes_factor as u128 - square + part.bytes_left()
+            counts.bytes_factor as u128 - square
         };
         // The Cholesky factor stands beside S, then beside the inverse, which is W.
         let stays = factor + 2 * square;

@@ -146,6 +146,11 @@ def test_two_bodies_that_move_as_one() -> None:
     assert inspect(both) == [
         "nothing holds bodies 'a' and 'b': no support and no spring is on any of them"
     ]
+    # A floor holds them, by its normal.
+    loose = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
+    (said,) = inspect(fem.build([cube(), cube("b", -1.0)], [loose, floor]))
+    assert "against translation along x of body 'a'" in said
+    assert "no support" not in said
     # Without friction between them, the upper one slides by itself.
     slick = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
     held = fem.Support("b", "left", (0, 1, 2))

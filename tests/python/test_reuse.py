@@ -1,5 +1,6 @@
 """One condensation for many loads, other values and other friction."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,30 @@ def test_what_the_dropped_factor_would_be_needed_for_is_said() -> None:
         dropped.solve(load[0], 2 * moved[0])
     with pytest.raises(ValueError, match="tuple of 3"):
         problem(loads=(load, moved, moved))
+
+
+def test_displacements_are_saved_where_there_is_a_factor(tmp_path: Path) -> None:
+    load, moved = steps()
+    path = tmp_path / "r.h5"
+    kept = problem()
+    kept.solve(load, moved).save(path)
+    whole = kept.solve(load, moved).displacement
+    assert np.array_equal(bp.load(path).displacement, whole)
+    lost = "displacement was not computed"
+    for saved in (
+        lambda: kept.solve(load, moved).save(path, displacements=False),
+        lambda: problem(loads=(load, moved)).solve().save(path),
+    ):
+        saved()
+        with pytest.raises(ValueError, match=lost):
+            _ = bp.load(path).displacement
+    with pytest.raises(ValueError, match=lost):
+        bp.load(path).save(path, displacements=True)
+    with pytest.raises(ValueError, match="displacements need the factor"):
+        problem(loads=(load, moved)).solve().save(path, displacements=True)
+    bp.load(path).save(path)
+    kept.solve(load, moved).save(path, displacements=True)
+    assert np.array_equal(bp.load(path).displacement, whole)
 
 
 def test_without_the_factor_there_is_no_estimate() -> None:

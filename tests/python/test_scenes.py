@@ -253,6 +253,13 @@ def test_graded_grid() -> None:
             ["path.amplitude.shear=[1.0]", "path.steps=3"],
             ["path.amplitude.shear: has 1 factor for 3 steps"],
         ),
+        (
+            ["contact.0.on=bottom", "support.0.on=tip"],
+            [
+                "support.0.on: there is no 'tip', expected one of upper, lower",
+                "contact.0.on: there is no body 'bottom', did you mean upper.bottom or",
+            ],
+        ),
         (["path.amplitude.wind=[1.0, 2.0]"], ["path.amplitude.wind: nothing uses it"]),
         (["path.parameter=wind"], ["path.parameter: there is no 'wind'"]),
         (

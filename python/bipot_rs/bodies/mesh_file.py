@@ -321,11 +321,14 @@ def _volumes(file: _File) -> dict[str, list[Ints]]:
     return found
 
 
-# What is missing where only surfaces of a body in space have been written.
-_NO_CELLS = (
-    ": of a body in space it has surfaces alone; where there are physical groups gmsh "
-    "writes nothing else, give the volumes one"
-)
+def _no_cells(path: Path) -> str:
+    """What may be missing where only surfaces of a body in space have been written."""
+    if path.suffix != ".msh":
+        return ""
+    return (
+        ": of a body in space its volumes need a physical group, for gmsh writes nothing "
+        "else where there is any"
+    )
 
 
 def _names(found: Mapping[str, Any], what: str) -> str:
@@ -349,7 +352,7 @@ def _mesh(
         if name not in volumes:
             raise ValueError(
                 f"the mesh {path} has no volume {name!r}; {_names(volumes, 'volume')}"
-                + (_NO_CELLS if top == 2 and np.ptp(file.points[:, 2]) else "")
+                + (_no_cells(path) if top == 2 and np.ptp(file.points[:, 2]) else "")
             )
     chosen = []
     for block, (kind, nodes) in enumerate(file.blocks):
@@ -464,7 +467,7 @@ def _plane(path: Path, points: Floats, cells: Ints) -> Floats:
         where = f"the plane {'xyz'[flat[0]]} = const" if flat.size else "no plane"
         raise ValueError(
             f"the mesh {path} has cells of two dimensions in {where}, expected them in "
-            f"one with z = const, or cells of three dimensions{_NO_CELLS}"
+            f"one with z = const, or cells of three dimensions{_no_cells(path)}"
         )
     return np.ascontiguousarray(points[:, :2])
 

@@ -227,8 +227,8 @@ def _case(
     told = str(attributes.get("scene", ""))
     if "scene_digest" not in attributes:
         raise ValueError(
-            f"{path} is not the result of a scene, whose mesh the picture needs: ParaView "
-            "draws a series of the bodies, result.pvd, and plots.deformed a Model in Python"
+            f"{path} is not the result of a scene, whose mesh the picture needs: draw the "
+            "contacts by ParaView, and the bodies of a Model by plots.deformed in Python"
         )
     if scene is None:
         settings = [*json.loads(attributes.get("settings", "[]")), *settings]

@@ -193,7 +193,12 @@ def _surfaces(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
 def _surface(known: Mapping[str, Known], path: str, on: str) -> Iterator[str]:
     body, dot, face = on.partition(".")
     if body not in known:
-        yield f"{path}: {_unknown(body, list(known))}"
+        told = _unknown(body, list(known))
+        owners = [name for name, one in known.items() if on in (one.surfaces or ())]
+        if owners:
+            meant = " or ".join(f"{name}.{on}" for name in owners)
+            told = f"there is no body {on!r}, did you mean {meant}?"
+        yield f"{path}: {told}"
         return
     names = known[body].surfaces
     if names is None:

@@ -72,7 +72,8 @@ class Axis(Table):
     def takes_n(self) -> bool:
         """Whether the grid depends on the resolution."""
         given = [text for text in (self.cells, self.cell) if text is not None]
-        return len(self.growth) > 1 or any("n" in text for text in given)
+        grows = any(first > 1 for first, _ in self.growth)
+        return grows or any("n" in text for text in given)
 
     def grid(self, n: int | None) -> Floats:
         """Ascending grid points; `ValueError` says what does not fit."""

@@ -19,6 +19,7 @@ use crate::error::Error;
 use crate::linalg::csc::Symmetric;
 use crate::linalg::ordering::{Graph, by_coordinates, by_metis};
 use crate::linalg::packed::{Packed, Panel, Run};
+use crate::linalg::pages::zeros;
 use crate::linalg::quotient::Quotient;
 use crate::linalg::symbolic::layout::Layout;
 use crate::linalg::symbolic::pattern::Pattern;
@@ -136,8 +137,8 @@ pub struct Symbolic {
 struct Spare {
     panels: Mutex<Vec<f64>>,
     stack: Mutex<Vec<f64>>,
-    /// Whether there was a factor: where there are two, there will be more.
-    is_used: AtomicBool,
+    /// Whether the next factor leaves its stack.
+    keeps_stack: AtomicBool,
 }
 
 impl Deref for Symbolic {
@@ -288,7 +289,7 @@ impl Symbolic {
         }
     }
 
-    /// Bytes held for the next factor of this pattern, which
+    /// Bytes held for the next factor of this pattern: panels and stack, which
     /// [`Counts::bytes_peak`] counts among what it takes.
     #[must_use]
     pub fn bytes_spare(&self) -> usize {
@@ -298,24 +299,17 @@ impl Symbolic {
             .sum()
     }
 
-    /// Bytes of the stack of updates, where the next factor will leave it to the one
-    /// after.
-    #[must_use]
-    pub fn bytes_left(&self) -> usize {
-        if self.is_used() {
-            self.stack * size_of::<f64>()
-        } else {
-            0
+    /// Says whether the stack of updates of factors from now on stays here for the one
+    /// after, as their panels do: [`Plan::bytes_stack`] more, for as long.
+    pub fn keep_stack(&self, keep: bool) {
+        self.spare.keeps_stack.store(keep, Ordering::Relaxed);
+        if !keep {
+            take(&self.spare.stack);
         }
     }
 
-    /// Whether there was a factor of this analysis.
-    pub(crate) fn is_used(&self) -> bool {
-        self.spare.is_used.load(Ordering::Relaxed)
-    }
-
-    pub(crate) fn set_used(&self) {
-        self.spare.is_used.store(true, Ordering::Relaxed);
+    pub(crate) fn keeps_stack(&self) -> bool {
+        self.spare.keeps_stack.load(Ordering::Relaxed)
     }
 
     /// Memory for panels, used before or none.
@@ -327,9 +321,14 @@ impl Symbolic {
         give(&self.spare.panels, panels);
     }
 
-    /// Memory for updates, used before or none.
+    /// Memory for updates, used before or fresh.
     pub(crate) fn take_stack(&self) -> Vec<f64> {
-        take(&self.spare.stack)
+        let spare = take(&self.spare.stack);
+        if spare.len() == self.stack {
+            spare
+        } else {
+            zeros(self.stack)
+        }
     }
 
     pub(crate) fn give_stack(&self, stack: Vec<f64>) {
@@ -350,6 +349,12 @@ fn give(spare: &Mutex<Vec<f64>>, values: Vec<f64>) {
 }
 
 impl Plan {
+    /// Bytes that the stack of updates takes beside a factor, on one thread.
+    #[must_use]
+    pub fn bytes_stack(&self) -> usize {
+        self.stack * size_of::<f64>()
+    }
+
     /// Order of S.
     #[must_use]
     pub fn kept(&self) -> usize {
