@@ -26,6 +26,20 @@ impl End {
             Self::High => Self::Low,
         }
     }
+
+    /// The `len` at this end of a range, and the rest.
+    fn split(self, range: &Range<usize>, len: usize) -> (Range<usize>, Range<usize>) {
+        match self {
+            Self::Low => {
+                let cut = range.start + len;
+                (range.start..cut, cut..range.end)
+            }
+            Self::High => {
+                let cut = range.end - len;
+                (cut..range.end, range.start..cut)
+            }
+        }
+    }
 }
 
 /// Memory that is dealt out.
@@ -64,14 +78,8 @@ impl<'m> Region<'m> {
             return Piece::Apart(zeros(len));
         };
         let gap = &mut gaps[at];
-        let range = match end {
-            End::Low => gap.start..gap.start + len,
-            End::High => gap.end - len..gap.end,
-        };
-        match end {
-            End::Low => gap.start = range.end,
-            End::High => gap.end = range.start,
-        }
+        let (range, rest) = end.split(gap, len);
+        *gap = rest;
         if gap.start == gap.end {
             gaps.remove(at);
         }
@@ -146,14 +154,8 @@ impl Piece<'_> {
             }
         }
         if let Self::Part { region, range, end } = self {
-            let given = match end {
-                End::Low => range.start + len..range.end,
-                End::High => range.start..range.end - len,
-            };
-            match end {
-                End::Low => range.end = given.start,
-                End::High => range.start = given.end,
-            }
+            let (kept, given) = end.split(range, len);
+            *range = kept;
             region.give(given);
         }
     }

@@ -154,15 +154,11 @@ def _pieces(mesh: Any, what: str) -> None:
         if set(np.unique(of_cells[cells])) == {small}
     ]
     which = f" (volume {volumes[0]!r})" if volumes else ""
-    advice = (
-        "nodes that are there twice: merge them"
-        if distance[at] <= _CLOSE * np.ptp(mesh.p, axis=1).max()
-        else (
-            "make bodies of them by group="
-            if mesh.subdomains
-            else "name the volumes in the mesh, and make bodies of them by group="
-        )
-    )
+    advice = "make bodies of them by group="
+    if distance[at] <= _CLOSE * np.ptp(mesh.p, axis=1).max():
+        advice = "nodes that are there twice: merge them"
+    elif not mesh.subdomains:
+        advice = f"name the volumes in the mesh, and {advice}"
     raise ValueError(
         f"{what} falls into {len(names)} pieces that share no node, the smallest of "
         f"{counted(int(sizes.min()), 'cell')}{which} at "
