@@ -7,7 +7,8 @@
 For each scene and size: ours, a peer, the next peer, and again, so that all meet the
 same machine; a ratio is the median of those within a round. Each run is a process of its
 own. Ours has the threads of the machine; a peer is run with BLAS on one thread and on
-all, and goes on with what was faster. A peer whose own slope predicts more than
+all, and goes on with what was faster; where a run is foretold to take over half a minute,
+with what was faster at the size before. A peer whose own slope predicts more than
 ``--budget`` seconds is not run, and says so. Every answer is compared with the stored
 reference of the mesh: an error above 1e-8 or a wrong status is marked. Where there is no
 reference, ours is compared with the first peer, the peers with ours.
@@ -40,6 +41,8 @@ SHOWN = (
 )
 # Errors above this are no answer to the same question.
 WISH = 1e-8
+# Seconds of a run above which a peer's threads are not tried anew.
+LONG = 30.0
 SIZES = {
     "pressed_block": (32, 64, 128),
     "sheared_cube": (9, 15, 24, 40),
@@ -70,20 +73,19 @@ COLUMNS = (
 )
 
 
-def predicted(history, scene):
-    """Seconds expected of a peer at ``dofs``, from its smaller sizes of the scene.
+def predicted(known, asked, scene):
+    """Seconds expected of a peer at ``asked`` unknowns, from its smaller sizes of the scene.
 
-    ``history`` is ``[(dofs, seconds), …, (dofs, None)]``, the last what is asked; the
-    slope is that of the last two sizes, with one size the theoretical one.
+    ``known`` is ``[(dofs, seconds, threads), …]``; the slope is that of the last two
+    sizes, with one size the theoretical one.
     """
-    *known, (asked, _) = history
     if not known:
         return 0.0
     slope = 1.5 if scene in PLANE else 2.0
     if len(known) > 1:
-        (n0, s0), (n1, s1) = known[-2:]
+        (n0, s0, _), (n1, s1, _) = known[-2:]
         slope = max(1.0, math.log(s1 / s0) / math.log(n1 / n0))
-    dofs, seconds = known[-1]
+    dofs, seconds, _ = known[-1]
     return seconds * (asked / dofs) ** slope
 
 
@@ -101,7 +103,9 @@ class Contest:
         self.dofs = self.runs[ours][0].dofs
         for peer in peers:
             self.runs[peer], self.threads[peer] = [], peer.threads
-            expected = predicted([*histories[peer], (self.dofs, None)], scene)
+            expected = predicted(histories[peer], self.dofs, scene)
+            if expected > LONG:
+                self.threads[peer] = (histories[peer][-1][2],)
             if peer.missing:
                 self.notes[peer] = f"not run: {peer.missing}"
             elif expected > asked.budget:
@@ -182,7 +186,9 @@ class Contest:
                     row["later_ratio"] = median(
                         run.later / mine.later for run, mine in pairs
                     )
-                self.histories[program].append((self.dofs, min(jobs)))
+                self.histories[program].append(
+                    (self.dofs, min(jobs), self.threads[program][0])
+                )
             yield row
 
     def other(self, program):
