@@ -81,7 +81,7 @@ bench-full: $(STAMP)
 	$(PY) benches/beside_figure.py
 	$(PY) benches/condensation_peers.py --large
 	$(PY) benches/slopes.py
-	cargo bench --locked
+	$(PY) benches/rust.py
 	$(PY) benches/assembly.py
 	$(PY) benches/start.py
 	$(PY) benches/kernels.py

@@ -1,6 +1,6 @@
 """Stiffness matrices, in turn with GetFEM's.
 
-    python benches/assembly.py            # Markdown rows, milliseconds
+    python benches/assembly.py            # the table of the README, milliseconds
 
 Ours are `elasticity.stiffness` of a mesh at hand: on grids, where cells are alike, and
 with every node moved, where none are. The peer, if some python3 of this machine can
@@ -15,6 +15,7 @@ import sys
 from time import perf_counter
 
 import numpy as np
+import tables
 
 from bipot_rs.bodies.elasticity import Body, Material, box, stiffness
 
@@ -79,11 +80,11 @@ def interpreter_with_getfem():
     return None
 
 
-def main():
-    """Print the rows."""
-    python = interpreter_with_getfem()
-    print("| cells | dofs | grid | nodes moved | GetFEM | ratio, nodes moved |")
-    print("|---|---|---|---|---|---|")
+HEAD = ("cells", "dofs", "grid", "nodes moved", "GetFEM", "ratio, nodes moved")
+
+
+def rows(python):
+    """A row for each mesh; ``python`` can import getfem, or is None."""
     for cell, n, kind, method in MESHES:
         grid, dofs = ours(cell, n, moved=False)
         moved, _ = ours(cell, n, moved=True)
@@ -98,11 +99,15 @@ def main():
             )
             seconds = float(run.stdout.split()[-1])
             theirs, ratio = f"{1e3 * seconds:.1f}", f"{seconds / moved:.1f}"
-        print(
-            f"| {cell} {n} | {dofs:,} | {1e3 * grid:.1f} | {1e3 * moved:.1f} | "
-            f"{theirs} | {ratio} |",
-            flush=True,
-        )
+        times = (f"{1e3 * grid:.1f}", f"{1e3 * moved:.1f}")
+        yield (f"{cell} {n}", f"{dofs:,}", *times, theirs, ratio)
+
+
+def main():
+    """Measure, and rewrite the table."""
+    asked = tables.parser(__doc__).parse_args()
+    text = tables.table(HEAD, rows(interpreter_with_getfem()))
+    tables.publish("assembly", text, write=not asked.print)
 
 
 if __name__ == "__main__":

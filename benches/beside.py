@@ -22,7 +22,6 @@ import argparse
 import csv
 import math
 import os
-import platform
 from pathlib import Path
 from statistics import median
 
@@ -69,7 +68,7 @@ COLUMNS = (
     *("scene", "n", "dofs", "contacts", "steps", "program", "threads", "rounds"),
     *(*PARTS, "job_min", "job_median", "process", "later_step"),
     *("error", "wrong_statuses", "against", "peak_mb", "ratio", "later_ratio", "note"),
-    *("version", "load"),
+    *("version", "machine", "load"),
 )
 
 
@@ -287,14 +286,14 @@ def conclusion(rows):
 
 def written(rows):
     """The text between the markers."""
-    machine = f"{platform.machine()}, {os.cpu_count()} cores"
-    versions = ", ".join(
-        dict.fromkeys(row["version"] for row in rows if row["version"])
+    machines, versions = (
+        ", ".join(dict.fromkeys(row[key] for row in rows if row[key]))
+        for key in ("machine", "version")
     )
     loads = sorted(float(row["load"]) for row in rows)
     return "\n\n".join(
         (
-            f"{machine}, load {loads[0]:g} to {loads[-1]:g}; {versions}.",
+            f"{machines}, load {loads[0]:g} to {loads[-1]:g}; {versions}.",
             tables.table(HEAD, map(cells, rows)),
             conclusion(rows),
         )
@@ -325,6 +324,7 @@ def measure(asked):
             found = Contest(scene, n, ours, peers, asked, histories).play()
             for row in found:
                 row["version"] = versions[row["program"]]
+                row["machine"] = tables.processor()
                 row["load"] = f"{os.getloadavg()[0]:.1f}"
                 print("| " + " | ".join(cells(row)) + " |", flush=True)
             yield found

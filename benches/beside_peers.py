@@ -17,10 +17,9 @@ Ours is told twice: the call from Python, checks and conversions of arrays inclu
 what the solver takes of that, which is what Siconos' driver is to its own.
 
 Sets with bodies held by contact alone are left out: the peers have no such unknowns.
-Prints Markdown; unsolved counts as infinite.
+Unsolved counts as infinite. Rewrites the table of the README.
 """
 
-import argparse
 import json
 import os
 import select
@@ -34,6 +33,7 @@ from time import perf_counter
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import problems
+import tables
 from peers.sweep import sweep
 from refine import Scaled
 from speed_against_error import timed
@@ -175,39 +175,45 @@ def ratio(seconds, ours):
     return np.quantile(seconds[either] / ours[either], 0.5, method="higher")
 
 
+HEAD = (
+    *("set", "problems", "program", "solved", "median, ms", "90 %, ms"),
+    *("/ call", "/ solver"),
+)
+
+
+def rows(name, found):
+    """A row for each program on the problems of a set."""
+    for program, seconds in found.items():
+        middle, high = np.quantile(seconds, [0.5, 0.9], method="higher")
+        ratios = (ratio(seconds, found[own]) for own in ("call", "auto"))
+        figures = (1e3 * middle, 1e3 * high, *ratios)
+        cells = (f"{x:.2g}" if x < np.inf else "∞" for x in figures)
+        solved = int(np.isfinite(seconds).sum())
+        yield (name, str(len(seconds)), PROGRAMS[program], str(solved), *cells)
+
+
 def main():
-    """Compare and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    """Compare, and rewrite the table."""
+    parser = tables.parser(__doc__)
     parser.add_argument("--sets", default=",".join(SETS))
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seconds-limit", type=float, default=5.0, help="of a solve")
     parser.add_argument("--siconos", help="the Python that has it")
     asked = parser.parse_args()
-    limit = asked.seconds_limit
-    print(
-        "| set | problems | program | solved | median, ms | 90 %, ms | / call | / solver |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    limit, lines = asked.seconds_limit, []
     with tempfile.TemporaryDirectory() as folder:
         siconos = find(asked.siconos, folder, limit)
         programs = list(PROGRAMS) if siconos else ["call", "auto", "sweep"]
         for name in asked.sets.split(","):
             seeds = problems.seeds(name, asked.seeds, asked.first_seed)
             found = compare(name, seeds, programs, siconos, limit)
-            for program, seconds in found.items():
-                solved = int(np.isfinite(seconds).sum())
-                middle, high = np.quantile(seconds, [0.5, 0.9], method="higher")
-                ratios = (ratio(seconds, found[own]) for own in ("call", "auto"))
-                figures = (1e3 * middle, 1e3 * high, *ratios)
-                cells = (f"{x:.2g}" if x < np.inf else "∞" for x in figures)
-                print(
-                    f"| {name} | {len(seconds)} | {PROGRAMS[program]} | {solved} |",
-                    *(f"{c} |" for c in cells),
-                    flush=True,
-                )
+            for row in rows(name, found):
+                print("| " + " | ".join(row) + " |", flush=True)
+                lines.append(row)
         if siconos:
             siconos.close()
+    tables.publish("beside Siconos", tables.table(HEAD, lines), write=not asked.print)
 
 
 if __name__ == "__main__":

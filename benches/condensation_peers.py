@@ -169,7 +169,7 @@ def main():
 def written(rows, absent):
     """The text between the markers."""
     text = tables.table(HEAD, rows)
-    text += f"\n\nLoad {os.getloadavg()[0]:.1f} at the end. {conclusion(rows)}"
+    text += f"\n\n{tables.machine()} {conclusion(rows)}"
     if absent:
         text += f" Not run: {'; '.join(absent)}."
     return text

@@ -2,7 +2,7 @@
 
     python benches/kernels.py
 
-Prints Markdown: `project` beside a vectorised NumPy projection, and the
+The tables of the README: `project` beside a vectorised NumPy projection, and the
 condensation of a cube and of a square beside `scipy.sparse.linalg.splu` with one
 solve for every contact unknown. The two sides run in turn, the smallest of
 three; errors are those of W against the other side.
@@ -11,6 +11,7 @@ three; errors are those of W against the other side.
 from time import perf_counter
 
 import numpy as np
+import tables
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
@@ -39,21 +40,28 @@ def numpy_project(tau, mu):
     return np.where(opens[:, None], 0.0, inside)
 
 
+PROJECTION = (
+    *("d", "nodes", "project, M nodes/s", "NumPy, M nodes/s", "ratio"),
+    "largest difference",
+)
+CONDENSATION = (
+    *("body", "unknowns", "contact", "ours, s", "splu and solves, s", "ratio"),
+    "W differs",
+)
+
+
 def projection():
     """Rows of nodes a second."""
-    print(
-        "| d | nodes | project, M nodes/s | NumPy, M nodes/s | ratio | largest difference |"
-    )
-    print("|---|---|---|---|---|---|")
     rng = np.random.default_rng(7)
     for d in (2, 3):
         for nodes in (1_000, 1_000_000):
             tau, mu = rng.standard_normal((nodes, d)), np.full(nodes, 0.4)
             ours, (t, _) = best(5, lambda tau=tau, mu=mu: bp.project(tau, mu))
             theirs, other = best(5, lambda tau=tau, mu=mu: numpy_project(tau, mu))
-            print(
-                f"| {d} | {nodes} | {nodes / ours / 1e6:.1f} | {nodes / theirs / 1e6:.1f} "
-                f"| {theirs / ours:.1f} | {abs(t - other).max():.0e} |"
+            yield (
+                *(str(d), f"{nodes:,}"),
+                *(f"{nodes / seconds / 1e6:.1f}" for seconds in (ours, theirs)),
+                *(f"{theirs / ours:.1f}", f"{abs(t - other).max():.0e}"),
             )
 
 
@@ -70,10 +78,6 @@ def bodies():
 
 def condensation():
     """Rows of seconds to W."""
-    print(
-        "| body | unknowns | contact | ours, s | splu and solves, s | ratio | W differs |"
-    )
-    print("|---|---|---|---|---|---|---|")
     for name, dim, K, base, top in bodies():
         n, m = K.shape[0], len(base)
         B = sparse.csr_array((np.ones(m), (np.arange(m), base)), shape=(m, n))
@@ -99,12 +103,19 @@ def condensation():
         fast, W = best(3, ours)
         slow, other = best(repeat, theirs)
         error = abs(W - other).max() / abs(other).max()
-        print(
-            f"| {name} | {n} | {m} | {fast:.2f} | {slow:.2f} | {slow / fast:.1f} | {error:.0e} |"
-        )
+        times = (f"{fast:.2f}", f"{slow:.2f}", f"{slow / fast:.1f}", f"{error:.0e}")
+        yield (name, f"{n:,}", f"{m:,}", *times)
+
+
+def main():
+    """Measure, and rewrite the tables."""
+    asked = tables.parser(__doc__).parse_args()
+    for name, head, rows in (
+        ("projection beside NumPy", PROJECTION, projection()),
+        ("condensation beside SciPy", CONDENSATION, condensation()),
+    ):
+        tables.publish(name, tables.table(head, rows), write=not asked.print)
 
 
 if __name__ == "__main__":
-    projection()
-    print()
-    condensation()
+    main()

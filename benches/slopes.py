@@ -71,6 +71,7 @@ def measured(dim, cells, threads):
             _, (line,) = lines_of([*command, str(path), repeat], threads, None)
         row = {"dim": dim, "n": n, "m": m, "threads": threads}
         row |= {key: line[key] for key in THEORY}
+        row["machine"] = tables.processor()
         print(row, flush=True)
         yield row
 
@@ -111,7 +112,8 @@ def written(rows):
             told = [tables.figures(float(f"{x:.2g}")) for x in (seconds, memory)]
             words.append(f"{told[0]} s and {told[1]} GB for {size:,} unknowns {place}")
     text = tables.table(HEAD, lines)
-    return f"{text}\n\nSeconds but where said. {verdict(rows, words)}"
+    machines = "; ".join(dict.fromkeys(row["machine"] for row in rows))
+    return f"{text}\n\n{machines}. Seconds but where said. {verdict(rows, words)}"
 
 
 def verdict(rows, words):

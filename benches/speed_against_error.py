@@ -16,7 +16,8 @@ The cost of an error is that of the first rung, from loose to tight, that conver
 meets it. A solve that did not converge within 20,000 products or the time limit costs
 infinity, and enters medians and quantiles so: nothing is dropped.
 
-Writes speed_against_error.csv and .png beside this file and prints Markdown. Solves
+Writes speed_against_error.csv and .png beside this file and the tables of the README,
+or with ``--out`` into another folder and no tables. Solves
 are kept in the folder of the problems as long as the compiled core is the same, so
 that a run that was stopped goes on, and one with more seeds adds only those.
 """
@@ -35,6 +36,7 @@ from time import perf_counter
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import problems
+import tables
 from refine import Scaled, refine
 
 import bipot_rs as bp
@@ -55,7 +57,7 @@ LADDER = [float(f"1e-{k}") for k in range(2, 15)]
 TARGETS = LADDER[:11]
 SHOWN = TARGETS[::2]
 WORK = 20_000
-MEASURES = {"eta": "η", "error": "true error"}
+MEASURES = {"eta": "products to η", "error": "products to true error"}
 
 
 def available(methods):
@@ -195,12 +197,9 @@ def rows(results):
 
 
 def table(lines, measure, unit, form):
-    """Print one Markdown table: median and 90 % quantile for each target."""
-    told = {"products": "products with W", "seconds": "milliseconds"}[unit]
-    print(f"\n{told} to {MEASURES[measure]}: median / 90 % quantile\n")
-    heads = [f"{target:.0e}" for target in SHOWN]
-    print("| set | method |", *(f"{h} |" for h in heads), "solved |")
-    print("|" + "---|" * (len(heads) + 3))
+    """Markdown: median and 90 % quantile for each target."""
+    head = ("set", "method", *(f"{target:.0e}" for target in SHOWN), "solved")
+    found = []
     own = [line for line in lines if line["measure"] == measure]
     for name, method in dict.fromkeys((x["set"], x["method"]) for x in own):
         by_target = {
@@ -213,8 +212,9 @@ def table(lines, measure, unit, form):
             cells.append(" / ".join(form(x) if np.isfinite(x) else "∞" for x in pair))
         # At three depths, since a method may find an answer and not refine it.
         depths = [by_target[t]["solved"] for t in (1e-4, 1e-8, 1e-12)]
-        solved = ", ".join(map(str, depths)) + f" of {line['problems']}"
-        print(f"| {name} | {method} |", *(f"{c} |" for c in cells), solved, "|")
+        solved = ", ".join(map(str, depths))
+        found.append((name, method, *cells, f"{solved} of {line['problems']}"))
+    return tables.table(head, found)
 
 
 def main():
@@ -242,9 +242,12 @@ def main():
             writer.writerow(
                 {k: f"{x:.4g}" if isinstance(x, float) else x for k, x in line.items()}
             )
-    for measure in ("error", "eta"):
-        table(lines, measure, "products", "{:.0f}".format)
-    table(lines, "error", "seconds", lambda x: f"{1e3 * x:.2g}")
+    write = asked.out == HERE
+    for measure, name in MEASURES.items():
+        text = table(lines, measure, "products", "{:.0f}".format)
+        tables.publish(name, text, write=write)
+    text = table(lines, "error", "seconds", lambda x: f"{1e3 * x:.2g}")
+    tables.publish("milliseconds to true error", text, write=write)
 
     from speed_figure import draw
 

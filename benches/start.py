@@ -1,7 +1,7 @@
 """What it costs to start: whole processes, in turn.
 
-    python benches/start.py            # Markdown rows, milliseconds of 9 rounds
-    python benches/start.py 21
+    python benches/start.py                # the table of the README, of 9 rounds
+    python benches/start.py --rounds 21
 
 Each round runs every command once, so that all meet the same machine, and the first
 round, which fills the caches of the disk and of Python, is not counted. The least of
@@ -15,6 +15,7 @@ import tempfile
 from pathlib import Path
 from time import perf_counter
 
+import tables
 from programs import as_installed
 
 PYTHON = sys.executable
@@ -41,19 +42,22 @@ def milliseconds(command, folder):
 
 
 def main():
-    """Print the rows."""
-    rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 9
+    """Measure, and rewrite the table."""
+    parser = tables.parser(__doc__)
+    parser.add_argument("--rounds", type=int, default=9)
+    asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         times = [
             [milliseconds(command, folder) for command in COMMANDS.values()]
-            for _ in range(rounds + 1)
+            for _ in range(asked.rounds + 1)
         ]
-    print("| process | least | median |\n|---|---|---|")
-    for name, column in zip(COMMANDS, zip(*times[1:], strict=True), strict=True):
-        print(
-            f"| `{name}` | {min(column):.0f} ms | {statistics.median(column):.0f} ms |"
-        )
+    rows = [
+        (f"`{name}`", f"{min(column):.0f} ms", f"{statistics.median(column):.0f} ms")
+        for name, column in zip(COMMANDS, zip(*times[1:], strict=True), strict=True)
+    ]
+    text = tables.table(("process", "least", "median"), rows)
+    tables.publish("start", text, write=not asked.print)
 
 
 if __name__ == "__main__":

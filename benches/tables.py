@@ -7,12 +7,20 @@
 Everything outside is left as it is, to the byte.
 """
 
+import argparse
+import os
+import platform
 import re
 import shutil
+import subprocess
 from collections.abc import Iterable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+# Vector units by the kernel's names of them, the widest first.
+VECTORS = {"avx512f": "AVX-512", "avx2": "AVX2", "asimd": "NEON"}
+PACKAGES = ("bipot-rs", "numpy", "scipy", "scikit-fem")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -41,6 +49,41 @@ def rewrite(path: Path, name: str, text: str) -> None:
     new = path.with_suffix(".new")
     new.write_text(page, encoding="utf-8")
     new.replace(path)
+
+
+def processor() -> str:
+    """Name, cores and vector unit of what measures."""
+    try:
+        told = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        told = ""
+    model = re.search(r"model name\s*: (.*)", told)
+    name = model[1].strip() if model else platform.processor() or platform.machine()
+    units = [unit for key, unit in VECTORS.items() if re.search(rf"\b{key}\b", told)]
+    return ", ".join((name, f"{os.cpu_count()} cores", *units[:1]))
+
+
+def machine() -> str:
+    """Where a table is from: processor, versions and load."""
+    run = ("rustc", "--version")
+    rust = subprocess.run(run, capture_output=True, text=True, check=True).stdout
+    versions = [f"{name} {version(name)}" for name in PACKAGES]
+    load = f"load {os.getloadavg()[0]:.1f} at the end"
+    return ", ".join((processor(), f"Rust {rust.split()[1]}", *versions, load)) + "."
+
+
+def parser(doc: str) -> argparse.ArgumentParser:
+    """What every program of one table takes."""
+    made = argparse.ArgumentParser(description=doc.splitlines()[0])
+    made.add_argument("--print", action="store_true", help="write no files")
+    return made
+
+
+def publish(name: str, text: str, *, write: bool) -> None:
+    """Print what was measured and, with the machine below it, ``write`` it into the page."""
+    print(text, end="\n\n", flush=True)
+    if write:
+        rewrite(HERE / "README.md", name, f"{text}\n\n{machine()}")
 
 
 def folder(quick: bool) -> Path:

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import judge
 import numpy as np
 import programs
 import pytest
+import rust
 import slopes
 import tables
 
@@ -54,18 +56,43 @@ def test_a_row_of_another_length_is_refused() -> None:
         tables.table(("a", "b"), [("1",)])
 
 
-@pytest.mark.parametrize(
-    ("name", "page"),
-    [
-        ("whole jobs", "README.md"),
-        ("whole jobs", "benches/README.md"),
-        ("condensation", "benches/README.md"),
-        ("slopes", "benches/README.md"),
-    ],
-)
-def test_the_pages_have_the_markers(repository: Path, name: str, page: str) -> None:
+@pytest.mark.parametrize("page", ["README.md", "benches/README.md"])
+def test_the_pages_have_the_markers(repository: Path, page: str) -> None:
+    """Each table of a page is between a pair, and its program writes that name."""
     text = (repository / page).read_text(encoding="utf-8")
-    assert "\nnew\n" in tables.replaced(text, name, "new")
+    found = re.findall(r"<!-- (.*), written by (\S+) -->", text)
+    assert found
+    for name, program in found:
+        assert "\nnew\n" in tables.replaced(text, name, "new")
+        assert f'"{name}"' in (repository / program).read_text("utf-8")
+
+
+def test_make_bench_runs_all_that_write(repository: Path) -> None:
+    page = (repository / "benches" / "README.md").read_text(encoding="utf-8")
+    recipe = (repository / "Makefile").read_text("utf-8").split("bench-full:")[-1]
+    recipe = recipe.split("\n\n")[0]
+    for program in set(re.findall(r", written by (\S+) -->", page)):
+        assert f"$(PY) {program}" in recipe
+
+
+def test_what_criterion_kept_becomes_rates(tmp_path: Path) -> None:
+    """A million elements in 10 ms are 100 M/s; groups of other sizes, tables apart."""
+    for group, function, value, counted, ns in (
+        ("project", "threads", "1", {"Elements": 1_000_000}, 1e7),
+        ("project", "threads", "2", {"Elements": 1_000_000}, 5e6),
+        ("product", None, "900", {"Bytes": 2**30}, 5e8),
+    ):
+        folder = tmp_path / group / str(function) / value / "new"
+        folder.mkdir(parents=True)
+        told = {"group_id": group, "function_id": function, "value_str": value}
+        told["throughput"] = counted
+        (folder / "benchmark.json").write_text(json.dumps(told))
+        median = {"median": {"point_estimate": ns}}
+        (folder / "estimates.json").write_text(json.dumps(median))
+    assert rust.pivoted(rust.samples(tmp_path)).split("\n\n") == [
+        tables.table(("", "", "900"), [("product, GiB/s", "", "2")]),
+        tables.table(("", "", "1", "2"), [("project, M/s", "threads", "100", "200")]),
+    ]
 
 
 def test_the_sheet_gives_the_table(repository: Path) -> None:

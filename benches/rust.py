@@ -1,0 +1,87 @@
+"""The benches of the crate, `cargo bench`, as tables of the README.
+
+    python benches/rust.py                 # all, condensation with the cube of 148,000
+    python benches/rust.py --only fronts
+
+`condense` and `fronts` print what they measure; of `projection` and `solvers` criterion
+keeps medians and what a call works on, from which the rates are.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import tables
+
+ROOT = Path(__file__).resolve().parent.parent
+PRINTED, SAMPLED = ("condense", "fronts"), ("projection", "solvers")
+# What a rate counts: its unit, and how many of it a call works on.
+RATES = {"Elements": ("M/s", 1e6), "Bytes": ("GiB/s", 2.0**30)}
+
+
+def cargo(bench):
+    """Run a bench; what it printed."""
+    run = subprocess.run(
+        ["cargo", "bench", "--locked", "--bench", bench],
+        cwd=ROOT,
+        env=os.environ | {"BIPOT_BENCH_LARGE": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return run.stdout
+
+
+def samples(folder):
+    """``{group: {function: {value: rate}}}`` of all that criterion kept in a folder."""
+    found = {}
+    for path in sorted(folder.glob("**/new/benchmark.json")):
+        told = json.loads(path.read_text(encoding="utf-8"))
+        estimates = json.loads((path.parent / "estimates.json").read_text("utf-8"))
+        ((kind, amount),) = told["throughput"].items()
+        unit, scale = RATES[kind]
+        rate = amount / scale / (1e-9 * estimates["median"]["point_estimate"])
+        functions = found.setdefault(f"{told['group_id']}, {unit}", {})
+        values = functions.setdefault(told["function_id"] or "", {})
+        values[told["value_str"]] = f"{rate:.3g}"
+    return found
+
+
+def pivoted(found):
+    """A table for each set of values: groups and their functions down, values across."""
+    pages = {}
+    for group, functions in found.items():
+        for function, values in functions.items():
+            head = tuple(sorted(values, key=lambda v: (len(v), v)))
+            cells = (values[value] for value in head)
+            pages.setdefault(head, []).append((group, function, *cells))
+    return "\n\n".join(
+        tables.table(("", "", *head), rows) for head, rows in pages.items()
+    )
+
+
+def measured(bench):
+    """The text of a bench."""
+    if bench in PRINTED:
+        return f"```text\n{cargo(bench).strip()}\n```"
+    # Emptied before: what is found there after is of this run.
+    folder = ROOT / "target" / "criterion"
+    shutil.rmtree(folder, ignore_errors=True)
+    cargo(bench)
+    return pivoted(samples(folder))
+
+
+def main():
+    """Measure, and rewrite the tables."""
+    parser = tables.parser(__doc__)
+    every = (*PRINTED, *SAMPLED)
+    parser.add_argument("--only", choices=every)
+    asked = parser.parse_args()
+    for bench in [asked.only] if asked.only else every:
+        tables.publish(bench, measured(bench), write=not asked.print)
+
+
+if __name__ == "__main__":
+    main()
