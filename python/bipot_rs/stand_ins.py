@@ -13,7 +13,14 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from bipot_rs.schema import KIND, UNUSED, Scene, inconsistencies, out_of_range
+from bipot_rs.schema import (
+    KIND,
+    Scene,
+    Unknown,
+    Unused,
+    inconsistencies,
+    out_of_range,
+)
 
 # Keys and numbers of entries, down to a value.
 Where = tuple[str | int, ...]
@@ -106,9 +113,10 @@ def _apart(found: Iterable[str], mended: Iterable[Where]) -> Iterator[str]:
     entries = {".".join(map(str, place[:2])) for place in mended}
     tables = {str(place[0]) for place in mended}
     for sentence in found:
-        if sentence.endswith(UNUSED) or any(_within(sentence, place) for place in near):
+        # What uses a thing may be what a stand-in has taken the place of.
+        if isinstance(sentence, Unused) or any(_within(sentence, at) for at in near):
             continue
-        name = "there is no " in sentence
+        name = isinstance(sentence, Unknown)
         # Keys of one entry go together or do not; a name is known whatever is beside it.
         if not name and any(_within(sentence, entry) for entry in entries):
             continue
@@ -117,7 +125,7 @@ def _apart(found: Iterable[str], mended: Iterable[Where]) -> Iterator[str]:
             continue
         if _within(sentence, "path") and tables & {"path", "body", "mesh"}:
             continue
-        if ".amplitude: " in sentence and "path" in tables:
+        if sentence.partition(": ")[0].endswith(".amplitude") and "path" in tables:
             continue
         yield sentence
 

@@ -4,7 +4,13 @@
 itself is said by `inconsistencies`.
 """
 
-from bipot_rs.schema.consistency import UNUSED, Known, inconsistencies, out_of_range
+from bipot_rs.schema.consistency import (
+    Known,
+    Unknown,
+    Unused,
+    inconsistencies,
+    out_of_range,
+)
 from bipot_rs.schema.contact import Clearance, Plane, Rigid, Touch
 from bipot_rs.schema.load import (
     BodyForce,
@@ -24,7 +30,6 @@ from bipot_rs.schema.table import AXES, KIND, Varying
 __all__ = [
     "AXES",
     "KIND",
-    "UNUSED",
     "Amplitude",
     "Automatic",
     "Axis",
@@ -49,6 +54,8 @@ __all__ = [
     "Touch",
     "Traction",
     "Units",
+    "Unknown",
+    "Unused",
     "Varying",
     "Within",
     "inconsistencies",
