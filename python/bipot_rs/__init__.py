@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import bipot_rs.early  # noqa: F401
 from bipot_rs import fclib
+from bipot_rs._core import version as __version__
 from bipot_rs.answers import Answers
 from bipot_rs.cone import project
 from bipot_rs.error_bound import ErrorBound
@@ -58,6 +59,7 @@ __all__ = [
     "Solution",
     "Status",
     "Step",
+    "__version__",
     "fclib",
     "load",
     "pairs",

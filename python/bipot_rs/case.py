@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.bodies.stress import Initial, stress
+from bipot_rs.errors import FloatingBodyError
 from bipot_rs.facing.rigid_motion import Motion
 from bipot_rs.fem import Model
-from bipot_rs.inspection import inspect
+from bipot_rs.inspection import inspect, unheld
 from bipot_rs.loading import Totals, differing, reached
 from bipot_rs.problem import ContactProblem
 from bipot_rs.result import Result, Step
@@ -84,9 +85,29 @@ class Case:
     scene: Scene | None = None
     gaps: Floats | None = None
 
-    def problem(self, *, num_threads: int | None = None) -> ContactProblem:
-        """Condense: the contact problem of these arrays."""
-        return self.model.problem(num_threads=num_threads)
+    def problem(
+        self,
+        *,
+        num_threads: int | None = None,
+        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+    ) -> ContactProblem:
+        """Condense: the contact problem of these arrays.
+
+        Raises
+        ------
+        FloatingBodyError
+            Motions that neither supports nor contacts feel, in words.
+        """
+        try:
+            return self.model.problem(num_threads=num_threads, on_forecast=on_forecast)
+        except FloatingBodyError as error:
+            # The core knows a degree of freedom, the bodies their rigid motions.
+            said = list(unheld(self.model))
+            if not said:
+                raise
+            told = FloatingBodyError("; ".join(said))
+            told.dof = error.dof
+            raise told from None
 
     def sampled(self, t: ArrayLike) -> Case:
         """The same with load steps that end at ``t``, where load step k of the scene is k + 1.

@@ -277,8 +277,8 @@ def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Array) -> int:
         return int(dim)
     if rows not in (2 * contacts, 3 * contacts):
         raise ValueError(
-            f"B has {counted(rows, 'row')}, expected {2 * contacts} or {3 * contacts}: "
-            f"2 or 3 for each of the {counted(contacts, 'contact')} of gap"
+            f"gap has {counted(contacts, 'contact')} and B {counted(rows, 'row')}: "
+            "expected 2 or 3 rows of B for each contact"
         )
     d = rows // contacts
     if dim is not None and dim != d:

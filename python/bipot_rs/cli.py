@@ -95,6 +95,30 @@ app = _App(
 )
 
 
+def _version(asked: bool) -> None:
+    if asked:
+        from bipot_rs import _core
+
+        typer.echo(f"bipot-rs {_core.version}")
+        raise typer.Exit
+
+
+@app.callback()
+def _before(
+    *,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            callback=_version,
+            is_eager=True,
+            help="Print the version; bp.show_versions() in Python tells more.",
+        ),
+    ] = False,
+) -> None:
+    """What the command takes before the name of another."""
+
+
 @app.command()
 def run(
     context: typer.Context,

@@ -34,6 +34,8 @@ _FREE = 1e-6
 # the first length, and those in mm longer than the second.
 _PASCAL, _MEGAPASCAL = 1e9, (1e4, 1e6)
 _LONG, _SHORT = 10.0, 0.05
+# Loads that are a larger share of Young's modulus strain the body by more than is small.
+_SOFT = 0.05
 
 
 def inspect(
@@ -56,17 +58,19 @@ def inspect(
         start; surfaces that face away from their obstacle; contacts too far away to
         close; friction left out where supports prescribe the tangential displacement;
         bodies that neither supports nor contact can hold, with the motion; a Young's
-        modulus and a size that seem to be of different systems of units.
+        modulus and a size, or loads, that seem to be of different systems of units.
     """
     found = [
         *_penetrating(model),
         *_facing_away(model),
         *_without_friction(model, prescribed),
-        *_unheld(model),
+        *unheld(model),
         *_units(model),
     ]
     if load is not None or prescribed is not None:
         found += _far(model, load, prescribed)
+    if load is not None:
+        found += _overloaded(model, floats("load", load))
     return found
 
 
@@ -208,13 +212,34 @@ def _units(model: Model) -> Iterator[str]:
         )
 
 
+def _overloaded(model: Model, load: Array) -> Iterator[str]:
+    """Loads beside which a body is soft, as a Young's modulus in GPa with loads in MPa.
+
+    The sum of the sizes of all nodal forces over the largest section of the box around
+    the body: forces that balance each other within it count, too.
+    """
+    largest = np.abs(np.atleast_2d(load)).max(axis=0, initial=0.0)
+    for body, first in zip(model.bodies, model.offset, strict=True):
+        young = _stiffest(body.material)
+        forces = largest[first : first + body.points.size].reshape(-1, model.dim)
+        sides = np.sort(np.ptp(body.points, axis=0))[1:]
+        section = float(np.prod(sides)) * body.depth
+        mean = float(np.linalg.norm(forces, axis=1).sum()) / section
+        if young is not None and mean > _SOFT * young:
+            yield (
+                f"units may be mixed: the loads of body {body.name!r} come to {mean:.3g} "
+                f"over its largest section, {100 * mean / young:.2g} % of its Young's "
+                f"modulus {young:g}, and strains are taken to be small"
+            )
+
+
 def _stiffest(material: Any) -> float | None:
     """Young's modulus where the material has one."""
     young = getattr(material, "young", None)
     return None if young is None else float(np.max(young))
 
 
-def _unheld(model: Model) -> Iterator[str]:
+def unheld(model: Model) -> Iterator[str]:
     """Rigid motions that neither supports nor contacts feel.
 
     Motions of bodies that meet each other are looked at together. Contact is taken to

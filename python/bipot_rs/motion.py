@@ -11,6 +11,10 @@ from bipot_rs.check import Array
 from bipot_rs.friction import dissipation
 from bipot_rs.words import body_of
 
+# An axis further off than this, in sizes of what is seen to move, is hardly one: places
+# differ from the translation of their middle by less than half.
+_FAR = 2.0
+
 # Parts of a motion below this, relative to the whole, are not worth a word. Where the
 # loads pass the limit of friction by little, turning a proof by ω changes what it
 # proves by ω²: its direction is known to the root of rounding.
@@ -148,9 +152,18 @@ def _named(shift: Array, turn: Array, centre: Array, reach: float) -> str:
     """Words of ``v(x) = t + ω × (x - c)``; ``reach`` is the size of where it is seen."""
     d, rate = len(centre), float(np.linalg.norm(turn))
     axes = ", ".join("xyz"[:d])
-    if rate * reach <= _WORTH * float(np.linalg.norm(shift)):
-        return f"translation along {_numbers(shift, True)} in ({axes})"
-    if d == 2:
+    moved = float(np.linalg.norm(shift))
+    translation = f"translation along {_numbers(shift, True)} in ({axes})"
+    if rate * reach <= _WORTH * moved:
+        return translation
+    far = f"nearly a {translation}: " if rate * reach * _FAR <= moved else ""
+    return far + _turning(shift, turn, centre, reach)
+
+
+def _turning(shift: Array, turn: Array, centre: Array, reach: float) -> str:
+    """Words of the axis."""
+    rate = float(np.linalg.norm(turn))
+    if len(centre) == 2:
         place = centre + np.array([-shift[1], shift[0]]) / turn[0]
         return f"rotation about the point {_numbers(place)}"
     place = centre + np.cross(turn, shift) / rate**2

@@ -12,6 +12,7 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 import bipot_rs as bp
+from bipot_rs.motion import describe
 from bodies import Body, block, uniform_shear
 
 Array = NDArray[np.float64]
@@ -89,6 +90,25 @@ def test_pulled_up(dim: int) -> None:
     # A thousandth of the weight is left.
     net = body.weight([0.0] * (dim - 1) + [0.001])
     assert f"translation along ({up})" in str(refused(body, net))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_of_an_axis_far_away_the_translation_is_told_first(dim: int) -> None:
+    """What turns by ω about a middle that moves by 1, seen over a length of 3."""
+    plane = np.array([(x, y) for x in range(4) for y in range(3)], dtype=float)
+    points = np.column_stack([plane] + [np.zeros(12)] * (dim - 2))
+    frame, mu = np.tile(np.eye(dim), (12, 1, 1)), np.zeros(12)
+    for turn, far in ((0.1, True), (0.2, False)):
+        moved = np.zeros((12, dim))
+        moved[:, 0] = -turn * (points[:, 1] - 1.0)
+        moved[:, 1] = 1.0 + turn * (points[:, 0] - 1.5)
+        said = describe(moved / 1.5, mu, points=points, frame=frame)
+        place = f"({1.5 - 1 / turn:g}, 1{', 0' * (dim - 2)})"
+        about = "the point" if dim == 2 else "an axis through"
+        assert f"rotation about {about} {place}" in said
+        along = f"(0, 1{', 0' * (dim - 2)})"
+        first = f"nearly a translation along {along} in ({', '.join('xyz'[:dim])}): "
+        assert said.startswith(first if far else "rotation about")
 
 
 def test_a_block_that_tips_in_the_plane() -> None:

@@ -167,6 +167,28 @@ def test_scenes(tmp_path: Path) -> None:
     assert "neither a file nor one of" in wrong.stderr
 
 
+def test_version(tmp_path: Path) -> None:
+    told = bipot("--version", cwd=tmp_path)
+    assert (told.stdout, told.stderr) == (f"bipot-rs {bp.__version__}\n", "")
+
+
+def test_forgotten_supports_are_told_as_such(tmp_path: Path) -> None:
+    """By what nothing holds, not by a degree of freedom."""
+    bipot("new", "two", "--template", "two_bodies", cwd=tmp_path)
+    text = (tmp_path / "two.toml").read_text()
+    held, _, rest = text.partition("[[support]]")
+    _, contact, path = rest.partition("[[contact]]")
+    pull = '[[traction]]\non = "upper.top"\ny = { value = 1.0, amplitude = "press" }\n'
+    pull += 'x = { value = 1.0, amplitude = "drag" }\n'
+    (tmp_path / "two.toml").write_text(held + pull + contact + path)
+    run = bipot("run", "two.toml", cwd=tmp_path, status=1)
+    said = (
+        "nothing holds bodies 'upper' and 'lower': no support and no spring is on any"
+    )
+    assert f"bipot: {said}" in run.stderr
+    assert "degree of freedom" not in run.stderr
+
+
 def test_no_answer(tmp_path: Path) -> None:
     """A block without support that touches the plane in one node: it can roll."""
     path = scene_file(

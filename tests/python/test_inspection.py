@@ -86,7 +86,7 @@ def test_never_closing() -> None:
         "stays 0.2 away, and supports move by 0.05 at the most"
     )
     assert inspect(model, prescribed=4 * moved) == []
-    (said,) = inspect(model, load=np.ones(model.n))
+    (said,) = inspect(model, load=np.full(model.n, 1e-4))
     assert said.endswith("stays 0.2 away, 20 % of the size of the model")
     # An obstacle that comes up closes it.
     rising = fem.Contact(
@@ -110,6 +110,30 @@ def test_friction_that_is_left_out() -> None:
         "to decide"
     )
     assert inspect(fem.build([cube()], [on(mu=0.0)], [side])) == []
+
+
+def test_loads_beside_which_a_body_is_soft() -> None:
+    """A modulus in GPa with loads in MPa; of all steps the largest counts."""
+    top = fem.Support("a", "bottom", (0, 1, 2))
+    for size in (1.0, 1e3):
+        body = cube(young=210.0, size=size)
+        model = fem.build([body], [], [top])
+        pull = model.traction("a", "top", np.array([0.0, 0.0, 1.0]))
+        loads = np.multiply.outer([0.0, -12.6, 1.0], pull)
+        (said,) = inspect(model, load=loads)
+        assert said == (
+            "units may be mixed: the loads of body 'a' come to 12.6 over its largest "
+            "section, 6 % of its Young's modulus 210, and strains are taken to be small"
+        )
+        assert inspect(model, load=0.8 * loads) == []
+    # In the plane over the length and the thickness.
+    thick = fem.Material(210.0, 0.3, thickness=5.0)
+    g = np.linspace(0, 1, 4)
+    plate = fem.Body("a", fem.box([g, 3 * g], "quadrilateral"), thick)
+    model = fem.build([plate], [], [fem.Support("a", "bottom", (0, 1))])
+    side = model.traction("a", "right", np.array([12.6, 0.0]))
+    (said,) = inspect(model, load=side)
+    assert "come to 12.6 over" in said
 
 
 def test_bodies_that_nothing_holds() -> None:

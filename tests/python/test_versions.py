@@ -23,6 +23,7 @@ def test_versions_are_those_that_run() -> None:
     assert _core.build_profile in told["core"]
     # Of the crate that was compiled: an old core beside new files shows up here.
     assert _core.version == importlib.metadata.version("bipot-rs")
+    assert bp.__version__ == _core.version
 
 
 def test_a_line_each(capsys: pytest.CaptureFixture[str]) -> None:

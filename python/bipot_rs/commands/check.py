@@ -71,5 +71,5 @@ def _counts(case: Case) -> dict[str, Any]:
         raise _Counted
 
     with suppress(_Counted):
-        case.model.problem(on_forecast=stop)
+        case.problem(on_forecast=stop)
     return found

@@ -238,7 +238,7 @@ class Job:
                     self.progress.skip(first)
                 self.case = case
             with self._phase("condense"):
-                self.problem = problem = case.model.problem(
+                self.problem = problem = case.problem(
                     on_forecast=None if self.as_json else self._foretell
                 )
 
