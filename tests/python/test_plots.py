@@ -248,6 +248,44 @@ def test_zones_of_a_surface_are_those_of_the_nearest_node(cube: Any) -> None:
         assert shown[row, column] == result.status[-1][k]
 
 
+def sheet(stretch: float, hole: bool) -> tuple[bp.Solution, dict[str, Any]]:
+    """Closed contacts on 12 × 12 cells drawn out along x, 6 × 6 of them left out."""
+    at = np.array([(x, y) for x in range(13) for y in range(13)])
+    cells = [(x, y) for x in range(12) for y in range(12)]
+    if hole:
+        cells = [c for c in cells if not all(3 <= k < 9 for k in c)]
+    area = np.zeros(len(at))
+    for x, y in cells:
+        for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            area[13 * (x + i) + y + j] += stretch / 4
+    kept = area > 0
+    x = np.column_stack([stretch * at[kept, 0], at[kept, 1], np.zeros(kept.sum())])
+    q = np.tile([-1.0, 0.0, 0.0], (len(x), 1))
+    found = bp.ReducedProblem(np.eye(3 * len(x)), q, 0.3).solve()
+    frame = np.tile(np.roll(np.eye(3), 1, axis=0), (len(x), 1, 1))
+    return found, {"x": x, "area": area[kept], "frame": frame}
+
+
+@pytest.mark.parametrize("stretch", [1.0, 3.0, 40.0])
+@pytest.mark.parametrize("hole", [False, True])
+def test_holes_are_blank_and_nothing_else_is(stretch: float, hole: bool) -> None:
+    found, contacts = sheet(stretch, hole)
+    (image,) = plots.status_map(found, contacts=contacts).images
+    blank = np.isnan(np.ma.filled(image.get_array(), np.nan)).mean()
+    ax = plots.surface_map(found, contacts=contacts)
+    (mesh,) = (c for c in ax.collections if type(c).__name__ == "TriMesh")
+    corners = mesh._triangulation.get_masked_triangles()
+    first, second, third = (contacts["x"][corners[:, k], :2] for k in range(3))
+    (x1, y1), (x2, y2) = (second - first).T, (third - first).T
+    drawn = 0.5 * np.abs(x1 * y2 - x2 * y1).sum() / (144 * stretch)
+    # Of the hole, a quarter of the whole, the corners may be cut off.
+    least, most = (0.19, 0.25) if hole else (0.0, 0.0)
+    assert least <= 1 - drawn <= most + 1e-12
+    rows, columns = np.shape(image.get_array())
+    pixels = 2 * (1 / rows + 1 / columns) if hole else 0.0
+    assert abs(blank - (1 - drawn)) <= pixels
+
+
 @pytest.mark.parametrize("near", [None, 0.5])
 def test_bodies_are_deformed(line: Any, near: float | None) -> None:
     model, result = line
@@ -261,7 +299,9 @@ def test_bodies_are_deformed(line: Any, near: float | None) -> None:
     half = model.offset[1]
     upper = von_mises(stress(model.bodies[0], u[:half], space=True))
     np.testing.assert_array_equal(cells.get_array()[: len(upper)], upper)
-    assert ax.get_title("left") == "displacements × 3, load step 2 of 2"
+    longest = np.linalg.norm(result[-1].reaction, axis=1).max()
+    said = f"displacements × 3, forces up to {longest:.3g} N, load step 2 of 2"
+    assert ax.get_title("left") == said
     # Arrows end at nodes of contact and add up to a part of what contact carries.
     arrows = arrows_of(ax)
     tips = places[model.contact_dofs[:, 0] // 2]

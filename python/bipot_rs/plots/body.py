@@ -63,7 +63,7 @@ def deformed(
         is told above the picture. The bodies where they began are a thin line.
     forces
         Whether arrows show the contact forces on the bodies that have the contacts, up
-        to 25, each the force at one node.
+        to 25, each the force at one node; the largest of them is told above the picture.
     near
         Draw what is within so many extents of the contacts; default all.
     units, ax
@@ -113,17 +113,18 @@ def deformed(
     ax = canvas.axes_of(ax, size=(5.4, 4.0), space=model.dim == 3)
     draw = _plane if model.dim == 2 else _space
     image = draw(model, places, mises, ax)
-    tails = places[:0]
+    tails, longest = places[:0], 0.0
     if forces:
-        tails = _forces(model, places, np.asarray(found.reaction), near, ax)
+        tails, longest = _forces(model, places, np.asarray(found.reaction), near, ax)
     bands = _obstacles(model, found, scale, ax) if model.dim == 2 else places[:0]
     _limits(model, places, tails, bands, near, ax)
     if own and model.dim == 2:
         canvas.fit(ax)
     canvas.colour_bar(image, ax, "von Mises stress", canvas.stress_unit(units))
-    scaled = [f"displacements × {scale:g}"] if scale != 1 else []
-    said = [said_of(result, step)] if said_of(result, step) else []
-    canvas.note(ax, ", ".join(scaled + said))
+    said = [f"displacements × {scale:g}"] if scale != 1 else []
+    if longest:
+        said.append(f"forces up to {longest:.3g} {units.get('force', '')}".strip())
+    canvas.note(ax, ", ".join([*said, *filter(None, [said_of(result, step)])]))
     for name in "xyz"[: model.dim]:
         canvas.name_axis(getattr(ax, f"{name}axis"), name, units.get("length"))
     return ax
@@ -225,7 +226,8 @@ def box_in_space(places: Array, ax: Any, zoom: float = 0.82) -> None:
         prune = "lower" if name == "y" else None
         ticks = {"min_n_ticks": min(count, 2), "prune": prune}
         axis.set_major_locator(MaxNLocator(min(count, 4), **ticks))
-        axis.labelpad = 8
+        # It counts in what the other two axes are long.
+        axis.labelpad = 8 * min(half.max() / np.delete(half, k).max(), 3.0)
         axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
     # Room for the labels, which the layout does not see.
     ax.set_box_aspect(half, zoom=zoom)
@@ -233,13 +235,13 @@ def box_in_space(places: Array, ax: Any, zoom: float = 0.82) -> None:
 
 def _forces(
     model: Model, places: Array, reaction: Array, near: float | None, ax: Any
-) -> Array:
-    """Draw the arrows of forces; where they begin, ``(arrows, d)``."""
+) -> tuple[Array, float]:
+    """Draw arrows of forces; where they begin, ``(arrows, d)``, and the largest force."""
     force = np.einsum("ck,ckd->cd", reaction, model.frame)
     size = np.linalg.norm(force, axis=1)
     largest = float(size.max(initial=0.0))
     if largest == 0:
-        return places[:0]
+        return places[:0], 0.0
     loaded = np.flatnonzero(size > 1e-6 * largest)
     chosen = loaded[:: -(-len(loaded) // _ARROWS)]
     at = places[model.contact_dofs[chosen, 0] // model.dim]
@@ -262,7 +264,7 @@ def _forces(
         )
     else:
         ax.quiver(*at.T, *arrows.T, color=_FORCE, pivot="tip", lw=1.0)
-    return np.asarray(at - arrows)
+    return np.asarray(at - arrows), float(size[chosen].max())
 
 
 def _obstacles(model: Model, found: Any, scale: float, ax: Any) -> Array:

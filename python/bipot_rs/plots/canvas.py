@@ -87,8 +87,11 @@ def colour_bar(
     if ax.name == "3d":
         bar = ax.figure.colorbar(image, ax=ax, extend=extend, shrink=0.8, pad=0.1)
     else:
-        # As high as the axes, also where one length the same in x and y makes them low.
-        place = ax.inset_axes((1.03, 0.0, 0.045, 1.0))
+        # As high as the axes, also where one length the same in x and y makes them low,
+        # and not narrower where it makes them narrow.
+        wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
+        part = 1.0 if ax.get_aspect() == "auto" else max(high / wide, 1.0)
+        place = ax.inset_axes((1.0 + 0.03 * part, 0.0, 0.045 * part, 1.0))
         bar = ax.figure.colorbar(image, cax=place, extend=extend)
     name_axis(bar.ax.yaxis, name, unit)
     return bar

@@ -27,6 +27,8 @@ from bipot_rs.summary import STATUS
 _STYLE: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 1.5}
 # A mean of normals shorter than this is the rounding of normals that cancel.
 _AROUND = 1e-6
+# A limit of friction is drawn up to so many times the force.
+_IN_SIGHT = 4.0
 # Beyond so many steps markers would run into each other.
 _MARKERS = 80
 
@@ -276,12 +278,15 @@ def force_displacement(
     ax = canvas.axes_of(ax)
     ax.plot(delta, -drag, color=canvas.SHEAR, label="force", **_style(len(path)))
     ax.axhline(0, color="black", lw=0.6)
-    if limit is not None:
-        # The loop is to be seen, however far below its limit it is.
-        dashed = {"ls": "--", "lw": 1, "color": canvas.LIMIT, "scaley": False}
+    if limit is not None and limit.max() <= _IN_SIGHT * np.abs(drag).max():
+        dashed = {"ls": "--", "lw": 1, "color": canvas.LIMIT}
         ax.plot(delta, limit, label="±Σ μ × normal", **dashed)
         ax.plot(delta, -limit, **dashed)
         canvas.legend_above(ax)
+    elif limit is not None:
+        # The loop is to be seen, however far below its limit it is.
+        most = f"friction could hold up to {limit.max():.3g} {units.get('force', '')}"
+        canvas.note(ax, most.strip())
     canvas.name_axis(ax.xaxis, name, units.get("length"))
     canvas.name_axis(ax.yaxis, "tangential force", units.get("force"))
     canvas.bare(ax)

@@ -199,10 +199,10 @@ def look(
     known = contacts_of(found, contacts)
     n, d = solution.reaction.shape
     if known.get("x") is None:
-        raise ValueError(
-            "the places of the contacts are not known: give points= to ContactProblem, "
-            "or contacts= here"
-        )
+        way = "give points= to ContactProblem, or contacts= here"
+        if not isinstance(found, Result):
+            way = "give the whole result and step=, or contacts= here"
+        raise ValueError(f"the places of the contacts are not known: {way}")
     mu = known.get("mu")
     both = (n, 2) if mu is not None and np.ndim(mu) == 2 else (n,)
     shapes = {"x": (n, d), "frame": (n, d, d), "area": (n,), "mu": both}

@@ -40,6 +40,8 @@ _TOUCHES = 1e-12
 # Nodes of one plane, to this part of its width.
 _PLANE = 1e-6
 _PIXELS = 500
+# An edge longer than so many times the widths of what its two nodes have bridges a hole.
+_BRIDGE = 2.5
 # The part of the nodes whose values the colours span.
 _SPAN = 98
 # Arrows, as many across.
@@ -96,7 +98,11 @@ def surface_map(
     vector = vectors.get(quantity)
     if arrows is None:
         arrows = vector is not None and seen.frame is not None
-    return draw_map(seen, quantity, canvas.axes_of(ax), vector if arrows else None)
+    own, ax = ax is None, canvas.axes_of(ax)
+    draw_map(seen, quantity, ax, vector if arrows else None)
+    if own:
+        canvas.fit(ax)
+    return ax
 
 
 def draw_map(
@@ -105,7 +111,7 @@ def draw_map(
     """`surface_map` on axes that are there."""
     uv, names = _plane(seen)
     values, name, unit = values_of(seen, quantity)
-    if len(uv) < 3 or np.ptp(uv, axis=0).min() == 0:
+    if _line(uv):
         raise ValueError("the contacts lie on a line: tractions draws those")
     if not values.any():
         triangles = _triangles(uv, seen.area)
@@ -121,10 +127,11 @@ def draw_map(
             vmin=low,
             vmax=high,
         )
-        canvas.colour_bar(image, ax, name, unit, extend=extend)
         if vector is not None:
             _arrows(seen, uv, vector, ax, color="white")
     _finish(seen, uv, names, ax)
+    if values.any():
+        canvas.colour_bar(image, ax, name, unit, extend=extend)
     canvas.note(ax, seen.said)
     return ax
 
@@ -189,9 +196,12 @@ def status_map(
     """
     last = -1 if step is None else step
     seen = look(result, last, contacts=contacts, where=where, units=units)
-    ax = canvas.axes_of(ax)
+    own, ax = ax is None, canvas.axes_of(ax)
     if seen.x.shape[1] == 3:
-        return draw_status(seen, ax)
+        draw_status(seen, ax)
+        if own:
+            canvas.fit(ax)
+        return ax
     if step is None and isinstance(result, Result):
         path = steps_of(result)
         known = contacts_of(path, contacts)
@@ -215,10 +225,12 @@ def draw_status(seen: Contacts, ax: Any) -> Any:
     width = np.where(high > low, (high - low) / count, step)
     u, v = (low[k] + (np.arange(count[k]) + 0.5) * width[k] for k in (0, 1))
     places = np.stack(np.meshgrid(u, v), axis=-1)
-    distance, nearest = cKDTree(uv).query(places)
-    image = seen.status[nearest].astype(float)
-    # Holes of the surface stay blank: no node is that far from its own area.
-    image[distance > 1.5 * np.sqrt(_areas(uv, seen.area))[nearest]] = np.nan
+    image = seen.status[cKDTree(uv).query(places)[1]].astype(float)
+    if not _line(uv):
+        found, bridges = _joined(uv, seen.area)
+        # The last one for what is in no triangle.
+        hole = np.append(bridges, True)
+        image[hole[found.find_simplex(places)]] = np.nan
     ax.imshow(
         image,
         origin="lower",
@@ -263,7 +275,7 @@ def slip(
     matplotlib.axes.Axes
     """
     seen = look(result, step, contacts=contacts, where=where, units=units)
-    ax = canvas.axes_of(ax)
+    own, ax = ax is None, canvas.axes_of(ax)
     if seen.x.shape[1] == 2 or along is not None:
         return draw_slip(seen, along, ax)
     uv, names = _plane(seen)
@@ -274,13 +286,15 @@ def slip(
     rings = {"facecolors": "none", "edgecolors": "#c9ced3", "lw": 0.6}
     ax.scatter(*uv[~closed].T, s=9, **rings)
     arrows = _arrows(seen, uv, moved, ax, cmap="viridis", values=size)
+    _finish(seen, uv, names, ax, margin=0.13)
     if arrows is not None:
         unit = seen.units.get("length")
         canvas.colour_bar(arrows, ax, "slip in the step", unit)
     else:
         canvas.say(ax, NOTHING["slip"])
-    _finish(seen, uv, names, ax, margin=0.13)
     canvas.note(ax, seen.said)
+    if own:
+        canvas.fit(ax)
     return ax
 
 
@@ -289,6 +303,14 @@ def is_plane(seen: Contacts) -> bool:
     off = seen.x - seen.x.mean(axis=0)
     widths = np.ptp(off @ np.linalg.svd(off, full_matrices=False)[2].T, axis=0)
     return bool(widths[-1] <= _PLANE * widths[0]) if len(widths) == 3 else True
+
+
+def _line(uv: Array) -> bool:
+    """Whether places on a plane lie on one line, or are fewer than three."""
+    if len(uv) < 3:
+        return True
+    wide, narrow = np.linalg.svd(uv - uv.mean(axis=0), compute_uv=False)
+    return bool(narrow <= _PLANE * wide)
 
 
 def _plane(seen: Contacts) -> tuple[Array, list[str]]:
@@ -408,19 +430,31 @@ def _areas(uv: Array, area: Array | None) -> Array:
     return np.full(len(uv), 4.0 * whole / len(uv))
 
 
-def _triangles(uv: Array, area: Array | None) -> Any:
-    """Delaunay triangles, without those that bridge a hole of the surface."""
-    from matplotlib.tri import Triangulation
+def _joined(uv: Array, area: Array | None) -> tuple[Any, NDArray[np.bool_]]:
+    """Delaunay triangles of nodes not on one line, and which of them bridge a hole."""
+    from scipy.spatial import Delaunay
 
-    triangles = Triangulation(*uv.T)
-    corners = triangles.triangles
+    found = Delaunay(uv)
+    corners = found.simplices
+    # Cells may be long along one axis: edges are compared with what nodes have when both
+    # axes are drawn out so that half the triangles are as wide as high.
+    wide, high = np.median(np.ptp(uv[corners], axis=1), axis=0)
+    even = uv * np.sqrt([high / wide, wide / high])
     size = np.sqrt(_areas(uv, area))
     longest = np.zeros(len(corners), dtype=bool)
     for a, b in ((0, 1), (1, 2), (2, 0)):
         i, j = corners[:, a], corners[:, b]
-        longest |= np.linalg.norm(uv[i] - uv[j], axis=1) > 3 * (size[i] + size[j])
-    triangles.set_mask(longest)
-    return triangles
+        length = np.linalg.norm(even[i] - even[j], axis=1)
+        longest |= length > _BRIDGE * (size[i] + size[j])
+    return found, longest
+
+
+def _triangles(uv: Array, area: Array | None) -> Any:
+    """What `_joined` finds, for matplotlib, without what bridges a hole."""
+    from matplotlib.tri import Triangulation
+
+    found, bridges = _joined(uv, area)
+    return Triangulation(*uv.T, found.simplices, mask=bridges)
 
 
 def _thin(
