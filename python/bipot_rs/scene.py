@@ -100,7 +100,7 @@ def checked(
         scene = Scene.model_validate(table)
     except ValidationError as error:
         known = standing(Scene, table)
-        found += [_mistake(e, known) for e in error.errors()]
+        found += [_mistake(e, known, table) for e in error.errors()]
         found += others(table, places(error))
         raise SceneError(name, found) from None
     extreme = out_of_range(scene)
@@ -177,13 +177,33 @@ def _loads(scene: Scene, meshed: Sequence[Body], model: Model) -> Iterator[Load]
         yield Load(place[on], None, still, none, nodal, told.factor, strain)
 
 
-def _mistake(error: Any, known: Mapping[str, Sequence[str]]) -> str:
+def _place(loc: Sequence[str | int], table: Any) -> list[str]:
+    """A place of pydantic's report, as the file ``table`` has it.
+
+    Of a plain value that stands for a table, the key that it would have there is left out.
+    """
+    found, at = [], table
+    for part in loc:
+        entry = isinstance(at, list) and isinstance(part, int)
+        if str(part).startswith(KIND) or not (
+            at is None or entry or isinstance(at, dict)
+        ):
+            continue
+        found.append(str(part))
+        if isinstance(at, dict):
+            at = at.get(part)
+        elif entry:
+            at = at[part] if part < len(at) else None
+    return found
+
+
+def _mistake(error: Any, known: Mapping[str, Sequence[str]], table: Any) -> str:
     """One line of pydantic's report, in the words of the scene file.
 
     ``known`` are the places of keys that are right.
     """
     parts = [str(part) for part in error["loc"]]
-    path = ".".join(part for part in parts if not part.startswith(KIND))
+    path = ".".join(_place(error["loc"], table))
     kind, message = error["type"], error["msg"]
     if kind == "extra_forbidden":
         return f"{path}: unknown key{instead(Scene, parts, known)}"
@@ -212,7 +232,9 @@ def _override(table: dict[str, Any], setting: str) -> str | None:
     try:
         parsed = tomllib.loads(f"v = {value}")["v"]
     except (tomllib.TOMLDecodeError, RecursionError):
-        parsed = value
+        # A shell's .5 and 5. are numbers, though TOML takes neither.
+        bare = re.fullmatch(r"\s*[+-]?([0-9]+\.|\.[0-9]+)(e[+-]?[0-9]+)?\s*", value)
+        parsed = float(value) if bare else value
     wrong = put(table, key.strip(), parsed)
     return wrong and f"--set {key}: {wrong}"
 

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import sparse
+from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import fclib
@@ -171,7 +173,9 @@ def test_info(bipot: Any) -> None:
         ("gone.h5", "there is no gone.h5"),
         ("empty", "empty is a folder without result.h5 or sweep.csv"),
         ("gone.msh", "gone.msh is not there"),
-        ("K.mtx", "K.mtx is a file .mtx, expected a result (.h5), a sweep"),
+        ("K.mtx", "K.mtx is no matrix of Matrix Market: "),
+        ("gone.mtx", "there is no gone.mtx"),
+        ("K.dat", "K.dat is a file .dat, expected a result (.h5), a sweep"),
         ("text.h5", "text.h5"),
         ("nothing", "neither a file nor one of"),
     ],
@@ -180,6 +184,7 @@ def test_info_of_nothing(name: str, message: str, bipot: Any) -> None:
     Path("empty").mkdir()
     Path("text.h5").write_text("text")
     Path("K.mtx").write_text("text")
+    Path("K.dat").write_text("text")
     status, out, err = bipot("info", name)
     assert (status, out) == (2, "")
     assert message in err
@@ -217,6 +222,25 @@ def test_info_counts_load_steps_from_one(bipot: Any) -> None:
     out = bipot("info", "out/sheared_cube")[1]
     assert "load step 1 of 2: open" in out
     assert "load step 2 of 2: open" in out
+    assert "..." not in out
+    assert bipot("run", "cyclic_cube", "--set", "mesh.n=3", "--out", "long")[0] == 0
+    told = re.findall(r"  (load step \d+ of|\.\.\.) +(.*)", bipot("info", "long")[1])
+    assert [(k, what.split(":")[0]) for k, what in told] == [
+        ("load step 1 of", "41"),
+        ("...", "38 load steps"),
+        ("load step 40 of", "41"),
+        ("load step 41 of", "41"),
+    ]
+
+
+def test_info_of_a_matrix(bipot: Any) -> None:
+    mmwrite("K.mtx", sparse.diags([2.0, 3.0, 4.0]), symmetry="symmetric")
+    status, out, _ = bipot("info", "K.mtx")
+    assert status == 0
+    assert out.splitlines()[0] == "K.mtx: a matrix of Matrix Market, 3 × 3"
+    assert "3 entries stored, coordinate, real, symmetric" in out
+    found = json.loads(bipot("info", "K.mtx", "--json")[1])
+    assert (found["shape"], found["entries"], found["symmetric"]) == ([3, 3], 3, True)
 
 
 def test_info_of_meshes(bipot: Any, repository: Path) -> None:
@@ -262,6 +286,9 @@ def test_info_of_folders(bipot: Any) -> None:
         assert "ended     1 solved, 1 bad input" in out
         assert "varied    contact.0.mu = 0.2, -1" in out
         assert "row 2     scene 'sheared_cube': contact.0.mu: should be" in out
+    status, _, err = bipot("plot", "out/sheared_cube-sweep")
+    assert status == 2
+    assert "is the folder of a sweep, which keeps a table and no results" in err
     found = json.loads(bipot("info", "out/sheared_cube-sweep", "--json")[1])
     assert found["outcomes"] == {"solved": 1, "bad input": 1}
     status, out, _ = bipot("info", "out")

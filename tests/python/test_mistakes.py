@@ -49,6 +49,15 @@ RUN = ("run", "sheared_cube")
             (*RUN, "--set", 'material.steel.young="7"'),
             "material.steel.young: should be a valid number, without quotes, got '7'",
         ),
+        ((*RUN, "--set", 'support.0.z="x"'), "support.0.z: should be a valid number"),
+        (
+            (*RUN, "--set", 'support.0.z={ value = "x" }'),
+            "support.0.z.value: should be a valid number",
+        ),
+        (
+            (*RUN, "--set", 'path.amplitude.press=[1.0, "x"]'),
+            "path.amplitude.press.1: should be a valid number, got 'x'",
+        ),
         (("run", "mine"), "did you mean 'mine.toml'?"),
         (("mine",), "To solve a scene: bipot run mine.toml"),
         (("scenes", "two_block"), "did you mean 'two_blocks'?"),

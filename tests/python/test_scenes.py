@@ -298,6 +298,11 @@ def test_mistakes_are_all_told(settings: list[str], problems: list[str]) -> None
         assert problem in str(caught.value)
 
 
+@pytest.mark.parametrize("value", [".25", "+.25", "25.e-2", "0.25", " .25"])
+def test_numbers_of_a_setting_may_lack_a_digit(value: str) -> None:
+    assert scene.read("two_blocks", [f"contact.0.mu={value}"]).contact[0].mu == 0.25
+
+
 def test_a_key_that_is_wrong_twice_is_meant_for_neither() -> None:
     """A key is looked for where the scene has it, and in one walk for all mistakes."""
     table = scene.parsed("sheared_cube", scene.text("sheared_cube"))

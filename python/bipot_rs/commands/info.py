@@ -17,7 +17,7 @@ _STEPS = 3
 
 
 def info(name: str) -> dict[str, Any]:
-    """What a result, a sweep, a problem of FCLIB, a mesh or a scene holds.
+    """What a result, a sweep, a problem of FCLIB, a mesh, a matrix or a scene holds.
 
     Parameters
     ----------
@@ -43,12 +43,14 @@ def info(name: str) -> dict[str, Any]:
         return sweep(path)
     if path.suffix.lower() in SUFFIXES:
         return mesh(path)
+    if path.suffix.lower() == ".mtx":
+        return _matrix(path)
     if path.suffix not in (".h5", ".hdf5", ".hdf"):
         if path.is_file() and path.suffix not in ("", ".toml"):
             raise ValueError(
                 f"{name} is a file {path.suffix}, expected a result (.h5), a sweep "
-                f"({SWEEP}), a mesh ({', '.join(SUFFIXES)}), a problem (.hdf5) or a scene "
-                "(.toml)"
+                f"({SWEEP}), a mesh ({', '.join(SUFFIXES)}), a matrix (.mtx), a problem "
+                "(.hdf5) or a scene (.toml)"
             )
         return _scene(name)
     if not path.exists():
@@ -149,8 +151,10 @@ def _result(path: Path) -> dict[str, Any]:
         ends = list(range(count))
         if count > _STEPS:
             ends[1 : 1 - _STEPS] = []
-        for k in ends:
+        for before, k in zip([-1, *ends], ends, strict=False):
             one = told[k]
+            if k > before + 1:
+                lines.append(f"  ...       {counted(k - before - 1, 'load step')}")
             lines.append(
                 f"  load step {k + 1} of {whole}{reached}: open {one['open']}, slip "
                 f"{one['slip']}, stick {one['stick']}, normal force "
@@ -158,6 +162,32 @@ def _result(path: Path) -> dict[str, Any]:
             )
         last = told[-1]
         found["last"] = {name: last[name] for name in ("open", "slip", "stick")}
+    return found | {"lines": lines}
+
+
+def _matrix(path: Path) -> dict[str, Any]:
+    """What the head of a file of Matrix Market says; its numbers are not read."""
+    from scipy.io import mminfo
+
+    if not path.is_file():
+        raise OSError(f"there is no {path}")
+    try:
+        rows, columns, entries, form, field, symmetry = mminfo(path)
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{path} is no matrix of Matrix Market: {error}") from None
+    found = {
+        "kind": "matrix",
+        "file": str(path),
+        "shape": [int(rows), int(columns)],
+        "entries": int(entries),
+        "symmetric": symmetry == "symmetric",
+    }
+    stored = f"{counted(int(entries), 'entry')} stored"
+    lines = [
+        f"{path}: a matrix of Matrix Market, {rows} × {columns}",
+        f"  holds     {stored}, {form}, {field}, {symmetry}",
+        f"  next      bipot solve --stiffness {printable(str(path))} --contacts contacts.csv",
+    ]
     return found | {"lines": lines}
 
 

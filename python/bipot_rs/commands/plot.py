@@ -9,7 +9,7 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from bipot_rs.running.folder import RESULT
+from bipot_rs.running.folder import RESULT, SWEEP
 from bipot_rs.words import meant
 
 # Quantities that are drawn on the surfaces of bodies in space.
@@ -182,6 +182,11 @@ def draw(
         )
     path = Path(name)
     if path.is_dir():
+        if (path / SWEEP).exists() and not (path / RESULT).exists():
+            raise ValueError(
+                f"{name} is the folder of a sweep, which keeps a table and no results: "
+                "bipot run with the --set of a row makes one to draw"
+            )
         path = path / RESULT
     if not path.exists():
         raise OSError(f"there is no {path}: bipot run makes one, as out/SCENE/{RESULT}")

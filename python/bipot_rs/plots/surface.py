@@ -454,7 +454,7 @@ def _triangles(uv: Array, area: Array | None) -> Any:
     from matplotlib.tri import Triangulation
 
     found, bridges = _joined(uv, area)
-    return Triangulation(*uv.T, found.simplices, mask=bridges)
+    return Triangulation(uv[:, 0], uv[:, 1], found.simplices, bridges)
 
 
 def _thin(
