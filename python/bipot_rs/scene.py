@@ -184,16 +184,15 @@ def _place(loc: Sequence[str | int], table: Any) -> list[str]:
     """
     found, at = [], table
     for part in loc:
-        entry = isinstance(at, list) and isinstance(part, int)
-        if str(part).startswith(KIND) or not (
-            at is None or entry or isinstance(at, dict)
-        ):
+        if isinstance(part, str) and part.startswith(KIND):
             continue
-        found.append(str(part))
         if isinstance(at, dict):
             at = at.get(part)
-        elif entry:
+        elif isinstance(at, list) and isinstance(part, int):
             at = at[part] if part < len(at) else None
+        elif at is not None:
+            continue
+        found.append(str(part))
     return found
 
 

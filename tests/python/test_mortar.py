@@ -432,7 +432,7 @@ def test_what_needs_pairs_of_nodes_says_so() -> None:
         ({"against": ("up", "top")}, "in contact with itself"),
         (
             {"against": ("low", "left")},
-            "'bottom' of 'up', the slave, .*same way or across",
+            "^up.bottom and low.left face the same way .* 0 of up.bottom, .* 2 of low.left",
         ),
         ({"within": {0: (0.4, 0.5)}}, "within leaves none"),
         (

@@ -16,6 +16,7 @@ from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import stiffness_files
+from bipot_rs.running.report import FORCES
 from children import bipot, bipot_with
 
 MODELS = {
@@ -382,6 +383,30 @@ def test_normals_that_point_the_wrong_way_are_remarked(tmp_path: Path) -> None:
         assert run.returncode == 0, run.stderr
         assert ("no contact closes in any load step" in run.stdout) is remarked
         assert ("do the normals point from the obstacle" in run.stdout) is remarked
+
+
+def test_what_a_load_cell_would_show(tmp_path: Path) -> None:
+    """Two nodes pressed by 1 N each and towed by 0.4 N, of the 1 N that μ = 0.5 holds."""
+    K = sparse.coo_matrix(np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2)))
+    mmwrite(tmp_path / "K.mtx", K, symmetry="symmetric")
+    (tmp_path / "contacts.csv").write_text(
+        "dof_x,dof_y,nx,ny,mu\n0,1,0,1,0.5\n2,3,0,1,0.5\n"
+    )
+    (tmp_path / "load.csv").write_text("dof,force\n1,-1\n3,-1\n0,0.4\n")
+    command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
+    run = bipot(*command, "--load", "load.csv", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    head, row = (
+        next(line for line in run.stdout.splitlines() if re.match(start, line)).split()
+        for start in (" step ", "    1 ")
+    )
+    told = dict(zip(head, row, strict=True))
+    assert (told["Fn"], told["Ft"], told["Ft/(μFn)"]) == ("2", "0.4", "0.4000")
+    assert "solved: 1 load step, every residual at most" in run.stdout
+    with (tmp_path / "out" / "K" / "steps.csv").open(newline="") as file:
+        (step,) = csv.DictReader(file)
+    found = [float(step[k]) for k in FORCES]
+    np.testing.assert_allclose(found, (2.0, 0.4, 0.4), rtol=1e-9)
 
 
 def test_no_answer_and_what_holds_nothing(tmp_path: Path) -> None:

@@ -59,6 +59,11 @@ class Contact:
     motion: Motion | None = None
     pairing: str = "match"
 
+    @property
+    def surfaces(self) -> str:
+        """The two surfaces that meet, as a scene names them."""
+        return f"{self.body}.{self.surface} and {'.'.join(self.against or ())}"
+
 
 @dataclass(frozen=True)
 class Meeting:
@@ -122,8 +127,7 @@ def meet(
         away = np.flatnonzero(towards <= 0)
         if away.size:
             raise ValueError(
-                f"surfaces {contact.surface!r} of {contact.body!r} and "
-                f"{contact.against} face the same way at {place(points[away[0]])}: "
+                f"surfaces {contact.surfaces} face the same way at {place(points[away[0]])}: "
                 "expected two that face each other"
             )
         partner = offset[o] + body.dim * theirs[match]
@@ -244,7 +248,7 @@ def _check(contact: Contact, dim: int) -> None:
     if contact.motion is not None and contact.against is not None:
         raise ValueError(
             f"motion of the contact on {contact.surface!r} was given, but "
-            f"{contact.against} is a surface of another body: move it by supports"
+            f"{'.'.join(contact.against)} is a surface of another body: move it by supports"
         )
     if contact.pairing not in ("match", *METHODS):
         raise ValueError(
@@ -310,10 +314,7 @@ def _weighted(
 
     try:
         if contact.against is not None:
-            what = (
-                f"surfaces {contact.surface!r} of {contact.body!r}, the slave, and "
-                f"{contact.against}"
-            )
+            what = f"surfaces {contact.surfaces}"
             o = _other(bodies, b, contact.against[0])
             found = pairs(
                 *(body.points, ours),
@@ -328,7 +329,12 @@ def _weighted(
         else:
             found, moved = _against_rigid(contact, body, ours, numbers(b), n)
     except ValueError as error:
-        raise ValueError(f"{what}: {error}") from error
+        said = str(error)
+        # In the words of the model: who calls `pairs` by itself knows its arguments.
+        first, _, second = contact.surfaces.partition(" and ")
+        for argument, name in (("slave", first), ("master", second)):
+            said = said.replace(f"facets_{argument}", name)
+        raise ValueError(said if first in said else f"{what}: {said}") from error
     partner = np.full(len(found.node), -1, dtype=np.int64)
     return Meeting(
         points=found.points,
@@ -502,17 +508,15 @@ def _match(
     bad = np.flatnonzero(aside > 1e-7 * size)
     if bad.size:
         raise ValueError(
-            f"surfaces {contact.surface!r} of {contact.body!r} and {contact.against} do "
-            f"not match: no node lies opposite to the one at {place(ours[bad[0]])}, "
-            f"the nearest is {aside[bad[0]]:g} aside; expected opposite nodes, or "
-            "pairing='mortar'"
+            f"surfaces {contact.surfaces} do not match: no node lies opposite to the one "
+            f"at {place(ours[bad[0]])}, the nearest is {aside[bad[0]]:g} aside; expected "
+            "opposite nodes, or pairing='mortar'"
         )
     values, counts = np.unique(match, return_counts=True)
     if np.any(counts > 1):
         raise ValueError(
-            f"surfaces {contact.surface!r} of {contact.body!r} and {contact.against} do "
-            f"not match: the node at {place(theirs[values[counts > 1][0]])} lies "
-            "opposite to several"
+            f"surfaces {contact.surfaces} do not match: the node at "
+            f"{place(theirs[values[counts > 1][0]])} lies opposite to several"
         )
     return np.asarray(match, dtype=np.int64)
 

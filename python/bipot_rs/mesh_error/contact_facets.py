@@ -101,8 +101,7 @@ def contact_facets(model: Model, bodies: Sequence[Simplices]) -> ContactFacets:
     for group, contact in enumerate(model.contacts):
         if contact.against is not None and contact.pairing != "match":
             raise ValueError(
-                f"surfaces {contact.surface!r} of {contact.body!r} and "
-                f"{contact.against} are paired by {contact.pairing!r}: tractions linear "
+                f"surfaces {contact.surfaces} are paired by {contact.pairing!r}: tractions linear "
                 "on the facets of the one are not so on those of the other; expected "
                 "pairing='match'"
             )
@@ -127,8 +126,7 @@ def contact_facets(model: Model, bodies: Sequence[Simplices]) -> ContactFacets:
         match = [known.get(tuple(sorted(c)), -1) for c in at[whole].tolist()]
         if -1 in match:
             raise ValueError(
-                f"surfaces {contact.surface!r} of {contact.body!r} and "
-                f"{contact.against} do not match facet by facet: tractions of one cannot "
+                f"surfaces {contact.surfaces} do not match facet by facet: tractions of one cannot "
                 "act on the other"
             )
         second.append((obstacle, facets[match], theirs[match]))

@@ -98,10 +98,12 @@ def print_table(
     """
     keys = [key for key in (rows[0] if rows else ()) if " of " in key]
     columns = [*COLUMNS[:5], *keys, *COLUMNS[5:], *more]
-    largest = max((abs(row["load"]) for row in rows), default=0.0)
+    if rows and "load" not in rows[0]:
+        columns.remove("load")
+    largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
     # Counted from 1, as people do; files and --json count from 0.
     rows = [
-        {**row, "step": row["step"] + 1, "load": settled(row["load"], largest)}
+        {**row, "step": row["step"] + 1, "load": settled(row.get("load", 0.0), largest)}
         for row in rows
     ]
     shown: list[Mapping[str, Any] | None] = list(rows)
@@ -110,7 +112,7 @@ def print_table(
         shown = [*rows[:third], None, *rows[-third:]]
     table = _table(columns, shown, title, unit)
     components = [key for key in keys if key.startswith(COMPONENTS)]
-    for name in (*_LEAST, *components):
+    for name in filter(columns.__contains__, (*_LEAST, *components)):
         # As wide as its cells are: rich would shorten them to what fits.
         free = console.options.update(width=10_000)
         if console.measure(table, options=free).maximum <= console.width:

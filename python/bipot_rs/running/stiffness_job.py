@@ -9,10 +9,13 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from bipot_rs.resultants import resultants
 from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
 from bipot_rs.running.folder import RESULT, make
 from bipot_rs.running.interrupts import Interrupts
-from bipot_rs.running.report import NEVER_CLOSED
+from bipot_rs.running.report import COMPONENTS, FORCES, closing, print_table
 from bipot_rs.running.telling import complain
 from bipot_rs.words import counted
 
@@ -48,7 +51,7 @@ def run(
     steps: list[Step] = []
 
     def on_step(k: int, step: Any) -> None:
-        row = _row(k, step)
+        row = _row(k, step) | _forces(given, step)
         reached.append(row)
         steps.append(step)
         if as_json:
@@ -108,8 +111,7 @@ def run(
     elif given is not None:
         size = f"{given.K.shape[0]} degrees of freedom, {counted(len(given.gap), 'contact')}"
         names = ", ".join(sorted(path.name for path in _ours(folder, given)))
-        if reached and not any(row["slip"] or row["stick"] for row in reached):
-            _print(NEVER_CLOSED)
+        _tell(given, reached, tol, folder)
         _print(f"{size}, {perf_counter() - began:.2f} s\n{folder}: {names}")
     return code
 
@@ -132,6 +134,41 @@ def _row(k: int, step: Any) -> dict[str, Any]:
     counts = [int((step.status == number).sum()) for number in range(len(_STATUS))]
     told = (k, *counts, step.residual, step.iterations, step.seconds)
     return dict(zip(_STEPS, told, strict=True))
+
+
+def _forces(given: Given | None, step: Any) -> dict[str, float | None]:
+    """Forces of all contacts together, in the words of `report.forces`."""
+    if given is None or not len(given.gap):
+        return {}
+    every = np.zeros(len(given.gap), dtype=np.int64)
+    (force,) = resultants(step.reaction, given.frame, given.mu, every, 1)
+    found = dict(zip(FORCES, (force.normal, force.tangential, force.used), strict=True))
+    if force.curved:
+        found |= zip(COMPONENTS, force.force.tolist(), strict=False)
+    return found
+
+
+def _tell(
+    given: Given, reached: Sequence[dict[str, Any]], tol: float, folder: Path
+) -> None:
+    """The table of load steps, and what it comes to."""
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    if not console.is_terminal:
+        console.width = 1000
+    named = [
+        {
+            f"{k} of contacts" if k in (*FORCES, *COMPONENTS) else k: v
+            for k, v in row.items()
+        }
+        for row in reached
+    ]
+    print_table(console, named)
+    *said, following = closing(named, tol, folder)
+    if given.points is not None:
+        said.append(following)
+    _print("\n".join(said))
 
 
 def _of(given: Given, steps: Sequence[Step], message: str) -> Result:
@@ -164,7 +201,8 @@ def _write(
 
     recover(result.steps)  # saved, and a table of it
     result.save(folder / RESULT)
-    write(folder / "steps.csv", _STEPS, (list(row.values()) for row in reached))
+    columns = list(reached[0]) if reached else _STEPS
+    write(folder / "steps.csv", columns, (list(row.values()) for row in reached))
     write(folder / "reactions.csv", _header(given), _reactions(given, result))
     write(
         folder / "displacements.csv",
