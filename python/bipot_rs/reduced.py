@@ -28,7 +28,7 @@ from bipot_rs.error_bound import ErrorBound, from_core
 from bipot_rs.existence import Existence
 from bipot_rs.friction import isotropic
 from bipot_rs.result import Outcome, Solution
-from bipot_rs.words import counted
+from bipot_rs.words import counted, meant
 
 
 class ReducedProblem:
@@ -490,3 +490,20 @@ def opening(raw: dict[str, Any], mu: Array) -> Array:
     A proof lies in the dual cone; what an iteration ran away along is a displacement.
     """
     return mu if raw["outcome"] == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
+
+
+def refuse_settings(method: str, tol: float | str) -> None:
+    """Let the core refuse settings before any work: one open contact.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `ReducedProblem.solve` does, with the method that was meant.
+    """
+    one = ReducedProblem([[1, 0], [0, 1]], [[1, 0]], 0)
+    try:
+        one.solve(method, tol=1e-10 if isinstance(tol, str) else tol)
+    except ValueError as error:
+        words = str(error)
+        known = words.partition("expected one of ")[2].replace("'", "").split(", ")
+        raise ValueError(words + (meant(method, known) if known[0] else "")) from None

@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 from bipot_rs.case import Case, Load, along
 from bipot_rs.fem import Body, Model, build
+from bipot_rs.reduced import refuse_settings
 from bipot_rs.scene_keys import instead, standing
 from bipot_rs.scene_parts import (
     bodies,
@@ -109,6 +110,10 @@ def checked(
         found += others(table, [place for place, _ in extreme])
         raise SceneError(name, found)
     found += inconsistencies(scene)
+    try:
+        refuse_settings(scene.solver.method, scene.solver.tol)
+    except ValueError as error:
+        found.append(f"solver: {error}")
     if found:
         raise SceneError(name, found)
     return scene.beside(folder)

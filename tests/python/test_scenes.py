@@ -283,6 +283,10 @@ def test_graded_grid() -> None:
             ["path.amplitude.shear: a sine needs its period"],
         ),
         (
+            ["solver.method=newt", "solver.tol=2.0", "contact.0.mu=[1.0, 2.0]"],
+            ["contact.0.axis: is missing", "solver: method is 'newt', expected one of"],
+        ),
+        (
             ["path.amplitude.shear={wave='ramp', period=2.0}", "path.steps=2"],
             ["path.amplitude.shear: a ramp has no period"],
         ),

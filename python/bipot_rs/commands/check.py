@@ -36,7 +36,6 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
 
     scene = read(name, settings)
     forecast.fits(scene)
-    forecast.solver(scene.solver.method, scene.solver.tol)
     meshed = bodies(scene)
     forecast.fits(scene, meshed)
     case = assemble(scene, meshed)

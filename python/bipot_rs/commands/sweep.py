@@ -311,13 +311,14 @@ def run(
 
     ``KeyboardInterrupt`` passes through once what is done has been written.
     """
-    from bipot_rs.running.forecast import cores, solver
+    from bipot_rs.reduced import refuse_settings
+    from bipot_rs.running.forecast import cores
     from bipot_rs.running.workers import Workers
 
     asked = rows(settings, ranges)
     keys = list(asked[0])
     known = digests(scene, asked, method, tol, ranges)
-    solver(method or "auto", 1e-10 if tol is None else tol)
+    refuse_settings(method or "auto", 1e-10 if tol is None else tol)
     try:
         make(folder)
     except OSError as error:

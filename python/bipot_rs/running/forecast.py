@@ -10,7 +10,7 @@ from typing import Any
 
 from bipot_rs.fem import Body, Model
 from bipot_rs.schema import Scene
-from bipot_rs.words import counted, meant
+from bipot_rs.words import counted
 
 # Nodes of a cell of first and of second order, and how many of its kind a cell of the
 # grid is cut into.
@@ -174,22 +174,3 @@ def _entries(meshed: Sequence[Body]) -> float:
     """The same of meshes that are there."""
     shapes = [(*body.cells.shape, body.dim) for body in meshed]
     return float(sum(m * (nodes * d) ** 2 * _ENTRY for m, nodes, d in shapes))
-
-
-def solver(method: str, tol: float | str) -> None:
-    """Let the core refuse settings before any work: one open contact.
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `ReducedProblem.solve` does, with the method that was meant.
-    """
-    from bipot_rs.reduced import ReducedProblem
-
-    one = ReducedProblem([[1, 0], [0, 1]], [[1, 0]], 0)
-    try:
-        one.solve(method, tol=1e-10 if isinstance(tol, str) else tol)
-    except ValueError as error:
-        words = str(error)
-        known = words.partition("expected one of ")[2].replace("'", "").split(", ")
-        raise ValueError(words + (meant(method, known) if known[0] else "")) from None

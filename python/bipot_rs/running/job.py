@@ -96,6 +96,7 @@ class Job:
         self.folder, self.settings = folder, settings
         try:
             from bipot_rs.export import require
+            from bipot_rs.reduced import refuse_settings
             from bipot_rs.running import forecast
             from bipot_rs.running.resume import earlier, left_off, stamps
             from bipot_rs.scene import read
@@ -104,7 +105,7 @@ class Job:
             self.scene = scene = read(self.name or "", settings)
             method = scene.solver.method if method is None else method
             tol = scene.solver.tol if tol is None else tol
-            forecast.solver(method, tol)
+            refuse_settings(method, tol)
             forecast.fits(scene)
             stamp = stamps(scene, method, tol)
             for later in _LATER:
