@@ -221,6 +221,8 @@ def _mistake(error: Any, known: Mapping[str, Sequence[str]], table: Any) -> str:
         with suppress(ValueError):
             float(given)
             message += ", without quotes"
+    if kind == "float_type" and isinstance(given, dict) and "amplitude" in given:
+        message += ", with amplitude beside it"
     if isinstance(given, str | int | float):
         return f"{path}: {message}, got {given!r}"
     return f"{path}: {message}"

@@ -55,6 +55,10 @@ RUN = ("run", "sheared_cube")
             "support.0.z.value: should be a valid number",
         ),
         (
+            (*RUN, "--set", 'pressure=[{ on = "cube.top", value = { amplitude = "a" } }]'),
+            "pressure.0.value: should be a valid number, with amplitude beside it",
+        ),
+        (
             (*RUN, "--set", 'path.amplitude.press=[1.0, "x"]'),
             "path.amplitude.press.1: should be a valid number, got 'x'",
         ),
