@@ -81,6 +81,7 @@ bench-full: $(STAMP)
 	$(PY) benches/beside_figure.py
 	$(PY) benches/condensation_peers.py --large
 	$(PY) benches/slopes.py
+	$(PY) benches/needs.py
 	$(PY) benches/rust.py
 	$(PY) benches/assembly.py
 	$(PY) benches/start.py

@@ -55,7 +55,11 @@ RUN = ("run", "sheared_cube")
             "support.0.z.value: should be a valid number",
         ),
         (
-            (*RUN, "--set", 'pressure=[{ on = "cube.top", value = { amplitude = "a" } }]'),
+            (
+                *RUN,
+                "--set",
+                'pressure=[{ on = "cube.top", value = { amplitude = "a" } }]',
+            ),
             "pressure.0.value: should be a valid number, with amplitude beside it",
         ),
         (
