@@ -61,6 +61,7 @@ python-test: $(STAMP)
 verify: $(STAMP) ## the checks that take over 30 s each: before a change of numerics is called done
 	$(PY) -m pytest -m verify --timeout 3600
 
+# FCLIB=DIR: its files, which are not in this repository, are measured, too.
 # BENCH=quick: small sizes beside the peers, written into out/bench instead.
 BENCH := full
 .PHONY: bench
@@ -89,6 +90,7 @@ bench-full: $(STAMP)
 	$(PY) benches/speed_against_error.py
 	$(PY) benches/beside_peers.py
 	$(PY) benches/stability.py
+	$(if $(FCLIB),$(PY) benches/fclib.py --data $(FCLIB))
 
 .PHONY: verification
 verification: $(STAMP) ## docs/verification.md: answers known from elsewhere, beside ours

@@ -96,7 +96,7 @@ class Contest:
         self.ours, self.histories = ours, histories
         self.runs = {ours: []}
         self.threads = {ours: ours.threads}
-        self.notes = {}
+        self.notes, self.settings = {}, {}
         # Ours goes first: its count of unknowns is what peers are predicted by.
         self.add(ours)
         self.dofs = self.runs[ours][0].dofs
@@ -105,6 +105,7 @@ class Contest:
             expected = predicted(histories[peer], self.dofs, scene)
             if expected > LONG:
                 self.threads[peer] = (histories[peer][-1][2],)
+                self.settings[peer] = "threads as at the size before"
             if peer.missing:
                 self.notes[peer] = f"not run: {peer.missing}"
             elif expected > asked.budget:
@@ -174,7 +175,7 @@ class Contest:
                 "job_median": median(jobs),
                 "process": answer.process,
                 "peak_mb": max(run.peak_mb for run in runs),
-                "note": row["note"] or answer.settings,
+                "note": row["note"] or self.said(program, answer),
             }
             if answer.later is not None:
                 row["later_step"] = min(run.later for run in runs)
@@ -189,6 +190,10 @@ class Contest:
                     (self.dofs, min(jobs), self.threads[program][0])
                 )
             yield row
+
+    def said(self, program, answer):
+        """What a run tells of its settings, and what was settled before it."""
+        return "; ".join(filter(None, (answer.settings, self.settings.get(program))))
 
     def other(self, program):
         """What a run without a stored reference is compared with, and its name."""
@@ -286,9 +291,9 @@ def conclusion(rows):
 
 def written(rows):
     """The text between the markers."""
-    machines, versions = (
-        ", ".join(dict.fromkeys(row[key] for row in rows if row[key]))
-        for key in ("machine", "version")
+    machines = tables.machines(rows)
+    versions = ", ".join(
+        dict.fromkeys(row["version"] for row in rows if row["version"])
     )
     loads = sorted(float(row["load"]) for row in rows)
     return "\n\n".join(
@@ -353,14 +358,16 @@ def read(path):
 
 def store(rows, folder, first):
     """Write the sheet and the tables; ``first``, whether into the first README, too."""
+    text = written(rows)
     with (folder / SHEET).open("w", newline="", encoding="utf-8") as file:
         sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         sheet.writeheader()
         sheet.writerows(rows)
-    tables.rewrite(folder / "README.md", "whole jobs", written(rows))
+    tables.rewrite(folder / "README.md", "whole jobs", text)
     if first:
         shown = [row for row in rows if place(row) in SHOWN]
-        tables.rewrite(FIRST, "whole jobs", tables.table(HEAD, map(cells, shown)))
+        text = f"{tables.table(HEAD, map(cells, shown))}\n\n{tables.machines(shown)}."
+        tables.rewrite(FIRST, "whole jobs", text)
 
 
 def main():

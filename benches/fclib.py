@@ -18,12 +18,12 @@ until η is met, and only the run that met it counts. It is given node-scaled va
 the kindest form of the problem, with a dense W, and nothing above 2000 contacts.
 
 Writes fclib.csv and, from it, the performance profiles of fclib.png beside this file,
-and prints Markdown. Families are those of DIR/MANIFEST.csv, else the first word of a
-file's name.
+and, of all methods, the table of the README. Families are those of DIR/MANIFEST.csv, else
+the first word of a file's name.
 """
 
-import argparse
 import csv
+import itertools
 import os
 import tempfile
 from functools import cached_property
@@ -33,6 +33,7 @@ from time import perf_counter
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import fclib_figure
 import numpy as np
+import tables
 from beside_peers import find
 from scipy.sparse import csr_array
 from speed_against_error import METHODS, available
@@ -178,12 +179,12 @@ def measure(path, family, methods, siconos, limit):
             yield dict(zip(COLUMNS, (*known, name, target, *found), strict=True))
 
 
-def report(lines):
-    """Markdown: what each program solves at each target, and what `auto` does not."""
+def report(lines, *, write):
+    """What each program solves at each target, and what `auto` does not."""
     programs = list(dict.fromkeys(line["program"] for line in lines))
     files = list(dict.fromkeys(line["file"] for line in lines))
-    titles = "".join(f" {t:.0e}: solved | median, ms | products |" for t in TARGETS)
-    print(f"| program |{titles}\n|---|{'---|' * 3 * len(TARGETS)}")
+    titles = [(f"{t:.0e}: solved", "median, ms", "products") for t in TARGETS]
+    head, rows = ("program", *itertools.chain(*titles)), []
     for program in programs:
         cells = []
         for target in TARGETS:
@@ -196,7 +197,8 @@ def report(lines):
             cells += [f"{np.isfinite(seconds).sum()} of {len(some)}", f"{middle:.2g}"]
             products = "–" if program in SICONOS else f"{np.median(work):.3g}"
             cells.append(products)
-        print(f"| {program} | {' | '.join(cells)} |")
+        rows.append((program, *cells))
+    tables.publish("FCLIB", tables.table(head, rows), write=write)
     print(f"\n{len(files)} problems. Not solved by auto:")
     for x in lines:
         if x["program"] == "auto" and not x["solved"] and np.isfinite(x["eta"]):
@@ -205,7 +207,7 @@ def report(lines):
 
 def main():
     """Solve, write and draw."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tables.parser(__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder of files")
     parser.add_argument("--max-seconds", type=float, default=10.0, help="of a solve")
     parser.add_argument("--methods", default=",".join(METHODS))
@@ -229,10 +231,11 @@ def main():
         if siconos:
             siconos.close()
     with (HERE / "fclib.csv").open("w", newline="") as file:
-        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        table.writeheader()
-        table.writerows(lines)
-    report(lines)
+        sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        sheet.writeheader()
+        sheet.writerows(lines)
+    whole = asked.methods == parser.get_default("methods")
+    report(lines, write=whole and not asked.print)
     fclib_figure.draw(HERE / "fclib.csv", HERE / "fclib.png")
 
 

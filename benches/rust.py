@@ -16,6 +16,8 @@ from pathlib import Path
 import tables
 
 ROOT = Path(__file__).resolve().parent.parent
+# Of its own: what others measured by criterion stays.
+SAMPLES = ROOT / "target" / "bench-tables"
 PRINTED, SAMPLED = ("condense", "fronts"), ("projection", "solvers")
 # What a rate counts: its unit, and how many of it a call works on.
 RATES = {"Elements": ("M/s", 1e6), "Bytes": ("GiB/s", 2.0**30)}
@@ -26,8 +28,8 @@ def cargo(bench):
     run = subprocess.run(
         ["cargo", "bench", "--locked", "--bench", bench],
         cwd=ROOT,
-        env=os.environ | {"BIPOT_BENCH_LARGE": "1"},
-        capture_output=True,
+        env=os.environ | {"BIPOT_BENCH_LARGE": "1", "CRITERION_HOME": str(SAMPLES)},
+        stdout=subprocess.PIPE,
         text=True,
         check=True,
     )
@@ -40,12 +42,16 @@ def samples(folder):
     for path in sorted(folder.glob("**/new/benchmark.json")):
         told = json.loads(path.read_text(encoding="utf-8"))
         estimates = json.loads((path.parent / "estimates.json").read_text("utf-8"))
-        ((kind, amount),) = told["throughput"].items()
+        ((kind, amount),) = (told["throughput"] or {None: 0}).items()
+        if kind not in RATES:
+            continue
         unit, scale = RATES[kind]
         rate = amount / scale / (1e-9 * estimates["median"]["point_estimate"])
         functions = found.setdefault(f"{told['group_id']}, {unit}", {})
         values = functions.setdefault(told["function_id"] or "", {})
-        values[told["value_str"]] = f"{rate:.3g}"
+        values[told["value_str"] or ""] = f"{rate:.3g}"
+    if not found:
+        raise SystemExit(f"criterion left no rates in {folder}")
     return found
 
 
@@ -58,7 +64,7 @@ def pivoted(found):
             cells = (values[value] for value in head)
             pages.setdefault(head, []).append((group, function, *cells))
     return "\n\n".join(
-        tables.table(("", "", *head), rows) for head, rows in pages.items()
+        tables.table(("bench, unit", "of", *head), rows) for head, rows in pages.items()
     )
 
 
@@ -67,10 +73,9 @@ def measured(bench):
     if bench in PRINTED:
         return f"```text\n{cargo(bench).strip()}\n```"
     # Emptied before: what is found there after is of this run.
-    folder = ROOT / "target" / "criterion"
-    shutil.rmtree(folder, ignore_errors=True)
+    shutil.rmtree(SAMPLES, ignore_errors=True)
     cargo(bench)
-    return pivoted(samples(folder))
+    return pivoted(samples(SAMPLES))
 
 
 def main():

@@ -112,8 +112,7 @@ def written(rows):
             told = [tables.figures(float(f"{x:.2g}")) for x in (seconds, memory)]
             words.append(f"{told[0]} s and {told[1]} GB for {size:,} unknowns {place}")
     text = tables.table(HEAD, lines)
-    machines = "; ".join(dict.fromkeys(row["machine"] for row in rows))
-    return f"{text}\n\n{machines}. Seconds but where said. {verdict(rows, words)}"
+    return f"{text}\n\n{tables.machines(rows)}. Seconds but where said. {verdict(rows, words)}"
 
 
 def verdict(rows, words):

@@ -16,13 +16,12 @@ The cost of an error is that of the first rung, from loose to tight, that conver
 meets it. A solve that did not converge within 20,000 products or the time limit costs
 infinity, and enters medians and quantiles so: nothing is dropped.
 
-Writes speed_against_error.csv and .png beside this file and the tables of the README,
-or with ``--out`` into another folder and no tables. Solves
+Writes speed_against_error.csv and .png beside this file, or with ``--out`` into another
+folder; and, of all sets, methods and seeds, the tables of the README. Solves
 are kept in the folder of the problems as long as the compiled core is the same, so
 that a run that was stopped goes on, and one with more seeds adds only those.
 """
 
-import argparse
 import csv
 import json
 import os
@@ -219,7 +218,7 @@ def table(lines, measure, unit, form):
 
 def main():
     """Measure, write, print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = tables.parser(__doc__)
     parser.add_argument("--sets", default=",".join(problems.SETS))
     parser.add_argument("--methods", default=",".join(METHODS))
     parser.add_argument("--seeds", type=int, help="how many, for every method")
@@ -228,6 +227,10 @@ def main():
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=HERE, help="folder to write to")
     asked = parser.parse_args()
+    # What was left out would be gone from the page.
+    part = {name: getattr(asked, name) for name in ("sets", "methods", "seeds")}
+    whole = all(parser.get_default(name) == value for name, value in part.items())
+    write = whole and not asked.print and asked.out.resolve() == HERE
     asked.out.mkdir(parents=True, exist_ok=True)
     methods = available(asked.methods.split(","))
     sets, limit = asked.sets.split(","), asked.seconds_limit
@@ -242,7 +245,6 @@ def main():
             writer.writerow(
                 {k: f"{x:.4g}" if isinstance(x, float) else x for k, x in line.items()}
             )
-    write = asked.out == HERE
     for measure, name in MEASURES.items():
         text = table(lines, measure, "products", "{:.0f}".format)
         tables.publish(name, text, write=write)

@@ -13,7 +13,7 @@ import platform
 import re
 import shutil
 import subprocess
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -65,11 +65,21 @@ def processor() -> str:
 
 def machine() -> str:
     """Where a table is from: processor, versions and load."""
-    run = ("rustc", "--version")
-    rust = subprocess.run(run, capture_output=True, text=True, check=True).stdout
     versions = [f"{name} {version(name)}" for name in PACKAGES]
+    try:
+        run = ["rustc", "--version"]
+        told = subprocess.run(run, capture_output=True, text=True, check=True).stdout
+        versions.insert(0, f"Rust {told.split()[1]}")
+    except OSError:
+        pass  # not on the path of whoever runs a program by itself
     load = f"load {os.getloadavg()[0]:.1f} at the end"
-    return ", ".join((processor(), f"Rust {rust.split()[1]}", *versions, load)) + "."
+    return ", ".join((processor(), *versions, load)) + "."
+
+
+def machines(rows: Iterable[Mapping[str, str]]) -> str:
+    """Where the rows of a sheet are from."""
+    known = (row.get("machine") or "machine not noted" for row in rows)
+    return "; ".join(dict.fromkeys(known))
 
 
 def parser(doc: str) -> argparse.ArgumentParser:

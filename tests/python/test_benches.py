@@ -60,6 +60,9 @@ def test_a_row_of_another_length_is_refused() -> None:
 def test_the_pages_have_the_markers(repository: Path, page: str) -> None:
     """Each table of a page is between a pair, and its program writes that name."""
     text = (repository / page).read_text(encoding="utf-8")
+    beyond = re.sub(r"(?s)<!-- (.*?), written by .*?<!-- end of \1 -->", "", text)
+    if page.startswith("benches"):
+        assert "|---" not in beyond
     found = re.findall(r"<!-- (.*), written by (\S+) -->", text)
     assert found
     for name, program in found:
@@ -90,9 +93,13 @@ def test_what_criterion_kept_becomes_rates(tmp_path: Path) -> None:
         median = {"median": {"point_estimate": ns}}
         (folder / "estimates.json").write_text(json.dumps(median))
     assert rust.pivoted(rust.samples(tmp_path)).split("\n\n") == [
-        tables.table(("", "", "900"), [("product, GiB/s", "", "2")]),
-        tables.table(("", "", "1", "2"), [("project, M/s", "threads", "100", "200")]),
+        tables.table(("bench, unit", "of", "900"), [("product, GiB/s", "", "2")]),
+        tables.table(
+            ("bench, unit", "of", "1", "2"), [("project, M/s", "threads", "100", "200")]
+        ),
     ]
+    with pytest.raises(SystemExit, match="no rates"):
+        rust.samples(tmp_path / "empty")
 
 
 def test_the_sheet_gives_the_table(repository: Path) -> None:
@@ -196,12 +203,27 @@ def test_rows_measured_anew_take_the_place_of_the_old() -> None:
 
 
 def test_a_peer_is_predicted_by_its_own_slope() -> None:
-    history: list[tuple[int, float | None]] = [(100, 1.0), (200, 4.0), (400, None)]
+    history = [(100, 1.0, 1), (200, 4.0, 2)]
     # Twice the unknowns took four times as long: sixteen seconds next.
-    assert beside.predicted(history, "sheared_cube") == pytest.approx(16.0, rel=1e-12)
-    one: list[tuple[int, float | None]] = [(100, 1.0), (400, None)]
-    assert beside.predicted(one, "sheared_cube") == pytest.approx(16.0, rel=1e-12)
-    assert beside.predicted(one, "pressed_block") == pytest.approx(8.0, rel=1e-12)
+    for known, scene, seconds in (
+        (history, "sheared_cube", 16.0),
+        (history[:1], "sheared_cube", 16.0),
+        (history[:1], "pressed_block", 8.0),
+    ):
+        found = beside.predicted(known, 400, scene)
+        assert found == pytest.approx(seconds, rel=1e-12)
+
+
+def test_sheets_give_their_tables(repository: Path) -> None:
+    """`--again`, of the sheets that are there and of older ones without a machine."""
+    rows = beside.read(repository / "benches" / beside.SHEET)
+    assert beside.written(rows).count("\n| ") == len(rows) + 1
+    with (repository / "benches" / slopes.SHEET).open(encoding="utf-8") as file:
+        assert "Expected: " in slopes.written(list(csv.DictReader(file)))
+    for row in rows:
+        row.pop("machine", None)
+    rows[0]["machine"] = "one, 2 cores"
+    assert beside.written(rows).startswith("one, 2 cores; machine not noted, load ")
 
 
 def test_exponents_are_slopes() -> None:
