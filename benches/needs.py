@@ -126,17 +126,18 @@ def pattern(cells, rounds):
     """The same pattern with other numbers."""
     cube = Cube(cells)
     gap = np.zeros(len(cube.places))
-    kept, other = cube.problem(gap), 1.5 * cube.K
-    # Patterns are remembered within a process: one that is anew must be another.
-    unknown = iter([cube.shuffled(seed) for seed in range(rounds)])
+    # Patterns are remembered within a process: one that is anew must be another. Nodes of
+    # both sides are in no order.
+    cube, *others = [cube.shuffled(seed) for seed in range(rounds + 1)]
+    kept, unknown = cube.problem(gap), iter(others)
+    stiffer = iter([(1.0 + 0.1 * (k + 1)) * cube.K for k in range(rounds)])
 
     def updated():
-        kept.update(other)
-        return kept
+        kept.update(next(stiffer))
+        return kept.compliance
 
     def anew():
-        stranger = next(unknown)
-        return stranger.problem(gap, K=1.5 * stranger.K)
+        return next(unknown).problem(gap).compliance
 
     return row(
         "other numbers, the same pattern",
@@ -145,7 +146,8 @@ def pattern(cells, rounds):
         rounds,
         updated,
         anew,
-        lambda a, b: apart(a.compliance, b.compliance),
+        # The moduli differ, and W as their inverses.
+        lambda W, other: apart(W * (1.0 + 0.1 * rounds), other),
     )
 
 

@@ -101,8 +101,9 @@ class Case:
         try:
             return self.model.problem(num_threads=num_threads, on_forecast=on_forecast)
         except FloatingBodyError as error:
-            # The core knows a degree of freedom, the bodies their rigid motions.
-            said = list(unheld(self.model))
+            # The core knows a degree of freedom, the bodies their rigid motions. What
+            # moves free of contact within a body is not one of them.
+            said = list(unheld(self.model, rough=True))
             if not said:
                 raise
             told = FloatingBodyError("; ".join(said))
@@ -221,7 +222,14 @@ class Case:
 
     def remarks(self) -> list[str]:
         """What a person should look at before solving, a sentence each (`inspection`)."""
-        said = inspect(self.model, load=self.load, prescribed=self.prescribed)
+        strained = sum(
+            np.outer(one.history, one.nodal)
+            for one in self.loads
+            if one.strain is not None and one.nodal is not None
+        )
+        said = inspect(
+            self.model, load=self.load, prescribed=self.prescribed, strained=strained
+        )
         if (
             self.load is None
             and self.gaps is None

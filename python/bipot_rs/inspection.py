@@ -39,7 +39,11 @@ _SOFT = 0.05
 
 
 def inspect(
-    model: Model, *, load: ArrayLike | None = None, prescribed: ArrayLike | None = None
+    model: Model,
+    *,
+    load: ArrayLike | None = None,
+    prescribed: ArrayLike | None = None,
+    strained: ArrayLike = 0.0,
 ) -> list[str]:
     """What a person should look at before solving.
 
@@ -50,6 +54,8 @@ def inspect(
     load, prescribed
         As `ContactProblem.solve` takes them; without them nothing is said of contacts
         that never close, and any prescribed displacement is taken for one that moves.
+    strained
+        The part of ``load`` that stands for initial strains, which press on nothing.
 
     Returns
     -------
@@ -70,7 +76,7 @@ def inspect(
     if load is not None or prescribed is not None:
         found += _far(model, load, prescribed)
     if load is not None:
-        found += _overloaded(model, floats("load", load))
+        found += _overloaded(model, floats("load", load) - floats("strained", strained))
     return found
 
 
@@ -215,16 +221,17 @@ def _units(model: Model) -> Iterator[str]:
 def _overloaded(model: Model, load: Array) -> Iterator[str]:
     """Loads beside which a body is soft, as a Young's modulus in GPa with loads in MPa.
 
-    The sum of the sizes of all nodal forces over the largest section of the box around
-    the body: forces that balance each other within it count, too.
+    The sum of the sizes of all nodal forces of a load step over the largest section of
+    the box around the body: forces that balance each other within it count, too.
     """
-    largest = np.abs(np.atleast_2d(load)).max(axis=0, initial=0.0)
+    every = np.atleast_2d(load)
     for body, first in zip(model.bodies, model.offset, strict=True):
         young = _stiffest(body.material)
-        forces = largest[first : first + body.points.size].reshape(-1, model.dim)
+        own = every[:, first : first + body.points.size]
+        forces = np.linalg.norm(own.reshape(len(own), -1, model.dim), axis=-1)
         sides = np.sort(np.ptp(body.points, axis=0))[1:]
         section = float(np.prod(sides)) * body.depth
-        mean = float(np.linalg.norm(forces, axis=1).sum()) / section
+        mean = float(forces.sum(axis=1).max(initial=0.0)) / section
         if young is not None and mean > _SOFT * young:
             yield (
                 f"units may be mixed: the loads of body {body.name!r} come to {mean:.3g} "
@@ -239,12 +246,12 @@ def _stiffest(material: Any) -> float | None:
     return None if young is None else float(np.max(young))
 
 
-def unheld(model: Model) -> Iterator[str]:
+def unheld(model: Model, *, rough: bool = False) -> Iterator[str]:
     """Rigid motions that neither supports nor contacts feel.
 
     Motions of bodies that meet each other are looked at together. Contact is taken to
-    hold along its normal, and with friction along its tangents: what is free even so is
-    free under any load.
+    hold along its normal, and with friction, or as if all were ``rough``, along its
+    tangents: what is free even so is free under any load.
     """
     modes, owner = _modes(model)
     bare = set(_bare(model))
@@ -256,7 +263,7 @@ def unheld(model: Model) -> Iterator[str]:
         if contact.against is None
     }
     rows = (model.B @ modes).reshape(-1, model.dim, modes.shape[1])
-    rubs = _rubs(model)
+    rubs = np.ones(len(model.gap), np.bool_) if rough else _rubs(model)
     felt = [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]
     constraints = np.concatenate([*supports, *felt])
     for members in _meeting(model):

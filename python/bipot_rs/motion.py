@@ -11,8 +11,8 @@ from bipot_rs.check import Array
 from bipot_rs.friction import dissipation
 from bipot_rs.words import body_of
 
-# An axis further off than this, in sizes of what is seen to move, is hardly one: places
-# differ from the translation of their middle by less than half.
+# A motion is nearly a translation where what turns adds less than this to it, in sizes of
+# what is seen to move.
 _FAR = 2.0
 
 # Parts of a motion below this, relative to the whole, are not worth a word. Where the
@@ -156,8 +156,12 @@ def _named(shift: Array, turn: Array, centre: Array, reach: float) -> str:
     translation = f"translation along {_numbers(shift, True)} in ({axes})"
     if rate * reach <= _WORTH * moved:
         return translation
-    far = f"nearly a {translation}: " if rate * reach * _FAR <= moved else ""
-    return far + _turning(shift, turn, centre, reach)
+    turning = _turning(shift, turn, centre, reach)
+    return (
+        f"{translation} (nearly: {turning})"
+        if rate * reach * _FAR <= moved
+        else turning
+    )
 
 
 def _turning(shift: Array, turn: Array, centre: Array, reach: float) -> str:

@@ -29,7 +29,7 @@ from bipot_rs.scene_parts import (
     supports,
     symmetries,
 )
-from bipot_rs.schema import KIND, Scene, inconsistencies, out_of_range
+from bipot_rs.schema import KIND, Scene, Solver, inconsistencies, out_of_range
 from bipot_rs.shipped import SceneError, folder_of, shipped, text
 from bipot_rs.stand_ins import others, places
 from bipot_rs.toml_text import HALF
@@ -102,21 +102,32 @@ def checked(
     except ValidationError as error:
         known = standing(Scene, table)
         found += [_mistake(e, known, table) for e in error.errors()]
-        found += others(table, places(error))
+        found += [*others(table, places(error)), *_settings(table)]
         raise SceneError(name, found) from None
     extreme = out_of_range(scene)
     if extreme:
         found += [sentence for _, sentence in extreme]
         found += others(table, [place for place, _ in extreme])
+        found += _settings(table)
         raise SceneError(name, found)
-    found += inconsistencies(scene)
-    try:
-        refuse_settings(scene.solver.method, scene.solver.tol)
-    except ValueError as error:
-        found.append(f"solver: {error}")
+    found += [*inconsistencies(scene), *_settings(table)]
     if found:
         raise SceneError(name, found)
     return scene.beside(folder)
+
+
+def _settings(table: dict[str, Any]) -> Iterator[str]:
+    """What the solver would refuse of its settings, where they can be read."""
+    try:
+        solver = Solver.model_validate(table.get("solver", {}))
+    except ValidationError:
+        return
+    plain = Solver()
+    for method, tol in ((solver.method, plain.tol), (plain.method, solver.tol)):
+        try:
+            refuse_settings(method, tol)
+        except ValueError as error:
+            yield f"solver: {error}"
 
 
 def assemble(scene: Scene, meshed: Sequence[Body]) -> Case:
@@ -221,7 +232,7 @@ def _mistake(error: Any, known: Mapping[str, Sequence[str]], table: Any) -> str:
         with suppress(ValueError):
             float(given)
             message += ", without quotes"
-    if kind == "float_type" and isinstance(given, dict) and "amplitude" in given:
+    if parts[0] == "pressure" and isinstance(given, dict) and "amplitude" in given:
         message += ", with amplitude beside it"
     if isinstance(given, str | int | float):
         return f"{path}: {message}, got {given!r}"

@@ -46,7 +46,7 @@ Ints = NDArray[np.int64]
 Name = str | os.PathLike[str]
 
 _AXES = ("x", "y", "z")
-_FIRST = "%%MatrixMarket"
+MARKET = "%%MatrixMarket"
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ def _stiffness(
             f"{path} is no text, expected a Matrix Market file, as scipy.io.mmwrite makes "
             "of any matrix, or lines of nodes and components"
         )
-    if not start.startswith(_FIRST.encode()):
+    if not start.startswith(MARKET.encode()):
         return _of_nodes(path)
     K = _market(path)
     n = K.shape[0]
@@ -233,15 +233,22 @@ def _stiffness(
     return K, _Dofs(n, known, "")
 
 
+def market_refuses(field: str, symmetry: str) -> str | None:
+    """Why a stiffness has no such numbers or symmetry, in Matrix Market's words."""
+    if field not in ("real", "integer", "unsigned-integer"):
+        return f"its numbers are {field}, expected real ones"
+    if symmetry not in ("general", "symmetric"):
+        return f"it is {symmetry}, expected symmetric or general"
+    return None
+
+
 def _market(path: Path) -> Any:
     from scipy.io import mminfo, mmread
 
     try:
         rows, columns, _, _, field, symmetry = mminfo(path)
-        if field not in ("real", "integer", "unsigned-integer"):
-            raise ValueError(f"its numbers are {field}, expected real ones")
-        if symmetry not in ("general", "symmetric"):
-            raise ValueError(f"it is {symmetry}, expected symmetric or general")
+        if why := market_refuses(field, symmetry):
+            raise ValueError(why)
         if rows != columns:
             raise ValueError(f"it has {rows} rows and {columns} columns")
         return mmread(path)
@@ -271,7 +278,7 @@ def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
                 raise ValueError(
                     f"{path} line {number}: is {printable(text[:60])!r}, expected row "
                     "node, row component, column node, column component, value; a file "
-                    f"of rows and columns alone should begin with {_FIRST}"
+                    f"of rows and columns alone should begin with {MARKET}"
                 )
             if min(one) < 1:
                 raise ValueError(

@@ -107,7 +107,9 @@ def test_of_an_axis_far_away_the_translation_is_told_first(dim: int) -> None:
         about = "the point" if dim == 2 else "an axis through"
         assert f"rotation about {about} {place}" in said
         along = f"(0, 1{', 0' * (dim - 2)})"
-        first = f"nearly a translation along {along} in ({', '.join('xyz'[:dim])}): "
+        first = (
+            f"translation along {along} in ({', '.join('xyz'[:dim])}) (nearly: rotat"
+        )
         assert said.startswith(first if far else "rotation about")
 
 

@@ -173,7 +173,7 @@ def test_info(bipot: Any) -> None:
         ("gone.h5", "there is no gone.h5"),
         ("empty", "empty is a folder without result.h5 or sweep.csv"),
         ("gone.msh", "gone.msh is not there"),
-        ("K.mtx", "K.mtx is no matrix of Matrix Market: "),
+        ("half.mtx", "half.mtx is no matrix of Matrix Market: "),
         ("gone.mtx", "there is no gone.mtx"),
         ("K.dat", "K.dat is a file .dat, expected a result (.h5), a sweep"),
         ("text.h5", "text.h5"),
@@ -183,7 +183,7 @@ def test_info(bipot: Any) -> None:
 def test_info_of_nothing(name: str, message: str, bipot: Any) -> None:
     Path("empty").mkdir()
     Path("text.h5").write_text("text")
-    Path("K.mtx").write_text("text")
+    Path("half.mtx").write_text("%%MatrixMarket matrix")
     Path("K.dat").write_text("text")
     status, out, err = bipot("info", name)
     assert (status, out) == (2, "")
@@ -238,7 +238,15 @@ def test_info_of_a_matrix(bipot: Any) -> None:
     status, out, _ = bipot("info", "K.mtx")
     assert status == 0
     assert out.splitlines()[0] == "K.mtx: a matrix of Matrix Market, 3 × 3"
-    assert "3 entries stored, coordinate, real, symmetric" in out
+    assert "3 entries, coordinate, real, symmetric" in out
+    assert "bipot solve --stiffness K.mtx" in out
+    # Nothing that `bipot solve` would refuse is sent there.
+    mmwrite("B.mtx", sparse.eye_array(2, 3))
+    mmwrite("C.mtx", 1j * sparse.eye_array(3))
+    for name in ("B.mtx", "C.mtx"):
+        assert "bipot solve" not in bipot("info", name)[1]
+    Path("A.mtx").write_text("1,1,1,1,2.0\n")
+    assert "bipot solve --stiffness A.mtx" in bipot("info", "A.mtx")[1]
     found = json.loads(bipot("info", "K.mtx", "--json")[1])
     assert (found["shape"], found["entries"], found["symmetric"]) == ([3, 3], 3, True)
 

@@ -126,6 +126,10 @@ def test_loads_beside_which_a_body_is_soft() -> None:
             "section, 6 % of its Young's modulus 210, and strains are taken to be small"
         )
         assert inspect(model, load=0.8 * loads) == []
+        # One after the other they are no more than one of them; strains are no loads.
+        travelling = 0.8 * 12.6 * np.stack([pull, np.roll(pull, 1), np.roll(pull, 2)])
+        assert inspect(model, load=travelling) == []
+        assert inspect(model, load=loads, strained=0.3 * loads) == []
     # In the plane over the length and the thickness.
     thick = fem.Material(210.0, 0.3, thickness=5.0)
     g = np.linspace(0, 1, 4)

@@ -284,7 +284,15 @@ def test_graded_grid() -> None:
         ),
         (
             ["solver.method=newt", "solver.tol=2.0", "contact.0.mu=[1.0, 2.0]"],
-            ["contact.0.axis: is missing", "solver: method is 'newt', expected one of"],
+            [
+                "contact.0.axis: is missing",
+                "solver: method is 'newt', expected one of",
+                "solver: tol is 2",
+            ],
+        ),
+        (
+            ["solver.method=newt", "mesh.n=0"],
+            ["mesh.n: should be greater than 0", "solver: method is 'newt', expected"],
         ),
         (
             ["path.amplitude.shear={wave='ramp', period=2.0}", "path.steps=2"],

@@ -405,7 +405,7 @@ def test_what_a_load_cell_would_show(tmp_path: Path) -> None:
     assert "solved: 1 load step, every residual at most" in run.stdout
     with (tmp_path / "out" / "K" / "steps.csv").open(newline="") as file:
         (step,) = csv.DictReader(file)
-    found = [float(step[k]) for k in FORCES]
+    found = [float(step[f"{k} of contacts"]) for k in FORCES]
     np.testing.assert_allclose(found, (2.0, 0.4, 0.4), rtol=1e-9)
 
 
@@ -427,9 +427,13 @@ def test_no_answer_and_what_holds_nothing(tmp_path: Path) -> None:
     assert "load step 2: no answer exists" in last["message"]
     # As a person is told; the second one is not reached.
     run = bipot(*command, "--load", "load.csv", cwd=tmp_path)
-    assert run.stdout == (
+    assert run.stderr.startswith(
         f"load step 1 of 2: open 0, slip 0, stick 2, residual {first['residual']:.1e}\n"
+        "bipot: load step 2: no answer exists"
     )
+    # What was reached has its row, and nothing says that it was solved.
+    assert re.search(r"^    1     0     0      2   2  0\.5 ", run.stdout, re.M)
+    assert "solved" not in run.stdout
     kept = bp.load(tmp_path / "out" / "K" / "result.h5")
     assert (len(kept), kept.success) == (1, False)
     # The second node is a body of its own, which nothing touches.

@@ -10,6 +10,7 @@ import numpy as np
 from bipot_rs.commands.info_mesh import SUFFIXES, box, mesh
 from bipot_rs.commands.info_sweep import sweep
 from bipot_rs.running.folder import RESULT, SWEEP
+from bipot_rs.stiffness_files import MARKET, market_refuses
 from bipot_rs.words import counted, printable
 
 # Steps of a result that are told one by one; of longer paths both ends.
@@ -169,25 +170,31 @@ def _matrix(path: Path) -> dict[str, Any]:
     """What the head of a file of Matrix Market says; its numbers are not read."""
     from scipy.io import mminfo
 
+    name = printable(str(path))
+    following = f"  next      bipot solve --stiffness {name} --contacts contacts.csv"
+    found: dict[str, Any] = {"kind": "matrix", "file": str(path)}
     if not path.is_file():
         raise OSError(f"there is no {path}")
+    with path.open("rb") as file:
+        if not file.read(len(MARKET)).lower().startswith(MARKET.lower().encode()):
+            said = "a matrix as Abaqus writes it, node, component, ... a line, if it is one"
+            return found | {"lines": [f"{name}: {said}", following]}
     try:
         rows, columns, entries, form, field, symmetry = mminfo(path)
     except (ValueError, OverflowError) as error:
         raise ValueError(f"{path} is no matrix of Matrix Market: {error}") from None
-    found = {
-        "kind": "matrix",
-        "file": str(path),
+    found |= {
         "shape": [int(rows), int(columns)],
         "entries": int(entries),
         "symmetric": symmetry == "symmetric",
     }
-    stored = f"{counted(int(entries), 'entry')} stored"
+    many = f"{counted(int(entries), 'entry')}, " if form == "coordinate" else ""
     lines = [
-        f"{path}: a matrix of Matrix Market, {rows} × {columns}",
-        f"  holds     {stored}, {form}, {field}, {symmetry}",
-        f"  next      bipot solve --stiffness {printable(str(path))} --contacts contacts.csv",
+        f"{name}: a matrix of Matrix Market, {rows} × {columns}",
+        f"  holds     {many}{form}, {field}, {symmetry}",
     ]
+    if rows == columns and market_refuses(field, symmetry) is None:
+        lines.append(following)
     return found | {"lines": lines}
 
 

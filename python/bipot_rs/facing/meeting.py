@@ -59,10 +59,15 @@ class Contact:
     motion: Motion | None = None
     pairing: str = "match"
 
-    @property
-    def surfaces(self) -> str:
-        """The two surfaces that meet, as a scene names them."""
-        return f"{self.body}.{self.surface} and {'.'.join(self.against or ())}"
+
+def _pair(contact: Contact) -> tuple[str, str]:
+    """The two surfaces of bodies that meet, as a scene names them."""
+    return f"{contact.body}.{contact.surface}", ".".join(contact.against or ())
+
+
+def both(contact: Contact) -> str:
+    """The two surfaces of bodies that meet, in a sentence."""
+    return " and ".join(_pair(contact))
 
 
 @dataclass(frozen=True)
@@ -127,7 +132,7 @@ def meet(
         away = np.flatnonzero(towards <= 0)
         if away.size:
             raise ValueError(
-                f"surfaces {contact.surfaces} face the same way at {place(points[away[0]])}: "
+                f"surfaces {both(contact)} face the same way at {place(points[away[0]])}: "
                 "expected two that face each other"
             )
         partner = offset[o] + body.dim * theirs[match]
@@ -314,7 +319,7 @@ def _weighted(
 
     try:
         if contact.against is not None:
-            what = f"surfaces {contact.surfaces}"
+            what = f"surfaces {both(contact)}"
             o = _other(bodies, b, contact.against[0])
             found = pairs(
                 *(body.points, ours),
@@ -330,11 +335,14 @@ def _weighted(
             found, moved = _against_rigid(contact, body, ours, numbers(b), n)
     except ValueError as error:
         said = str(error)
-        # In the words of the model: who calls `pairs` by itself knows its arguments.
-        first, _, second = contact.surfaces.partition(" and ")
-        for argument, name in (("slave", first), ("master", second)):
-            said = said.replace(f"facets_{argument}", name)
-        raise ValueError(said if first in said else f"{what}: {said}") from error
+        if contact.against is not None:
+            # In the words of the model: who calls `pairs` by itself knows its arguments.
+            arguments = ("facets_slave", "facets_master")
+            if all(argument in said for argument in arguments):
+                what = ""
+            for argument, name in zip(arguments, _pair(contact), strict=True):
+                said = said.replace(argument, name)
+        raise ValueError(f"{what}: {said}" if what else said) from error
     partner = np.full(len(found.node), -1, dtype=np.int64)
     return Meeting(
         points=found.points,
@@ -508,14 +516,14 @@ def _match(
     bad = np.flatnonzero(aside > 1e-7 * size)
     if bad.size:
         raise ValueError(
-            f"surfaces {contact.surfaces} do not match: no node lies opposite to the one "
+            f"surfaces {both(contact)} do not match: no node lies opposite to the one "
             f"at {place(ours[bad[0]])}, the nearest is {aside[bad[0]]:g} aside; expected "
             "opposite nodes, or pairing='mortar'"
         )
     values, counts = np.unique(match, return_counts=True)
     if np.any(counts > 1):
         raise ValueError(
-            f"surfaces {contact.surfaces} do not match: the node at "
+            f"surfaces {both(contact)} do not match: the node at "
             f"{place(theirs[values[counts > 1][0]])} lies opposite to several"
         )
     return np.asarray(match, dtype=np.int64)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs.bodies.elasticity import Floats, Ints
+from bipot_rs.facing.meeting import both
 from bipot_rs.fem import Model
 from bipot_rs.mesh_error.simplices import Simplices
 
@@ -101,7 +102,7 @@ def contact_facets(model: Model, bodies: Sequence[Simplices]) -> ContactFacets:
     for group, contact in enumerate(model.contacts):
         if contact.against is not None and contact.pairing != "match":
             raise ValueError(
-                f"surfaces {contact.surfaces} are paired by {contact.pairing!r}: tractions linear "
+                f"surfaces {both(contact)} are paired by {contact.pairing!r}: tractions linear "
                 "on the facets of the one are not so on those of the other; expected "
                 "pairing='match'"
             )
@@ -126,7 +127,7 @@ def contact_facets(model: Model, bodies: Sequence[Simplices]) -> ContactFacets:
         match = [known.get(tuple(sorted(c)), -1) for c in at[whole].tolist()]
         if -1 in match:
             raise ValueError(
-                f"surfaces {contact.surfaces} do not match facet by facet: tractions of one cannot "
+                f"surfaces {both(contact)} do not match facet by facet: tractions of one cannot "
                 "act on the other"
             )
         second.append((obstacle, facets[match], theirs[match]))

@@ -63,7 +63,7 @@ def deformed(
         is told above the picture. The bodies where they began are a thin line.
     forces
         Whether arrows show the contact forces on the bodies that have the contacts, up
-        to 25, each the force at one node; the largest of them is told above the picture.
+        to 26, each the force at one node; the largest of all is told above the picture.
     near
         Draw what is within so many extents of the contacts; default all.
     units, ax
@@ -243,7 +243,8 @@ def _forces(
     if largest == 0:
         return places[:0], 0.0
     loaded = np.flatnonzero(size > 1e-6 * largest)
-    chosen = loaded[:: -(-len(loaded) // _ARROWS)]
+    # The largest of all is among those drawn.
+    chosen = np.union1d(loaded[:: -(-len(loaded) // _ARROWS)], np.argmax(size))
     at = places[model.contact_dofs[chosen, 0] // model.dim]
     extent = np.ptp(places, axis=0).max()
     if near is not None:
@@ -264,7 +265,7 @@ def _forces(
         )
     else:
         ax.quiver(*at.T, *arrows.T, color=_FORCE, pivot="tip", lw=1.0)
-    return np.asarray(at - arrows), float(size[chosen].max())
+    return np.asarray(at - arrows), largest
 
 
 def _obstacles(model: Model, found: Any, scale: float, ax: Any) -> Array:

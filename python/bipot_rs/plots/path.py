@@ -239,7 +239,8 @@ def force_displacement(
     The force is what drives the bodies that have the contacts, the opposite of friction.
     The area of a closed loop is the work that friction took, where ``displacement`` is
     that of the point that is driven. Dashes are the most that friction could hold, where
-    normals are parallel; of a curved surface the force is that at right angles to the mean
+    normals are parallel, or where that is over four times the force a figure above the axes;
+    of a curved surface the force is that at right angles to the mean
     normal, all of it where normals cancel.
 
     Parameters

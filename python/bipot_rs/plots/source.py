@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import Array, floats
-from bipot_rs.result import Result, Solution
+from bipot_rs.result import Result, Solution, Step
 from bipot_rs.words import meant
 
 # The places, or the model, where a result does not know them.
@@ -199,9 +199,12 @@ def look(
     known = contacts_of(found, contacts)
     n, d = solution.reaction.shape
     if known.get("x") is None:
-        way = "give points= to ContactProblem, or contacts= here"
-        if not isinstance(found, Result):
-            way = "give the whole result and step=, or contacts= here"
+        way = "contacts= here"
+        if isinstance(found, Result):
+            way = f"points= to ContactProblem, or {way}"
+        elif isinstance(found, Step):
+            way = f"the whole result, which may know them, and step=, or {way}"
+        way = f"give {way}"
         raise ValueError(f"the places of the contacts are not known: {way}")
     mu = known.get("mu")
     both = (n, 2) if mu is not None and np.ndim(mu) == 2 else (n,)

@@ -422,20 +422,14 @@ class Job:
 
     def _print(self, folder: Path, *, solved: bool) -> None:
         """The table of load steps, and what it comes to."""
-        from rich.console import Console
-
         from bipot_rs.review import review
-        from bipot_rs.running.report import closing, print_table
+        from bipot_rs.running.report import closing, console, print_table
 
         if self.case is None or self.scene is None:
             return
-        console = Console(highlight=False, soft_wrap=True)
-        if not console.is_terminal:
-            # A file has no width.
-            console.width = 1000
-        rows = self._rows(self.case)
+        rows, screen = self._rows(self.case), console()
         print_table(
-            console,
+            screen,
             rows,
             title=self.scene.title,
             unit=self.scene.units.force,
@@ -443,7 +437,7 @@ class Job:
         )
 
         def say(text: str) -> None:
-            console.print(text, markup=False, soft_wrap=True)
+            screen.print(text, markup=False, soft_wrap=True)
 
         if self.enough:
             say(self.enough)

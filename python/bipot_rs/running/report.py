@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bipot_rs.check import Array
 from bipot_rs.contact_surface import surface_names
 from bipot_rs.result import Step
 from bipot_rs.resultants import resultants
@@ -60,11 +61,16 @@ def forces(model: Any, step: Step) -> dict[str, float | None]:
     ``Σ μ r_n``; of a curved one ``Σ r_n``, ``Σ ‖r_t‖`` and its part of ``Σ μ r_n``, and
     `COMPONENTS` of the force on the body that has the contacts, in global axes.
     """
+    return of_surfaces(step, model.frame, model.mu, model.group, surface_names(model))
+
+
+def of_surfaces(
+    step: Step, frame: Array, mu: Array, group: Any, names: Sequence[str]
+) -> dict[str, float | None]:
+    """`forces` of surfaces by name, ``group (n_c,)`` the number of that of each contact."""
     found: dict[str, float | None] = {}
-    each = resultants(
-        step.reaction, model.frame, model.mu, model.group, len(model.contacts)
-    )
-    for name, force in zip(surface_names(model), each, strict=True):
+    each = resultants(step.reaction, frame, mu, group, len(names))
+    for name, force in zip(names, each, strict=True):
         told: list[tuple[str, float | None]] = list(
             zip(FORCES, (force.normal, force.tangential, force.used), strict=True)
         )
@@ -72,6 +78,16 @@ def forces(model: Any, step: Step) -> dict[str, float | None]:
             told += zip(COMPONENTS, force.force.tolist(), strict=False)
         for key, value in told:
             found[f"{key} of {name}"] = value
+    return found
+
+
+def console() -> Any:
+    """Of rich, as wide as the terminal is; a file has no width."""
+    from rich.console import Console
+
+    found = Console(highlight=False, soft_wrap=True)
+    if not found.is_terminal:
+        found.width = 1000
     return found
 
 
@@ -193,7 +209,7 @@ def closing(
     folder: Any,
     remarks: Sequence[str] = (),
 ) -> list[str]:
-    """What a solved path comes to, and what to look at next."""
+    """What a solved path comes to, and what to look at next, where ``folder`` has that."""
     if not rows:
         return []
     last = rows[-1]
@@ -216,9 +232,10 @@ def closing(
                 f"{len(rows)}{also}: friction is used up there."
             )
     said += [f"remark: {remark}." for remark in remarks]
-    said.append(
-        f"next: paraview {folder}/result.pvd, bipot plot {folder}, bipot info {folder}"
-    )
+    if folder is not None:
+        said.append(
+            f"next: paraview {folder}/result.pvd, bipot plot {folder}, bipot info {folder}"
+        )
     return said
 
 

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs.resultants import resultants
 from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
 from bipot_rs.running.folder import RESULT, make
 from bipot_rs.running.interrupts import Interrupts
-from bipot_rs.running.report import COMPONENTS, FORCES, closing, print_table
-from bipot_rs.running.telling import complain
+from bipot_rs.running.report import closing, console, of_surfaces, print_table
+from bipot_rs.running.telling import complain, tell
 from bipot_rs.words import counted
 
 if TYPE_CHECKING:
@@ -51,7 +50,10 @@ def run(
     steps: list[Step] = []
 
     def on_step(k: int, step: Any) -> None:
-        row = _row(k, step) | _forces(given, step)
+        row = _row(k, step)
+        if given is not None:
+            every = np.zeros(len(given.gap), dtype=np.int64)
+            row |= of_surfaces(step, given.frame, given.mu, every, ["contacts"])
         reached.append(row)
         steps.append(step)
         if as_json:
@@ -59,7 +61,8 @@ def run(
         else:
             counts = ", ".join(f"{name} {row[name]}" for name in _STATUS)
             of = "" if given is None else f" of {_count(given)}"
-            _print(f"load step {k + 1}{of}: {counts}, residual {row['residual']:.1e}")
+            said = f"load step {k + 1}{of}: {counts}, residual {row['residual']:.1e}"
+            tell(said, sys.stderr)
         interrupts.check()
 
     code, message = SOLVED, "solved"
@@ -106,12 +109,14 @@ def run(
             "message": message,
         }
         _print(json.dumps(last))
-    elif code != SOLVED:
+        return code
+    if given is not None and reached:
+        _tell(given, reached, tol, folder, solved=code == SOLVED)
+    if code != SOLVED:
         complain(message)
     elif given is not None:
         size = f"{given.K.shape[0]} degrees of freedom, {counted(len(given.gap), 'contact')}"
         names = ", ".join(sorted(path.name for path in _ours(folder, given)))
-        _tell(given, reached, tol, folder)
         _print(f"{size}, {perf_counter() - began:.2f} s\n{folder}: {names}")
     return code
 
@@ -136,39 +141,19 @@ def _row(k: int, step: Any) -> dict[str, Any]:
     return dict(zip(_STEPS, told, strict=True))
 
 
-def _forces(given: Given | None, step: Any) -> dict[str, float | None]:
-    """Forces of all contacts together, in the words of `report.forces`."""
-    if given is None or not len(given.gap):
-        return {}
-    every = np.zeros(len(given.gap), dtype=np.int64)
-    (force,) = resultants(step.reaction, given.frame, given.mu, every, 1)
-    found = dict(zip(FORCES, (force.normal, force.tangential, force.used), strict=True))
-    if force.curved:
-        found |= zip(COMPONENTS, force.force.tolist(), strict=False)
-    return found
-
-
 def _tell(
-    given: Given, reached: Sequence[dict[str, Any]], tol: float, folder: Path
+    given: Given,
+    reached: Sequence[dict[str, Any]],
+    tol: float,
+    folder: Path,
+    *,
+    solved: bool,
 ) -> None:
     """The table of load steps, and what it comes to."""
-    from rich.console import Console
-
-    console = Console(highlight=False, soft_wrap=True)
-    if not console.is_terminal:
-        console.width = 1000
-    named = [
-        {
-            f"{k} of contacts" if k in (*FORCES, *COMPONENTS) else k: v
-            for k, v in row.items()
-        }
-        for row in reached
-    ]
-    print_table(console, named)
-    *said, following = closing(named, tol, folder)
-    if given.points is not None:
-        said.append(following)
-    _print("\n".join(said))
+    print_table(console(), reached)
+    if solved:
+        drawn = None if given.points is None else folder
+        _print("\n".join(closing(reached, tol, drawn)))
 
 
 def _of(given: Given, steps: Sequence[Step], message: str) -> Result:
