@@ -125,6 +125,18 @@ def csr(what: str, value: Any) -> Csr:
     return Csr(matrix, (int(rows), int(columns)), parts)
 
 
+def one_triangle(parts: Parts) -> str:
+    """What to say of a matrix by rows that holds one triangle alone, else nothing."""
+    pointers, columns, _ = parts
+    rows = np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
+    below, above = bool((columns < rows).any()), bool((columns > rows).any())
+    if below == above:
+        return ""
+    held, other = ("lower", "-1") if below else ("upper", "1")
+    of = "tril" if below else "triu"
+    return f"; K holds its {held} triangle alone, expected K + scipy.sparse.{of}(K, {other}).T"
+
+
 # Squares of these, and what they are multiplied by, stay in the range of doubles.
 _LEAST, _MOST = 1e-75, 1e75
 # Beyond, the slip along the tangent of little friction has lost the digits of the judge.

@@ -28,6 +28,7 @@ from bipot_rs.check import (
     indices,
     integer,
     matrices,
+    one_triangle,
     places,
     settings,
     threads,
@@ -51,7 +52,7 @@ class ContactProblem:
     ----------
     K
         Stiffness, ``(n, n)``, symmetric positive semidefinite: anything SciPy calls
-        sparse, or dense. Its lower triangle is read.
+        sparse, or dense; of both triangles, which mirror each other, the lower is read.
     B
         Contact operator, ``(d n_c, n)``: row ``d i + k`` is component ``k`` of contact
         ``i``, normal first, so that ``B u + gap`` is the relative displacement and
@@ -689,6 +690,9 @@ class ContactProblem:
             self._core = _core.Condensed(parts, *self._given, before, on_forecast)
         except (FloatingBodyError, ValueError) as error:
             dof = getattr(error, "dof", None)
+            half = one_triangle(parts) if isinstance(error, ValueError) else ""
+            if half:
+                raise ValueError(f"{error}{half}") from None
             if dof is None or self._bodies is None:
                 raise
             named = type(error)(f"{body_of(dof, self._bodies)}: {error}")

@@ -309,6 +309,18 @@ class TestTypes:
 
 
 class TestStiffness:
+    def test_one_triangle_alone(self) -> None:
+        for half, way in (
+            (np.tril(K), r"tril\(K, -1\)"),
+            (np.triu(K), r"triu\(K, 1\)"),
+        ):
+            refused(problem, "K", half, "symmetric", "triangle alone", way)
+        other = K.copy()
+        other[np.nonzero(np.tril(K, -1))[0][0], np.nonzero(np.tril(K, -1))[1][0]] *= 2
+        with pytest.raises(ValueError, match="symmetric") as caught:
+            problem(K=other)
+        assert "triangle" not in str(caught.value)
+
     def test_asymmetric(self) -> None:
         """The largest pair is named, with both values."""
         wrong = put(put(K, (0, 1), 0.50001), (2, 3), 0.75)
