@@ -442,6 +442,17 @@ def test_the_loop_has_the_area_of_what_is_lost() -> None:
     assert lost.get_ylabel() == "work of friction [N·mm]"
 
 
+@pytest.mark.parametrize(("tow", "seen"), [(1.3, True), (1.2, False)])
+def test_a_limit_far_above_the_force_is_a_figure(tow: float, seen: bool) -> None:
+    """Pressed by 10 N with μ = 0.5: 5 N could be held, up to four times the force drawn."""
+    loads = [[-10.0, 0.5], [-10.0, tow]]
+    result = bp.solve(1e3 * np.eye(2), np.eye(2), loads, gap=[0.0], mu=0.5)
+    ax = plots.force_displacement(result, [0.0, 1.0], units=UNITS)
+    assert ("±Σ μ × normal" in drawn_lines(ax)) is seen
+    said = "" if seen else "friction could hold up to 5 N"
+    assert ax.get_title("left") == said
+
+
 def test_the_loop_of_the_contact_itself(cycle: Any) -> None:
     model, result = cycle
     drawn = drawn_lines(plots.force_displacement(result))["force"]
