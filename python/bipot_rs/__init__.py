@@ -18,8 +18,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import bipot_rs.early  # noqa: F401
-from bipot_rs import fclib
-from bipot_rs._core import version as __version__
+from bipot_rs import _core, fclib
 from bipot_rs.answers import Answers
 from bipot_rs.cone import project
 from bipot_rs.error_bound import ErrorBound
@@ -59,7 +58,6 @@ __all__ = [
     "Solution",
     "Status",
     "Step",
-    "__version__",
     "fclib",
     "load",
     "pairs",
@@ -70,6 +68,8 @@ __all__ = [
     "solve",
     "versions",
 ]
+
+__version__ = _core.version
 
 # Loaded by who asks for it. What needs scikit-fem and pydantic is not in __all__, for a
 # star would ask for it.

@@ -11,6 +11,8 @@ from bipot_rs.check import Array
 from bipot_rs.friction import dissipation
 from bipot_rs.words import body_of
 
+# Coordinates below this, relative to the body, are zero: what rounding leaves of them.
+_ZERO = 1e-9
 # A motion is nearly a translation where what turns adds less than this to it, in sizes of
 # what is seen to move.
 _FAR = 2.0
@@ -169,19 +171,22 @@ def _turning(shift: Array, turn: Array, centre: Array, reach: float) -> str:
     rate = float(np.linalg.norm(turn))
     if len(centre) == 2:
         place = centre + np.array([-shift[1], shift[0]]) / turn[0]
-        return f"rotation about the point {_numbers(place)}"
+        return f"rotation about the point {_numbers(place, size=reach)}"
     place = centre + np.cross(turn, shift) / rate**2
-    axis = f"an axis through {_numbers(place)} along {_numbers(turn, True)}"
+    axis = f"an axis through {_numbers(place, size=reach)} along {_numbers(turn, True)}"
     advance = float(shift @ turn) / rate**2
     if abs(advance) <= _WORTH * max(reach, float(np.linalg.norm(place - centre))):
         return f"rotation about {axis}"
     return f"screw motion about {axis}, advancing by {advance:.4g} a radian"
 
 
-def _numbers(values: Array, unit: bool = False) -> str:
-    """``(0.8, 0.6)``; of length 1 if asked, without the rounding of zeros."""
+def _numbers(values: Array, unit: bool = False, *, size: float = 0.0) -> str:
+    """``(0.8, 0.6)``; of length 1 if asked, without the rounding of zeros.
+
+    Of places, ``size`` is that of the body: all of them may be roundings of zero.
+    """
     values = values / np.linalg.norm(values) if unit else values
-    least = _WORTH * np.abs(values).max(initial=0.0)
+    least = max(_WORTH * np.abs(values).max(initial=0.0), _ZERO * size)
     shown = [f"{0.0 if abs(x) <= least else x:.4g}" for x in values]
     return f"({', '.join(shown)})"
 

@@ -205,7 +205,7 @@ def test_no_answer(tmp_path: Path) -> None:
     (last,) = lines(run.stdout)
     assert last.keys() == LAST_LINE
     assert last["success"] is False
-    assert "free" in last["message"]
+    assert "against rotation about the point (0, 0): add a support" in last["message"]
 
 
 @pytest.mark.parametrize(
