@@ -203,9 +203,7 @@ def main():
     parser.add_argument("--siconos", help="the Python that has it")
     asked = parser.parse_args()
     limit, lines = asked.seconds_limit, []
-    # What was left out would be gone from the page.
-    part = {name: getattr(asked, name) for name in ("sets", "seeds", "first_seed")}
-    whole = all(parser.get_default(name) == value for name, value in part.items())
+    whole = tables.whole(parser, asked, "sets", "seeds", "first_seed")
     with tempfile.TemporaryDirectory() as folder:
         siconos = find(asked.siconos, folder, limit)
         programs = list(PROGRAMS) if siconos else ["call", "auto", "sweep"]

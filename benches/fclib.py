@@ -234,7 +234,7 @@ def main():
         sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         sheet.writeheader()
         sheet.writerows(lines)
-    whole = asked.methods == parser.get_default("methods")
+    whole = tables.whole(parser, asked, "methods")
     report(lines, write=whole and not asked.print)
     fclib_figure.draw(HERE / "fclib.csv", HERE / "fclib.png")
 

@@ -51,15 +51,19 @@ class Cube:
         radius = 1.1 * share / np.pi / 0.01
         return (across**2).sum(axis=1) / (2 * radius)
 
-    def problem(self, gap, kept=None, K=None):
-        """Contacts of the whole base or of those kept; its own stiffness or another."""
+    @property
+    def unknowns(self):
+        """Degrees of freedom that nothing prescribes."""
+        return self.K.shape[0] - len(self.fixed)
+
+    def problem(self, gap, kept=None):
+        """Contacts of the whole base or of those kept, ascending."""
         rows = self.dofs.reshape(-1, DIM)
         rows, gap = (rows, gap) if kept is None else (rows[kept], gap[kept])
         m = rows.size
         shape = (m, self.K.shape[0])
         B = sparse.csr_array((np.ones(m), (np.arange(m), rows.ravel())), shape)
-        K = self.K if K is None else K
-        return bp.ContactProblem(K, B, gap=gap, mu=MU, fixed=self.fixed)
+        return bp.ContactProblem(self.K, B, gap=gap, mu=MU, fixed=self.fixed)
 
     def shuffled(self, seed):
         """The same with its nodes in another order, a pattern never met before."""
@@ -82,7 +86,12 @@ def timed(work):
     return perf_counter() - start, found
 
 
-def row(need, unknowns, contacts, rounds, ours, other, differs):
+def apart(found, expected):
+    """Largest difference, of the largest."""
+    return np.abs(found - expected).max() / np.abs(expected).max()
+
+
+def row(need, cube, contacts, rounds, ours, other, differs=apart):
     """In turn: `ours` and `other` work, `differs` compares what they return."""
     mine, its = [], []
     for _ in range(rounds):
@@ -91,15 +100,10 @@ def row(need, unknowns, contacts, rounds, ours, other, differs):
         seconds, expected = timed(other)
         its.append(seconds)
     return (
-        *(need, f"{unknowns:,}", contacts),
+        *(need, f"{cube.unknowns:,}", contacts),
         *(tables.figures(min(mine)), tables.figures(min(its))),
         *(f"{min(mine) / min(its):.2f}", f"{differs(found, expected):.0e}"),
     )
-
-
-def apart(found, expected):
-    """Largest difference, of the largest."""
-    return np.abs(found - expected).max() / np.abs(expected).max()
 
 
 def face(cells, rounds):
@@ -113,7 +117,7 @@ def face(cells, rounds):
     closed = np.flatnonzero(reactions()[:, 0] > 0)
     return row(
         "few of many candidates close",
-        cube.K.shape[0] - len(cube.fixed),
+        cube,
         f"{len(closed)} of {len(gap):,}",
         rounds,
         reactions,
@@ -141,7 +145,7 @@ def pattern(cells, rounds):
 
     return row(
         "other numbers, the same pattern",
-        cube.K.shape[0] - len(cube.fixed),
+        cube,
         f"{len(gap):,}",
         rounds,
         updated,
@@ -172,12 +176,11 @@ def coefficients(cells, rounds):
 
     return row(
         "eight friction coefficients",
-        cube.K.shape[0] - len(cube.fixed),
+        cube,
         f"{len(cube.places):,}",
         rounds,
         together,
         in_turn,
-        apart,
     )
 
 
@@ -197,12 +200,11 @@ def steps(cells, rounds):
 
     return row(
         "sixteen load steps",
-        cube.K.shape[0] - len(cube.fixed),
+        cube,
         f"{len(cube.places):,}",
         rounds,
         at_the_end,
         each,
-        apart,
     )
 
 

@@ -227,9 +227,7 @@ def main():
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--out", type=Path, default=HERE, help="folder to write to")
     asked = parser.parse_args()
-    # What was left out would be gone from the page.
-    part = {name: getattr(asked, name) for name in ("sets", "methods", "seeds")}
-    whole = all(parser.get_default(name) == value for name, value in part.items())
+    whole = tables.whole(parser, asked, "sets", "methods", "seeds", "first_seed")
     write = whole and not asked.print and asked.out.resolve() == HERE
     asked.out.mkdir(parents=True, exist_ok=True)
     methods = available(asked.methods.split(","))

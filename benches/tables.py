@@ -89,6 +89,13 @@ def parser(doc: str) -> argparse.ArgumentParser:
     return made
 
 
+def whole(
+    made: argparse.ArgumentParser, asked: argparse.Namespace, *names: str
+) -> bool:
+    """Whether nothing was left out by these arguments: a page would lose what was."""
+    return all(made.get_default(name) == getattr(asked, name) for name in names)
+
+
 def publish(name: str, text: str, *, write: bool) -> None:
     """Print what was measured and, with the machine below it, ``write`` it into the page."""
     print(text, end="\n\n", flush=True)

@@ -13,8 +13,8 @@ from bipot_rs.words import body_of
 
 # Coordinates below this, relative to the body, are zero: what rounding leaves of them.
 _ZERO = 1e-9
-# A motion is nearly a translation where what turns adds less than this to it, in sizes of
-# what is seen to move.
+# A motion is nearly a translation where turning moves what is seen by less than the
+# translation over this.
 _FAR = 2.0
 
 # Parts of a motion below this, relative to the whole, are not worth a word. Where the
@@ -159,11 +159,9 @@ def _named(shift: Array, turn: Array, centre: Array, reach: float) -> str:
     if rate * reach <= _WORTH * moved:
         return translation
     turning = _turning(shift, turn, centre, reach)
-    return (
-        f"{translation} (nearly: {turning})"
-        if rate * reach * _FAR <= moved
-        else turning
-    )
+    if rate * reach * _FAR <= moved:
+        return f"{translation} (nearly: {turning})"
+    return turning
 
 
 def _turning(shift: Array, turn: Array, centre: Array, reach: float) -> str:

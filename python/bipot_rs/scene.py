@@ -124,6 +124,8 @@ def _settings(table: dict[str, Any]) -> Iterator[str]:
         return
     plain = Solver()
     for method, tol in ((solver.method, plain.tol), (plain.method, solver.tol)):
+        if (method, tol) == (plain.method, plain.tol):
+            continue  # of most scenes, which are not to wait for it
         try:
             refuse_settings(method, tol)
         except ValueError as error:
