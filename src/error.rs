@@ -96,16 +96,32 @@ pub enum Error {
          is a body, or a part of one, free to move? Add supports, or contacts that pin it"
     )]
     FloatingBody { dof: usize },
-    /// A body with more free motions than a rigid body has.
+    /// A stiffness of which rounding leaves no digit of the softest motions.
     #[error(
-        "the stiffness of the body at degree of freedom {dof} leaves {found} motions free, \
-         a rigid body has {limit}: it holds a mechanism that contact cannot be trusted to hold"
+        "the stiffness K has too few digits: the energy of the softest motion of the body at \
+         degree of freedom {dof} is smaller than the rounding of the entries of K. Use longer \
+         elements, which are fewer and less slender; and without `coordinates` give these: \
+         with them rigid motions are known exactly"
     )]
-    Mechanism {
+    FewDigits { dof: usize },
+    /// Displacements that are not in equilibrium with the loads and the reactions.
+    #[error(
+        "K u = f + Bᵀ r does not hold at degree of freedom {dof}: it is off by {by_row:.1e} of its \
+         terms, and all rows by {of_forces:.1e} of the forces. The stiffness K has too few digits \
+         for these loads: use elements that are less slender, or supports that are less soft"
+    )]
+    NotBalanced {
         dof: usize,
-        found: usize,
-        limit: usize,
+        by_row: f64,
+        of_forces: f64,
     },
+    /// Displacements that do not give the relative displacements of the contacts.
+    #[error(
+        "B u + gap is off at contact {contact} by {off:e}, beside relative displacements of \
+         {size:e}: the compliance W has too few digits. Use elements that are less slender, or \
+         supports that are less soft"
+    )]
+    NotConfirmed { contact: usize, off: f64, size: f64 },
     /// A contact whose gap cannot be closed or opened by any motion.
     #[error(
         "contact {node} penetrates by {penetration:e} and no free degree of freedom can move it: \

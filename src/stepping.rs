@@ -11,7 +11,7 @@ use crate::problem::body::DIGITS;
 use crate::problem::condense::Condensed;
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::scaled_imbalance;
-use crate::solver::refine::Point;
+use crate::solver::refine::{Point, forward_change};
 use crate::solver::{self, Outcome, Settings, Solution, Start};
 
 /// What a step leaves behind.
@@ -88,6 +88,37 @@ pub fn reduced_step<'a, const D: usize>(
     let free = problem.free_part(load, prescribed)?;
     let q = incremental(&free.q, state);
     Reduced::new(problem.compliance(), &q, problem.mu(), &free.rigid)
+}
+
+/// How far the rounding of the entries of `K` may have moved the reactions and the
+/// relative displacements of a step, relative to them; of a problem that keeps its
+/// digits, nothing. `before` is as in [`forward_error`](crate::solver::refine::forward_error).
+///
+/// # Errors
+/// Wrong loads, [`Error::Interrupted`].
+pub fn stiffness_rounding<const D: usize>(
+    problem: &Condensed<D>,
+    reduced: &Reduced<D>,
+    (load, prescribed): (&[f64], &[f64]),
+    point: &Point<D>,
+    before: &[[f64; D]],
+    stop: &AtomicBool,
+) -> Result<(f64, f64), Error> {
+    if problem.stats().amplification <= DIGITS {
+        return Ok((0.0, 0.0));
+    }
+    let compliance = problem.compliance();
+    let u = problem.displacement(Loaded {
+        load,
+        prescribed,
+        reaction: &compliance.scatter(&point.r),
+        rigid: &point.rigid,
+    })?;
+    let wander = problem.bodies().stiffness_rounding(problem.surface(), &u)?;
+    let wander = compliance.gather(&wander);
+    let moved = forward_change(reduced, point, &wander, before, stop)?;
+    // Where the correction is not determined, no digit is known to be left.
+    Ok(moved.unwrap_or((1.0, 1.0)))
 }
 
 /// `v` of reactions by way of `u` and `K` itself, where `W` may have lost digits.
@@ -184,7 +215,11 @@ impl<const D: usize> LoadPath<D> {
             let loads = (load, prescribed);
             let state = self.state.as_ref();
             let evaluate = |r, rigid| evaluate(problem, &reduced, loads, state, r, rigid);
-            solution.refine(&reduced, settings, evaluate, stop)?;
+            match solution.refine(&reduced, settings, evaluate, stop) {
+                // K itself has too few digits for these loads.
+                Err(Error::NotBalanced { .. }) => solution.outcome = Outcome::Stalled,
+                other => other?,
+            }
         }
         let slip = solution.relative_displacement.clone();
         if let Some(state) = &self.state {

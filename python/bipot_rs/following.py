@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs import _core, motion
-from bipot_rs.check import Array
+from bipot_rs.check import Array, by_component
 from bipot_rs.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.error_bound import ErrorBound, from_core, without
 from bipot_rs.errors import NoEquilibriumError, NotConvergedError
@@ -60,7 +60,10 @@ class Following:
         self.steps: list[Step] = []
         self.rewind()
         self._seconds = {"condense": condense, "solve": 0.0, "recover": 0.0}
-        self._recovery = _Recovery(core, self._seconds)
+        offsets = np.asarray(contacts["gap"])
+        if offsets.ndim == 1:
+            offsets = by_component(offsets, shape[1])
+        self._recovery = _Recovery(core, self._seconds, offsets)
 
     def rewind(self) -> None:
         """Stand behind the last of the steps, as a path that is started from there."""
@@ -336,6 +339,7 @@ class _Recovery:
 
     core: _core.Condensed
     seconds: dict[str, float]
+    gap: Array
 
     def at_hand(self) -> bool:
         """Whether the problem keeps the factor that this takes."""
@@ -344,17 +348,15 @@ class _Recovery:
     def __call__(self, steps: Sequence[Step]) -> Array:
         began = time.perf_counter()
         none = np.empty(0)
-        states = [
-            (step.load, step.prescribed, step.reaction, step.rigid_motion)
-            for step in steps
-        ]
-        u = self.core.displacements(
-            [
-                (load, moved, r, none if a is None else a)
-                for load, moved, r, a in states
-                if load is not None and moved is not None
-            ]
-        )
+        states, confirmed = [], []
+        for step in steps:
+            if step.load is None or step.prescribed is None:
+                continue
+            amounts = none if step.rigid_motion is None else step.rigid_motion
+            states.append((step.load, step.prescribed, step.reaction, amounts))
+            gap = self.gap if step.gap is None else step.gap
+            confirmed.append((step.relative_displacement, gap))
+        u = self.core.displacements(states, confirmed)
         self.seconds["recover"] += time.perf_counter() - began
         return u
 

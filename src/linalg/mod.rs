@@ -10,6 +10,7 @@ pub mod csc;
 pub mod dense;
 pub mod exact;
 pub mod gmres;
+pub mod jacobi;
 pub mod least_squares;
 pub mod lu;
 pub mod multifrontal;

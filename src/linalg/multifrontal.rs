@@ -464,7 +464,8 @@ impl<'a, 'l> Work<'a, 'l> {
         // The diagonal may be zero: an empty row, for the others are refused.
         let original = self.diagonal[dof];
         let rounding = ROUNDINGS * (before as f64 + 1.0) * f64::EPSILON;
-        if pivot > rounding * original {
+        // However small: whether a body is soft or free is not for a pivot to say.
+        if pivot > 0.0 {
             *weakest = smaller(*weakest, Some((pivot / original, dof)));
             return Ok(());
         }

@@ -9,24 +9,45 @@ use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::csc::Symmetric;
 use crate::linalg::dense;
+use crate::linalg::jacobi::{combine, orthogonalise};
 use crate::linalg::multifrontal::{Factor, Schur};
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::symbolic::{Counts, Options, Symbolic};
 use crate::problem::body::{Body, DIGITS};
-use crate::problem::null_space::{null_space, start_value};
+use crate::problem::null_space::{
+    Block, Verdict, Weights, is_null, part, softest, softest_interior, softest_of_all,
+};
 use crate::problem::patterns::Asked;
+use crate::problem::rigid_motions::Geometry;
 use crate::problem::sparse::Owned;
 
-/// Below this, relative to the diagonal of `K`, an eigenvalue of `S` is zero if a
-/// gap sets it apart: rounding leaves about 1e-15, and the softest support worth
-/// the name more. Bodies of many unknowns sum more of the rounding of `K` itself,
-/// a few ε for each.
-const NULL: f64 = 1e-13;
-
 /// A pivot above this, relative to the diagonal of `K`, leaves no doubt that a
-/// matrix is definite; below it the eigenvalues are looked at. Where the contact
+/// matrix is definite; below it the softest motions are looked at. Where the contact
 /// set is soft and the rest is stiff, the rounding of the stiff part may exceed it.
 const SAFE: f64 = 1e-9;
+
+/// The same of pivots of the interior, whose inverse is not at hand: of a singular
+/// matrix without a pivot below this, elimination would have grown its entries as much.
+const SAFE_INSIDE: f64 = 1e-6;
+
+/// Energy of the softest motion of the interior, relative to the diagonal of `K`, below
+/// which it may be rounding.
+const DOUBTFUL: f64 = 1e-11;
+
+/// Contacts that feel a rigid motion by less than this share of one that they feel
+/// most do not pin it: what rounding leaves of the places of the contacts.
+const PINNED: f64 = 1e-11;
+
+/// How far above rounding the energy of the next motion is to be where motions beyond
+/// the rigid ones cost nothing: the first modes of bending lie a factor of ten to forty
+/// apart, the elastic modes of a mechanism far above its free ones.
+const MECHANISM: f64 = 1e3;
+
+/// The same of motions of which only the stiffness is known.
+const CLEAR: f64 = 4.0;
+
+/// Motions looked for at first; where all of them are soft, more.
+const WIDTH: usize = 9;
 
 /// A body before its numbers: what condensing it will take is known.
 #[derive(Debug)]
@@ -36,6 +57,7 @@ pub struct Analysed {
     unit: f64,
     kept: Vec<usize>,
     places: Option<Vec<[f64; 3]>>,
+    geometry: Option<Arc<Geometry>>,
     symbolic: Arc<Symbolic>,
     /// Whether it had to be ordered: no analysis of its pattern was at hand.
     ordered: bool,
@@ -79,10 +101,18 @@ impl Analysed {
             unit,
             kept,
             places,
+            geometry: None,
             symbolic,
             ordered,
             again,
         })
+    }
+
+    /// With what the places of all degrees of freedom say of rigid motions.
+    #[must_use]
+    pub fn with_geometry(mut self, geometry: Option<Arc<Geometry>>) -> Self {
+        self.geometry = geometry;
+        self
     }
 
     /// Keeps an analysis that was made here for other problems of its pattern.
@@ -109,6 +139,7 @@ impl Analysed {
             symbolic: Arc::new(symbolic),
             unit: body.unit,
             places: body.places.clone(),
+            geometry: body.geometry.clone(),
             stiffness,
             kept,
             ordered: true,
@@ -159,46 +190,190 @@ impl Analysed {
     /// ones are kept and the factor is not, where supports hold the body.
     ///
     /// # Errors
-    /// [`Error::Indefinite`], [`Error::FloatingBody`], [`Error::Mechanism`],
+    /// [`Error::Indefinite`], [`Error::FloatingBody`], [`Error::FewDigits`],
     /// with the degree of freedom in the caller's numbering;
     /// [`Error::Interrupted`].
-    pub fn condense(
-        self,
-        dimension: usize,
-        loads: Option<&[Vec<f64>]>,
-        stop: &AtomicBool,
-    ) -> Result<Body, Error> {
+    pub fn condense(self, loads: Option<&[Vec<f64>]>, stop: &AtomicBool) -> Result<Body, Error> {
         let begin = Instant::now();
         if let Some(loads) = loads
             && let Some((s, known, until_s)) = self.without_factor(loads, stop)?
         {
-            let body = self.body(s, None, known, [begin, until_s], stop)?;
+            let body = self.body(s, None, known, [begin, until_s]);
             if body.amplification <= DIGITS {
                 return Ok(body);
             }
             // Answers will be mended with K itself, by the factor.
-            return undo(body).condense(dimension, None, stop);
+            return undo(body).condense(None, stop);
         }
         let view = self.stiffness.view();
-        let mut factor = Factor::new(Arc::clone(&self.symbolic), &view, stop)
-            .map_err(|e| renumber(e, &self.dofs))?;
-        let diagonal = view.diagonal();
-        if let Some((dof, ratio)) = factor.weakest_pivot()
-            && ratio < SAFE
-            && softest_interior(&factor, &diagonal, &self.kept) <= NULL
-        {
-            let dof = self.dofs[dof];
-            return Err(Error::FloatingBody { dof });
+        let made = Factor::new(Arc::clone(&self.symbolic), &view, stop);
+        let mut factor = match made {
+            Ok(factor) => factor,
+            Err(error @ (Error::Indefinite { .. } | Error::FloatingBody { .. })) => {
+                return Err(self.refusal(error, stop)?);
+            }
+            Err(other) => return Err(other),
+        };
+        if self.may_float_inside(&factor)? {
+            drop(factor);
+            self.check_whole(stop)?;
+            factor = Factor::new(Arc::clone(&self.symbolic), &view, stop)?;
         }
         let schur = factor.take_schur();
-        let scale = scales(&self.kept, &diagonal);
+        let scale = scales(&self.kept, &view.diagonal());
         let until_s = Instant::now();
         let s = match self.definite(&schur, &scale, stop)? {
             Some(s) => s,
-            None => self.with_rigid_motions(&schur, &scale, &factor, dimension, stop)?,
+            None => self.with_rigid_motions(&schur, &scale, &factor, stop)?,
         };
         drop(schur);
-        self.body(s, Some(factor), Vec::new(), [begin, until_s], stop)
+        Ok(self.body(s, Some(factor), Vec::new(), [begin, until_s]))
+    }
+
+    /// Rigid motions that supports leave free, where the places of the degrees of
+    /// freedom tell them.
+    fn by_geometry(&self) -> Option<Vec<Vec<f64>>> {
+        let geometry = self.geometry.as_ref()?;
+        geometry.left_free(&self.dofs, &self.stiffness)
+    }
+
+    /// Whether the interior is so soft that motions of it may be free.
+    ///
+    /// # Errors
+    /// [`Error::FloatingBody`] with such a motion at hand.
+    fn may_float_inside(&self, factor: &Factor) -> Result<bool, Error> {
+        if factor
+            .weakest_pivot()
+            .is_none_or(|(_, ratio)| ratio >= SAFE_INSIDE)
+        {
+            return Ok(false);
+        }
+        let weights = Weights::new(&self.stiffness);
+        let (motion, energy) = softest_interior(factor, &weights, &self.kept);
+        if energy > DOUBTFUL {
+            return Ok(false);
+        }
+        if self.geometry.is_none() && is_null(&self.stiffness, &motion) {
+            return Err(self.floating(&motion));
+        }
+        Ok(true)
+    }
+
+    fn floating(&self, motion: &[f64]) -> Error {
+        let most = (0..motion.len()).fold(0, |best, i| {
+            if motion[i].abs() > motion[best].abs() {
+                i
+            } else {
+                best
+            }
+        });
+        Error::FloatingBody {
+            dof: self.dofs[most],
+        }
+    }
+
+    /// What is to be said where elimination met a pivot that is not positive.
+    fn refusal(&self, met: Error, stop: &AtomicBool) -> Result<Error, Error> {
+        match self.check_whole(stop) {
+            Err(Error::Interrupted) => Err(Error::Interrupted),
+            Err(found) => Ok(found),
+            Ok(()) => Ok(match renumber(met, &self.dofs) {
+                // No motion costs nothing, and none has negative energy: the pivot is
+                // rounding.
+                Error::Indefinite { dof } | Error::FloatingBody { dof } => Error::FewDigits { dof },
+                other => other,
+            }),
+        }
+    }
+
+    /// Looks at the softest motions of the whole body, contact set and interior.
+    ///
+    /// # Errors
+    /// [`Error::FloatingBody`] where one that costs nothing moves no contact,
+    /// [`Error::Indefinite`], [`Error::FewDigits`]; [`Error::Interrupted`].
+    fn check_whole(&self, stop: &AtomicBool) -> Result<(), Error> {
+        let k = &self.stiffness;
+        let geometric = self.by_geometry();
+        if let Some(motions) = &geometric {
+            self.pin(motions.clone())?;
+        }
+        let known = geometric.clone().unwrap_or_default();
+        let weights = Weights::new(k);
+        let of = (k, &self.kept[..], &self.symbolic);
+        let softest = |width| softest_of_all(of, &weights, known.len() + width, stop);
+        let verdict = self.look(&weights, &known, softest)?;
+        if self.believed(&verdict, geometric.is_some())? {
+            let mut all = known;
+            all.extend(verdict.null);
+            self.pin(all)?;
+        }
+        Ok(())
+    }
+
+    /// What is found among more and more soft motions, until some are not null.
+    fn look(
+        &self,
+        weights: &Weights,
+        known: &[Vec<f64>],
+        softest: impl Fn(usize) -> Result<Option<Block>, Error>,
+    ) -> Result<Verdict, Error> {
+        let indefinite = Error::Indefinite { dof: self.dofs[0] };
+        let mut width = WIDTH;
+        loop {
+            let Some(block) = softest(width)? else {
+                return Err(indefinite);
+            };
+            let all = block.columns.len() < width;
+            let shift = block.shift;
+            let verdict = part(&self.stiffness, weights, known, block.columns);
+            if verdict.negative {
+                return Err(indefinite);
+            }
+            if all || verdict.is_complete(shift) {
+                return Ok(verdict);
+            }
+            width *= 2;
+        }
+    }
+
+    /// Whether motions that cost nothing are free beyond doubt.
+    ///
+    /// # Errors
+    /// [`Error::FewDigits`] where only the stiffness could say, and its digits do not.
+    fn believed(&self, verdict: &Verdict, geometric: bool) -> Result<bool, Error> {
+        let needed = if geometric { MECHANISM } else { CLEAR };
+        if verdict.null.is_empty() {
+            return Ok(false);
+        }
+        if verdict.gap >= needed {
+            return Ok(true);
+        }
+        if geometric {
+            return Ok(false);
+        }
+        Err(Error::FewDigits { dof: self.dofs[0] })
+    }
+
+    /// Motions made orthonormal on the kept unknowns, whole and kept part.
+    ///
+    /// # Errors
+    /// [`Error::FloatingBody`] for a combination that moves none of them.
+    fn pin(&self, motions: Vec<Vec<f64>>) -> Result<Motions, Error> {
+        let of_kept = |z: &Vec<f64>| self.kept.iter().map(|&i| z[i]).collect::<Vec<f64>>();
+        let mut kept: Vec<Vec<f64>> = motions.iter().map(of_kept).collect();
+        let amounts = orthogonalise(&mut kept);
+        let largest = kept.iter().map(|z| norm(z)).fold(0.0, f64::max);
+        let mut whole = Vec::with_capacity(motions.len());
+        for (z, amounts) in kept.iter_mut().zip(&amounts) {
+            let length = norm(z);
+            let mut motion = combine(&motions, amounts);
+            if !(length > PINNED * largest) {
+                return Err(self.floating(&motion));
+            }
+            z.iter_mut().chain(&mut motion).for_each(|x| *x /= length);
+            whole.push(motion);
+        }
+        Ok(Motions { whole, kept })
     }
 
     /// S factored, the kept part of the loads condensed, and when S was done, where there
@@ -214,9 +389,15 @@ impl Analysed {
             self.dofs.iter().map(|&i| self.unit * force[i]).collect()
         };
         let mut local: Vec<f64> = loads.iter().flat_map(scaled).collect();
-        let schur = Schur::new(&self.symbolic, &view, &mut local, stop)
-            .map_err(|e| renumber(e, &self.dofs))?;
-        if schur.weakest_pivot().is_some_and(|(_, ratio)| ratio < SAFE) {
+        let schur = match Schur::new(&self.symbolic, &view, &mut local, stop) {
+            Ok(schur) => schur,
+            Err(Error::Indefinite { .. } | Error::FloatingBody { .. }) => return Ok(None),
+            Err(other) => return Err(other),
+        };
+        if schur
+            .weakest_pivot()
+            .is_some_and(|(_, ratio)| ratio < SAFE_INSIDE)
+        {
             return Ok(None);
         }
         let scale = scales(&self.kept, &view.diagonal());
@@ -246,10 +427,20 @@ impl Analysed {
                 let doubt = SAFE.max(rounding * scale[i] * scale[i]);
                 (cholesky[i * (m + 1)] * scale[i]).powi(2) > doubt
             });
-        Ok(sound.then(|| Supported {
+        if !sound {
+            return Ok(None);
+        }
+        let mut inverse = cholesky.clone();
+        dense::invert_from_cholesky(&mut inverse, m, stop)?;
+        // The trace of an inverse bounds what any motion can be softer by; pivots do not.
+        let softness: f64 = (0..m)
+            .map(|i| inverse[i * (m + 1)] / (scale[i] * scale[i]))
+            .sum();
+        Ok((softness < 1.0 / SAFE).then(|| Supported {
             size: one_norm(schur, m),
             cholesky,
-            modes: Vec::new(),
+            inverse,
+            motions: Motions::default(),
         }))
     }
 
@@ -260,47 +451,97 @@ impl Analysed {
         schur: &[f64],
         scale: &[f64],
         factor: &Factor,
-        dimension: usize,
         stop: &AtomicBool,
     ) -> Result<Supported, Error> {
-        let (dofs, kept, stiffness) = (&self.dofs, &self.kept, &self.stiffness);
-        let m = kept.len();
+        let geometric = self.by_geometry();
+        let mut motions = self.pin(geometric.clone().unwrap_or_default())?;
+        let mut s = self.with_modes(schur, &motions.kept);
+        let of = (&self.stiffness, &self.kept[..], factor);
+        let weights = Weights::new(&self.stiffness);
+        let softest = |width| softest(of, &s, scale, width, stop);
+        let mut verdict = self.look(&weights, &motions.whole, softest)?;
+        if verdict.doubtful {
+            // Motions that are extended from the contact set gather there what K is out
+            // of balance by everywhere; found in full, they leave it where it is.
+            let of = (&self.stiffness, &self.kept[..], &self.symbolic);
+            let in_full = |width| softest_of_all(of, &weights, motions.whole.len() + width, stop);
+            verdict = self.look(&weights, &motions.whole, in_full)?;
+        }
+        if self.believed(&verdict, geometric.is_some())? {
+            let mut all = std::mem::take(&mut motions.whole);
+            all.extend(verdict.null);
+            motions = self.pin(all)?;
+            s = self.with_modes(schur, &motions.kept);
+        }
+        let m = self.kept.len();
+        let size = one_norm(&s, m);
+        if let Some(at) = dense::cholesky(&mut s, m, stop)? {
+            let dof = self.dofs[self.kept[at]];
+            return Err(Error::FewDigits { dof });
+        }
+        let mut inverse = s.clone();
+        dense::invert_from_cholesky(&mut inverse, m, stop)?;
+        Ok(Supported {
+            cholesky: s,
+            inverse,
+            motions,
+            size,
+        })
+    }
+
+    /// `P S P + α R Rᵀ` with `P = 1 − R Rᵀ`, `α = tr S / m`: what rounding has left of
+    /// `S R` is gone. Where all kept unknowns move rigidly `S` is nothing but rounding,
+    /// and α is that of `K`.
+    fn with_modes(&self, schur: &[f64], modes: &[Vec<f64>]) -> Vec<f64> {
+        let mut sum = schur.to_vec();
+        let m = self.kept.len();
+        if modes.is_empty() {
+            return sum;
+        }
         #[expect(clippy::cast_precision_loss, reason = "a count")]
-        let bound = NULL.max(8.0 * dofs.len() as f64 * f64::EPSILON);
-        // A motion that is rigid where the body is stiff has its energy from
-        // terms that cancel: that of the stiffest part bounds what is left.
-        let rounding = |motion: &[f64]| {
-            let mut whole = vec![0.0; dofs.len()];
-            for (&i, x) in kept.iter().zip(motion) {
-                whole[i] = *x;
+        let mean = |trace: f64| trace / m as f64;
+        if modes.len() >= m {
+            sum.fill(0.0);
+        } else {
+            // S − R (S R)ᵀ − (S R) Rᵀ + R (Rᵀ S R) Rᵀ, symmetric to the bit.
+            let times = |x: &Vec<f64>| -> Vec<f64> {
+                schur.chunks_exact(m).map(|row| dot_long(row, x)).collect()
+            };
+            let mut images: Vec<Vec<f64>> = modes.iter().map(times).collect();
+            let inner: Vec<Vec<f64>> = modes
+                .iter()
+                .map(|mode| images.iter().map(|image| dot_long(mode, image)).collect())
+                .collect();
+            for (a, image) in images.iter_mut().enumerate() {
+                for (mode, amounts) in modes.iter().zip(&inner) {
+                    for (value, x) in image.iter_mut().zip(mode) {
+                        *value -= 0.5 * amounts[a] * x;
+                    }
+                }
             }
-            factor.recover(&mut whole, 1);
-            for x in &mut whole {
-                *x = x.abs();
+            for (mode, image) in modes.iter().zip(&images) {
+                for (j, column) in sum.chunks_exact_mut(m).enumerate() {
+                    for (i, value) in column.iter_mut().enumerate() {
+                        let (low, high) = (i.min(j), i.max(j));
+                        *value -= mode[low] * image[high] + image[low] * mode[high];
+                    }
+                }
             }
-            bound.max(8.0 * f64::EPSILON * stiffness.absolute_form(&whole))
+        }
+        let alpha = if modes.len() < m {
+            mean((0..m).map(|i| sum[i * (m + 1)]).sum())
+        } else {
+            mean(self.kept.iter().map(|&i| self.stiffness.diagonal(i)).sum())
         };
-        let modes = null_space(schur, scale, &rounding, 2 * LIMIT[dimension], stop)?
-            .ok_or_else(|| Error::Indefinite { dof: dofs[kept[0]] })?;
-        if modes.len() > LIMIT[dimension] {
-            return Err(Error::Mechanism {
-                dof: dofs[kept[0]],
-                found: modes.len(),
-                limit: LIMIT[dimension],
-            });
+        let alpha = if alpha > 0.0 { alpha } else { 1.0 };
+        for mode in modes {
+            for (column, a) in sum.chunks_exact_mut(m).zip(mode) {
+                for (value, b) in column.iter_mut().zip(mode) {
+                    *value += alpha * (a * b);
+                }
+            }
         }
-        let mut cholesky = with_modes(schur, &modes);
-        let size = one_norm(&cholesky, m);
-        match dense::cholesky(&mut cholesky, m, stop)? {
-            Some(at) => Err(Error::Indefinite {
-                dof: dofs[kept[at]],
-            }),
-            None => Ok(Supported {
-                cholesky,
-                modes,
-                size,
-            }),
-        }
+        sum
     }
 
     fn body(
@@ -309,12 +550,9 @@ impl Analysed {
         factor: Option<Factor>,
         known: Vec<Vec<f64>>,
         [begin, until_s]: [Instant; 2],
-        stop: &AtomicBool,
-    ) -> Result<Body, Error> {
+    ) -> Body {
         let m = self.kept.len();
-        let mut inverse = s.cholesky.clone();
-        dense::invert_from_cholesky(&mut inverse, m, stop)?;
-        let flexible = one_norm(&inverse, m);
+        let flexible = one_norm(&s.inverse, m);
         let condition = s.size * flexible;
         let diagonal = self.kept.iter().map(|&i| self.stiffness.diagonal(i));
         let stiffest = diagonal.fold(0.0, f64::max);
@@ -322,24 +560,26 @@ impl Analysed {
         for (k, &i) in (0_u32..).zip(&self.kept) {
             place[i] = k;
         }
-        Ok(Body {
+        Body {
             dofs: self.dofs,
             stiffness: self.stiffness,
             unit: self.unit,
             kept: self.kept,
             place,
             places: self.places,
+            geometry: self.geometry,
             symbolic: self.symbolic,
             ordered: self.ordered,
             factor,
             known,
             cholesky: s.cholesky,
-            modes: s.modes,
-            inverse,
+            modes: s.motions.kept,
+            motions: s.motions.whole,
+            inverse: s.inverse,
             condition,
             amplification: condition.max(stiffest * flexible),
             seconds: [until_s - begin, until_s.elapsed()].map(|time| time.as_secs_f64()),
-        })
+        }
     }
 }
 
@@ -347,10 +587,20 @@ impl Analysed {
 struct Supported {
     /// Lower Cholesky factor of `S + α R Rᵀ`, column-major.
     cholesky: Vec<f64>,
-    /// Orthonormal rigid motions `R` on the kept unknowns.
-    modes: Vec<Vec<f64>>,
+    /// `(S + α R Rᵀ)⁻¹`.
+    inverse: Vec<f64>,
+    motions: Motions,
     /// 1-norm of `S + α R Rᵀ`.
     size: f64,
+}
+
+/// Motions that cost nothing.
+#[derive(Default)]
+struct Motions {
+    /// On all degrees of freedom of the body.
+    whole: Vec<Vec<f64>>,
+    /// `R`, orthonormal on the kept unknowns.
+    kept: Vec<Vec<f64>>,
 }
 
 /// What makes the diagonal of K one at the kept unknowns.
@@ -373,6 +623,7 @@ fn undo(body: Body) -> Analysed {
         unit: body.unit,
         kept: body.kept,
         places: body.places,
+        geometry: body.geometry,
         symbolic: body.symbolic,
         ordered: body.ordered,
         again: false,
@@ -387,28 +638,6 @@ fn analyse(
     Symbolic::analyse(view, kept, &Options { coordinates })
 }
 
-/// `S + α R Rᵀ`, `α = tr S / m`.
-fn with_modes(schur: &[f64], modes: &[Vec<f64>]) -> Vec<f64> {
-    let mut sum = schur.to_vec();
-    let Some(m) = modes.first().map(Vec::len) else {
-        return sum;
-    };
-    #[expect(clippy::cast_precision_loss, reason = "a count")]
-    let mean = (0..m).map(|i| schur[i * (m + 1)]).sum::<f64>() / m as f64;
-    let alpha = if mean > 0.0 { mean } else { 1.0 };
-    for mode in modes {
-        for (column, a) in sum.chunks_exact_mut(m).zip(mode) {
-            for (value, b) in column.iter_mut().zip(mode) {
-                *value += alpha * a * b;
-            }
-        }
-    }
-    sum
-}
-
-/// Rigid motions that a body in `d` dimensions can have.
-const LIMIT: [usize; 4] = [0, 1, 3, 6];
-
 fn renumber(error: Error, dofs: &[usize]) -> Error {
     match error {
         Error::Indefinite { dof } => Error::Indefinite { dof: dofs[dof] },
@@ -421,33 +650,4 @@ fn one_norm(a: &[f64], m: usize) -> f64 {
     a.chunks_exact(m.max(1))
         .map(|c| c.iter().map(|x| x.abs()).sum())
         .fold(0.0, f64::max)
-}
-
-/// Smallest Rayleigh quotient of `K_ii`, relative to its diagonal, that inverse
-/// iteration finds.
-fn softest_interior(factor: &Factor, diagonal: &[f64], kept: &[usize]) -> f64 {
-    let mut x: Vec<f64> = (0..diagonal.len()).map(start_value).collect();
-    let mut quotient = f64::INFINITY;
-    for _ in 0..4 {
-        for &i in kept {
-            x[i] = 0.0;
-        }
-        let weighted: Vec<f64> = x.iter().zip(diagonal).map(|(x, d)| x * d).collect();
-        let mut y = weighted.clone();
-        factor.condense(&mut y, 1);
-        for &i in kept {
-            y[i] = 0.0;
-        }
-        factor.recover(&mut y, 1);
-        // With K y = D x: yᵀ K y / yᵀ D y = yᵀ D x / yᵀ D y.
-        let energy = dot_long(&y, &weighted);
-        let size: f64 = y.iter().zip(diagonal).map(|(y, d)| y * y * d).sum();
-        if !size.is_finite() || size == 0.0 {
-            return 0.0;
-        }
-        quotient = quotient.min(energy / size);
-        let length = size.sqrt();
-        x = y.iter().map(|y| y / length).collect();
-    }
-    quotient
 }

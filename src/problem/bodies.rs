@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::problem::analysed::Analysed;
-use crate::problem::body::Body;
+use crate::problem::body::{Body, Left};
 use crate::problem::border::{check_finite, check_length};
 use crate::problem::forecast::Forecast;
 use crate::problem::memory::Budget;
@@ -62,6 +62,8 @@ pub struct Loaded<'a, const D: usize> {
 #[derive(Debug)]
 pub struct Force {
     values: Vec<f64>,
+    /// The load alone.
+    load: Vec<f64>,
     known: Option<usize>,
 }
 
@@ -88,7 +90,6 @@ impl Bodies {
     pub fn new(
         parts: Vec<Analysed>,
         supports: Supports,
-        dimension: usize,
         needed: u128,
         budget: &Budget,
         stop: &AtomicBool,
@@ -108,7 +109,7 @@ impl Bodies {
             known.iter().map(force).collect::<Result<Vec<_>, _>>()
         });
         let loads = loads.transpose()?;
-        let condense = |part: Analysed| part.condense(dimension, loads.as_deref(), stop);
+        let condense = |part: Analysed| part.condense(loads.as_deref(), stop);
         let started = Instant::now();
         let small = parts.iter().all(|part| part.counts().flops < SMALL);
         let list: Vec<Result<Body, Error>> = if small {
@@ -205,6 +206,7 @@ impl Bodies {
         }
         Ok(Force {
             values,
+            load: load.to_vec(),
             known: known.flatten(),
         })
     }
@@ -221,7 +223,7 @@ impl Bodies {
         for (body, share) in self.list.iter().zip(surface.shares.iter()) {
             let condensed = body.condense(&force.values, force.known);
             share.add_free_displacement(body, &condensed, v.as_flattened_mut());
-            load.extend(body.rigid_load(&condensed));
+            load.extend(body.rigid_load(&force.load));
         }
         load
     }
@@ -233,7 +235,8 @@ impl Bodies {
     /// leaves.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`].
+    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`];
+    /// [`Error::NotBalanced`] where `K u = f + Bᵀ r` does not hold to rounding.
     pub fn displacements<const D: usize>(
         &self,
         surface: &Surface<D>,
@@ -260,8 +263,9 @@ impl Bodies {
             let push = |s: &Loaded<D>| share.push(body, s.reaction.as_flattened());
             let pushes: Vec<f64> = states.iter().flat_map(push).collect();
             let n = body.dofs().len();
-            let values = body.displacements(&forces, &pushes, &own)?;
-            for (u, values) in all.iter_mut().zip(values.chunks_exact(n.max(1))) {
+            let recovered = body.displacements(&forces, &pushes, &own)?;
+            recovered.left.iter().try_for_each(Left::check)?;
+            for (u, values) in all.iter_mut().zip(recovered.u.chunks_exact(n.max(1))) {
                 for (&i, value) in body.dofs().iter().zip(values) {
                     u[i] = *value;
                 }
@@ -280,6 +284,24 @@ impl Bodies {
         state: Loaded<'_, D>,
     ) -> Result<Vec<f64>, Error> {
         Ok(self.displacements(surface, &[state])?.remove(0))
+    }
+
+    /// What the rounding of the entries of `K` may have made of `B u`.
+    ///
+    /// # Errors
+    /// [`Error::FactorDropped`].
+    pub fn stiffness_rounding<const D: usize>(
+        &self,
+        surface: &Surface<D>,
+        u: &[f64],
+    ) -> Result<Vec<[f64; D]>, Error> {
+        let mut wander = vec![0.0; self.order()];
+        for body in &self.list {
+            for (&i, value) in body.dofs().iter().zip(body.stiffness_rounding(u)?) {
+                wander[i] = value;
+            }
+        }
+        Ok(surface.product(&self.list, self.fixed(), &wander))
     }
 
     /// What rounding may have made of the `e` of these loads, above which a proof

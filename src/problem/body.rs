@@ -6,9 +6,12 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::linalg::dense;
+use crate::linalg::exact;
 use crate::linalg::multifrontal::Factor;
+use crate::linalg::signs::signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::symbolic::{Counts, Symbolic};
+use crate::problem::rigid_motions::Geometry;
 use crate::problem::sparse::Owned;
 
 /// Where `W` may be off by more than so many ε it has lost the digits that the judge
@@ -18,6 +21,52 @@ pub const DIGITS: f64 = 1e5;
 /// Columns that pass the factor together, always so many: products of other widths may
 /// add in another order, and a step would not have the bits it has alone.
 const GROUP: usize = 4;
+
+/// Rows of `f + Bᵀ r − K u` above so many ε of their terms are not in balance: the
+/// rounding of u leaves half of one, a solve that came to a stand a few.
+const BALANCED: f64 = 32.0;
+
+/// The same of all rows together, relative to the forces: above it no digit of what
+/// `K` makes of `u` is right, however small the rounding of its terms is.
+const NO_DIGITS: f64 = 0.1;
+
+/// Displacements, and how far they are from equilibrium.
+#[derive(Debug)]
+pub struct Recovered {
+    /// A column each step.
+    pub u: Vec<f64>,
+    /// One a step.
+    pub left: Vec<Left>,
+}
+
+/// What is left of `f + Bᵀ r − K u`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Left {
+    /// The largest of a row, relative to `|K||u| + |f + Bᵀ r|` of that row.
+    pub by_row: f64,
+    /// The degree of freedom of that row, in the caller's numbering.
+    pub dof: usize,
+    /// `‖f + Bᵀ r − K u‖` over `‖f + Bᵀ r‖`.
+    pub of_forces: f64,
+}
+
+impl Left {
+    /// Whether rounding of the terms explains it.
+    ///
+    /// # Errors
+    /// [`Error::NotBalanced`].
+    pub fn check(&self) -> Result<(), Error> {
+        // Written so that a NaN fails.
+        if self.by_row <= BALANCED * f64::EPSILON && self.of_forces <= NO_DIGITS {
+            return Ok(());
+        }
+        Err(Error::NotBalanced {
+            dof: self.dof,
+            by_row: self.by_row,
+            of_forces: self.of_forces,
+        })
+    }
+}
 
 /// One body.
 #[derive(Debug)]
@@ -35,6 +84,8 @@ pub struct Body {
     pub(super) place: Vec<u32>,
     /// Where its degrees of freedom are in space, where that is known.
     pub(super) places: Option<Vec<[f64; 3]>>,
+    /// What the places of all degrees of freedom say of rigid motions.
+    pub(super) geometry: Option<Arc<Geometry>>,
     pub(super) symbolic: Arc<Symbolic>,
     /// Whether it had to be ordered.
     pub(super) ordered: bool,
@@ -46,6 +97,8 @@ pub struct Body {
     pub(super) cholesky: Vec<f64>,
     /// Orthonormal rigid motions `R` on the contact set.
     pub(super) modes: Vec<Vec<f64>>,
+    /// The same motions of all its degrees of freedom, `Z`.
+    pub(super) motions: Vec<Vec<f64>>,
     pub(super) inverse: Vec<f64>,
     pub(super) condition: f64,
     pub(super) amplification: f64,
@@ -92,10 +145,10 @@ impl Body {
         self.factor.as_ref()
     }
 
-    /// Rigid motions on the kept unknowns.
+    /// A rigid motion of all its degrees of freedom.
     #[must_use]
-    pub fn modes(&self) -> &[Vec<f64>] {
-        &self.modes
+    pub fn motion(&self, motion: usize) -> &[f64] {
+        &self.motions[motion]
     }
 
     /// Seconds until S, and from S on.
@@ -189,23 +242,26 @@ impl Body {
         self.kept.iter().map(|&i| local[i]).collect()
     }
 
-    /// `e = Rᵀ f_c`.
+    /// `e = Zᵀ f` of a load on all degrees of freedom, which is `Rᵀ f_c` since `K Z = 0`,
+    /// without the rounding of a soft interior. Prescribed displacements do not work on
+    /// rigid motions.
     #[must_use]
-    pub fn rigid_load(&self, condensed: &[f64]) -> Vec<f64> {
-        let contact = self.contact_part(condensed);
-        self.modes
-            .iter()
-            .map(|mode| {
-                let work = dot_long(mode, &contact);
-                let terms: f64 = mode.iter().zip(&contact).map(|(m, f)| (m * f).abs()).sum();
-                // Loads that balance one another leave only their rounding.
-                if work.abs() <= 16.0 * f64::EPSILON * terms {
-                    0.0
-                } else {
-                    work / self.unit
-                }
-            })
-            .collect()
+    pub fn rigid_load(&self, load: &[f64]) -> Vec<f64> {
+        if self.motions.is_empty() {
+            return Vec::new();
+        }
+        let own: Vec<f64> = self.dofs.iter().map(|&i| load[i]).collect();
+        let of_motion = |motion: &Vec<f64>| {
+            let work = exact::dot(motion, &own).value();
+            let terms: f64 = motion.iter().zip(&own).map(|(m, f)| (m * f).abs()).sum();
+            // Loads that balance one another leave only their rounding.
+            if work.abs() <= 16.0 * f64::EPSILON * terms {
+                0.0
+            } else {
+                work
+            }
+        };
+        self.motions.iter().map(of_motion).collect()
     }
 
     /// `(S + α R Rᵀ)⁻¹ (I − R Rᵀ) f_c`.
@@ -248,31 +304,38 @@ impl Body {
         forces: &[&[f64]],
         pushes: &[f64],
         rigid: &[&[f64]],
-    ) -> Result<Vec<f64>, Error> {
+    ) -> Result<Recovered, Error> {
         /// Corrections at the most.
-        const MOST: usize = 8;
-        let n = self.dofs.len();
+        const MOST: usize = 30;
+        let (n, count) = (self.dofs.len(), rigid.len());
         let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
         let mut forces: Vec<f64> = forces.iter().flat_map(|f| self.scaled(f)).collect();
         let mut u = self.response(factor, &forces, Some(pushes), rigid);
         for (f, p) in forces.iter_mut().zip(pushes) {
             *f += p;
         }
-        let mut last = vec![f64::INFINITY; rigid.len()];
-        for _ in 0..MOST {
-            // Columns that are done take no further part.
-            let open: Vec<usize> = (0..last.len()).filter(|&k| last[k] > 0.0).collect();
-            if n == 0 || open.is_empty() {
+        let column = |k: usize| k * n..(k + 1) * n;
+        let mut left = vec![Left::default(); count];
+        let mut last = vec![f64::INFINITY; count];
+        // Columns that are done take no further part.
+        let mut open: Vec<usize> = (0..count).filter(|_| n > 0).collect();
+        for _ in 0..=MOST {
+            let judge = |&k: &usize| self.left(&u[column(k)], &forces[column(k)]);
+            let judged: Vec<(Vec<f64>, Left)> = open.par_iter().map(judge).collect();
+            let mut rest = Vec::new();
+            for (&k, (own, found)) in open.iter().zip(judged) {
+                left[k] = found;
+                if last[k] > 0.0 {
+                    rest.extend(own);
+                }
+            }
+            open.retain(|&k| last[k] > 0.0);
+            if open.is_empty() {
                 break;
             }
-            let mut left = vec![0.0; n * open.len()];
-            left.par_chunks_mut(n).zip(&open).for_each(|(left, &k)| {
-                let (u, force) = (&u[k * n..(k + 1) * n], &forces[k * n..(k + 1) * n]);
-                left.copy_from_slice(&self.stiffness.residual(u, force));
-            });
-            let changes = self.response(factor, &left, None, &vec![&[][..]; open.len()]);
-            for (change, k) in changes.chunks_exact(n).zip(open) {
-                let u = &mut u[k * n..(k + 1) * n];
+            let changes = self.response(factor, &rest, None, &vec![&[][..]; open.len()]);
+            for (change, &k) in changes.chunks_exact(n).zip(&open) {
+                let u = &mut u[column(k)];
                 let moved = norm(change) / norm(u).max(f64::MIN_POSITIVE);
                 // Corrections that do not fall are rounding of the correction itself.
                 if !(moved < 0.5 * last[k]) {
@@ -282,15 +345,51 @@ impl Body {
                 for (value, change) in u.iter_mut().zip(change) {
                     *value += change;
                 }
-                // What is left is the square of what was corrected.
-                last[k] = if moved * moved <= f64::EPSILON {
-                    0.0
+                // What is left is the square of what was corrected; where contacts hardly
+                // move beside the rest of a slender body, that is still much of theirs.
+                let enough = if self.amplification > DIGITS {
+                    moved <= f64::EPSILON / 8.0
                 } else {
-                    moved
+                    moved * moved <= f64::EPSILON
                 };
+                last[k] = if enough { 0.0 } else { moved };
             }
         }
-        Ok(u)
+        Ok(Recovered { u, left })
+    }
+
+    /// `f − K u` without its rigid part, which contact has balanced as well as it is
+    /// asked to, and what it comes to.
+    fn left(&self, u: &[f64], force: &[f64]) -> (Vec<f64>, Left) {
+        let (mut rest, size) = self.stiffness.residual_and_size(u, force);
+        let work: Vec<f64> = self.motions.iter().map(|z| dot_long(z, &rest)).collect();
+        for (mode, work) in self.modes.iter().zip(&work) {
+            for (&i, m) in self.kept.iter().zip(mode) {
+                rest[i] -= work * m;
+            }
+        }
+        let of_row = |(rest, size): (&f64, &f64)| {
+            if *rest == 0.0 { 0.0 } else { rest.abs() / size }
+        };
+        let rows = rest.iter().zip(&size).map(of_row).enumerate();
+        let (row, by_row) = rows.fold((0, 0.0), |worst, row| {
+            if row.1 > worst.1 || row.1.is_nan() {
+                row
+            } else {
+                worst
+            }
+        });
+        let forces = norm(force);
+        let left = Left {
+            by_row,
+            dof: self.dofs[row],
+            of_forces: if forces > 0.0 {
+                norm(&rest) / forces
+            } else {
+                0.0
+            },
+        };
+        (rest, left)
     }
 
     /// `u` of forces with their rigid part taken out, of reactions as they are
@@ -352,13 +451,6 @@ impl Body {
             }
         }
         self.solve_contact(&mut contact, columns);
-        for (contact, amounts) in contact.chunks_exact_mut(m.max(1)).zip(rigid) {
-            for (mode, amount) in self.modes.iter().zip(*amounts) {
-                for (value, m) in contact.iter_mut().zip(mode) {
-                    *value += amount * m;
-                }
-            }
-        }
         for (local, contact) in local
             .chunks_exact_mut(n.max(1))
             .zip(contact.chunks_exact(m.max(1)))
@@ -368,7 +460,33 @@ impl Body {
             }
         }
         factor.recover(&mut local, columns);
+        for (local, amounts) in local.chunks_exact_mut(n.max(1)).zip(rigid) {
+            for (motion, amount) in self.motions.iter().zip(*amounts) {
+                for (value, z) in local.iter_mut().zip(motion) {
+                    *value += amount * z;
+                }
+            }
+        }
         local
+    }
+
+    /// What the rounding of the entries of `K` may have made of this body's part of a
+    /// displacement: `K⁻¹ δK u`, a row of `δK u` being `½ ε √(Σ_j (K_ij u_j)²)` with a
+    /// random sign, as independent roundings add up; its rigid part taken out.
+    ///
+    /// # Errors
+    /// [`Error::FactorDropped`].
+    pub fn stiffness_rounding(&self, u: &[f64]) -> Result<Vec<f64>, Error> {
+        let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
+        let own: Vec<f64> = self.dofs.iter().map(|&i| u[i]).collect();
+        let rounding = |(i, sign): (usize, f64)| {
+            let terms = self.stiffness.entries(i);
+            let squares: f64 = terms.map(|(j, k)| (k * own[j]).powi(2)).sum();
+            0.5 * f64::EPSILON * sign * squares.sqrt()
+        };
+        let signs = signs(own.len(), 1).into_iter().enumerate();
+        let forces: Vec<f64> = signs.map(rounding).collect();
+        Ok(self.response(factor, &forces, None, &[&[]]))
     }
 
     /// What rounding may have made of `e`, a number each rigid motion.
@@ -383,18 +501,14 @@ impl Body {
             return Ok(Vec::new());
         }
         let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
-        let nothing = vec![0.0; self.dofs.len()];
         let force = self.scaled(force);
         let mut forces: Vec<f64> = force.iter().map(|f| f.abs()).collect();
         let deformed = self.response(factor, &force, None, &[&[]]);
         self.stiffness.add_absolute_product(&deformed, &mut forces);
-        let of_motion = |k: usize| {
-            let mut amounts = vec![0.0; self.modes.len()];
-            amounts[k] = 1.0;
-            let motion = self.response(factor, &nothing, None, &[&amounts]);
+        let of_motion = |motion: &Vec<f64>| {
             let work = motion.iter().zip(&forces).map(|(d, f)| (d * f).abs());
             16.0 * f64::EPSILON * work.sum::<f64>() / self.unit
         };
-        Ok((0..self.modes.len()).map(of_motion).collect())
+        Ok(self.motions.iter().map(of_motion).collect())
     }
 }

@@ -14,6 +14,7 @@ use crate::linalg::reach::Reach;
 use crate::problem::analysed::Analysed;
 use crate::problem::assemble::{Source, assemble};
 use crate::problem::bodies::{Bodies, Loaded, forecast, needed};
+use crate::problem::body::DIGITS;
 use crate::problem::border::{check_finite, check_friction, check_length};
 use crate::problem::compliance::Compliance;
 use crate::problem::condense::{Condensed, Sorted, analyse, contact_set};
@@ -35,6 +36,11 @@ const PINS: usize = 12;
 /// Pivots below this share of their diagonal in K: what is eliminated then hangs on
 /// contacts too close to one line, and digits are lost on all that passes the factor.
 const SOFT: f64 = 1e-7;
+
+/// Relative displacements by `W` and by `u` may differ by this share of the largest
+/// motion of a contact: `W` may have lost [`DIGITS`] before
+/// it is mended, 2e-11 of it, and a path adds these up.
+const CONFIRMED: f64 = 1e-8;
 
 /// Gaps below this share of the largest touch.
 const TOUCHING: f64 = 1e-9;
@@ -238,6 +244,32 @@ impl<const D: usize> Problem<D> {
         self.bodies().displacements(self.surface(), states)
     }
 
+    /// Whether `B u + gap` is `v`.
+    ///
+    /// # Errors
+    /// [`Error::NotConfirmed`] at the contact where it is furthest from it.
+    pub fn confirm(&self, u: &[f64], v: &[[f64; D]], gap: &[[f64; D]]) -> Result<(), Error> {
+        let bodies = self.bodies();
+        let moved = self.surface().product(&bodies.list, bodies.fixed(), u);
+        let length = |a: &[f64; D]| a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let all = moved.iter().chain(v).chain(gap);
+        let size = all.map(length).fold(0.0, f64::max);
+        // Where all contacts stick that is rounding: of what loads make of the bodies.
+        let farthest = u.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let rounding = DIGITS * f64::EPSILON * farthest;
+        let off = (0..v.len()).map(|i| {
+            let off: [f64; D] = std::array::from_fn(|k| moved[i][k] + gap[i][k] - v[i][k]);
+            (i, length(&off))
+        });
+        let worst = off.max_by(|a, b| a.1.total_cmp(&b.1));
+        match worst {
+            Some((contact, off)) if !(off <= CONFIRMED * size + rounding) => {
+                Err(Error::NotConfirmed { contact, off, size })
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// `B u + gap` of a displacement, in twice the precision and rounded once.
     #[must_use]
     pub fn relative_displacement(&self, u: &[f64]) -> Vec<[f64; D]> {
@@ -257,6 +289,7 @@ impl<const D: usize> Candidates<D> {
         let Sorted {
             parts,
             places,
+            geometry,
             supports,
             surface,
             budget,
@@ -274,12 +307,12 @@ impl<const D: usize> Candidates<D> {
             }
         });
         let kept = kept.collect();
-        let parts = analyse(parts, kept, places, before)?;
+        let parts = analyse(parts, kept, (places, geometry), before)?;
         if let Some(notice) = notice {
             notice.leave(forecast(&parts, false));
         }
         let needed = needed(&parts, false);
-        let mut bodies = Bodies::new(parts, supports, D, needed, &budget, stop)?;
+        let mut bodies = Bodies::new(parts, supports, needed, &budget, stop)?;
         let stats = bodies.stats();
         for body in &bodies.list {
             let weak = body.factor().and_then(Factor::weakest_pivot);

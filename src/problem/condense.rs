@@ -23,6 +23,7 @@ use crate::problem::forecast::Notice;
 use crate::problem::memory::Budget;
 use crate::problem::patterns::{self, Asked};
 use crate::problem::reduced::{Reduced, Rigid};
+use crate::problem::rigid_motions::Geometry;
 use crate::problem::sparse::{self, Owned, Rows};
 use crate::problem::stats::Stats;
 use crate::problem::stretch::Stretch;
@@ -59,6 +60,8 @@ pub struct Sorted<const D: usize> {
     pub parts: Vec<(Vec<usize>, Owned)>,
     /// Where the degrees of freedom of each body are.
     pub places: Option<Vec<Vec<[f64; 3]>>>,
+    /// Where all degrees of freedom are.
+    pub geometry: Option<Arc<Geometry>>,
     pub supports: Supports,
     pub surface: Surface<D>,
     pub mu: Vec<f64>,
@@ -118,9 +121,13 @@ impl<const D: usize> Sorted<D> {
             let of_body = |dofs: &[usize]| dofs.iter().map(|&i| at[i]).collect();
             parts.iter().map(|(dofs, _)| of_body(dofs)).collect()
         });
+        let geometry = given
+            .places
+            .map(|at| Arc::new(Geometry::new(at.to_vec(), D)));
         Ok(Self {
             parts,
             places,
+            geometry,
             supports: Supports {
                 n,
                 fixed: given.fixed.to_vec(),
@@ -144,7 +151,7 @@ impl<const D: usize> Sorted<D> {
 pub fn analyse(
     parts: Vec<(Vec<usize>, Owned)>,
     kept: Vec<Vec<usize>>,
-    places: Option<Vec<Vec<[f64; 3]>>>,
+    (places, geometry): (Option<Vec<Vec<[f64; 3]>>>, Option<Arc<Geometry>>),
     before: Option<&Bodies>,
 ) -> Result<Vec<Analysed>, Error> {
     let old = |b: usize| before.and_then(|bodies| bodies.list.get(b));
@@ -171,7 +178,8 @@ pub fn analyse(
         .zip(known)
         .enumerate()
         .map(|(b, ((((dofs, stiffness), kept), places), known))| {
-            Analysed::new(dofs, stiffness, kept, places, old(b), known)
+            let made = Analysed::new(dofs, stiffness, kept, places, old(b), known)?;
+            Ok(made.with_geometry(geometry.clone()))
         })
         .collect();
     let analysed: Vec<Analysed> = analysed.into_iter().collect::<Result<_, _>>()?;
@@ -187,7 +195,7 @@ impl<const D: usize> Condensed<D> {
     ///
     /// # Errors
     /// [`Error::Indefinite`] for a `K` that is no stiffness;
-    /// [`Error::FloatingBody`], [`Error::Mechanism`] and
+    /// [`Error::FloatingBody`] and
     /// [`Error::DependentMotion`] for motions that contact cannot hold;
     /// [`Error::Memory`], [`Error::MemoryLimit`]; [`Error::Interrupted`].
     pub fn new(
@@ -198,6 +206,7 @@ impl<const D: usize> Condensed<D> {
         let Sorted {
             parts,
             places,
+            geometry,
             supports,
             surface,
             mu,
@@ -207,7 +216,7 @@ impl<const D: usize> Condensed<D> {
         let sizes = parts.iter().map(|(dofs, _)| dofs.len());
         let kept = sizes.zip(surface.shares.iter());
         let kept = kept.map(|(n, share)| contact_set(share, n)).collect();
-        let parts = analyse(parts, kept, places, before)?;
+        let parts = analyse(parts, kept, (places, geometry), before)?;
         if let Some(notice) = notice {
             let mut told = forecast(&parts, supports.known.is_some());
             let kept: Vec<usize> = parts.iter().map(|part| part.counts().kept).collect();
@@ -228,7 +237,7 @@ impl<const D: usize> Condensed<D> {
     ) -> Result<Self, Error> {
         let kept: Vec<usize> = parts.iter().map(|part| part.counts().kept).collect();
         let needed = needed(&parts, supports.known.is_some()) + bytes_beside(&surface, &kept);
-        let mut bodies = Bodies::new(parts, supports, D, needed, budget, stop)?;
+        let mut bodies = Bodies::new(parts, supports, needed, budget, stop)?;
         let mut stats = bodies.stats();
 
         let started = Instant::now();

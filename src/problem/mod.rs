@@ -17,6 +17,7 @@ pub mod overlap;
 pub mod patterns;
 pub mod reduced;
 pub mod residual;
+pub mod rigid_motions;
 pub mod sparse;
 pub mod stats;
 pub mod stretch;

@@ -1,40 +1,160 @@
-//! Motions that cost no energy: the null space of a condensed stiffness.
+//! Motions that cost no energy, where nothing but the stiffness itself tells them.
+//!
+//! A motion `x` of a body is null only if `|K x| ≤ C ε |K| |x|` row by row, with `K x`
+//! in twice the precision: as far as the given digits of K can say. A motion that merely
+//! bends softly fails that test and stays elastic, however small its eigenvalue is
+//! beside the largest.
 
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+
+use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::linalg::dense;
+use crate::linalg::exact;
+use crate::linalg::jacobi::combine;
+use crate::linalg::multifrontal::Factor;
 use crate::linalg::small::{dot_long, norm};
+use crate::linalg::symbolic::Symbolic;
+use crate::problem::sparse::Owned;
 
 /// The shift of inverse iteration, relative to the diagonal of `K`: far above
-/// rounding, far below what separates rigid from elastic motions.
+/// rounding, far below what is stiff. Where rounding leaves more, it is raised.
 const SHIFT: f64 = 1e-10;
+const RAISE: f64 = 100.0;
+const MOST_SHIFT: f64 = 1e-4;
 
-/// The gap between the eigenvalues that are zero and the next.
-const GAP: f64 = 30.0;
+/// Rounds of inverse iteration.
+const ROUNDS: usize = 5;
 
-/// Orthonormal basis of the null space of a symmetric positive semidefinite `S`,
-/// judged in the variables that `scale` makes of order one; at most `most`
-/// directions are looked for. `rounding` says what rounding may make of the
-/// energy of a motion, given in the caller's variables. `None` where `S` is
-/// indefinite; [`Error::Interrupted`] when `stop` is raised.
+/// A motion that is so many times stiffer than the shift is lost from the block, to
+/// rounding, in [`ROUNDS`]: a block that reaches there holds all softer ones.
+const LOST: f64 = 1e3;
+
+/// `C`. Rigid motions of assembled stiffnesses leave 1.2, and as much again comes from
+/// the rounding of the motion itself. The softest bending of a steel strip of 1000 mm
+/// held at one end leaves 2600 where it is 2 mm thick, 10 at half a millimetre.
+const ROUNDING: f64 = 6.0;
+
+/// The same where the next motion is stiffer than rounding by [`APART`]: a stiffness
+/// that was turned, scaled or added up elsewhere carries more rounding, and bending has
+/// no such gap behind its first mode.
+const ROUNDING_APART: f64 = 200.0;
+const APART: f64 = 1e4;
+
+/// Below this share of the largest, components of a motion count as that share: they
+/// are sums that cancel, and known to the rounding of the largest.
+const LEAST: f64 = 0.1;
+
+/// What the softest motions of a body are.
+#[derive(Debug)]
+pub(super) struct Verdict {
+    /// Those that cost nothing, a basis over all degrees of freedom.
+    pub null: Vec<Vec<f64>>,
+    /// Energy of the next one over what rounding may make of it; infinite if there is
+    /// no next one.
+    pub gap: f64,
+    /// Whether a motion has negative energy, beyond rounding.
+    pub negative: bool,
+    /// Whether one that is not null has an energy that rounding may have made.
+    pub doubtful: bool,
+    /// The largest energy that was met, relative to the diagonal of K.
+    pub stiffest: f64,
+}
+
+/// A block of the softest motions, and the shift that it was found with.
+#[derive(Debug)]
+pub(super) struct Block {
+    pub columns: Vec<Vec<f64>>,
+    pub shift: f64,
+}
+
+impl Verdict {
+    /// Whether the block held all motions that may be null.
+    pub(super) fn is_complete(&self, shift: f64) -> bool {
+        self.stiffest >= LOST * shift
+    }
+}
+
+/// What makes the diagonal of K one.
+#[derive(Debug)]
+pub(super) struct Weights {
+    roots: Vec<f64>,
+}
+
+impl Weights {
+    pub(super) fn new(k: &Owned) -> Self {
+        let diagonal = k.view().diagonal();
+        let root = |&x: &f64| if x > 0.0 { x.sqrt() } else { 1.0 };
+        Self {
+            roots: diagonal.iter().map(root).collect(),
+        }
+    }
+
+    /// Gram–Schmidt, twice, in the variables in which the diagonal of K is one, first
+    /// against `known`. Columns of which nothing is left are dropped.
+    fn orthonormalise(&self, known: &[Vec<f64>], block: &mut Vec<Vec<f64>>) {
+        let mut done: Vec<Vec<f64>> = Vec::with_capacity(known.len() + block.len());
+        for given in known.iter().chain(&*block) {
+            let mut x: Vec<f64> = given.iter().zip(&self.roots).map(|(x, w)| x * w).collect();
+            let mut lost = false;
+            for _ in 0..2 {
+                let length = norm(&x);
+                if !(length > 0.0 && length.is_finite()) {
+                    lost = true;
+                    break;
+                }
+                x.iter_mut().for_each(|x| *x /= length);
+                for q in &done {
+                    let along = dot_long(q, &x);
+                    for (value, a) in x.iter_mut().zip(q) {
+                        *value -= along * a;
+                    }
+                }
+                lost |= norm(&x) < 1e-12;
+            }
+            let length = norm(&x);
+            if lost || !(length > 0.5) {
+                continue;
+            }
+            x.iter_mut().for_each(|x| *x /= length);
+            done.push(x);
+        }
+        let first = done.len().min(known.len());
+        *block = done.split_off(first);
+        for x in block {
+            for (value, w) in x.iter_mut().zip(&self.roots) {
+                *value /= w;
+            }
+        }
+    }
+
+    /// `D x`, D the diagonal of K.
+    fn times(&self, x: &[f64]) -> Vec<f64> {
+        x.iter().zip(&self.roots).map(|(x, w)| x * w * w).collect()
+    }
+}
+
+/// The softest motions of a body whose interior is definite: inverse iteration on `S`,
+/// whose kept unknowns `scale` makes of order one, and `x_i = −K_ii⁻¹ K_ic x_c`,
+/// corrected until the interior rows are in balance. `None` where `S` is far from
+/// semidefinite.
 ///
-/// Inverse iteration on a block of `most + 2` vectors, and Rayleigh–Ritz.
-pub(super) fn null_space(
+/// # Errors
+/// [`Error::Interrupted`].
+pub(super) fn softest(
+    (k, kept, factor): (&Owned, &[usize], &Factor),
     schur: &[f64],
     scale: &[f64],
-    rounding: &dyn Fn(&[f64]) -> f64,
-    most: usize,
+    width: usize,
     stop: &AtomicBool,
-) -> Result<Option<Vec<Vec<f64>>>, Error> {
+) -> Result<Option<Block>, Error> {
     let m = scale.len();
-    let scaled = |shift: f64| {
+    let shifted = |shift: f64| {
         let mut a = vec![0.0; m * m];
-        for (j, (column, s)) in a
-            .chunks_exact_mut(m.max(1))
-            .zip(schur.chunks_exact(m.max(1)))
-            .enumerate()
-        {
+        let columns = a.chunks_exact_mut(m.max(1));
+        for (j, (column, s)) in columns.zip(schur.chunks_exact(m.max(1))).enumerate() {
             for (i, (value, s)) in column.iter_mut().zip(s).enumerate() {
                 *value = s * scale[i] * scale[j];
             }
@@ -42,103 +162,163 @@ pub(super) fn null_space(
         }
         a
     };
-    let mut factor;
     let mut shift = SHIFT;
-    loop {
-        factor = scaled(shift);
-        if dense::cholesky(&mut factor, m, stop)?.is_none() {
-            break;
+    let factored = loop {
+        let mut a = shifted(shift);
+        if dense::cholesky(&mut a, m, stop)?.is_none() {
+            break a;
         }
-        if shift > 1e-4 {
+        shift *= RAISE;
+        if shift > MOST_SHIFT {
             return Ok(None);
         }
-        shift *= 100.0;
-    }
-    let width = (most + 2).min(m);
-    let mut block: Vec<Vec<f64>> = (0..width)
-        .map(|c| {
-            (0..m)
-                .map(|k| start_value(k * width + c + 1) - 1.0)
-                .collect()
-        })
-        .collect();
-    for _ in 0..6 {
+    };
+    let mut block = starts(m, width.min(m));
+    for _ in 0..ROUNDS {
         for column in &mut block {
-            dense::solve_lower(&factor, m, column, 1);
-            dense::solve_lower_transpose(&factor, m, column, 1);
+            dense::solve_lower(&factored, m, column, 1);
+            dense::solve_lower_transpose(&factored, m, column, 1);
         }
-        orthonormalise(&mut block);
+        orthonormalise_plain(&mut block);
     }
-    let plain = scaled(0.0);
-    let image: Vec<Vec<f64>> = block
-        .iter()
-        .map(|x| {
-            plain
-                .chunks_exact(m.max(1))
-                .map(|row| dot_long(row, x))
-                .collect()
-        })
-        .collect();
-    let mut projected = vec![0.0; width * width];
-    for i in 0..width {
-        for j in 0..width {
-            projected[i * width + j] =
-                0.5 * (dot_long(&block[i], &image[j]) + dot_long(&block[j], &image[i]));
+    let whole = |column: &Vec<f64>| {
+        let mut x = vec![0.0; k.pointer.len() - 1];
+        for ((&i, value), s) in kept.iter().zip(column).zip(scale) {
+            x[i] = value * s;
         }
-    }
-    let mut values = vec![0.0; width];
-    dense::symmetric_eigen(&mut projected, width, &mut values);
-    let ritz = |k: usize| {
-        let mut mode = vec![0.0; m];
-        for (column, weight) in block.iter().zip(&projected[k * width..]) {
-            for ((value, x), s) in mode.iter_mut().zip(column).zip(scale) {
-                *value += weight * x * s;
+        factor.recover(&mut x, 1);
+        for _ in 0..2 {
+            let mut left = k.residual(&x, &vec![0.0; x.len()]);
+            solve_interior(factor, kept, &mut left);
+            for (value, change) in x.iter_mut().zip(&left) {
+                *value += change;
             }
         }
-        mode
+        x
     };
-    // The largest group below its bounds that a gap sets apart from what follows.
-    let mut modes: Vec<Vec<f64>> = Vec::new();
-    let mut null = 0;
-    for k in 0..width {
-        let mode = ritz(k);
-        let bound = rounding(&mode);
-        if values[k] < -bound {
+    let columns = block.iter().map(whole).collect();
+    Ok(Some(Block { columns, shift }))
+}
+
+/// The softest motions of a body whose interior may be singular: inverse iteration on
+/// K with its diagonal raised, in full. `None` where that is indefinite.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub(super) fn softest_of_all(
+    (k, kept, symbolic): (&Owned, &[usize], &Arc<Symbolic>),
+    weights: &Weights,
+    width: usize,
+    stop: &AtomicBool,
+) -> Result<Option<Block>, Error> {
+    let mut shift = SHIFT;
+    let (factor, s) = loop {
+        let mut raised = k.clone();
+        for j in 0..raised.pointer.len() - 1 {
+            for at in raised.pointer[j]..raised.pointer[j + 1] {
+                if raised.index[at] == j {
+                    raised.values[at] *= 1.0 + shift;
+                }
+            }
+        }
+        match Factor::new(Arc::clone(symbolic), &raised.view(), stop) {
+            Ok(mut factor) => {
+                let mut s = factor.take_schur();
+                if dense::cholesky(&mut s, kept.len(), stop)?.is_none() {
+                    break (factor, s);
+                }
+            }
+            Err(Error::Indefinite { .. } | Error::FloatingBody { .. }) => {}
+            Err(other) => return Err(other),
+        }
+        shift *= RAISE;
+        if shift > MOST_SHIFT {
             return Ok(None);
         }
-        if values[k] > bound {
-            break;
+    };
+    let n = k.pointer.len() - 1;
+    let mut block = starts(n, width.min(n));
+    for _ in 0..ROUNDS {
+        for x in &mut block {
+            let mut y = weights.times(x);
+            factor.condense(&mut y, 1);
+            let mut contact: Vec<f64> = kept.iter().map(|&i| y[i]).collect();
+            dense::solve_lower(&s, kept.len(), &mut contact, 1);
+            dense::solve_lower_transpose(&s, kept.len(), &mut contact, 1);
+            for (&i, value) in kept.iter().zip(&contact) {
+                y[i] = *value;
+            }
+            factor.recover(&mut y, 1);
+            *x = y;
         }
-        modes.push(mode);
-        let floor = values[k].abs().max(f64::EPSILON);
-        if k + 1 == width || values[k + 1] > GAP * floor {
-            null = k + 1;
-        }
+        weights.orthonormalise(&[], &mut block);
     }
-    modes.truncate(null);
-    orthonormalise(&mut modes);
-    Ok(Some(modes))
+    Ok(Some(Block {
+        columns: block,
+        shift,
+    }))
+}
+
+/// A motion of the interior alone, the softest that inverse iteration finds, and its
+/// energy relative to that of the diagonal.
+pub(super) fn softest_interior(
+    factor: &Factor,
+    weights: &Weights,
+    kept: &[usize],
+) -> (Vec<f64>, f64) {
+    let mut x: Vec<f64> = (0..weights.roots.len()).map(start_value).collect();
+    let mut quotient = f64::INFINITY;
+    for _ in 0..3 {
+        for &i in kept {
+            x[i] = 0.0;
+        }
+        let weighted = weights.times(&x);
+        let mut y = weighted.clone();
+        solve_interior(factor, kept, &mut y);
+        // With K y = D x: yᵀ K y / yᵀ D y = yᵀ D x / yᵀ D y.
+        let size = dot_long(&y, &weights.times(&y));
+        if !size.is_finite() || size == 0.0 {
+            return (x, 0.0);
+        }
+        quotient = quotient.min(dot_long(&y, &weighted) / size);
+        let length = size.sqrt();
+        x = y.iter().map(|y| y / length).collect();
+    }
+    (x, quotient)
+}
+
+/// `K_ii⁻¹ f_i`, and zero at the kept unknowns.
+fn solve_interior(factor: &Factor, kept: &[usize], f: &mut [f64]) {
+    factor.condense(f, 1);
+    for &i in kept {
+        f[i] = 0.0;
+    }
+    factor.recover(f, 1);
 }
 
 /// A start for inverse iterations that no rigid motion is orthogonal to.
-pub(super) fn start_value(k: usize) -> f64 {
+fn start_value(k: usize) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "a fixed, uneven sequence")]
     let phase = k as f64 * 0.618_033_988_749_895;
     0.5 + phase.fract()
 }
 
+fn starts(n: usize, width: usize) -> Vec<Vec<f64>> {
+    let column = |c: usize| {
+        (0..n)
+            .map(|k| start_value(k * width + c + 1) - 1.0)
+            .collect()
+    };
+    (0..width).map(column).collect()
+}
+
 /// Gram–Schmidt, twice.
-fn orthonormalise(block: &mut [Vec<f64>]) {
+fn orthonormalise_plain(block: &mut [Vec<f64>]) {
     for j in 0..block.len() {
         let (done, rest) = block.split_at_mut(j);
         let column = &mut rest[0];
         for _ in 0..2 {
-            let length = norm(column);
-            if length > 0.0 {
-                for x in column.iter_mut() {
-                    *x /= length;
-                }
-            }
+            normalise(column);
             for q in done.iter() {
                 let along = dot_long(q, column);
                 for (value, a) in column.iter_mut().zip(q) {
@@ -146,11 +326,116 @@ fn orthonormalise(block: &mut [Vec<f64>]) {
                 }
             }
         }
-        let length = norm(column);
-        if length > 0.0 {
-            for x in column.iter_mut() {
-                *x /= length;
+        normalise(column);
+    }
+}
+
+fn normalise(column: &mut [f64]) {
+    let length = norm(column);
+    if length > 0.0 {
+        column.iter_mut().for_each(|x| *x /= length);
+    }
+}
+
+/// The largest `|K x|` over what sizes of the terms of its row allow, in ε.
+fn rows_of(k: &Owned, x: &[f64]) -> f64 {
+    let forces = k.residual(x, &vec![0.0; x.len()]);
+    let largest = x.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    let sizes: Vec<f64> = x.iter().map(|x| x.abs().max(LEAST * largest)).collect();
+    let mut terms = vec![0.0; x.len()];
+    k.add_absolute_product(&sizes, &mut terms);
+    let of_row = |(f, t): (&f64, &f64)| if *f == 0.0 { 0.0 } else { f.abs() / t };
+    forces.iter().zip(&terms).map(of_row).fold(0.0, f64::max) / f64::EPSILON
+}
+
+/// Whether a motion is null, as far as the digits of K can say.
+pub(super) fn is_null(k: &Owned, x: &[f64]) -> bool {
+    rows_of(k, x) <= ROUNDING
+}
+
+/// Parts a block of soft motions into those that cost nothing and others, by
+/// Rayleigh–Ritz with energies in twice the precision.
+pub(super) fn part(
+    k: &Owned,
+    weights: &Weights,
+    known: &[Vec<f64>],
+    mut block: Vec<Vec<f64>>,
+) -> Verdict {
+    let mut verdict = Verdict {
+        null: Vec::new(),
+        gap: f64::INFINITY,
+        negative: false,
+        doubtful: false,
+        stiffest: 0.0,
+    };
+    weights.orthonormalise(known, &mut block);
+    // Stiff motions of the block leave their rounding on the energies of soft ones:
+    // round by round they are set aside.
+    for aside in [1e-4, 1e-8, 1e-12, 0.0] {
+        let images: Vec<Vec<f64>> = block
+            .par_iter()
+            .map(|x| k.residual(x, &vec![0.0; x.len()]))
+            .collect();
+        let width = block.len();
+        let mut energies = vec![0.0; width * width];
+        for i in 0..width {
+            for j in 0..=i {
+                let value = -exact::dot(&block[i], &images[j]).value();
+                energies[j * width + i] = value;
+                energies[i * width + j] = value;
             }
         }
+        let mut values = vec![0.0; width];
+        dense::symmetric_eigen(&mut energies, width, &mut values);
+        let mut order: Vec<usize> = (0..width).collect();
+        order.sort_by(|&a, &b| values[a].abs().total_cmp(&values[b].abs()));
+        let ritz = |&j: &usize| combine(&block, &energies[j * width..(j + 1) * width]);
+        let all: Vec<Vec<f64>> = order.iter().map(ritz).collect();
+        let values: Vec<f64> = order.iter().map(|&j| values[j]).collect();
+        verdict.stiffest = values.last().map_or(0.0, |v| v.abs()).max(verdict.stiffest);
+        if aside > 0.0 {
+            let soft = values.iter().take_while(|v| v.abs() <= aside).count();
+            if soft < width {
+                verdict.gap = verdict.gap.min(over_rounding(k, &all[soft], values[soft]));
+                let stiff = values[soft..].iter().zip(&all[soft..]);
+                let negative =
+                    |(v, x): (&f64, &Vec<f64>)| *v < 0.0 && over_rounding(k, x, *v) > 1.0;
+                verdict.negative |= stiff.into_iter().any(negative);
+            }
+            block = all.into_iter().take(soft).collect();
+            continue;
+        }
+        let rows: Vec<f64> = all.iter().map(|x| rows_of(k, x)).collect();
+        let gaps = all.iter().zip(&values);
+        let gaps: Vec<f64> = gaps.map(|(x, &v)| over_rounding(k, x, v)).collect();
+        let rest = verdict.gap;
+        let clear = rows
+            .iter()
+            .take_while(|&&row| row <= ROUNDING_APART)
+            .count();
+        let next = gaps[clear..]
+            .iter()
+            .fold(rest, |least, &gap| least.min(gap));
+        let bound = if next >= APART {
+            ROUNDING_APART
+        } else {
+            ROUNDING
+        };
+        for (at, x) in all.into_iter().enumerate() {
+            if rows[at] <= bound {
+                verdict.null.push(x);
+                continue;
+            }
+            verdict.negative |= values[at] < 0.0 && gaps[at] > 1.0;
+            verdict.doubtful |= gaps[at] <= 1.0;
+            verdict.gap = verdict.gap.min(gaps[at]);
+        }
     }
+    verdict
+}
+
+/// An energy `xᵀ K x` over what rounding of K may make of it.
+fn over_rounding(k: &Owned, x: &[f64], energy: f64) -> f64 {
+    let sizes: Vec<f64> = x.iter().map(|x| x.abs()).collect();
+    energy.abs() / (ROUNDING * f64::EPSILON * k.absolute_form(&sizes)).max(f64::MIN_POSITIVE)
 }

@@ -153,6 +153,19 @@ impl Owned {
         b.iter().enumerate().map(of_row).collect()
     }
 
+    /// `b − A x` as [`Owned::residual`], and `|A| |x| + |b|`.
+    pub(crate) fn residual_and_size(&self, x: &[f64], b: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let of_row = |(k, b): (usize, &f64)| {
+            let (mut sum, mut size) = (Sum::new(*b), b.abs());
+            for (j, value) in self.entries(k) {
+                sum.add_product(-value, x[j]);
+                size += (value * x[j]).abs();
+            }
+            (sum.value(), size)
+        };
+        b.iter().enumerate().map(of_row).unzip()
+    }
+
     /// `y += A x` for the matrix by rows.
     pub(crate) fn add_to_sums(&self, x: &[f64], y: &mut [Sum]) {
         for (k, sum) in y.iter_mut().enumerate() {

@@ -61,28 +61,31 @@ impl Far {
 
 impl Share {
     /// `v += B_c u_c`, of unknowns kept by `body`.
-    fn add_kept(&self, body: &Body, u: &[f64], amount: f64, v: &mut [f64]) {
+    fn add_kept(&self, body: &Body, u: &[f64], v: &mut [f64]) {
         for (k, row) in self.rows.iter().enumerate() {
-            v[row.row] += amount
-                * match &self.far {
-                    None => row
-                        .entries
-                        .iter()
-                        .map(|&(i, b)| body.place(i).map_or(0.0, |at| b * u[at]))
-                        .sum::<f64>(),
-                    Some(far) => dot_long(far.column(k, body.kept()).1, u),
-                };
+            v[row.row] += match &self.far {
+                None => row
+                    .entries
+                    .iter()
+                    .map(|&(i, b)| body.place(i).map_or(0.0, |at| b * u[at]))
+                    .sum::<f64>(),
+                Some(far) => dot_long(far.column(k, body.kept()).1, u),
+            };
         }
     }
 
     /// `v += amount B R_k`.
     pub fn add_motion(&self, body: &Body, motion: usize, amount: f64, v: &mut [f64]) {
-        self.add_kept(body, &body.modes()[motion], amount, v);
+        let z = body.motion(motion);
+        for row in &self.rows {
+            let moved: f64 = row.entries.iter().map(|&(i, b)| b * z[i]).sum();
+            v[row.row] += amount * moved;
+        }
     }
 
     /// `v += B K⁻¹ f` of condensed forces, their rigid part taken out.
     pub fn add_free_displacement(&self, body: &Body, condensed: &[f64], v: &mut [f64]) {
-        self.add_kept(body, &body.free_displacement(condensed), 1.0, v);
+        self.add_kept(body, &body.free_displacement(condensed), v);
         if let Some(far) = &self.far {
             let pivots = far.reach.pivots().iter();
             let inside: Vec<f64> = pivots.map(|&i| condensed[i as usize]).collect();

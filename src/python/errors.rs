@@ -30,10 +30,14 @@ impl From<Error> for PyErr {
             | Error::Asymmetric { .. }
             | Error::FactorDropped
             | Error::UnknownLoads
+            | Error::FewDigits { .. }
             | Error::Indefinite { .. } => PyValueError::new_err(text),
-            Error::FloatingBody { .. }
-            | Error::Mechanism { .. }
-            | Error::DependentMotion { .. } => ours("FloatingBodyError", text),
+            Error::FloatingBody { .. } | Error::DependentMotion { .. } => {
+                ours("FloatingBodyError", text)
+            }
+            Error::NotBalanced { .. } | Error::NotConfirmed { .. } => {
+                ours("NotConvergedError", text)
+            }
             Error::ContradictoryContact { .. } => ours("NoEquilibriumError", text),
             Error::Memory { .. } | Error::MemoryLimit { .. } => PyMemoryError::new_err(text),
             Error::Threads { .. } => PyOSError::new_err(text),
@@ -50,7 +54,7 @@ impl From<Error> for PyErr {
 /// The degree of freedom that an error speaks of.
 fn place(error: &Error) -> Option<usize> {
     match *error {
-        Error::FloatingBody { dof } | Error::Mechanism { dof, .. } | Error::Indefinite { dof } => {
+        Error::FloatingBody { dof } | Error::FewDigits { dof } | Error::Indefinite { dof } => {
             Some(dof)
         }
         _ => None,

@@ -8,7 +8,7 @@ use crate::problem::residual::scaled_imbalance;
 use crate::python::arrays::{self, Matrix, Vector};
 use crate::python::{interrupt, problem, solver};
 use crate::solver::refine::{Point, forward_error};
-use crate::stepping::{evaluate, reduced_step};
+use crate::stepping::{evaluate, reduced_step, stiffness_rounding};
 use crate::working_set;
 
 type Estimate = Option<(f64, f64)>;
@@ -89,7 +89,11 @@ pub(super) fn forward_errors_of_step(
                         v[0] = 0.0;
                     }
                 }
-                forward_error(&reduced, &point, &total, stop)
+                let Some(found) = forward_error(&reduced, &point, &total, stop)? else {
+                    return Ok(None);
+                };
+                let of_k = stiffness_rounding(of_view, &reduced, loads, &point, &total, stop)?;
+                Ok(Some((found.0.max(of_k.0), found.1.max(of_k.1))))
             })
         }};
     }

@@ -308,11 +308,14 @@ impl Condensed {
     }
 
     /// `u` of all degrees of freedom, a row each state: total loads, reaction and
-    /// rigid motion.
+    /// rigid motion. `confirmed` are of each state `v` and the gap that `B u + gap` is
+    /// held to, where they are known.
+    #[pyo3(signature = (states, confirmed=None))]
     fn displacements<'py>(
         &self,
         py: Python<'py>,
         states: Vec<(Vector<'py>, Vector<'py>, Matrix<'py>, Vector<'py>)>,
+        confirmed: Option<Vec<(Matrix<'py>, Matrix<'py>)>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         either!(&self.kind, inner => {
             let stretch = self.stretch.as_ref();
@@ -332,7 +335,18 @@ impl Condensed {
                     })
                 })
                 .collect::<PyResult<Vec<_>>>()?;
-            let all = interrupt::run(py, self.num_threads, |_| inner.displacements(&loaded))?;
+            let confirmed = confirmed
+                .iter()
+                .flatten()
+                .map(|(v, gap)| Ok((times(stretch, arrays::rows(v)?), times(stretch, arrays::rows(gap)?))))
+                .collect::<PyResult<Vec<_>>>()?;
+            let all = interrupt::run(py, self.num_threads, |_| {
+                let all = inner.displacements(&loaded)?;
+                for (u, (v, gap)) in all.iter().zip(&confirmed) {
+                    inner.confirm(u, v, gap)?;
+                }
+                Ok(all)
+            })?;
             arrays::square(py, all.concat(), states.len(), inner.bodies().order())
         })
     }

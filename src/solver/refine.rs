@@ -13,8 +13,10 @@ use crate::solver::newton;
 /// A step of an iterative solution leaves less than this of what it corrects.
 const FORCING: f64 = 1e-4;
 
-/// Corrections at the most.
-const MOST: usize = 12;
+/// Corrections at the most. Where `W` has lost most of its digits each one settles the
+/// statuses of a few contacts at the edge of what presses: strips 2000 times as long as
+/// thick take up to 40.
+const MOST: usize = 150;
 
 /// Corrections below this change no status but that of a contact at a border.
 const SETTLED: f64 = 1e-6;
@@ -35,6 +37,8 @@ pub struct Point<const D: usize> {
 struct Correction<const D: usize> {
     r: Vec<[f64; D]>,
     rigid: Vec<f64>,
+    /// `v` where it leads to.
+    v: Vec<[f64; D]>,
     /// What it moves, beside what it leads to: `‖dr‖ / ‖r‖` and `‖dv‖ / ‖v‖`.
     moved: (f64, f64),
 }
@@ -52,6 +56,46 @@ pub fn forward_error<const D: usize>(
     stop: &AtomicBool,
 ) -> Result<Option<(f64, f64)>, Error> {
     Ok(correction(problem, point, before, stop)?.map(|c| c.moved))
+}
+
+/// The same for changes `wander` of `v` that the point does not know: how far they move
+/// the reactions, and the relative displacements with them.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn forward_change<const D: usize>(
+    problem: &Reduced<D>,
+    point: &Point<D>,
+    wander: &[[f64; D]],
+    before: &[[f64; D]],
+    stop: &AtomicBool,
+) -> Result<Option<(f64, f64)>, Error> {
+    let mut moved = point.clone();
+    for (v, change) in moved.v.iter_mut().zip(wander) {
+        for (v, change) in v.iter_mut().zip(change) {
+            *v += change;
+        }
+    }
+    let Some(there) = correction(problem, &moved, before, stop)? else {
+        return Ok(None);
+    };
+    let change: Vec<[f64; D]> = there.v.iter().zip(&point.v).map(minus).collect();
+    let whole: Vec<[f64; D]> = if before.is_empty() {
+        point.v.clone()
+    } else {
+        point
+            .v
+            .iter()
+            .zip(before)
+            .map(|(v, b)| std::array::from_fn(|k| v[k] + b[k]))
+            .collect()
+    };
+    let of_v = share(change.as_flattened(), whole.as_flattened());
+    Ok(of_v.is_finite().then_some((there.moved.0, of_v)))
+}
+
+fn minus<const D: usize>((a, b): (&[f64; D], &[f64; D])) -> [f64; D] {
+    std::array::from_fn(|k| a[k] - b[k])
 }
 
 /// Corrects a point as long as that helps; `evaluate` makes a point of `(r, a)`.
@@ -98,12 +142,7 @@ fn correction<const D: usize>(
     let Some(next) = solved else {
         return Ok(None);
     };
-    let change: Vec<[f64; D]> = next
-        .r
-        .iter()
-        .zip(&point.r)
-        .map(|(x, y)| std::array::from_fn(|k| x[k] - y[k]))
-        .collect();
+    let change: Vec<[f64; D]> = next.r.iter().zip(&point.r).map(minus).collect();
     let mut dv = vec![[0.0; D]; change.len()];
     problem.compliance.product(&change, &mut dv);
     let da: Vec<f64> = next
@@ -113,15 +152,14 @@ fn correction<const D: usize>(
         .map(|(x, y)| x - y)
         .collect();
     problem.add_rigid(&da, &mut dv);
-    let mut corrected = point.v.clone();
-    for addend in [dv.as_slice(), before] {
-        for (value, x) in corrected
-            .as_flattened_mut()
-            .iter_mut()
-            .zip(addend.as_flattened())
-        {
-            *value += x;
-        }
+    let mut v = point.v.clone();
+    for (value, x) in v.as_flattened_mut().iter_mut().zip(dv.as_flattened()) {
+        *value += x;
+    }
+    let mut corrected = v.clone();
+    let all = corrected.as_flattened_mut().iter_mut();
+    for (value, x) in all.zip(before.as_flattened()) {
+        *value += x;
     }
     let moved = (
         share(change.as_flattened(), next.r.as_flattened()),
@@ -133,6 +171,7 @@ fn correction<const D: usize>(
     Ok(Some(Correction {
         r: next.r,
         rigid: next.rigid,
+        v,
         moved,
     }))
 }

@@ -1,0 +1,82 @@
+//! Singular values of a matrix of a few columns, small ones to as many digits as
+//! large ones: one-sided Jacobi rotations [Demmel and Veselić 1992]. Products
+//! `Aᵀ A` would lose all below the root of rounding.
+
+use crate::linalg::small::{dot_long, norm};
+
+/// Sweeps over all pairs of columns at the most; six suffice in practice.
+const SWEEPS: usize = 30;
+
+/// Rotates `columns` among one another until they are orthogonal, and returns the
+/// amounts: column `j` becomes `Σ_i amounts[j][i] column_i`. Norms of the columns are
+/// then the singular values; `amounts` is orthogonal.
+pub fn orthogonalise(columns: &mut [Vec<f64>]) -> Vec<Vec<f64>> {
+    let count = columns.len();
+    let mut amounts: Vec<Vec<f64>> = (0..count)
+        .map(|j| (0..count).map(|i| f64::from(u8::from(i == j))).collect())
+        .collect();
+    for _ in 0..SWEEPS {
+        let mut rotated = false;
+        for i in 0..count {
+            for j in i + 1..count {
+                let (a, b) = (norm(&columns[i]), norm(&columns[j]));
+                let along = dot_long(&columns[i], &columns[j]);
+                if along.abs() <= 2.0 * f64::EPSILON * a * b {
+                    continue;
+                }
+                rotated = true;
+                let zeta = (b - a) * (b + a) / (2.0 * along);
+                let tangent = zeta.signum() / (zeta.abs() + zeta.hypot(1.0));
+                let cosine = 1.0 / tangent.hypot(1.0);
+                rotate(columns, (i, j), cosine, cosine * tangent);
+                rotate(&mut amounts, (i, j), cosine, cosine * tangent);
+            }
+        }
+        if !rotated {
+            break;
+        }
+    }
+    amounts
+}
+
+fn rotate(columns: &mut [Vec<f64>], (i, j): (usize, usize), cosine: f64, sine: f64) {
+    let (left, right) = columns.split_at_mut(j);
+    for (x, y) in left[i].iter_mut().zip(&mut right[0]) {
+        (*x, *y) = (cosine * *x - sine * *y, sine * *x + cosine * *y);
+    }
+}
+
+/// `Σ_i amounts[i] column_i`.
+#[must_use]
+pub fn combine(columns: &[Vec<f64>], amounts: &[f64]) -> Vec<f64> {
+    let mut sum = vec![0.0; columns.first().map_or(0, Vec::len)];
+    for (column, amount) in columns.iter().zip(amounts) {
+        for (value, x) in sum.iter_mut().zip(column) {
+            *value += amount * x;
+        }
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_singular_values_keep_their_digits() {
+        // Columns (1, 0, 0), (1, 1e-12, 0): the singular values are √2 and 1e-12/√2, to
+        // 1e-12 of themselves; from the product of both the smaller would be 0.
+        let mut columns = vec![vec![1.0, 0.0, 0.0], vec![1.0, 1e-12, 0.0]];
+        let given = columns.clone();
+        let amounts = orthogonalise(&mut columns);
+        let mut sizes: Vec<f64> = columns.iter().map(|c| norm(c)).collect();
+        sizes.sort_by(f64::total_cmp);
+        assert!((sizes[0] / (1e-12 / 2.0_f64.sqrt()) - 1.0).abs() < 1e-11);
+        assert!((sizes[1] / 2.0_f64.sqrt() - 1.0).abs() < 1e-15);
+        for (column, amounts) in columns.iter().zip(&amounts) {
+            for (x, y) in column.iter().zip(combine(&given, amounts)) {
+                assert!((x - y).abs() < 1e-15);
+            }
+        }
+    }
+}

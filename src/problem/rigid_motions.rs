@@ -1,0 +1,199 @@
+//! Rigid motions of a body by its geometry.
+//!
+//! Where the places of the degrees of freedom are known, so are all rigid motions `Z`,
+//! to the last digit. Which of them supports leave free is the rank of the few columns
+//! `K Z` on the rows where they are not rounding: no eigenvalue of a stiffness decides
+//! it, and a body that bends ever so softly is never taken for one that is free.
+
+use std::sync::OnceLock;
+
+use rayon::prelude::*;
+
+use crate::linalg::jacobi::{combine, orthogonalise};
+use crate::linalg::small::norm;
+use crate::problem::sparse::Owned;
+
+/// `|K z|`, of a rigid motion of size 1, over the sum of sizes of a row, in ε. Assembled
+/// stiffnesses of first and second order, flat ones too, leave 1.2 at the most, and more
+/// where they were turned afterwards; a spring or a support leaves its share of the row.
+const ROUNDING: f64 = 64.0;
+
+/// The same of a combination of motions, which adds the rounding of the rotations.
+const COMBINED: f64 = 256.0;
+
+/// Of all rows, the share that must be in balance for the directions found to be
+/// believed: with wrong ones hardly any row is.
+const BELIEVED: f64 = 0.25;
+
+/// Columns below this, relative to the largest, are those of motions that the body has
+/// not, such as the rotation of a straight line about itself.
+const NO_MOTION: f64 = 1e-10;
+
+/// Where the degrees of freedom are, and in which direction each of them moves.
+#[derive(Debug)]
+pub struct Geometry {
+    places: Vec<[f64; 3]>,
+    dimension: usize,
+    directions: OnceLock<Vec<Option<Direction>>>,
+}
+
+/// What a degree of freedom is: a displacement along an axis, or a rotation about one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Direction {
+    Along(usize),
+    About(usize),
+}
+
+impl Geometry {
+    #[must_use]
+    pub fn new(places: Vec<[f64; 3]>, dimension: usize) -> Self {
+        Self {
+            places,
+            dimension,
+            directions: OnceLock::new(),
+        }
+    }
+
+    /// Rigid motions of a body that nothing holds, a basis over its degrees of freedom
+    /// `dofs` of the stiffness `k`. Nothing where the directions of the degrees of
+    /// freedom do not show, or do not fit the stiffness.
+    #[must_use]
+    pub fn left_free(&self, dofs: &[usize], k: &Owned) -> Option<Vec<Vec<f64>>> {
+        let motions = self.motions(dofs)?;
+        let nothing = vec![0.0; dofs.len()];
+        let forces: Vec<Vec<f64>> = motions
+            .par_iter()
+            .map(|z| k.residual(z, &nothing))
+            .collect();
+        let mut sizes = vec![0.0; dofs.len()];
+        k.add_absolute_product(&vec![1.0; dofs.len()], &mut sizes);
+        let held: Vec<usize> = (0..dofs.len())
+            .filter(|&i| {
+                forces
+                    .iter()
+                    .any(|f| f[i].abs() > ROUNDING * f64::EPSILON * sizes[i])
+            })
+            .collect();
+        #[expect(clippy::cast_precision_loss, reason = "counts")]
+        if held.len() as f64 > (1.0 - BELIEVED) * dofs.len() as f64 {
+            return None;
+        }
+        let mut resisted: Vec<Vec<f64>> = forces
+            .iter()
+            .map(|f| held.iter().map(|&i| f[i] / sizes[i]).collect())
+            .collect();
+        let amounts = orthogonalise(&mut resisted);
+        let free = resisted.iter().zip(&amounts).filter(|(resisted, _)| {
+            let largest = resisted.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+            largest <= COMBINED * f64::EPSILON
+        });
+        Some(
+            free.map(|(_, amounts)| combine(&motions, amounts))
+                .collect(),
+        )
+    }
+
+    /// All rigid motions of these degrees of freedom, linearly independent, of size 1.
+    fn motions(&self, dofs: &[usize]) -> Option<Vec<Vec<f64>>> {
+        let all = self
+            .directions
+            .get_or_init(|| directions(&self.places, self.dimension));
+        let own: Vec<Direction> = dofs.iter().map(|&i| all[i]).collect::<Option<_>>()?;
+        let d = self.dimension;
+        let mut centre = [0.0; 3];
+        for &i in dofs {
+            for (c, x) in centre.iter_mut().zip(&self.places[i]) {
+                #[expect(clippy::cast_precision_loss, reason = "a count")]
+                let count = dofs.len() as f64;
+                *c += x / count;
+            }
+        }
+        let arm = |i: usize| -> [f64; 3] { std::array::from_fn(|k| self.places[i][k] - centre[k]) };
+        let reach = dofs
+            .iter()
+            .flat_map(|&i| arm(i))
+            .fold(0.0_f64, |m, x| m.max(x.abs()));
+        let translation = |axis: usize| {
+            let of = |own: &Direction| f64::from(u8::from(*own == Direction::Along(axis)));
+            own.iter().map(of).collect::<Vec<_>>()
+        };
+        let rotation = |axis: usize| {
+            // e_axis × x has −x_b along a and x_a along b, (axis, a, b) in cyclic order.
+            let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
+            let of = |(own, &i): (&Direction, &usize)| match *own {
+                Direction::Along(k) if k == a => -arm(i)[b] / reach,
+                Direction::Along(k) if k == b => arm(i)[a] / reach,
+                Direction::About(k) if k == axis => 1.0 / reach,
+                _ => 0.0,
+            };
+            own.iter().zip(dofs).map(of).collect::<Vec<_>>()
+        };
+        let mut found: Vec<Vec<f64>> = (0..d).map(translation).collect();
+        if reach > 0.0 {
+            let axes = if d == 2 { 2..3 } else { 0..3 };
+            found.extend(axes.map(rotation));
+        }
+        // A point, or a line in space, has fewer motions than there are columns.
+        let mut independent = found.clone();
+        let amounts = orthogonalise(&mut independent);
+        let largest = independent.iter().map(|z| norm(z)).fold(0.0, f64::max);
+        if independent.iter().all(|z| norm(z) > NO_MOTION * largest) {
+            return Some(found);
+        }
+        let kept = independent.iter().zip(&amounts);
+        let kept = kept.filter(|(z, _)| norm(z) > NO_MOTION * largest);
+        Some(kept.map(|(_, amounts)| combine(&found, amounts)).collect())
+    }
+}
+
+/// Directions of degrees of freedom by their places: those of one place are, in
+/// ascending order, displacements along the axes, and behind them rotations where there
+/// are as many as a node of a beam or a shell has. Bodies that touch share places: then
+/// runs of numbers without a gap are nodes.
+fn directions(places: &[[f64; 3]], dimension: usize) -> Vec<Option<Direction>> {
+    let key = |i: usize| places[i].map(|x| (x + 0.0).to_bits());
+    let mut order: Vec<usize> = (0..places.len()).collect();
+    order.sort_by_key(|&i| (key(i), i));
+    let mut found = vec![None; places.len()];
+    for at_place in order.chunk_by(|&i, &j| key(i) == key(j)) {
+        for node in nodes(at_place, dimension) {
+            for (k, &dof) in node.iter().enumerate() {
+                found[dof] = Some(if k < dimension {
+                    Direction::Along(k)
+                } else if dimension == 2 {
+                    Direction::About(2)
+                } else {
+                    Direction::About(k - 3)
+                });
+            }
+        }
+    }
+    found
+}
+
+/// The nodes at one place, each with its degrees of freedom in the order of directions.
+fn nodes(dofs: &[usize], dimension: usize) -> Vec<Vec<usize>> {
+    let with_rotations = if dimension == 2 { 3 } else { 6 };
+    let of_node = |count: usize| count == dimension || count == with_rotations;
+    let runs: Vec<&[usize]> = dofs.chunk_by(|i, j| j - i == 1).collect();
+    if runs.iter().all(|run| of_node(run.len())) {
+        return runs.into_iter().map(<[usize]>::to_vec).collect();
+    }
+    if of_node(dofs.len()) {
+        return vec![dofs.to_vec()];
+    }
+    if runs.iter().all(|run| run.len() % dimension == 0) {
+        return runs
+            .iter()
+            .flat_map(|run| run.chunks(dimension))
+            .map(<[usize]>::to_vec)
+            .collect();
+    }
+    if dofs.len() % dimension == 0 {
+        // All x first, then all y: of each axis one from every node.
+        let count = dofs.len() / dimension;
+        let node = |k: usize| (0..dimension).map(|axis| dofs[axis * count + k]).collect();
+        return (0..count).map(node).collect();
+    }
+    Vec::new()
+}
