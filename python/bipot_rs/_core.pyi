@@ -82,12 +82,13 @@ class Condensed:
     def displacements(
         self,
         states: list[tuple[_Floats, _Floats, _Floats, _Floats]],
-        confirmed: list[tuple[_Floats, _Floats]] | None = None,
+        confirmed: list[tuple[_Floats, _Floats, _Floats]] | None = None,
     ) -> _Floats:
         """`u` of all degrees of freedom, a row each state.
 
         A state is total loads, prescribed displacements, reaction and rigid motion;
-        ``confirmed`` are the relative displacements and gaps that ``B u + gap`` is held to.
+        ``confirmed`` are the relative displacements and gaps that ``B u + gap`` is held
+        to, and what each step added to the tangential parts.
         """
     def stiffness(self) -> tuple[NDArray[np.int64], NDArray[np.int64], _Floats]:
         """Row pointers, columns and values of `K`, as far as anything depends on it."""

@@ -355,7 +355,9 @@ class _Recovery:
             amounts = none if step.rigid_motion is None else step.rigid_motion
             states.append((step.load, step.prescribed, step.reaction, amounts))
             gap = self.gap if step.gap is None else step.gap
-            confirmed.append((step.relative_displacement, gap))
+            slip = np.zeros_like(step.relative_displacement)
+            slip[:, 1:] = step.slip
+            confirmed.append((step.relative_displacement, gap, slip))
         u = self.core.displacements(states, confirmed)
         self.seconds["recover"] += time.perf_counter() - began
         return u

@@ -82,7 +82,9 @@ impl Analysed {
     ) -> Result<Self, Error> {
         let stiffest = stiffness.values.iter().fold(0.0_f64, |m, a| m.max(a.abs()));
         let unit = times_two_to(1.0, -exponent(stiffest).clamp(-1000, 1000));
-        stiffness.values.iter_mut().for_each(|a| *a *= unit);
+        for value in &mut stiffness.values {
+            *value *= unit;
+        }
         let view = stiffness.view();
         let same = |body: &&Body| {
             body.dofs == dofs && body.kept == kept && body.symbolic.check_pattern(&view).is_ok()
@@ -293,6 +295,12 @@ impl Analysed {
     /// [`Error::Indefinite`], [`Error::FewDigits`]; [`Error::Interrupted`].
     fn check_whole(&self, stop: &AtomicBool) -> Result<(), Error> {
         let k = &self.stiffness;
+        let nothing_holds = |&i: &usize| k.is_empty_row(i) && !self.kept.contains(&i);
+        if let Some(dof) = (0..self.dofs.len()).find(nothing_holds) {
+            return Err(Error::FloatingBody {
+                dof: self.dofs[dof],
+            });
+        }
         let geometric = self.by_geometry();
         if let Some(motions) = &geometric {
             self.pin(motions.clone())?;
@@ -370,7 +378,9 @@ impl Analysed {
             if !(length > PINNED * largest) {
                 return Err(self.floating(&motion));
             }
-            z.iter_mut().chain(&mut motion).for_each(|x| *x /= length);
+            for x in z.iter_mut().chain(&mut motion) {
+                *x /= length;
+            }
             whole.push(motion);
         }
         Ok(Motions { whole, kept })

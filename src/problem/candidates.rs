@@ -244,30 +244,48 @@ impl<const D: usize> Problem<D> {
         self.bodies().displacements(self.surface(), states)
     }
 
-    /// Whether `B u + gap` is `v`.
+    /// Whether `B u + gap` is `v` at the displacements `u` of a state.
     ///
     /// # Errors
-    /// [`Error::NotConfirmed`] at the contact where it is furthest from it.
-    pub fn confirm(&self, u: &[f64], v: &[[f64; D]], gap: &[[f64; D]]) -> Result<(), Error> {
+    /// [`Error::NotConfirmed`] at the contact where it is furthest from it; as
+    /// [`Problem::displacements`].
+    pub fn confirm(
+        &self,
+        state: &Loaded<'_, D>,
+        u: &[f64],
+        held_to: &Confirmed<D>,
+    ) -> Result<(), Error> {
+        let Confirmed { v, gap, slip } = held_to;
         let bodies = self.bodies();
         let moved = self.surface().product(&bodies.list, bodies.fixed(), u);
         let length = |a: &[f64; D]| a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-        let all = moved.iter().chain(v).chain(gap);
+        let all = moved.iter().chain(v).chain(gap).chain(slip);
         let size = all.map(length).fold(0.0, f64::max);
-        // Where all contacts stick that is rounding: of what loads make of the bodies.
-        let farthest = u.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-        let rounding = DIGITS * f64::EPSILON * farthest;
         let off = (0..v.len()).map(|i| {
             let off: [f64; D] = std::array::from_fn(|k| moved[i][k] + gap[i][k] - v[i][k]);
             (i, length(&off))
         });
-        let worst = off.max_by(|a, b| a.1.total_cmp(&b.1));
-        match worst {
-            Some((contact, off)) if !(off <= CONFIRMED * size + rounding) => {
-                Err(Error::NotConfirmed { contact, off, size })
-            }
-            _ => Ok(()),
+        let Some((contact, off)) = off.max_by(|a, b| a.1.total_cmp(&b.1)) else {
+            return Ok(());
+        };
+        // Where all contacts stick, `v` is the rounding of what loads make of the bodies.
+        let explained = |u: &[f64]| {
+            let farthest = u.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+            off <= CONFIRMED * size + DIGITS * f64::EPSILON * farthest
+        };
+        if explained(u) {
+            return Ok(());
         }
+        // And where the bodies hardly move at all, of what loads alone would make of them.
+        let nothing = vec![[0.0; D]; v.len()];
+        let alone = Loaded {
+            reaction: &nothing,
+            ..*state
+        };
+        if explained(&self.bodies().displacement(self.surface(), alone)?) {
+            return Ok(());
+        }
+        Err(Error::NotConfirmed { contact, off, size })
     }
 
     /// `B u + gap` of a displacement, in twice the precision and rounded once.
@@ -277,6 +295,16 @@ impl<const D: usize> Problem<D> {
         let surface = self.surface();
         surface.relative_displacement(&bodies.list, bodies.fixed(), u)
     }
+}
+
+/// What `B u + gap` is held to.
+#[derive(Clone, Debug)]
+pub struct Confirmed<const D: usize> {
+    pub v: Vec<[f64; D]>,
+    pub gap: Vec<[f64; D]>,
+    /// What the step added to the tangential parts of `v`, and nothing along the normal:
+    /// rounding of what was before it stays.
+    pub slip: Vec<[f64; D]>,
 }
 
 impl<const D: usize> Candidates<D> {

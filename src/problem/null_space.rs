@@ -105,7 +105,7 @@ impl Weights {
                     lost = true;
                     break;
                 }
-                x.iter_mut().for_each(|x| *x /= length);
+                scale(&mut x, length);
                 for q in &done {
                     let along = dot_long(q, &x);
                     for (value, a) in x.iter_mut().zip(q) {
@@ -118,7 +118,7 @@ impl Weights {
             if lost || !(length > 0.5) {
                 continue;
             }
-            x.iter_mut().for_each(|x| *x /= length);
+            scale(&mut x, length);
             done.push(x);
         }
         let first = done.len().min(known.len());
@@ -330,10 +330,16 @@ fn orthonormalise_plain(block: &mut [Vec<f64>]) {
     }
 }
 
+fn scale(column: &mut [f64], length: f64) {
+    for x in column {
+        *x /= length;
+    }
+}
+
 fn normalise(column: &mut [f64]) {
     let length = norm(column);
     if length > 0.0 {
-        column.iter_mut().for_each(|x| *x /= length);
+        scale(column, length);
     }
 }
 

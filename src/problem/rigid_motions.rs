@@ -182,14 +182,14 @@ fn nodes(dofs: &[usize], dimension: usize) -> Vec<Vec<usize>> {
     if of_node(dofs.len()) {
         return vec![dofs.to_vec()];
     }
-    if runs.iter().all(|run| run.len() % dimension == 0) {
+    if runs.iter().all(|run| run.len().is_multiple_of(dimension)) {
         return runs
             .iter()
             .flat_map(|run| run.chunks(dimension))
             .map(<[usize]>::to_vec)
             .collect();
     }
-    if dofs.len() % dimension == 0 {
+    if dofs.len().is_multiple_of(dimension) {
         // All x first, then all y: of each axis one from every node.
         let count = dofs.len() / dimension;
         let node = |k: usize| (0..dimension).map(|axis| dofs[axis * count + k]).collect();

@@ -141,6 +141,12 @@ impl Owned {
         out
     }
 
+    /// Whether no entry of a row is other than zero.
+    #[must_use]
+    pub fn is_empty_row(&self, row: usize) -> bool {
+        self.entries(row).all(|(_, value)| value == 0.0)
+    }
+
     /// `b − A x` for the matrix by rows, in twice the precision.
     pub(crate) fn residual(&self, x: &[f64], b: &[f64]) -> Vec<f64> {
         let of_row = |(k, b): (usize, &f64)| {

@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::csc::Symmetric;
 use crate::problem::bodies::{Loaded, Loads};
-use crate::problem::candidates::Problem;
+use crate::problem::candidates::{Confirmed, Problem};
 use crate::problem::condense::{Given, Sorted};
 use crate::problem::forecast::{Forecast, Notice};
 use crate::problem::memory::{self, Budget};
@@ -308,14 +308,14 @@ impl Condensed {
     }
 
     /// `u` of all degrees of freedom, a row each state: total loads, reaction and
-    /// rigid motion. `confirmed` are of each state `v` and the gap that `B u + gap` is
-    /// held to, where they are known.
+    /// rigid motion. `confirmed` are of each state `v`, the gap, and what the step added
+    /// to the tangential parts of `v`: what `B u + gap` is held to, where it is known.
     #[pyo3(signature = (states, confirmed=None))]
     fn displacements<'py>(
         &self,
         py: Python<'py>,
         states: Vec<(Vector<'py>, Vector<'py>, Matrix<'py>, Vector<'py>)>,
-        confirmed: Option<Vec<(Matrix<'py>, Matrix<'py>)>>,
+        confirmed: Option<Vec<[Matrix<'py>; 3]>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         either!(&self.kind, inner => {
             let stretch = self.stretch.as_ref();
@@ -338,12 +338,19 @@ impl Condensed {
             let confirmed = confirmed
                 .iter()
                 .flatten()
-                .map(|(v, gap)| Ok((times(stretch, arrays::rows(v)?), times(stretch, arrays::rows(gap)?))))
+                .map(|[v, gap, slip]| {
+                    let of = |given| Ok::<_, PyErr>(times(stretch, arrays::rows(given)?).into_owned());
+                    Ok(Confirmed {
+                        v: of(v)?,
+                        gap: of(gap)?,
+                        slip: of(slip)?,
+                    })
+                })
                 .collect::<PyResult<Vec<_>>>()?;
             let all = interrupt::run(py, self.num_threads, |_| {
                 let all = inner.displacements(&loaded)?;
-                for (u, (v, gap)) in all.iter().zip(&confirmed) {
-                    inner.confirm(u, v, gap)?;
+                for ((u, state), held_to) in all.iter().zip(&loaded).zip(&confirmed) {
+                    inner.confirm(state, u, held_to)?;
                 }
                 Ok(all)
             })?;
