@@ -134,13 +134,13 @@ pub fn evaluate<const D: usize>(
     rigid: Vec<f64>,
 ) -> Result<Point<D>, Error> {
     let compliance = problem.compliance();
-    let u = problem.displacement(Loaded {
+    let total = problem.relative_displacement(Loaded {
         load,
         prescribed,
         reaction: &compliance.scatter(&r),
         rigid: &rigid,
     })?;
-    let v = incremental(&problem.relative_displacement(&u), state);
+    let v = incremental(&total, state);
     Ok(Point {
         v: compliance.gather(&v),
         imbalance: scaled_imbalance(reduced, &r),

@@ -366,7 +366,7 @@ fn outside<const D: usize>(
         reaction: &reaction,
         rigid: &solution.rigid_motion,
     };
-    let total = problem.relative_displacement(&problem.displacements(&[state])?[0]);
+    let total = problem.relative_displacement(state)?;
     let mut outside = vec![true; problem.contacts()];
     for &i in members {
         outside[i] = false;

@@ -224,10 +224,11 @@ impl Analysed {
         let schur = factor.take_schur();
         let scale = scales(&self.kept, &view.diagonal());
         let until_s = Instant::now();
-        let s = match self.definite(&schur, &scale, stop)? {
+        let mut s = match self.definite(&schur, &scale, stop)? {
             Some(s) => s,
             None => self.with_rigid_motions(&schur, &scale, &factor, stop)?,
         };
+        s.inside = softness(factor.weakest_pivot());
         drop(schur);
         Ok(self.body(s, Some(factor), Vec::new(), [begin, until_s]))
     }
@@ -412,9 +413,10 @@ impl Analysed {
         }
         let scale = scales(&self.kept, &view.diagonal());
         let until_s = Instant::now();
-        let Some(s) = self.definite(schur.values(), &scale, stop)? else {
+        let Some(mut s) = self.definite(schur.values(), &scale, stop)? else {
             return Ok(None);
         };
+        s.inside = softness(schur.weakest_pivot());
         let columns = local.chunks_exact(self.dofs.len().max(1));
         let part = |column: &[f64]| self.kept.iter().map(|&i| column[i]).collect();
         Ok(Some((s, columns.map(part).collect(), until_s)))
@@ -451,6 +453,7 @@ impl Analysed {
             cholesky,
             inverse,
             motions: Motions::default(),
+            inside: 1.0,
         }))
     }
 
@@ -496,6 +499,7 @@ impl Analysed {
             inverse,
             motions,
             size,
+            inside: 1.0,
         })
     }
 
@@ -587,7 +591,7 @@ impl Analysed {
             motions: s.motions.whole,
             inverse: s.inverse,
             condition,
-            amplification: condition.max(stiffest * flexible),
+            amplification: condition.max(stiffest * flexible).max(s.inside),
             seconds: [until_s - begin, until_s.elapsed()].map(|time| time.as_secs_f64()),
         }
     }
@@ -602,6 +606,8 @@ struct Supported {
     motions: Motions,
     /// 1-norm of `S + α R Rᵀ`.
     size: f64,
+    /// What the interior is softer than its diagonal, `1 / weakest pivot`.
+    inside: f64,
 }
 
 /// Motions that cost nothing.
@@ -611,6 +617,11 @@ struct Motions {
     whole: Vec<Vec<f64>>,
     /// `R`, orthonormal on the kept unknowns.
     kept: Vec<Vec<f64>>,
+}
+
+/// How much softer than its diagonal an interior is whose weakest pivot this is.
+fn softness(weakest: Option<(usize, f64)>) -> f64 {
+    weakest.map_or(1.0, |(_, ratio)| ratio.recip())
 }
 
 /// What makes the diagonal of K one at the kept unknowns.

@@ -242,14 +242,24 @@ impl Bodies {
         surface: &Surface<D>,
         states: &[Loaded<'_, D>],
     ) -> Result<Vec<Vec<f64>>, Error> {
+        let both = self.displacements_in_two(surface, states)?;
+        Ok(both.into_iter().map(|[u, _]| u).collect())
+    }
+
+    /// The same, and what rounding has cut off from it.
+    fn displacements_in_two<const D: usize>(
+        &self,
+        surface: &Surface<D>,
+        states: &[Loaded<'_, D>],
+    ) -> Result<Vec<[Vec<f64>; 2]>, Error> {
         let mut forces = Vec::with_capacity(states.len());
         for state in states {
             check_length("reaction", state.reaction.len(), surface.contacts())?;
             check_length("rigid motion", state.rigid.len(), self.motions.len())?;
             forces.push(self.supports.force(state.load, state.prescribed)?);
         }
-        let mut all = vec![vec![0.0; self.order()]; states.len()];
-        for (u, state) in all.iter_mut().zip(states) {
+        let mut all = vec![[(); 2].map(|()| vec![0.0; self.order()]); states.len()];
+        for ([u, _], state) in all.iter_mut().zip(states) {
             for (&dof, &value) in self.fixed().iter().zip(state.prescribed) {
                 u[dof] = value;
             }
@@ -265,9 +275,12 @@ impl Bodies {
             let n = body.dofs().len();
             let recovered = body.displacements(&forces, &pushes, &own)?;
             recovered.left.iter().try_for_each(Left::check)?;
-            for (u, values) in all.iter_mut().zip(recovered.u.chunks_exact(n.max(1))) {
-                for (&i, value) in body.dofs().iter().zip(values) {
-                    u[i] = *value;
+            let parts = [recovered.u, recovered.low];
+            for (part, values) in parts.iter().enumerate() {
+                for (u, values) in all.iter_mut().zip(values.chunks_exact(n.max(1))) {
+                    for (&i, value) in body.dofs().iter().zip(values) {
+                        u[part][i] = *value;
+                    }
                 }
             }
         }
@@ -284,6 +297,20 @@ impl Bodies {
         state: Loaded<'_, D>,
     ) -> Result<Vec<f64>, Error> {
         Ok(self.displacements(surface, &[state])?.remove(0))
+    }
+
+    /// `B u + gap` at the displacement of a state, in twice the precision and rounded
+    /// once.
+    ///
+    /// # Errors
+    /// As [`Bodies::displacements`].
+    pub fn relative_displacement<const D: usize>(
+        &self,
+        surface: &Surface<D>,
+        state: Loaded<'_, D>,
+    ) -> Result<Vec<[f64; D]>, Error> {
+        let [u, low] = self.displacements_in_two(surface, &[state])?.remove(0);
+        Ok(surface.relative_displacement(&self.list, self.fixed(), &u, Some(&low)))
     }
 
     /// What the rounding of the entries of `K` may have made of `B u`.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::linalg::dense;
-use crate::linalg::exact;
+use crate::linalg::exact::{self, Sum};
 use crate::linalg::multifrontal::Factor;
 use crate::linalg::signs::signs;
 use crate::linalg::small::{dot_long, norm};
@@ -35,6 +35,8 @@ const NO_DIGITS: f64 = 0.1;
 pub struct Recovered {
     /// A column each step.
     pub u: Vec<f64>,
+    /// What rounding has cut off from `u`, where `K` amplifies it; zero elsewhere.
+    pub low: Vec<f64>,
     /// One a step.
     pub left: Vec<Left>,
 }
@@ -182,7 +184,8 @@ impl Body {
     }
 
     /// What the error of `W` may be, in ε: the condition, or more where `S` is a
-    /// small difference of large entries of `K`, as with flat elements at the contact.
+    /// small difference of large entries of `K`, as with flat elements at the contact,
+    /// or where the interior rests on much softer parts of itself.
     #[must_use]
     pub fn amplification(&self) -> f64 {
         self.amplification
@@ -307,6 +310,8 @@ impl Body {
     ) -> Result<Recovered, Error> {
         /// Corrections at the most.
         const MOST: usize = 30;
+        /// Beside the largest displacement those of contacts may be so much smaller.
+        const FINE: f64 = 1e-8;
         let (n, count) = (self.dofs.len(), rigid.len());
         let factor = self.factor.as_ref().ok_or(Error::FactorDropped)?;
         let mut forces: Vec<f64> = forces.iter().flat_map(|f| self.scaled(f)).collect();
@@ -314,13 +319,20 @@ impl Body {
         for (f, p) in forces.iter_mut().zip(pushes) {
             *f += p;
         }
+        // Where contacts hardly move beside the rest of a slender body, the rounding of
+        // its displacements is much of theirs.
+        let fine = self.amplification > DIGITS;
+        let mut low = vec![0.0; u.len()];
         let column = |k: usize| k * n..(k + 1) * n;
         let mut left = vec![Left::default(); count];
         let mut last = vec![f64::INFINITY; count];
         // Columns that are done take no further part.
         let mut open: Vec<usize> = (0..count).filter(|_| n > 0).collect();
         for _ in 0..=MOST {
-            let judge = |&k: &usize| self.left(&u[column(k)], &forces[column(k)]);
+            let judge = |&k: &usize| {
+                let low = fine.then(|| &low[column(k)]);
+                self.left(&u[column(k)], low, &forces[column(k)])
+            };
             let judged: Vec<(Vec<f64>, Left)> = open.par_iter().map(judge).collect();
             let mut rest = Vec::new();
             for (&k, (own, found)) in open.iter().zip(judged) {
@@ -335,33 +347,40 @@ impl Body {
             }
             let changes = self.response(factor, &rest, None, &vec![&[][..]; open.len()]);
             for (change, &k) in changes.chunks_exact(n).zip(&open) {
-                let u = &mut u[column(k)];
-                let moved = norm(change) / norm(u).max(f64::MIN_POSITIVE);
+                let moved = norm(change) / norm(&u[column(k)]).max(f64::MIN_POSITIVE);
                 // Corrections that do not fall are rounding of the correction itself.
                 if !(moved < 0.5 * last[k]) {
                     last[k] = 0.0;
                     continue;
                 }
-                for (value, change) in u.iter_mut().zip(change) {
-                    *value += change;
+                let values = u[column(k)].iter_mut().zip(&mut low[column(k)]);
+                for ((value, low), change) in values.zip(change) {
+                    if fine {
+                        let mut sum = Sum::new(*value);
+                        sum.add(*low + change);
+                        *value = sum.value();
+                        sum.add(-*value);
+                        *low = sum.value();
+                    } else {
+                        *value += change;
+                    }
                 }
-                // What is left is the square of what was corrected; where contacts hardly
-                // move beside the rest of a slender body, that is still much of theirs.
-                let enough = if self.amplification > DIGITS {
-                    moved <= f64::EPSILON / 8.0
+                // What is left is the square of what was corrected.
+                let enough = if fine {
+                    moved <= FINE * f64::EPSILON
                 } else {
                     moved * moved <= f64::EPSILON
                 };
                 last[k] = if enough { 0.0 } else { moved };
             }
         }
-        Ok(Recovered { u, left })
+        Ok(Recovered { u, low, left })
     }
 
     /// `f − K u` without its rigid part, which contact has balanced as well as it is
     /// asked to, and what it comes to.
-    fn left(&self, u: &[f64], force: &[f64]) -> (Vec<f64>, Left) {
-        let (mut rest, size) = self.stiffness.residual_and_size(u, force);
+    fn left(&self, u: &[f64], low: Option<&[f64]>, force: &[f64]) -> (Vec<f64>, Left) {
+        let (mut rest, size) = self.stiffness.residual_and_size(u, low, force);
         let work: Vec<f64> = self.motions.iter().map(|z| dot_long(z, &rest)).collect();
         for (mode, work) in self.modes.iter().zip(&work) {
             for (&i, m) in self.kept.iter().zip(mode) {
@@ -471,8 +490,9 @@ impl Body {
     }
 
     /// What the rounding of the entries of `K` may have made of this body's part of a
-    /// displacement: `K⁻¹ δK u`, a row of `δK u` being `½ ε √(Σ_j (K_ij u_j)²)` with a
-    /// random sign, as independent roundings add up; its rigid part taken out.
+    /// displacement: `K⁻¹ δK u`, a row of `δK u` being `2 ε √(Σ_j (K_ij u_j)²)` with a
+    /// random sign, as independent roundings add up; its rigid part taken out. Entries are
+    /// sums of those of several elements, and one sample is to stand for the worst.
     ///
     /// # Errors
     /// [`Error::FactorDropped`].
@@ -482,7 +502,7 @@ impl Body {
         let rounding = |(i, sign): (usize, f64)| {
             let terms = self.stiffness.entries(i);
             let squares: f64 = terms.map(|(j, k)| (k * own[j]).powi(2)).sum();
-            0.5 * f64::EPSILON * sign * squares.sqrt()
+            2.0 * f64::EPSILON * sign * squares.sqrt()
         };
         let signs = signs(own.len(), 1).into_iter().enumerate();
         let forces: Vec<f64> = signs.map(rounding).collect();

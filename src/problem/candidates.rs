@@ -42,6 +42,9 @@ const SOFT: f64 = 1e-7;
 /// it is mended, 2e-11 of it, and a path adds these up.
 const CONFIRMED: f64 = 1e-8;
 
+/// What is lost is estimated to this factor.
+const ALLOWED: f64 = 8.0;
+
 /// Gaps below this share of the largest touch.
 const TOUCHING: f64 = 1e-9;
 
@@ -271,7 +274,7 @@ impl<const D: usize> Problem<D> {
         // Where all contacts stick, `v` is the rounding of what loads make of the bodies.
         let explained = |u: &[f64]| {
             let farthest = u.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-            off <= CONFIRMED * size + DIGITS * f64::EPSILON * farthest
+            off <= CONFIRMED * size + ALLOWED * DIGITS * f64::EPSILON * farthest
         };
         if explained(u) {
             return Ok(());
@@ -288,12 +291,12 @@ impl<const D: usize> Problem<D> {
         Err(Error::NotConfirmed { contact, off, size })
     }
 
-    /// `B u + gap` of a displacement, in twice the precision and rounded once.
-    #[must_use]
-    pub fn relative_displacement(&self, u: &[f64]) -> Vec<[f64; D]> {
-        let bodies = self.bodies();
-        let surface = self.surface();
-        surface.relative_displacement(&bodies.list, bodies.fixed(), u)
+    /// As [`Bodies::relative_displacement`].
+    ///
+    /// # Errors
+    /// The same.
+    pub fn relative_displacement(&self, state: Loaded<'_, D>) -> Result<Vec<[f64; D]>, Error> {
+        self.bodies().relative_displacement(self.surface(), state)
     }
 }
 

@@ -398,11 +398,12 @@ impl<const D: usize> Condensed<D> {
         self.bodies.displacement(&self.surface, state)
     }
 
-    /// `B u + gap` of a displacement, in twice the precision and rounded once.
-    #[must_use]
-    pub fn relative_displacement(&self, u: &[f64]) -> Vec<[f64; D]> {
-        let (bodies, fixed) = (&self.bodies.list, self.bodies.fixed());
-        self.surface.relative_displacement(bodies, fixed, u)
+    /// As [`Bodies::relative_displacement`].
+    ///
+    /// # Errors
+    /// The same.
+    pub fn relative_displacement(&self, state: Loaded<'_, D>) -> Result<Vec<[f64; D]>, Error> {
+        self.bodies.relative_displacement(&self.surface, state)
     }
 }
 

@@ -159,12 +159,20 @@ impl Owned {
         b.iter().enumerate().map(of_row).collect()
     }
 
-    /// `b − A x` as [`Owned::residual`], and `|A| |x| + |b|`.
-    pub(crate) fn residual_and_size(&self, x: &[f64], b: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    /// `b − A x` as [`Owned::residual`], and `|A| |x| + |b|`; `low` is what `x` lacks.
+    pub(crate) fn residual_and_size(
+        &self,
+        x: &[f64],
+        low: Option<&[f64]>,
+        b: &[f64],
+    ) -> (Vec<f64>, Vec<f64>) {
         let of_row = |(k, b): (usize, &f64)| {
             let (mut sum, mut size) = (Sum::new(*b), b.abs());
             for (j, value) in self.entries(k) {
                 sum.add_product(-value, x[j]);
+                if let Some(low) = low {
+                    sum.add_product(-value, low[j]);
+                }
                 size += (value * x[j]).abs();
             }
             (sum.value(), size)

@@ -189,31 +189,41 @@ impl<const D: usize> Surface<D> {
         }
     }
 
-    /// `B u + gap` of a displacement, in twice the precision and rounded once;
-    /// `fixed` are the prescribed degrees of freedom.
+    /// `B u + gap` of a displacement, in twice the precision and rounded once; `low` is
+    /// what `u` lacks, `fixed` are the prescribed degrees of freedom.
     #[must_use]
     pub fn relative_displacement(
         &self,
         bodies: &[Body],
         fixed: &[usize],
         u: &[f64],
+        low: Option<&[f64]>,
     ) -> Vec<[f64; D]> {
-        self.sums(bodies, fixed, u, self.gap.as_flattened())
+        self.sums(bodies, fixed, (u, low), self.gap.as_flattened())
     }
 
     /// `B u`, likewise.
     #[must_use]
     pub fn product(&self, bodies: &[Body], fixed: &[usize], u: &[f64]) -> Vec<[f64; D]> {
         let nothing = vec![0.0; D * self.contacts()];
-        self.sums(bodies, fixed, u, &nothing)
+        self.sums(bodies, fixed, (u, None), &nothing)
     }
 
-    fn sums(&self, bodies: &[Body], fixed: &[usize], u: &[f64], start: &[f64]) -> Vec<[f64; D]> {
+    fn sums(
+        &self,
+        bodies: &[Body],
+        fixed: &[usize],
+        (u, low): (&[f64], Option<&[f64]>),
+        start: &[f64],
+    ) -> Vec<[f64; D]> {
         let mut sums: Vec<Sum> = start.iter().map(|&g| Sum::new(g)).collect();
         let prescribed: Vec<f64> = fixed.iter().map(|&dof| u[dof]).collect();
         self.held.add_to_sums(&prescribed, &mut sums);
         for (share, body) in self.shares.iter().zip(bodies) {
             share.add_to_sums(body, u, &mut sums);
+            if let Some(low) = low {
+                share.add_to_sums(body, low, &mut sums);
+            }
         }
         let values: Vec<f64> = sums.iter().map(Sum::value).collect();
         values.as_chunks::<D>().0.to_vec()

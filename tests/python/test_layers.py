@@ -29,7 +29,7 @@ RUST = (
 RUST_SIBLINGS = {
     "linalg": (
         "binary exact pages signs small union",
-        "blocks csc",
+        "blocks csc jacobi",
         "gmres least_squares packed",
         "dense nonnegative ordering quotient",
         "below lu tree",
@@ -47,8 +47,8 @@ RUST_SIBLINGS = {
     ),
     "problem": (
         "forecast",
-        "border memory null_space patterns sparse stats stretch",
-        "island",
+        "border memory patterns sparse stats stretch",
+        "island null_space rigid_motions",
         "compliance",
         "reduced",
         "residual",

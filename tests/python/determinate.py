@@ -1,0 +1,127 @@
+"""Bodies whose supports and contacts are just enough, turned at random."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+import bipot_rs as bp
+from bipot_rs import fem
+from slender import Band
+from twice import Array, add, exactly, product
+
+CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
+
+
+@dataclass
+class Case:
+    """One contact and as many held degrees of freedom as leave no motion free."""
+
+    K: Any
+    B: Any
+    fixed: NDArray[np.int64]
+    load: Array
+    nodes: Array
+
+    def problem(self, coordinates: bool, mu: float = 5.0) -> bp.ContactProblem:
+        places = np.repeat(self.nodes, self.nodes.shape[1], axis=0)
+        return bp.ContactProblem(
+            self.K,
+            self.B,
+            gap=np.zeros(1),
+            mu=mu,
+            fixed=self.fixed,
+            coordinates=places if coordinates else None,
+        )
+
+    def sticking(self) -> tuple[Array, Array]:
+        """Displacement and reaction where the contact sticks, in twice the precision."""
+        n, d = self.K.shape[0], self.nodes.shape[1]
+        held = np.zeros(n, bool)
+        held[self.fixed] = True
+        contact = sparse.csr_array(self.B).indices
+        held[contact] = True
+        free = np.flatnonzero(~held)
+        K = sparse.csr_array(self.K)
+        inside = Band(K[free][:, free]).solve(exactly(self.load[free]))
+        u = np.zeros(n), np.zeros(n)
+        u[0][free], u[1][free] = inside
+        forces = product(K, (u[0][:, None], u[1][:, None]))
+        left = add((forces[0][:, 0], forces[1][:, 0]), exactly(-self.load))[0]
+        r = sparse.csr_array(self.B) @ np.where(held, left, 0.0)
+        return u[0], r.reshape(1, d)
+
+
+def rotation(rng: np.random.Generator, dim: int) -> Array:
+    if dim == 2:
+        angle = rng.uniform(0, 2 * np.pi)
+        return np.array(
+            [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        )
+    turned, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    turned *= np.sign(np.diag(r))
+    return np.asarray(turned * np.linalg.det(turned))
+
+
+def drawn(rng: np.random.Generator, dim: int) -> Case:
+    """A block of steel, turned, on one contact node and held in a few directions.
+
+    Its load presses on the contact and pulls along it less than friction can hold.
+    """
+    cells = tuple(int(c) for c in rng.integers(1, 5 if dim == 2 else 3, dim))
+    sizes = rng.uniform(0.5, 3.0, dim)
+    axes = [np.linspace(0, s, c + 1) for s, c in zip(sizes, cells, strict=True)]
+    mesh: Any = fem.box(axes, str(rng.choice(CELLS[dim])))
+    mesh = type(mesh)(rotation(rng, dim) @ mesh.p, mesh.t)
+    body = fem.Body("block", mesh, fem.Material(2.1e11, 0.3))
+    K = fem.stiffness(body)
+    nodes = body.points
+    n, lowest = K.shape[0], int(np.argmin(nodes[:, -1]))
+    rows = [dim * lowest + dim - 1, *range(dim * lowest, dim * lowest + dim - 1)]
+    B = sparse.csr_array((np.ones(dim), (np.arange(dim), rows)), shape=(dim, n))
+    while True:
+        fixed = _held(rng, nodes, lowest)
+        if fixed is None:
+            continue
+        load = _load(rng, nodes)
+        # Statics alone gives the reaction: well inside the cone it is to be.
+        Z, pinned = _motions(nodes), np.r_[rows, fixed]
+        reaction = np.linalg.solve(Z[pinned].T, -Z.T @ load)
+        if reaction[0] > np.linalg.norm(reaction[1:dim]):
+            return Case(K, B, fixed, 1e6 * load, nodes)
+
+
+def _motions(nodes: Array) -> Array:
+    """Rigid motions of all degrees of freedom, columns."""
+    count, dim = nodes.shape
+    x = (nodes - nodes.mean(axis=0)) / np.ptp(nodes)
+    columns = [np.tile(e, (count, 1)) for e in np.eye(dim)]
+    for a in range(dim):
+        for b in range(a):
+            turn = np.zeros((count, dim))
+            turn[:, a], turn[:, b] = x[:, b], -x[:, a]
+            columns.append(turn)
+    return np.array([c.ravel() for c in columns]).T
+
+
+def _held(
+    rng: np.random.Generator, nodes: Array, lowest: int
+) -> NDArray[np.int64] | None:
+    """Degrees of freedom that pin, with the contact, all motions well enough."""
+    count, dim = nodes.shape
+    others = np.setdiff1d(np.arange(dim * count), np.arange(dim) + dim * lowest)
+    missing = dim * (dim + 1) // 2 - dim
+    fixed = np.sort(rng.choice(others, missing, replace=False))
+    pinned = np.r_[dim * lowest + np.arange(dim), fixed]
+    least = np.linalg.svd(_motions(nodes)[pinned])[1].min()
+    return fixed if least > 0.05 else None
+
+
+def _load(rng: np.random.Generator, nodes: Array) -> Array:
+    """Forces at three nodes."""
+    load = np.zeros(nodes.shape)
+    some = rng.choice(len(nodes), 3, replace=False)
+    load[some] = rng.uniform(-1.0, 1.0, (3, nodes.shape[1]))
+    return load.ravel()

@@ -1,0 +1,246 @@
+"""Supports and contacts that are just enough, too few, or those of a mechanism."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+
+import bipot_rs as bp
+from bipot_rs import fem
+from determinate import CELLS, drawn, rotation
+from slender import Array, off
+
+Ints = NDArray[np.int64]
+
+
+def is_right(seed: int, dim: int, coordinates: bool) -> None:
+    case = drawn(np.random.default_rng(seed), dim)
+    result = case.problem(coordinates).solve(case.load)
+    u, r = case.sticking()
+    # K is as exact as its entries: a small block has a condition of 1e4 at the most.
+    assert off(result.displacement[-1], u) <= 1e-11, seed
+    assert off(result.reaction[-1], r) <= 1e-11, seed
+    assert result.status[-1, 0] == bp.Status.STICK
+    # W is of the size of compliances of K, and not of rounding over rounding.
+    assert np.abs(result.relative_displacement).max() <= 1e-11 * np.abs(u).max(), seed
+
+
+@pytest.mark.parametrize("coordinates", [True, False])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_statically_determinate_bodies(dim: int, coordinates: bool) -> None:
+    for seed in range(30):
+        is_right(seed, dim, coordinates)
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("dim", [2, 3])
+def test_many_statically_determinate_bodies(dim: int) -> None:
+    for seed in range(1000, 1400):
+        is_right(seed, dim, bool(seed % 2))
+
+
+@pytest.mark.parametrize("angle", [0.0, 20.0, 30.0, 77.0])
+def test_a_block_on_a_corner_and_a_pin(angle: float) -> None:
+    """One corner held in one direction, contact at the other: W is rounding, no more."""
+    mesh: Any = fem.box([np.linspace(0, 2, 5), np.linspace(0, 1, 3)], "triangle")
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    turned = type(mesh)(np.array([[c, -s], [s, c]]) @ mesh.p, mesh.t)
+    body = fem.Body("block", turned, fem.Material(2.1e11, 0.3, plane_stress=True))
+    K, n = fem.stiffness(body), 2 * len(body.points)
+    near = int(np.argmin(np.linalg.norm(mesh.p.T, axis=1)))
+    far = int(np.argmin(np.linalg.norm(mesh.p.T - [2, 0], axis=1)))
+    B = sparse.csr_array(([1.0, 1.0], ([0, 1], [2 * near + 1, 2 * near])), shape=(2, n))
+    for places in (None, np.repeat(body.points, 2, axis=0)):
+        problem = bp.ContactProblem(
+            K, B, gap=[0.0], mu=5.0, fixed=[2 * far + 1], coordinates=places
+        )
+        assert problem.stats["rigid_motions"] == 2
+        load = np.zeros((n // 2, 2))
+        load[mesh.p[1] == 1, 1] = -1e6 / 5
+        result = problem.solve(load.ravel())
+        # Half of it is on the contact where the top lies over both corners.
+        share = 1 - (body.points[mesh.p[1] == 1, 0].mean() - body.points[near, 0]) / (
+            body.points[far, 0] - body.points[near, 0]
+        )
+        assert result.reaction[0, 0, 0] == pytest.approx(share * 1e6, rel=1e-12)
+
+
+def block_on_two_nodes(rng: np.random.Generator) -> tuple[Any, Any, Array]:
+    """A block in space that touches at two nodes: it turns about their line."""
+    cells = tuple(int(c) for c in rng.integers(1, 3, 3))
+    axes = [
+        np.linspace(0, s, c + 1)
+        for s, c in zip(rng.uniform(0.5, 3.0, 3), cells, strict=True)
+    ]
+    mesh: Any = fem.box(axes, str(rng.choice(CELLS[3])))
+    mesh = type(mesh)(rotation(rng, 3) @ mesh.p, mesh.t)
+    body = fem.Body("block", mesh, fem.Material(2.1e11, 0.3))
+    nodes = rng.choice(len(body.points), 2, replace=False)
+    return fem.stiffness(body), nodes, body.points
+
+
+def truss_on_two_nodes(rng: np.random.Generator) -> tuple[Any, Any, Array]:
+    """An octahedron of bars at random, held by contact at two of its nodes."""
+    corners = np.vstack([np.eye(3), -np.eye(3)])
+    points = (corners + rng.uniform(-0.2, 0.2, (6, 3))) @ rotation(rng, 3).T
+    pairs = [(i, j) for i in range(6) for j in range(i) if abs(i - j) != 3]
+    stiffness = 10 ** rng.uniform(5, 8, len(pairs))
+    return bars(points, pairs, stiffness), rng.choice(6, 2, replace=False), points
+
+
+def bars(points: Array, pairs: Any, stiffness: Any) -> Any:
+    """Stiffness of pin-jointed bars, of `stiffness` EA / length each."""
+    n, dim = points.size, points.shape[1]
+    K = np.zeros((n, n))
+    for (i, j), k in zip(pairs, np.broadcast_to(stiffness, len(pairs)), strict=True):
+        along = (points[j] - points[i]) / np.linalg.norm(points[j] - points[i])
+        b = np.zeros(n)
+        b[dim * i : dim * i + dim], b[dim * j : dim * j + dim] = -along, along
+        K += k * np.outer(b, b)
+    return sparse.csr_array(K)
+
+
+def refused_as_floating(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    made = block_on_two_nodes if seed % 2 else truss_on_two_nodes
+    K, nodes, points = made(rng)
+    rows = np.concatenate([3 * nodes[:, None] + [2, 0, 1]]).ravel()
+    B = sparse.csr_array((np.ones(6), (np.arange(6), rows)), shape=(6, K.shape[0]))
+    places = np.repeat(points, 3, axis=0) if rng.integers(2) else None
+    with pytest.raises(bp.FloatingBodyError):
+        bp.ContactProblem(K, B, gap=np.zeros(2), mu=0.3, coordinates=places)
+
+
+def test_two_nodes_do_not_hold_a_body_in_space() -> None:
+    for seed in range(200):
+        refused_as_floating(seed)
+
+
+@pytest.mark.verify
+def test_two_nodes_never_hold_a_body_in_space() -> None:
+    for seed in range(10_000, 22_000):
+        refused_as_floating(seed)
+
+
+def rope(n: int, angle: float) -> tuple[Array, Any]:
+    """Bars round a drum of radius 1: nodes at `n` corners and one before and behind."""
+    turn = angle / n
+    corners = (np.arange(n) + 0.5) * turn
+    points = np.c_[np.cos(corners), np.sin(corners)]
+    step = 2 * np.sin(turn / 2)
+    # The ends go on in the direction that makes the same turn at the first and last.
+    first = points[0] - step * np.array([-np.sin(0.0), np.cos(0.0)])
+    last = points[-1] + step * np.array([-np.sin(angle), np.cos(angle)])
+    return np.vstack([first, points, last]), corners
+
+
+@pytest.mark.parametrize("coordinates", [True, False])
+@pytest.mark.parametrize(
+    ("n", "ratio"),
+    # ((1 + μ t) / (1 − μ t))ⁿ, t = tan(θ / 2n), μ = 0.3, θ = π; e^{0.3 π} = 2.5663.
+    [(2, None), (8, 2.601049711447), (40, None)],
+)
+def test_a_rope_round_a_drum(n: int, ratio: float | None, coordinates: bool) -> None:
+    mu, angle = 0.3, math.pi
+    points, corners = rope(n, angle)
+    pairs = [(i, i + 1) for i in range(n + 1)]
+    K = bars(points, pairs, 1e6)
+    at = 2 * (1 + np.arange(n))
+    rows = np.repeat(np.arange(2 * n), 2)
+    columns = np.stack([at, at + 1, at, at + 1], axis=1).ravel()
+    c, s = np.cos(corners), np.sin(corners)
+    values = np.stack([c, s, -s, c], axis=1).ravel()
+    B = sparse.csr_array((values, (rows, columns)), shape=(2 * n, K.shape[0]))
+    ends = np.r_[0, 1, K.shape[0] - 2, K.shape[0] - 1]
+    problem = bp.ContactProblem(
+        K,
+        B,
+        gap=np.zeros(n),
+        mu=mu,
+        fixed=ends,
+        coordinates=np.repeat(points, 2, axis=0) if coordinates else None,
+    )
+    # 2 n unknowns, n + 1 bars.
+    assert problem.stats["rigid_motions"] == n - 1
+    out = 1e-3 * (points[-1] - points[-2]) / np.linalg.norm(points[-1] - points[-2])
+    back = 1e-5 * (points[0] - points[1]) / np.linalg.norm(points[0] - points[1])
+    result = problem.solve(prescribed=np.r_[back, out])
+    assert (result.status[-1] == bp.Status.SLIP).all()
+    u = result.displacement[-1].reshape(-1, 2)
+    force = []
+    for i, j in ((0, 1), (n, n + 1)):
+        along = (points[j] - points[i]) / np.linalg.norm(points[j] - points[i])
+        force.append(1e6 * along @ (u[j] - u[i]))
+    t = math.tan(angle / (2 * n))
+    exact = ((1 + mu * t) / (1 - mu * t)) ** n
+    assert force[1] / force[0] == pytest.approx(exact, rel=1e-9)
+    if ratio is not None:
+        assert exact == pytest.approx(ratio, rel=1e-12)
+
+
+@pytest.mark.parametrize("coordinates", [True, False])
+def test_a_truss_that_leans_on_a_wall(coordinates: bool) -> None:
+    """A square of four bars sways until the wall stops it: all forces by statics."""
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    K = bars(points, [(0, 1), (0, 2), (1, 3), (2, 3)], 1e6)
+    # Floor under nodes 0 and 1, a wall to the left of node 2 without friction.
+    rows, columns = np.arange(6), np.array([1, 0, 3, 2, 4, 5])
+    B = sparse.csr_array((np.ones(6), (rows, columns)), shape=(6, 8))
+    problem = bp.ContactProblem(
+        K,
+        B,
+        gap=np.zeros(3),
+        mu=[0.5, 0.5, 0.0],
+        coordinates=np.repeat(points, 2, axis=0) if coordinates else None,
+    )
+    assert problem.stats["rigid_motions"] == 4
+    load = np.zeros((4, 2))
+    load[3], load[2] = [-1.0, -2.0], [0.0, -1.0]
+    result = problem.solve(load.ravel())
+    expected = [[1.0, 0.0], [2.0, 0.0], [1.0, 0.0]]
+    # Forces of order one, rounded a few times.
+    np.testing.assert_allclose(result.reaction[-1], expected, atol=1e-12)
+    u = result.displacement[-1].reshape(-1, 2)
+    exact = [[0, 0], [0, 0], [0, -1e-6], [-1e-6, -2e-6]]
+    np.testing.assert_allclose(u, exact, atol=1e-17)
+    # Without the wall it sways for ever.
+    free = sparse.csr_array(B)[:4]
+    with pytest.raises(bp.FloatingBodyError):
+        bp.ContactProblem(K, free, gap=np.zeros(2), mu=0.5)
+
+
+def test_a_belt_round_two_drums() -> None:
+    """A closed belt, stretched by moving one drum away, driven by nothing: all alike."""
+    n, apart = 6, 4.0
+    half = (np.arange(n) + 0.5) * np.pi / n - np.pi / 2
+    right = np.c_[np.cos(half) + apart, np.sin(half)]
+    points = np.vstack([right, [apart, 0.0] - right])
+    count = len(points)
+    pairs = [(i, (i + 1) % count) for i in range(count)]
+    lengths = [np.linalg.norm(points[j] - points[i]) for i, j in pairs]
+    K = bars(points, pairs, 1e6 / np.array(lengths))
+    normals = points - np.where(np.arange(count)[:, None] < n, [apart, 0.0], [0.0, 0.0])
+    rows = np.repeat(np.arange(2 * count), 2)
+    columns = np.tile(np.arange(2 * count).reshape(-1, 2), 2).ravel()
+    values = np.c_[normals, -normals[:, 1], normals[:, 0]].ravel()
+    B = sparse.csr_array((values, (rows, columns)), shape=(2 * count, 2 * count))
+    # The right drum goes 1 mm to the right: what it has come nearer along each normal.
+    gap = np.where(np.arange(count) < n, -1e-3 * normals[:, 0], 0.0)
+    for mu in (0.0, 1e-6):
+        problem = bp.ContactProblem(K, B, gap=gap, mu=mu)
+        assert problem.stats["rigid_motions"] == count
+        result = problem.solve(np.zeros(2 * count))
+        u = result.displacement[-1].reshape(-1, 2)
+        force = [
+            1e6 / length * (points[j] - points[i]) / length @ (u[j] - u[i])
+            for (i, j), length in zip(pairs, lengths, strict=True)
+        ]
+        # One tension all along; friction of 1e-6 changes it by π times as much.
+        np.testing.assert_allclose(force, np.mean(force), rtol=1e-9 if mu == 0 else 1e-5)
+        # The work of stretching is that of the drum: T ΔL, with ΔL by moving the drum
+        # of 2 n corners: twice the way, less what the corners at its sides give.
+        stretch = np.mean(force) / 1e6 * np.sum(lengths)
+        assert stretch == pytest.approx(2e-3 * np.sin(half[-1] + np.pi / (2 * n)), rel=1e-6)

@@ -1,0 +1,253 @@
+"""Slender bodies: what is rigid is never decided by how small a stiffness is.
+
+All answers are held to eliminations in twice the precision (`slender`), with the statuses
+that were found: they are right if the displacements are, nothing penetrates and nothing
+pulls.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from bipot_rs import fem
+from slender import (
+    CELLS,
+    HOLDS,
+    STEEL,
+    Array,
+    floor,
+    known,
+    lifted,
+    off,
+    problem,
+    strip,
+    supports,
+    weight,
+)
+
+# Displacements and reactions are known to ε times what the contacts amplify: 1e4 to 1e6
+# of slender strips that lie down. A motion taken for a free one is wrong by 1e-4 to 1.
+EXACT = 1e-9
+
+
+def deflection(slenderness: float, length: float = 1000.0) -> float:
+    """Traction on the end of a strip [N/mm²] that lifts it by 5 mm, by beam theory."""
+    height = length / slenderness
+    return 5.0 * STEEL[0] * height**2 / (4 * length**3)
+
+
+def is_right(model: fem.Model, load: Array, result: bp.Result) -> None:
+    there = known(model, load, result)
+    assert result.converged.all()
+    largest = EXACT * np.abs(there.u).max()
+    # Reactions have sixteen digits, whatever displacement they undo.
+    largest += 64 * np.finfo(float).eps * there.loads_alone
+    assert np.abs(result.displacement[-1] - there.u).max() <= largest
+    largest = np.abs(there.r).max()
+    if largest == 0.0:
+        assert not result.reaction[-1].any()
+    else:
+        assert off(result.reaction[-1], there.r) <= EXACT
+        assert there.r[:, 0].min() >= -EXACT * largest
+    gaps = model.B @ there.u
+    gaps = gaps.reshape(len(model.gap), -1)[:, 0] + model.gap
+    assert gaps.min() >= -EXACT * np.abs(there.u).max()
+
+
+@pytest.mark.parametrize("coordinates", [True, False])
+@pytest.mark.parametrize("how", list(HOLDS))
+@pytest.mark.parametrize("slenderness", [10, 100, 500, 1000])
+def test_a_strip_that_is_held(how: str, slenderness: int, coordinates: bool) -> None:
+    body = strip((1000.0, 1000.0 / slenderness), (40, 1))
+    model = fem.build([body], [floor(body, 0.0)], supports(how, 2))
+    load = weight(model) + lifted(model, deflection(slenderness))
+    is_right(model, load, problem(model, coordinates).solve(load))
+
+
+@pytest.mark.parametrize("second", [True, False])
+@pytest.mark.parametrize("cell", CELLS[2] + CELLS[3])
+def test_cells_of_a_strip(cell: str, second: bool) -> None:
+    dim = 2 if cell in CELLS[2] else 3
+    size = (1000.0, 2.0) if dim == 2 else (1000.0, 20.0, 2.0)
+    cells = (40, 1) if dim == 2 else (16, 1, 1)
+    body = strip(size, cells, cell=cell, second=second)
+    plain = not (second and cell in ("triangle", "tetrahedron") and dim == 3)
+    contact = [floor(body, 0.0)] if plain else []
+    model = fem.build([body], contact, supports("clamped", dim))
+    load = weight(model) + lifted(model, deflection(500))
+    if contact:
+        is_right(model, load, model.problem().solve(load))
+
+
+@pytest.mark.parametrize("coordinates", [True, False])
+@pytest.mark.parametrize("slenderness", [50, 500])
+def test_a_curved_leaf(slenderness: int, coordinates: bool) -> None:
+    """A leaf spring: its ends on the floor, one of them held, its crown 50 mm high."""
+    body = strip((1000.0, 1000.0 / slenderness), (40, 1), rise=50.0)
+    model = fem.build([body], [floor(body, 0.0)], supports("clamped", 2))
+    load = weight(model) - lifted(model, deflection(slenderness))
+    is_right(model, load, problem(model, coordinates).solve(load))
+
+
+@pytest.mark.parametrize("slenderness", [20, 200, 2000])
+def test_a_plate(slenderness: int) -> None:
+    body = strip(
+        (1000.0, 800.0, 1000.0 / slenderness), (8, 6, 1), cell="hexahedron", second=False
+    )
+    model = fem.build([body], [floor(body, 0.0)], supports("clamped", 3))
+    load = weight(model) + lifted(model, deflection(slenderness))
+    is_right(model, load, model.problem().solve(load))
+
+
+@pytest.mark.parametrize("coordinates", [True, False])
+@pytest.mark.parametrize("height", [2.0, 1.0, 0.5])
+def test_a_clamped_strip_is_not_free(height: float, coordinates: bool) -> None:
+    """A fine mesh, nothing but a traction that lifts: beam theory, to its own error."""
+    body = strip((1000.0, height), (160, 2))
+    model = fem.build([body], [floor(body, 0.0)], supports("clamped", 2))
+    load = lifted(model, deflection(1000.0 / height))
+    made = problem(model, coordinates)
+    assert made.rigid_motions == ()
+    result = made.solve(load)
+    assert not result.reaction.any()
+    tip = result.displacement[-1].reshape(-1, 2)[body.nodes("right"), 1]
+    estimate = result[-1].error_estimate
+    assert estimate is not None
+    # The clamp hinders the contraction across the strip: less than a height of length.
+    # The rounding of the entries of K moves the tip of the thinnest by 4 %.
+    np.testing.assert_allclose(tip, 5.0, rtol=3 * height / 1000.0 + 1e-3 + estimate[1])
+
+
+def on_two_ends(slenderness: float, cells: int, mu: float) -> fem.Model:
+    """A strip that nothing holds but the floor under its two ends."""
+    length = 1000.0
+    body = strip((length, length / slenderness), (cells, 2))
+    parts = []
+    for x in (0.0, length):
+        near = {0: (x - 30.0, x + 30.0)}
+        parts.append(replace(floor(body, mu), within=near))
+    return fem.build([body], parts, [])
+
+
+@pytest.mark.parametrize("slenderness", [20, 170, 500, 1000])
+def test_forces_on_a_free_strip_balance(slenderness: float) -> None:
+    """The whole load arrives, at the right places, whatever bends."""
+    model = on_two_ends(slenderness, 80, 0.3)
+    assert model.problem().stats["rigid_motions"] == 3
+    x = model.nodes[:, 0]
+    load = weight(model)
+    # More weight on the left, and a push that friction holds.
+    load.reshape(-1, 2)[:, 1] *= 1.5 - x / 1000.0
+    load.reshape(-1, 2)[:, 0] += 0.1 * load.reshape(-1, 2)[:, 1]
+    result = model.problem().solve(load)
+    r, f = result.reaction[-1], load.reshape(-1, 2)
+    whole = np.abs(f).sum()
+    # Sums of some hundred terms, each rounded once.
+    assert abs(r[:, 0].sum() + f[:, 1].sum()) <= 1e-13 * whole
+    t = model.frame[:, 1, 0] * r[:, 1]
+    assert abs(t.sum() + f[:, 0].sum()) <= 1e-13 * whole
+    moment = (model.points[:, 0] * r[:, 0]).sum()
+    moment += (x * f[:, 1] - model.nodes[:, 1] * f[:, 0]).sum()
+    assert abs(moment) <= 1e-13 * whole * 1000.0
+
+
+def test_where_no_digits_are_left_that_is_said() -> None:
+    """Cells a hundred times as long as high, 5000 of these heights in a row."""
+    body = strip((1000.0, 0.2), (160, 2))
+    model = fem.build([body], [floor(body, 0.0)], supports("clamped", 2))
+    load = weight(model) + lifted(model, deflection(5000))
+    try:
+        result = model.problem().solve(load)
+    except (ValueError, bp.NotConvergedError) as refused:
+        assert "too few digits" in str(refused) or "nearly free" in str(refused)
+    else:
+        is_right(model, load, result)
+
+
+@pytest.mark.parametrize("height", [5.0, 2.0, 1.0])
+def test_the_estimate_knows_the_digits_of_K(height: float) -> None:
+    """Entries of K moved by half a unit in the last place move the answer as foretold."""
+    body = strip((1000.0, height), (40, 1))
+    model = fem.build([body], [floor(body, 0.0)], supports("clamped", 2))
+    load = weight(model) + lifted(model, deflection(1000.0 / height))
+    result = problem(model, True).solve(load)
+    estimate = result[-1].error_estimate
+    assert estimate is not None
+    rng = np.random.default_rng(7)
+    moved = []
+    for _ in range(5):
+        K = model.K.tocoo()
+        upper = K.row <= K.col
+        change = rng.uniform(-0.5, 0.5, upper.sum()) * np.finfo(float).eps
+        value = K.data[upper] * (1 + change)
+        row, col = K.row[upper], K.col[upper]
+        other = _symmetric(row, col, value, K.shape[0])
+        made = bp.ContactProblem(
+            other, model.B, gap=model.gap, mu=0.0, fixed=model.fixed
+        )
+        again = made.solve(load)
+        moved.append(
+            (
+                off(again.reaction[-1], result.reaction[-1]),
+                off(again.displacement[-1], result.displacement[-1]),
+            )
+        )
+    largest = np.max(moved, axis=0)
+    # A bound of what all entries together may do, not of what these five did.
+    assert (largest <= np.maximum(estimate, 1e-13)).all(), (largest, estimate)
+    assert (largest >= 1e-5 * np.array(estimate)).all(), (largest, estimate)
+
+
+def _symmetric(row: Any, col: Any, value: Any, n: int) -> Any:
+    upper = sparse.coo_array((value, (row, col)), shape=(n, n)).tocsr()
+    strict = sparse.triu(upper, 1)
+    return (upper + strict.T).tocsr()
+
+
+def drawn(rng: np.random.Generator) -> tuple[fem.Model, Array, bool]:
+    """A slender body at random, and its load."""
+    slenderness = 10 ** rng.uniform(1.0, np.log10(5000.0))
+    dim = int(rng.choice([2, 2, 3]))
+    cell = str(rng.choice(CELLS[dim]))
+    second = bool(rng.integers(2)) and not (dim == 3)
+    height = 1000.0 / slenderness
+    size = (1000.0, height) if dim == 2 else (1000.0, rng.uniform(1, 50) * height, height)
+    count = int(rng.integers(6, 60 if dim == 2 else 24))
+    cells = (count, int(rng.integers(1, 3))) if dim == 2 else (count, 1, 1)
+    body = strip(size, cells, cell=cell, second=second, rise=rng.choice([0.0, 20.0]))
+    how = str(rng.choice(list(HOLDS)))
+    model = fem.build([body], [floor(body, 0.0)], supports(how, dim))
+    load = rng.uniform(0, 1) * weight(model)
+    load += rng.uniform(-1, 1) * lifted(model, deflection(slenderness))
+    return model, load, bool(rng.integers(2))
+
+
+def solved_right(seed: int) -> bool:
+    """Whether it is solved; what is solved is right, and no body is called free."""
+    model, load, coordinates = drawn(np.random.default_rng(seed))
+    try:
+        result = problem(model, coordinates).solve(load)
+    except ValueError as refused:
+        assert "too few digits" in str(refused), seed
+        return False
+    except bp.NoEquilibriumError as wrong:
+        raise AssertionError(f"seed {seed}: {wrong}") from wrong
+    except bp.NotConvergedError:
+        return False
+    is_right(model, load, result)
+    return True
+
+
+def test_slender_bodies_at_random() -> None:
+    solved = [solved_right(seed) for seed in range(20)]
+    assert sum(solved) >= 18
+
+
+@pytest.mark.verify
+def test_many_slender_bodies_at_random() -> None:
+    solved = [solved_right(seed) for seed in range(1000, 1400)]
+    assert sum(solved) >= 380
