@@ -334,7 +334,7 @@ impl Analysed {
             };
             let all = block.columns.len() < width;
             let shift = block.shift;
-            let verdict = part(&self.stiffness, weights, known, block.columns);
+            let verdict = part(&self.stiffness, weights, known, block);
             if verdict.negative {
                 return Err(indefinite);
             }

@@ -68,6 +68,42 @@ pub(super) struct Verdict {
 pub(super) struct Block {
     pub columns: Vec<Vec<f64>>,
     pub shift: f64,
+    /// `K` with its diagonal raised, where it was factored.
+    raised: Option<Raised>,
+}
+
+/// `K` with its diagonal raised, factored.
+#[derive(Debug)]
+struct Raised {
+    factor: Factor,
+    /// Lower Cholesky factor of its Schur complement.
+    s: Vec<f64>,
+    kept: Vec<usize>,
+}
+
+impl Raised {
+    fn solve(&self, f: &mut [f64]) {
+        self.factor.condense(f, 1);
+        let mut contact: Vec<f64> = self.kept.iter().map(|&i| f[i]).collect();
+        dense::solve_lower(&self.s, self.kept.len(), &mut contact, 1);
+        dense::solve_lower_transpose(&self.s, self.kept.len(), &mut contact, 1);
+        for (&i, value) in self.kept.iter().zip(&contact) {
+            f[i] = *value;
+        }
+        self.factor.recover(f, 1);
+    }
+
+    /// `x − (K + σ D)⁻¹ K x`, `K x` in twice the precision: of `x` what costs nothing
+    /// stays as it is, to the last digit of each entry, and what is stiff goes.
+    fn soften(&self, k: &Owned, x: &mut [f64]) {
+        for _ in 0..2 {
+            let mut change = k.residual(x, &vec![0.0; x.len()]);
+            self.solve(&mut change);
+            for (value, change) in x.iter_mut().zip(&change) {
+                *value += change;
+            }
+        }
+    }
 }
 
 impl Verdict {
@@ -128,6 +164,12 @@ impl Weights {
                 *value /= w;
             }
         }
+    }
+
+    /// `xᵀ K x / xᵀ D x`.
+    fn energy(&self, k: &Owned, x: &[f64]) -> f64 {
+        let image = k.residual(x, &vec![0.0; x.len()]);
+        -exact::dot(x, &image).value() / dot_long(x, &self.times(x))
     }
 
     /// `D x`, D the diagonal of K.
@@ -196,8 +238,11 @@ pub(super) fn softest(
         }
         x
     };
-    let columns = block.iter().map(whole).collect();
-    Ok(Some(Block { columns, shift }))
+    Ok(Some(Block {
+        columns: block.iter().map(whole).collect(),
+        shift,
+        raised: None,
+    }))
 }
 
 /// The softest motions of a body whose interior may be singular: inverse iteration on
@@ -236,19 +281,17 @@ pub(super) fn softest_of_all(
             return Ok(None);
         }
     };
+    let raised = Raised {
+        factor,
+        s,
+        kept: kept.to_vec(),
+    };
     let n = k.pointer.len() - 1;
     let mut block = starts(n, width.min(n));
     for _ in 0..ROUNDS {
         for x in &mut block {
             let mut y = weights.times(x);
-            factor.condense(&mut y, 1);
-            let mut contact: Vec<f64> = kept.iter().map(|&i| y[i]).collect();
-            dense::solve_lower(&s, kept.len(), &mut contact, 1);
-            dense::solve_lower_transpose(&s, kept.len(), &mut contact, 1);
-            for (&i, value) in kept.iter().zip(&contact) {
-                y[i] = *value;
-            }
-            factor.recover(&mut y, 1);
+            raised.solve(&mut y);
             *x = y;
         }
         weights.orthonormalise(&[], &mut block);
@@ -256,6 +299,7 @@ pub(super) fn softest_of_all(
     Ok(Some(Block {
         columns: block,
         shift,
+        raised: Some(raised),
     }))
 }
 
@@ -365,7 +409,11 @@ pub(super) fn part(
     k: &Owned,
     weights: &Weights,
     known: &[Vec<f64>],
-    mut block: Vec<Vec<f64>>,
+    Block {
+        columns: mut block,
+        raised,
+        ..
+    }: Block,
 ) -> Verdict {
     let mut verdict = Verdict {
         null: Vec::new(),
@@ -396,8 +444,8 @@ pub(super) fn part(
         let mut order: Vec<usize> = (0..width).collect();
         order.sort_by(|&a, &b| values[a].abs().total_cmp(&values[b].abs()));
         let ritz = |&j: &usize| combine(&block, &energies[j * width..(j + 1) * width]);
-        let all: Vec<Vec<f64>> = order.iter().map(ritz).collect();
-        let values: Vec<f64> = order.iter().map(|&j| values[j]).collect();
+        let mut all: Vec<Vec<f64>> = order.iter().map(ritz).collect();
+        let mut values: Vec<f64> = order.iter().map(|&j| values[j]).collect();
         verdict.stiffest = values.last().map_or(0.0, |v| v.abs()).max(verdict.stiffest);
         if aside > 0.0 {
             let soft = values.iter().take_while(|v| v.abs() <= aside).count();
@@ -410,6 +458,12 @@ pub(super) fn part(
             }
             block = all.into_iter().take(soft).collect();
             continue;
+        }
+        if let Some(raised) = &raised {
+            // Where a soft part moves with a stiff one, unit length is that of the stiff
+            // one, and rounding of it is much beside the small entries of the soft one.
+            all.par_iter_mut().for_each(|x| raised.soften(k, x));
+            values = all.iter().map(|x| weights.energy(k, x)).collect();
         }
         let rows: Vec<f64> = all.iter().map(|x| rows_of(k, x)).collect();
         let gaps = all.iter().zip(&values);
