@@ -28,6 +28,7 @@ def solve(
     memory_limit: int | None = None,
     working_set: bool | None = None,
     gaps: ArrayLike | None = None,
+    stiffness_rtol: float | None = None,
     **settings: Any,
 ) -> Result:
     """Solve one contact problem with Coulomb friction, over one load step or a path.
@@ -62,7 +63,8 @@ def solve(
         Numbers of the prescribed degrees of freedom.
     area
         Tributary areas, ``(n_c,)``, for tractions.
-    dim, num_threads, points, frame, coordinates, memory_limit, working_set, gaps
+    dim, num_threads, points, frame, coordinates, memory_limit, working_set, gaps, \
+    stiffness_rtol
         As in `ContactProblem`.
     **settings
         ``method``, ``tol``, ``max_iterations``, ``max_seconds``, ``start`` and ``on_step`` of
@@ -114,5 +116,6 @@ def solve(
         memory_limit=memory_limit,
         working_set=working_set,
         gaps=gaps,
+        stiffness_rtol=stiffness_rtol,
     )
     return problem.solve(load, prescribed, **settings)

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs import _core, motion, summary
+from bipot_rs import _core, motion, stiffness_digits, summary
 from bipot_rs.adaptive import follow, increments
 from bipot_rs.check import (
     RATIO,
     Array,
+    Csr,
     Parts,
     areas,
     by_component,
@@ -80,7 +81,8 @@ class ContactProblem:
         unit vectors at right angles, to 1e-6, of either hand.
     coordinates
         Where each degree of freedom is, ``(n, 2)`` or ``(n, 3)``, in any unit: a second
-        elimination order is then tried, and the one of fewer operations taken.
+        elimination order is then tried, and the one of fewer operations taken. Rigid
+        motions are then known exactly.
     loads
         All loads there will be, where no displacement will be asked for: ``load`` of
         `solve`, or the tuple ``(load, prescribed)``. The factor of ``K`` is then not
@@ -109,6 +111,12 @@ class ContactProblem:
     held
         What every load must know of nodes that planes across the axes hold; `fem.Model`
         gives it.
+    stiffness_rtol
+        Relative error of the entries of ``K``, where another program has written it with
+        six to twelve digits: 1e-8 for eight. Its rigid motions, which ``coordinates``
+        tell, are then restored exactly, by the least change of its entries;
+        ``stats["rigid_motions_off"]`` says how far they were off. Digits beyond are not
+        invented: `Solution.error_estimate` and `Result.remarks` count what is missing.
 
     Raises
     ------
@@ -166,6 +174,7 @@ class ContactProblem:
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
         bodies: Mapping[str, int] | None = None,
         held: Held | None = None,
+        stiffness_rtol: float | None = None,
     ) -> None:
         stiffness, contact = matrices(K, B)
         n = stiffness.shape[0]
@@ -201,19 +210,25 @@ class ContactProblem:
             limit = integer("memory_limit", memory_limit, least=1, most=2**63 - 1)
         if working_set is not None and not isinstance(working_set, bool):
             raise TypeError(f"working_set is {working_set!r}, expected a bool or None")
+        at = places(coordinates, n)
+        self._digits = stiffness_digits.checked(
+            stiffness_rtol, at, d, self._fixed, self._bodies
+        )
         self._given = (
             contact.parts,
             whole,
             coefficients,
             self._fixed,
             num_threads,
-            places(coordinates, n),
+            at,
             self._loading.loads,
             limit,
             working_set,
         )
         callback("on_forecast", on_forecast)
-        self._condense(stiffness.parts, None, on_forecast)
+        parts, off = self._with_digits(stiffness)
+        self._condense(parts, None, on_forecast)
+        self._off = off
 
     def __getstate__(self) -> dict[str, Any]:
         # What it was made of and not what came of it: the factor may be a hundred
@@ -269,8 +284,12 @@ class ContactProblem:
         where this process has met their pattern before, in this problem or in another.
         What it has met it keeps within ``BIPOT_PATTERN_CACHE_MB`` megabytes, 64 by
         default; 0 keeps nothing. Results have the same bits either way.
+
+        With ``stiffness_rtol``, ``rigid_motions_off`` is the largest ``|K z|`` of a row,
+        ``z`` a rigid motion, over the sum of sizes of its terms, before it was restored.
         """
-        return self._core.stats | {"seconds_condense": self._seconds}
+        known = self._core.stats | {"seconds_condense": self._seconds}
+        return known if self._off is None else known | {"rigid_motions_off": self._off}
 
     @property
     def rigid_motions(self) -> tuple[str, ...]:
@@ -677,7 +696,15 @@ class ContactProblem:
             from scipy.sparse import csr_array
 
             stiffness = csr("K", self._loading.held.stiffness(csr_array(K)))
-        self._condense(stiffness.parts, self._core)
+        parts, off = self._with_digits(stiffness)
+        self._condense(parts, self._core)
+        self._off = off
+
+    def _with_digits(self, stiffness: Csr) -> tuple[Parts, float | None]:
+        """K as it is condensed, and how far its rigid motions were off."""
+        if self._digits is None:
+            return stiffness.parts, None
+        return self._digits.restore(stiffness)
 
     def _condense(
         self,

@@ -1,0 +1,426 @@
+"""A stiffness that is known to some digits, with its rigid motions restored.
+
+Programs write the entries of K with six to twelve digits. Rounded row by row, K resists
+rigid motions a little, or pushes them along: ``K Z`` is some 1e-8 of its terms in place
+of rounding. The rigid motions ``Z`` themselves are known from the places of the degrees
+of freedom. What is sought is the nearest stiffness that leaves them free,
+
+    min Σ (δ_ij / s_ij)²  with  (K + δ) Z = 0,  δ = δᵀ,
+
+over the entries that K has, ``s_ij`` being what ``k_ij`` is uncertain by. Its equations
+``A S² Aᵀ λ = -K Z`` (A takes δ to δ Z) are solved by conjugate gradients: they are well
+conditioned row by row, and a direct factorisation would fill in far more than that of K,
+as they have as many unknowns in a row as there are rigid motions. A full K, such as that
+of a superelement, is treated alike: the projection ``P K P``, which is the least change
+by the sum of squares of δ alone, would give small entries far from the diagonal changes
+larger than what they are uncertain by.
+
+Rotations are taken about the place of each row: a row then knows nothing of how long the
+body is, and slender ones keep their bending.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from bipot_rs.check import Array, Csr, Parts, csr, number
+from bipot_rs.rigid_geometry import (
+    UNKNOWN,
+    Ints,
+    amounts,
+    axes_of,
+    directions,
+    motions,
+)
+from bipot_rs.words import body_of
+
+EPS = float(np.finfo(np.float64).eps)
+# Nothing is written with fewer digits, and elasticity would be lost with rigid motions.
+MOST = 1e-3
+# What assembly rounds an entry by, in ε of the geometric mean of its two diagonals. Some
+# entries are that alone: sums of elements that cancel.
+ASSEMBLY = 8.0
+# "Right to 1e-8" and "written with eight digits" differ by up to ten: 1.0000000 is known
+# to 5e-8 of itself.
+SLACK = 10.0
+# A support resists by so many times what digits may do, or nobody can tell it from them.
+CLEAR = 100.0
+# Of all rows of a body, the share that must be in balance for the rigid motions to be
+# believed without a look at the whole matrix; supports touch few rows.
+BELIEVED = 0.25
+# Unknowns of a body up to which that look, a dense factorisation, takes seconds.
+DENSE = 3000
+# No row of a stiffness is softer than this part of the whole, as far as that look goes.
+SOFTEST = 1e-4
+# Of restored rows, in ε of the sum of sizes of their terms: what rounding the entries
+# leaves of a row is 1, and the sums of a check add as much again.
+RESTORED = 8.0
+# Steps of conjugate gradients. Meshes of 60 cells across take some 250.
+MOST_STEPS = 5000
+
+
+@dataclass(frozen=True)
+class Digits:
+    """What is known of K beside its entries.
+
+    Attributes
+    ----------
+    rtol
+        Relative error of the entries of K.
+    places
+        Of the degrees of freedom, ``(n, 3)``.
+    d
+        Dimension.
+    fixed
+        Prescribed degrees of freedom.
+    bodies
+        Their names, each with its first degree of freedom, for messages.
+    """
+
+    rtol: float
+    places: Array
+    d: int
+    fixed: Ints
+    bodies: Mapping[str, int] | None = None
+
+    def restore(self, given: Csr) -> tuple[Parts, float]:
+        """K with its rigid motions free, by rows, and how far they were off.
+
+        The figure is the largest ``|K z|`` of a row over the sum of sizes of its terms.
+        Rows that supports within K hold are left out, and keep their resistance.
+
+        Raises
+        ------
+        ValueError
+            Rows are off by more than the digits explain.
+        """
+        K = self._mirrored(given.matrix)
+        if K is None:
+            return given.parts, 0.0  # refused by the core, with the entry
+        direction = directions(self.places, self.d)
+        if (direction == UNKNOWN).any():
+            at = int(np.argmax(direction == UNKNOWN))
+            raise ValueError(
+                f"stiffness_rtol needs coordinates that tell nodes apart: the degrees of "
+                f"freedom at the place of degree of freedom {at} are not those of whole "
+                f"nodes, {self.d} each, or {3 if self.d == 2 else 6} with rotations"
+            )
+        rows = _Rows(K, direction, self)
+        off = rows.classify()
+        values = rows.restore()
+        return csr("K", _whole(K.shape, rows.i, rows.j, values)).parts, off
+
+    def _mirrored(self, given: Any) -> Any:
+        """K symmetric to the bit; None where it is not symmetric to its digits."""
+        K = sparse.csr_array(given)
+        other = sparse.csr_array(K.T)
+        roots = np.sqrt(np.abs(K.diagonal()))
+        apart = sparse.coo_array(abs(K - other))
+        at = sparse.coo_array(abs(K) + abs(other))
+        # The core itself lets pass 1e-10 of the diagonal.
+        limit = sparse.csr_array(
+            (
+                SLACK * self.rtol * at.data + 1e-10 * roots[at.row] * roots[at.col],
+                (at.row, at.col),
+            ),
+            shape=K.shape,
+        )
+        over = sparse.csr_array(apart) - limit
+        if over.nnz and float(over.data.max()) > 0:
+            return None
+        return sparse.csr_array((K + other) / 2)
+
+
+def checked(
+    rtol: Any,
+    places: Array | None,
+    d: int,
+    fixed: Ints,
+    bodies: Mapping[str, int] | None,
+) -> Digits | None:
+    """``stiffness_rtol`` as `ContactProblem` takes it, with what it needs."""
+    if rtol is None:
+        return None
+    value = number("stiffness_rtol", rtol)
+    if not 0 < value <= MOST:
+        raise ValueError(
+            f"stiffness_rtol is {value:g}, expected a relative error of the entries of K "
+            f"above 0, up to {MOST:g}"
+        )
+    if places is None:
+        raise ValueError(
+            "stiffness_rtol needs coordinates, the places of the degrees of freedom: from "
+            "them the rigid motions are known that K has lost"
+        )
+    return Digits(value, places, d, fixed, bodies)
+
+
+class _Rows:
+    """Rows of ``K Z = 0``: those to restore, and how.
+
+    Attributes
+    ----------
+    i, j, values
+        Entries of the lower triangle.
+    uncertain
+        What each entry is uncertain by, over ``rtol``.
+    A
+        Takes entries to ``K Z``, rotations about the place of each row, ``(n m, entries)``.
+    """
+
+    def __init__(self, K: Any, direction: Ints, digits: Digits) -> None:
+        low = sparse.coo_array(sparse.tril(K))
+        self.i, self.j = low.row.astype(np.int64), low.col.astype(np.int64)
+        self.values = low.data
+        self.digits, self.direction = digits, direction
+        self.n = K.shape[0]
+        self.m = digits.d + len(axes_of(digits.d))
+        roots = np.sqrt(np.abs(K.diagonal()))
+        floor = min(ASSEMBLY * EPS / digits.rtol, 1.0)
+        size = np.abs(self.values)
+        size = size + np.where(size > 0, floor * roots[self.i] * roots[self.j], 0.0)
+        self.uncertain = size
+        self.A = self._operator()
+        self.K = K
+
+    def _operator(self) -> Any:
+        """A of all rows."""
+        at, d = self.digits.places, self.digits.d
+        apart = np.flatnonzero(self.i != self.j)
+        every = np.arange(len(self.i))
+        row, column, value = [], [], []
+        for entries, of, by in ((every, self.i, self.j), (apart, self.j, self.i)):
+            here, there = of[entries], by[entries]
+            arm = at[there] - at[here]
+            for k, one, amount in amounts(self.direction[there], arm, d):
+                row.append(here[one] * self.m + k)
+                column.append(entries[one])
+                value.append(amount)
+        shape = self.n * self.m, len(self.i)
+        entries_ = np.concatenate(row), np.concatenate(column)
+        A = sparse.csr_array((np.concatenate(value), entries_), shape=shape)
+        A.eliminate_zeros()
+        return A
+
+    def classify(self) -> float:
+        """Find the rows that supports hold, and what they leave free; how far rows are off.
+
+        Raises
+        ------
+        ValueError
+            Neither the digits nor supports explain ``K Z``.
+        """
+        forces = (self.A @ self.values).reshape(self.n, self.m)
+        terms = (abs(self.A) @ self.uncertain).reshape(self.n, self.m)
+        share = np.zeros_like(forces)
+        # Translations and rotations each relative to the largest of their kind: a row
+        # may have hardly any terms for one of them.
+        for of in (slice(0, self.digits.d), slice(self.digits.d, self.m)):
+            largest = terms[:, of].max(axis=1, keepdims=True)
+            share[:, of] = np.abs(forces[:, of]) / np.where(largest > 0, largest, 1.0)
+        off = share.max(axis=1)
+        held = off > SLACK * self.digits.rtol
+        used = float(off[~held].max(initial=0.0))
+        if not held.any():
+            return used
+        return max(used, self._leave(held, off, forces))
+
+    def _leave(self, held: Any, off: Array, forces: Array) -> float:
+        """Take the rows that supports hold out, but for motions that they leave free."""
+        at, d, m = self.digits.places, self.digits.d, self.m
+        _, label = connected_components(self.K, directed=False)
+        order = np.argsort(label, kind="stable")
+        bodies = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+        mixing = []
+        identity = np.repeat(~held, m).astype(np.float64)
+        used = 0.0
+        for dofs in bodies:
+            rows = dofs[held[dofs]]
+            if not len(rows) or len(dofs) == 1:
+                continue
+            Z, moved = motions(self.direction[dofs], at[dofs], d)
+            free, worst = self._free(dofs, rows, Z, moved, off, forces)
+            used = max(used, worst)
+            if not free.shape[1]:
+                continue
+            turn = self._about(rows, dofs)
+            # Row k of it: motion k of those left free, in terms of the row's own.
+            block = np.zeros((len(rows), m, m))
+            block[:, : free.shape[1]] = np.einsum("kf,rkl->rfl", free, turn)
+            row, k, own = np.nonzero(block)
+            mixing.append((rows[row] * m + k, rows[row] * m + own, block[row, k, own]))
+        every = np.arange(self.n * m)
+        mixing.append((every, every, identity))
+        row, column, value = (np.concatenate(part) for part in zip(*mixing, strict=True))
+        left = sparse.csr_array((value, (row, column)), shape=(self.n * m,) * 2)
+        left.eliminate_zeros()
+        self.A = sparse.csr_array(left @ self.A)
+        return used
+
+    def _about(self, rows: Ints, dofs: Ints) -> Array:
+        """Of each row, rigid motions about the middle of the body by those about its place."""
+        at, d, m = self.digits.places, self.digits.d, self.m
+        centre = at[dofs].mean(axis=0)
+        arm = at[rows] - centre
+        reach = float(np.abs((at[dofs] - centre)[:, :d]).max(initial=0.0)) or 1.0
+        turn = np.zeros((len(rows), m, m))
+        turn[:, range(m), range(m)] = np.where(np.arange(m) < d, 1.0, 1.0 / reach)
+        for k, axis in enumerate(axes_of(d), start=d):
+            a, b = (axis + 1) % 3, (axis + 2) % 3
+            turn[:, k, a] = -arm[:, b] / reach
+            turn[:, k, b] = arm[:, a] / reach
+        return turn
+
+    def _free(
+        self,
+        dofs: Ints,
+        rows: Ints,
+        Z: Array,
+        moved: Array,
+        off: Array,
+        forces: Array,
+    ) -> tuple[Array, float]:
+        """Combinations of rigid motions that supports leave free, ``(m, free)``.
+
+        And how far these are off, at the most.
+        """
+        rtol = self.digits.rtol
+        of_body = np.zeros(self.n)
+        of_body[dofs] = moved
+        size = abs(self.K[rows]) @ of_body
+        turn = self._about(rows, dofs)
+        resisted = np.einsum("rkl,rl->rk", turn, forces[rows]) / size[rows, None]
+        _, _, combined = np.linalg.svd(resisted)
+        amount = np.abs(Z @ combined.T).max(axis=0)
+        resistance = np.abs(resisted @ combined.T).max(axis=0)
+        # A motion that the body does not have: of a straight line, that about itself.
+        none = amount <= 1e-10
+        resistance = np.where(none, 0.0, resistance / np.where(none, 1.0, amount))
+        free = resistance <= SLACK * rtol
+        held = resistance[~free]
+        many = len(rows) > (1 - BELIEVED) * len(dofs)
+        if len(held) and held.min() < CLEAR * rtol:
+            raise self._refusal(dofs, off, float(held.min()))
+        if len(held) and many and not self._stiff(dofs, Z @ combined[free].T, off):
+            raise self._refusal(dofs, off, float(held.min()))
+        return combined[free].T, float(resistance[free].max(initial=0.0))
+
+    def _stiff(self, dofs: Ints, free: Array, off: Array) -> bool:
+        """Whether a body is held beyond doubt, whatever errors its entries have."""
+        kept = np.setdiff1d(dofs, self.digits.fixed)
+        if not len(kept):
+            return True
+        if len(kept) > DENSE:
+            return False
+        K = self.K[kept][:, kept].toarray()
+        typical = float(np.median(off[dofs]))
+        _, moved = motions(self.direction[dofs], self.digits.places[dofs], self.digits.d)
+        weight = moved[np.isin(dofs, kept)]
+        doubt = max(self.digits.rtol, min(typical, SOFTEST))
+        shift = doubt * (np.abs(K) @ weight) / weight
+        rigid = free[np.isin(dofs, kept)]
+        scale = np.abs(np.diag(K)).mean()
+        try:
+            np.linalg.cholesky(K - np.diag(shift) + scale * (rigid @ rigid.T))
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
+    def _refusal(self, dofs: Ints, off: Array, least: float) -> ValueError:
+        rtol = self.digits.rtol
+        over = off[dofs] > SLACK * rtol
+        typical = float(np.median(off[dofs][over]))
+        body = body_of(int(dofs[0]), self.digits.bodies)
+        digits = 10.0 ** np.ceil(np.log10(typical))
+        fewer = f"with fewer digits give stiffness_rtol={digits:.0e}; " if digits <= MOST else ""
+        return ValueError(
+            f"{body}: K is not free of forces under the rigid motions that coordinates "
+            f"tell, to stiffness_rtol = {rtol:g}: {int(over.sum())} of {len(dofs)} rows "
+            f"are off by more, typically by {typical:.1e} of the sum of sizes of their "
+            f"terms, and one rigid motion is resisted by {least:.1e} at the most. If K was "
+            f"written {fewer}if coordinates are those of another numbering, mend them; if "
+            "supports or springs within K are as soft as that, leave stiffness_rtol out"
+        )
+
+    def restore(self) -> Array:
+        """Entries of the lower triangle, the nearest for which ``A`` gives zero.
+
+        Raises
+        ------
+        ValueError
+            The entries that K has do not suffice.
+        """
+        # Entries beside the diagonal stand for two.
+        scale = self.uncertain * np.where(self.i == self.j, 1.0, np.sqrt(0.5))
+        G = self.A.copy()
+        G.data *= scale[G.indices]
+        norm = np.sqrt(np.add.reduceat(np.append(G.data**2, 0.0), G.indptr[:-1]))
+        norm[np.diff(G.indptr) == 0] = 0.0
+        # A row of nothing asks for nothing.
+        inverse = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0)
+        G.data *= np.repeat(inverse, np.diff(G.indptr))
+        terms = abs(self.A) @ np.abs(self.values)
+        goal = inverse * EPS * terms
+        values = self.values.copy()
+        worst, best = np.inf, values
+        for _ in range(4):
+            left = inverse * (self.A @ values)
+            now = float(np.abs(left / np.where(goal > 0, goal, 1.0)).max(initial=0.0))
+            if now >= worst:
+                break
+            worst, best = now, values
+            if worst <= 1.0:
+                break
+            values = values - scale * _least_change(G, left, goal)
+        if worst > RESTORED:
+            raise ValueError(
+                "stiffness_rtol: no change of the entries that K has restores its rigid "
+                f"motions: {worst * EPS:.1e} of the terms of a row are left. Expected K of "
+                "whole elements, with none of their entries dropped"
+            )
+        return best
+
+
+def _least_change(G: Any, left: Array, goal: Array) -> Array:
+    """Least x with ``G x = left``, to a tenth of ``goal`` or a factor of 1e-8.
+
+    Conjugate gradients on ``G Gᵀ``, whose diagonal is one. It is singular, as ``Zᵀ K Z``
+    is symmetric whatever K is, and what is asked for is consistent but for rounding:
+    where that is reached, further steps would leave.
+    """
+    x = np.zeros(G.shape[1])
+    residual = left.copy()
+    step = residual.copy()
+    square = float(residual @ residual)
+    enough = np.maximum(0.1 * goal, 1e-8 * float(np.abs(left).max(initial=0.0)))
+    least, best = square, x
+    for _ in range(MOST_STEPS):
+        if not (np.abs(residual) > enough).any() or square > 1e6 * least:
+            break
+        along = G.T @ step
+        length = float(along @ along)
+        if length == 0.0:
+            break
+        amount = square / length
+        x = x + amount * along
+        residual -= amount * (G @ along)
+        before, square = square, float(residual @ residual)
+        if square < least:
+            least, best = square, x
+        step = residual + (square / before) * step
+    return best
+
+
+def _whole(shape: tuple[int, int], i: Ints, j: Ints, values: Array) -> Any:
+    """The matrix with this lower triangle, by rows."""
+    apart = i != j
+    row = np.concatenate([i, j[apart]])
+    column = np.concatenate([j, i[apart]])
+    data = np.concatenate([values, values[apart]])
+    return sparse.csr_array((data, (row, column)), shape=shape)
