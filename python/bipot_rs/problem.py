@@ -720,9 +720,20 @@ class ContactProblem:
             half = one_triangle(parts) if isinstance(error, ValueError) else ""
             if half:
                 raise ValueError(f"{error}{half}") from None
-            if dof is None or self._bodies is None:
+            if dof is None:
                 raise
-            named = type(error)(f"{body_of(dof, self._bodies)}: {error}")
+            said = str(error)
+            if "K is indefinite" in said:
+                said += stiffness_digits.said_of_indefinite(
+                    parts, self._fixed, dof, self._digits
+                )
+            elif "K has too few digits" in said and self._digits is None:
+                said += stiffness_digits.OFFER
+            if self._bodies is not None:
+                said = f"{body_of(dof, self._bodies)}: {said}"
+            elif said == str(error):
+                raise
+            named = type(error)(said)
             if isinstance(named, FloatingBodyError):
                 named.dof = dof
             raise named from None

@@ -8,12 +8,13 @@ of freedom. What is sought is the nearest stiffness that leaves them free,
     min Σ (δ_ij / s_ij)²  with  (K + δ) Z = 0,  δ = δᵀ,
 
 over the entries that K has, ``s_ij`` being what ``k_ij`` is uncertain by. Its equations
-``A S² Aᵀ λ = -K Z`` (A takes δ to δ Z) are solved by conjugate gradients: they are well
-conditioned row by row, and a direct factorisation would fill in far more than that of K,
-as they have as many unknowns in a row as there are rigid motions. A full K, such as that
-of a superelement, is treated alike: the projection ``P K P``, which is the least change
-by the sum of squares of δ alone, would give small entries far from the diagonal changes
-larger than what they are uncertain by.
+``A S² Aᵀ λ = -K Z`` (A takes δ to δ Z) are solved by an iteration (LSQR), which starts
+again from what is left until that is rounding. They are well conditioned row by row. A
+direct factorisation would fill in far more than that of K, as they have as many unknowns
+for each row as there are rigid motions. A full K, such as that of a superelement, is
+treated alike: the projection ``P K P``, which is the least change by the sum of squares
+of δ alone, would change small entries far from the diagonal by more than what they are
+uncertain by.
 
 Rotations are taken about the place of each row: a row then knows nothing of how long the
 body is, and slender ones keep their bending.
@@ -28,6 +29,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lsqr
 
 from bipot_rs.check import Array, Csr, Parts, csr, number
 from bipot_rs.rigid_geometry import (
@@ -40,6 +42,10 @@ from bipot_rs.rigid_geometry import (
 )
 from bipot_rs.words import body_of
 
+OFFER = (
+    ". Where K was written with few digits, stiffness_rtol with coordinates= restores its "
+    "rigid motions"
+)
 EPS = float(np.finfo(np.float64).eps)
 # Nothing is written with fewer digits, and elasticity would be lost with rigid motions.
 MOST = 1e-3
@@ -51,18 +57,27 @@ ASSEMBLY = 8.0
 SLACK = 10.0
 # A support resists by so many times what digits may do, or nobody can tell it from them.
 CLEAR = 100.0
+# Eigenvalues below this part of the largest are not made by digits that anybody writes,
+OF_DIGITS = 1e-5
+# and nobody writes more than twelve.
+LEAST_OFFER = 1e-12
 # Of all rows of a body, the share that must be in balance for the rigid motions to be
 # believed without a look at the whole matrix; supports touch few rows.
 BELIEVED = 0.25
 # Unknowns of a body up to which that look, a dense factorisation, takes seconds.
 DENSE = 3000
+# The same of a sparse one.
+SPARSE = 20_000
 # No row of a stiffness is softer than this part of the whole, as far as that look goes.
 SOFTEST = 1e-4
 # Of restored rows, in ε of the sum of sizes of their terms: what rounding the entries
 # leaves of a row is 1, and the sums of a check add as much again.
-RESTORED = 8.0
-# Steps of conjugate gradients. Meshes of 60 cells across take some 250.
+RESTORED = 16.0
+ENOUGH = 4.0
+# Steps of least squares. Meshes of 100 cells across take some 500.
 MOST_STEPS = 5000
+# What one run of least squares can do in double precision; another goes on from there.
+LEAST_REDUCTION = 1e-11
 
 
 @dataclass(frozen=True)
@@ -375,9 +390,10 @@ class _Rows:
             if now >= worst:
                 break
             worst, best = now, values
-            if worst <= 1.0:
+            if worst <= ENOUGH:
                 break
-            values = values - scale * _least_change(G, left, goal)
+            reduction = max(0.2 / worst, LEAST_REDUCTION)
+            values = values - scale * _least_change(G, left, reduction)
         if worst > RESTORED:
             raise ValueError(
                 "stiffness_rtol: no change of the entries that K has restores its rigid "
@@ -387,34 +403,21 @@ class _Rows:
         return best
 
 
-def _least_change(G: Any, left: Array, goal: Array) -> Array:
-    """Least x with ``G x = left``, to a tenth of ``goal`` or a factor of 1e-8.
+def _least_change(G: Any, left: Array, reduction: float) -> Array:
+    """Least x with ``G x = left`` but for this part of it, by least squares (LSQR).
 
-    Conjugate gradients on ``G Gᵀ``, whose diagonal is one. It is singular, as ``Zᵀ K Z``
-    is symmetric whatever K is, and what is asked for is consistent but for rounding:
-    where that is reached, further steps would leave.
+    ``G Gᵀ``, whose diagonal is one, is singular, as ``Zᵀ K Z`` is symmetric whatever K
+    is; what is asked for is consistent but for rounding, which least squares leave where
+    it is.
     """
-    x = np.zeros(G.shape[1])
-    residual = left.copy()
-    step = residual.copy()
-    square = float(residual @ residual)
-    enough = np.maximum(0.1 * goal, 1e-8 * float(np.abs(left).max(initial=0.0)))
-    least, best = square, x
-    for _ in range(MOST_STEPS):
-        if not (np.abs(residual) > enough).any() or square > 1e6 * least:
-            break
-        along = G.T @ step
-        length = float(along @ along)
-        if length == 0.0:
-            break
-        amount = square / length
-        x = x + amount * along
-        residual -= amount * (G @ along)
-        before, square = square, float(residual @ residual)
-        if square < least:
-            least, best = square, x
-        step = residual + (square / before) * step
-    return best
+    turned = G.T
+    product = LinearOperator(
+        G.shape, matvec=lambda x: G @ x, rmatvec=lambda y: turned @ y, dtype=np.float64
+    )
+    found = lsqr(
+        product, left, atol=reduction, btol=reduction, conlim=0, iter_lim=MOST_STEPS
+    )
+    return np.asarray(found[0], np.float64)
 
 
 def _whole(shape: tuple[int, int], i: Ints, j: Ints, values: Array) -> Any:
@@ -424,3 +427,70 @@ def _whole(shape: tuple[int, int], i: Ints, j: Ints, values: Array) -> Any:
     column = np.concatenate([j, i[apart]])
     data = np.concatenate([values, values[apart]])
     return sparse.csr_array((data, (row, column)), shape=shape)
+
+
+def said_of_indefinite(
+    parts: Parts, fixed: Ints, dof: int, digits: Digits | None
+) -> str:
+    """How negative an indefinite K is, and whether its digits explain that.
+
+    Parameters
+    ----------
+    parts
+        K by rows, of which the lower triangle is read.
+    fixed
+        Prescribed degrees of freedom.
+    dof
+        A degree of freedom of the body.
+    digits
+        What the caller has said of the digits of K, and was restored by it.
+    """
+    pointers, columns, values = parts
+    n = len(pointers) - 1
+    low = sparse.csr_array(sparse.tril(sparse.csr_array((values, columns, pointers), (n, n))))
+    free = np.setdiff1d(np.arange(n), fixed)
+    K = sparse.csr_array(low + sparse.csr_array(sparse.triu(low.T, 1)))[free][:, free]
+    _, label = connected_components(K, directed=False)
+    at = int(np.searchsorted(free, dof))
+    body = np.flatnonzero(label == label[at]) if free[at : at + 1] == dof else np.arange(len(free))
+    least = _least_eigenvalue(K[body][:, body])
+    if least is None:
+        return f"; no eigenvalue is below {-OF_DIGITS:.0e} of the largest" + _offer(
+            OF_DIGITS, digits
+        )
+    said = f"; its most negative eigenvalue is {least:.1e} of the largest"
+    return said + (_offer(-least, digits) if -OF_DIGITS <= least < 0 else "")
+
+
+def _offer(negative: float, digits: Digits | None) -> str:
+    if digits is not None:
+        return (
+            f". Its rigid motions were restored: entries right to stiffness_rtol = "
+            f"{digits.rtol:g} leave no digit of its softest motion. Write K with more digits"
+        )
+    rtol = max(10.0 ** np.ceil(np.log10(negative)), LEAST_OFFER)
+    return (
+        f". A K that was written with some digits is like that: stiffness_rtol={rtol:.0e}, "
+        "the relative error of its entries, with coordinates=, the places of its degrees "
+        "of freedom, restores its rigid motions"
+    )
+
+
+def _least_eigenvalue(K: Any) -> float | None:
+    """The least eigenvalue over the largest; None for a small one that costs too much."""
+    n = K.shape[0]
+    if n <= DENSE:
+        values = np.linalg.eigvalsh(K.toarray())
+        return float(values[0] / np.abs(values).max())
+    largest = abs(float(eigsh(K, k=1, which="LM", tol=1e-3, v0=np.ones(n))[0][0]))
+    try:
+        rough = eigsh(K, k=1, which="SA", tol=1e-2, maxiter=20, v0=np.ones(n))[0]
+    except ArpackNoConvergence as error:
+        rough = error.eigenvalues
+    if len(rough) and rough[0] < -OF_DIGITS * largest:
+        return float(rough[0] / largest)
+    if n > SPARSE:
+        return None
+    near = -OF_DIGITS * largest
+    found = eigsh(K, k=1, sigma=near, which="LA", v0=np.ones(n))[0]
+    return float(found[0] / largest)
