@@ -242,6 +242,13 @@ def solve(
         Path | None,
         typer.Option(help="Folder of the results; out/STIFFNESS if not given."),
     ] = None,
+    stiffness_rtol: Annotated[
+        float | None,
+        typer.Option(
+            help="Relative error of the entries of the stiffness, 1e-8 for eight digits: "
+            "rigid motions are restored; needs --nodes."
+        ),
+    ] = None,
     method: Annotated[str, typer.Option(help="Contact solver.")] = "auto",
     tol: Annotated[float, typer.Option(help="Residual to reach.")] = 1e-10,
     json: Annotated[
@@ -264,7 +271,11 @@ def solve(
         "load": load,
         "fixed": fixed,
     }
-    status = stiffness_job.run(files, folder, method, tol, context.obj, as_json=json)
+    status = stiffness_job.run(
+        *(files, folder, method, tol, context.obj),
+        as_json=json,
+        stiffness_rtol=stiffness_rtol,
+    )
     raise typer.Exit(status)
 
 

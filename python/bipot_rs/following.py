@@ -18,10 +18,19 @@ from bipot_rs.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.loading import Totals, done, reached
 from bipot_rs.reduced import opening, solution_fields
 from bipot_rs.result import Outcome, Result, Solution, Step
+from bipot_rs.stiffness_digits import Digits
 from bipot_rs.words import body_of, counted
 
 Contacts = Mapping[str, NDArray[Any] | None]
 Settings = tuple[str, float, int | None, float | None]
+
+
+@dataclass(frozen=True)
+class Known:
+    """To how many digits K is known, and how far off they left its rigid motions."""
+
+    digits: Digits
+    off: float
 
 
 class Following:
@@ -47,6 +56,7 @@ class Following:
         start: Result | Step | None,
         condense: float,
         bodies: Mapping[str, int] | None = None,
+        known: Known | None = None,
     ) -> None:
         self._core = core
         self._contacts = contacts
@@ -55,6 +65,7 @@ class Following:
         self._settings = settings
         # Their names, each with its first degree of freedom.
         self._bodies = bodies
+        self._known = known
         self.before = state(start, *shape)
         self._first = done(start)
         self.steps: list[Step] = []
@@ -128,6 +139,7 @@ class Following:
                 self._last,
                 self._tried(core, load, prescribed),
                 area,
+                self._known,
             ),
         )
 
@@ -173,6 +185,9 @@ class Following:
             message=f"{count} converged" if message is None else message,
         )
         made._first = self._first
+        if self._known is not None:
+            made.stiffness_rtol = self._known.digits.rtol
+            made.rigid_motions_off = self._known.off
         made.seconds = self._seconds  # filled further when displacements are asked for
         return made
 
@@ -251,19 +266,27 @@ class _StepProblem:
     before: Array | None
     tried: Tried
     area: Array | None
+    known: Known | None = None
 
     def unique(self, step: Solution, /) -> str:
         return _core.assess_step(
             self.core, self.load, self.prescribed, self.before, step.reaction
         )
 
-    def error_estimate(self, step: Solution, /) -> tuple[float, float] | None:
+    def error_estimate(self, step: Any, /) -> tuple[float, float] | None:
         if not self.core.stats["factor_kept"]:
             return None  # it is judged by K itself
         motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
-        return _core.forward_errors_of_step(
+        found = _core.forward_errors_of_step(
             self.core, self.load, self.prescribed, self.before, step.reaction, motion
         )
+        if found is None or self.known is None:
+            return found
+        # What the digits of K leave open comes on top of what the solve does.
+        digits = self.known.digits
+        factor = digits.amplification(self.core.stiffness(), step.displacement)
+        unknown = max(digits.rtol, self.known.off) * factor
+        return found[0] + unknown, found[1] + unknown
 
     def error(self, step: Any, /) -> ErrorBound:
         motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion

@@ -36,7 +36,7 @@ from bipot_rs.check import (
 )
 from bipot_rs.errors import FloatingBodyError, NoEquilibriumError
 from bipot_rs.existence import Existence
-from bipot_rs.following import Following, Settings, state
+from bipot_rs.following import Following, Known, Settings, state
 from bipot_rs.loading import Held, Loading, Totals, check_case
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Result, Step
@@ -226,9 +226,9 @@ class ContactProblem:
             working_set,
         )
         callback("on_forecast", on_forecast)
-        parts, off = self._with_digits(stiffness)
+        parts, known = self._with_digits(stiffness)
         self._condense(parts, None, on_forecast)
-        self._off = off
+        self._known = known
 
     def __getstate__(self) -> dict[str, Any]:
         # What it was made of and not what came of it: the factor may be a hundred
@@ -289,7 +289,9 @@ class ContactProblem:
         ``z`` a rigid motion, over the sum of sizes of its terms, before it was restored.
         """
         known = self._core.stats | {"seconds_condense": self._seconds}
-        return known if self._off is None else known | {"rigid_motions_off": self._off}
+        if self._known is None:
+            return known
+        return known | {"rigid_motions_off": self._known.off}
 
     @property
     def rigid_motions(self) -> tuple[str, ...]:
@@ -696,15 +698,16 @@ class ContactProblem:
             from scipy.sparse import csr_array
 
             stiffness = csr("K", self._loading.held.stiffness(csr_array(K)))
-        parts, off = self._with_digits(stiffness)
+        parts, known = self._with_digits(stiffness)
         self._condense(parts, self._core)
-        self._off = off
+        self._known = known
 
-    def _with_digits(self, stiffness: Csr) -> tuple[Parts, float | None]:
-        """K as it is condensed, and how far its rigid motions were off."""
+    def _with_digits(self, stiffness: Csr) -> tuple[Parts, Known | None]:
+        """K as it is condensed, and what is known of its digits."""
         if self._digits is None:
             return stiffness.parts, None
-        return self._digits.restore(stiffness)
+        parts, off = self._digits.restore(stiffness)
+        return parts, Known(self._digits, off)
 
     def _condense(
         self,
@@ -748,7 +751,9 @@ class ContactProblem:
     ) -> Following:
         shape, contacts = self._shape[1:], self._contacts | {"mu": mu}
         return Following(
-            *(core, contacts, mu, shape, chosen, start, self._seconds), self._bodies
+            *(core, contacts, mu, shape, chosen, start, self._seconds),
+            bodies=self._bodies,
+            known=self._known,
         )
 
 

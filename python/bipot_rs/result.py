@@ -153,7 +153,9 @@ class Solution:
         ``‖r - r*‖ / ‖r*‖`` and ``‖v - v*‖ / ‖v*‖`` by one further Newton correction (19),
         with ``v`` from sums in twice the precision (of ``K`` where there is one), found
         out when first asked for: about one factorisation of the closed contacts. Where
-        all contacts stick, ``v`` is rounding, and so is what is said of it.
+        all contacts stick, ``v`` is rounding, and so is what is said of it. Where
+        ``stiffness_rtol`` was given, what entries of ``K`` within it can change is added
+        to both.
         ``None`` where it is not determined (reactions of redundant supports), for what
         has not converged, or has lost its problem (it was read from a file, or sent
         by another process, before this was asked for).
@@ -353,6 +355,9 @@ class Result(Sequence[Step]):
     units
         Names of the units by ``"length"``, ``"force"``, ``"stress"``, for labels; empty
         where they are not known. May be set.
+    stiffness_rtol, rigid_motions_off
+        Relative error of the entries of K where that was given, and how far it left
+        rigid motions off before they were restored; else ``None``.
     """
 
     def __init__(
@@ -379,6 +384,8 @@ class Result(Sequence[Step]):
         # Steps of the path before these, where a `Model` has gone on with one.
         self._first = 0
         self.units = dict(units or {})
+        self.stiffness_rtol: float | None = None
+        self.rigid_motions_off: float | None = None
 
     def __len__(self) -> int:
         return len(self.steps)
@@ -492,6 +499,16 @@ class Result(Sequence[Step]):
         groups = range(int(number.max(initial=0)) + 1)
         return np.stack([force[:, number == g].sum(axis=1) for g in groups], axis=1)
 
+    def remarks(self) -> list[str]:
+        """What a person should know of the answer, a sentence each."""
+        if self.stiffness_rtol is None:
+            return []
+        return [
+            f"the entries of K are known to {self.stiffness_rtol:g} only, and so are the "
+            f"results at the best; its rigid motions were off by "
+            f"{self.rigid_motions_off or 0.0:.1e} of the terms of a row and are restored"
+        ]
+
     @property
     def work(self) -> Array:
         """Cost of each step in products with ``W``, ``(steps,)``."""
@@ -564,7 +581,12 @@ class Result(Sequence[Step]):
             complete=self.success,
             attributes={"message": self.message, "first_step": self._first}
             | {f"seconds_{name}": value for name, value in self.seconds.items()}
-            | {f"unit_{name}": unit for name, unit in self.units.items()},
+            | {f"unit_{name}": unit for name, unit in self.units.items()}
+            | {
+                name: value
+                for name in _OF_STIFFNESS
+                if (value := getattr(self, name)) is not None
+            },
         )
 
     def _load(self, k: int) -> float:
@@ -606,6 +628,8 @@ class Result(Sequence[Step]):
         )
 
 
+# What a file tells of a stiffness that is known to some digits.
+_OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
 # What of a step is not written as it stands.
 _NOT_WRITTEN = {"load", "prescribed", "traction", "free_motion", "stats"}
 
@@ -666,6 +690,9 @@ def load(path: str | os.PathLike[str]) -> Result:
         message=str(attributes.get("message", "")),
     )
     found._first = int(attributes.get("first_step", 0))
+    for name in _OF_STIFFNESS:
+        if name in attributes:
+            setattr(found, name, float(attributes[name]))
     return found
 
 

@@ -74,6 +74,10 @@ SOFTEST = 1e-4
 # leaves of a row is 1, and the sums of a check add as much again.
 RESTORED = 16.0
 ENOUGH = 4.0
+# An energy below this part of its terms, in ε, is rounding.
+ROUNDED = 64.0
+# Entries of K whose rigid motions are fitted at once: some 60 MB.
+BLOCK = 200_000
 # Steps of least squares. Meshes of 100 cells across take some 500.
 MOST_STEPS = 5000
 # What one run of least squares can do in double precision; another goes on from there.
@@ -130,6 +134,61 @@ class Digits:
         off = rows.classify()
         values = rows.restore()
         return csr("K", _whole(K.shape, rows.i, rows.j, values)).parts, off
+
+    def amplification(self, parts: Parts, u: Array) -> float:
+        """How much of the energy of a displacement entries of K can change, over ``rtol``.
+
+        ``Σ |e_i| |k_ij| |e_j|`` over ``uᵀ K u``. Rigid motions are free to the last digit,
+        row by row: ``e`` is what the displacements that a row meets deviate by from the
+        rigid motion nearest to them. Some tens, where a mesh resolves what bends it.
+        """
+        pointers, columns, values = parts
+        K = sparse.csr_array((values, columns, pointers), shape=(len(u), len(u)))
+        K = sparse.csr_array(sparse.tril(K))
+        K = sparse.csr_array(K + sparse.csr_array(sparse.triu(K.T, 1)))
+        K.sort_indices()
+        energy = float(u @ (K @ u))
+        size = np.abs(u)
+        if energy <= ROUNDED * EPS * float(size @ (abs(K) @ size)):
+            return 1.0  # it moves rigidly, as far as anybody can see
+        direction = directions(self.places, self.d)
+        changed, first = 0.0, 0
+        while first < len(u):
+            end = int(np.searchsorted(K.indptr, K.indptr[first] + BLOCK, side="right"))
+            last = min(max(end - 1, first + 1), len(u))
+            changed += self._deviation(K, direction, u, first, last)
+            first = last
+        return max(1.0, changed / energy)
+
+    def _deviation(
+        self, K: Any, direction: Ints, u: Array, first: int, last: int
+    ) -> float:
+        """``Σ |e_i| |k_ij| |e_j|`` of some rows."""
+        d = self.d
+        pointer = K.indptr[first : last + 1] - K.indptr[first]
+        entries = slice(K.indptr[first], K.indptr[last])
+        there, weight = K.indices[entries], np.abs(K.data[entries])
+        if not len(there):
+            return 0.0
+        row = np.repeat(np.arange(last - first), np.diff(pointer))
+        arm = self.places[there] - self.places[first + row]
+        Z = np.zeros((len(there), d + len(axes_of(d))))
+        for k, one, amount in amounts(direction[there], arm, d):
+            Z[one, k] += amount
+        Z[:, d:] /= float(np.abs(arm).max()) or 1.0
+        used = np.flatnonzero(np.diff(pointer))
+        N = np.zeros((last - first, Z.shape[1], Z.shape[1]))
+        N[used] = np.add.reduceat(
+            weight[:, None, None] * Z[:, :, None] * Z[:, None, :], pointer[used]
+        )
+        b = np.zeros(N.shape[:2])
+        b[used] = np.add.reduceat((weight * u[there])[:, None] * Z, pointer[used])
+        near = np.einsum("rkl,rl->rk", np.linalg.pinv(N, 1e-12, hermitian=True), b)
+        e = np.abs(u[there] - np.einsum("ek,ek->e", Z, near[row]))
+        own = np.zeros(last - first)
+        diagonal = there == first + row
+        own[row[diagonal]] = e[diagonal]
+        return float((own[row] * weight * e).sum())
 
     def _mirrored(self, given: Any) -> Any:
         """K symmetric to the bit; None where it is not symmetric to its digits."""
@@ -272,7 +331,9 @@ class _Rows:
             mixing.append((rows[row] * m + k, rows[row] * m + own, block[row, k, own]))
         every = np.arange(self.n * m)
         mixing.append((every, every, identity))
-        row, column, value = (np.concatenate(part) for part in zip(*mixing, strict=True))
+        row, column, value = (
+            np.concatenate(part) for part in zip(*mixing, strict=True)
+        )
         left = sparse.csr_array((value, (row, column)), shape=(self.n * m,) * 2)
         left.eliminate_zeros()
         self.A = sparse.csr_array(left @ self.A)
@@ -310,8 +371,10 @@ class _Rows:
         of_body[dofs] = moved
         size = abs(self.K[rows]) @ of_body
         turn = self._about(rows, dofs)
-        resisted = np.einsum("rkl,rl->rk", turn, forces[rows]) / size[rows, None]
-        _, _, combined = np.linalg.svd(resisted)
+        resisted = np.einsum("rkl,rl->rk", turn, forces[rows]) / size[:, None]
+        # At least as many rows as motions, lest some have no singular vector.
+        padded = np.concatenate([resisted, np.zeros((self.m, self.m))])
+        _, _, combined = np.linalg.svd(padded, full_matrices=False)
         amount = np.abs(Z @ combined.T).max(axis=0)
         resistance = np.abs(resisted @ combined.T).max(axis=0)
         # A motion that the body does not have: of a straight line, that about itself.
@@ -335,7 +398,9 @@ class _Rows:
             return False
         K = self.K[kept][:, kept].toarray()
         typical = float(np.median(off[dofs]))
-        _, moved = motions(self.direction[dofs], self.digits.places[dofs], self.digits.d)
+        _, moved = motions(
+            self.direction[dofs], self.digits.places[dofs], self.digits.d
+        )
         weight = moved[np.isin(dofs, kept)]
         doubt = max(self.digits.rtol, min(typical, SOFTEST))
         shift = doubt * (np.abs(K) @ weight) / weight
@@ -353,14 +418,17 @@ class _Rows:
         typical = float(np.median(off[dofs][over]))
         body = body_of(int(dofs[0]), self.digits.bodies)
         digits = 10.0 ** np.ceil(np.log10(typical))
-        fewer = f"with fewer digits give stiffness_rtol={digits:.0e}; " if digits <= MOST else ""
+        remedy = "If coordinates are those of another numbering, mend them"
+        if digits <= MOST:
+            remedy = (
+                f"If K was written with fewer digits, give stiffness_rtol={digits:.0e}"
+            )
         return ValueError(
-            f"{body}: K is not free of forces under the rigid motions that coordinates "
-            f"tell, to stiffness_rtol = {rtol:g}: {int(over.sum())} of {len(dofs)} rows "
-            f"are off by more, typically by {typical:.1e} of the sum of sizes of their "
-            f"terms, and one rigid motion is resisted by {least:.1e} at the most. If K was "
-            f"written {fewer}if coordinates are those of another numbering, mend them; if "
-            "supports or springs within K are as soft as that, leave stiffness_rtol out"
+            f"{body}: K does not leave the rigid motions free that coordinates describe: "
+            f"{int(over.sum())} of {len(dofs)} rows of K Z are off by more than "
+            f"stiffness_rtol = {rtol:g} explains, typically by {typical:.1e} of the sum of "
+            f"sizes of their terms; the softest motion is resisted by {least:.1e}. "
+            f"{remedy}; if supports or springs within K do this, leave stiffness_rtol out"
         )
 
     def restore(self) -> Array:
@@ -400,7 +468,7 @@ class _Rows:
                 f"motions: {worst * EPS:.1e} of the terms of a row are left. Expected K of "
                 "whole elements, with none of their entries dropped"
             )
-        return best
+        return np.asarray(best, np.float64)
 
 
 def _least_change(G: Any, left: Array, reduction: float) -> Array:
@@ -447,12 +515,18 @@ def said_of_indefinite(
     """
     pointers, columns, values = parts
     n = len(pointers) - 1
-    low = sparse.csr_array(sparse.tril(sparse.csr_array((values, columns, pointers), (n, n))))
+    low = sparse.csr_array(
+        sparse.tril(sparse.csr_array((values, columns, pointers), (n, n)))
+    )
     free = np.setdiff1d(np.arange(n), fixed)
     K = sparse.csr_array(low + sparse.csr_array(sparse.triu(low.T, 1)))[free][:, free]
     _, label = connected_components(K, directed=False)
     at = int(np.searchsorted(free, dof))
-    body = np.flatnonzero(label == label[at]) if free[at : at + 1] == dof else np.arange(len(free))
+    body = (
+        np.flatnonzero(label == label[at])
+        if free[at : at + 1] == dof
+        else np.arange(len(free))
+    )
     least = _least_eigenvalue(K[body][:, body])
     if least is None:
         return f"; no eigenvalue is below {-OF_DIGITS:.0e} of the largest" + _offer(

@@ -87,8 +87,24 @@ class Given:
     labels: list[tuple[int, str]]
     nodes: Ints | None
 
-    def problem(self, *, num_threads: int | None = None) -> ContactProblem:
-        """Condense."""
+    def problem(
+        self,
+        *,
+        num_threads: int | None = None,
+        stiffness_rtol: float | None = None,
+    ) -> ContactProblem:
+        """Condense; of a K that is known to ``stiffness_rtol``, with its rigid motions.
+
+        Raises
+        ------
+        ValueError
+            As `ContactProblem`; ``stiffness_rtol`` without places of all nodes.
+        """
+        if stiffness_rtol is not None and self.coordinates is None:
+            raise ValueError(
+                "--stiffness-rtol needs --nodes with the places of all nodes of the "
+                "stiffness: from them the rigid motions are known that K has lost"
+            )
         return ContactProblem(
             self.K,
             self.B,
@@ -101,6 +117,7 @@ class Given:
             coordinates=self.coordinates,
             dim=self.frame.shape[1],
             num_threads=num_threads,
+            stiffness_rtol=stiffness_rtol,
         )
 
 

@@ -241,6 +241,9 @@ def of_result(result: Any) -> Summary:
         met += (
             "; none closes in any load step: is that what the loads and normals mean?"
         )
+    digits: list[Row] = []
+    if result.stiffness_rtol is not None:
+        digits = [("stiffness", f"known to {result.stiffness_rtol:g}")]
     return title, [
         ("contacts", met),
         ("forces", f"at the end {forces(last.reaction, result.contacts.get('frame'))}"),
@@ -253,4 +256,5 @@ def of_result(result: Any) -> Summary:
             "cost",
             f"{counted(iterations, 'iteration')}, {work:.4g} products with W: {times}",
         ),
+        *digits,
     ]

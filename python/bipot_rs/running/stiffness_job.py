@@ -34,6 +34,7 @@ def run(
     interrupts: Interrupts,
     *,
     as_json: bool,
+    stiffness_rtol: float | None = None,
 ) -> int:
     """Read, solve, write; returns the exit status.
 
@@ -42,6 +43,8 @@ def run(
     files
         ``stiffness``, ``contacts``, ``nodes``, ``load``, ``fixed``, as
         `stiffness_files.read` takes them.
+    stiffness_rtol
+        Relative error of the entries of the stiffness, as `ContactProblem` takes it.
     """
     began = perf_counter()
     given: Given | None = None
@@ -76,7 +79,8 @@ def run(
         # Before the work: one that cannot be made is found then.
         make(folder)
         try:
-            result = given.problem().solve(
+            problem = given.problem(stiffness_rtol=stiffness_rtol)
+            result = problem.solve(
                 given.load, given.prescribed, method=method, tol=tol, on_step=on_step
             )
         except BipotError as error:
@@ -108,10 +112,13 @@ def run(
             "seconds": round(perf_counter() - began, 6),
             "message": message,
         }
+        if result is not None and result.rigid_motions_off is not None:
+            last["rigid_motions_off"] = result.rigid_motions_off
         _print(json.dumps(last))
         return code
     if given is not None and reached:
-        _tell(given, reached, tol, folder, solved=code == SOLVED)
+        remarks = [] if result is None else result.remarks()
+        _tell(given, reached, tol, folder, remarks, solved=code == SOLVED)
     if code != SOLVED:
         complain(message)
     elif given is not None:
@@ -146,6 +153,7 @@ def _tell(
     reached: Sequence[dict[str, Any]],
     tol: float,
     folder: Path,
+    remarks: Sequence[str],
     *,
     solved: bool,
 ) -> None:
@@ -153,7 +161,7 @@ def _tell(
     print_table(console(), reached)
     if solved:
         drawn = None if given.points is None else folder
-        _print("\n".join(closing(reached, tol, drawn)))
+        _print("\n".join(closing(reached, tol, drawn, remarks)))
 
 
 def _of(given: Given, steps: Sequence[Step], message: str) -> Result:
