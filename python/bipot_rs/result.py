@@ -503,11 +503,10 @@ class Result(Sequence[Step]):
         """What a person should know of the answer, a sentence each."""
         if self.stiffness_rtol is None:
             return []
-        return [
-            f"the entries of K are known to {self.stiffness_rtol:g} only, and so are the "
-            f"results at the best; its rigid motions were off by "
-            f"{self.rigid_motions_off or 0.0:.1e} of the terms of a row and are restored"
-        ]
+        off = self.rigid_motions_off or 0.0
+        known = f"the entries of K are known to {self.stiffness_rtol:g} only"
+        restored = f"its rigid motions were off by {off:.1e} and are restored"
+        return [f"{known}, and the results to no more; {restored}"]
 
     @property
     def work(self) -> Array:

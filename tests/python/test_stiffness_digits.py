@@ -1,0 +1,581 @@
+"""A stiffness written with some digits: rigid motions restored, nothing invented.
+
+The bound of all comparisons with the full stiffness: an entry written with D digits is
+right to τ = 10^(1-D)/2 of itself. Entries e within that change the energy of what is
+elastic by ``|e|ᵀ |K| |e| τ`` at the most, once rigid motions cost nothing: a few τ for
+compressible bodies, whatever holds them, in all units.
+"""
+
+import json
+import pickle
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.io import mmwrite
+
+import bipot_rs as bp
+from bipot_rs import fem
+from bipot_rs.rigid_geometry import UNKNOWN, directions
+from children import bipot
+
+Array = NDArray[np.float64]
+EPS = float(np.finfo(np.float64).eps)
+# Times τ: the energy above, and friction, which passes errors of u on to r.
+CONDITION = 20.0
+# metres and newtons, millimetres and newtons, and a system nobody uses.
+UNITS = {"m N": (1.0, 1.0), "mm N": (1e3, 1.0), "odd": (3e-7, 5e8)}
+
+
+class Case(NamedTuple):
+    """A block on a plane, pressed and pushed by its weight and a load on top."""
+
+    K: Any
+    B: Any
+    gap: Array
+    fixed: NDArray[np.int64]
+    load: Array
+    at: Array
+    dim: int
+
+    def problem(self, K: Any = None, **given: Any) -> bp.ContactProblem:
+        given = {"coordinates": self.at, "fixed": self.fixed} | given
+        K = self.K if K is None else K
+        return bp.ContactProblem(K, self.B, gap=self.gap, mu=0.3, **given)
+
+
+def written(K: Any, digits: int) -> Any:
+    """K with its entries as text of so many significant digits gives them back."""
+    K = sparse.csr_array(K, copy=True)
+    K.data = np.array([float(f"{value:.{digits - 1}e}") for value in K.data])
+    return K
+
+
+def case(
+    cell: str,
+    held: bool,
+    units: str = "m N",
+    cells: int = 4,
+    length: float = 1.5,
+    nu: float = 0.3,
+    degree: int = 1,
+) -> Case:
+    m, newton = UNITS[units]
+    dim = 2 if cell in ("triangle", "quadrilateral") else 3
+    across = np.linspace(0, 1, cells + 1) * m
+    long = np.linspace(0, length, int(1.5 * cells) + 1) * m
+    mesh = fem.box([long, *[across] * (dim - 1)], cell)
+    if degree == 2:
+        mesh = fem.second_order(mesh)
+    body = fem.Body("it", mesh, fem.Material(7e4 * newton / m**2, nu))
+    normal = np.eye(dim)[-1]
+    contact = fem.Contact("it", "bottom", 0.3, plane=(0 * normal, normal))
+    supports = [fem.Support("it", "left", range(dim))] if held else []
+    model = fem.build([body], [contact], supports)
+    push = np.zeros(dim)
+    push[0], push[-1] = 0.1, -1.0
+    load = model.traction("it", "top", newton / m**2 * push)
+    load += model.body_force("it", -0.5 * newton / m**3 * normal)
+    at = np.repeat(model.nodes, dim, axis=0)
+    return Case(model.K, model.B, model.gap, model.fixed, load, at, dim)
+
+
+def rigid(at: Array, dim: int) -> Array:
+    """Rigid motions by node-wise numbers of degrees of freedom, about the middle."""
+    x = at[::dim] - at.mean(axis=0)
+    x = x / np.abs(x).max()
+    shifts = [np.tile(axis, len(x)) for axis in np.eye(dim)]
+    planes = [(a, b) for a in range(dim) for b in range(a)]
+    turns = []
+    for a, b in planes:
+        turn = np.zeros_like(x)
+        turn[:, a], turn[:, b] = x[:, b], -x[:, a]
+        turns.append(turn.ravel())
+    return np.array(shifts + turns).T
+
+
+def used(problem: bp.ContactProblem) -> Any:
+    """The stiffness that was condensed, both triangles."""
+    pointer, column, value = problem._core.stiffness()
+    low = sparse.tril(sparse.csr_array((value, column, pointer)))
+    return sparse.csr_array(low + sparse.triu(low.T, 1))
+
+
+def off(K: Any, Z: Array) -> float:
+    """The largest entry of K Z over the sum of sizes of a row of K."""
+    return float((np.abs(K @ Z) / np.asarray(abs(K).sum(axis=1)).reshape(-1, 1)).max())
+
+
+def apart(found: Array, expected: Array) -> float:
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
+def agree(given: Case, digits: int, cell: str, condition: float = CONDITION) -> None:
+    tau = 0.5 * 10.0 ** (1 - digits)
+    full = given.problem().solve(given.load)
+    problem = given.problem(written(given.K, digits), stiffness_rtol=10.0**-digits)
+    result = problem.solve(given.load)
+    assert problem.stats["rigid_motions"] == (
+        0 if len(given.fixed) else len(rigid(given.at[: given.dim], given.dim).T)
+    )
+    assert 0 < problem.stats["rigid_motions_off"] <= tau
+    assert apart(result.reaction, full.reaction) <= condition * tau, cell
+    assert apart(result.displacement, full.displacement) <= condition * tau
+    assert np.array_equal(result.status, full.status)
+    estimate = result[0].error_estimate
+    assert estimate is not None
+    assert apart(result.reaction, full.reaction) <= 10 * estimate[0]
+    assert estimate[0] <= condition * tau
+    if not len(given.fixed):
+        Z = rigid(given.at, given.dim)
+        # Of K as fem assembles it, and as Rust asks for: 64.
+        assert off(used(problem), Z) <= 16 * EPS
+        balance = Z.T @ (given.load + given.B.T @ result.reaction[0].ravel())
+        assert np.abs(balance).max() <= 1e-12 * np.abs(given.load).sum()
+
+
+@pytest.mark.parametrize("digits", [6, 8, 10])
+@pytest.mark.parametrize("held", [False, True], ids=["floating", "held"])
+@pytest.mark.parametrize(
+    "cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
+)
+def test_few_digits_give_few_digits(cell: str, held: bool, digits: int) -> None:
+    agree(case(cell, held), digits, cell)
+
+
+@pytest.mark.parametrize("units", UNITS)
+@pytest.mark.parametrize("held", [False, True], ids=["floating", "held"])
+@pytest.mark.parametrize("cell", ["triangle", "hexahedron"])
+def test_units_do_not_matter(cell: str, held: bool, units: str) -> None:
+    agree(case(cell, held, units, cells=3), 8, cell)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_second_order(cell: str) -> None:
+    agree(
+        case(cell, False, cells=2, degree=2)
+        if cell != "tetrahedron"
+        else case(cell, True, cells=2, degree=2),
+        8,
+        cell,
+    )
+
+
+@pytest.mark.parametrize("held", [False, True], ids=["floating", "held"])
+def test_a_slender_body_keeps_its_bending(held: bool) -> None:
+    """Fifty times as long as high: rotations are restored row by row, not as a whole."""
+    given = case("quadrilateral", held, cells=4, length=50.0)
+    tau = 0.5e-5
+    full = given.problem().solve(given.load)
+    result = given.problem(written(given.K, 6), stiffness_rtol=1e-6).solve(given.load)
+    assert apart(result.displacement, full.displacement) <= CONDITION * tau
+
+
+@pytest.mark.parametrize("digits", [6, 8, 10])
+def test_entries_move_within_their_digits(digits: int) -> None:
+    given = case("hexahedron", False)
+    K = written(given.K, digits)
+    changed = abs(used(given.problem(K, stiffness_rtol=10.0**-digits)) - K)
+    size = abs(K)
+    size.data += 8 * EPS * 10.0**digits * K.diagonal().max()
+    ratio = changed / size.maximum(changed * 0 + size)
+    assert np.nanmax(ratio.toarray() if sparse.issparse(ratio) else ratio) <= (
+        5 * 10.0**-digits * 10
+    )
+    assert (used(given.problem(K, stiffness_rtol=10.0**-digits)) != 0).nnz == K.nnz
+
+
+@pytest.mark.parametrize("digits", [6, 8, 10])
+def test_without_it_the_error_says_how_negative_and_offers_it(digits: int) -> None:
+    given = case("quadrilateral", False)
+    K = written(given.K, digits)
+    values = np.linalg.eigvalsh(K.toarray())
+    assert values[0] < 0
+    with pytest.raises(ValueError, match="indefinite") as refused:
+        given.problem(K, coordinates=None)
+    said = str(refused.value)
+    told = re.search(r"most negative eigenvalue is (\S+) of the largest", said)
+    assert told
+    assert float(told[1]) == pytest.approx(values[0] / values[-1], rel=0.1)
+    offered = re.search(r"stiffness_rtol=(\S+), .* coordinates=", said)
+    assert offered
+    problem = given.problem(K, stiffness_rtol=float(offered[1]))
+    assert problem.stats["rigid_motions"] == 3
+
+
+def test_a_stiffness_that_no_digits_explain_gets_no_offer() -> None:
+    with pytest.raises(ValueError, match=r"eigenvalue is -1\.0e\+00 of the") as refused:
+        bp.ContactProblem(np.diag([1.0, -1.0]), np.eye(2), gap=[0.0], mu=0.3)
+    assert "stiffness_rtol" not in str(refused.value)
+
+
+def test_a_large_indefinite_stiffness() -> None:
+    """Its eigenvalue is found without a full matrix."""
+    given = case("quadrilateral", False, cells=36)
+    assert given.K.shape[0] > 3000
+    with pytest.raises(ValueError, match=r"eigenvalue is -\d\.\de-(09|10|11) of .*1e-"):
+        given.problem(written(given.K, 8), coordinates=None)
+
+
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+@pytest.mark.parametrize("negative", [6e-15, 3e-13])
+def test_a_condensed_stiffness(cell: str, negative: float) -> None:
+    """A dense superelement whose rigid motions have slightly negative eigenvalues."""
+    given = case(cell, False, cells=3)
+    K = given.K.toarray()
+    kept = np.flatnonzero((given.load != 0) | (abs(given.B).sum(axis=0) > 0))
+    kept = np.flatnonzero(np.isin(np.arange(len(K)) // given.dim, kept // given.dim))
+    rest = np.setdiff1d(np.arange(len(K)), kept)
+    S = K[np.ix_(kept, kept)]
+    if len(rest):
+        inner = np.linalg.solve(K[np.ix_(rest, rest)], K[np.ix_(rest, kept)])
+        S = S - K[np.ix_(kept, rest)] @ inner
+    values, vectors = np.linalg.eigh((S + S.T) / 2)
+    m = 3 if given.dim == 2 else 6
+    values[:m] = -negative * values[-1] * np.linspace(1, 0.3, m)
+    S = vectors * values @ vectors.T
+    superelement = given._replace(
+        K=S, B=given.B[:, kept], load=given.load[kept], at=given.at[kept]
+    )
+    with pytest.raises(
+        ValueError, match=r"eigenvalue is -\d\.\de-1\d .*stiffness_rtol"
+    ):
+        superelement.problem(coordinates=None)
+    problem = superelement.problem(stiffness_rtol=1e-12)
+    assert problem.stats["rigid_motions"] == m
+    # Rows of a full matrix add up more of it than its eigenvalue.
+    assert 0 < problem.stats["rigid_motions_off"] <= 1e-11
+    assert off(used(problem), rigid(superelement.at, given.dim)) <= 16 * EPS
+    # 1e-12 of the entries, times the condition of the block of some hundreds.
+    full = given.problem().solve(given.load)
+    result = problem.solve(superelement.load)
+    if not np.any(given.load[rest]):
+        assert apart(result.reaction, full.reaction) <= 1e-9
+
+
+@pytest.mark.parametrize("digits", [6, 8])
+def test_supports_within_k_stay(digits: int) -> None:
+    """A spring along y at one corner: the block can slide and turn about the corner."""
+    given = case("quadrilateral", False)
+    K = given.K.tolil()
+    spring = 0.3 * given.K.diagonal().max()
+    K[1, 1] += spring
+    K = sparse.csr_array(K)
+    full = given.problem(K)
+    problem = given.problem(written(K, digits), stiffness_rtol=10.0**-digits)
+    assert full.stats["rigid_motions"] == problem.stats["rigid_motions"] == 2
+    Z = rigid(given.at, 2)
+    forces = used(problem) @ Z
+    size = np.asarray(abs(K).sum(axis=1)).reshape(-1, 1)
+    held = np.flatnonzero((np.abs(forces) > 16 * EPS * size).any(axis=1))
+    assert held.tolist() == [1]
+    assert forces[1, 1] == pytest.approx(spring, rel=10.0 ** (2 - digits))
+    assert np.abs(forces[1, 0]) <= 16 * EPS * size[1]  # it does not resist sliding
+    expected = full.solve(given.load)
+    found = problem.solve(given.load)
+    tau = 0.5 * 10.0 ** (1 - digits)
+    assert apart(found.displacement, expected.displacement) <= 10 * CONDITION * tau
+
+
+def test_a_foundation_all_along_the_bottom() -> None:
+    """Springs along y under every node of a row: one motion is left, along x."""
+    given = case("quadrilateral", False)
+    bottom = np.flatnonzero(given.at[1::2, 1] == 0)
+    K = given.K.tolil()
+    for node in bottom:
+        K[2 * node + 1, 2 * node + 1] += 1e-2 * given.K.diagonal().max()
+    problem = given.problem(written(K, 8), stiffness_rtol=1e-8)
+    assert problem.stats["rigid_motions"] == 1
+    expected = given.problem(sparse.csr_array(K)).solve(given.load)
+    found = problem.solve(given.load)
+    assert apart(found.displacement, expected.displacement) <= 1e-6
+
+
+def test_a_condensed_stiffness_that_supports_hold() -> None:
+    """All its rows resist rigid motions, by far more than digits do: nothing to restore."""
+    given = case("quadrilateral", True)
+    free = np.setdiff1d(np.arange(len(given.load)), given.fixed)
+    bottom = free[np.abs(given.B[:, free]).sum(axis=0) > 0]
+    K = given.K.toarray()
+    rest = np.setdiff1d(free, bottom)
+    S = K[np.ix_(bottom, bottom)] - K[np.ix_(bottom, rest)] @ np.linalg.solve(
+        K[np.ix_(rest, rest)], K[np.ix_(rest, bottom)]
+    )
+    B, at = given.B[:, bottom], given.at[bottom]
+    S = written((S + S.T) / 2, 8)
+    options = {"gap": given.gap, "mu": 0.3, "coordinates": at}
+    problem = bp.ContactProblem(S, B, stiffness_rtol=1e-8, **options)
+    assert problem.stats["rigid_motions"] == 0
+    assert abs(used(problem) - S).max() <= 4e-16 * abs(S).max()
+
+
+def frame(height: float, units: tuple[float, float]) -> tuple[Any, Array]:
+    """A portal of beams in the plane, three degrees of freedom a node."""
+    m, newton = units
+    x = np.array([[0, 0], [0, 0.5], [0.1, 1], [1, 1.1], [1.2, 0]]) * m
+    EA, EI = 2e8 * newton, 2e8 * newton * height**2 / 12 * m**2
+    K = np.zeros((15, 15))
+    for a in range(4):
+        t = x[a + 1] - x[a]
+        L = np.linalg.norm(t)
+        c, s = t / L
+        turn = np.kron(np.eye(2), [[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        k = np.zeros((6, 6))
+        k[np.ix_([0, 3], [0, 3])] = EA / L * np.array([[1, -1], [-1, 1]])
+        k[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = (
+            EI
+            / L**3
+            * np.array(
+                [
+                    [12, 6 * L, -12, 6 * L],
+                    [6 * L, 4 * L**2, -6 * L, 2 * L**2],
+                    [-12, -6 * L, 12, -6 * L],
+                    [6 * L, 2 * L**2, -6 * L, 4 * L**2],
+                ]
+            )
+        )
+        at = slice(3 * a, 3 * a + 6)
+        K[at, at] += turn.T @ k @ turn
+    return (K + K.T) / 2, np.repeat(x, 3, axis=0)
+
+
+@pytest.mark.parametrize("units", UNITS)
+@pytest.mark.parametrize("digits", [7, 10])
+def test_nodes_with_rotations(units: str, digits: int) -> None:
+    """A frame that stands on two feet: beams know forces and moments in other units."""
+    m, newton = UNITS[units]
+    K, at = frame(0.1, UNITS[units])
+    B = np.zeros((4, 15))
+    B[[0, 1, 2, 3], [1, 0, 13, 12]] = 1.0
+    load = np.zeros(15)
+    load[[6, 7, 10]] = np.array([20.0, -100.0, -100.0]) * newton
+
+    def problem(K: Any, **given: Any) -> bp.ContactProblem:
+        options = {"gap": np.zeros(2), "mu": 0.8, "coordinates": at} | given
+        return bp.ContactProblem(K, B, **options)
+
+    full = problem(K)
+    some = problem(written(K, digits), stiffness_rtol=10.0**-digits)
+    assert full.stats["rigid_motions"] == some.stats["rigid_motions"] == 3
+    expected, found = full.solve(load), some.solve(load)
+    # Axial and bending stiffness are a factor of 1200 apart, and share entries.
+    tau = 1200 * 0.5 * 10.0 ** (1 - digits)
+    assert apart(found.reaction, expected.reaction) <= tau
+    assert apart(found.displacement, expected.displacement) <= tau
+
+
+def test_all_x_before_all_y() -> None:
+    given = case("quadrilateral", False)
+    n = len(given.load)
+    order = np.concatenate([np.arange(0, n, 2), np.arange(1, n, 2)])
+    turned = given._replace(
+        K=given.K[order][:, order],
+        B=given.B[:, order],
+        load=given.load[order],
+        at=given.at[order],
+    )
+    problem = turned.problem(written(turned.K, 8), stiffness_rtol=1e-8)
+    expected = given.problem(written(given.K, 8), stiffness_rtol=1e-8)
+    found = problem.solve(turned.load).displacement
+    # The same K up to rounding.
+    assert apart(found, expected.solve(given.load).displacement[:, order]) <= 1e-10
+
+
+def test_bodies_that_share_places() -> None:
+    """Two blocks one on the other, nodes on nodes: each is restored by itself."""
+    g = np.linspace(0, 1, 4)
+    steel = fem.Material(7e4, 0.3)
+    bodies = [
+        fem.Body("lower", fem.box([g, g - 1], "quadrilateral"), steel),
+        fem.Body("upper", fem.box([g, g], "quadrilateral"), steel),
+    ]
+    contact = fem.Contact("upper", "bottom", 0.3, against=("lower", "top"))
+    ground = fem.Contact("lower", "bottom", 0.3, plane=((0, -1), (0, 1)))
+    model = fem.build(bodies, [contact, ground])
+    load = model.traction("upper", "top", [0.1, -1.0])
+    at = np.repeat(model.nodes, 2, axis=0)
+    options = {"gap": model.gap, "mu": 0.3, "coordinates": at}
+    full = bp.ContactProblem(model.K, model.B, **options)
+    some = bp.ContactProblem(
+        written(model.K, 8), model.B, stiffness_rtol=1e-8, **options
+    )
+    assert full.stats["rigid_motions"] == some.stats["rigid_motions"] == 6
+    expected, found = full.solve(load), some.solve(load)
+    assert apart(found.reaction, expected.reaction) <= 20 * CONDITION * 5e-8
+
+
+@pytest.mark.parametrize(
+    ("places", "d", "expected"),
+    [
+        ([[0, 0], [0, 0], [1, 0], [1, 0]], 2, [0, 1, 0, 1]),
+        ([[0, 0], [1, 0], [0, 0], [1, 0]], 2, [0, 0, 1, 1]),
+        ([[0, 0]] * 3 + [[1, 0]] * 3, 2, [0, 1, 5, 0, 1, 5]),
+        ([[0, 0]] * 2 + [[1, 0]] * 2 + [[-0.0, 0]] * 2, 2, [0, 1, 0, 1, 0, 1]),
+        ([[0, 0]] * 6 + [[1, 0]] * 3, 3, [0, 1, 2, 3, 4, 5, 0, 1, 2]),
+        ([[0, 0]], 2, [UNKNOWN]),
+    ],
+)
+def test_directions_by_places(places: Any, d: int, expected: list[int]) -> None:
+    at = np.zeros((len(places), 3))
+    at[:, :2] = places
+    assert directions(at, d).tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "words"),
+    [
+        (
+            {"stiffness_rtol": 0.0},
+            ValueError,
+            "stiffness_rtol is 0, expected a relative",
+        ),
+        ({"stiffness_rtol": 0.1}, ValueError, "above 0, up to 0.001"),
+        ({"stiffness_rtol": float("nan")}, ValueError, "stiffness_rtol is nan"),
+        (
+            {"stiffness_rtol": "8"},
+            TypeError,
+            "stiffness_rtol is '8', expected a number",
+        ),
+        ({"coordinates": None}, ValueError, "stiffness_rtol needs coordinates"),
+    ],
+)
+def test_what_it_needs(change: dict[str, Any], kind: type, words: str) -> None:
+    given = case("quadrilateral", False)
+    with pytest.raises(kind, match=words):
+        given.problem(**({"stiffness_rtol": 1e-8} | change))
+
+
+@pytest.mark.parametrize("claimed", [9, 10, 12])
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_fewer_digits_than_told_are_refused(cell: str, claimed: int) -> None:
+    given = case(cell, False)
+    with pytest.raises(ValueError, match="typically by") as refused:
+        given.problem(written(given.K, 6), stiffness_rtol=10.0**-claimed)
+    said = str(refused.value)
+    told = re.search(r"typically by (\S+) of the", said)
+    offered = re.search(r"give stiffness_rtol=([\de-]+)", said)
+    assert told
+    assert offered
+    assert 1e-7 < float(told[1]) < 5e-6
+    assert given.problem(written(given.K, 6), stiffness_rtol=float(offered[1])).stats[
+        "rigid_motions"
+    ] == (3 if cell == "quadrilateral" else 6)
+
+
+def test_coordinates_of_another_numbering_are_refused() -> None:
+    given = case("quadrilateral", False)
+    wrong = np.roll(given.at, 2, axis=0)
+    with pytest.raises(ValueError, match="coordinates are those of another numbering"):
+        given.problem(written(given.K, 8), coordinates=wrong, stiffness_rtol=1e-8)
+    with pytest.raises(ValueError, match="not those of whole nodes"):
+        given.problem(coordinates=np.roll(given.at, 1, axis=0), stiffness_rtol=1e-8)
+
+
+def test_an_asymmetric_stiffness_is_still_refused() -> None:
+    given = case("quadrilateral", False)
+    K = given.K.tolil()
+    K[0, 1] *= 1.01
+    with pytest.raises(ValueError, match="not symmetric"):
+        given.problem(sparse.csr_array(K), stiffness_rtol=1e-8)
+    with pytest.raises(ValueError, match="lower triangle alone"):
+        given.problem(sparse.csr_array(sparse.tril(given.K)), stiffness_rtol=1e-8)
+    # Each entry rounded for itself, from values a bit apart.
+    K = written(given.K, 8)
+    K.data *= 1 + 1e-8 * np.sin(np.arange(K.nnz))
+    assert given.problem(K, stiffness_rtol=1e-8).stats["rigid_motions"] == 3
+
+
+def test_update_pickle_and_threads() -> None:
+    given = case("quadrilateral", False)
+    K, other = written(given.K, 8), written(2 * given.K, 8)
+    problem = given.problem(K, stiffness_rtol=1e-8)
+    again = pickle.loads(pickle.dumps(problem))
+    first = problem.solve(given.load)
+    assert again.solve(given.load).reaction.tobytes() == first.reaction.tobytes()
+    assert again.stats["rigid_motions_off"] == problem.stats["rigid_motions_off"]
+    one, two = (given.problem(K, stiffness_rtol=1e-8, num_threads=k) for k in (1, 2))
+    for another in (one, two):
+        found = another.solve(given.load).displacement
+        assert found.tobytes() == first.displacement.tobytes()
+    problem.update(other)
+    fresh = given.problem(other, stiffness_rtol=1e-8)
+    assert (
+        problem.solve(given.load).reaction.tobytes()
+        == fresh.solve(given.load).reaction.tobytes()
+    )
+    with pytest.raises(ValueError, match="typically by"):
+        problem.update(written(given.K, 5))
+    assert problem.stats["rigid_motions_off"] == fresh.stats["rigid_motions_off"]
+
+
+def test_the_result_says_what_is_known(tmp_path: Path) -> None:
+    given = case("quadrilateral", False)
+    problem = given.problem(written(given.K, 8), stiffness_rtol=1e-8)
+    result = problem.solve(given.load)
+    (remark,) = result.remarks()
+    assert "known to 1e-08 only" in remark
+    assert f"off by {problem.stats['rigid_motions_off']:.1e}" in remark
+    assert "known to 1e-08" in str(result)
+    assert result[0].error_estimate[0] >= 1e-8
+    result.save(tmp_path / "it.h5")
+    assert bp.load(tmp_path / "it.h5").remarks() == [remark]
+    plain = given.problem().solve(given.load)
+    assert plain.remarks() == []
+    assert plain[0].error_estimate[0] < 1e-12
+    assert "rigid_motions_off" not in given.problem().stats
+
+
+def test_the_estimate_knows_what_digits_do_to_a_nearly_incompressible_body() -> None:
+    """Entries are of the size of λ, the energy of μ: 1e4 times what digits leave open."""
+    given = case("quadrilateral", True, nu=0.4999)
+    full = given.problem().solve(given.load)
+    result = given.problem(written(given.K, 8), stiffness_rtol=1e-8).solve(given.load)
+    estimate = result[0].error_estimate
+    assert estimate[1] > 1e-7
+    assert apart(result.displacement, full.displacement) <= estimate[1] <= 1e-3
+
+
+def test_the_command(tmp_path: Path) -> None:
+    given = case("quadrilateral", False)
+    mmwrite(tmp_path / "K.mtx", given.K.tocoo(), symmetry="symmetric", precision=8)
+    nodes = given.at[::2]
+    bottom = np.flatnonzero(nodes[:, 1] == 0)
+    tables = {
+        "nodes": [
+            "node,x,y",
+            *(f"{k + 1},{x!r},{y!r}" for k, (x, y) in enumerate(nodes.tolist())),
+        ],
+        "contacts": ["node,nx,ny,mu", *(f"{k + 1},0,1,0.3" for k in bottom)],
+        "load": [
+            "dof,force",
+            *(f"{k},{f!r}" for k, f in enumerate(given.load.tolist()) if f),
+        ],
+    }
+    for name, lines in tables.items():
+        (tmp_path / f"{name}.csv").write_text("\n".join(lines) + "\n")
+    files = [f"--{name}={name}.csv" for name in tables]
+    command = ["solve", "--stiffness", "K.mtx", "--out", "here", "--tol", "1e-12"]
+    plain = bipot(*command, *files, cwd=tmp_path)
+    assert plain.returncode == 2
+    assert "stiffness_rtol" in plain.stderr
+    run = bipot(*command, *files, "--stiffness-rtol", "1e-8", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert "known to 1e-08 only" in run.stdout
+    told = bipot(*command, *files, "--stiffness-rtol", "1e-8", "--json", cwd=tmp_path)
+    *_, last = map(json.loads, told.stdout.splitlines())
+    assert 0 < last["rigid_motions_off"] < 5e-8
+    found = bp.load(tmp_path / "here" / "result.h5")
+    full = given.problem().solve(given.load)
+    assert apart(found.reaction, full.reaction) <= CONDITION * 5e-8
+    lacking = [file for file in files if "nodes" not in file]
+    (tmp_path / "contacts.csv").write_text(
+        "dof_x,dof_y,nx,ny,mu\n"
+        + "\n".join(f"{2 * k},{2 * k + 1},0,1,0.3" for k in bottom)
+    )
+    run = bipot(*command, *lacking, "--stiffness-rtol", "1e-8", cwd=tmp_path)
+    assert run.returncode == 2
+    assert "--stiffness-rtol needs --nodes" in run.stderr
