@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,10 @@ from bipot_rs.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.loading import Totals, done, reached
 from bipot_rs.reduced import opening, solution_fields
 from bipot_rs.result import Outcome, Result, Solution, Step
-from bipot_rs.stiffness_digits import Digits
 from bipot_rs.words import body_of, counted
+
+if TYPE_CHECKING:
+    from bipot_rs.stiffness_digits import Digits
 
 Contacts = Mapping[str, NDArray[Any] | None]
 Settings = tuple[str, float, int | None, float | None]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs import _core, motion, stiffness_digits, summary
+from bipot_rs import _core, motion, summary
 from bipot_rs.adaptive import follow, increments
 from bipot_rs.check import (
     RATIO,
@@ -41,6 +41,9 @@ from bipot_rs.loading import Held, Loading, Totals, check_case
 from bipot_rs.reduced import ReducedProblem
 from bipot_rs.result import Result, Step
 from bipot_rs.words import body_of, counted
+
+if TYPE_CHECKING:
+    from bipot_rs.stiffness_digits import Digits
 
 
 class ContactProblem:
@@ -211,9 +214,11 @@ class ContactProblem:
         if working_set is not None and not isinstance(working_set, bool):
             raise TypeError(f"working_set is {working_set!r}, expected a bool or None")
         at = places(coordinates, n)
-        self._digits = stiffness_digits.checked(
-            stiffness_rtol, at, d, self._fixed, self._bodies
-        )
+        self._digits: Digits | None = None
+        if stiffness_rtol is not None:
+            from bipot_rs.stiffness_digits import checked
+
+            self._digits = checked(stiffness_rtol, at, d, self._fixed, self._bodies)
         self._given = (
             contact.parts,
             whole,
@@ -725,13 +730,7 @@ class ContactProblem:
                 raise ValueError(f"{error}{half}") from None
             if dof is None:
                 raise
-            said = str(error)
-            if "K is indefinite" in said:
-                said += stiffness_digits.said_of_indefinite(
-                    parts, self._fixed, dof, self._digits
-                )
-            elif "K has too few digits" in said and self._digits is None:
-                said += stiffness_digits.OFFER
+            said = str(error) + self._of_digits(str(error), parts, dof)
             if self._bodies is not None:
                 said = f"{body_of(dof, self._bodies)}: {said}"
             elif said == str(error):
@@ -741,6 +740,15 @@ class ContactProblem:
                 named.dof = dof
             raise named from None
         self._seconds = time.perf_counter() - started
+
+    def _of_digits(self, said: str, parts: Parts, dof: int) -> str:
+        """What the digits of K may have to do with an error of the core."""
+        from bipot_rs.stiffness_digits import OFFER, said_of_indefinite
+
+        if "K is indefinite" in said:
+            return said_of_indefinite(parts, self._fixed, dof, self._digits)
+        few = "K has too few digits" in said and self._digits is None
+        return OFFER if few else ""
 
     def _following(
         self,

@@ -218,10 +218,8 @@ def checked(
     d: int,
     fixed: Ints,
     bodies: Mapping[str, int] | None,
-) -> Digits | None:
+) -> Digits:
     """``stiffness_rtol`` as `ContactProblem` takes it, with what it needs."""
-    if rtol is None:
-        return None
     value = number("stiffness_rtol", rtol)
     if not 0 < value <= MOST:
         raise ValueError(
@@ -564,8 +562,10 @@ def said_of_indefinite(
         return f"; no eigenvalue is below {-OF_DIGITS:.0e} of the largest" + _offer(
             OF_DIGITS, digits
         )
+    if not least < 0:
+        return ""
     said = f"; its most negative eigenvalue is {least:.1e} of the largest"
-    return said + (_offer(-least, digits) if -OF_DIGITS <= least < 0 else "")
+    return said + (_offer(-least, digits) if least >= -OF_DIGITS else "")
 
 
 def _offer(negative: float, digits: Digits | None) -> str:
@@ -585,8 +585,11 @@ def _offer(negative: float, digits: Digits | None) -> str:
 def _least_eigenvalue(K: Any) -> float | None:
     """The least eigenvalue over the largest; None for a small one that costs too much."""
     n = K.shape[0]
+    if not K.count_nonzero():
+        return 0.0
     if n <= DENSE:
-        values = np.linalg.eigvalsh(K.toarray())
+        # Scaled, lest squares of entries leave the range of doubles.
+        values = np.linalg.eigvalsh(K.toarray() / np.abs(K.data).max())
         return float(values[0] / np.abs(values).max())
     largest = abs(float(eigsh(K, k=1, which="LM", tol=1e-3, v0=np.ones(n))[0][0]))
     try:
