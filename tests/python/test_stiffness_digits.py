@@ -581,3 +581,73 @@ def test_the_command(tmp_path: Path) -> None:
     run = bipot(*command, *lacking, "--stiffness-rtol", "1e-8", cwd=tmp_path)
     assert run.returncode == 2
     assert "--stiffness-rtol needs --nodes" in run.stderr
+
+
+def random_case(rng: np.random.Generator) -> tuple[Case, int, int]:
+    """A block of random cells, supports and units, turned; digits; its rigid motions."""
+    cell = str(rng.choice(["triangle", "quadrilateral", "tetrahedron", "hexahedron"]))
+    cells = int(rng.integers(2, 5))
+    units = str(rng.choice(list(UNITS)))
+    length, nu = 10 ** rng.uniform(-0.5, 1.5), rng.uniform(0, 0.45)
+    given = case(cell, False, units, cells, length, nu)
+    d = given.dim
+    turn = np.linalg.qr(rng.standard_normal((d, d)))[0]
+    n = len(given.load)
+    nodes = sparse.kron(sparse.eye_array(n // d), turn.T)
+    K = sparse.csr_array(nodes @ given.K @ nodes.T)
+    K = sparse.csr_array((K + K.T) / 2)
+    away = given.at @ turn + rng.uniform(-5, 5, d) * np.ptp(given.at)
+    turned = given._replace(
+        K=K,
+        B=sparse.csr_array(given.B @ nodes.T),
+        load=nodes @ given.load,
+        at=away,
+    )
+    left = 3 if d == 2 else 6
+    held = int(rng.integers(0, 4))
+    if held == 1:  # one node
+        turned = turned._replace(fixed=np.arange(d))
+        left = 1 if d == 2 else 3
+    elif held == 2:  # a spring at one node, along its own direction
+        way = rng.standard_normal(d)
+        spring = K.diagonal().mean() * np.outer(way, way) / (way @ way)
+        added = sparse.coo_array(
+            (spring.ravel(), np.indices((d, d)).reshape(2, -1)), K.shape
+        )
+        turned = turned._replace(K=sparse.csr_array(K + added))
+        left -= 1
+    elif held == 3:  # one end
+        ends = np.flatnonzero(given.at[::d, 0] == 0)
+        turned = turned._replace(fixed=np.concatenate([d * ends + k for k in range(d)]))
+        left = 0
+    return turned, int(rng.integers(6, 13)), left
+
+
+def check_random(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    given, digits, left = random_case(rng)
+    tau = 0.5 * 10.0 ** (1 - digits)
+    K = written(given.K, digits)
+    problem = given.problem(K, stiffness_rtol=10.0**-digits)
+    assert problem.stats["rigid_motions"] == left, seed
+    assert problem.stats["rigid_motions_off"] <= 2 * tau
+    full = given.problem()
+    assert full.stats["rigid_motions"] == left, seed
+    expected, found = full.solve(given.load), problem.solve(given.load)
+    # Of the shape, of thirty and of springs: what is long bends, and rounding of K
+    # itself, 64 ε, grows alike.
+    bound = 20 * CONDITION * (tau + 64 * EPS)
+    assert apart(found.displacement, expected.displacement) <= bound, seed
+    if left == (3 if given.dim == 2 else 6):
+        assert off(used(problem), rigid(given.at, given.dim)) <= 32 * EPS
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_blocks(seed: int) -> None:
+    check_random(seed)
+
+
+@pytest.mark.verify
+def test_many_random_blocks() -> None:
+    for seed in range(100, 600):
+        check_random(seed)
