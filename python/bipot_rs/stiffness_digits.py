@@ -75,6 +75,8 @@ SOFTEST = 1e-4
 # leaves of a row is 1, and the sums of a check add as much again.
 RESTORED = 16.0
 ENOUGH = 4.0
+# The same of rows that supports hold, over others.
+COMBINED = 8.0
 # An energy below this part of its terms, in ε, is rounding.
 ROUNDED = 64.0
 # Entries of K whose rigid motions are fitted at once: some 60 MB.
@@ -245,6 +247,8 @@ class _Rows:
         What each entry is uncertain by, over ``rtol``.
     A
         Takes entries to ``K Z``, rotations about the place of each row, ``(n m, entries)``.
+    held
+        Rows that supports within K hold, ``(n,)``.
     """
 
     def __init__(self, K: Any, direction: Ints, digits: Digits) -> None:
@@ -261,6 +265,7 @@ class _Rows:
         self.uncertain = size
         self.A = self._operator()
         self.K = K
+        self.held = np.zeros(self.n, bool)
 
     def _operator(self) -> Any:
         """A of all rows."""
@@ -308,6 +313,7 @@ class _Rows:
         turned = held & ~shifted & (self.direction < ABOUT)
         if turned.any():
             raise self._misplaced(turned, off)
+        self.held = held
         return max(used, self._leave(held, off, forces))
 
     def _misplaced(self, turned: Any, off: Array) -> ValueError:
@@ -465,6 +471,9 @@ class _Rows:
         inverse = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0)
         G.data *= np.repeat(inverse, np.diff(G.indptr))
         terms = abs(self.A) @ np.abs(self.values)
+        by_row = terms.reshape(self.n, self.m)
+        # Combinations of motions are known to rounding themselves.
+        by_row[self.held] = COMBINED * by_row[self.held].max(axis=1, keepdims=True)
         goal = inverse * EPS * terms
         values = self.values.copy()
         worst, best = np.inf, values
