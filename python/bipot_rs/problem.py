@@ -218,7 +218,7 @@ class ContactProblem:
         if stiffness_rtol is not None:
             from bipot_rs.stiffness_digits import checked
 
-            self._digits = checked(stiffness_rtol, at, d, self._fixed, self._bodies)
+            self._digits = checked(stiffness_rtol, at, d, self._bodies)
         self._given = (
             contact.parts,
             whole,

@@ -99,8 +99,6 @@ class Digits:
         Of the degrees of freedom, ``(n, 3)``.
     d
         Dimension.
-    fixed
-        Prescribed degrees of freedom.
     bodies
         Their names, each with its first degree of freedom, for messages.
     """
@@ -108,7 +106,6 @@ class Digits:
     rtol: float
     places: Array
     d: int
-    fixed: Ints
     bodies: Mapping[str, int] | None = None
 
     def restore(self, given: Csr) -> tuple[Parts, float]:
@@ -218,7 +215,6 @@ def checked(
     rtol: Any,
     places: Array | None,
     d: int,
-    fixed: Ints,
     bodies: Mapping[str, int] | None,
 ) -> Digits:
     """``stiffness_rtol`` as `ContactProblem` takes it, with what it needs."""
@@ -233,7 +229,7 @@ def checked(
             "stiffness_rtol needs coordinates, the places of the degrees of freedom: from "
             "them the rigid motions are known that K has lost"
         )
-    return Digits(value, places, d, fixed, bodies)
+    return Digits(value, places, d, bodies)
 
 
 class _Rows:
@@ -413,23 +409,18 @@ class _Rows:
 
     def _stiff(self, dofs: Ints, free: Array, off: Array) -> bool:
         """Whether a body is held beyond doubt, whatever errors its entries have."""
-        kept = np.setdiff1d(dofs, self.digits.fixed)
-        if not len(kept):
-            return True
-        if len(kept) > DENSE:
+        # All degrees of freedom, prescribed ones too: it is K that is to resist.
+        if len(dofs) > DENSE:
             return False
-        K = self.K[kept][:, kept].toarray()
+        K = self.K[dofs][:, dofs].toarray()
         typical = float(np.median(off[dofs]))
-        _, moved = motions(
-            self.direction[dofs], self.digits.places[dofs], self.digits.d
-        )
-        weight = moved[np.isin(dofs, kept)]
+        places, d = self.digits.places[dofs], self.digits.d
+        _, moved = motions(self.direction[dofs], places, d)
         doubt = max(self.digits.rtol, min(typical, SOFTEST))
-        shift = doubt * (np.abs(K) @ weight) / weight
-        rigid = free[np.isin(dofs, kept)]
+        shift = doubt * (np.abs(K) @ moved) / moved
         scale = np.abs(np.diag(K)).mean()
         try:
-            np.linalg.cholesky(K - np.diag(shift) + scale * (rigid @ rigid.T))
+            np.linalg.cholesky(K - np.diag(shift) + scale * (free @ free.T))
         except np.linalg.LinAlgError:
             return False
         return True

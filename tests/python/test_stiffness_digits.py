@@ -642,6 +642,37 @@ def check_random(seed: int) -> None:
         assert off(used(problem), rigid(given.at, given.dim)) <= 32 * EPS
 
 
+def check_too_many_digits(seed: int) -> None:
+    """K has fewer digits than told, by two or three: it is never accepted."""
+    rng = np.random.default_rng(seed)
+    given, digits, _ = random_case(rng)
+    digits = min(digits, 9)
+    claimed = digits + int(rng.integers(2, 4))
+    with pytest.raises(ValueError, match="stiffness_rtol"):
+        given.problem(written(given.K, digits), stiffness_rtol=10.0**-claimed)
+
+
+def check_wrong_places(seed: int) -> None:
+    """Nodes in another order, one further or at random."""
+    rng = np.random.default_rng(seed)
+    given, digits, _ = random_case(rng)
+    nodes = given.at[:: given.dim]
+    order = np.roll(np.arange(len(nodes)), 1)
+    if seed % 2:
+        order = rng.permutation(len(nodes))
+    at = np.repeat(nodes[order], given.dim, axis=0)
+    with pytest.raises(ValueError, match=r"coordinates|digits"):
+        given._replace(at=at).problem(
+            written(given.K, digits), stiffness_rtol=10.0**-digits
+        )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_blocks_that_are_not_what_is_told(seed: int) -> None:
+    check_too_many_digits(1000 + seed)
+    check_wrong_places(2000 + seed)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_random_blocks(seed: int) -> None:
     check_random(seed)
@@ -651,3 +682,5 @@ def test_random_blocks(seed: int) -> None:
 def test_many_random_blocks() -> None:
     for seed in range(100, 600):
         check_random(seed)
+        check_too_many_digits(1000 + seed)
+        check_wrong_places(2000 + seed)
