@@ -314,12 +314,22 @@ class _Rows:
 
     def _misplaced(self, turned: Any, off: Array) -> ValueError:
         typical = float(np.median(off[turned]))
+        remedy = (
+            "The coordinates are not those of the degrees of freedom of K: another "
+            "numbering, or other axes"
+        )
+        if typical <= SOFTEST:
+            digits = 10.0 ** np.ceil(np.log10(typical))
+            remedy = (
+                "Give coordinates with all the digits that K was made with; if K itself "
+                f"was written with fewer digits, stiffness_rtol={digits:.0e}"
+            )
         return ValueError(
             f"{int(turned.sum())} of {self.n} rows of K are in balance under translations "
             "and not under rotations: they are off by more than stiffness_rtol = "
             f"{self.digits.rtol:g} explains, typically by {typical:.1e} of the sum of "
-            "sizes of their terms. The coordinates are not those of the degrees of freedom "
-            f"of K: another numbering, or other axes; the first is {int(np.argmax(turned))}"
+            f"sizes of their terms, the first at degree of freedom "
+            f"{int(np.argmax(turned))}. {remedy}"
         )
 
     def _leave(self, held: Any, off: Array, forces: Array) -> float:

@@ -472,6 +472,10 @@ def test_coordinates_of_another_numbering_are_refused() -> None:
     alone[7, 0] += 0.1
     with pytest.raises(ValueError, match="degree of freedom 6 are not those of whole"):
         given.problem(coordinates=alone, stiffness_rtol=1e-8)
+    thirds = case("quadrilateral", False, cells=3)
+    K, rounded = written(thirds.K, 8), np.round(thirds.at, 5)
+    with pytest.raises(ValueError, match="Give coordinates with all the digits"):
+        thirds.problem(K, coordinates=rounded, stiffness_rtol=1e-8)
     axes = given.at[:, ::-1]
     with pytest.raises(ValueError, match="or other axes"):
         given.problem(written(given.K, 8), coordinates=axes, stiffness_rtol=1e-8)
