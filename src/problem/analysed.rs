@@ -311,6 +311,7 @@ impl Analysed {
         let of = (k, &self.kept[..], &self.symbolic);
         let softest = |width| softest_of_all(of, &weights, known.len() + width, stop);
         let verdict = self.look(&weights, &known, softest)?;
+        let verdict = verdict.ok_or_else(|| self.indefinite())?;
         if self.believed(&verdict, geometric.is_some())? {
             let mut all = known;
             all.extend(verdict.null);
@@ -319,27 +320,31 @@ impl Analysed {
         Ok(())
     }
 
-    /// What is found among more and more soft motions, until some are not null.
+    fn indefinite(&self) -> Error {
+        Error::Indefinite { dof: self.dofs[0] }
+    }
+
+    /// What is found among more and more soft motions, until some are not null; `None`
+    /// where none are to be had.
     fn look(
         &self,
         weights: &Weights,
         known: &[Vec<f64>],
         softest: impl Fn(usize) -> Result<Option<Block>, Error>,
-    ) -> Result<Verdict, Error> {
-        let indefinite = Error::Indefinite { dof: self.dofs[0] };
+    ) -> Result<Option<Verdict>, Error> {
         let mut width = WIDTH;
         loop {
             let Some(block) = softest(width)? else {
-                return Err(indefinite);
+                return Ok(None);
             };
             let all = block.columns.len() < width;
             let shift = block.shift;
             let verdict = part(&self.stiffness, weights, known, block);
             if verdict.negative {
-                return Err(indefinite);
+                return Err(self.indefinite());
             }
             if all || verdict.is_complete(shift) {
-                return Ok(verdict);
+                return Ok(Some(verdict));
             }
             width *= 2;
         }
@@ -472,14 +477,20 @@ impl Analysed {
         let of = (&self.stiffness, &self.kept[..], factor);
         let weights = Weights::new(&self.stiffness);
         let softest = |width| softest(of, &s, scale, width, stop);
-        let mut verdict = self.look(&weights, &motions.whole, softest)?;
-        if verdict.doubtful {
-            // Motions that are extended from the contact set gather there what K is out
-            // of balance by everywhere; found in full, they leave it where it is.
-            let of = (&self.stiffness, &self.kept[..], &self.symbolic);
-            let in_full = |width| softest_of_all(of, &weights, motions.whole.len() + width, stop);
-            verdict = self.look(&weights, &motions.whole, in_full)?;
-        }
+        let found = self.look(&weights, &motions.whole, softest)?;
+        let verdict = match found.filter(|verdict| !verdict.doubtful) {
+            Some(verdict) => verdict,
+            None => {
+                // Motions that are extended from the contact set gather there what K is
+                // out of balance by everywhere, and of a stiff part on a soft one S may be
+                // rounding; found in full, they leave it where it is.
+                let of = (&self.stiffness, &self.kept[..], &self.symbolic);
+                let width = |width| motions.whole.len() + width;
+                let in_full = |more| softest_of_all(of, &weights, width(more), stop);
+                let verdict = self.look(&weights, &motions.whole, in_full)?;
+                verdict.ok_or_else(|| self.indefinite())?
+            }
+        };
         if self.believed(&verdict, geometric.is_some())? {
             let mut all = std::mem::take(&mut motions.whole);
             all.extend(verdict.null);

@@ -166,12 +166,6 @@ impl Weights {
         }
     }
 
-    /// `xᵀ K x / xᵀ D x`.
-    fn energy(&self, k: &Owned, x: &[f64]) -> f64 {
-        let image = k.residual(x, &vec![0.0; x.len()]);
-        -exact::dot(x, &image).value() / dot_long(x, &self.times(x))
-    }
-
     /// `D x`, D the diagonal of K.
     fn times(&self, x: &[f64]) -> Vec<f64> {
         x.iter().zip(&self.roots).map(|(x, w)| x * w * w).collect()
@@ -462,8 +456,12 @@ pub(super) fn part(
         if let Some(raised) = &raised {
             // Where a soft part moves with a stiff one, unit length is that of the stiff
             // one, and rounding of it is much beside the small entries of the soft one.
-            all.par_iter_mut().for_each(|x| raised.soften(k, x));
-            values = all.iter().map(|x| weights.energy(k, x)).collect();
+            all.par_iter_mut().for_each(|x| {
+                raised.soften(k, x);
+                let length = dot_long(x, &weights.times(x)).sqrt();
+                scale(x, length);
+            });
+            values = all.iter().map(|x| energy(k, x)).collect();
         }
         let rows: Vec<f64> = all.iter().map(|x| rows_of(k, x)).collect();
         let gaps = all.iter().zip(&values);
@@ -492,6 +490,11 @@ pub(super) fn part(
         }
     }
     verdict
+}
+
+/// `xᵀ K x`.
+fn energy(k: &Owned, x: &[f64]) -> f64 {
+    -exact::dot(x, &k.residual(x, &vec![0.0; x.len()])).value()
 }
 
 /// An energy `xᵀ K x` over what rounding of K may make of it.

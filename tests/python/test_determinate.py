@@ -239,8 +239,12 @@ def test_a_belt_round_two_drums() -> None:
             for (i, j), length in zip(pairs, lengths, strict=True)
         ]
         # One tension all along; friction of 1e-6 changes it by π times as much.
-        np.testing.assert_allclose(force, np.mean(force), rtol=1e-9 if mu == 0 else 1e-5)
+        np.testing.assert_allclose(
+            force, np.mean(force), rtol=1e-9 if mu == 0 else 1e-5
+        )
         # The work of stretching is that of the drum: T ΔL, with ΔL by moving the drum
         # of 2 n corners: twice the way, less what the corners at its sides give.
         stretch = np.mean(force) / 1e6 * np.sum(lengths)
-        assert stretch == pytest.approx(2e-3 * np.sin(half[-1] + np.pi / (2 * n)), rel=1e-6)
+        assert stretch == pytest.approx(
+            2e-3 * np.sin(half[-1] + np.pi / (2 * n)), rel=1e-6
+        )

@@ -53,13 +53,20 @@ def test_contacts_that_do_not_pin_a_body_are_refused() -> None:
         bp.ContactProblem(body.K, one, gap=np.zeros(1), mu=0.3)
 
 
-def test_a_mechanism_is_refused() -> None:
-    # Four springs in a ring resist stretching of one direction each: sixteen
-    # unknowns in one component with rank four leave far more than a rigid body has.
+def test_a_mechanism_that_contact_pins() -> None:
+    # Four springs resist stretching of one direction each: sixteen unknowns in one
+    # component with rank four leave twelve motions, far more than a rigid body has.
     rng = np.random.default_rng(5)
     factor = rng.standard_normal((16, 4))
-    with pytest.raises(bp.FloatingBodyError, match=r"motions free|rigid body"):
-        bp.ContactProblem(factor @ factor.T, np.eye(16), gap=np.zeros(8), mu=0.3)
+    K = factor @ factor.T
+    problem = bp.ContactProblem(K, np.eye(16), gap=np.zeros(8), mu=0.3)
+    assert problem.stats["rigid_motions"] == 12
+    # Pressed everywhere, what the loads are is what the contacts carry.
+    load = np.tile([-1.0, 0.2], 8)
+    result = problem.solve(load)
+    np.testing.assert_allclose(result.reaction[0].ravel(), -load, rtol=1e-12)
+    with pytest.raises(bp.FloatingBodyError):
+        bp.ContactProblem(K, np.eye(16)[:10], gap=np.zeros(5), mu=0.3)
 
 
 def two_blocks(dof_names: bool) -> bp.ContactProblem:

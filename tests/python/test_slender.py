@@ -96,7 +96,10 @@ def test_a_curved_leaf(slenderness: int, coordinates: bool) -> None:
 @pytest.mark.parametrize("slenderness", [20, 200, 2000])
 def test_a_plate(slenderness: int) -> None:
     body = strip(
-        (1000.0, 800.0, 1000.0 / slenderness), (8, 6, 1), cell="hexahedron", second=False
+        (1000.0, 800.0, 1000.0 / slenderness),
+        (8, 6, 1),
+        cell="hexahedron",
+        second=False,
     )
     model = fem.build([body], [floor(body, 0.0)], supports("clamped", 3))
     load = weight(model) + lifted(model, deflection(slenderness))
@@ -215,7 +218,9 @@ def drawn(rng: np.random.Generator) -> tuple[fem.Model, Array, bool]:
     cell = str(rng.choice(CELLS[dim]))
     second = bool(rng.integers(2)) and not (dim == 3)
     height = 1000.0 / slenderness
-    size = (1000.0, height) if dim == 2 else (1000.0, rng.uniform(1, 50) * height, height)
+    size = (
+        (1000.0, height) if dim == 2 else (1000.0, rng.uniform(1, 50) * height, height)
+    )
     count = int(rng.integers(6, 60 if dim == 2 else 24))
     cells = (count, int(rng.integers(1, 3))) if dim == 2 else (count, 1, 1)
     body = strip(size, cells, cell=cell, second=second, rise=rng.choice([0.0, 20.0]))

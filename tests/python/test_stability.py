@@ -111,19 +111,18 @@ def test_needles_at_the_contact() -> None:
         assert max(x.error_r, x.error_u) <= 1e-14 + 2 * EPS * x.parameter
 
 
-def test_what_flat_cells_take_from_w_comes_back() -> None:
+def test_flat_cells_of_a_free_body_take_nothing() -> None:
     lines = np.linspace(0, 1, 5), slender.layers(1e6)
     case, closed = blocks.column([1.0], 0.3, lines)
     problem, step = solved(case)
     right = exact.solve(case, step.status, step.slip)
     limit = stability.CONSTANT * bounds(right, problem, step.residual)[0]
+    # S is a small difference of large entries, and what rounding leaves of S on the
+    # free motion is taken out: statics is exact, with W and with K.
     by_w = problem.reduced(case.load).solve(tol=1e-14)
-    assert by_w.converged
-    # cond(S) is small, and still W holds only so many digits ...
     assert problem.stats["cond_S"] < 100 < CORRECTED
-    assert np.abs(by_w.reaction - closed.r).max() > 100 * limit * closed.r.max()
-    # ... which the last step with K restores.
-    assert np.abs(step.reaction - closed.r).max() <= limit * closed.r.max()
+    for found in (by_w, step):
+        assert np.abs(found.reaction - closed.r).max() <= limit * closed.r.max()
 
 
 def test_steps_of_a_billionth_and_less() -> None:
@@ -257,5 +256,5 @@ def test_the_tables_keep_the_bounds(name: str) -> None:
 
 def test_a_row_says_how_an_answer_is_refused() -> None:
     line = np.linspace(0, 1, 5)
-    case, _ = blocks.column([1.0, 1e12], 0.3, (line, line), bonded=True)
-    assert row("bonded", 1e12, case).outcome == "FloatingBodyError"
+    case, _ = blocks.column([1.0, 1e16], 0.3, (line, line), bonded=True)
+    assert row("bonded", 1e16, case).outcome == "NotConvergedError"
