@@ -102,7 +102,10 @@ PYTHON = (
     "cone friction loading rigid_geometry",
     "stiffness_digits",
     "resultants",
-    "answers diagnosis errors existence facing.facet_shapes frames motion",
+    (
+        "answers diagnosis errors existence facing.box_tree facing.facet_shapes frames "
+        "motion"
+    ),
     "facing.clipping facing.facet_mesh facing.skewed",
     "facing.mortar",
     "facing.pairing",

@@ -430,3 +430,69 @@ def test_large_surfaces_take_no_product_of_their_sizes() -> None:
         s, _ = candidates(slave.centre, slave.radius, slave.normals, master)
         most.append(len(s) / len(slave.facets))
     assert most[1] < 1.2 * most[0] < 25
+
+
+@pytest.mark.parametrize("nodes", [0, 3, 4, 6, 9])
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_coarse_facet_on_a_fine_mesh(
+    nodes: int, turned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Facets of the master are held against those beside them, not against all."""
+    from bipot_rs.facing import box_tree, mortar
+
+    boxes: list[int] = []
+    clipped: list[int] = []
+    overlap, clip = box_tree._overlap, mortar.clip
+
+    def counted_boxes(low: Array, *others: Array) -> Array:
+        boxes.append(len(low))
+        return overlap(low, *others)
+
+    def counted_clip(subject: Array, by: Array) -> Array:
+        clipped.append(len(subject))
+        return clip(subject, by)
+
+    monkeypatch.setattr(box_tree, "_overlap", counted_boxes)
+    monkeypatch.setattr(mortar, "clip", counted_clip)
+    for n in (20, 40):
+        if nodes == 0:
+            x = np.linspace(0, 1, n * n + 1)
+            slave, master = line(x[[0, -1]], up=False), line(x, up=True)
+        else:
+            slave, master = sheet(nodes, 1, up=False), sheet(nodes, n, up=True)
+        if turned:
+            Q = rotation(n, slave[0].shape[1])
+            slave, master = ((x @ Q.T, f) for x, f in (slave, master))
+        boxes.clear()
+        clipped.clear()
+        found = bp.pairs(*slave, *master)
+        np.testing.assert_allclose(found.slave.sum(axis=1), 1, rtol=1e-13)
+        facets = len(master[1])
+        # One against the slave, and eight beside it, of which four share an edge; of
+        # triangles twelve, of which three do.
+        assert sum(clipped) <= 14 * facets
+        assert sum(boxes) <= 600 * facets
+
+
+def test_layers_are_found_among_many_facets() -> None:
+    """One facet below a fine mesh, within, at its rim, and a part of a facet's size."""
+    slave = sheet(4, 1, up=False, low=-0.5, high=1.5)
+    x, facets = sheet(4, 40, up=True)
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        below = np.append(rng.uniform(0, 0.98, 2), -0.1)
+        size = 10 ** rng.uniform(-2.5, 0)
+        square = size * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+        with pytest.raises(ValueError, match="lies in several layers opposite to fac"):
+            bp.pairs(
+                *slave,
+                np.concatenate([x, below + square]),
+                np.concatenate([facets, [len(x) + np.arange(4)]]),
+            )
+        aside = np.array([1.01, *below[1:]]) + square
+        found = bp.pairs(
+            *sheet(4, 1, up=False, low=-3, high=3),
+            np.concatenate([x, aside]),
+            np.concatenate([facets, [len(x) + np.arange(4)]]),
+        )
+        assert found.area.sum() == pytest.approx(1 + size**2, rel=1e-12)

@@ -49,6 +49,7 @@ from typing import Any
 import numpy as np
 
 from bipot_rs.check import Array, floats
+from bipot_rs.facing.box_tree import BoxTree
 from bipot_rs.facing.clipping import clip, triangle_rule, triangles
 from bipot_rs.facing.facet_mesh import Ints, Surface, bases, candidates
 from bipot_rs.facing.facet_shapes import CORNER_SHAPES, KINDS, Kind, reference, skewness
@@ -63,6 +64,8 @@ _JOINED, _SWING = 0.05, 10.0
 _SLIVER = 1e-12
 # Of a quadrilateral that is a parallelogram, but for rounding.
 _SKEW = 1e-12
+# Intersections of a facet up to which all their pairs are compared.
+_FEW = 128
 # Points of Gauss at a time, which bounds the memory.
 _CHUNK = 2**18
 
@@ -194,17 +197,11 @@ def _one_layer(
     (`facet_mesh`), and seen along a normal that both face they lie on its two sides.
     Those that share a corner alone may be, as the storeys of a ramp about its pole.
     """
-    first = np.searchsorted(s, s)
-    place = np.arange(len(s)) - first
-    for step in range(1, int(place.max(initial=0)) + 1):
-        one = np.flatnonzero(place >= step)
-        other = one - step
+    for one, other in _side_by_side(s, theirs):
         corners = master.corners
         shared = corners[m[one]][:, :, None] == corners[m[other]][:, None, :]
-        over = (theirs[one].max(axis=1) > theirs[other].min(axis=1)).all(axis=1)
-        over &= (theirs[other].max(axis=1) > theirs[one].min(axis=1)).all(axis=1)
-        over &= shared.sum(axis=(1, 2)) < slave.dim - 1
-        one, other = one[over], other[over]
+        apart = shared.sum(axis=(1, 2)) < slave.dim - 1
+        one, other = one[apart], other[apart]
         if not one.size:
             continue
         if slave.dim == 2:
@@ -230,6 +227,30 @@ def _one_layer(
                 "distance, within which the right one is the only one, or name less of "
                 "the surface"
             )
+
+
+def _side_by_side(s: Ints, theirs: Array) -> Iterator[tuple[Ints, Ints]]:
+    """Places ``(one, other)``, the second the lower, of intersections with one facet.
+
+    Those among them whose boxes overlap. Where a facet has few intersections, all of its
+    pairs are compared; where it has many, a tree finds them.
+    """
+    low, high = theirs.min(axis=1), theirs.max(axis=1)
+    first = np.searchsorted(s, s)
+    count = np.searchsorted(s, s, side="right") - first
+    place = np.arange(len(s)) - first
+    few = count <= _FEW
+    for step in range(1, int(place[few].max(initial=0)) + 1):
+        one: Ints = np.flatnonzero(few & (place >= step))
+        other = one - step
+        over = ((high[one] > low[other]) & (high[other] > low[one])).all(axis=1)
+        yield one[over], other[over]
+    many = np.flatnonzero(~few)
+    if many.size:
+        boxes = low[many], high[many], s[many]
+        for one, other in BoxTree(*boxes).overlapping(*boxes):
+            later = one > other
+            yield many[one[later]], many[other[later]]
 
 
 def whole(slave: Surface) -> Overlaps:
