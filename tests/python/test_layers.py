@@ -106,7 +106,7 @@ PYTHON = (
         "answers diagnosis errors existence facing.box_tree facing.facet_shapes frames "
         "motion"
     ),
-    "facing.clipping facing.facet_mesh facing.skewed",
+    "facing.clipping facing.facet_mesh facing.facet_tree facing.skewed",
     "facing.mortar",
     "facing.pairing",
     "reduced",

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import Array, floats
 from bipot_rs.facing.closest import Closest, length, place, taken
+from bipot_rs.facing.facet_tree import FacetTree
 from bipot_rs.words import counted
 
 Ints = NDArray[np.int64]
@@ -31,8 +32,8 @@ _ON = 1e-10
 _RIM = 1e-6
 # Of the sizes of vectors that are added: opposite ones, but for rounding.
 _CANCELS = 1e-9
-# Pairs of points and facets that are compared at once: some hundred megabytes.
-_AT_ONCE = 2**19
+# Points that are located at once: some ten megabytes.
+_AT_ONCE = 2**13
 
 
 class Surface:
@@ -97,8 +98,8 @@ class Surface:
         self._normal = _normals(x[self._corners])
         self._size = float(np.ptp(x[np.unique(corners)], axis=0).max())
         self._neighbours()
-        self._middle = x[self._corners].mean(axis=1)
-        self._levels = _levels(x[self._corners], self._middle)
+        self._levels = _levels(x[self._corners])
+        self._tree = FacetTree(x[self._corners], self._normal)
 
     @classmethod
     def from_file(
@@ -252,9 +253,8 @@ class Surface:
 
     def _portions(self, x: Array | Ints) -> Iterator[slice]:
         """Points in their order, as many as are compared at once."""
-        step = max(1, _AT_ONCE // 64)
-        for first in range(0, len(x), step):
-            yield slice(first, first + step)
+        for first in range(0, len(x), _AT_ONCE):
+            yield slice(first, first + _AT_ONCE)
 
     def _search(self, x: Array) -> tuple[Array, Ints, Ints]:
         """Closest points, the facets they are on, and which part of them."""
@@ -263,43 +263,26 @@ class Surface:
         part = np.zeros(len(x), np.int64)
         best = np.full(len(x), np.inf)
 
-        def compare(point: Ints, candidate: Ints) -> None:
+        def compare(p: Ints, c: Ints) -> None:
             """The best of candidates, which come in the order of their points."""
-            for first in range(0, len(point), _AT_ONCE):
-                p = point[first : first + _AT_ONCE]
-                c = candidate[first : first + _AT_ONCE]
-                y, where = _closest_on(x[p], self._x[self._corners[c]])
-                far = length(x[p] - y)
-                start = np.flatnonzero(np.r_[True, np.diff(p) > 0])
-                least = np.minimum.reduceat(far, start)
-                # Of equals the first of each point: written last.
-                leads = np.flatnonzero(
-                    far == np.repeat(least, np.diff([*start, len(p)]))
-                )
-                leads = leads[far[leads] < best[p[leads]]][::-1]
-                to = p[leads]
-                foot[to], facet[to], part[to] = y[leads], c[leads], where[leads]
-                best[to] = far[leads]
+            y, where = _closest_on(x[p], self._x[self._corners[c]])
+            far = length(x[p] - y)
+            start = np.flatnonzero(np.diff(p, prepend=-1))
+            least = np.minimum.reduceat(far, start)
+            # Of equals the first of each point: written last.
+            leads = np.flatnonzero(far == np.repeat(least, np.diff([*start, len(p)])))
+            leads = leads[far[leads] < best[p[leads]]][::-1]
+            to = p[leads]
+            foot[to], facet[to], part[to] = y[leads], c[leads], where[leads]
+            best[to] = far[leads]
 
         # The facet whose middle is nearest, of each size: none farther away counts.
         for members, tree, _ in self._levels:
             _, nearest = tree.query(x)
             compare(np.arange(len(x)), members[nearest])
-        for members, tree, reach in self._levels:
-            # Rounding must not lose the facet that was just found.
-            found = tree.query_ball_point(x, (best + reach) * (1 + 1e-12))
-            counts = np.array([len(one) for one in found])
-            if not counts.any():
-                continue
-            point = np.repeat(np.arange(len(x)), counts)
-            candidate = members[np.concatenate([np.array(c, np.int64) for c in found])]
-            # The ball about the point that nothing nearer leaves lies on one side of its
-            # tangent plane at the foot, and so must some of the facet.
-            way = x - foot
-            from_foot = self._middle[candidate] - foot[point]
-            ahead = _dot(from_foot, way[point]) + reach * best[point]
-            may = ahead >= -1e-12 * self._size * best[point]
-            compare(point[may], candidate[may])
+        for point, candidate in self._tree.nearer(x, best):
+            if point.size:
+                compare(point, candidate)
         return foot, facet, part
 
     def _neighbours(self) -> None:
@@ -481,13 +464,14 @@ def _once(facets: Ints) -> Ints:
     return facets[np.sort(kept)]
 
 
-def _levels(x: Array, middle: Array) -> list[tuple[Ints, Any, float]]:
+def _levels(x: Array) -> list[tuple[Ints, Any, float]]:
     """Facets by size, each factor of two a tree of their middles with their reach.
 
     With one tree for all a single large facet would have every small one looked at.
     """
     from scipy.spatial import cKDTree
 
+    middle = x.mean(axis=1)
     reach = length(x - middle[:, None]).max(axis=1)
     size = np.floor(np.log2(reach / reach.max())).astype(np.int64)
     levels = []

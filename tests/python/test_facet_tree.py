@@ -1,0 +1,149 @@
+"""The nearest facet: never another than by comparing all, with few of them compared."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bipot_rs import obstacle as ob
+from bipot_rs.facing import box_tree, facet_surface, facet_tree
+from spheres import icosphere
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Work(NamedTuple):
+    """Sizes of the portions of nodes, and of facets, that points are held against."""
+
+    nodes: list[int]
+    facets: list[int]
+
+
+@pytest.fixture
+def work(monkeypatch: pytest.MonkeyPatch) -> Work:
+    done = Work([], [])
+    bounds, closest = facet_tree._bounds, facet_surface._closest_on
+
+    def counted_bounds(x: Array, cylinders: Array) -> Array:
+        done.nodes.append(len(x))
+        return bounds(x, cylinders)
+
+    def counted_closest(x: Array, corners: Array) -> tuple[Array, Ints]:
+        done.facets.append(len(x))
+        return closest(x, corners)
+
+    monkeypatch.setattr(facet_tree, "_bounds", counted_bounds)
+    monkeypatch.setattr(facet_surface, "_closest_on", counted_closest)
+    return done
+
+
+def random_surface(rng: np.random.Generator) -> tuple[Array, Ints]:
+    """A loose heap of facets, a crumpled or a flattened sphere, a strip of needles."""
+    kind = rng.integers(4)
+    if kind == 0:
+        d = int(rng.integers(2, 4))
+        count = int(rng.integers(1, 200))
+        size = 10 ** rng.uniform(-4, 0, (count, 1, 1))
+        x = rng.normal(size=(count, 1, d)) + size * rng.normal(size=(count, d, d))
+        facets = np.arange(count * d).reshape(count, d)
+        x = x.reshape(-1, d)
+    else:
+        x, facets = icosphere(int(rng.integers(1, 4)))
+        if kind == 1:
+            x = x * rng.uniform(0.7, 1.3, (len(x), 1))
+        elif kind == 2:
+            x = x * 10 ** rng.uniform(-4, 1, 3)
+        else:
+            x = x * [1, 1e-3, 1] + [0, 0, 1e2 * rng.random()]
+    return x * 10 ** rng.uniform(-3, 3) + rng.choice([0.0, 50.0]), facets
+
+
+def points_about(rng: np.random.Generator, x: Array) -> Array:
+    """Near the middle, on corners, near the surface, and far away."""
+    middle, size = x.mean(axis=0), np.ptp(x, axis=0).max()
+    shift = rng.normal(size=(4, 10, x.shape[1]))
+    on = x[rng.integers(0, len(x), 10)]
+    return np.concatenate(
+        [
+            middle + size * 10.0 ** rng.integers(-12, 0) * shift[0],
+            on,
+            on + 1e-3 * size * shift[1],
+            middle + size * shift[2],
+            middle + 1e4 * size * shift[3],
+        ]
+    )
+
+
+def nearest_of_all(points: Array, x: Array, facets: Ints) -> Array:
+    k, m = len(points), len(facets)
+    of_facets = np.tile(x[facets], (k, 1, 1))
+    repeated = np.repeat(points, m, axis=0)
+    foot, _ = facet_surface._closest_on(repeated, of_facets)
+    away = np.linalg.norm(repeated - foot, axis=1)
+    return np.asarray(away.reshape(k, m).min(axis=1))
+
+
+def compare(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        x, facets = random_surface(rng)
+        try:
+            surface = ob.Surface(x, facets)
+        except ValueError:  # a facet without area, by chance
+            continue
+        points = points_about(rng, x)
+        found = np.abs(surface.closest(points).distance)
+        expected = nearest_of_all(points, x, facets)
+        # The same arithmetic on the same facet, or on one as near but for rounding.
+        size = np.abs(x).max() + np.abs(points).max(axis=1)
+        assert (np.abs(found - expected) <= 1e-15 * size).all()
+
+
+@pytest.mark.parametrize("at_once", [5, box_tree.AT_ONCE])
+def test_the_nearest_of_all(at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(facet_tree, "AT_ONCE", at_once)
+    compare(1, 8 if at_once == 5 else 60)
+
+
+@pytest.mark.verify
+def test_the_nearest_of_all_at_length() -> None:
+    compare(2, 2000)
+
+
+@pytest.mark.parametrize(
+    ("off", "nodes"), [(0.3, 1500), (1e-2, 20_000), (1e-3, 70_000)]
+)
+def test_near_the_centre_of_a_sphere(off: float, nodes: int, work: Work) -> None:
+    """All facets are equally far but for `off`: a share of them is looked at."""
+    x, facets = icosphere(6)
+    sphere = ob.Surface(x, facets)
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(20, 3))
+    points *= off / np.linalg.norm(points, axis=1)[:, None]
+    work.nodes.clear()
+    work.facets.clear()
+    found = sphere.closest(points)
+    # A facet is inscribed: its corners lie within its longest edge over √3 of a point.
+    edge = np.linalg.norm(x[facets] - np.roll(x[facets], 1, axis=1), axis=2).max()
+    sagitta = 1.01 * edge**2 / 6
+    assert (np.abs(found.distance + 1 - off) <= sagitta).all()
+    # A patch of width w is known to w²/8: as many of them as tell distances apart
+    # to `off`, and then those in the direction of the point.
+    assert sum(work.nodes) <= 20 * nodes
+    assert sum(work.facets) <= 20 * 6
+    assert max(work.nodes) <= box_tree.AT_ONCE
+
+
+def test_at_the_centre_memory_stays_bounded(work: Work) -> None:
+    """At the centre every facet is looked at: by portions, and few to the end."""
+    x, facets = icosphere(6)
+    sphere = ob.Surface(x, facets)
+    work.nodes.clear()
+    work.facets.clear()
+    found = sphere.closest(np.zeros((10, 3)))
+    assert np.ptp(found.distance) == 0
+    assert max(work.nodes) <= box_tree.AT_ONCE
+    assert sum(work.nodes) <= 1.2 * 10 * len(facets)
+    assert sum(work.facets) <= 10 * 50
