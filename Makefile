@@ -85,6 +85,7 @@ bench-full: $(STAMP)
 	$(PY) benches/needs.py
 	$(PY) benches/rust.py
 	$(PY) benches/assembly.py
+	$(PY) benches/neighbours.py
 	$(PY) benches/start.py
 	$(PY) benches/kernels.py
 	$(PY) benches/speed_against_error.py

@@ -11,6 +11,7 @@
 mod bodies;
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::borrow::Cow;
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -19,6 +20,9 @@ use bipot_rs::linalg::csc::Symmetric;
 use bipot_rs::linalg::dense::{cholesky, invert_from_cholesky};
 use bipot_rs::linalg::multifrontal::{Factor, Schur};
 use bipot_rs::linalg::symbolic::{Counts, Options, Symbolic};
+use bipot_rs::problem::compliance::Compliance;
+use bipot_rs::problem::reduced::{Reduced, Rigid};
+use bipot_rs::solver::uniqueness::{MOST_BYTES, Unique, assess, bytes};
 use bodies::Make;
 
 /// The system's allocator, with what is held and the most that was.
@@ -206,4 +210,43 @@ fn an_inverse_needs_no_second_matrix() {
     });
     // Panels of 384 and 128 columns, and what products pack, some 4 MB a thread.
     assert!(bytes < 8 * n * n * 3 / 4, "{bytes} bytes");
+}
+
+/// `1 + ssᵀ` with a side for each contact, dense, in the plane.
+fn coupled(contacts: usize) -> Vec<f64> {
+    let n = 2 * contacts;
+    let side = |i: usize| if i.is_multiple_of(3) { 0.01 } else { -0.02 };
+    let entry = |k: usize| side(k / n) * side(k % n) + f64::from(u8::from(k / n == k % n));
+    (0..n * n).map(entry).collect()
+}
+
+#[test]
+fn proving_that_there_is_one_answer_takes_what_is_foretold() {
+    let _alone = ALONE.lock().unwrap();
+    let judged = |contacts: usize, mu: f64| {
+        let w = coupled(contacts);
+        let compliance = Compliance::<2>::from_dense(contacts, Cow::Borrowed(&w)).unwrap();
+        let q = vec![[-1.0, 0.1]; contacts];
+        let rigid = Rigid::default();
+        let problem = Reduced::new(&compliance, &q, &vec![mu; contacts], &rigid).unwrap();
+        let r = vec![[1.0, 0.0]; contacts];
+        most(|| assess(&problem, &r, &GO).unwrap())
+    };
+    let limit = MOST_BYTES;
+    for (contacts, mu) in [(300, 0.0), (300, 0.1), (300, 50.0)] {
+        let foretold = bytes::<2>(contacts, if mu > 0.0 { contacts } else { 0 });
+        assert!(foretold < limit);
+        let (found, verdict) = judged(contacts, mu);
+        assert!(
+            4 * found <= 5 * foretold,
+            "{found} bytes, foretold {foretold}"
+        );
+        assert_eq!(verdict == Unique::Proved, mu < 1.0);
+    }
+    // Above the limit nothing is tried: a few vectors.
+    let many = 2200;
+    assert!(bytes::<2>(many, many) > limit);
+    let (found, verdict) = judged(many, 0.1);
+    assert_eq!(verdict, Unique::Unknown);
+    assert!(found < 100 * many, "{found} bytes");
 }

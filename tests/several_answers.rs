@@ -26,6 +26,10 @@ impl Case {
     fn random(seed: u64) -> Self {
         let mut rng = StdRng::seed_from_u64(seed);
         let contacts = rng.random_range(1..=4);
+        Self::of(contacts, &mut rng)
+    }
+
+    fn of(contacts: usize, rng: &mut StdRng) -> Self {
         let n = 2 * contacts;
         let g: Vec<f64> = (0..n * n).map(|_| rng.random_range(-1.0..1.0)).collect();
         let mut w = vec![0.0; n * n];
@@ -208,6 +212,64 @@ fn all_answers_of_bodies_that_contact_alone_holds() {
         }
     }
     assert!(none > 30 && one > 30, "{none} {one}"); // the seeds hold both kinds
+}
+
+/// As many contacts as a plain enumeration takes a second for, of one kind or another.
+fn several(seed: u64, contacts: usize) -> Case {
+    let mut rng = StdRng::seed_from_u64(seed);
+    let mut case = Case::of(contacts, &mut rng);
+    let n = 2 * contacts;
+    match seed % 4 {
+        0 => {}
+        // Indefinite, and not symmetric.
+        1 => case
+            .w
+            .iter_mut()
+            .for_each(|w| *w += rng.random_range(-1.0..1.0)),
+        // Contacts in two groups that do not feel each other.
+        2 => {
+            let group = |k: usize| k / 2 % 2;
+            let apart = |k: usize| group(k / n) != group(k % n);
+            let entries = case.w.iter_mut().enumerate();
+            for (_, w) in entries.filter(|(k, _)| apart(*k)) {
+                *w = 0.0;
+            }
+        }
+        _ => {
+            case.rigid = Rigid {
+                modes: vec![
+                    case.q
+                        .iter()
+                        .map(|_| [1.0, rng.random_range(-1.0..1.0)])
+                        .collect(),
+                ],
+                load: vec![rng.random_range(-1.5..0.2)],
+            };
+        }
+    }
+    case
+}
+
+#[test]
+fn all_answers_of_more_contacts() {
+    for seed in 0..48 {
+        agree(&several(seed, 5), seed);
+    }
+}
+
+#[test]
+fn few_choices_of_twelve_contacts_are_looked_at() {
+    let never = AtomicBool::new(false);
+    let (mut most, mut sum) = (0, 0);
+    for seed in 0..24 {
+        let found = several(seed, 12).with(|problem| answers(problem, &never).unwrap());
+        most = most.max(found.visited);
+        sum += found.visited;
+    }
+    // Of 4¹² leaves: some seconds' work at the worst.
+    println!("{most} {sum}");
+    assert!(most < 200_000, "{most}");
+    assert!(sum < 24 * 30_000, "{sum}");
 }
 
 #[test]

@@ -184,8 +184,11 @@ class Solution:
 
         ``"proved"``, ``"others exist"`` or ``"unknown"``, by the criteria of section 10
         of ``docs/theory.md``. Some factorisations of the size of ``W``; ``"unknown"``
-        for what has not converged, or has lost its problem (it was read from a file,
-        or sent by another process, before this was asked for).
+        without trying where they would take more than half a gigabyte: 2100 contacts
+        with friction that feel each other in the plane, 1400 in space, 5700 without
+        friction, or 3000 unknowns of a sparse ``W``. ``"unknown"`` also for what has
+        not converged, or has lost its problem (it was read from a file, or sent by
+        another process, before this was asked for).
         """
         return str(self._ask("unique", "unknown"))
 

@@ -12,16 +12,22 @@
 //! A branch is cut where a test of a decided contact fails for every reaction
 //! that undecided ones may have. Reactions lie in their cones, so a test
 //! `c + Σ (l_n r_n + l_t r_t) ≥ 0` fails for all of them if `c < 0` and every
-//! `l_n + μ |l_t| ≤ 0`: nothing else is assumed of the contacts below.
+//! `l_n + μ |l_t| ≤ 0`. Tests that all may be met one by one may contradict each other:
+//! then some sum of them with shares `y ≥ 0` fails so. `v_n ≥ 0` is among them, of
+//! undecided contacts too. Where `W` is definite these have bounded reactions: the law
+//! says `r·v ≤ 0`, and `rᵀW r + qᵀr ≤ 0` is an ellipsoid. Nothing else is assumed of them.
 
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
+use crate::linalg::below::Below;
 use crate::linalg::dense;
+use crate::linalg::small::norm;
 use crate::problem::compliance::Compliance;
 use crate::problem::reduced::{Reduced, Rigid};
 use crate::problem::residual::Certificate;
+use crate::solver::farkas::Inequalities;
 
 /// Up to this many contacts, 4¹² leaves, all answers take seconds.
 pub const MOST_CONTACTS: usize = 12;
@@ -36,6 +42,10 @@ const RANK: f64 = 1e-12;
 /// A test fails when it is missed by more than this times the largest value in
 /// sight, over the weakest pivot: above the rounding of some thirty eliminations.
 const ROUNDING: f64 = 1e-12;
+
+/// Coefficients are taken for larger by this where a contradiction of tests is sought:
+/// what contradicts even so has sums that are clearly negative, see [`RANK`].
+const NUDGE: f64 = 1e-10;
 
 /// Reactions and displacements this near beside their size are one answer, and
 /// a residual between what rounding leaves and this decides nothing.
@@ -59,6 +69,8 @@ pub struct Enumeration {
     /// Whether no other answer exists. False where a choice of statuses leaves a
     /// family of reactions undetermined, or misses an answer by about rounding.
     pub complete: bool,
+    /// Choices of statuses for some of the contacts, or for all, that were looked at.
+    pub visited: usize,
 }
 
 /// All answers of a plane problem of up to [`MOST_CONTACTS`] contacts.
@@ -75,6 +87,7 @@ pub fn answers(problem: &Reduced<2>, stop: &AtomicBool) -> Result<Enumeration, E
 fn within(problem: &Reduced<2>, nodes: usize, stop: &AtomicBool) -> Result<Enumeration, Error> {
     let mut search = Search::new(problem, nodes, stop);
     if problem.contradiction.is_none() {
+        search.bound()?;
         search.visit(0)?;
         // With a definite W there is an answer: that none was found is rounding.
         if search.found.answers.is_empty() && problem.rigid.modes.is_empty() {
@@ -375,7 +388,9 @@ struct Search<'p> {
     /// The tableau with as many contacts decided as its place says.
     levels: Vec<Tableau>,
     labels: Vec<Label>,
-    visited: usize,
+    together: Inequalities,
+    /// Scaled normal reactions at the most, where they are bounded, else infinite.
+    limits: Vec<f64>,
     /// Scaled `(r̂, v̂)` of the answers so far.
     points: Vec<Vec<f64>>,
     found: Enumeration,
@@ -391,22 +406,51 @@ impl<'p> Search<'p> {
             most,
             levels,
             labels: Vec::with_capacity(problem.contacts()),
-            visited: 0,
+            together: Inequalities::default(),
+            limits: vec![f64::INFINITY; problem.contacts()],
             points: Vec::new(),
             found: Enumeration {
                 answers: Vec::new(),
                 complete: true,
+                visited: 0,
             },
         }
     }
 
+    /// Bounds reactions by `rᵀW r + qᵀr ≤ 0`, where bodies are held by supports.
+    fn bound(&mut self) -> Result<(), Error> {
+        if !self.problem.rigid.modes.is_empty() {
+            return Ok(());
+        }
+        let root = &self.levels[0];
+        let n = root.height;
+        let entry = |i: usize, j: usize| root.column(j + 1)[i];
+        let half: Vec<f64> = (0..n * n)
+            .map(|k| 0.5 * (entry(k / n, k % n) + entry(k % n, k / n)))
+            .collect();
+        let rounding = 4.0 * f64::EPSILON * norm(&half);
+        let Some(below) = Below::new(half, n, rounding, self.stop)? else {
+            return Ok(());
+        };
+        let free = root.constants();
+        let error: Vec<f64> = free.iter().map(|q| 4.0 * f64::EPSILON * q.abs()).collect();
+        let reach = below.ellipsoid(free, &error);
+        let widths = below.widths();
+        for (contact, limit) in self.limits.iter_mut().enumerate() {
+            let k = 2 * contact;
+            let most = reach.radius * widths[k] - reach.centre[k];
+            *limit = (most * (1.0 + SAME)).max(0.0);
+        }
+        Ok(())
+    }
+
     fn visit(&mut self, depth: usize) -> Result<(), Error> {
-        self.visited += 1;
-        if self.visited > self.most {
+        self.found.visited += 1;
+        if self.found.visited > self.most {
             self.found.complete = false;
             return Ok(());
         }
-        if self.visited.is_multiple_of(LOOK) && self.stop.load(Ordering::Relaxed) {
+        if self.found.visited.is_multiple_of(LOOK) && self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
         if depth == self.problem.contacts() {
@@ -423,12 +467,91 @@ impl<'p> Search<'p> {
             self.labels.push(label);
             let tableau = &self.levels[depth + 1];
             let slack = ROUNDING * tableau.size() / tableau.weakest;
-            if !self.fails(depth + 1, slack, 0.0) {
+            if !self.fails(depth + 1, slack, 0.0) && !self.contradicts(depth + 1, slack) {
                 self.visit(depth + 1)?;
             }
             self.labels.pop();
         }
         Ok(())
+    }
+
+    /// Whether some sum of tests fails whatever the undecided contacts carry.
+    fn contradicts(&mut self, depth: usize, slack: f64) -> bool {
+        let contacts = self.problem.contacts();
+        if depth == contacts {
+            return false;
+        }
+        let tableau = &self.levels[depth];
+        let column = |unknown: usize| tableau.column(tableau.place[unknown]);
+        let value = |test: &Test, column: &[f64]| -> f64 {
+            test.iter().map(|&(row, share)| share * column[row]).sum()
+        };
+        let of_decided = (0..depth).flat_map(|contact| self.tests(tableau, contact));
+        let opening = |contact: usize| Some([(2 * contact, 1.0), (2 * contact, 0.0)]);
+        let settled = |test: &Test| {
+            let waiting = tableau.waiting.iter();
+            waiting.copied().all(|w| value(test, column(w)) == 0.0)
+        };
+        let tests: Vec<Test> = of_decided
+            .chain((depth..contacts).map(opening))
+            .flatten()
+            .filter(settled)
+            .collect();
+        // A reaction is a sum of two on the sides of its cone.
+        let sides = |test: &Test, contact: usize| {
+            let mu = self.problem.mu[contact];
+            let along = value(test, column(2 * contact));
+            let across = mu * value(test, column(2 * contact + 1));
+            [along + across, along - across]
+        };
+        self.together.clear(2 * (contacts - depth));
+        for test in &tests {
+            let coefficients = (depth..contacts).flat_map(|contact| {
+                let nudge = if self.limits[contact].is_finite() {
+                    0.0
+                } else {
+                    NUDGE
+                };
+                sides(test, contact).map(|t| if t == 0.0 { t } else { t + nudge })
+            });
+            let constant = value(test, tableau.constants());
+            self.together
+                .push(std::iter::once(constant).chain(coefficients));
+        }
+        for (k, &limit) in self.limits[depth..].iter().enumerate() {
+            if limit.is_finite() {
+                let taken =
+                    (0..2 * (contacts - depth)).map(|l| if l / 2 == k { -1.0 } else { 0.0 });
+                self.together.push(std::iter::once(limit).chain(taken));
+            }
+        }
+        let Some(shares) = self.together.contradiction() else {
+            return false;
+        };
+        // What was found is judged by the tests themselves.
+        let shares = &shares[..tests.len()];
+        let total: f64 = shares.iter().sum();
+        let shared = || tests.iter().zip(shares).filter(|&(_, share)| *share > 0.0);
+        let mut sum: f64 = shared()
+            .map(|(test, share)| share * value(test, tableau.constants()))
+            .sum();
+        for contact in depth..contacts {
+            let [mut one, mut other, mut size] = [0.0; 3];
+            for (test, share) in shared() {
+                let [a, b] = sides(test, contact);
+                one += share * a;
+                other += share * b;
+                size += share * (a.abs() + b.abs());
+            }
+            let best = one.max(other);
+            let limit = self.limits[contact];
+            if limit.is_finite() {
+                sum += limit * (best + ROUNDING * size).max(0.0);
+            } else if best >= -RANK * total && size > 0.0 {
+                return false;
+            }
+        }
+        sum < -slack * total
     }
 
     /// Whether a test of a decided contact, or an equation, fails whatever the

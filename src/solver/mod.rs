@@ -10,6 +10,7 @@ pub mod convex;
 pub mod displacement_principle;
 pub mod enumerate;
 pub mod error_bound;
+pub mod farkas;
 pub mod gauss_seidel;
 pub mod index;
 pub mod linearisation;

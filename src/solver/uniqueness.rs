@@ -39,6 +39,19 @@ const FEW: usize = 6;
 /// dense matrices, which a sparse `W` was given to avoid.
 const LARGEST: usize = 3000;
 
+/// Bytes above which nothing is proved of a dense island either: some seconds' work.
+pub const MOST_BYTES: usize = 1 << 29;
+
+/// Bytes at the height of a proof, of as many contacts in `D` dimensions of which some
+/// have friction: `Ŵ` and its factor, or the form, the parts of it and what they are of.
+#[must_use]
+pub fn bytes<const D: usize>(contacts: usize, with_friction: usize) -> usize {
+    let tangents = (D - 1) * with_friction;
+    let order = contacts + tangents;
+    let matrices = if tangents == 0 { 2 } else { 3 };
+    size_of::<f64>() * order * (matrices * order + tangents)
+}
+
 /// Whether the answer `r`, in the order of positions, is the only one.
 ///
 /// # Errors
@@ -54,7 +67,12 @@ pub fn assess<const D: usize>(
     let v = problem.relative_displacement(r, &[]);
     let mut verdict = Unique::Proved;
     for island in problem.compliance.islands() {
-        if island.blocks().is_some() && D * island.nodes.len() > LARGEST {
+        let contacts = island.nodes.len();
+        let mu = &problem.mu[island.nodes.clone()];
+        let with_friction = mu.iter().filter(|&&mu| mu > 0.0).count();
+        if island.blocks().is_some() && D * contacts > LARGEST
+            || bytes::<D>(contacts, with_friction) > MOST_BYTES
+        {
             verdict = Unique::Unknown;
             continue;
         }
@@ -124,13 +142,19 @@ fn assess_island<const D: usize>(
     let Some(lower) = Lower::new(half, n, error, stop)? else {
         return Ok(Unique::Unknown);
     };
+    if monotony.mu.iter().all(|&mu| mu == 0.0) {
+        return Ok(Unique::Proved);
+    }
     let known = vec![Known::Nothing; monotony.mu.len()];
     let monotone = |weights: &Weights| {
         let (form, error) = monotony.form(&kept, weights, &known);
         below::is_definite(form, n, error, stop)
     };
     let common = weights::common(&monotony, &lower);
-    if monotone(&common.weights)? {
+    drop(lower);
+    // Its least eigenvalue is 1 − κ, and κ is estimated from below.
+    let hopeless = monotony.symmetric && common.kappa() >= 1.0;
+    if !hopeless && monotone(&common.weights)? {
         return Ok(Unique::Proved);
     }
     if let Some(refined) = weights::refined(&monotony, &common, stop)?
@@ -138,6 +162,7 @@ fn assess_island<const D: usize>(
     {
         return Ok(Unique::Proved);
     }
+    drop(monotony);
     let index = index(problem, nodes, r, v, stop)?;
     Ok(if index == Some(-1.0) {
         Unique::OthersExist

@@ -59,7 +59,8 @@ RUST_SIBLINGS = {
         "candidates",
     ),
     "solver": (
-        "anderson enumerate index linearisation monitor monotony",
+        "anderson farkas index linearisation monitor monotony",
+        "enumerate",
         "compliance_form",
         "stiffness_form",
         "gauss_seidel newton uzawa weights",

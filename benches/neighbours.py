@@ -1,0 +1,174 @@
+"""What could grow with a product of sizes, beside a neighbour of the same size.
+
+    python benches/neighbours.py            # the table of the README
+
+Each side is a process of its own, whose peak memory is that of its arrays and ours; the
+least of three runs counts.
+"""
+
+import json
+import resource
+import subprocess
+import sys
+from time import perf_counter
+
+import numpy as np
+import tables
+
+import bipot_rs as bp
+from bipot_rs.obstacle import Surface
+
+HEAD = ("work", "of", "s", "MB", "beside", "s", "MB")
+RUNS = 3
+
+
+def sheet(n, up):
+    """A unit square of n × n quadrilaterals."""
+    axis = np.linspace(0.0, 1.0, n + 1)
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    corner = np.arange(n * (n + 1)).reshape(n, n + 1)[:, :-1].ravel()
+    facets = np.column_stack([corner, corner + n + 1, corner + n + 2, corner + 1])
+    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    return points, facets if up else facets[:, ::-1]
+
+
+def mortar(ours, theirs):
+    """Pairs of two sheets."""
+    sheets = *sheet(ours, up=False), *sheet(theirs, up=True)
+    return lambda: bp.pairs(*sheets)
+
+
+def sphere(bands, off):
+    """Closest points on circles of latitude, of points so far from the centre."""
+    theta = np.linspace(0, np.pi, bands + 1)[1:-1, None]
+    phi = np.arange(bands) * 2 * np.pi / bands
+    rings = np.stack(
+        np.broadcast_arrays(
+            np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
+        ),
+        axis=-1,
+    )
+    x = np.concatenate([rings.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
+    node = np.arange((bands - 1) * bands).reshape(bands - 1, bands)
+    beside = np.roll(node, -1, axis=1)
+    a, b, c, d = node[:-1], node[1:], beside[1:], beside[:-1]
+    top, bottom = np.full(bands, len(x) - 2), np.full(bands, len(x) - 1)
+    triangles = ((a, b, c), (a, c, d), (top, node[0], beside[0]))
+    triangles = (*triangles, (bottom, beside[-1], node[-1]))
+    facets = [np.stack(one, axis=-1).reshape(-1, 3) for one in triangles]
+    surface = Surface(x, np.concatenate(facets))
+    points = np.random.default_rng(0).normal(size=(200, 3))
+    points *= off / np.linalg.norm(points, axis=1)[:, None]
+    return lambda: surface.closest(points)
+
+
+def line(contacts, mu):
+    """Contacts along a line on an elastic body, all of which feel each other."""
+    along = np.arange(contacts)
+    W = np.zeros((contacts, 2, contacts, 2))
+    kernel = 0.5 * np.exp(-np.abs(along[:, None] - along) / 3)
+    np.fill_diagonal(kernel, 1.0)
+    W[:, 0, :, 0] = W[:, 1, :, 1] = kernel
+    del kernel
+    q = np.tile([-1.0, 0.3], (contacts, 1))
+    problem = bp.ReducedProblem(W.reshape(2 * contacts, -1), q, mu)
+    solution = problem.solve()
+    return lambda: solution.unique
+
+
+def statuses(kind, contacts, mu):
+    """All answers of a random plane problem."""
+    rng = np.random.default_rng(0)
+    n = 2 * contacts
+    if kind == "definite":
+        factor = rng.normal(size=(n, n))
+        W = factor @ factor.T / contacts + 0.02 * np.eye(n)
+    elif kind == "indefinite":
+        W = rng.normal(size=(n, n))
+        W = W + W.T
+    else:
+        W = 1e-3 + 0.999 * np.eye(n)
+    problem = bp.ReducedProblem(W, rng.normal(size=(contacts, 2)) - [0.5, 0.0], mu)
+    return problem.answers
+
+
+# Of each row: the work, its size, and the arguments; then those of its neighbour.
+ROWS = (
+    *(
+        (
+            ("one mortar facet on a sheet", f"{n * n:,} facets", mortar, (1, n)),
+            ("roles swapped", mortar, (n, 1)),
+        )
+        for n in (100, 220)
+    ),
+    *(
+        (
+            (f"200 points at {off:g} R from a centre", "199,080 facets", sphere, args),
+            ("at 0.5 R", sphere, (316, 0.5)),
+        )
+        for off, args in ((1e-3, (316, 1e-3)), (1e-9, (316, 1e-9)))
+    ),
+    *(
+        (
+            (f"`unique`, friction {mu:g}", "5,001 contacts", line, (5001, mu)),
+            ("of 2,000", line, (2000, mu)),
+        )
+        for mu in (0.5, 0.0)
+    ),
+    *(
+        (
+            (f"`answers`, {kind} W, friction {mu:g}", "12", statuses, (kind, 12, mu)),
+            ("of 10", statuses, (kind, 10, mu)),
+        )
+        for kind in ("definite", "indefinite", "weakly coupled")
+        for mu in (0.4, 5.0)
+    ),
+)
+
+
+def measured(make, arguments):
+    """Seconds and megabytes of one side, the least of some processes."""
+    asked = json.dumps([make.__name__, *arguments])
+    told = []
+    for _ in range(RUNS):
+        run = subprocess.run(
+            [sys.executable, __file__, "--one", asked],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        told.append(json.loads(run.stdout))
+    return [f"{min(one[0] for one in told):.2g}", f"{min(one[1] for one in told):.0f}"]
+
+
+def one(asked):
+    """Measure one side in this process."""
+    name, *arguments = json.loads(asked)
+    work = globals()[name](*arguments)
+    start = perf_counter()
+    work()
+    seconds = perf_counter() - start
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(json.dumps([seconds, peak]))
+
+
+def rows():
+    """A row for each work and its neighbour."""
+    for (work, size, make, arguments), (neighbour, other, others) in ROWS:
+        ours = measured(make, arguments)
+        yield (work, size, *ours, neighbour, *measured(other, others))
+
+
+def main():
+    """Measure, and rewrite the table."""
+    parser = tables.parser(__doc__)
+    parser.add_argument("--one", help="one side, by its name and arguments")
+    asked = parser.parse_args()
+    if asked.one:
+        one(asked.one)
+        return
+    tables.publish("neighbours", tables.table(HEAD, rows()), write=not asked.print)
+
+
+if __name__ == "__main__":
+    main()
