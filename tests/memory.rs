@@ -233,14 +233,14 @@ fn proving_that_there_is_one_answer_takes_what_is_foretold() {
         most(|| assess(&problem, &r, &GO).unwrap())
     };
     let limit = MOST_BYTES;
-    for (contacts, mu) in [(300, 0.0), (300, 0.1), (300, 50.0)] {
+    for mu in [0.0, 0.1, 50.0] {
+        let contacts = 800;
         let foretold = bytes::<2>(contacts, if mu > 0.0 { contacts } else { 0 });
         assert!(foretold < limit);
         let (found, verdict) = judged(contacts, mu);
-        assert!(
-            4 * found <= 5 * foretold,
-            "{found} bytes, foretold {foretold}"
-        );
+        // And what products of matrices pack, however large they are.
+        let bound = foretold + foretold / 7 + (16 << 20);
+        assert!(found <= bound, "{found} bytes, foretold {foretold}");
         assert_eq!(verdict == Unique::Proved, mu < 1.0);
     }
     // Above the limit nothing is tried: a few vectors.
