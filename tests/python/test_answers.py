@@ -90,9 +90,22 @@ def random_problem(rng: np.random.Generator, rigid: bool) -> bp.ReducedProblem:
 
 @pytest.mark.parametrize("rigid", [False, True])
 def test_answers_are_those_of_the_oracle(rigid: bool) -> None:
-    rng = np.random.default_rng(7)
+    counts = compare_with_oracle(7, 15, rigid)
+    # Definite problems with several answers, and floating ones with none.
+    assert (0 if rigid else 3) in counts
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("rigid", [False, True])
+def test_answers_are_those_of_the_oracle_at_length(rigid: bool) -> None:
+    assert len(set(compare_with_oracle(8, 400, rigid))) > 2
+
+
+def compare_with_oracle(seed: int, count: int, rigid: bool) -> list[int]:
+    """How many answers there are of random problems, which are those of the oracle."""
+    rng = np.random.default_rng(seed)
     counts = []
-    for _ in range(15):
+    for _ in range(count):
         problem = random_problem(rng, rigid)
         oracle = Problem(problem.W, problem.q, problem.mu, problem.rigid)
         expected = [answer.r for answer in answers(oracle)]
@@ -101,8 +114,7 @@ def test_answers_are_those_of_the_oracle(rigid: bool) -> None:
         # The oracle tells answers apart by 1e-6 and accepts errors of 1e-10.
         assert alike([s.reaction for s in found], expected, 1e-6)
         counts.append(len(found))
-    # Definite problems with several answers, and floating ones with none.
-    assert (0 if rigid else 3) in counts
+    return counts
 
 
 def test_twelve_contacts_are_exhausted() -> None:
