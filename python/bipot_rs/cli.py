@@ -238,6 +238,15 @@ def solve(
             help="Table: node, ux, uy[, uz][, step from 0], blank where free."
         ),
     ] = None,
+    order: Annotated[
+        str | None,
+        typer.Option(
+            metavar="node|component",
+            help="Degrees of freedom of a Matrix Market file: node, d * row + component in "
+            "the rows of --nodes (default), or component, all u_x, then all u_y. It is "
+            "checked: rigid motions must leave nothing.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder of the results; out/STIFFNESS if not given."),
@@ -251,7 +260,8 @@ def solve(
     """Solve contacts on a stiffness that another program has written.
 
     Degrees of freedom may be given instead of nodes: dof_x, dof_y[, dof_z], counted
-    from 0, in the contacts, dof and force or value in the other tables. Writes
+    from 0, in the contacts, dof and force or value in the other tables. Of a Matrix Market
+    file --nodes says which degree of freedom is which, in --order. Writes
     reactions.csv, displacements.csv, steps.csv, result.h5, and with nodes result.pvd.
     """
     from bipot_rs.running import stiffness_job
@@ -264,7 +274,9 @@ def solve(
         "load": load,
         "fixed": fixed,
     }
-    status = stiffness_job.run(files, folder, method, tol, context.obj, as_json=json)
+    status = stiffness_job.run(
+        files, folder, method, tol, context.obj, order=order, as_json=json
+    )
     raise typer.Exit(status)
 
 

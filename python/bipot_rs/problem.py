@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs import _core, motion, summary
+from bipot_rs import _core, dof_order, motion, summary
 from bipot_rs.adaptive import follow, increments
 from bipot_rs.check import (
     RATIO,
@@ -80,7 +81,9 @@ class ContactProblem:
         unit vectors at right angles, to 1e-6, of either hand.
     coordinates
         Where each degree of freedom is, ``(n, 2)`` or ``(n, 3)``, in any unit: a second
-        elimination order is then tried, and the one of fewer operations taken.
+        elimination order is then tried, and the one of fewer operations taken. Degrees of
+        freedom may be ordered by nodes, ``numpy.repeat(nodes, d, axis=0)``, or by
+        components, ``numpy.tile(nodes, (d, 1))``.
     loads
         All loads there will be, where no displacement will be asked for: ``load`` of
         `solve`, or the tuple ``(load, prescribed)``. The factor of ``K`` is then not
@@ -119,6 +122,13 @@ class ContactProblem:
         The contact set cannot hold a body.
     MemoryError
         The factor or ``W`` does not fit, with the figure, before it is allocated.
+
+    Warns
+    -----
+    UserWarning
+        ``K`` times a rigid motion is not zero in rows without supports, in the order of
+        the degrees of freedom that ``coordinates`` show; or the columns of ``B`` are those
+        of another order than the rigid translations of ``K``.
 
     Notes
     -----
@@ -196,6 +206,13 @@ class ContactProblem:
             *(n, len(self._fixed), contacts, d, loads, gaps), held=held
         )
         self._bodies = _named(bodies, n)
+        self._where = _of_components(coordinates, places(coordinates, n), d)
+        # Planes across the axes leave K without the rigid translations of its nodes.
+        misplaced = None
+        if held is None:
+            misplaced = dof_order.unlike(stiffness.parts, contact.parts, self._where, d)
+        if misplaced is not None:
+            warnings.warn(misplaced, stacklevel=2)
         limit = memory_limit
         if limit is not None:
             limit = integer("memory_limit", memory_limit, least=1, most=2**63 - 1)
@@ -712,6 +729,15 @@ class ContactProblem:
         return Following(
             *(core, contacts, mu, shape, chosen, start, self._seconds), self._bodies
         )
+
+
+def _of_components(given: Any, found: Array | None, d: int) -> Array | None:
+    """Places ``(n, d)`` of degrees of freedom, of those the core takes; None if unknown."""
+    if found is None or (d == 3 and np.shape(given)[1] == 2):
+        return None
+    if d == 2 and np.ptp(found[:, 2]) > 0:
+        return None
+    return np.ascontiguousarray(found[:, :d])
 
 
 def _named(bodies: Mapping[str, int] | None, n: int) -> dict[str, int] | None:

@@ -99,7 +99,7 @@ PYTHON = (
     "export error_bound installation summary",
     "structure",
     "check plane_friction result",
-    "cone friction loading",
+    "cone dof_order friction loading",
     "resultants",
     "answers diagnosis errors existence facing.facet_shapes frames motion",
     "facing.clipping facing.facet_mesh facing.skewed",

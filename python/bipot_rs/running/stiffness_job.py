@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
@@ -33,6 +34,7 @@ def run(
     tol: float,
     interrupts: Interrupts,
     *,
+    order: str | None = None,
     as_json: bool,
 ) -> int:
     """Read, solve, write; returns the exit status.
@@ -42,12 +44,15 @@ def run(
     files
         ``stiffness``, ``contacts``, ``nodes``, ``load``, ``fixed``, as
         `stiffness_files.read` takes them.
+    order
+        That of the degrees of freedom, likewise.
     """
     began = perf_counter()
     given: Given | None = None
     result: Result | None = None
     reached: list[dict[str, Any]] = []
     steps: list[Step] = []
+    remarks: list[str] = []
 
     def on_step(k: int, step: Any) -> None:
         row = _row(k, step)
@@ -72,11 +77,15 @@ def run(
         from bipot_rs.stiffness_files import read
 
         require()
-        given = read(**files)  # type: ignore[arg-type]
+        given = read(**files, order=order)  # type: ignore[arg-type]
         # Before the work: one that cannot be made is found then.
         make(folder)
         try:
-            result = given.problem().solve(
+            with warnings.catch_warnings(record=True) as warned:
+                warnings.simplefilter("always", UserWarning)
+                problem = given.problem()
+            remarks = [str(one.message) for one in warned]
+            result = problem.solve(
                 given.load, given.prescribed, method=method, tol=tol, on_step=on_step
             )
         except BipotError as error:
@@ -111,7 +120,7 @@ def run(
         _print(json.dumps(last))
         return code
     if given is not None and reached:
-        _tell(given, reached, tol, folder, solved=code == SOLVED)
+        _tell(given, reached, tol, folder, remarks, solved=code == SOLVED)
     if code != SOLVED:
         complain(message)
     elif given is not None:
@@ -146,6 +155,7 @@ def _tell(
     reached: Sequence[dict[str, Any]],
     tol: float,
     folder: Path,
+    remarks: Sequence[str],
     *,
     solved: bool,
 ) -> None:
@@ -153,7 +163,7 @@ def _tell(
     print_table(console(), reached)
     if solved:
         drawn = None if given.points is None else folder
-        _print("\n".join(closing(reached, tol, drawn)))
+        _print("\n".join(closing(reached, tol, drawn, remarks)))
 
 
 def _of(given: Given, steps: Sequence[Step], message: str) -> Result:
