@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,6 +47,7 @@ class Following:
         start: Result | Step | None,
         condense: float,
         bodies: Mapping[str, int] | None = None,
+        remarks: Callable[[Sequence[Step]], Sequence[str]] | None = None,
     ) -> None:
         self._core = core
         self._contacts = contacts
@@ -55,6 +56,7 @@ class Following:
         self._settings = settings
         # Their names, each with its first degree of freedom.
         self._bodies = bodies
+        self._remarks = remarks
         self.before = state(start, *shape)
         self._first = done(start)
         self.steps: list[Step] = []
@@ -171,6 +173,7 @@ class Following:
             seconds=None,
             success=success,
             message=f"{count} converged" if message is None else message,
+            remarks=() if self._remarks is None else self._remarks(self.steps),
         )
         made._first = self._first
         made.seconds = self._seconds  # filled further when displacements are asked for

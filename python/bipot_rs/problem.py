@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs import _core, dof_order, motion, summary
+from bipot_rs import _core, dof_order, motion, remarks, summary
 from bipot_rs.adaptive import follow, increments
 from bipot_rs.check import (
     RATIO,
     Array,
+    Csr,
     Parts,
     areas,
     by_component,
@@ -207,12 +208,10 @@ class ContactProblem:
         )
         self._bodies = _named(bodies, n)
         self._where = _of_components(coordinates, places(coordinates, n), d)
-        # Planes across the axes leave K without the rigid translations of its nodes.
-        misplaced = None
-        if held is None:
-            misplaced = dof_order.unlike(stiffness.parts, contact.parts, self._where, d)
-        if misplaced is not None:
-            warnings.warn(misplaced, stacklevel=2)
+        # Planes across the axes leave K without the rigid motions of its nodes.
+        self._in_planes = held is not None
+        self._contact = contact
+        self._remarks, self._strength = self._looked_at(stiffness, whole)
         limit = memory_limit
         if limit is not None:
             limit = integer("memory_limit", memory_limit, least=1, most=2**63 - 1)
@@ -256,7 +255,9 @@ class ContactProblem:
 
     def _summary(self) -> summary.Summary:
         fixed = len(self._fixed)
-        return summary.of_problem(self._shape, fixed, self._contacts, self.stats)
+        return summary.of_problem(
+            self._shape, fixed, self._contacts, self.stats, self._remarks
+        )
 
     @property
     def compliance(self) -> Array:
@@ -694,7 +695,35 @@ class ContactProblem:
             from scipy.sparse import csr_array
 
             stiffness = csr("K", self._loading.held.stiffness(csr_array(K)))
+        found = self._looked_at(stiffness, self._given[1])
         self._condense(stiffness.parts, self._core)
+        self._remarks, self._strength = found
+
+    def _looked_at(
+        self, stiffness: Csr, gap: Array
+    ) -> tuple[tuple[str, ...], remarks.Strength | None]:
+        """Sentences on what was given, and how stiff the bodies are where it is known."""
+        places, d = self._where, self._shape[2]
+        outward, known, said = None, None, []
+        if not self._in_planes:
+            misplaced = dof_order.unlike(
+                stiffness.parts, self._contact.parts, places, d
+            )
+            if misplaced is not None:
+                warnings.warn(misplaced, stacklevel=3)
+                said.append(misplaced)
+            elif places is not None:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    outward = remarks.surfaces(stiffness, places, d)
+                    known = remarks.strength(stiffness, places, d)
+        said += remarks.at_start(
+            self._contact,
+            gap,
+            points=self._contacts["x"],
+            places=places,
+            outward=outward,
+        )
+        return tuple(said), known
 
     def _condense(
         self,
@@ -726,8 +755,15 @@ class ContactProblem:
         start: Result | Step | None,
     ) -> Following:
         shape, contacts = self._shape[1:], self._contacts | {"mu": mu}
+        before, known = self._remarks, self._strength
+
+        def said(steps: Sequence[Step]) -> tuple[str, ...]:
+            return (*before, *remarks.of_path(steps, contacts, known))
+
         return Following(
-            *(core, contacts, mu, shape, chosen, start, self._seconds), self._bodies
+            *(core, contacts, mu, shape, chosen, start, self._seconds),
+            self._bodies,
+            said,
         )
 
 

@@ -350,6 +350,12 @@ class Result(Sequence[Step]):
         ``condense``, ``solve``, ``recover``.
     success, message
         Whether the whole path was solved, and a sentence on it.
+    remarks
+        What a person should look at, a sentence each: contacts that penetrate at the
+        start, normals that point out of their body, degrees of freedom in another order
+        than their places, no contact that closes, loads that look mixed in units. Where
+        ``coordinates`` were given all of them are looked for. Empty where nothing is
+        suspicious.
     units
         Names of the units by ``"length"``, ``"force"``, ``"stress"``, for labels; empty
         where they are not known. May be set.
@@ -366,6 +372,7 @@ class Result(Sequence[Step]):
         success: bool,
         message: str,
         units: Mapping[str, str] | None = None,
+        remarks: Sequence[str] = (),
     ) -> None:
         self.steps = tuple(steps)
         self.contacts = dict(contacts)
@@ -379,6 +386,12 @@ class Result(Sequence[Step]):
         # Steps of the path before these, where a `Model` has gone on with one.
         self._first = 0
         self.units = dict(units or {})
+        self._remarks = tuple(remarks)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a person should look at, a sentence each."""
+        return self._remarks
 
     def __len__(self) -> int:
         return len(self.steps)
@@ -562,7 +575,11 @@ class Result(Sequence[Step]):
             self.contacts,
             [_record(step, self._load(k)) for k, step in enumerate(self.steps)],
             complete=self.success,
-            attributes={"message": self.message, "first_step": self._first}
+            attributes={
+                "message": self.message,
+                "first_step": self._first,
+                "remarks": json.dumps(self._remarks),
+            }
             | {f"seconds_{name}": value for name, value in self.seconds.items()}
             | {f"unit_{name}": unit for name, unit in self.units.items()},
         )
@@ -662,11 +679,20 @@ def load(path: str | os.PathLike[str]) -> Result:
         shape=shape,
         seconds=named("seconds_"),
         units=_units(attributes) | named("unit_"),
+        remarks=_remarks(attributes),
         success=bool(attributes["complete"]),
         message=str(attributes.get("message", "")),
     )
     found._first = int(attributes.get("first_step", 0))
     return found
+
+
+def _remarks(attributes: Mapping[str, Any]) -> tuple[str, ...]:
+    """Those of a file, where it has some."""
+    try:
+        return tuple(map(str, json.loads(str(attributes.get("remarks", "[]")))))
+    except (ValueError, TypeError):
+        return ()
 
 
 def _units(attributes: Mapping[str, Any]) -> dict[str, str]:

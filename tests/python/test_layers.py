@@ -100,7 +100,7 @@ PYTHON = (
     "structure",
     "check plane_friction result",
     "cone dof_order friction loading",
-    "resultants",
+    "resultants remarks",
     "answers diagnosis errors existence facing.facet_shapes frames motion",
     "facing.clipping facing.facet_mesh facing.skewed",
     "facing.mortar",

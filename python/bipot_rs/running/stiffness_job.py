@@ -52,7 +52,6 @@ def run(
     result: Result | None = None
     reached: list[dict[str, Any]] = []
     steps: list[Step] = []
-    remarks: list[str] = []
 
     def on_step(k: int, step: Any) -> None:
         row = _row(k, step)
@@ -81,10 +80,10 @@ def run(
         # Before the work: one that cannot be made is found then.
         make(folder)
         try:
-            with warnings.catch_warnings(record=True) as warned:
-                warnings.simplefilter("always", UserWarning)
+            with warnings.catch_warnings():
+                # Remarks say the same.
+                warnings.simplefilter("ignore", UserWarning)
                 problem = given.problem()
-            remarks = [str(one.message) for one in warned]
             result = problem.solve(
                 given.load, given.prescribed, method=method, tol=tol, on_step=on_step
             )
@@ -116,11 +115,13 @@ def run(
             "success": code == SOLVED,
             "seconds": round(perf_counter() - began, 6),
             "message": message,
+            "remarks": [] if result is None else list(result.remarks),
         }
         _print(json.dumps(last))
         return code
+    said = () if result is None else result.remarks
     if given is not None and reached:
-        _tell(given, reached, tol, folder, remarks, solved=code == SOLVED)
+        _tell(given, reached, tol, folder, said, solved=code == SOLVED)
     if code != SOLVED:
         complain(message)
     elif given is not None:
