@@ -24,6 +24,7 @@ from bipot_rs.check import (
     choice_of_dimension,
     contact_array,
     csr,
+    enforced,
     floats,
     frames,
     friction,
@@ -690,7 +691,10 @@ class ContactProblem:
         stiffness = csr("K", K)
         n = self._shape[0]
         if stiffness.shape != (n, n):
-            raise ValueError(f"K has shape {stiffness.shape}, expected ({n}, {n})")
+            raise ValueError(
+                f"K has shape {stiffness.shape}, expected ({n}, {n}): whole, as before, "
+                "with the degrees of freedom that are held"
+            )
         if self._loading.held is not None:
             from scipy.sparse import csr_array
 
@@ -736,9 +740,11 @@ class ContactProblem:
             self._core = _core.Condensed(parts, *self._given, before, on_forecast)
         except (FloatingBodyError, ValueError) as error:
             dof = getattr(error, "dof", None)
-            half = one_triangle(parts) if isinstance(error, ValueError) else ""
-            if half:
-                raise ValueError(f"{error}{half}") from None
+            cause = ""
+            if isinstance(error, ValueError):
+                cause = one_triangle(parts) or enforced(parts)
+            if cause:
+                raise ValueError(f"{error}{cause}") from None
             if dof is None or self._bodies is None:
                 raise
             named = type(error)(f"{body_of(dof, self._bodies)}: {error}")

@@ -37,6 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs import dof_order, text_tables
+from bipot_rs.byte_order import unmarked, without
 from bipot_rs.check import csr
 from bipot_rs.fem import frames
 from bipot_rs.figures import real, whole
@@ -223,7 +224,7 @@ def _stiffness(
     order: str | None,
 ) -> tuple[Any, _Dofs]:
     with path.open("rb") as file:
-        start = file.read(1024)
+        start = without(file.read(1024))
     if b"\0" in start:
         raise ValueError(
             f"{path} is no text, expected a Matrix Market file, as scipy.io.mmwrite makes "
@@ -246,9 +247,15 @@ def _stiffness(
         return K, _Dofs(n, {}, why)
     labels = listed[0]
     if n != dim * len(labels):
+        condensed = (
+            ": were the degrees of freedom that are held taken out? Give the whole "
+            "stiffness, and --fixed"
+            if n < dim * len(labels)
+            else ""
+        )
         raise ValueError(
             f"{path} has {n} rows, expected {dim} for each of the "
-            f"{counted(len(labels), 'node')} of {nodes}"
+            f"{counted(len(labels), 'node')} of {nodes}{condensed}"
         )
     if nodes is not None:
         _in_order(path, K, dim, listed, nodes, order)
@@ -343,12 +350,13 @@ def _market(path: Path) -> Any:
     from scipy.io import mminfo, mmread
 
     try:
-        rows, columns, _, _, field, symmetry = mminfo(path)
-        if why := market_refuses(field, symmetry):
-            raise ValueError(why)
-        if rows != columns:
-            raise ValueError(f"it has {rows} rows and {columns} columns")
-        return mmread(path)
+        with unmarked(path) as source:
+            rows, columns, _, _, field, symmetry = mminfo(source)
+            if why := market_refuses(field, symmetry):
+                raise ValueError(why)
+            if rows != columns:
+                raise ValueError(f"it has {rows} rows and {columns} columns")
+            return mmread(source)
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(
             f"{path} is no stiffness in Matrix Market form: {printable(str(error))}"
@@ -360,7 +368,7 @@ def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
     from scipy.sparse import coo_array
 
     entries, values = [], []
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
         for number, line in enumerate(file, start=1):
             text = line.strip()
             if not text or text.startswith("**") or text.lower().startswith("*matrix"):

@@ -92,7 +92,7 @@ RUST_NAMES = {
 PYTHON = (
     "bodies facing mesh_error running",
     (
-        "_core early extras figures sliding toml_text units vtu words "
+        "_core byte_order early extras figures sliding toml_text units vtu words "
         "running.exits running.folder running.interrupts running.telling running.workers"
     ),
     "shipped",

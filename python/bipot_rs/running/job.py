@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from bipot_rs import _core
 from bipot_rs.running import run_files
 from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
-from bipot_rs.running.folder import RESULT, draft_in, replace
+from bipot_rs.running.folder import RESULT, draft_in, ours, replace
 from bipot_rs.running.folder import told as files_of
 from bipot_rs.running.interrupts import Interrupts
 from bipot_rs.running.telling import Progress, complain, line
@@ -62,6 +62,8 @@ class Job:
         self.reached: list[tuple[dict[str, Any], Step]] = []
         # How many there are to be; of automatic ones nobody knows.
         self.count: int | None = None
+        # Whether the files of this run are in its folder.
+        self.kept = False
         # How many of them an earlier run left.
         self.resumed = 0
         # With --error: what finds it, what it found for each step, and what it could not.
@@ -386,6 +388,7 @@ class Job:
                 },
             )
         replace(draft, folder)
+        self.kept = True
         if code != SOLVED:
             message += f" (load steps in {folder}: {len(self.reached)})"
             if interrupted and self.reached:
@@ -462,7 +465,13 @@ class Job:
         say(
             f"{model.n} degrees of freedom, {counted(len(model.gap), 'contact')}: {times}"
         )
-        say(files_of(folder))
+        say(files_of(folder) if self.kept else _nothing_written(folder))
+
+
+def _nothing_written(folder: Path) -> str:
+    """Of a run whose files could not be written, as on a full disk."""
+    said = f"{folder}: nothing was written"
+    return said + (", its files are of an earlier run" if ours(folder) else "")
 
 
 def _peak_mb() -> float:

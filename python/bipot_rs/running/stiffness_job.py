@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -196,23 +196,36 @@ def _write(
     from bipot_rs.text_tables import write
 
     recover(result.steps)  # saved, and a table of it
-    result.save(folder / RESULT)
     columns = list(reached[0]) if reached else _STEPS
-    write(folder / "steps.csv", columns, (list(row.values()) for row in reached))
-    write(folder / "reactions.csv", _header(given), _reactions(given, result))
-    write(
-        folder / "displacements.csv",
-        ("step", "dof", "node", "component", "displacement"),
-        (
-            (k, dof, node if name else "", name, float(u))
-            for k, step in enumerate(result)
-            for dof, ((node, name), u) in enumerate(
-                zip(given.labels, step.displacement, strict=True)
-            )
-        ),
+    rows = (
+        (k, dof, node if name else "", name, float(u))
+        for k, step in enumerate(result)
+        for dof, ((node, name), u) in enumerate(
+            zip(given.labels, step.displacement, strict=True)
+        )
     )
+    header = ("step", "dof", "node", "component", "displacement")
+    works: dict[str, Callable[[Path], None]] = {
+        RESULT: result.save,
+        "steps.csv": lambda path: write(
+            path, columns, (list(row.values()) for row in reached)
+        ),
+        "reactions.csv": lambda path: write(
+            path, _header(given), _reactions(given, result)
+        ),
+        "displacements.csv": lambda path: write(path, header, rows),
+    }
     if given.points is not None:
-        result.write(folder / "result.pvd")
+        works["result.pvd"] = result.write
+    done: list[str] = []
+    for name, work in works.items():
+        try:
+            work(folder / name)
+        except OSError as error:
+            of_this = f"of this run there {'are' if len(done) > 1 else 'is'} {', '.join(done)}"
+            said = of_this if done else "nothing else was written"
+            raise OSError(f"{error}; {said}") from error
+        done.append(name)
 
 
 def _ours(folder: Path, given: Given) -> Iterator[Path]:
