@@ -16,6 +16,7 @@ from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
 from bipot_rs.running.folder import RESULT, make
 from bipot_rs.running.interrupts import Interrupts
 from bipot_rs.running.report import closing, console, of_surfaces, print_table
+from bipot_rs.running.run_files import recoverable
 from bipot_rs.running.telling import complain, tell
 from bipot_rs.words import counted
 
@@ -96,6 +97,11 @@ def run(
             if steps:
                 result = _of(given, steps, message)
         if result is not None:
+            found, ended = recoverable(result.steps)
+            if ended is not None:
+                code, message = NOT_CONVERGED, f"load step {found + 1}: {ended}"
+                del reached[found:]
+                result = _of(given, result.steps[:found], message)
             _write(folder, given, result, reached)
     except KeyboardInterrupt:
         code, message = interrupts.status, "interrupted"
@@ -192,10 +198,8 @@ def _write(
     folder: Path, given: Given, result: Result, reached: Sequence[dict[str, Any]]
 ) -> None:
     """The result file, tables, and the contacts for ParaView where places are known."""
-    from bipot_rs.result import recover
     from bipot_rs.text_tables import write
 
-    recover(result.steps)  # saved, and a table of it
     columns = list(reached[0]) if reached else _STEPS
     rows = (
         (k, dof, node if name else "", name, float(u))
