@@ -240,14 +240,14 @@ def unlike(
     n = len(stiffness[0]) - 1
     if n % d or not n:
         return None
-    if coordinates is not None:
-        order = told_by(coordinates, d)
-        if order is not None:
-            return _unlike_places(stiffness, order, coordinates, d)
+    order = None if coordinates is None else told_by(coordinates, d)
+    if coordinates is not None and order is not None:
+        said = _unlike_places(stiffness, order, coordinates, d)
+        return said or _unlike_contacts(contact, order, n, d, "coordinates")
     own = fitting(stiffness, d)
     if len(own) != 1:
         return None
-    return _unlike_contacts(contact, own[0], n, d)
+    return _unlike_contacts(contact, own[0], n, d, "K")
 
 
 def _unlike_places(
@@ -272,27 +272,37 @@ def _unlike_places(
     return f"coordinates do not fit K, they are {ORDERS[order]}: {how.said()}; {advice}"
 
 
-def _unlike_contacts(contact: Parts, order: str, n: int, d: int) -> str | None:
-    """Contacts of one node whose columns of B are not the components of a node of K."""
+def _unlike_contacts(
+    contact: Parts, order: str, n: int, d: int, known: str
+) -> str | None:
+    """Contacts of one node whose columns of B are its components in the other order."""
     pointers = np.asarray(contact[0], np.int64)[::d]
     columns = np.asarray(contact[1], np.int64)
-    component, node = components(order, n, d), node_of(order, n, d)
-    wrong = []
-    seen = 0
+    other = next(one for one in ORDERS if one != order)
+
+    def of_one_node(of: Ints, order: str) -> bool:
+        node, component = of % (n // d), of // (n // d)
+        if order == "node":
+            node, component = of // d, of % d
+        return len(set(node.tolist())) == 1 and len(set(component.tolist())) == d
+
+    wrong, right = [], 0
     for i, (first, last) in enumerate(pairwise(pointers.tolist())):
         of = np.unique(columns[first:last])
         if len(of) != d:
             continue  # of several nodes, or held in part
-        seen += 1
-        if len(set(node[of].tolist())) > 1 or len(set(component[of].tolist())) < d:
+        if of_one_node(of, order):
+            right += 1
+        elif of_one_node(of, other):
             wrong.append(i)
-    if not wrong or 2 * len(wrong) <= seen:
+    if len(wrong) <= right:
         return None
-    other = next(one for one in ORDERS if one != order)
+    by = ", by its rigid translations," if known == "K" else ""
     return (
-        f"B does not fit K, which is {ORDERS[order]} by its rigid translations: in "
-        f"{len(wrong)} of {counted(seen, 'contact')} of one node the columns are not those "
-        f"of the components of one node, first at contact {wrong[0]}; is B {ORDERS[other]}?"
+        f"B does not fit {known}, which{by} {'is' if known == 'K' else 'are'} "
+        f"{ORDERS[order]}: at "
+        f"{counted(len(wrong), 'contact')}, first contact {wrong[0]}, the columns of B are "
+        f"the components of one node where the order is {ORDERS[other]}"
     )
 
 

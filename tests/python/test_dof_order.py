@@ -166,8 +166,19 @@ def test_in_python() -> None:
     # K all u_x first, and B node after node: no coordinates are needed to see that.
     turned = by_component(n, 2)
     (said,) = warned(K[turned][:, turned], B, points=x[at])
-    assert said.startswith("B does not fit K, which is component after component")
-    assert "in 5 of 5 contacts of one node" in said
+    assert said == (
+        "B does not fit K, which, by its rigid translations, is component after component, "
+        "all u_x, then all u_y: at 5 contacts, first contact 0, the columns of B are the "
+        "components of one node where the order is node after node, degree of freedom = d * "
+        "row + component"
+    )
+    (said,) = warned(K[turned][:, turned], B, coordinates=components)
+    assert said.startswith("B does not fit coordinates, which are component after")
+    # Frictionless pairs by their normals alone: two columns of two nodes are no mistake.
+    rows = np.repeat(np.arange(0, 10, 2), 2)
+    columns = (2 * np.column_stack([at, at - at.min() + 1]) + 1).ravel()
+    normals = sparse.csr_array((np.ones(10), (rows, columns)), (10, n))
+    assert warned(K, normals, coordinates=nodes) == []
     given["fixed"] = np.flatnonzero(np.isin(turned, fixed))
     assert warned(K[turned][:, turned], B[:, turned], points=x[at]) == []
     assert warned(K[turned][:, turned], B[:, turned], coordinates=components) == []
