@@ -99,6 +99,65 @@ def test_normals(cell: str, d: int, order: int) -> None:
     assert first == said
 
 
+def any_face(seed: int) -> None:
+    """Some normals of a body of any shape and direction are turned round: just these."""
+    rng = np.random.default_rng(seed)
+    cell, d, order = CELLS[seed % len(CELLS)]
+    one = body(cell, d, order, cells=3, aspect=10 ** rng.uniform(-1.5, 1.5))
+    turn = np.linalg.qr(rng.normal(size=(d, d)))[0]
+    rotation = np.kron(np.eye(len(one.points)), turn)
+    K = sparse.csr_array(rotation @ fem.stiffness(one).toarray() @ rotation.T)
+    K = (K + K.T) / 2 * 10 ** rng.uniform(-6, 12)
+    x = (one.points @ turn.T + rng.normal(size=d)) * 10 ** rng.uniform(-6, 6)
+    name = ["left", "right", "bottom", "top", "front", "back"][rng.integers(2 * d)]
+    at = one.nodes(name)
+    axis = {"left": 0, "right": 0, "bottom": d - 1, "top": d - 1}.get(name, 1)
+    # Along the edges of a face what is outwards lies between two or three of them; and
+    # corners of faces of six nodes carry nothing of a constant pressure.
+    low, high = one.points.min(axis=0), one.points.max(axis=0)
+    other = np.delete(np.arange(d), axis)
+    within = (
+        (one.points[at][:, other] > low[other] + 1e-9)
+        & (one.points[at][:, other] < high[other] - 1e-9)
+    ).all(axis=1)
+    if (cell, order) == ("tetrahedron", 2):
+        load = fem.build([one], []).traction("a", name, np.eye(d)[axis])
+        within &= load.reshape(-1, d)[at, axis] > 1e-9 * load.max()
+    at = at[within]
+    inwards = turn[:, axis] * (1 if name in ("left", "bottom", "front") else -1)
+    frame = fem.frames(np.tile(inwards, (len(at), 1)))
+    rows = np.arange(d * len(at)).reshape(-1, d, 1) + np.zeros((1, 1, d), int)
+    columns = (d * at[:, None] + np.arange(d))[:, None] + np.zeros((1, d, 1), int)
+    B = sparse.csr_array(
+        (frame.ravel(), (rows.ravel(), columns.ravel())), (d * len(at), x.size)
+    )
+    wrong = rng.random(len(at)) < rng.choice([0.0, 0.3, 1.0])
+    problem = bp.ContactProblem(
+        K,
+        turned_round(B, d, wrong),
+        gap=np.zeros(len(at)),
+        mu=0.3,
+        coordinates=np.repeat(x, d, axis=0),
+    )
+    told = [said for said in problem._remarks if "normals" in said]
+    assert len(told) == wrong.any()
+    for said in told:
+        count = f"of {wrong.sum()} of the {len(at)} contact"
+        assert count in said
+        assert f"first at contact {np.argmax(wrong)}:" in said
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_normals_of_any_face(seed: int) -> None:
+    any_face(seed)
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("seed", range(16, 216))
+def test_normals_of_many_faces(seed: int) -> None:
+    any_face(seed)
+
+
 @pytest.mark.parametrize("radius", [0.05, 0.3, 2.0])
 @pytest.mark.parametrize("at", [0.0, 0.5, 1.0])
 def test_a_ball_beside_an_edge_is_none(radius: float, at: float) -> None:
