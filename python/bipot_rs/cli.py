@@ -47,6 +47,9 @@ class _App(typer.Typer):
                 if "--json" in arguments and arguments[0] != "run":
                     interrupts.told = True
                     line(command=arguments[0], ok=False, success=False, message=message)
+                    if arguments[0] == "fclib":
+                        # Its lines are files: people read what is none of them.
+                        complain(message)
                     return status
                 return Job(None, as_json="--json" in arguments).end(status, message)
 

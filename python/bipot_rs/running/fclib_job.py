@@ -65,9 +65,8 @@ def run(
         status = INTERRUPTED
     except (ImportError, ValueError, TypeError) as error:
         if as_json:
-            line(files=list(files), success=False, message=str(error))
-        else:
-            complain(str(error))
+            line(command="fclib", ok=False, success=False, message=str(error))
+        complain(str(error))
         status = BAD_INPUT
     if rows and not as_json:
         _summary(rows)
