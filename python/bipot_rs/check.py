@@ -87,6 +87,12 @@ def csr(what: str, value: Any) -> Csr:
     """A sparse or dense matrix in CSR form, without duplicates, indices sorted."""
     from scipy.sparse import csr_array, issparse
 
+    if what == "K" and isinstance(value, tuple) and value and issparse(value[0]):
+        raise TypeError(
+            f"{what} is a tuple of {len(value)} that begins with a matrix, as "
+            "skfem.condense and skfem.enforce return: expected the matrix as it was "
+            "assembled, with fixed= for the degrees of freedom that are held"
+        )
     if issparse(value):
         kind = np.dtype(value.dtype).kind
         if kind not in "iufb":
@@ -135,6 +141,31 @@ def one_triangle(parts: Parts) -> str:
     held, other = ("lower", "-1") if below else ("upper", "1")
     of = "tril" if below else "triu"
     return f"; K holds its {held} triangle alone, expected K + scipy.sparse.{of}(K, {other}).T"
+
+
+def enforced(parts: Parts) -> str:
+    """What to say of a matrix by rows that supports were written into, else nothing.
+
+    Their rows hold the diagonal alone, and their columns more: it is not symmetric.
+    """
+    pointers, columns, values = parts
+    n = len(pointers) - 1
+    rows = np.repeat(np.arange(n), np.diff(pointers))
+    off = (rows != columns) & (values != 0)
+    by_row = np.bincount(rows[off], minlength=n)
+    by_column = np.bincount(columns[off], minlength=n)
+    for held, word, what in (
+        ((by_row == 0) & (by_column > 0), "rows", "columns"),
+        ((by_column == 0) & (by_row > 0), "columns", "rows"),
+    ):
+        if held.any() and not held.all():
+            return (
+                f"; {counted(int(held.sum()), word[:-1])} of K, first {int(np.argmax(held))}, "
+                f"{'holds' if held.sum() == 1 else 'hold'} the diagonal alone and the {what} "
+                "more: supports were written into K, as by skfem.enforce; expected K as it "
+                "was assembled, with fixed= for the degrees of freedom that are held"
+            )
+    return ""
 
 
 # Squares of these, and what they are multiplied by, stay in the range of doubles.
@@ -337,10 +368,14 @@ def matrices(K: Any, B: Any) -> tuple[Csr, Csr]:
     n = stiffness.shape[0]
     if stiffness.shape != (n, n):
         raise ValueError(f"K has shape {stiffness.shape}, expected a square matrix")
-    if contact.shape[1] != n:
+    columns = contact.shape[1]
+    if columns != n:
+        fewer, other = ("K", "B") if n < columns else ("B", "K")
         raise ValueError(
             f"B has shape {contact.shape}, expected {counted(n, 'column')}, as many "
-            "as K has rows"
+            f"as K has rows: were degrees of freedom taken out of {fewer}, as by "
+            f"skfem.condense, and not out of {other}? Give both whole, and fixed= for the "
+            "degrees of freedom that are held"
         )
     return stiffness, contact
 

@@ -1,8 +1,8 @@
 """The command `bipot`: arguments to scene to files.
 
-Exit status: 0 solved, 1 no answer exists, 2 bad input, 3 not converged,
-130 interrupted, 143 likewise by SIGTERM. Everything heavy is imported by the command
-that needs it.
+Exit status: 0 solved, 1 no answer exists, 2 bad input, 3 not converged, 70 a fault of the
+program, 130 interrupted, 143 likewise by SIGTERM. Every exit has a sentence, and with
+--json a line. Everything heavy is imported by the command that needs it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from bipot_rs.extras import missing
-from bipot_rs.running.exits import BAD_INPUT, INTERRUPTED, SOLVED
+from bipot_rs.running.exits import (
+    BAD_INPUT,
+    FAULT,
+    INTERRUPTED,
+    NO_ANSWER,
+    NOT_CONVERGED,
+    SOLVED,
+)
 from bipot_rs.running.interrupts import Interrupts
 from bipot_rs.running.job import ENOUGH, Job
 from bipot_rs.running.telling import complain, line
@@ -35,9 +42,17 @@ class _App(typer.Typer):
         _open_streams()
         # Called without arguments, the command is all that its process does.
         with Interrupts(last=not args) as interrupts:
-            # The lines of `fclib` are its files, and there is none to tell of.
-            as_json = "--json" in arguments and arguments[0] == "run"
-            job = Job(None, as_json=as_json)
+
+            def end(status: int, message: str) -> int:
+                if "--json" in arguments and arguments[0] != "run":
+                    interrupts.told = True
+                    line(command=arguments[0], ok=False, success=False, message=message)
+                    if arguments[0] == "fclib":
+                        # Its lines are files: people read what is none of them.
+                        complain(message)
+                    return status
+                return Job(None, as_json="--json" in arguments).end(status, message)
+
             status: Any = INTERRUPTED
             if arguments[:1] == ["run"]:
                 # It says itself from where on it can be stopped.
@@ -48,7 +63,7 @@ class _App(typer.Typer):
                     arguments, prog_name="bipot", standalone_mode=False, obj=interrupts
                 )
             except TyperException as error:
-                return job.end(BAD_INPUT, _helpful(error.format_message(), arguments))
+                return end(BAD_INPUT, _helpful(error.format_message(), arguments))
             except OSError as error:
                 return _output_gone(error)
             except SystemExit as left:
@@ -58,9 +73,22 @@ class _App(typer.Typer):
                 return BAD_INPUT if left.code else SOLVED
             except (KeyboardInterrupt, typer.Abort):
                 pass
+            except Exception as error:
+                if os.environ.get("BIPOT_TRACEBACK"):
+                    raise
+                return end(FAULT, _fault(error))
             if interrupts.came is not None and not interrupts.told:
-                return job.end(interrupts.status, "interrupted")
+                return end(interrupts.status, "interrupted")
             return status
+
+
+def _fault(error: Exception) -> str:
+    """What nothing else has a sentence for: it should be reported."""
+    said = " ".join(str(error).split())
+    return (
+        f"this is a fault of bipot, {type(error).__name__}{': ' if said else ''}{said}; "
+        "please report it with what BIPOT_TRACEBACK=1 shows"
+    )
 
 
 def _scenes_like(incomplete: str) -> list[str]:
@@ -238,6 +266,15 @@ def solve(
             help="Table: node, ux, uy[, uz][, step from 0], blank where free."
         ),
     ] = None,
+    order: Annotated[
+        str | None,
+        typer.Option(
+            metavar="node|component",
+            help="Degrees of freedom of a Matrix Market file: node, d * row + component in "
+            "the rows of --nodes (default), or component, all u_x, then all u_y. It is "
+            "checked: rigid motions must leave nothing.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder of the results; out/STIFFNESS if not given."),
@@ -258,7 +295,8 @@ def solve(
     """Solve contacts on a stiffness that another program has written.
 
     Degrees of freedom may be given instead of nodes: dof_x, dof_y[, dof_z], counted
-    from 0, in the contacts, dof and force or value in the other tables. Writes
+    from 0, in the contacts, dof and force or value in the other tables. Of a Matrix Market
+    file --nodes says which degree of freedom is which, in --order. Writes
     reactions.csv, displacements.csv, steps.csv, result.h5, and with nodes result.pvd.
     """
     from bipot_rs.running import stiffness_job
@@ -273,6 +311,7 @@ def solve(
     }
     status = stiffness_job.run(
         *(files, folder, method, tol, context.obj),
+        order=order,
         as_json=json,
         stiffness_rtol=stiffness_rtol,
     )
@@ -373,7 +412,16 @@ def check(
     from bipot_rs.commands.check import check as of
 
     with _refusing(as_json=json, scene=scene):
-        _say(of(scene, settings or []) | {"scene": scene, "ok": True}, as_json=json)
+        found = of(scene, settings or []) | {"scene": scene}
+        floating = found.pop("floating")
+        ended = {"ok": floating is None}
+        if floating is not None:
+            ended["message"] = floating
+        _say(found | ended, as_json=json)
+        if floating is not None:
+            if not json:
+                complain(floating)
+            raise typer.Exit(NO_ANSWER)
 
 
 @app.command()
@@ -536,9 +584,14 @@ def _refusing(
     *, as_json: bool = False, interrupts: Interrupts | None = None, **told: Any
 ) -> Iterator[None]:
     """Make bad input a sentence and a status; with --json the last line has both."""
+    from bipot_rs.errors import BipotError, NotConvergedError
+
     try:
         yield
         return
+    except BipotError as error:
+        message = str(error)
+        status = NOT_CONVERGED if isinstance(error, NotConvergedError) else NO_ANSWER
     except KeyboardInterrupt:
         if interrupts is None:
             raise

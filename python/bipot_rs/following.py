@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -59,6 +59,7 @@ class Following:
         condense: float,
         bodies: Mapping[str, int] | None = None,
         known: Known | None = None,
+        remarks: Callable[[Sequence[Step]], Sequence[str]] | None = None,
     ) -> None:
         self._core = core
         self._contacts = contacts
@@ -68,6 +69,7 @@ class Following:
         # Their names, each with its first degree of freedom.
         self._bodies = bodies
         self._known = known
+        self._remarks = remarks
         self.before = state(start, *shape)
         self._first = done(start)
         self.steps: list[Step] = []
@@ -185,6 +187,7 @@ class Following:
             seconds=None,
             success=success,
             message=f"{count} converged" if message is None else message,
+            remarks=() if self._remarks is None else self._remarks(self.steps),
         )
         made._first = self._first
         if self._known is not None:

@@ -408,6 +408,16 @@ class Model:
         )
 
 
+class Remarks(tuple[str, ...]):
+    """Sentences; called, as a list."""
+
+    __slots__ = ()
+
+    def __call__(self) -> list[str]:
+        """The same, as a list."""
+        return list(self)
+
+
 class ModelResult(Result):
     """A `Result` that knows the names of its model.
 
@@ -425,6 +435,7 @@ class ModelResult(Result):
             start=result.start,
             success=result.success,
             message=result.message,
+            remarks=result.remarks,
         )
         # The same mapping: it is filled further when displacements are asked for.
         self.seconds = result.seconds
@@ -433,6 +444,7 @@ class ModelResult(Result):
             self.units = {name: unit for name, unit in told if unit}
         self.case = case
         self._first = first
+        self._reviewed: Remarks | None = None
 
     @property
     def parameter(self) -> Floats:
@@ -442,9 +454,13 @@ class ModelResult(Result):
     def _load(self, k: int) -> float:
         return self.case.step_parameter(self._first + k, self.steps[k])
 
-    def remarks(self) -> list[str]:
-        """What a person should look at in the answer, a sentence each (`review`)."""
-        return review(self.case.model, self.steps)
+    @property
+    def remarks(self) -> Remarks:
+        """What a person should look at, those of `Result` and of the answer (`review`)."""
+        if self._reviewed is None:
+            found = review(self.case.model, self.steps)
+            self._reviewed = Remarks((*self._remarks, *found))
+        return self._reviewed
 
     def contacts_of(self, name: str) -> Ints:
         """Numbers of the contacts on a surface ``"body.surface"``, ascending."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs import _core, motion, summary
+from bipot_rs import _core, dof_order, motion, remarks, summary
 from bipot_rs.adaptive import follow, increments
 from bipot_rs.check import (
     RATIO,
@@ -23,6 +24,7 @@ from bipot_rs.check import (
     choice_of_dimension,
     contact_array,
     csr,
+    enforced,
     floats,
     frames,
     friction,
@@ -85,7 +87,8 @@ class ContactProblem:
     coordinates
         Where each degree of freedom is, ``(n, 2)`` or ``(n, 3)``, in any unit: a second
         elimination order is then tried, and the one of fewer operations taken. Rigid
-        motions are then known exactly.
+        motions are then known exactly. Degrees of freedom may be ordered by nodes,
+        ``numpy.repeat(nodes, d, axis=0)``, or by components, ``numpy.tile(nodes, (d, 1))``.
     loads
         All loads there will be, where no displacement will be asked for: ``load`` of
         `solve`, or the tuple ``(load, prescribed)``. The factor of ``K`` is then not
@@ -130,6 +133,13 @@ class ContactProblem:
         The contact set cannot hold a body.
     MemoryError
         The factor or ``W`` does not fit, with the figure, before it is allocated.
+
+    Warns
+    -----
+    UserWarning
+        ``K`` times a rigid motion is not zero in rows without supports, in the order of
+        the degrees of freedom that ``coordinates`` show; or the columns of ``B`` are those
+        of another order than the rigid translations of ``K``.
 
     Notes
     -----
@@ -208,6 +218,10 @@ class ContactProblem:
             *(n, len(self._fixed), contacts, d, loads, gaps), held=held
         )
         self._bodies = _named(bodies, n)
+        self._where = _of_components(coordinates, places(coordinates, n), d)
+        # Planes across the axes leave K without the rigid motions of its nodes.
+        self._in_planes = held is not None
+        self._contact = contact
         limit = memory_limit
         if limit is not None:
             limit = integer("memory_limit", memory_limit, least=1, most=2**63 - 1)
@@ -231,8 +245,9 @@ class ContactProblem:
             working_set,
         )
         callback("on_forecast", on_forecast)
-        parts, known = self._with_digits(stiffness)
-        self._condense(parts, None, on_forecast)
+        restored, known = self._with_digits(stiffness)
+        self._remarks, self._strength = self._looked_at(restored, whole)
+        self._condense(restored.parts, None, on_forecast)
         self._known = known
 
     def __getstate__(self) -> dict[str, Any]:
@@ -259,7 +274,9 @@ class ContactProblem:
 
     def _summary(self) -> summary.Summary:
         fixed = len(self._fixed)
-        return summary.of_problem(self._shape, fixed, self._contacts, self.stats)
+        return summary.of_problem(
+            self._shape, fixed, self._contacts, self.stats, self._remarks
+        )
 
     @property
     def compliance(self) -> Array:
@@ -698,21 +715,55 @@ class ContactProblem:
         stiffness = csr("K", K)
         n = self._shape[0]
         if stiffness.shape != (n, n):
-            raise ValueError(f"K has shape {stiffness.shape}, expected ({n}, {n})")
+            raise ValueError(
+                f"K has shape {stiffness.shape}, expected ({n}, {n}): whole, as before, "
+                "with the degrees of freedom that are held"
+            )
         if self._loading.held is not None:
             from scipy.sparse import csr_array
 
             stiffness = csr("K", self._loading.held.stiffness(csr_array(K)))
-        parts, known = self._with_digits(stiffness)
-        self._condense(parts, self._core)
+        restored, known = self._with_digits(stiffness)
+        found = self._looked_at(restored, self._given[1])
+        self._condense(restored.parts, self._core)
         self._known = known
+        self._remarks, self._strength = found
 
-    def _with_digits(self, stiffness: Csr) -> tuple[Parts, Known | None]:
+    def _with_digits(self, stiffness: Csr) -> tuple[Csr, Known | None]:
         """K as it is condensed, and what is known of its digits."""
         if self._digits is None:
-            return stiffness.parts, None
+            return stiffness, None
+        from scipy.sparse import csr_array
+
         parts, off = self._digits.restore(stiffness)
-        return parts, Known(self._digits, off)
+        matrix = csr_array(parts[::-1], shape=stiffness.shape)
+        return Csr(matrix, stiffness.shape, parts), Known(self._digits, off)
+
+    def _looked_at(
+        self, stiffness: Csr, gap: Array
+    ) -> tuple[tuple[str, ...], remarks.Strength | None]:
+        """Sentences on what was given, and how stiff the bodies are where it is known."""
+        places, d = self._where, self._shape[2]
+        outward, known, said = None, None, []
+        if not self._in_planes:
+            misplaced = dof_order.unlike(
+                stiffness.parts, self._contact.parts, places, d
+            )
+            if misplaced is not None:
+                warnings.warn(misplaced, stacklevel=3)
+                said.append(misplaced)
+            elif places is not None:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    outward = remarks.surfaces(stiffness, places, d)
+                    known = remarks.strength(stiffness, places, d)
+        said += remarks.at_start(
+            self._contact,
+            gap,
+            points=self._contacts["x"],
+            places=places,
+            outward=outward,
+        )
+        return tuple(said), known
 
     def _condense(
         self,
@@ -725,9 +776,11 @@ class ContactProblem:
             self._core = _core.Condensed(parts, *self._given, before, on_forecast)
         except (FloatingBodyError, ValueError) as error:
             dof = getattr(error, "dof", None)
-            half = one_triangle(parts) if isinstance(error, ValueError) else ""
-            if half:
-                raise ValueError(f"{error}{half}") from None
+            cause = ""
+            if isinstance(error, ValueError):
+                cause = one_triangle(parts) or enforced(parts)
+            if cause:
+                raise ValueError(f"{error}{cause}") from None
             if dof is None:
                 raise
             said = str(error) + self._of_digits(str(error), parts, dof)
@@ -758,11 +811,26 @@ class ContactProblem:
         start: Result | Step | None,
     ) -> Following:
         shape, contacts = self._shape[1:], self._contacts | {"mu": mu}
+        before, known = self._remarks, self._strength
+
+        def said(steps: Sequence[Step]) -> tuple[str, ...]:
+            return (*before, *remarks.of_path(steps, contacts, known))
+
         return Following(
             *(core, contacts, mu, shape, chosen, start, self._seconds),
             bodies=self._bodies,
             known=self._known,
+            remarks=said,
         )
+
+
+def _of_components(given: Any, found: Array | None, d: int) -> Array | None:
+    """Places ``(n, d)`` of degrees of freedom, of those the core takes; None if unknown."""
+    if found is None or (d == 3 and np.shape(given)[1] == 2):
+        return None
+    if d == 2 and np.ptp(found[:, 2]) > 0:
+        return None
+    return np.ascontiguousarray(found[:, :d])
 
 
 def _named(bodies: Mapping[str, int] | None, n: int) -> dict[str, int] | None:

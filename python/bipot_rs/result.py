@@ -355,6 +355,12 @@ class Result(Sequence[Step]):
         ``condense``, ``solve``, ``recover``.
     success, message
         Whether the whole path was solved, and a sentence on it.
+    remarks
+        What a person should look at, a sentence each: contacts that penetrate at the
+        start, normals that point out of their body, degrees of freedom in another order
+        than their places, no contact that closes, loads that look mixed in units. Where
+        ``coordinates`` were given all of them are looked for. Empty where nothing is
+        suspicious.
     units
         Names of the units by ``"length"``, ``"force"``, ``"stress"``, for labels; empty
         where they are not known. May be set.
@@ -374,6 +380,7 @@ class Result(Sequence[Step]):
         success: bool,
         message: str,
         units: Mapping[str, str] | None = None,
+        remarks: Sequence[str] = (),
     ) -> None:
         self.steps = tuple(steps)
         self.contacts = dict(contacts)
@@ -389,6 +396,18 @@ class Result(Sequence[Step]):
         self.units = dict(units or {})
         self.stiffness_rtol: float | None = None
         self.rigid_motions_off: float | None = None
+        self._remarks = tuple(remarks)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a person should look at, a sentence each."""
+        if self.stiffness_rtol is None:
+            return self._remarks
+        off = self.rigid_motions_off or 0.0
+        known = f"the entries of K are known to {self.stiffness_rtol:g} only"
+        restored = f"its rigid motions were off by {off:.1e} and are restored"
+        digits = f"{known}, and the results to no more; {restored}"
+        return (*self._remarks, digits)
 
     def __len__(self) -> int:
         return len(self.steps)
@@ -502,15 +521,6 @@ class Result(Sequence[Step]):
         groups = range(int(number.max(initial=0)) + 1)
         return np.stack([force[:, number == g].sum(axis=1) for g in groups], axis=1)
 
-    def remarks(self) -> list[str]:
-        """What a person should know of the answer, a sentence each."""
-        if self.stiffness_rtol is None:
-            return []
-        off = self.rigid_motions_off or 0.0
-        known = f"the entries of K are known to {self.stiffness_rtol:g} only"
-        restored = f"its rigid motions were off by {off:.1e} and are restored"
-        return [f"{known}, and the results to no more; {restored}"]
-
     @property
     def work(self) -> Array:
         """Cost of each step in products with ``W``, ``(steps,)``."""
@@ -581,7 +591,11 @@ class Result(Sequence[Step]):
             self.contacts,
             [_record(step, self._load(k)) for k, step in enumerate(self.steps)],
             complete=self.success,
-            attributes={"message": self.message, "first_step": self._first}
+            attributes={
+                "message": self.message,
+                "first_step": self._first,
+                "remarks": json.dumps(self._remarks),
+            }
             | {f"seconds_{name}": value for name, value in self.seconds.items()}
             | {f"unit_{name}": unit for name, unit in self.units.items()}
             | {
@@ -688,6 +702,7 @@ def load(path: str | os.PathLike[str]) -> Result:
         shape=shape,
         seconds=named("seconds_"),
         units=_units(attributes) | named("unit_"),
+        remarks=_remarks(attributes),
         success=bool(attributes["complete"]),
         message=str(attributes.get("message", "")),
     )
@@ -696,6 +711,14 @@ def load(path: str | os.PathLike[str]) -> Result:
         if name in attributes:
             setattr(found, name, float(attributes[name]))
     return found
+
+
+def _remarks(attributes: Mapping[str, Any]) -> tuple[str, ...]:
+    """Those of a file, where it has some."""
+    try:
+        return tuple(map(str, json.loads(str(attributes.get("remarks", "[]")))))
+    except (ValueError, TypeError):
+        return ()
 
 
 def _units(attributes: Mapping[str, Any]) -> dict[str, str]:

@@ -76,6 +76,7 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
 
 def parsed(name: str, source: str) -> dict[str, Any]:
     """The tables of a TOML text; `SceneError` where it is none."""
+    source = source.removeprefix("\ufeff")
     if half := HALF.search(source):
         raise SceneError(name, [f"is not TOML: it holds {half[0]!r}, {_NO_TEXT}"])
     try:

@@ -70,6 +70,6 @@ def text(name: str) -> str:
     try:
         if not path.is_file():
             raise SceneError(name, [_nothing(path)])
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(name, [f"cannot be read: {error}"]) from error

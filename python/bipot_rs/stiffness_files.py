@@ -3,7 +3,9 @@
 Stiffness: Matrix Market, or the lines ``row node, row component, column node, column
 component, value`` of Abaqus' `*MATRIX OUTPUT, FORMAT=MATRIX INPUT` (its default), which
 hold either triangle or both. Of a Matrix Market file the node list tells the degrees of
-freedom: node after node in its order, x, y[, z] each.
+freedom: node after node in the order of its rows, x, y[, z] each (``node``), or all x,
+then all y[, then all z] in that order (``component``). Rigid motions of the nodes listed
+must leave nothing in K times them, or the files are refused (`dof_order`).
 
 The tables are comma-separated, the first line names the columns:
 
@@ -34,7 +36,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs import text_tables
+from bipot_rs import dof_order, text_tables
+from bipot_rs.byte_order import unmarked, without
+from bipot_rs.check import csr
 from bipot_rs.fem import frames
 from bipot_rs.figures import real, whole
 from bipot_rs.problem import ContactProblem
@@ -127,20 +131,33 @@ def read(
     nodes: Name | None = None,
     load: Name | None = None,
     fixed: Name | None = None,
+    *,
+    order: str | None = None,
 ) -> Given:
     """Read the files.
+
+    Parameters
+    ----------
+    stiffness, contacts, nodes, load, fixed
+        The files.
+    order
+        One of `dof_order.ORDERS`, for a Matrix Market file; ``"node"`` if not given.
 
     Raises
     ------
     OSError
         A file cannot be read.
     ValueError
-        A file holds something else than expected, with its line.
+        A file holds something else than expected, with its line; or the degrees of
+        freedom of the stiffness are in another order than the nodes listed.
     """
+    if order is not None and order not in dof_order.ORDERS:
+        expected = " or ".join(dof_order.ORDERS)
+        raise ValueError(f"order is {order!r}, expected {expected}")
     table = Table(contacts)
     dim = 3 if "nz" in table.names else 2
     listed = None if nodes is None else text_tables.nodes(nodes)
-    K, dofs = _stiffness(Path(stiffness), dim, listed, nodes)
+    K, dofs = _stiffness(Path(stiffness), dim, listed, nodes, order)
     given = _contacts(table, dim, dofs, listed)
     forces = (
         None
@@ -221,16 +238,25 @@ def _stiffness(
     dim: int,
     listed: tuple[Ints, Floats] | None,
     nodes: Name | None,
+    order: str | None,
 ) -> tuple[Any, _Dofs]:
     with path.open("rb") as file:
-        start = file.read(1024)
+        start = without(file.read(1024))
     if b"\0" in start:
         raise ValueError(
             f"{path} is no text, expected a Matrix Market file, as scipy.io.mmwrite makes "
             "of any matrix, or lines of nodes and components"
         )
     if not start.startswith(MARKET.encode()):
-        return _of_nodes(path)
+        K, dofs = _of_nodes(path)
+        if order is not None:
+            raise ValueError(
+                f"order is {order!r}, but {path} names its degrees of freedom itself, by "
+                "node and component: leave --order out"
+            )
+        if listed is not None and nodes is not None:
+            _same_nodes(path, K, dofs, dim, listed, nodes)
+        return K, dofs
     K = _market(path)
     n = K.shape[0]
     if listed is None:
@@ -238,16 +264,94 @@ def _stiffness(
         return K, _Dofs(n, {}, why)
     labels = listed[0]
     if n != dim * len(labels):
+        condensed = (
+            ": were the degrees of freedom that are held taken out? Give the whole "
+            "stiffness, and --fixed"
+            if n < dim * len(labels)
+            else ""
+        )
         raise ValueError(
             f"{path} has {n} rows, expected {dim} for each of the "
-            f"{counted(len(labels), 'node')} of {nodes}"
+            f"{counted(len(labels), 'node')} of {nodes}{condensed}"
         )
-    known = {
-        (node, k + 1): dim * row + k
-        for row, node in enumerate(labels.tolist())
-        for k in range(dim)
-    }
+    if nodes is not None:
+        _in_order(path, K, dim, listed, nodes, order)
+    taken = order or "node"
+    at = zip(
+        labels[dof_order.node_of(taken, n, dim)].tolist(),
+        dof_order.components(taken, n, dim).tolist(),
+        strict=True,
+    )
+    known = {(node, k + 1): dof for dof, (node, k) in enumerate(at)}
     return K, _Dofs(n, known, "")
+
+
+def _in_order(
+    path: Path,
+    K: Any,
+    dim: int,
+    listed: tuple[Ints, Floats],
+    nodes: Name,
+    order: str | None,
+) -> None:
+    """Refuse a stiffness whose degrees of freedom are in another order than the nodes."""
+    parts, (labels, places) = csr("K", K).parts, listed
+    if places.shape[1] < dim:
+        return  # two coordinates where normals have three: refused with the contacts
+    places, n = places[:, :dim], K.shape[0]
+    taken = order or "node"
+
+    how = dof_order.of_order(parts, taken, dim, places)
+    if how is None or how.fits:
+        return
+    if order is not None and how.translates and 2 * len(how.turned) < how.turnable:
+        return  # asked for by name, and right in most rows: `ContactProblem` warns
+    sorted_ = places[np.argsort(labels, kind="stable")]
+    advice = (
+        f"no order of components fits, nor do the nodes sorted by label: the rows of {nodes} "
+        "must be in the order of the stiffness"
+    )
+    if others := dof_order.fitting(parts, dim, places):
+        advice = f"--order {others[0]} would fit, {dof_order.ORDERS[others[0]]}"
+    elif others := dof_order.fitting(parts, dim, sorted_):
+        advice = f"the rows of {nodes} sorted by label would fit"
+        advice += f", with --order {others[0]}" if taken not in others else ""
+    where = ""
+    if how.translates and 2 * len(how.turned) < how.turnable:
+        first = int(labels[dof_order.node_of(taken, n, dim)[how.turned[0]]])
+        where = (
+            f", first at node {first}; where springs of fixed direction join distant nodes "
+            f"there, --order {taken} goes on all the same"
+        )
+    raise ValueError(
+        f"{path} does not fit the rows of {nodes} as {dof_order.ORDERS[taken]}: "
+        f"{how.said()}{where}; {advice}"
+    )
+
+
+def _same_nodes(
+    path: Path,
+    K: Any,
+    dofs: _Dofs,
+    dim: int,
+    listed: tuple[Ints, Floats],
+    nodes: Name,
+) -> None:
+    """Refuse places that are not those of the nodes that a stiffness names."""
+    places = np.full((dofs.count, dim), np.nan)
+    component, node_of = (np.full(dofs.count, -1, np.int64) for _ in range(2))
+    of = dict(zip(listed[0].tolist(), listed[1], strict=True))
+    if listed[1].shape[1] < dim:
+        return
+    for (node, k), dof in dofs.known.items():
+        if node in of and k <= dim:
+            places[dof], component[dof], node_of[dof] = of[node][:dim], k - 1, node
+    how = dof_order.fit(csr("K", K).parts, component, node_of, places)
+    if how is not None and not how.fits:
+        raise ValueError(
+            f"{path} does not fit the places of its nodes in {nodes}: {how.said()}; are "
+            "both of one mesh, undeformed, in one system of coordinates?"
+        )
 
 
 def market_refuses(field: str, symmetry: str) -> str | None:
@@ -263,12 +367,13 @@ def _market(path: Path) -> Any:
     from scipy.io import mminfo, mmread
 
     try:
-        rows, columns, _, _, field, symmetry = mminfo(path)
-        if why := market_refuses(field, symmetry):
-            raise ValueError(why)
-        if rows != columns:
-            raise ValueError(f"it has {rows} rows and {columns} columns")
-        return mmread(path)
+        with unmarked(path) as source:
+            rows, columns, _, _, field, symmetry = mminfo(source)
+            if why := market_refuses(field, symmetry):
+                raise ValueError(why)
+            if rows != columns:
+                raise ValueError(f"it has {rows} rows and {columns} columns")
+            return mmread(source)
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(
             f"{path} is no stiffness in Matrix Market form: {printable(str(error))}"
@@ -280,7 +385,7 @@ def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
     from scipy.sparse import coo_array
 
     entries, values = [], []
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
         for number, line in enumerate(file, start=1):
             text = line.strip()
             if not text or text.startswith("**") or text.lower().startswith("*matrix"):

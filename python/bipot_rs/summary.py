@@ -151,6 +151,7 @@ def of_problem(
     fixed: int,
     arrays: Mapping[str, NDArray[Any] | None],
     stats: Mapping[str, Any],
+    remarks: Sequence[str] = (),
 ) -> Summary:
     """Of a `ContactProblem`: degrees of freedom, contacts and dimension, and what is known."""
     n, contacts, d = shape
@@ -179,6 +180,7 @@ def of_problem(
             "condensed in",
             f"{seconds(stats['seconds_condense'])}, ordering by {stats['ordering']}",
         ),
+        *(("remark", said) for said in remarks),
     ]
 
 
@@ -237,10 +239,6 @@ def of_result(result: Any) -> Summary:
     iterations = sum(step.iterations for step in result)
     work = sum(step.work for step in result)
     met = f"{places(contacts, d)}, at the end {counts(last.status)}"
-    if contacts and not any(step.status.any() for step in result):
-        met += (
-            "; none closes in any load step: is that what the loads and normals mean?"
-        )
     digits: list[Row] = []
     if result.stiffness_rtol is not None:
         digits = [("stiffness", f"known to {result.stiffness_rtol:g}")]
@@ -257,4 +255,5 @@ def of_result(result: Any) -> Summary:
             f"{counted(iterations, 'iteration')}, {work:.4g} products with W: {times}",
         ),
         *digits,
+        *(("remark", said) for said in result.remarks),
     ]

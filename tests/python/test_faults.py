@@ -5,16 +5,22 @@ import json
 import os
 import re
 import resource
+import shutil
 import signal
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy import sparse
+from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bars import bar_problem, pulled
 from bipot_rs import export
+from bipot_rs.running import folder
 from children import bipot, bipot_with, forked, strays
 
 RUN = (
@@ -30,6 +36,12 @@ def full_after(size: int) -> Callable[..., None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
     return fault
+
+
+@pytest.fixture
+def bipot_here(tmp_path: Path) -> Callable[..., int]:
+    """The status of the command in a child."""
+    return lambda *arguments: bipot(*arguments, cwd=tmp_path).returncode
 
 
 @pytest.fixture
@@ -126,6 +138,107 @@ def test_killed_while_writing(
     assert len(strays(tmp_path / "here")) == 1
     assert bipot(*RUN, cwd=tmp_path).returncode == 0
     assert strays(tmp_path / "here") == []
+
+
+def test_what_killed_runs_left_goes_with_any_next_run(
+    tmp_path: Path, bipot_here: Callable[..., int]
+) -> None:
+    """In its own folder and in those beside it; what a live run prepares stays."""
+    kill = lambda *_: os.kill(os.getpid(), signal.SIGKILL)  # noqa: E731
+    for out in ("out/a", "out/b"):
+        run = (*RUN, "--out", out)
+        bipot_with(kill, "bipot_rs.running.job:replace", *run, cwd=tmp_path)
+        assert len(strays(tmp_path / out)) == 1
+    alive = tmp_path / "out" / "c"
+    alive.mkdir()
+    with folder.draft_in(alive) as draft:
+        (tmp_path / "out" / "b" / ".bipot-mine").write_text("a file is none of ours")
+        assert bipot_here(*RUN, "--out", "out/d") == 0
+        assert draft.is_dir()
+        assert strays(alive) == [draft.name]
+    assert [strays(tmp_path / "out" / name) for name in "acd"] == [[], [], []]
+    assert strays(tmp_path / "out" / "b") == [".bipot-mine"]
+
+
+@pytest.mark.parametrize("command", ["solve", "sweep"])
+def test_other_commands_clear_too(
+    command: str, tmp_path: Path, bipot_here: Callable[..., int]
+) -> None:
+    (tmp_path / "here" / ".bipot-dead").mkdir(parents=True)
+    if command == "solve":
+        mmwrite(tmp_path / "K.mtx", sparse.identity(2, format="coo"))
+        (tmp_path / "contacts.csv").write_text("dof_x,dof_y,nx,ny,mu\n0,1,0,1,0\n")
+        arguments = ("solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv")
+    else:
+        arguments = ("sweep", "pressed_block", "--set", "mesh.n=2", "--jobs", "1")
+    assert bipot_here(*arguments, "--out", "here") == 0
+    assert strays(tmp_path / "here") == []
+
+
+def test_a_draft_that_another_run_has_taken_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between its making and its lock it looks like one of a dead run."""
+    taken = []
+    made = tempfile.TemporaryDirectory
+
+    def stolen(**options: Any) -> Any:
+        draft = made(**options)
+        if len(taken) < 2:
+            taken.append(draft.name)
+            shutil.rmtree(draft.name)
+        return draft
+
+    monkeypatch.setattr(folder.tempfile, "TemporaryDirectory", stolen)
+    with folder.draft_in(tmp_path) as draft:
+        assert draft.is_dir()
+        assert str(draft) not in taken
+        folder.make(tmp_path)
+        assert draft.is_dir()
+    assert len(taken) == 2
+    assert strays(tmp_path) == []
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_files_after_a_full_disk(before: bool, tmp_path: Path) -> None:
+    """What is told of the folder is what is there, and whose."""
+    if before:
+        assert bipot(*RUN, cwd=tmp_path).returncode == 0
+
+    def fault(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    run = bipot_with(fault, "bipot_rs.paraview:write_bodies", *RUN[:-1], cwd=tmp_path)
+    assert run.returncode == 2
+    last = run.stdout.splitlines()[-1]
+    of = ", its files are of an earlier run" if before else ""
+    assert last == f"here: nothing was written{of}"
+    assert "bipot: cannot write here/" in run.stderr
+
+
+def test_files_of_solve_after_a_full_disk(tmp_path: Path) -> None:
+    mmwrite(tmp_path / "K.mtx", sparse.identity(2, format="coo"))
+    (tmp_path / "contacts.csv").write_text("dof_x,dof_y,nx,ny,mu\n0,1,0,1,0\n")
+    command = ("solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv")
+    for name, said in (
+        ("steps.csv", "of this run there is result.h5"),
+        (
+            "displacements.csv",
+            "of this run there are result.h5, steps.csv, reactions.csv",
+        ),
+        ("result.h5", "nothing else was written"),
+    ):
+
+        def fault(path: Any, *_: object, name: str = name) -> None:
+            if Path(path).name == name:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+        at = "export:write_result" if name == "result.h5" else "text_tables:write"
+        run = bipot_with(fault, f"bipot_rs.{at}", *command, cwd=tmp_path)
+        assert run.returncode == 2
+        assert run.stderr.splitlines()[-1].endswith(f"; {said}"), run.stderr
+        last = bipot_with(fault, f"bipot_rs.{at}", *command, "--json", cwd=tmp_path)
+        assert json.loads(last.stdout.splitlines()[-1])["message"].endswith(said)
 
 
 def test_killed_under_result_save(tmp_path: Path) -> None:

@@ -197,7 +197,12 @@ def test_wrong_settings(
     run = bipot(*arguments, *as_json, status=2)
     for word in said:
         assert word in run.stderr
-    assert run.stdout == ""
+    if not as_json:
+        assert run.stdout == ""
+        return
+    (last,) = rows(run.stdout)
+    assert last["success"] is False
+    assert all(word in last["message"] for word in said)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -225,7 +230,9 @@ def test_interrupt(number: signal.Signals, as_json: bool, tmp_path: Path) -> Non
     assert process.returncode == 128 + number, errors
     assert errors == "bipot: interrupted\n"
     if as_json:
-        assert all(row["outcome"] == "converged" for row in rows(output))
+        *told, last = rows(output)
+        assert all(row["outcome"] == "converged" for row in told)
+        assert last["message"] == "interrupted"
     else:
         assert "worst residual" in output
 

@@ -93,16 +93,16 @@ RUST_NAMES = {
 PYTHON = (
     "bodies facing mesh_error running",
     (
-        "_core early extras figures sliding toml_text vtu words "
+        "_core byte_order early extras figures sliding toml_text units vtu words "
         "running.exits running.folder running.interrupts running.telling running.workers"
     ),
     "shipped",
     "export error_bound installation summary",
     "structure",
     "check plane_friction result",
-    "cone friction loading rigid_geometry",
+    "cone dof_order friction loading rigid_geometry",
     "stiffness_digits",
-    "resultants",
+    "resultants remarks",
     (
         "answers diagnosis errors existence facing.box_tree facing.facet_shapes frames "
         "motion"

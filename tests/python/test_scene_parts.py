@@ -13,6 +13,7 @@ from bipot_rs.bodies.elements import KINDS
 from bipot_rs.case import motion_of
 from bipot_rs.discretisation import Estimator
 from children import bipot, bipot_with
+from faulty_scenes import PARTS
 from spheres import icosphere
 from test_adaptive import bits
 from test_model import datasets, of_arrays
@@ -372,114 +373,7 @@ def test_heat_by_volume_and_tensor() -> None:
         )
 
 
-WRONG: list[tuple[dict[str, Any], str]] = [
-    (
-        {"body.block.mesh": "a.msh"},
-        "body.block.cell: is of a box, this body has a mesh",
-    ),
-    (
-        {"body.block.material": {"a": "soft"}},
-        "body.block.material: there is no volume 'a'",
-    ),
-    (
-        {"body.block.surface.top": {"normal": [0, 1]}},
-        "a box has a surface of this name",
-    ),
-    ({"body.block.surface.a": {}}, "body.block.surface.a: needs within or normal"),
-    (
-        {"body.block.surface.a": {"normal": [0, 1, 0]}},
-        "a.normal: should have 2 components",
-    ),
-    ({"body.block.surface.a": {"within": {}}}, "a.within: gives no range"),
-    (
-        {"material.soft.young": [1.0, 2.0, 3.0]},
-        "material.soft: an orthotropic material",
-    ),
-    (
-        {"material.soft.shear": [1.0, 2.0]},
-        "material.soft.shear: List should have at least",
-    ),
-    (
-        {
-            "material.soft": {
-                "young": [1.0, 1.0, 1.0],
-                "poisson": [0.9, 0.9, 0.9],
-                "shear": [1.0, 1.0, 1.0],
-            }
-        },
-        "material.soft: poisson is",
-    ),
-    (
-        {"contact.0.against": "disk"},
-        "there is no obstacle 'disk', expected one of disc",
-    ),
-    ({"contact.0.against": "block"}, "a surface of body 'block' is block.SURFACE"),
-    ({"contact.0.pairing": "nodes"}, "contact.0.pairing: of a rigid obstacle"),
-    (
-        {"obstacle.disc.sphere": {"centre": [0, 0], "radius": 1.0}},
-        "obstacle.disc: needs one",
-    ),
-    ({"obstacle.disc.move": {}}, "obstacle.disc.move: gives no component"),
-    ({"obstacle.disc.move": {"z": 1.0}}, "obstacle.disc.move.z: a scene of two"),
-    (
-        {"obstacle.disc.turn.axis": [0, 0, 1]},
-        "turn.axis: in two dimensions there is none",
-    ),
-    ({"obstacle.disc.turn.about": [0, 0, 1]}, "turn.about: should have 2 components"),
-    (
-        {"obstacle.disc.cylinder.radius": -1.0},
-        "cylinder.radius: should be greater than 0",
-    ),
-    (
-        {"obstacle.other": {"surface": "a.stl"}},
-        "obstacle.other: no contact is against it",
-    ),
-    ({"symmetry": [{"on": "block.lid"}]}, "symmetry.0.on: there is no 'block.lid'"),
-    ({"spring": [{"on": "block.top"}]}, "spring.0: needs stiffness, or normal"),
-    (
-        {"spring": [{"on": "block.top", "stiffness": [1.0, 2.0, 3.0]}]},
-        "have 2 components",
-    ),
-    (
-        {"spring": [{"on": "block.top", "normal": -1.0}]},
-        "spring.0.normal: should be greater",
-    ),
-    (
-        {"strain": [{"on": "block"}]},
-        "strain.0: needs expansion and temperature, or tensor",
-    ),
-    ({"strain": [{"on": "blck", "tensor": [[1, 0], [0, 1]]}]}, "there is no 'blck'"),
-    ({"strain": [{"on": "block", "tensor": [[1, 0], [1, 1]]}]}, "should be symmetric"),
-    ({"strain": [{"on": "block", "tensor": [[1, 0], [1]]}]}, "strain.0.tensor.1: List"),
-    (
-        {"strain": [{"on": "block", "expansion": 1.0}]},
-        "needs expansion and temperature",
-    ),
-    (
-        {
-            "strain": [
-                {
-                    "on": "block",
-                    "expansion": 1.0,
-                    "temperature": 1.0,
-                    "amplitude": "way",
-                }
-            ]
-        },
-        "strain.0.amplitude: goes with tensor",
-    ),
-    (
-        {"strain": [{"on": "block", "tensor": [[1, 0], [0, 1]], "amplitude": "heat"}]},
-        "strain.0.amplitude: there is no 'heat'",
-    ),
-    (
-        {"obstacle.disc.move.x.amplitude": "heat"},
-        "obstacle.disc.move.x.amplitude: there is",
-    ),
-]
-
-
-@pytest.mark.parametrize(("changes", "words"), WRONG, ids=lambda v: str(v)[:40])
+@pytest.mark.parametrize(("changes", "words"), PARTS, ids=lambda v: str(v)[:40])
 def test_mistakes(changes: dict[str, Any], words: str) -> None:
     m = roller().with_(**changes)
     with pytest.raises(ValueError) as refused:

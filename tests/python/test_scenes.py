@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from bipot_rs import scene, schema
+from faulty_scenes import MISTAKES
 
 DATA = Path(__file__).with_name("data")
 LETTER = {"pressed_block": "A", "sheared_cube": "B", "two_blocks": "D"}
@@ -216,90 +217,7 @@ def test_graded_grid() -> None:
     np.testing.assert_array_equal(axis.grid(2), [-8, -3, -1, 0, 1, 3, 4])
 
 
-@pytest.mark.parametrize(
-    ("settings", "problems"),
-    [
-        (["mesh.m=9"], ["mesh.m: unknown key"]),
-        (["solve.tol=1"], ["solve: unknown key"]),
-        (
-            ["contact.0.mu=-1", "mesh.n=0", "foo=1"],
-            [
-                "mesh.n: should be greater than 0, got 0",
-                "contact.0.mu: should be greater than or equal to 0, got -1",
-                "foo: unknown key",
-            ],
-        ),
-        (["mesh.n=2.5"], ["mesh.n: should be a valid integer"]),
-        (["body.upper.x.from=nan"], ["body.upper.x.from: should be a finite number"]),
-        (["mesh=3"], ["mesh: should be a table, got 3"]),
-        (
-            ["mesh.n=9"],
-            [
-                "body.upper.z: cells = n/2 is not a whole number of cells for mesh.n = 9",
-                "body.lower.z: ",
-            ],
-        ),
-        (["contact.1.mu=0.1"], ["--set contact.1.mu: contact has entries 0 to 0"]),
-        (["mesh.n"], ["--set mesh.n: should be KEY=VALUE"]),
-        (["mesh.n.k=3"], ["--set mesh.n.k: mesh.n is not a table"]),
-        (
-            ["body.upper.material=wood", "contact.0.on=upper.under"],
-            [
-                "body.upper.material: there is no 'wood', expected one of steel, polymer",
-                "contact.0.on: there is no 'upper.under', expected one of upper.left",
-            ],
-        ),
-        (
-            ["path.amplitude.shear=[1.0]", "path.steps=3"],
-            ["path.amplitude.shear: has 1 factor for 3 steps"],
-        ),
-        (
-            ["contact.0.on=bottom", "support.0.on=tip"],
-            [
-                "support.0.on: there is no 'tip', expected one of upper, lower",
-                "contact.0.on: there is no body 'bottom', did you mean upper.bottom or",
-            ],
-        ),
-        (["path.amplitude.wind=[1.0, 2.0]"], ["path.amplitude.wind: nothing uses it"]),
-        (["path.parameter=wind"], ["path.parameter: there is no 'wind'"]),
-        (
-            ["contact.0.against=upper.top"],
-            ["contact.0.against: a body cannot meet itself"],
-        ),
-        (
-            ["contact.0.plane={point=[0.0, 0.0, 0.0], normal=[0.0, 0.0, 1.0]}"],
-            ["contact.0: needs plane or against, one of them"],
-        ),
-        (
-            ["body.upper.cell=triangle"],
-            ["body: bodies of two and of three", "body.upper: a"],
-        ),
-        (
-            ["path.amplitude.shear={wave='sine', period=20.0}"],
-            ["path.steps: is missing, and the wave shear has no end"],
-        ),
-        (
-            ["path.amplitude.shear={wave='sine'}", "path.steps=2"],
-            ["path.amplitude.shear: a sine needs its period"],
-        ),
-        (
-            ["solver.method=newt", "solver.tol=2.0", "contact.0.mu=[1.0, 2.0]"],
-            [
-                "contact.0.axis: is missing",
-                "solver: method is 'newt', expected one of",
-                "solver: tol is 2",
-            ],
-        ),
-        (
-            ["solver.method=newt", "mesh.n=0"],
-            ["mesh.n: should be greater than 0", "solver: method is 'newt', expected"],
-        ),
-        (
-            ["path.amplitude.shear={wave='ramp', period=2.0}", "path.steps=2"],
-            ["path.amplitude.shear: a ramp has no period"],
-        ),
-    ],
-)
+@pytest.mark.parametrize(("settings", "problems"), MISTAKES)
 def test_mistakes_are_all_told(settings: list[str], problems: list[str]) -> None:
     with pytest.raises(scene.SceneError) as caught:
         scene.read("two_blocks", settings)

@@ -166,7 +166,8 @@ def test_where_no_digits_are_left_that_is_said() -> None:
     try:
         result = model.problem().solve(load)
     except (ValueError, bp.NotConvergedError) as refused:
-        assert "too few digits" in str(refused) or "nearly free" in str(refused)
+        if not any(said in str(refused) for said in ("too few digits", "nearly free")):
+            raise
     else:
         is_right(model, load, result)
 
@@ -216,7 +217,7 @@ def drawn(rng: np.random.Generator) -> tuple[fem.Model, Array, bool]:
     slenderness = 10 ** rng.uniform(1.0, np.log10(5000.0))
     dim = int(rng.choice([2, 2, 3]))
     cell = str(rng.choice(CELLS[dim]))
-    second = bool(rng.integers(2)) and not (dim == 3)
+    second = bool(rng.integers(2)) and dim != 3
     height = 1000.0 / slenderness
     size = (
         (1000.0, height) if dim == 2 else (1000.0, rng.uniform(1, 50) * height, height)
@@ -237,7 +238,8 @@ def solved_right(seed: int) -> bool:
     try:
         result = problem(model, coordinates).solve(load)
     except ValueError as refused:
-        assert "too few digits" in str(refused), seed
+        if "too few digits" not in str(refused):
+            raise
         return False
     except bp.NoEquilibriumError as wrong:
         raise AssertionError(f"seed {seed}: {wrong}") from wrong

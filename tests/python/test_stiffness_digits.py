@@ -522,15 +522,15 @@ def test_the_result_says_what_is_known(tmp_path: Path) -> None:
     given = case("quadrilateral", False)
     problem = given.problem(written(given.K, 8), stiffness_rtol=1e-8)
     result = problem.solve(given.load)
-    (remark,) = result.remarks()
+    (remark,) = result.remarks
     assert "known to 1e-08 only" in remark
     assert f"off by {problem.stats['rigid_motions_off']:.1e}" in remark
     assert "known to 1e-08" in str(result)
     assert result[0].error_estimate[0] >= 1e-8
     result.save(tmp_path / "it.h5")
-    assert bp.load(tmp_path / "it.h5").remarks() == [remark]
+    assert bp.load(tmp_path / "it.h5").remarks == (remark,)
     plain = given.problem().solve(given.load)
-    assert plain.remarks() == []
+    assert plain.remarks == ()
     assert plain[0].error_estimate[0] < 1e-12
     assert "rigid_motions_off" not in given.problem().stats
 

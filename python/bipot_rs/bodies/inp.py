@@ -19,6 +19,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs.byte_order import without
 from bipot_rs.figures import real, whole
 
 Floats = NDArray[np.float64]
@@ -218,11 +219,13 @@ class _Reader:
     def _sections(self) -> Iterator[_Section]:
         current: _Section | None = None
         head = ""
+        content = without(self.path.read_bytes())
         try:
-            lines = self.path.read_text(encoding="utf-8").splitlines()
+            text = content.decode()
         except UnicodeDecodeError:
             # Comments may be in any alphabet; what is read is ASCII.
-            lines = self.path.read_text(encoding="latin-1").splitlines()
+            text = content.decode("latin-1")
+        lines = text.splitlines()
         for number, raw in enumerate(lines, 1):
             text = raw.strip()
             if not text or text.startswith("**"):

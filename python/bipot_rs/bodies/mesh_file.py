@@ -29,6 +29,7 @@ import numpy as np
 from bipot_rs.bodies import gmsh_groups, inp
 from bipot_rs.bodies.elements import OF_VTK, Floats, Ints, facet_nodes, make_mesh
 from bipot_rs.bodies.mesh_check import check_mesh
+from bipot_rs.byte_order import unmarked, without
 from bipot_rs.words import counted
 
 # Corners of cells that may be facets, with the dimension these have.
@@ -134,8 +135,8 @@ def read_cells(
         raise FileNotFoundError(f"there is no file {file}")
     try:
         # It takes text for binary at first, and its count of triangles overflows.
-        with np.errstate(over="ignore"):
-            mesh = meshio.read(file)
+        with unmarked(file) as source, np.errstate(over="ignore"):
+            mesh = meshio.read(source)
     # Readers raise what they like, and one ends the program.
     except (Exception, SystemExit) as error:  # noqa: BLE001
         said = " ".join(str(error).split()) or type(error).__name__
@@ -158,12 +159,13 @@ def _open(path: Path) -> _File:
     if suffix == ".inp":
         return _of_inp(path)
     _complete(path, suffix)
-    return _of_meshio(path, suffix)
+    with unmarked(path) as source:
+        return _of_meshio(path, suffix, source)
 
 
 def _complete(path: Path, suffix: str) -> None:
     """Its end is there: what reads it would take what there is, or say something odd."""
-    content = path.read_bytes()
+    content = without(path.read_bytes())
     if suffix == ".msh" and not content.lstrip().startswith(
         (b"$MeshFormat", b"$Comme")
     ):
@@ -206,13 +208,14 @@ def _meshio(path: Path) -> Any:
         ) from None
 
 
-def _of_meshio(path: Path, suffix: str) -> _File:
+def _of_meshio(path: Path, suffix: str, source: Path) -> _File:
+    """What is in ``source``; ``path`` is its name in what goes wrong."""
     meshio = _meshio(path)
     reader = {".msh": meshio.gmsh, ".vtu": meshio.vtu}[suffix]
     try:
         # It prints warnings, of files that are refused below or are right.
         with redirect_stderr(StringIO()):
-            read = reader.read(str(path))
+            read = reader.read(str(source))
     except OSError:
         raise
     # Its readers raise whatever their parsing comes upon.
@@ -234,7 +237,7 @@ def _of_meshio(path: Path, suffix: str) -> _File:
     points[:, : np.shape(read.points)[1]] = read.points
     file = _File(points, blocks)
     if suffix == ".msh":
-        _add_groups(path, file, read)
+        _add_groups(source, file, read)
     else:
         for name, parts in read.cell_sets.items():
             file.sets[name] = [_numbers(part) for part in parts]

@@ -22,7 +22,9 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     dict
         ``title``, sizes (``dofs``, ``prescribed``, ``contacts``, ``steps``, ``bodies``),
         ``forecast`` with the counts of `ContactProblem`'s ``on_forecast`` and
-        ``seconds``, ``remarks`` a list of sentences, and ``lines`` for a terminal.
+        ``seconds``, None where a body floats; ``floating``, the sentence on motions that
+        neither supports nor contact can hold, or None; ``remarks`` a list of sentences,
+        and ``lines`` for a terminal.
 
     Raises
     ------
@@ -40,10 +42,12 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
     forecast.fits(scene, meshed)
     case = assemble(scene, meshed)
     model = case.model
-    remarks = case.remarks()
-    counts = _counts(case)
+    counts, floating = _counts(case)
+    remarks = [said for said in case.remarks() if said not in floating]
     steps = len(case.parameter)
     title = [scene.title] if scene.title else []
+    cost = forecast.cost(counts) if counts else []
+    seconds = {"seconds": forecast.seconds(counts, forecast.cores())} if counts else {}
     return {
         "title": scene.title,
         "bodies": len(model.bodies),
@@ -51,24 +55,37 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
         "prescribed": len(model.fixed),
         "contacts": len(model.gap),
         "steps": steps,
-        "forecast": counts | {"seconds": forecast.seconds(counts, forecast.cores())},
+        "forecast": counts | seconds if counts else None,
+        "floating": "; ".join(floating) or None,
         "remarks": remarks,
         "lines": [
             *title,
             *forecast.sizes(model, steps),
-            *forecast.cost(counts),
+            *cost,
             *forecast.remarked(remarks),
         ],
     }
 
 
-def _counts(case: Case) -> dict[str, Any]:
+def _counts(case: Case) -> tuple[dict[str, Any], list[str]]:
+    """What condensing will take, as far as it comes to that, and what floats.
+
+    Geometry is asked before the core: that looks for rigid motions body by body, and not
+    always before its forecast.
+    """
+    from bipot_rs.errors import FloatingBodyError
+    from bipot_rs.inspection import unheld
+
     found: dict[str, Any] = {}
+    floating = list(unheld(case.model, rough=True))
 
     def stop(counts: Mapping[str, Any]) -> None:
         found.update(counts)
         raise _Counted
 
-    with suppress(_Counted):
-        case.problem(on_forecast=stop)
-    return found
+    try:
+        with suppress(_Counted):
+            case.problem(on_forecast=stop)
+    except FloatingBodyError as error:
+        floating = floating or [str(error)]
+    return found, floating

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bipot_rs.byte_order import MARK, unmarked, without
 from bipot_rs.commands.info_mesh import SUFFIXES, box, mesh
 from bipot_rs.commands.info_sweep import sweep
 from bipot_rs.running.folder import RESULT, SWEEP
@@ -176,11 +177,16 @@ def _matrix(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise OSError(f"there is no {path}")
     with path.open("rb") as file:
-        if not file.read(len(MARKET)).lower().startswith(MARKET.lower().encode()):
+        if (
+            not without(file.read(len(MARK) + len(MARKET)))
+            .lower()
+            .startswith(MARKET.lower().encode())
+        ):
             said = "a matrix as Abaqus writes it, node, component, ... a line, if it is one"
             return found | {"lines": [f"{name}: {said}", following]}
     try:
-        rows, columns, entries, form, field, symmetry = mminfo(path)
+        with unmarked(path) as source:
+            rows, columns, entries, form, field, symmetry = mminfo(source)
     except (ValueError, OverflowError) as error:
         raise ValueError(f"{path} is no matrix of Matrix Market: {error}") from None
     found |= {

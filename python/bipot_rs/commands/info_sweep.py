@@ -25,7 +25,7 @@ def read(path: Path) -> tuple[list[str], list[dict[str, str]]]:
         It is not the table of a sweep, or damaged.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             table = csv.DictReader(file, strict=True)
             names = list(table.fieldnames or ())
             rows = list(table)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs.check import Array, floats
 from bipot_rs.result import Result, Solution, Step
+from bipot_rs.units import inconsistent
 from bipot_rs.words import meant
 
 # The places, or the model, where a result does not know them.
@@ -133,15 +134,15 @@ def model_of(given: Any) -> tuple[Any, Any]:
 
 def units_of(found: Any, units: Mapping[str, str] | None) -> Mapping[str, str]:
     """Names of units: those given, else those that the result knows."""
-    if units is None:
-        known: Mapping[str, str] = getattr(found, "units", {})
-        return known
-    if not isinstance(units, Mapping):
+    known: Mapping[str, str] = getattr(found, "units", {}) if units is None else units
+    if not isinstance(known, Mapping):
         raise TypeError(
-            f"units is a {type(units).__name__}, expected a mapping from length, force "
+            f"units is a {type(known).__name__}, expected a mapping from length, force "
             "and stress to their names"
         )
-    return units
+    if said := inconsistent(known):
+        raise ValueError(f"units: {said}")
+    return known
 
 
 def steps_of(found: Any) -> Result:

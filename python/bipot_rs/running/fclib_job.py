@@ -16,7 +16,7 @@ from bipot_rs.running.exits import (
     NOT_CONVERGED,
     SOLVED,
 )
-from bipot_rs.running.telling import complain
+from bipot_rs.running.telling import complain, line
 from bipot_rs.words import counted, printable
 
 UNREADABLE = "unreadable"
@@ -63,7 +63,9 @@ def run(
     except KeyboardInterrupt:
         # What interrupts a command says so.
         status = INTERRUPTED
-    except (ImportError, ValueError) as error:
+    except (ImportError, ValueError, TypeError) as error:
+        if as_json:
+            line(command="fclib", ok=False, success=False, message=str(error))
         complain(str(error))
         status = BAD_INPUT
     if rows and not as_json:

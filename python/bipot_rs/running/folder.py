@@ -7,13 +7,16 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from itertools import islice
 from pathlib import Path
 
 RESULT = "result.h5"
 # The table of a sweep.
 SWEEP = "sweep.csv"
 _DRAFT = ".bipot-"
+# Folders of runs that are looked into for what killed runs have left.
+_BESIDE = 1000
 _NAMES = (
     RESULT,
     "result.pvd",
@@ -25,11 +28,15 @@ _NAMES = (
 
 
 def make(folder: Path) -> None:
-    """Make a folder that may be there; a file of its name is no place for results."""
+    """Make a folder that may be there, and clear what killed runs have left.
+
+    A file of its name is no place for results.
+    """
     for one in (folder, *folder.parents):
         if one.exists() and not one.is_dir():
             raise NotADirectoryError(f"{one} is a file, expected a folder")
     folder.mkdir(parents=True, exist_ok=True)
+    _clear(folder)
 
 
 @contextmanager
@@ -45,18 +52,31 @@ def draft_in(folder: Path) -> Iterator[Path]:
     """
     try:
         make(folder)
-        _clear(folder)
         for path in map(folder.joinpath, _NAMES):
             if path.is_dir():
                 raise IsADirectoryError(f"{path} is a folder")
-        draft = tempfile.TemporaryDirectory(prefix=_DRAFT, dir=folder)
+        draft, lock = _made(folder)
     except OSError as error:
         raise OSError(
             f"cannot write to the folder {folder}: {error}; --out DIR names another"
         ) from error
-    # Held as long as this process lives: another run knows by it that it does.
-    with draft as name, _locked(Path(name)):
+    with draft as name, lock:
         yield Path(name)
+
+
+def _made(folder: Path) -> tuple[tempfile.TemporaryDirectory[str], ExitStack]:
+    """A draft with its lock, held as long as this process lives: so others know it does.
+
+    Another run may have taken it for an abandoned one before it was locked.
+    """
+    while True:
+        draft = tempfile.TemporaryDirectory(prefix=_DRAFT, dir=folder)
+        with suppress(FileNotFoundError), ExitStack() as stack:
+            stack.enter_context(_locked(Path(draft.name)))
+            if Path(draft.name).is_dir():
+                return draft, stack.pop_all()
+        with suppress(FileNotFoundError):
+            draft.cleanup()
 
 
 def replace(draft: Path, folder: Path) -> None:
@@ -105,8 +125,16 @@ def _locked(draft: Path) -> Iterator[bool]:
 
 
 def _clear(folder: Path) -> None:
-    """Remove what killed runs were preparing."""
-    for draft in folder.glob(f"{_DRAFT}*"):
-        with suppress(OSError), _locked(draft) as abandoned:
-            if abandoned:
-                shutil.rmtree(draft)
+    """Remove what killed runs were preparing, in the folder and in those beside it."""
+    beside: list[Path] = []
+    with suppress(OSError), os.scandir(folder.absolute().parent) as entries:
+        # A folder of many things is no folder of runs, and looking into each takes time.
+        first = list(islice(entries, _BESIDE + 1))
+        if len(first) <= _BESIDE:
+            beside = [Path(e.path) for e in first if e.is_dir(follow_symlinks=False)]
+    for place in dict.fromkeys([folder.absolute(), *beside]):
+        with suppress(OSError):
+            for draft in place.glob(f"{_DRAFT}*"):
+                with suppress(OSError), _locked(draft) as abandoned:
+                    if abandoned:
+                        shutil.rmtree(draft)

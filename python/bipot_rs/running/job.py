@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 from bipot_rs import _core
 from bipot_rs.running import run_files
 from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
-from bipot_rs.running.folder import RESULT, draft_in, replace
+from bipot_rs.running.folder import RESULT, draft_in, ours, replace
 from bipot_rs.running.folder import told as files_of
 from bipot_rs.running.interrupts import Interrupts
+from bipot_rs.running.run_files import recoverable
 from bipot_rs.running.telling import Progress, complain, line
 from bipot_rs.words import counted, later
 
@@ -62,6 +63,8 @@ class Job:
         self.reached: list[tuple[dict[str, Any], Step]] = []
         # How many there are to be; of automatic ones nobody knows.
         self.count: int | None = None
+        # Whether the files of this run are in its folder.
+        self.kept = False
         # How many of them an earlier run left.
         self.resumed = 0
         # With --error: what finds it, what it found for each step, and what it could not.
@@ -361,6 +364,7 @@ class Job:
             # Whatever it holds is worth more.
             return code, f"{message}, {folder / RESULT} is as it was"
         if self.case is not None and self.scene is not None:
+            code, message = self._recovered(code, message)
             self._write_fields(self.scene, self.case, draft, plot=plot)
             if fclib and self.problem is not None:
                 with self._phase("write"):
@@ -386,21 +390,28 @@ class Job:
                 },
             )
         replace(draft, folder)
+        self.kept = True
         if code != SOLVED:
             message += f" (load steps in {folder}: {len(self.reached)})"
             if interrupted and self.reached:
                 message += "; --resume goes on from there"
         return code, message
 
+    def _recovered(self, code: int, message: str) -> tuple[int, str]:
+        """Find the displacements; steps from one on that has none were not reached."""
+        with self._phase("recover"):
+            found, error = recoverable([step for _, step in self.reached])
+        if error is None:
+            return code, message
+        del self.reached[found:]
+        return NOT_CONVERGED, f"load step {found + 1}: {error}"
+
     def _write_fields(
         self, scene: Scene, case: Case, draft: Path, *, plot: bool
     ) -> None:
         """What is there to be looked at: the series, the table, the pictures."""
-        from bipot_rs.result import recover
         from bipot_rs.running.report import COLUMNS
 
-        with self._phase("recover"):
-            recover([step for _, step in self.reached])  # kept by the steps
         with self._phase("write"):
             given = draft, self.folder
             run_files.write_series(*given, case, self.reached, self.errors)
@@ -462,7 +473,13 @@ class Job:
         say(
             f"{model.n} degrees of freedom, {counted(len(model.gap), 'contact')}: {times}"
         )
-        say(files_of(folder))
+        say(files_of(folder) if self.kept else _nothing_written(folder))
+
+
+def _nothing_written(folder: Path) -> str:
+    """Of a run whose files could not be written, as on a full disk."""
+    said = f"{folder}: nothing was written"
+    return said + (", its files are of an earlier run" if ours(folder) else "")
 
 
 def _peak_mb() -> float:

@@ -7,6 +7,7 @@ from typing import Any
 
 from bipot_rs.check import Array
 from bipot_rs.contact_surface import surface_names
+from bipot_rs.remarks import NEVER_CLOSED
 from bipot_rs.result import Step
 from bipot_rs.resultants import resultants
 from bipot_rs.running.telling import settled
@@ -39,10 +40,6 @@ _FORMS = {
 _LEAST = ("seconds", "iterations", "load")
 # What sums of forces that balance leave of zero, relative to those summed.
 _ROUNDING = 1e-13
-NEVER_CLOSED = (
-    "remark: no contact closes in any load step. Does the load press the bodies together, "
-    "and do the normals point from the obstacle to the body?"
-)
 # Rows of a table that is still read as a whole; of longer ones both ends are shown.
 _MOST_ROWS = 60
 
@@ -221,7 +218,7 @@ def closing(
         + _state(last, contacts)
     ]
     if all(row["open"] == contacts for row in rows):
-        said.append(NEVER_CLOSED)
+        said.append(f"remark: {NEVER_CLOSED}")
     else:
         held = any(key.startswith("friction_used") and last[key] for key in last)
         slipping = [row["step"] + 1 for row in rows if row["slip"] and not row["stick"]]
@@ -231,7 +228,7 @@ def closing(
                 f"remark: all contacts that press slip in load step {slipping[0]} of "
                 f"{len(rows)}{also}: friction is used up there."
             )
-    said += [f"remark: {remark}." for remark in remarks]
+    said += [f"remark: {remark}." for remark in remarks if remark != NEVER_CLOSED]
     if folder is not None:
         said.append(
             f"next: paraview {folder}/result.pvd, bipot plot {folder}, bipot info {folder}"

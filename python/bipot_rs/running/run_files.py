@@ -12,6 +12,7 @@ from bipot_rs.running.folder import RESULT
 
 if TYPE_CHECKING:
     from bipot_rs.discretisation import DiscretisationError
+    from bipot_rs.errors import NotConvergedError
     from bipot_rs.problem import ContactProblem
     from bipot_rs.result import Step
     from bipot_rs.scene import Case
@@ -39,6 +40,23 @@ _FIELDS = (
     "working_set",
     "working_motion",
 )
+
+
+def recoverable(steps: Sequence[Step]) -> tuple[int, NotConvergedError | None]:
+    """How many of the steps have displacements, which they keep, and what ended that."""
+    from bipot_rs.errors import NotConvergedError
+    from bipot_rs.result import recover
+
+    try:
+        recover(steps)
+    except NotConvergedError:
+        # Of a block none is kept: one by one up to the first that has none.
+        for k, step in enumerate(steps):
+            try:
+                recover([step])
+            except NotConvergedError as error:
+                return k, error
+    return len(steps), None
 
 
 def labels(scene: Scene | None) -> dict[str, str]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from bipot_rs.running.exits import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
 from bipot_rs.running.folder import RESULT, make
 from bipot_rs.running.interrupts import Interrupts
 from bipot_rs.running.report import closing, console, of_surfaces, print_table
+from bipot_rs.running.run_files import recoverable
 from bipot_rs.running.telling import complain, tell
 from bipot_rs.words import counted
 
@@ -33,6 +35,7 @@ def run(
     tol: float,
     interrupts: Interrupts,
     *,
+    order: str | None = None,
     as_json: bool,
     stiffness_rtol: float | None = None,
 ) -> int:
@@ -43,6 +46,8 @@ def run(
     files
         ``stiffness``, ``contacts``, ``nodes``, ``load``, ``fixed``, as
         `stiffness_files.read` takes them.
+    order
+        That of the degrees of freedom, likewise.
     stiffness_rtol
         Relative error of the entries of the stiffness, as `ContactProblem` takes it.
     """
@@ -75,11 +80,14 @@ def run(
         from bipot_rs.stiffness_files import read
 
         require()
-        given = read(**files)  # type: ignore[arg-type]
+        given = read(**files, order=order)  # type: ignore[arg-type]
         # Before the work: one that cannot be made is found then.
         make(folder)
         try:
-            problem = given.problem(stiffness_rtol=stiffness_rtol)
+            with warnings.catch_warnings():
+                # Remarks say the same.
+                warnings.simplefilter("ignore", UserWarning)
+                problem = given.problem(stiffness_rtol=stiffness_rtol)
             result = problem.solve(
                 given.load, given.prescribed, method=method, tol=tol, on_step=on_step
             )
@@ -92,6 +100,11 @@ def run(
             if steps:
                 result = _of(given, steps, message)
         if result is not None:
+            found, ended = recoverable(result.steps)
+            if ended is not None:
+                code, message = NOT_CONVERGED, f"load step {found + 1}: {ended}"
+                del reached[found:]
+                result = _of(given, result.steps[:found], message)
             _write(folder, given, result, reached)
     except KeyboardInterrupt:
         code, message = interrupts.status, "interrupted"
@@ -111,14 +124,15 @@ def run(
             "success": code == SOLVED,
             "seconds": round(perf_counter() - began, 6),
             "message": message,
+            "remarks": [] if result is None else list(result.remarks),
         }
         if result is not None and result.rigid_motions_off is not None:
             last["rigid_motions_off"] = result.rigid_motions_off
         _print(json.dumps(last))
         return code
+    said = () if result is None else result.remarks
     if given is not None and reached:
-        remarks = [] if result is None else result.remarks()
-        _tell(given, reached, tol, folder, remarks, solved=code == SOLVED)
+        _tell(given, reached, tol, folder, said, solved=code == SOLVED)
     if code != SOLVED:
         complain(message)
     elif given is not None:
@@ -189,27 +203,38 @@ def _write(
     folder: Path, given: Given, result: Result, reached: Sequence[dict[str, Any]]
 ) -> None:
     """The result file, tables, and the contacts for ParaView where places are known."""
-    from bipot_rs.result import recover
     from bipot_rs.text_tables import write
 
-    recover(result.steps)  # saved, and a table of it
-    result.save(folder / RESULT)
     columns = list(reached[0]) if reached else _STEPS
-    write(folder / "steps.csv", columns, (list(row.values()) for row in reached))
-    write(folder / "reactions.csv", _header(given), _reactions(given, result))
-    write(
-        folder / "displacements.csv",
-        ("step", "dof", "node", "component", "displacement"),
-        (
-            (k, dof, node if name else "", name, float(u))
-            for k, step in enumerate(result)
-            for dof, ((node, name), u) in enumerate(
-                zip(given.labels, step.displacement, strict=True)
-            )
-        ),
+    rows = (
+        (k, dof, node if name else "", name, float(u))
+        for k, step in enumerate(result)
+        for dof, ((node, name), u) in enumerate(
+            zip(given.labels, step.displacement, strict=True)
+        )
     )
+    header = ("step", "dof", "node", "component", "displacement")
+    works: dict[str, Callable[[Path], None]] = {
+        RESULT: result.save,
+        "steps.csv": lambda path: write(
+            path, columns, (list(row.values()) for row in reached)
+        ),
+        "reactions.csv": lambda path: write(
+            path, _header(given), _reactions(given, result)
+        ),
+        "displacements.csv": lambda path: write(path, header, rows),
+    }
     if given.points is not None:
-        result.write(folder / "result.pvd")
+        works["result.pvd"] = result.write
+    done: list[str] = []
+    for name, work in works.items():
+        try:
+            work(folder / name)
+        except OSError as error:
+            of_this = f"of this run there {'are' if len(done) > 1 else 'is'} {', '.join(done)}"
+            said = of_this if done else "nothing else was written"
+            raise OSError(f"{error}; {said}") from error
+        done.append(name)
 
 
 def _ours(folder: Path, given: Given) -> Iterator[Path]:

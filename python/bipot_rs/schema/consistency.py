@@ -17,6 +17,7 @@ from bipot_rs.schema.contact import Plane, Touch
 from bipot_rs.schema.mesh import Block, Within
 from bipot_rs.schema.root import Scene
 from bipot_rs.schema.table import AXES, LARGEST, Components
+from bipot_rs.units import inconsistent
 from bipot_rs.words import counted, instead
 
 
@@ -65,6 +66,7 @@ def inconsistencies(
         known = {name: _of_table(block) for name, block in scene.body.items()}
     dim = max((one.dim for one in known.values() if one.dim), default=None)
     return [
+        *_units(scene),
         *_bodies(scene, known),
         *_materials(scene),
         *_surfaces(scene, known),
@@ -81,6 +83,13 @@ def _of_table(block: Block) -> Known:
     if block.mesh is not None or block.dim is None:
         return Known()
     return Known(block.dim, [*FACES[block.dim], *block.surface], ())
+
+
+def _units(scene: Scene) -> Iterator[str]:
+    """Names that do not belong together: pictures would be wrong by powers of ten."""
+    said = inconsistent(scene.units.model_dump())
+    if said is not None:
+        yield f"units: {said}"
 
 
 def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:

@@ -31,7 +31,10 @@ _CARRIES = {
 
 
 class Units(Table):
-    """Names of units, for pictures and exported problems; nothing is converted."""
+    """Names of units, for pictures and exported problems; nothing is converted.
+
+    Stress must be force / length², as far as the names are known (`bipot_rs.units`).
+    """
 
     length: str = ""
     force: str = ""

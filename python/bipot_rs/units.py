@@ -1,0 +1,149 @@
+"""Whether names of units belong together: stress = force / length².
+
+Nothing is converted. A scene's numbers are in one consistent set; its names of units are
+for tables and pictures, which would be wrong by powers of ten where they do not fit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+
+_PREFIX = {
+    "": 1.0,
+    "n": 1e-9,
+    "µ": 1e-6,
+    "μ": 1e-6,
+    "u": 1e-6,
+    "m": 1e-3,
+    "c": 1e-2,
+    "d": 1e-1,
+    "da": 1e1,
+    "h": 1e2,
+    "k": 1e3,
+    "M": 1e6,
+    "G": 1e9,
+}
+# Units that take a prefix, and others by their size in m, N and Pa.
+_SI = {"length": "m", "force": "N", "stress": "Pa"}
+_INCH, _POUND = 0.0254, 4.4482216152605
+_OTHERS: Mapping[str, Mapping[str, float]] = {
+    "length": {
+        **dict.fromkeys(("in", "inch", "inches", '"'), _INCH),
+        **dict.fromkeys(("ft", "foot", "feet"), 12 * _INCH),
+        "yd": 36 * _INCH,
+        "mil": 1e-3 * _INCH,
+        "micron": 1e-6,
+        "Å": 1e-10,
+    },
+    "force": {
+        **dict.fromkeys(("lbf", "lb", "lbs"), _POUND),
+        **dict.fromkeys(("kip", "kips", "klbf"), 1e3 * _POUND),
+        **dict.fromkeys(("kgf", "kp"), 9.80665),
+        "gf": 9.80665e-3,
+        "tf": 9806.65,
+        "dyn": 1e-5,
+    },
+    "stress": {
+        "psi": _POUND / _INCH**2,
+        "ksi": 1e3 * _POUND / _INCH**2,
+        "psf": _POUND / (12 * _INCH) ** 2,
+        "ksf": 1e3 * _POUND / (12 * _INCH) ** 2,
+        "bar": 1e5,
+        "mbar": 1e2,
+        "kbar": 1e8,
+        "atm": 101325.0,
+    },
+}
+# What is looked for in place of a name that does not fit, the commonest first.
+_COMMON = {
+    "length": ("m", "mm", "cm", "µm", "nm", "km", "in", "ft"),
+    "force": ("N", "kN", "mN", "MN", "µN", "nN", "lbf", "kip", "kgf", "dyn"),
+    "stress": (
+        "Pa",
+        "MPa",
+        "kPa",
+        "GPa",
+        "psi",
+        "ksi",
+        "psf",
+        "ksf",
+        "kgf/cm²",
+        "N/cm²",
+    ),
+}
+# Sizes of pounds and inches are written with fewer digits by some.
+_DIGITS = 1e-4
+
+
+def size(kind: str, name: str) -> float | None:
+    """A unit of ``"length"``, ``"force"`` or ``"stress"`` in m, N or Pa.
+
+    None for a name that is not known, or is of another kind.
+
+    >>> size("length", "mm"), size("stress", "kN/cm²"), size("force", "MPa")
+    (0.001, 10000000.0, None)
+    """
+    name = name.strip()
+    if name in _OTHERS[kind]:
+        return _OTHERS[kind][name]
+    base = _SI[kind]
+    if name.endswith(base) and name[: -len(base)] in _PREFIX:
+        return _PREFIX[name[: -len(base)]]
+    if kind == "stress" and (
+        parts := re.fullmatch(r"(.+?)\s*/\s*(.+?)\s*(?:²|\^2|\*\*2|2)", name)
+    ):
+        force, length = size("force", parts[1]), size("length", parts[2])
+        if force is not None and length is not None:
+            # Of powers of ten without the rounding of their quotients.
+            return float(f"{force / length**2:.15g}")
+    return None
+
+
+def inconsistent(names: Mapping[str, str]) -> str | None:
+    """What is wrong with names by ``"length"``, ``"force"`` and ``"stress"``, if anything.
+
+    >>> inconsistent({"length": "mm", "force": "N", "stress": "MPa"})
+    >>> inconsistent({"length": "mm", "force": "kN", "stress": "bar"})
+    'stress in bar does not fit kN / mm², which is GPa: stress = "GPa" would fit'
+    >>> inconsistent({"length": "N"})
+    'length in N: that is a unit of force'
+
+    Names that are not known, or missing, are left alone.
+    """
+    sizes: dict[str, float] = {}
+    for kind in _SI:
+        name = names.get(kind) or ""
+        found = size(kind, name) if name else None
+        if found is not None:
+            sizes[kind] = found
+            continue
+        for other in _SI:
+            if name and size(other, name) is not None:
+                return f"{kind} in {name}: that is a unit of {other}"
+    if len(sizes) < len(_SI) or _fits(sizes):
+        return None
+    fit = {
+        kind: next(
+            (one for one in _COMMON[kind] if _fits(sizes | {kind: size(kind, one)})),
+            None,
+        )
+        for kind in ("stress", "length", "force")
+    }
+    length, force, stress = (names[kind].strip() for kind in _SI)
+    would = [f'{kind} = "{one}"' for kind, one in fit.items() if one is not None]
+    of = f", which is {fit['stress']}" if fit["stress"] else ""
+    advice = f": {_or(would)} would fit" if would else ""
+    return f"stress in {stress} does not fit {force} / {length}²{of}{advice}"
+
+
+def _fits(sizes: Mapping[str, float | None]) -> bool:
+    stress, force, length = (sizes[kind] for kind in ("stress", "force", "length"))
+    if stress is None or force is None or length is None:
+        return False
+    return abs(stress * length**2 / force - 1) <= _DIGITS
+
+
+def _or(words: Iterable[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} or {last}" if first else last
