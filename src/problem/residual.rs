@@ -370,7 +370,7 @@ impl Rounding {
         }
         let whole = Self::of(problem, r, v, a, still.clone());
         let share = needed(problem, &still, a);
-        if share == 1.0 {
+        if share >= 1.0 {
             return whole;
         }
         let shorter: Vec<f64> = a.iter().map(|a| share * a).collect();
