@@ -305,9 +305,23 @@ fn linearised<const D: usize>(
 
 /// Length of the free displacement `q̂ + R̂ â` of contacts with a reaction; infinite
 /// where there is nothing to undo.
+///
+/// Of a rigid motion counts what loads can ask for: one that has run away, and reactions
+/// that have grown with it, are no measure of themselves.
 fn undone<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 {
+    let scaling = &problem.scaling;
+    let rows = problem.q.iter().zip(&scaling.to_v);
+    let q: Vec<f64> = rows.flat_map(|(q, s)| q.map(|c| c * s)).collect();
+    let longest = LONGEST_MOTION * norm(&q).max(norm(&scaling.load));
+    let motion = norm(&scaling.rigid_to_scaled(a));
+    let share = if motion > longest {
+        longest / motion
+    } else {
+        1.0
+    };
+    let shorter: Vec<f64> = a.iter().map(|a| share * a).collect();
     let mut free = vec![[0.0; D]; r.len()];
-    problem.add_rest(a, &mut free);
+    problem.add_rest(&shorter, &mut free);
     for ((v, r), s) in free.iter_mut().zip(r).zip(&problem.scaling.to_v) {
         let closed = r.iter().any(|&c| c != 0.0);
         *v = v.map(|c| if closed { c * s } else { 0.0 });

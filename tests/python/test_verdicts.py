@@ -46,6 +46,10 @@ def test_the_proof_is_that_all_statuses_were_tried() -> None:
     assert "lower the loads" not in solution.message
 
 
+def test_reactions_that_run_away_with_a_motion_are_no_answer() -> None:
+    agree(range(18190, 18191))
+
+
 def test_a_rigid_motion_that_runs_away_does_not_raise_the_floor() -> None:
     # Free to slide, and pressed by 1: any motion along the floor is an answer.
     rigid = (np.array([[0.0], [1.0]]), [0.0])

@@ -341,17 +341,24 @@ impl<const D: usize> Prepared<D> {
             (true, true) => room * energy / rest,
             (true, false) => f64::INFINITY,
         };
-        bound.energy = self.energy(energy);
-        bound.alone_within = self.energy(bound.alone_within) * (1.0 - gamma(0));
-        bound.energy_by_gap = by_gap.map(|gap| self.energy(room * gap));
-        // A bound that leaves the range of doubles on its way to the caller's units is none.
+        if !self.to_units(&mut bound, energy, by_gap.map(|gap| room * gap)) {
+            return Ok(bound.none(Reason::Range));
+        }
+        bound.reaction = problem.compliance.scatter(&bound.reaction);
+        bound.relative_displacement = problem.compliance.scatter(&bound.relative_displacement);
+        Ok(bound)
+    }
+
+    /// Puts a scaled bound into the caller's units; whether it keeps its meaning there.
+    fn to_units(&self, bound: &mut Bound<D>, energy: f64, by_gap: Option<f64>) -> bool {
+        // One that leaves the range of doubles on its way is none.
         let kept = |&(scaled, plain): &(f64, f64)| {
             plain.is_finite() && (scaled == 0.0 || plain >= f64::MIN_POSITIVE)
         };
-        bound.energy_by_gap = by_gap
-            .zip(bound.energy_by_gap)
-            .filter(kept)
-            .map(|(_, plain)| plain);
+        bound.energy = self.energy(energy);
+        bound.alone_within = self.energy(bound.alone_within) * (1.0 - gamma(0));
+        let by_gap = by_gap.map(|gap| (gap, self.energy(gap)));
+        bound.energy_by_gap = by_gap.filter(kept).map(|(_, plain)| plain);
         let mut told = vec![(energy, bound.energy)];
         let of_scaled = [bound.reaction.clone(), bound.relative_displacement.clone()];
         unscale(&mut bound.reaction, &self.units.to_r);
@@ -361,12 +368,7 @@ impl<const D: usize> Prepared<D> {
             let pairs = before.as_flattened().iter().zip(after.as_flattened());
             told.extend(pairs.map(|(a, b)| (*a, *b)));
         }
-        if !told.iter().all(kept) || !(bound.energy <= bound.alone_within) {
-            return Ok(bound.none(Reason::Range));
-        }
-        bound.reaction = problem.compliance.scatter(&bound.reaction);
-        bound.relative_displacement = problem.compliance.scatter(&bound.relative_displacement);
-        Ok(bound)
+        told.iter().all(kept) && bound.energy <= bound.alone_within
     }
 
     /// Whether there is one answer for every `q`.
