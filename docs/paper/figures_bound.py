@@ -1,4 +1,4 @@
-"""Draws `9-error-bound.svg`: bound and true error along an iteration.
+"""Draws `9-error-bound.svg`: bound and true error along an iteration; writes its numbers.
 
 python docs/paper/figures_bound.py
 """
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from curves import Point, read, save, write
 
 import bipot_rs as bp
 from bipot_rs import scene
@@ -14,7 +15,12 @@ from bipot_rs import scene
 mpl.use("svg")
 import matplotlib.pyplot as plt
 
-HERE = Path(__file__).resolve().parent
+PICTURE = Path(__file__).resolve().with_name("9-error-bound.svg")
+NUMBERS = PICTURE.with_suffix(".csv")
+PANELS = (("μ = 0.2, L < 1", 0.2), ("μ = 0.6", 0.6))
+TRUE, BOUND = "true error", "guaranteed bound"
+BY_GAP, RESIDUAL = "bound by the gap", "residual η"
+STYLES = {TRUE: "k-", BOUND: "C0-", BY_GAP: "C1--", RESIDUAL: "0.6"}
 
 
 def blocks(mu: float) -> bp.ReducedProblem:
@@ -26,8 +32,14 @@ def blocks(mu: float) -> bp.ReducedProblem:
     return bp.ReducedProblem(step.W, step.q, mu)
 
 
-def draw(axes: plt.Axes, problem: bp.ReducedProblem, title: str) -> None:
-    """The curves of one problem."""
+def norm(W: np.ndarray, d: np.ndarray) -> float:
+    """Length in the norm of W."""
+    return float(np.sqrt(d.ravel() @ W @ d.ravel()))
+
+
+def curves(panel: str, mu: float) -> list[Point]:
+    """The curves of one panel, along an iteration."""
+    problem = blocks(mu)
     exact = problem.solve(tol=1e-15).reaction
     counts = [*range(1, 20), *range(20, 80, 4), *range(80, 400, 10)]
     solutions = []
@@ -35,38 +47,46 @@ def draw(axes: plt.Axes, problem: bp.ReducedProblem, title: str) -> None:
         solutions.append(problem.solve("nesterov", 1e-13, max_iterations=count))
         if solutions[-1].converged:
             break
-    points = np.array([solution.reaction for solution in solutions])
-    bounds = problem.error_bounds(points)
+    found = [solution.reaction for solution in solutions]
+    bounds = problem.error_bounds(np.array(found))
+    size = norm(problem.W, exact)
+    known = {
+        TRUE: [norm(problem.W, r - exact) / size for r in found],
+        BOUND: [bound.energy for bound in bounds],
+        BY_GAP: [bound.energy_by_gap for bound in bounds],
+        RESIDUAL: [solution.residual for solution in solutions],
+    }
+    for name in (BOUND, BY_GAP):
+        known[name] = [] if None in known[name] else [x / size for x in known[name]]
     work = [solution.work for solution in solutions]
+    return [
+        Point(panel, name, x, y)
+        for name, values in known.items()
+        for x, y in zip(work, values, strict=bool(values))
+    ]
 
-    def norm(d: np.ndarray) -> float:
-        return float(np.sqrt(d.ravel() @ problem.W @ d.ravel()))
 
-    size = norm(exact)
-    axes.semilogy(
-        work, [norm(p - exact) / size for p in points], "k-", label="true error"
-    )
-    for name, style, label in (
-        ("energy", "C0-", "guaranteed bound"),
-        ("energy_by_gap", "C1--", "bound by the gap"),
-    ):
-        values = [getattr(bound, name) for bound in bounds]
-        if None not in values:
-            axes.semilogy(work, np.array(values) / size, style, label=label)
-    axes.semilogy(work, [s.residual for s in solutions], "0.6", label="residual η")
-    axes.set(xlabel="products with W", title=title)
-    axes.grid(visible=True, alpha=0.3)
+def points() -> list[Point]:
+    """All curves of the picture."""
+    return [point for panel, mu in PANELS for point in curves(panel, mu)]
 
 
 def main() -> None:
-    """Write the picture."""
+    """Write the numbers and the picture."""
+    write(NUMBERS, points())
+    known = read(NUMBERS)
     plt.rcParams.update({"svg.hashsalt": "bipot", "svg.fonttype": "none"})
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True, layout="tight")
-    draw(axes[0], blocks(0.2), "μ = 0.2, L < 1")
-    draw(axes[1], blocks(0.6), "μ = 0.6")
+    for ax, (panel, _) in zip(axes, PANELS, strict=True):
+        for name, style in STYLES.items():
+            xy = [(p.x, p.y) for p in known if (p.panel, p.curve) == (panel, name)]
+            if xy:
+                ax.semilogy(*np.transpose(xy), style, label=name)
+        ax.set(xlabel="products with W", title=panel)
+        ax.grid(visible=True, alpha=0.3)
     axes[0].set_ylabel("‖r − r*‖ / ‖r*‖ in the norm of W")
     axes[0].legend()
-    figure.savefig(HERE / "9-error-bound.svg", metadata={"Date": None})
+    save(figure, PICTURE, NUMBERS)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the mesh leaves out, in joules: the constitutive error of equilibrated stresses.
+"""What the mesh leaves out, as an energy: the constitutive error of equilibrated stresses.
 
 For a displacement u_h that is admissible (prescribed values met, no penetration on whole
 facets) and a stress σ̂ that is (in equilibrium with the loads in every point, contact

@@ -50,17 +50,20 @@ class ErrorBound:
     ----------
     constitutive
         Gap of the bipotential ``r·ṽ`` of each contact in units of work, ``(n_c,)``,
-        (10): zero on the law, negative only where a contact penetrates or r lies
-        outside its cone.
+        (10): zero on the law, positive off it where ``v_n >= 0`` and r lies in its
+        cone, of either sign, or zero, where not.
     total
-        Its sum, the bifunctional B of ``u`` in equilibrium with ``r``.
+        Its sum. Where no contact penetrates and all reactions lie in their cones it is
+        the bifunctional B of section 4 of ``docs/theory.md``, for ``u`` in equilibrium
+        with ``r``, and then not negative; elsewhere B is infinite and this is not.
     share
         ``total`` over the energy ``½ rᵀ W r`` that the reactions store; 0 where both are,
         infinite where only that is.
     kind
         ``"global"``: there is one answer, and this bounds the distance to it.
-        ``"local"``: one answer is this near, the only one within ``alone_within``;
-        nothing is said of others. ``"not available"``: no bound; the rest is ``None``.
+        ``"local"``: one answer is within ``energy`` of ``r``, the only one within
+        ``alone_within``, which is never less; nothing is said of answers further away.
+        ``"not available"``: no bound; the rest is ``None``.
     reason
         Why there is none, in words; empty where there is one.
     unique
@@ -72,7 +75,8 @@ class ErrorBound:
         Bound of ``‖r - r*‖ / ‖r*‖`` in that norm; infinite where ``r* = 0`` is not
         excluded.
     alone_within
-        How far from ``r``, in that norm, there is no other answer.
+        How far from ``r``, in that norm, there is no other answer than the one that is
+        bounded: ``energy`` or more, infinite where the bound is global.
     reaction, relative_displacement
         Bounds of each component of ``r - r*`` and of ``v - v*``, ``(n_c, d)``, for
         the ``v`` that is reported with ``r``.
@@ -105,7 +109,7 @@ class ErrorBound:
 
 def from_core(raw: Mapping[str, Any], area: Array | None = None) -> ErrorBound:
     """Of what the core says of a point."""
-    gap, stored = raw["gap"], raw["stored"]
+    gap = raw["gap"]
     known = {
         name: raw.get(name)
         for name in (
@@ -124,7 +128,7 @@ def from_core(raw: Mapping[str, Any], area: Array | None = None) -> ErrorBound:
     return ErrorBound(
         constitutive=gap,
         total=float(gap.sum()),
-        share=_share(float(gap.sum()), stored),
+        share=raw["share"],
         kind=raw["kind"],
         reason="" if reason is None else _REASONS[reason].format(raw["which"]),
         unique=raw["unique"],
@@ -142,11 +146,3 @@ def without(reason: str, gap: Array) -> ErrorBound:
         kind="not available",
         reason=_REASONS[reason],
     )
-
-
-def _share(total: float, stored: float) -> float | None:
-    if total == 0.0:
-        return 0.0
-    if not (np.isfinite(total) and np.isfinite(stored)):
-        return None
-    return total / stored if stored != 0.0 else float(np.copysign(np.inf, total))

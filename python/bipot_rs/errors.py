@@ -20,9 +20,10 @@ class BipotError(Exception):
         Everything up to the last good step of a load path; ``None`` where
         there was none to take.
     direction
-        How each contact moves along the rigid motion that the loads set free,
-        ``(n_c, d)``, normal first, the largest of length 1; ``None`` where none was
-        found.
+        How each contact moves along a rigid motion, ``(n_c, d)``, normal first, the
+        largest of length 1; ``None`` where there is none to tell. Of a
+        `NoEquilibriumError` it is a proof. Of a `NotConvergedError` it is what the
+        iteration moved along when it ended: an observation, no proof.
     dof
         A degree of freedom of the body that is free to move, where one is; else ``None``.
     """
@@ -45,10 +46,12 @@ class BipotError(Exception):
 
 
 class NoEquilibriumError(BipotError):
-    """The loads lie outside what contact can carry.
+    """No answer exists, which is proved; the message says how.
 
-    ``direction`` then proves it: it lies in the dual cone of every contact, so that no
-    reaction works against it, and the loads work on it.
+    Where the loads lie outside what contact can carry, ``direction`` is the proof: it
+    lies in the dual cone of every contact, so that no reaction works against it, and the
+    loads work on it. It is ``None`` where something else is the proof: all statuses of
+    the contacts were tried and none holds, or contacts contradict each other.
     """
 
 

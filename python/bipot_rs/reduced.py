@@ -481,6 +481,7 @@ def solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
         "rigid_motion": rigid if len(rigid) else None,
         "stats": {"bytes_beside_W": raw["bytes_beside"]},
         "free_motion": free if len(free) else None,
+        "_statuses_tried": raw["statuses_tried"],
     }
 
 

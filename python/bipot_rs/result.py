@@ -91,14 +91,19 @@ class Solution:
     rigid_motion
         Amounts of the rigid motions of bodies held by contact alone, ``(k,)``.
     free_motion
-        Amounts of the rigid motion that the loads set free, ``(k,)``, where no answer
-        exists (a proof of it) or the bodies seem to slide away; else ``None``. Scaled
-        so that the contact that moves most moves by 1.
+        Amounts of a rigid motion, ``(k,)``, scaled so that the contact that moves most
+        moves by 1. With ``no_equilibrium`` a proof: it lies in the dual cone of every
+        contact and the loads work on it; ``None`` where something else is the proof. With
+        another outcome what the iteration moved along when it ended, an observation;
+        ``None`` where it did not run away.
     history
         A row ``(work, residual)`` an iteration.
     bipotential_gap
-        ``r·v + mu r_n |v_t|`` of each contact in units of work, ``(n_c,)``: zero
-        exactly on the law, (10); with two coefficients ``r·v + r_n |D v_t|``, (10e).
+        ``r·v + mu r_n |v_t|`` of each contact in units of work, ``(n_c,)``, (10); with
+        two coefficients ``r·v + r_n |D v_t|``, (10e). Zero on the law. Where
+        ``v_n >= 0`` and r lies in its cone it is zero nowhere else, and positive;
+        of a contact that penetrates, pulls or has more friction than its limit it may be
+        of either sign, or zero.
     seconds
         Time taken.
     stats
@@ -123,6 +128,7 @@ class Solution:
     _problem: Inquiry | None = None
     _known: dict[str, Any] = field(default_factory=dict)
     _words: str = ""
+    _statuses_tried: int = 0
 
     def __repr__(self) -> str:
         # What is told without asking: `message` may look for a cause first.
@@ -212,20 +218,28 @@ class Solution:
         if self.converged:
             return f"converged in {counted(self.iterations, 'iteration')} ({judged})"
         if self.outcome is Outcome.NO_EQUILIBRIUM:
-            if not self._words:
+            if self._words:
                 return (
-                    "no answer exists: contacts contradict each other, or one penetrates "
-                    f"that nothing can move{self._diagnosis()}"
+                    "no answer exists: the loads lie outside what contact can carry, "
+                    f"nothing stops this motion: {self._words}; add a support that stops "
+                    "it, or loads that do not work on it"
+                )
+            if self._statuses_tried:
+                contacts = counted(len(self.reaction), "contact")
+                return (
+                    f"no answer exists: all {self._statuses_tried} statuses were tried, "
+                    f"each of {contacts} open, sticking, or sliding to either side, and "
+                    "none holds; add a support, or change mu or the ratio of the loads"
                 )
             return (
-                "no answer exists: the loads lie outside what contact can carry, "
-                f"nothing stops this motion: {self._words}; add a support, or lower the "
-                "loads"
+                "no answer exists: contacts contradict each other, or one penetrates "
+                f"that nothing can move{self._diagnosis()}"
             )
         if self._words:
             return (
-                f"not converged, seems to slide away: {self._words}; add a support, or "
-                f"lower the loads ({judged})"
+                f"not converged, seems to slide away: {self._words}; add a "
+                "support that stops it, or change mu or the ratio of the loads "
+                f"({judged})"
             )
         reason = _REASONS.get(self.outcome, str(self.outcome))
         return self._diagnosis() or f"not converged, {reason} ({judged})"

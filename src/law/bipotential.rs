@@ -37,7 +37,7 @@ pub fn law_step<const D: usize>(
     project_with_height(&tau, (r[0] - rho * v[0]) - mu * shorter, mu)
 }
 
-/// The gap of the bipotential, `γ = r·ṽ = r·v + μ r_n ‖v_t‖` in joules (10).
+/// The gap of the bipotential, `γ = r·ṽ = r·v + μ r_n ‖v_t‖` in units of work (10).
 ///
 /// Never negative for `v_n ≥ 0` and `r ∈ K_μ`, and zero exactly on the law.
 #[must_use]

@@ -12,9 +12,6 @@ pub type Block<const D: usize> = SMatrix<f64, D, D>;
 /// the way: a slip of 1e-200 is a slip.
 #[must_use]
 pub fn tangential_norm<const D: usize>(a: &[f64; D]) -> f64 {
-    /// Squares whose sum lies between these lost nothing.
-    const LEAST: f64 = 1e-280;
-    const MOST: f64 = 1e280;
     if D == 2 {
         return a[1].abs();
     }
@@ -38,11 +35,23 @@ pub fn minus_scaled<const D: usize>(a: &[f64; D], s: f64, b: &[f64; D]) -> [f64;
     std::array::from_fn(|k| a[k] - s * b[k])
 }
 
-/// Euclidean norm of a long vector. Plain squares: the callers' variables are
-/// scaled to order one, where they neither overflow nor underflow.
+/// Squares whose sum lies between these lost nothing.
+const LEAST: f64 = 1e-280;
+const MOST: f64 = 1e280;
+
+/// Euclidean norm of a long vector. Where plain squares would leave the range of
+/// doubles, those of the numbers over the largest: what is not zero has a length.
 #[must_use]
 pub fn norm(a: &[f64]) -> f64 {
-    a.iter().map(|x| x * x).sum::<f64>().sqrt()
+    let squares = a.iter().map(|x| x * x).sum::<f64>();
+    if squares > LEAST && squares < MOST {
+        return squares.sqrt();
+    }
+    let largest = a.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    if squares.is_nan() || largest == 0.0 || a.iter().any(|x| x.is_infinite()) {
+        return squares.sqrt();
+    }
+    largest * a.iter().map(|x| (x / largest).powi(2)).sum::<f64>().sqrt()
 }
 
 /// The root of a sum of squares, or the largest of what was squared where the squares
@@ -76,4 +85,22 @@ pub fn dot_long(a: &[f64], b: &[f64]) -> f64 {
         sums[3] + sums[7],
     ];
     (pairs[0] + pairs[2]) + (pairs[1] + pairs[3]) + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::norm;
+
+    #[test]
+    fn what_is_not_zero_has_a_length() {
+        for size in [5e-324, 1e-300, 1e-170, 1.0, 1e170, 1e300] {
+            let length = norm(&[3.0 * size, 0.0, -4.0 * size]);
+            // A denormal number has one digit.
+            let rounding = (4.0 * f64::EPSILON * size).max(5e-324);
+            assert!((length - 5.0 * size).abs() <= rounding, "{size}");
+        }
+        assert!(!(norm(&[]) > 0.0) && !(norm(&[0.0, -0.0]) > 0.0));
+        assert!(norm(&[1.0, f64::NEG_INFINITY]).is_infinite());
+        assert!(norm(&[1.0, f64::NAN]).is_nan());
+    }
 }

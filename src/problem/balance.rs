@@ -12,6 +12,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::linalg::exact::Sum;
 use crate::linalg::nonnegative::{add, shortest};
 use crate::linalg::small::{dot_long, norm, tangential_norm};
 use crate::linalg::union::Union;
@@ -76,12 +77,39 @@ pub fn balance<const D: usize>(problem: &Reduced<D>, stop: &AtomicBool) -> Balan
                 scaled[mode] = amount;
             }
             let motion = of_largest_one(problem, &scaled);
-            if works(problem, &motion) {
+            if works(problem, &motion) && proves_as_given(problem, &motion) {
                 return Balance::Impossible { motion };
             }
         }
     }
     Balance::Possible
+}
+
+/// Whether a rigid motion `a` is a proof in the numbers that were given, `R`, `e` and μ,
+/// rather than in the scaled ones that it was found in: sums as in twice the precision.
+fn proves_as_given<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
+    let scaling = &problem.scaling;
+    let mut lack = 0.0_f64;
+    for (i, &mu) in problem.mu.iter().enumerate() {
+        let v: [f64; D] = std::array::from_fn(|k| {
+            let mut sum = Sum::default();
+            for (mode, &amount) in problem.rigid.modes.iter().zip(a) {
+                sum.add_product(mode[i][k], amount);
+            }
+            sum.value() * scaling.to_v[i]
+        });
+        let slack = v[0] - mu * tangential_norm(&v);
+        // Without friction a contact resists by its normal force alone.
+        lack = lack.hypot((-slack).max(0.0) / mu.hypot(1.0).max(1.0));
+    }
+    let mut work = Sum::default();
+    for (e, a) in problem.rigid.load.iter().zip(a) {
+        work.add_product(*e, *a);
+    }
+    // r̂·v̂ over r·v is the same for every contact.
+    let unit = scaling.to_v.first().zip(scaling.to_r.first());
+    let work = unit.map_or(work.value(), |(v, r)| work.value() * r * v);
+    work > 0.0 && work >= LARGEST_REACTION * lack * norm(&scaling.load)
 }
 
 /// Whether the loads work on a rigid motion `a` beyond what rounding has made of them.

@@ -22,7 +22,8 @@ const ROUNDING: f64 = 4.0 * f64::EPSILON;
 /// overlap, both grow until η, which is relative to them, is small whatever is left.
 const WORST_LEFT: f64 = 1e-6;
 
-/// Penetration, in tolerances, that goes with an η within them for a moderate μ.
+/// Penetration, or opening under pressure, in tolerances, that goes with an η within
+/// them for a moderate μ.
 const DEEPEST: f64 = 10.0;
 
 /// What a fresh evaluation says of a point `(r, a)`.
@@ -46,6 +47,9 @@ pub struct Certificate<const D: usize> {
     /// The same over `‖ |Ŵ||r̂| + |R̂||â| + |q̂| ‖` of normal components: where
     /// `W_ii = 0`, no compliance makes reactions a measure of displacements.
     depth: f64,
+    /// `‖min(r̂_n, v̂_n)₊‖` over `max(‖r̂‖, ‖F(0)‖)`, as far as it is not rounding: a
+    /// contact that is open and pressed. A large μ hides it as it hides penetration.
+    apart: f64,
 }
 
 impl<const D: usize> Certificate<D> {
@@ -66,6 +70,11 @@ impl<const D: usize> Certificate<D> {
         let undone = undone(problem, r, a);
         let below = v.iter().zip(&problem.scaling.to_v);
         let below: Vec<f64> = below.map(|(v, s)| (-v[0] * s).max(0.0)).collect();
+        let scaling = problem.scaling.to_v.iter().zip(&problem.scaling.to_r);
+        let pairs = v.iter().zip(r).zip(scaling);
+        let both: Vec<f64> = pairs
+            .map(|((v, r), (to_v, to_r))| (v[0] * to_v).min(r[0] * to_r).max(0.0))
+            .collect();
         Self {
             v,
             status,
@@ -76,6 +85,7 @@ impl<const D: usize> Certificate<D> {
             left: law / undone,
             penetration: ratio((norm(&below) - rounding.normal).max(0.0), whole),
             depth: ratio(norm(&below), rounding.normal / ROUNDING),
+            apart: ratio((norm(&both) - rounding.plain).max(0.0), whole),
         }
     }
 
@@ -94,6 +104,9 @@ impl<const D: usize> Certificate<D> {
             && self.left <= WORST_LEFT.max(tol)
             && self.penetration <= DEEPEST * tolerance
             && self.depth <= WORST_LEFT.max(DEEPEST * tol)
+            // To the wish: in the floor is μ times the rounding of slip, which is no
+            // excuse for a contact that is open.
+            && self.apart <= DEEPEST * tol
     }
 }
 
@@ -292,9 +305,23 @@ fn linearised<const D: usize>(
 
 /// Length of the free displacement `q̂ + R̂ â` of contacts with a reaction; infinite
 /// where there is nothing to undo.
+///
+/// Of a rigid motion counts what loads can ask for: one that has run away, and reactions
+/// that have grown with it, are no measure of themselves.
 fn undone<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], a: &[f64]) -> f64 {
+    let scaling = &problem.scaling;
+    let rows = problem.q.iter().zip(&scaling.to_v);
+    let q: Vec<f64> = rows.flat_map(|(q, s)| q.map(|c| c * s)).collect();
+    let longest = LONGEST_MOTION * norm(&q).max(norm(&scaling.load));
+    let motion = norm(&scaling.rigid_to_scaled(a));
+    let share = if motion > longest {
+        longest / motion
+    } else {
+        1.0
+    };
+    let shorter: Vec<f64> = a.iter().map(|a| share * a).collect();
     let mut free = vec![[0.0; D]; r.len()];
-    problem.add_rest(a, &mut free);
+    problem.add_rest(&shorter, &mut free);
     for ((v, r), s) in free.iter_mut().zip(r).zip(&problem.scaling.to_v) {
         let closed = r.iter().any(|&c| c != 0.0);
         *v = v.map(|c| if closed { c * s } else { 0.0 });
@@ -309,6 +336,8 @@ struct Rounding {
     felt: f64,
     /// The same of normal components, felt or not.
     normal: f64,
+    /// The same of all components, with that of motions and reactions themselves.
+    plain: f64,
     /// The whole, with what friction makes of it: where `r ≠ 0`, `ṽ_n` takes in
     /// the rounding of `v_t`, μ times.
     bound: f64,
@@ -316,18 +345,65 @@ struct Rounding {
     balance: f64,
 }
 
+/// Rigid motions, in lengths of what they are to undo, that an answer may need: where
+/// contacts stand so that a turn moves them by a ten-thousandth of what moves the body.
+const LONGEST_MOTION: f64 = 1e4;
+
+/// The share of a rigid motion whose rounding counts as that of an answer.
+///
+/// At an answer the motion undoes deformation and free displacement, and is of their
+/// size. One that is longer runs away: its rounding is no reason to hold η to less.
+fn needed<const D: usize>(problem: &Reduced<D>, still: &[[f64; D]], a: &[f64]) -> f64 {
+    let scaling = &problem.scaling;
+    let motion = norm(&scaling.rigid_to_scaled(a));
+    let rows = still.iter().zip(&scaling.to_v);
+    let undone: Vec<f64> = rows.flat_map(|(v, s)| v.map(|c| c * s)).collect();
+    let longest = LONGEST_MOTION * norm(&undone);
+    if motion > longest {
+        longest / motion
+    } else {
+        1.0
+    }
+}
+
 impl Rounding {
+    /// Of a point as it is: `felt`; and with no more of its rigid motion than an answer
+    /// would need: the rest.
     fn new<const D: usize>(
         problem: &Reduced<D>,
         r: &[[f64; D]],
         v: &[[f64; D]],
         a: &[f64],
     ) -> Self {
-        let mut terms = vec![[0.0; D]; r.len()];
-        problem.compliance.absolute_product(r, &mut terms);
+        let mut still = vec![[0.0; D]; r.len()];
+        problem.compliance.absolute_product(r, &mut still);
+        for (value, q) in still.iter_mut().zip(&problem.q) {
+            for (c, q) in value.iter_mut().zip(q) {
+                *c += q.abs();
+            }
+        }
+        let whole = Self::of(problem, r, v, a, still.clone());
+        let share = needed(problem, &still, a);
+        if share >= 1.0 {
+            return whole;
+        }
+        let shorter: Vec<f64> = a.iter().map(|a| share * a).collect();
+        let felt = whole.felt;
+        Self {
+            felt,
+            ..Self::of(problem, r, v, &shorter, still)
+        }
+    }
+
+    fn of<const D: usize>(
+        problem: &Reduced<D>,
+        r: &[[f64; D]],
+        v: &[[f64; D]],
+        a: &[f64],
+        mut terms: Vec<[f64; D]>,
+    ) -> Self {
         for (i, value) in terms.iter_mut().enumerate() {
             for k in 0..D {
-                value[k] += problem.q[i][k].abs();
                 let rigid = problem.rigid.modes.iter().zip(a);
                 value[k] += rigid.map(|(mode, a)| (mode[i][k] * a).abs()).sum::<f64>();
                 value[k] *= ROUNDING * problem.scaling.to_v[i];
@@ -361,6 +437,7 @@ impl Rounding {
                 *c *= share;
             }
         }
+        let plain = norm(terms.as_flattened());
         for (i, value) in terms.iter_mut().enumerate() {
             if r[i].iter().any(|&c| c != 0.0) {
                 value[0] += problem.mu[i] * tangential_norm(value);
@@ -374,6 +451,7 @@ impl Rounding {
         Self {
             felt: norm(felt.as_flattened()),
             normal: norm(&normal),
+            plain,
             bound: norm(terms.as_flattened()),
             balance,
         }

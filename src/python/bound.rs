@@ -126,7 +126,7 @@ fn dict<'py, const D: usize>(
     dict.set_item("kind", bound.kind.name())?;
     dict.set_item("unique", unique)?;
     dict.set_item("gap", arrays::from_vec(py, bound.gap.clone()))?;
-    dict.set_item("stored", bound.stored)?;
+    dict.set_item("share", bound.share)?;
     if let Kind::NotAvailable(reason) = bound.kind {
         let (word, which) = reason.told();
         dict.set_item("reason", word)?;

@@ -181,6 +181,7 @@ pub(super) fn solution_dict<'py, const D: usize>(
         "free_motion",
         arrays::from_vec(py, solution.free_motion.clone()),
     )?;
+    dict.set_item("statuses_tried", solution.statuses_tried)?;
     dict.set_item("outcome", solution.outcome.name())?;
     dict.set_item("residual", solution.residual)?;
     dict.set_item("tolerance", solution.tolerance)?;

@@ -118,6 +118,9 @@ pub fn run<const D: usize>(
             && problem.contacts() <= FEW
             && let Some(found) = enumerate::few(problem, monitor.stop())?
         {
+            if found.proves_none(problem) {
+                return Ok(Outcome::NoEquilibrium);
+            }
             for (r, rigid) in found.answers {
                 let v = problem.relative_displacement(&r, &rigid);
                 monitor.count(1.0);

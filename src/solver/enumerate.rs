@@ -61,6 +61,15 @@ const LOOK: usize = 4096;
 /// of the tree where W is elastic cut off nothing where it is indefinite.
 const MOST_NODES: usize = 200_000;
 
+/// In how many ways contacts with these coefficients can be open, stick or slip.
+#[must_use]
+pub fn statuses(mu: &[f64]) -> u64 {
+    let of = |&mu: &f64| if mu > 0.0 { ROUGH.len() } else { SMOOTH.len() };
+    mu.iter()
+        .map(of)
+        .fold(1, |all: u64, one| all.saturating_mul(one as u64))
+}
+
 /// What exhausting the statuses found.
 #[derive(Clone, Debug)]
 pub struct Enumeration {
@@ -104,6 +113,16 @@ fn within(problem: &Reduced<2>, nodes: usize, stop: &AtomicBool) -> Result<Enume
 pub struct Few<const D: usize> {
     pub answers: Vec<(Vec<[f64; D]>, Vec<f64>)>,
     pub complete: bool,
+}
+
+impl<const D: usize> Few<D> {
+    /// Whether this proves that the problem has no answer. With a definite `W` one
+    /// exists whatever μ is: that none was found would be rounding. Only bodies that
+    /// contact alone holds may have none.
+    #[must_use]
+    pub fn proves_none(&self, problem: &Reduced<D>) -> bool {
+        self.complete && self.answers.is_empty() && !problem.rigid.modes.is_empty()
+    }
 }
 
 /// [`answers`] of a problem that may be plane and may have few contacts, in its

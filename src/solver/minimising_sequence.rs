@@ -24,7 +24,7 @@ use crate::solver::{Outcome, Start, displacement_principle, stress_principle};
 /// raise it.
 const SHARE: f64 = 0.01;
 
-/// `B` of displacements in equilibrium with `of_u`, and of reactions, in joules.
+/// `B` of displacements in equilibrium with `of_u`, and of reactions, in units of work.
 ///
 /// `W (τ − r)` is the difference of the two `v`, so that no product is needed.
 #[must_use]

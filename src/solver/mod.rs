@@ -230,6 +230,13 @@ pub fn solve_watched<const D: usize>(
     };
     let last = monitor.last_rigid().to_vec();
     let mut solution = finish(problem, settings, monitor, outcome);
+    if solution.outcome == Outcome::NoEquilibrium {
+        // No method says so but by exhausting the statuses.
+        solution.statuses_tried = enumerate::statuses(&problem.mu);
+    }
+    if solution.outcome == Outcome::Converged && hides(problem, settings.tol) {
+        confirm(problem, &mut solution, stop)?;
+    }
     // What only rounding has let pass may be reactions that have grown until they drown
     // the walls between which they grew.
     let doubted = match solution.outcome {
@@ -245,11 +252,48 @@ pub fn solve_watched<const D: usize>(
     if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
         creep(problem, settings, &mut solution, stop, progress)?;
     }
-    if solution.outcome != Outcome::Converged && !last.is_empty() {
+    let open = !matches!(
+        solution.outcome,
+        Outcome::Converged | Outcome::NoEquilibrium
+    );
+    if open && !last.is_empty() {
         let r = problem.compliance.gather(&solution.reaction);
         solution.free_motion = balance::runaway(problem, &r, &last).unwrap_or_default();
     }
     Ok(solution)
+}
+
+/// Contacts whose statuses are exhausted in milliseconds, whatever time is left.
+const QUICK: usize = 7;
+
+/// Whether friction is so large that what a point misses the law by may be within the
+/// tolerance at every point that balances the loads: a body that friction alone holds
+/// presses with the loads over μ, and a contact that may be open by as much is no
+/// answer to the law, and one to the tolerance.
+fn hides<const D: usize>(problem: &Reduced<D>, tol: f64) -> bool {
+    /// Beside the tolerance: what is pressed by this share of the loads is in sight.
+    const IN_SIGHT: f64 = 100.0;
+    let largest = problem.mu.iter().fold(0.0_f64, |m, &mu| m.max(mu));
+    !problem.rigid.modes.is_empty() && largest * IN_SIGHT * tol >= 1.0
+}
+
+/// Takes back that a point is an answer where exhausting the statuses of a few contacts
+/// proves that there is none.
+fn confirm<const D: usize>(
+    problem: &Reduced<D>,
+    solution: &mut Solution<D>,
+    stop: &AtomicBool,
+) -> Result<(), Error> {
+    if problem.contacts() > QUICK {
+        return Ok(());
+    }
+    let started = Instant::now();
+    if enumerate::few(problem, stop)?.is_some_and(|found| found.proves_none(problem)) {
+        solution.outcome = Outcome::NoEquilibrium;
+        solution.statuses_tried = enumerate::statuses(&problem.mu);
+    }
+    solution.seconds += started.elapsed().as_secs_f64();
+    Ok(())
 }
 
 /// Where every method has come to a stand and the contacts are few, their
@@ -260,8 +304,6 @@ fn exhaust<const D: usize>(
     solution: &mut Solution<D>,
     stop: &AtomicBool,
 ) -> Result<(), Error> {
-    /// Contacts whose statuses are exhausted in milliseconds, whatever time is left.
-    const QUICK: usize = 7;
     let started = Instant::now();
     if settings.max_seconds.is_finite() && problem.contacts() > QUICK {
         return Ok(());
@@ -270,10 +312,9 @@ fn exhaust<const D: usize>(
         return Ok(());
     };
     solution.seconds += started.elapsed().as_secs_f64();
-    // With a definite W an answer exists whatever μ is: that none was found would be
-    // rounding. Only bodies that contact alone holds may have none.
-    if found.complete && found.answers.is_empty() && !problem.rigid.modes.is_empty() {
+    if found.proves_none(problem) {
         solution.outcome = Outcome::NoEquilibrium;
+        solution.statuses_tried = enumerate::statuses(&problem.mu);
     }
     for (r, rigid) in found.answers {
         let certificate = Certificate::new(problem, &r, &rigid);

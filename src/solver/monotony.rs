@@ -153,10 +153,15 @@ impl Units {
     #[must_use]
     pub fn of<const D: usize>(problem: &Reduced<D>) -> Self {
         let scaling = &problem.scaling;
-        let product = scaling.to_v.first().map_or(1.0, |v| v * scaling.to_r[0]);
-        // A power of two but for rounding.
-        let to_energy = exponent(1.25 * product);
         let to_v: Vec<i32> = scaling.to_v.iter().map(|&s| exponent(s)).collect();
+        let first = scaling.to_v.first().zip(scaling.to_r.first());
+        // Their product is a power of two but for rounding, and may leave the range of
+        // doubles, which neither of them does.
+        let to_energy = first.map_or(0, |(&v, &r)| {
+            let (of_v, of_r) = (exponent(v), exponent(r));
+            let digits = times_two_to(v, -of_v) * times_two_to(r, -of_r);
+            of_v + of_r + exponent(1.25 * digits)
+        });
         Self {
             to_r: to_v.iter().map(|e| to_energy - e).collect(),
             to_v,

@@ -41,12 +41,15 @@ pub struct Solution<const D: usize> {
     pub reaction: Vec<[f64; D]>,
     pub relative_displacement: Vec<[f64; D]>,
     pub status: Vec<Status>,
-    /// Gap of the bipotential in joules, contact by contact.
+    /// Gap of the bipotential in units of work, contact by contact.
     pub bipotential_gap: Vec<f64>,
     pub rigid_motion: Vec<f64>,
-    /// Rigid motion that the loads set free: proof of `NoEquilibrium`, a finding
-    /// where it did not converge; empty where there is none to tell.
+    /// Rigid motion that the loads set free: with `NoEquilibrium` a proof of it, with
+    /// another outcome what the iteration ran away along; empty where there is none.
     pub free_motion: Vec<f64>,
+    /// How many statuses were tried where that none of them holds is the proof of
+    /// `NoEquilibrium`, else 0.
+    pub statuses_tried: u64,
     pub outcome: Outcome,
     pub residual: f64,
     pub tolerance: f64,

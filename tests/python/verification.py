@@ -164,6 +164,7 @@ def page(*, fine: bool) -> str:
     import cases_hard
     import cases_plane
     import cases_published
+    import cases_random
     import cases_space
 
     def numbers(cases: dict[str, Callable[[], list[Row]]]) -> list[str]:
@@ -190,6 +191,9 @@ def page(*, fine: bool) -> str:
         *numbers(cases_published.CASES),
         "\n## Hard cases\n",
         *numbers(cases_hard.CASES),
+        "\n## Randomised classes\n",
+        RANDOMISED,
+        *table(cases_random.HEAD, cases_random.rows()),
     ]
     return "\n".join(sections) + "\n"
 
@@ -240,6 +244,14 @@ Tractions are compared in the mean square over the contact. They have square-roo
 ends, where a mesh of cells resolves them to h: order 1, and 2 for the force. In space
 the box takes away about 5e-4 of the force, so that the last orders look better than
 they are.
+"""
+
+
+RANDOMISED = """\
+Problems drawn at random from fixed seeds. Each is asked what only a right program answers
+rightly, without an answer known beforehand; one that fails fails the suite. The suite runs
+the first seeds of a class, `make verify` those that follow. What was met shows that a class
+is not empty of what it is drawn for.
 """
 
 

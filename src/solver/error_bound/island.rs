@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::law::face::{Face, Place};
 use crate::linalg::below::{Below, Ellipsoid, gamma};
+use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::small::{norm, tangential_norm};
 use crate::problem::reduced::Reduced;
 use crate::solver::contraction::contraction;
@@ -12,6 +13,9 @@ use crate::solver::monotony::{
     Known, Monotony, Ties, Units, Weights, least_ratio, product, scaled_entry,
 };
 use crate::solver::weights::{self, Common};
+
+/// An energy below this, in scaled variables, may have lost terms to underflow.
+const LEAST_ENERGY: f64 = 1e-280;
 
 /// Unknowns up to which a ball is tried: a factor for each radius.
 const LARGEST_OF_BALLS: usize = 1000;
@@ -235,16 +239,11 @@ impl<const D: usize> Island<D> {
 
     /// `√(xᵀ W x)`, from above.
     pub(super) fn norm(&self, x: &[f64]) -> f64 {
-        let energy: f64 = product(&self.half, x)
-            .iter()
-            .zip(x)
-            .map(|(a, b)| a * b)
-            .sum();
-        let lost = 2.0 * gamma(2 * x.len()) * norm(&self.half) * norm(x).powi(2);
-        (energy.max(0.0) + lost).sqrt() * (1.0 + gamma(0))
+        let (energy, lost, e) = self.energy(x);
+        times_two_to((energy.max(0.0) + lost).sqrt() * (1.0 + gamma(0)), e)
     }
 
-    /// `rᵀ W r`, from below.
+    /// `√(rᵀ W r)`, from below.
     pub(super) fn least_size(&self, r: &[[f64; D]]) -> f64 {
         let x: Vec<f64> = self
             .monotony
@@ -252,13 +251,19 @@ impl<const D: usize> Island<D> {
             .iter()
             .map(|&(i, k)| r[i][k])
             .collect();
-        let energy: f64 = product(&self.half, &x)
-            .iter()
-            .zip(&x)
-            .map(|(a, b)| a * b)
-            .sum();
+        let (energy, lost, e) = self.energy(&x);
+        times_two_to((energy - lost).max(0.0).sqrt() * (1.0 - gamma(0)), e)
+    }
+
+    /// `xᵀ W x` of `x` over a power of two, which makes its largest entry about one: what
+    /// is computed, what that may be off by, and the exponent.
+    fn energy(&self, x: &[f64]) -> (f64, f64, i32) {
+        let e = exponent(x.iter().fold(0.0, |m: f64, x| m.max(x.abs())));
+        let x: Vec<f64> = x.iter().map(|x| times_two_to(*x, -e)).collect();
+        let moved = product(&self.half, &x);
+        let energy: f64 = moved.iter().zip(&x).map(|(a, b)| a * b).sum();
         let lost = 2.0 * gamma(2 * x.len()) * norm(&self.half) * norm(&x).powi(2);
-        (energy - lost).max(0.0)
+        (energy, lost, e)
     }
 
     /// `‖r − r̂‖` in the norm of `W`, from above.
@@ -336,10 +341,14 @@ impl<const D: usize> Island<D> {
     /// the ray, or all of space where `v = 0`), which has a solution since that is compact,
     /// has it inside the ball, and so is an answer; two of them in the ball would
     /// contradict the monotony.
+    ///
+    /// The ball is around the candidate. It is wide enough for one around `r` that holds
+    /// the answer, and has the radius `least` or more, to lie within.
     pub(super) fn local_bound(
         &self,
         candidates: &[Candidate<D>; 2],
         given: &(Vec<[f64; D]>, Vec<[f64; D]>),
+        least: f64,
         stop: &AtomicBool,
     ) -> Result<Option<Found<D>>, Error> {
         /// Radii to try, in lengths of `e`; larger ones know less.
@@ -353,14 +362,20 @@ impl<const D: usize> Island<D> {
                 let nothing = vec![Known::Nothing; self.monotony.mu.len()];
                 let all = Ties::none(self.monotony.all());
                 let (e, error) = self.misfit(&all, &weights.normal, &nothing, candidate);
-                let unit = 2.0 * self.of_w.ellipsoid(&e, &error).radius + f64::EPSILON;
+                let length = 2.0 * self.of_w.ellipsoid(&e, &error).radius;
+                let off = self.off(candidate);
+                let unit = length.max(off).max(least);
+                let unit = if unit > 0.0 { unit } else { f64::EPSILON };
                 let mut found = None;
                 for radii in RADII {
                     let radius = radii * unit;
                     let Some(tried) = self.within(radius, weights, candidate, stop)? else {
                         break;
                     };
-                    if tried.1 < radius {
+                    // For what is rounded up on the way to the caller.
+                    let room = 1.0 + 4.0 * gamma(n);
+                    let whole = least.max(room * (off + tried.1));
+                    if room * (off + whole) < radius {
                         found = Some((tried, radius));
                         break;
                     }
@@ -504,6 +519,12 @@ impl<const D: usize> Island<D> {
         }
         let half = 0.5 * self.of_w.length(&lift).powi(2);
         let missing = (half + gaps) * (1.0 + gamma(lift.len()));
+        let nodes = self.monotony.nodes.clone();
+        let pressed = candidate.faces[nodes].iter().any(|f| f.reaction[0] != 0.0);
+        // Products of two small numbers: their sum is no longer one from above.
+        if missing < LEAST_ENERGY && (pressed || lift.iter().any(|&l| l != 0.0)) {
+            return None;
+        }
         Some((2.0 * missing / (1.0 - contraction)).sqrt() * (1.0 + gamma(0)) + self.off(candidate))
     }
 }

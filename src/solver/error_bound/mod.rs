@@ -23,7 +23,7 @@ use crate::law::bipotential::{self, law_step};
 use crate::law::cone::project;
 use crate::law::face::Face;
 use crate::linalg::below::gamma;
-use crate::linalg::binary::times_two_to;
+use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::small::dot;
 use crate::problem::reduced::Reduced;
 use crate::solver::error_bound::island::{Candidate, Island};
@@ -133,8 +133,9 @@ pub struct Bound<const D: usize> {
     pub energy_by_gap: Option<f64>,
     /// Gap of the bipotential, contact by contact, at `r` itself.
     pub gap: Vec<f64>,
-    /// `½ rᵀ W r`, what the reactions store.
-    pub stored: f64,
+    /// The sum of the gaps over `½ rᵀ W r`, what the reactions store; nothing where
+    /// numbers leave the range of doubles.
+    pub share: Option<f64>,
 }
 
 impl<const D: usize> Bound<D> {
@@ -159,9 +160,6 @@ impl<const D: usize> Bound<D> {
         let gap: Vec<f64> = contacts
             .map(|((r, v), &mu)| bipotential::gap(r, v, mu))
             .collect();
-        let mut moved = vec![[0.0; D]; r.len()];
-        problem.compliance.product(r, &mut moved);
-        let works = r.iter().zip(&moved).map(|(r, w)| dot(r, w));
         Self {
             kind: Kind::Global,
             energy: 0.0,
@@ -172,7 +170,7 @@ impl<const D: usize> Bound<D> {
             contraction: Some(0.0),
             energy_by_gap: None,
             gap: problem.compliance.scatter(&gap),
-            stored: 0.5 * works.sum::<f64>(),
+            share: share(problem, r, &v),
         }
     }
 }
@@ -264,7 +262,14 @@ impl<const D: usize> Prepared<D> {
             Err(reason) => return Ok(bound.none(*reason)),
         };
         let caller = problem.compliance.order();
-        let r = scaled(r, &self.units.to_r);
+        let plain = r;
+        let r = scaled(plain, &self.units.to_r);
+        for island in islands {
+            let nodes = island.monotony.nodes.clone();
+            if !(within_range(&plain[nodes.clone()]) && within_range(&r[nodes])) {
+                return Ok(bound.none(Reason::Range));
+            }
+        }
         for island in islands {
             if let Some(position) = island.impossible(&r) {
                 let contact = caller[position];
@@ -289,48 +294,81 @@ impl<const D: usize> Prepared<D> {
             .collect();
         let candidates =
             [by_law, onto_cone].map(|point| self.candidate(problem, islands, &r, point));
-        let (mut squares, mut by_gap, mut size) = (0.0, Some(0.0), 0.0);
-        for island in islands {
-            let mut found = island.global_bound(&candidates, &given);
-            if found.is_none() {
-                bound.kind = Kind::Local;
-                found = island.local_bound(&candidates, &given, stop)?;
+        let room = 1.0 + gamma(islands.len());
+        let mut energy = 0.0_f64;
+        // Other answers differ from r on one island at least, this one on all: where a ball
+        // is smaller than what all add up to, a wider one is asked for.
+        for least in [false, true] {
+            let least = if least { energy } else { 0.0 };
+            (energy, bound.alone_within) = (0.0, f64::INFINITY);
+            for island in islands {
+                let mut found = island.global_bound(&candidates, &given);
+                if found.is_none() {
+                    bound.kind = Kind::Local;
+                    found = island.local_bound(&candidates, &given, least, stop)?;
+                }
+                let nodes = island.monotony.nodes.clone();
+                let Some(found) = found else {
+                    let contact = caller[nodes.start];
+                    return Ok(bound.none(Reason::Friction { contact }));
+                };
+                energy = energy.hypot(found.energy);
+                bound.alone_within = bound.alone_within.min(found.alone_within);
+                bound.reaction[nodes.clone()].copy_from_slice(&found.reaction);
+                bound.relative_displacement[nodes].copy_from_slice(&found.displacement);
             }
-            let nodes = island.monotony.nodes.clone();
-            let Some(found) = found else {
-                let contact = caller[nodes.start];
-                return Ok(bound.none(Reason::Friction { contact }));
-            };
-            squares += found.energy * found.energy;
-            bound.alone_within = bound.alone_within.min(found.alone_within);
-            bound.reaction[nodes.clone()].copy_from_slice(&found.reaction);
-            bound.relative_displacement[nodes].copy_from_slice(&found.displacement);
+            energy *= room;
+            if energy <= bound.alone_within {
+                break;
+            }
+        }
+        if !(energy <= bound.alone_within) {
+            let contact = islands.iter().find(|island| island.global.is_none());
+            let contact = contact.map_or(0, |island| caller[island.monotony.nodes.start]);
+            return Ok(bound.none(Reason::Friction { contact }));
+        }
+        let (mut by_gap, mut size) = (Some(0.0_f64), 0.0_f64);
+        for island in islands {
             let both = bound.contraction.zip(island.contraction);
             bound.contraction = both.map(|(a, b)| a.max(b));
             let error = island.energy_by_gap(&candidates[1]);
-            by_gap = by_gap.zip(error).map(|(sum, e)| sum + e * e);
-            size += island.least_size(&r);
+            by_gap = by_gap.zip(error).map(|(sum, e)| sum.hypot(e));
+            size = size.hypot(island.least_size(&r));
         }
-        let room = 1.0 + gamma(islands.len());
-        let energy = room * squares.sqrt();
-        let rest = size.sqrt() / room - energy;
+        let rest = size / room - energy;
         bound.relative = match (energy > 0.0, rest > 0.0) {
             (false, _) => 0.0,
             (true, true) => room * energy / rest,
             (true, false) => f64::INFINITY,
         };
-        bound.energy = self.energy(energy);
-        bound.alone_within = self.energy(bound.alone_within) * (1.0 - gamma(0));
-        bound.energy_by_gap = by_gap.map(|sum| self.energy(room * sum.sqrt()));
-        unscale(&mut bound.reaction, &self.units.to_r);
-        unscale(&mut bound.relative_displacement, &self.units.to_v);
-        let rows = bound.reaction.iter().chain(&bound.relative_displacement);
-        if !bound.energy.is_finite() || !rows.flatten().all(|x| x.is_finite()) {
+        if !self.to_units(&mut bound, energy, by_gap.map(|gap| room * gap)) {
             return Ok(bound.none(Reason::Range));
         }
         bound.reaction = problem.compliance.scatter(&bound.reaction);
         bound.relative_displacement = problem.compliance.scatter(&bound.relative_displacement);
         Ok(bound)
+    }
+
+    /// Puts a scaled bound into the caller's units; whether it keeps its meaning there.
+    fn to_units(&self, bound: &mut Bound<D>, energy: f64, by_gap: Option<f64>) -> bool {
+        // One that leaves the range of doubles on its way is none.
+        let kept = |&(scaled, plain): &(f64, f64)| {
+            plain.is_finite() && (scaled == 0.0 || plain >= f64::MIN_POSITIVE)
+        };
+        bound.energy = self.energy(energy);
+        bound.alone_within = self.energy(bound.alone_within) * (1.0 - gamma(0));
+        let by_gap = by_gap.map(|gap| (gap, self.energy(gap)));
+        bound.energy_by_gap = by_gap.filter(kept).map(|(_, plain)| plain);
+        let mut told = vec![(energy, bound.energy)];
+        let of_scaled = [bound.reaction.clone(), bound.relative_displacement.clone()];
+        unscale(&mut bound.reaction, &self.units.to_r);
+        unscale(&mut bound.relative_displacement, &self.units.to_v);
+        let of_caller = [&bound.reaction, &bound.relative_displacement];
+        for (before, after) in of_scaled.iter().zip(of_caller) {
+            let pairs = before.as_flattened().iter().zip(after.as_flattened());
+            told.extend(pairs.map(|(a, b)| (*a, *b)));
+        }
+        told.iter().all(kept) && bound.energy <= bound.alone_within
     }
 
     /// Whether there is one answer for every `q`.
@@ -422,6 +460,45 @@ impl<const D: usize> Prepared<D> {
             dv,
         }
     }
+}
+
+/// The sum of the gaps over `½ rᵀ W r`, formed of `r` over a power of two: of small
+/// reactions the energy underflows, and the ratio does not.
+fn share<const D: usize>(problem: &Reduced<D>, r: &[[f64; D]], v: &[[f64; D]]) -> Option<f64> {
+    let largest = r.iter().flatten().fold(0.0, |m: f64, x| m.max(x.abs()));
+    let e = exponent(largest);
+    let unit: Vec<_> = r.iter().map(|r| r.map(|c| times_two_to(c, -e))).collect();
+    let mut moved = vec![[0.0; D]; r.len()];
+    problem.compliance.product(&unit, &mut moved);
+    let contacts = unit.iter().zip(v).zip(&problem.mu);
+    let gaps: f64 = contacts
+        .map(|((r, v), &mu)| bipotential::gap(r, v, mu))
+        .sum();
+    let works = unit.iter().zip(&moved).map(|(r, w)| dot(r, w));
+    let stored = 0.5 * works.sum::<f64>();
+    if gaps == 0.0 {
+        return Some(0.0);
+    }
+    if !(gaps.is_finite() && stored.is_finite()) {
+        return None;
+    }
+    let ratio = times_two_to(gaps / stored, -e);
+    Some(if stored == 0.0 {
+        gaps.signum() * f64::INFINITY
+    } else {
+        ratio
+    })
+}
+
+/// Whether numbers, the largest of them, keep their digits in products with others of
+/// order one, and with the rounding of these.
+fn within_range<const D: usize>(rows: &[[f64; D]]) -> bool {
+    /// Above the least normal number by ε², with room for sums.
+    const LEAST: f64 = 1e-270;
+    const MOST: f64 = 1e270;
+    let sizes = rows.iter().flatten().map(|x| x.abs());
+    let largest = sizes.fold(0.0, f64::max);
+    largest == 0.0 || (LEAST..=MOST).contains(&largest)
 }
 
 fn scaled<const D: usize>(rows: &[[f64; D]], exponents: &[i32]) -> Vec<[f64; D]> {

@@ -1,0 +1,96 @@
+"""Classes of problems at random, with fixed seeds: what is drawn, asked and met.
+
+The suite runs the first problems of each, ``make verify`` many more. The counts on the page
+are those of the suite.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import NamedTuple
+
+import verdicts
+
+
+class Class(NamedTuple):
+    """A class of problems.
+
+    `run` asks everything of the problems of some seeds, fails where something is wrong,
+    and counts by name what it met; `told` are the names that the page shows.
+    """
+
+    name: str
+    drawn: str
+    asked: str
+    suite: int
+    verify: int
+    run: Callable[[range], Counter[str]]
+    told: tuple[str, ...]
+
+    def row(self) -> list[str]:
+        """Cells of the table of the page."""
+        counts = self.run(range(self.suite))
+        met = ", ".join(f"{counts[name]} {name}" for name in self.told)
+        return [
+            self.name,
+            self.drawn,
+            self.asked,
+            str(self.suite),
+            f"{self.verify:,}",
+            met,
+        ]
+
+
+HEAD = [
+    "class",
+    "problems",
+    "what is asked",
+    "in the suite",
+    "verify",
+    "met in the suite",
+]
+
+CLASSES = (
+    Class(
+        "verdicts",
+        "1 to 3 plane contacts, W definite or not, up to 3 rigid motions, μ from 0.1 to 1e6",
+        "`solve`, `answers`, `existence`, `unique` and `error_bound` never contradict "
+        "what another one proves",
+        500,
+        20_000,
+        verdicts.agree,
+        ("exists", "absent"),
+    ),
+    Class(
+        "friction alone",
+        "1 to 3 sliders with springs along their normals, μ from 10 to 1e12",
+        "no method calls a point converged where there is proved to be no answer",
+        60,
+        1000,
+        verdicts.sliders,
+        ("exists", "absent"),
+    ),
+    Class(
+        "proofs",
+        "3 plane contacts, 1 to 3 rigid motions, μ up to 1",
+        "a motion is told with the verdict if and only if it proves it: in all dual "
+        "cones, loads working on it; loads in balance by a linear programme",
+        400,
+        10_000,
+        verdicts.proofs,
+        ("motion", "statuses"),
+    ),
+    Class(
+        "local bounds",
+        "1 to 3 plane contacts, μ from 0.5 to 4, points near each answer",
+        "one answer within `energy`, no other within `alone_within`, against all answers",
+        120,
+        11_880,
+        verdicts.locals_of,
+        ("bound local", "bound global"),
+    ),
+)
+
+
+def rows() -> list[list[str]]:
+    """The table."""
+    return [one.row() for one in CLASSES]
