@@ -15,6 +15,7 @@ use crate::linalg::dense;
 use crate::linalg::exact;
 use crate::linalg::jacobi::combine;
 use crate::linalg::multifrontal::Factor;
+use crate::linalg::signs::signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::symbolic::Symbolic;
 use crate::problem::sparse::Owned;
@@ -341,10 +342,12 @@ fn start_value(k: usize) -> f64 {
     0.5 + phase.fract()
 }
 
+/// Independent columns, all of space where they are as many as it has dimensions.
 fn starts(n: usize, width: usize) -> Vec<Vec<f64>> {
-    let column = |c: usize| {
-        (0..n)
-            .map(|k| start_value(k * width + c + 1) - 1.0)
+    let column = |c: usize| -> Vec<f64> {
+        let signs = signs(n, c as u64 + 1).into_iter().enumerate();
+        signs
+            .map(|(k, sign)| sign * start_value(k * width + c + 1))
             .collect()
     };
     (0..width).map(column).collect()
