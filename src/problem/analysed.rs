@@ -15,7 +15,7 @@ use crate::linalg::small::{dot_long, norm};
 use crate::linalg::symbolic::{Counts, Options, Symbolic};
 use crate::problem::body::{Body, DIGITS};
 use crate::problem::null_space::{
-    Block, Verdict, Weights, is_null, part, softest, softest_interior, softest_of_all,
+    Block, Verdict, Weights, part, softest, softest_interior, softest_of_all,
 };
 use crate::problem::patterns::Asked;
 use crate::problem::rigid_motions::Geometry;
@@ -43,8 +43,10 @@ const PINNED: f64 = 1e-11;
 /// apart, the elastic modes of a mechanism far above its free ones.
 const MECHANISM: f64 = 1e3;
 
-/// The same of motions of which only the stiffness is known.
-const CLEAR: f64 = 4.0;
+/// The same of motions of which only the stiffness is known: the second mode of bending
+/// of a cantilever takes 39 times the energy of the first, which passes for none below a
+/// fifth of rounding.
+const CLEAR: f64 = 20.0;
 
 /// Motions looked for at first; where all of them are soft, more.
 const WIDTH: usize = 9;
@@ -216,7 +218,7 @@ impl Analysed {
             }
             Err(other) => return Err(other),
         };
-        if self.may_float_inside(&factor)? {
+        if self.may_float_inside(&factor) {
             drop(factor);
             self.check_whole(stop)?;
             factor = Factor::new(Arc::clone(&self.symbolic), &view, stop)?;
@@ -241,25 +243,15 @@ impl Analysed {
     }
 
     /// Whether the interior is so soft that motions of it may be free.
-    ///
-    /// # Errors
-    /// [`Error::FloatingBody`] with such a motion at hand.
-    fn may_float_inside(&self, factor: &Factor) -> Result<bool, Error> {
+    fn may_float_inside(&self, factor: &Factor) -> bool {
         if factor
             .weakest_pivot()
             .is_none_or(|(_, ratio)| ratio >= SAFE_INSIDE)
         {
-            return Ok(false);
+            return false;
         }
         let weights = Weights::new(&self.stiffness);
-        let (motion, energy) = softest_interior(factor, &weights, &self.kept);
-        if energy > DOUBTFUL {
-            return Ok(false);
-        }
-        if self.geometry.is_none() && is_null(&self.stiffness, &motion) {
-            return Err(self.floating(&motion));
-        }
-        Ok(true)
+        softest_interior(factor, &weights, &self.kept) <= DOUBTFUL
     }
 
     fn floating(&self, motion: &[f64]) -> Error {
