@@ -12,6 +12,7 @@ pub mod enumerate;
 pub mod error_bound;
 pub mod gauss_seidel;
 pub mod index;
+pub mod interior;
 pub mod linearisation;
 pub mod minimising_sequence;
 pub mod monitor;
