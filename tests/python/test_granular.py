@@ -38,8 +38,8 @@ def test_a_wall_of_four_hundred_disks(seed: int, hexagonal: bool) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_packing_of_two_hundred_balls(d: int) -> None:
-    packing = grains.packing("packing", d, 200, np.random.default_rng(d), mu=0.4)
+def test_a_packing_of_eighty_balls(d: int) -> None:
+    packing = grains.packing("packing", d, 80, np.random.default_rng(d), mu=0.4)
     solution = solved(packing)
     assert solution.converged
     assert solution.iterations < 2000
