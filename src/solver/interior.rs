@@ -86,7 +86,7 @@ fn follow<const D: usize>(
     let n = problem.contacts();
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let contacts = n as f64;
-    let mut z = vec![system.unit() * first; n];
+    let mut z = vec![unit::<D>() * first; n];
     let mut s = z.clone();
     let mut a = vec![0.0; problem.scaling.modes.len()];
     let mut best: Option<(f64, Vec<[f64; D]>, Vec<f64>)> = None;
@@ -134,7 +134,7 @@ fn follow<const D: usize>(
         let centring = (there.sum::<f64>() / contacts / gap)
             .clamp(1e-6, 1.0)
             .powi(3);
-        let aim = system.unit() * (centring * gap);
+        let aim = unit::<D>() * (centring * gap);
         let to_centre: Vec<Vector<D>> = (0..n)
             .map(|i| {
                 let p = &factors.scalings[i];
@@ -157,6 +157,13 @@ fn follow<const D: usize>(
         Some((_, r, rigid)) if halved <= ENOUGH => End::Better(r, rigid),
         _ => End::Stalled,
     })
+}
+
+/// `e`.
+fn unit<const D: usize>() -> Vector<D> {
+    let mut e = Vector::zeros();
+    e[0] = 1.0;
+    e
 }
 
 fn longest<const D: usize>(x: &[Vector<D>], dx: &[Vector<D>]) -> f64 {
@@ -219,13 +226,6 @@ impl<'p, const D: usize> System<'p, D> {
             stretch: stretch.collect(),
             smoothing,
         }))
-    }
-
-    /// `e`.
-    fn unit(&self) -> Vector<D> {
-        let mut e = Vector::zeros();
-        e[0] = 1.0;
-        e
     }
 
     fn reaction(&self, z: &[Vector<D>]) -> Vec<[f64; D]> {
@@ -313,7 +313,7 @@ impl<'p, const D: usize> System<'p, D> {
         let modes = problem.scaling.modes.len();
         let inner = if let Some(whole) = compliance.whole()? {
             monitor.count(sparse_cost(whole));
-            let matrix = whole.blocks.map(&entry);
+            let matrix = whole.blocks.map(entry);
             SparseLu::new(&whole.analysis, &matrix, monitor.stop())?.map(Inner::Sparse)
         } else {
             let order = D * s.len();
