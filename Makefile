@@ -89,6 +89,7 @@ bench-full: $(STAMP)
 	$(PY) benches/start.py
 	$(PY) benches/kernels.py
 	$(PY) benches/speed_against_error.py
+	$(PY) benches/granular.py
 	$(PY) benches/beside_peers.py
 	$(PY) benches/stability.py
 	$(if $(FCLIB),$(PY) benches/fclib.py --data $(FCLIB))

@@ -8,7 +8,8 @@ use bipot_rs::law::bipotential::{StartState, corrected, gap, law_step};
 use bipot_rs::law::cone::{Status, derivative, project, project_dual, project_increment};
 use bipot_rs::law::frame::from_normal;
 use bipot_rs::law::one_node::{self, Habit};
-use bipot_rs::linalg::small::{Block, tangential_norm};
+use bipot_rs::law::second_order::{self, NesterovTodd};
+use bipot_rs::linalg::small::{Block, Vector, tangential_norm};
 use proptest::prelude::*;
 
 const EPS: f64 = f64::EPSILON;
@@ -369,5 +370,46 @@ fn frames_are_orthonormal_and_exact_on_axes() {
     }
     for bad in [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [f64::NAN, 0.0, 1.0]] {
         assert!(from_normal(&bad).is_err());
+    }
+}
+
+/// A point inside the second-order cone, as near to its rim as `1 − share`.
+fn inside<const D: usize>() -> impl Strategy<Value = Vector<D>> {
+    let component = prop_oneof![-1.0..1.0_f64, -1e3..1e3_f64, -1e-6..1e-6_f64];
+    let tangential = proptest::array::uniform::<_, D>(component);
+    (tangential, 1e-3..1e3_f64).prop_map(|(t, excess)| {
+        let mut x = Vector::from(t);
+        x[0] = tangential_norm(&t) * (1.0 + excess) + excess;
+        x
+    })
+}
+
+fn scaling_makes_one_point_of_two<const D: usize>(z: Vector<D>, s: Vector<D>) {
+    let p = NesterovTodd::new(&z, &s).unwrap();
+    let apart = |x: Vector<D>, y: Vector<D>| (x - y).norm() / y.norm();
+    // Roundings of z and s grow by what the scaling stretches them by.
+    let stretch = p.forward.norm() * p.inverse.norm();
+    assert!(apart(p.inverse * s, p.point) <= 64.0 * EPS * stretch);
+    assert!(apart(p.inverse * p.point, z) <= 64.0 * EPS * stretch);
+    assert!((p.point.norm_squared() - z.dot(&s)).abs() <= 64.0 * EPS * stretch * z.dot(&s));
+    let b = second_order::product(&z, &s);
+    let worst = z.norm_squared() / second_order::determinant(&z);
+    assert!(apart(second_order::quotient(&b, &z), s) <= 64.0 * EPS * worst);
+    // As far as it goes, and no further.
+    let longest = second_order::longest_step(&z, &-s);
+    assert!(second_order::determinant(&(z - s * (longest * (1.0 - 1e-6)))) > 0.0);
+    let beyond = z - s * (longest * (1.0 + 1e-6));
+    assert!(second_order::determinant(&beyond) < 0.0 || beyond[0] < 0.0);
+}
+
+proptest! {
+    #[test]
+    fn scaling_makes_one_point_of_two_in_the_plane(z in inside::<2>(), s in inside::<2>()) {
+        scaling_makes_one_point_of_two(z, s);
+    }
+
+    #[test]
+    fn scaling_makes_one_point_of_two_in_space(z in inside::<3>(), s in inside::<3>()) {
+        scaling_makes_one_point_of_two(z, s);
     }
 }

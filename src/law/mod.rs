@@ -8,4 +8,5 @@ pub mod face;
 pub mod frame;
 pub mod frozen;
 pub mod one_node;
+pub mod second_order;
 mod sliding;

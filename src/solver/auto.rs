@@ -1,5 +1,5 @@
 //! The default method: sweeps find the statuses, Newton the digits, and where
-//! both come to a stand, proximal points move on.
+//! both come to a stand, proximal points move on, and interior points begin anew.
 //!
 //! Its decisions count work, in products with `W`, and never time it, so that
 //! runs repeat bit for bit. What they were chosen by: median / mean products to
@@ -18,6 +18,7 @@ use crate::error::Error;
 use crate::problem::reduced::Reduced;
 use crate::solver::enumerate;
 use crate::solver::gauss_seidel::{Point, Sweeper};
+use crate::solver::interior;
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::newton::{self, End};
 use crate::solver::proximal::{self, Attempt};
@@ -37,6 +38,17 @@ const COLD: usize = 2;
 /// of bodies held by contact alone, which have started again from nothing before it.
 const PROXIMAL: usize = 2;
 const PROXIMAL_HELD: usize = 3;
+
+/// Attempts with proximal points before interior points are tried.
+const INTERIOR: usize = 3;
+
+/// Contacts of a sparse `W` from which on steps of Newton take so long that interior
+/// points come after the first attempt, and the steps that it is given: half of what they
+/// need themselves. Between two paths of interior points it is given more, for it ends
+/// most of what they began.
+const MANY: usize = 500;
+const BEFORE_INTERIOR: usize = 20;
+const AFTER_INTERIOR: usize = 250;
 
 /// Plane contacts whose statuses are exhausted in milliseconds, and the failure
 /// after which they are.
@@ -85,6 +97,13 @@ pub fn run<const D: usize>(
     } else {
         PROXIMAL_HELD
     };
+    let large = problem.contacts() >= MANY
+        && problem
+            .compliance
+            .whole()
+            .is_ok_and(|whole| whole.is_some());
+    let interior_from = proximal_from + if large { 0 } else { INTERIOR };
+    let mut path = 0;
     for failure in 1.. {
         if let Some(outcome) = sweeper.run(&mut point, monitor, sweeps)? {
             return Ok(outcome);
@@ -130,10 +149,28 @@ pub fn run<const D: usize>(
             }
         }
         if failure >= proximal_from {
+            let number = failure - proximal_from;
+            let most = match (large, number) {
+                (true, 0) => BEFORE_INTERIOR,
+                (true, _) => AFTER_INTERIOR,
+                (false, _) => usize::MAX,
+            };
             let rigid = sweeper.rigid_motion(&point);
-            match proximal::attempt(problem, &point.r, &rigid, monitor, failure - proximal_from)? {
+            match proximal::attempt(problem, &point.r, &rigid, monitor, (number, most))? {
                 Attempt::Stop(outcome) => return Ok(outcome),
                 Attempt::Spent(r, rigid) => point = further(&sweeper, point, r, &rigid),
+            }
+        }
+        if failure >= interior_from {
+            match interior::run(problem, &mut path, monitor)? {
+                End::Stop(outcome) => return Ok(outcome),
+                End::Better(r, rigid) => {
+                    // However large its η is: what is lost there is not lost in the middle.
+                    point = sweeper.point(r, &rigid);
+                    sweeps = 0;
+                    continue;
+                }
+                End::Stalled => {}
             }
         }
         sweeps = next;

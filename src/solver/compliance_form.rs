@@ -58,7 +58,9 @@ pub fn cost<const D: usize>(problem: &Reduced<D>, n: usize) -> f64 {
     direct.min(PRODUCTS * share)
 }
 
-fn sparse_cost<const D: usize>(whole: &Whole<D>) -> f64 {
+/// What factors of all of a sparse `W` cost, in products with it.
+#[must_use]
+pub fn sparse_cost<const D: usize>(whole: &Whole<D>) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let product = (D * D * whole.blocks.stored()) as f64;
     // An LU does twice what a symmetric factorisation does; a product, two

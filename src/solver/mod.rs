@@ -13,6 +13,7 @@ pub mod error_bound;
 pub mod farkas;
 pub mod gauss_seidel;
 pub mod index;
+pub mod interior;
 pub mod linearisation;
 pub mod minimising_sequence;
 pub mod monitor;

@@ -46,7 +46,7 @@ pub enum Attempt<const D: usize> {
     Spent(Vec<[f64; D]>, Vec<f64>),
 }
 
-/// The `number`-th attempt, from `(r, a)`.
+/// The `number`-th attempt, from `(r, a)`, until `most` steps of Newton are spent.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -55,14 +55,18 @@ pub fn attempt<const D: usize>(
     r: &[[f64; D]],
     rigid: &[f64],
     monitor: &mut Monitor<D>,
-    number: usize,
+    (number, most): (usize, usize),
 ) -> Result<Attempt<D>, Error> {
     let (mut r, mut rigid) = (r.to_vec(), rigid.to_vec());
     let (mut alpha, mut rise, mut successes) = (FIRST[number % FIRST.len()], RISE, 0);
     let mut v = problem.relative_displacement(&r, &rigid);
     monitor.count(1.0);
     let mut left = merit(problem, &r, &v);
+    let started = monitor.iterations();
     for _ in 0..OUTER {
+        if monitor.iterations() - started >= most {
+            break;
+        }
         let near = Near {
             shift: alpha,
             centre: r.clone(),

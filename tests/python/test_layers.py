@@ -41,7 +41,7 @@ RUST_SIBLINGS = {
         "reach",
     ),
     "law": (
-        "frame cone sliding",
+        "frame cone second_order sliding",
         "alart_curnier bipotential elliptic one_node",
         "face frozen",
     ),
@@ -64,7 +64,7 @@ RUST_SIBLINGS = {
         "compliance_form",
         "stiffness_form",
         "gauss_seidel newton uzawa weights",
-        "contraction proximal uniqueness convex pivoting",
+        "contraction convex interior pivoting proximal uniqueness",
         "displacement_principle stress_principle alternating_principles",
         "minimising_sequence",
         "auto error_bound refine",

@@ -1,0 +1,155 @@
+"""Seconds that `auto` takes to each residual on walls of disks and packings of balls.
+
+    python benches/granular.py                       # seeds 0 to 49, the table, the figure
+    python benches/granular.py --sets walls --first-seed 10 --seeds 5
+
+Every assembly of `grains.py` is solved from r = 0 to η = 1e-10 within 20 seconds, one
+after the other on all cores. While it runs its smallest η is read some twenty times a
+second; the seconds to a target are those of the first reading that meets it. Solved is
+what η, computed anew of the reactions returned, confirms. An assembly that does not get
+to a target costs infinity, and enters medians and quantiles so.
+
+Seconds are those of the clock; ``cpu`` in the CSV is what all cores worked.
+
+Rows are added to granular.csv as they are found, and those of the same set and seed
+replaced; table and figure are of all rows there are.
+"""
+
+import csv
+import sys
+from pathlib import Path
+from time import perf_counter, process_time
+
+import grains
+import numpy as np
+import tables
+
+import bipot_rs as bp
+
+HERE = Path(__file__).resolve().parent
+TARGETS = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10]
+SECONDS = 20.0
+TITLES = {"walls": "walls of disks", "packings": "packings of balls"}
+
+
+def measure(name, seed, limit):
+    """A line of the CSV."""
+    assembly = grains.SETS[name](seed)
+    W, q = assembly.step()
+    problem = bp.ReducedProblem(W, q, assembly.mu)
+    readings = []
+    start, worked = perf_counter(), process_time()
+
+    def reading(_iterations, _work, residual):
+        readings.append((perf_counter() - start, residual))
+
+    solution = problem.solve(tol=TARGETS[-1], max_seconds=limit, callback=reading)
+    seconds, worked = perf_counter() - start, process_time() - worked
+    residual = problem.residual(solution.reaction)
+    readings.append((seconds, residual))
+    line = {
+        "set": name,
+        "seed": seed,
+        "contacts": len(q),
+        "mu": assembly.mu,
+        "outcome": solution.outcome.value,
+        "residual": f"{residual:.2e}",
+        "iterations": solution.iterations,
+        "work": f"{solution.work:.0f}",
+        "cpu": f"{worked:.3g}",
+    }
+    for target in TARGETS:
+        reached = [at for at, eta in readings if eta <= target]
+        line[f"{target:.0e}"] = f"{min(reached):.3g}" if reached else "inf"
+    return line
+
+
+def table(lines):
+    """Markdown: median and 90 % quantile of the seconds to each target."""
+    head = ("set", *(f"{target:.0e}" for target in TARGETS), "solved")
+    rows = []
+    for name in dict.fromkeys(line["set"] for line in lines):
+        own = [line for line in lines if line["set"] == name]
+        cells = []
+        for target in TARGETS:
+            seconds = [float(line[f"{target:.0e}"]) for line in own]
+            pair = np.quantile(seconds, [0.5, 0.9], method="higher")
+            cells.append(
+                " / ".join(f"{x:.2g}" if np.isfinite(x) else "∞" for x in pair)
+            )
+        solved = sum(float(line["residual"]) <= TARGETS[-1] for line in own)
+        rows.append((name, *cells, f"{solved} of {len(own)}"))
+    return tables.table(head, rows)
+
+
+def draw(lines, target):
+    """Write the figure: a curve an assembly, the median on top."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
+    names = list(dict.fromkeys(line["set"] for line in lines))
+    figure, axes = plt.subplots(
+        1, len(names), figsize=(4.2 * len(names), 3.2), sharey=True, squeeze=False
+    )
+    for panel, name in zip(axes[0], names, strict=True):
+        own = [line for line in lines if line["set"] == name]
+        seconds = np.array([[float(x[f"{t:.0e}"]) for t in TARGETS] for x in own])
+        for curve in seconds:
+            panel.plot(TARGETS, curve, color="0.75", lw=0.7)
+        middle = np.quantile(seconds, 0.5, axis=0, method="higher")
+        panel.plot(TARGETS, middle, color="#000000", marker="o", ms=4, lw=2.2)
+        panel.set(xscale="log", yscale="log", xlim=(2e-2, 5e-11), title=TITLES[name])
+        panel.set_xlabel("residual η")
+        panel.grid(color="0.9", lw=0.6)
+        panel.set_axisbelow(True)
+        panel.spines[["top", "right"]].set_visible(False)
+    axes[0][0].set_ylabel("seconds; black: median")
+    figure.tight_layout()
+    figure.savefig(target, dpi=100)
+    plt.close(figure)
+
+
+def main():
+    """Measure, write, print."""
+    parser = tables.parser(__doc__)
+    parser.add_argument("--sets", default=",".join(grains.SETS))
+    parser.add_argument("--seeds", type=int, default=50, help="how many")
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--seconds-limit", type=float, default=SECONDS)
+    asked = parser.parse_args()
+    path = HERE / "granular.csv"
+    kept = {}
+    if path.exists():
+        with path.open() as file:
+            kept = {(x["set"], int(x["seed"])): x for x in csv.DictReader(file)}
+    last = asked.first_seed + asked.seeds
+    for name in asked.sets.split(","):
+        for seed in range(asked.first_seed, last):
+            line = measure(name, seed, asked.seconds_limit)
+            print(*line.values(), file=sys.stderr, flush=True)
+            kept[name, seed] = line
+            if not asked.print:
+                write(path, kept)
+    lines = list(kept.values())
+    tables.publish("walls and packings", table(lines), write=not asked.print)
+    if not asked.print:
+        draw(lines, path.with_suffix(".png"))
+
+
+def write(path, kept):
+    """The CSV, sets in their order and seeds in theirs; whole or as it was."""
+    order = list(grains.SETS)
+    lines = sorted(kept.items(), key=lambda x: (order.index(x[0][0]), x[0][1]))
+    new = path.with_suffix(".new")
+    with new.open("w", newline="") as file:
+        writer = csv.DictWriter(file, lines[0][1], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(line for _, line in lines)
+    new.replace(path)
+
+
+if __name__ == "__main__":
+    main()

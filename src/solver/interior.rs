@@ -1,0 +1,481 @@
+//! Interior points, for large sets of rigid bodies with more reactions than motions.
+//!
+//! In `z = (μ r̂_n, r̂_t)` and `s = (ṽ̂_n/μ, v̂_t)` the law (9) is `L ∋ z ⊥ s ∈ L`. Newton
+//! steps follow `z ∘ s = σ e`, `σ → 0`, from inside the cones, as in convex programming
+//! with the scaling of Nesterov and Todd; what is not convex, the term `‖s_t‖` of
+//! `s₀ = v̂_n/μ + ‖s_t‖`, is part of the same Newton system. The points they lead to lie
+//! in the middle of all reactions that are answers: from there Newton and proximal
+//! points, which are lost where reactions are not determined, find the last digits.
+//!
+//! `‖s_t‖` has a kink where a contact sticks, at which steps come to a stand. In its
+//! place stands `h(s) = √(θ s₀² + (1 − θ)‖s_t‖²)`, `0 < θ < 1`, which is smooth inside
+//! the cone. The answers are the same: `v̂_n/μ = s₀ − h(s)` is zero where `s₀ = ‖s_t‖` and
+//! positive inside the cone.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::law::second_order::{self, NesterovTodd, longest_step, product, quotient};
+use crate::linalg::lu::Lu;
+use crate::linalg::pages;
+use crate::linalg::small::{Block, Vector, norm};
+use crate::linalg::sparse_lu::SparseLu;
+use crate::problem::memory;
+use crate::problem::reduced::Reduced;
+use crate::problem::residual::{residual, scaled_imbalance};
+use crate::solver::compliance_form::sparse_cost;
+use crate::solver::linearisation::{factorisation_cost, movable};
+use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::newton::End;
+
+/// `θ` and the first `z = s`, in units of `e`, of each further attempt: what comes to a
+/// stand on one path passes on another.
+const PATHS: [(f64, f64); 6] = [
+    (0.6, 1.0),
+    (0.8, 100.0),
+    (0.9, 1.0),
+    (0.25, 1.0),
+    (0.6, 100.0),
+    (0.8, 1.0),
+];
+
+/// Steps at the most, and those within which what is left must be halved.
+const MOST_STEPS: usize = 100;
+const PATIENCE: usize = 13;
+
+/// What is left where a path is worth being followed by Newton and proximal points: of
+/// walls that come to a stand at a hundredth they solve most, at a tenth none.
+const ENOUGH: f64 = 1e-2;
+
+/// What a step keeps of the way to the rim, at the least.
+const SHORTEST: f64 = 0.9;
+
+/// Unknowns above which a matrix that is not sparse is too large to factor so often.
+const MOST_DENSE: usize = 1000;
+
+/// Follows paths, each from nothing, until one ends near an answer; `path` is the first
+/// to follow, and then the next. No path is followed twice: it would end where it did.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn run<const D: usize>(
+    problem: &Reduced<D>,
+    path: &mut usize,
+    monitor: &mut Monitor<D>,
+) -> Result<End<D>, Error> {
+    while let Some(&(smoothing, first)) = PATHS.get(*path) {
+        *path += 1;
+        let Some(system) = System::new(problem, smoothing)? else {
+            break;
+        };
+        let end = follow(&system, first, monitor)?;
+        if !matches!(end, End::Stalled) {
+            return Ok(end);
+        }
+    }
+    Ok(End::Stalled)
+}
+
+/// One path, from `z = s = first e`.
+fn follow<const D: usize>(
+    system: &System<D>,
+    first: f64,
+    monitor: &mut Monitor<D>,
+) -> Result<End<D>, Error> {
+    let problem = system.problem;
+    let n = problem.contacts();
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let contacts = n as f64;
+    let mut z = vec![unit::<D>() * first; n];
+    let mut s = z.clone();
+    let mut a = vec![0.0; problem.scaling.modes.len()];
+    let mut best: Option<(f64, Vec<[f64; D]>, Vec<f64>)> = None;
+    let (mut halved, mut last_halved) = (f64::INFINITY, 0);
+    for step in 0..MOST_STEPS {
+        let r = system.reaction(&z);
+        let rigid = problem.scaling.rigid_from_scaled(&a);
+        let v = problem.relative_displacement(&r, &rigid);
+        monitor.count(1.0);
+        let eta = residual(problem, &r, &v, &rigid);
+        if best.as_ref().is_none_or(|(least, ..)| eta < *least) {
+            best = Some((eta, r.clone(), rigid.clone()));
+        }
+        if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
+            return Ok(End::Stop(outcome));
+        }
+        let missed = system.missed(&s, &v);
+        let imbalance = scaled_imbalance(problem, &r);
+        let gap = z.iter().zip(&s).map(|(z, s)| z.dot(s)).sum::<f64>() / contacts;
+        let left = gap + size(&missed) / contacts.sqrt() + norm(&imbalance) / contacts.sqrt();
+        if left <= 0.5 * halved {
+            (halved, last_halved) = (left, step);
+        }
+        if step > last_halved + PATIENCE || !left.is_finite() {
+            break;
+        }
+        let pairs = z.iter().zip(&s);
+        let scalings: Option<Vec<_>> = pairs.map(|(z, s)| NesterovTodd::new(z, s)).collect();
+        let Some(scalings) = scalings else { break };
+        let Some(factors) = system.factors(&s, scalings, monitor)? else {
+            break;
+        };
+        let right = Right {
+            missed: &missed,
+            imbalance: &imbalance,
+        };
+        // What the step to the end would do, and how far it comes.
+        let squares: Vec<Vector<D>> = factors.products(|p| product(&p.point, &p.point));
+        let to_end: Vec<Vector<D>> = squares.iter().map(|x| -x).collect();
+        let ahead = factors.direction(&to_end, &right);
+        monitor.count(4.0);
+        let far = longest(&z, &ahead.z).min(longest(&s, &ahead.s)).min(1.0);
+        let there = z.iter().zip(&s).zip(ahead.z.iter().zip(&ahead.s));
+        let there = there.map(|((z, s), (dz, ds))| (z + dz * far).dot(&(s + ds * far)));
+        let centring = (there.sum::<f64>() / contacts / gap)
+            .clamp(1e-6, 1.0)
+            .powi(3);
+        let aim = unit::<D>() * (centring * gap);
+        let to_centre: Vec<Vector<D>> = (0..n)
+            .map(|i| {
+                let p = &factors.scalings[i];
+                let bent = product(&(p.forward * ahead.z[i]), &(p.inverse * ahead.s[i]));
+                aim - squares[i] - bent
+            })
+            .collect();
+        let way = factors.direction(&to_centre, &right);
+        let far = longest(&z, &way.z).min(longest(&s, &way.s));
+        let share = (SHORTEST.max(1.0 - gap) * far).min(1.0);
+        for i in 0..n {
+            z[i] += way.z[i] * share;
+            s[i] += way.s[i] * share;
+        }
+        for (a, da) in a.iter_mut().zip(&way.a) {
+            *a += share * da;
+        }
+    }
+    Ok(match best {
+        Some((_, r, rigid)) if halved <= ENOUGH => End::Better(r, rigid),
+        _ => End::Stalled,
+    })
+}
+
+/// `e`.
+fn unit<const D: usize>() -> Vector<D> {
+    let mut e = Vector::zeros();
+    e[0] = 1.0;
+    e
+}
+
+fn longest<const D: usize>(x: &[Vector<D>], dx: &[Vector<D>]) -> f64 {
+    let steps = x.iter().zip(dx).map(|(x, dx)| longest_step(x, dx));
+    steps.fold(f64::INFINITY, f64::min)
+}
+
+fn size<const D: usize>(x: &[Vector<D>]) -> f64 {
+    x.iter().map(Vector::norm_squared).sum::<f64>().sqrt()
+}
+
+/// `s = A z + B â + b + h(s) e` with `A = S Ŵ S`, `B = S R̂`, `S = diag(1/μ, 1)`.
+struct System<'p, const D: usize> {
+    problem: &'p Reduced<'p, D>,
+    /// Diagonals of `S`; a frictionless contact keeps its normal component alone.
+    stretch: Vec<Vector<D>>,
+    smoothing: f64,
+}
+
+/// What a point misses.
+struct Right<'r, const D: usize> {
+    /// `s − A z − B â − b − h(s) e`.
+    missed: &'r [Vector<D>],
+    /// `Bᵀ z + ê`.
+    imbalance: &'r [f64],
+}
+
+/// A step.
+struct Direction<const D: usize> {
+    z: Vec<Vector<D>>,
+    s: Vec<Vector<D>>,
+    a: Vec<f64>,
+}
+
+impl<'p, const D: usize> System<'p, D> {
+    /// Nothing where it is too large, or a contact cannot move, which has no inside.
+    fn new(problem: &'p Reduced<'p, D>, smoothing: f64) -> Result<Option<Self>, Error> {
+        let n = problem.contacts();
+        let modes = problem.scaling.modes.len();
+        match problem.compliance.whole()? {
+            Some(whole) => {
+                let bytes = 2 * whole.analysis.counts().bytes_peak as u128;
+                if modes > MOST_DENSE || memory::check("the factors of W", bytes).is_err() {
+                    return Ok(None);
+                }
+            }
+            None if D * n + modes > MOST_DENSE => return Ok(None),
+            None => {}
+        }
+        if !(0..n).all(|i| (0..D).all(|k| movable(problem, i, k))) {
+            return Ok(None);
+        }
+        let stretch = problem.mu.iter().map(|&mu| {
+            let mut diagonal = Vector::repeat(f64::from(u8::from(mu > 0.0)));
+            diagonal[0] = if mu > 0.0 { 1.0 / mu } else { 1.0 };
+            diagonal
+        });
+        Ok(Some(Self {
+            problem,
+            stretch: stretch.collect(),
+            smoothing,
+        }))
+    }
+
+    fn reaction(&self, z: &[Vector<D>]) -> Vec<[f64; D]> {
+        let all = z.iter().zip(&self.stretch).zip(&self.problem.scaling.to_r);
+        all.map(|((z, stretch), to_r)| (z.component_mul(stretch) / *to_r).into())
+            .collect()
+    }
+
+    /// `S v̂`.
+    fn displacement(&self, v: &[[f64; D]]) -> Vec<Vector<D>> {
+        let all = v.iter().zip(&self.stretch).zip(&self.problem.scaling.to_v);
+        all.map(|((v, stretch), to_v)| Vector::from(*v).component_mul(stretch) * *to_v)
+            .collect()
+    }
+
+    fn height(&self, s: &Vector<D>) -> f64 {
+        let t = second_order::tangential(s);
+        (self.smoothing * s[0] * s[0] + (1.0 - self.smoothing) * t * t).sqrt()
+    }
+
+    fn missed(&self, s: &[Vector<D>], v: &[[f64; D]]) -> Vec<Vector<D>> {
+        let mut missed = self.displacement(v);
+        for ((value, s), &mu) in missed.iter_mut().zip(s).zip(&self.problem.mu) {
+            *value = s - *value;
+            if mu > 0.0 {
+                value[0] -= self.height(s);
+            }
+        }
+        missed
+    }
+
+    /// `∂(s − h(s) e)/∂s`.
+    fn slope(&self, s: &Vector<D>, mu: f64) -> Block<D> {
+        let mut slope = Block::identity();
+        if mu > 0.0 {
+            let height = self.height(s);
+            slope[(0, 0)] -= self.smoothing * s[0] / height;
+            for k in 1..D {
+                slope[(0, k)] -= (1.0 - self.smoothing) * s[k] / height;
+            }
+        }
+        slope
+    }
+
+    /// A column of `B`.
+    fn mode(&self, c: usize) -> Vec<Vector<D>> {
+        let mode = self.problem.scaling.modes[c].iter().zip(&self.stretch);
+        mode.map(|(m, stretch)| Vector::from(*m).component_mul(stretch))
+            .collect()
+    }
+
+    /// The block `A_ij` from `W_ij`.
+    fn block(&self, i: usize, j: usize, w: &Block<D>) -> Block<D> {
+        let scaling = &self.problem.scaling;
+        let scale = scaling.to_v[i] / scaling.to_r[j];
+        Block::from_fn(|k, l| self.stretch[i][k] * w[(k, l)] * scale * self.stretch[j][l])
+    }
+
+    fn factors(
+        &self,
+        s: &[Vector<D>],
+        scalings: Vec<NesterovTodd<D>>,
+        monitor: &mut Monitor<D>,
+    ) -> Result<Option<Factors<'_, 'p, D>>, Error> {
+        let problem = self.problem;
+        let compliance = &problem.compliance;
+        let slopes = s.iter().zip(&problem.mu).map(|(s, &mu)| self.slope(s, mu));
+        let slopes: Vec<Block<D>> = slopes.collect();
+        let of_law = slopes.iter().zip(&scalings);
+        let of_law: Vec<Block<D>> = of_law
+            .map(|(slope, p)| slope * p.forward * p.forward)
+            .collect();
+        let scale = |i: usize| {
+            let own = self.block(i, i, &compliance.block(i)) + of_law[i];
+            own.diagonal().map(|d| 1.0 / d.sqrt())
+        };
+        let scale: Vec<Vector<D>> = (0..s.len()).map(scale).collect();
+        let entry = |i: usize, j: usize, w: &Block<D>| {
+            let mut block = self.block(i, j, w);
+            if i == j {
+                block += of_law[i];
+            }
+            Block::from_fn(|k, l| scale[i][k] * block[(k, l)] * scale[j][l])
+        };
+        let modes = problem.scaling.modes.len();
+        let inner = if let Some(whole) = compliance.whole()? {
+            monitor.count(sparse_cost(whole));
+            let matrix = whole.blocks.map(entry);
+            SparseLu::new(&whole.analysis, &matrix, monitor.stop())?.map(Inner::Sparse)
+        } else {
+            let order = D * s.len();
+            monitor.count(factorisation_cost(problem, order + modes));
+            let mut matrix = pages::zeros(order * order);
+            for i in 0..s.len() {
+                for j in 0..s.len() {
+                    let block = entry(i, j, &compliance.pair(i, j));
+                    for (k, l) in (0..D).flat_map(|k| (0..D).map(move |l| (k, l))) {
+                        matrix[(D * i + k) * order + D * j + l] = block[(k, l)];
+                    }
+                }
+            }
+            Lu::new(matrix, order, monitor.stop())?.map(Inner::Dense)
+        };
+        let Some(inner) = inner else { return Ok(None) };
+        let mut factors = Factors {
+            system: self,
+            scalings,
+            slopes,
+            of_law,
+            scale,
+            inner,
+            border: Vec::new(),
+            balance: None,
+        };
+        if modes > 0 {
+            factors.border = (0..modes)
+                .map(|c| factors.contacts(&self.mode(c)))
+                .collect();
+            let rows = (0..modes).map(|c| self.mode(c));
+            let matrix = rows.flat_map(|mode| {
+                let along = |column: &Vec<Vector<D>>| along(&mode, column);
+                factors.border.iter().map(along).collect::<Vec<_>>()
+            });
+            let matrix: Vec<f64> = matrix.collect();
+            let never = AtomicBool::new(false);
+            let Some(lu) = Lu::new(matrix, modes, &never)? else {
+                return Ok(None);
+            };
+            factors.balance = Some(lu);
+        }
+        Ok(Some(factors))
+    }
+}
+
+fn along<const D: usize>(x: &[Vector<D>], y: &[Vector<D>]) -> f64 {
+    x.iter().zip(y).map(|(x, y)| x.dot(y)).sum()
+}
+
+enum Inner<'w> {
+    Sparse(SparseLu<'w>),
+    Dense(Lu),
+}
+
+/// `A + N P²`, `N` the slope, with the border `B`: factored.
+struct Factors<'s, 'p, const D: usize> {
+    system: &'s System<'p, D>,
+    scalings: Vec<NesterovTodd<D>>,
+    slopes: Vec<Block<D>>,
+    /// `N P²`.
+    of_law: Vec<Block<D>>,
+    /// What rows and columns are multiplied by, so that open contacts, whose `P²` is
+    /// without bound, do not hide the pivots of those that stick.
+    scale: Vec<Vector<D>>,
+    inner: Inner<'s>,
+    /// `(A + N P²)⁻¹ B`, and `Bᵀ` of that.
+    border: Vec<Vec<Vector<D>>>,
+    balance: Option<Lu>,
+}
+
+impl<const D: usize> Factors<'_, '_, D> {
+    fn products(&self, of: impl Fn(&NesterovTodd<D>) -> Vector<D>) -> Vec<Vector<D>> {
+        self.scalings.iter().map(of).collect()
+    }
+
+    /// `(A + N P²)⁻¹ b`.
+    fn contacts(&self, b: &[Vector<D>]) -> Vec<Vector<D>> {
+        let scaled = b.iter().zip(&self.scale);
+        let mut x: Vec<f64> = scaled
+            .flat_map(|(b, scale)| <[f64; D]>::from(b.component_mul(scale)))
+            .collect();
+        match &self.inner {
+            Inner::Sparse(factors) => factors.solve(&mut x),
+            Inner::Dense(factors) => factors.solve(&mut x),
+        }
+        let (x, _) = x.as_chunks::<D>();
+        let scaled = x.iter().zip(&self.scale);
+        scaled
+            .map(|(x, scale)| Vector::from(*x).component_mul(scale))
+            .collect()
+    }
+
+    fn bordered(&self, b: &[Vector<D>], balance: &[f64]) -> (Vec<Vector<D>>, Vec<f64>) {
+        let mut x = self.contacts(b);
+        let mut a = Vec::new();
+        if let Some(lu) = &self.balance {
+            let modes = 0..self.border.len();
+            a = modes
+                .map(|c| along(&self.system.mode(c), &x) - balance[c])
+                .collect();
+            lu.solve(&mut a);
+            for (column, amount) in self.border.iter().zip(&a) {
+                for (x, c) in x.iter_mut().zip(column) {
+                    *x -= c * *amount;
+                }
+            }
+        }
+        (x, a)
+    }
+
+    /// `b − (A + N P²) x − B a` and `balance − Bᵀ x`.
+    fn left(
+        &self,
+        (b, balance): (&[Vector<D>], &[f64]),
+        (x, a): (&[Vector<D>], &[f64]),
+    ) -> (Vec<Vector<D>>, Vec<f64>) {
+        let system = self.system;
+        let r = system.reaction(x);
+        let mut v = vec![[0.0; D]; r.len()];
+        system.problem.compliance.product(&r, &mut v);
+        let mut left = system.displacement(&v);
+        for (i, value) in left.iter_mut().enumerate() {
+            *value = b[i] - *value - self.of_law[i] * x[i];
+        }
+        let mut unbalanced = balance.to_vec();
+        for (c, amount) in a.iter().enumerate() {
+            let mode = system.mode(c);
+            unbalanced[c] -= along(&mode, x);
+            for (value, m) in left.iter_mut().zip(&mode) {
+                *value -= m * *amount;
+            }
+        }
+        (left, unbalanced)
+    }
+
+    /// The step for which `λ ∘ (P dz + P⁻¹ ds)` is `aim`.
+    fn direction(&self, aim: &[Vector<D>], right: &Right<D>) -> Direction<D> {
+        let known = aim.iter().zip(&self.scalings);
+        let known: Vec<Vector<D>> = known
+            .map(|(aim, p)| p.forward * quotient(aim, &p.point))
+            .collect();
+        let b: Vec<Vector<D>> = (0..aim.len())
+            .map(|i| self.slopes[i] * known[i] + right.missed[i])
+            .collect();
+        let balance: Vec<f64> = right.imbalance.iter().map(|x| -x).collect();
+        let (mut z, mut a) = self.bordered(&b, &balance);
+        // Rows are exchanged within fronts only: one refinement mends what that costs.
+        let (left, unbalanced) = self.left((&b, &balance), (&z, &a));
+        let (dz, da) = self.bordered(&left, &unbalanced);
+        for (z, dz) in z.iter_mut().zip(&dz) {
+            *z += dz;
+        }
+        for (a, da) in a.iter_mut().zip(&da) {
+            *a += da;
+        }
+        let s = (0..z.len())
+            .map(|i| {
+                let forward = &self.scalings[i].forward;
+                known[i] - forward * (forward * z[i])
+            })
+            .collect();
+        Direction { z, s, a }
+    }
+}

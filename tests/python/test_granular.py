@@ -1,0 +1,61 @@
+"""Walls of rigid disks and packings of balls: large sets of contacts in excess."""
+
+import grains
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from conditions import violation
+
+TOL = 1e-10
+
+
+def solved(assembly: grains.Assembly, seconds: float | None = None) -> bp.Solution:
+    """The solution, with the textbook's conditions and Newton's law for the bodies."""
+    W, q = assembly.step()
+    problem = bp.ReducedProblem(W, q, assembly.mu)
+    solution = problem.solve(tol=TOL, max_seconds=seconds)
+    r = solution.reaction
+    assert problem.residual(r) == pytest.approx(solution.residual, rel=1e-3, abs=1e-14)
+    if solution.converged:
+        # M u = f + Bᵀ r gives the displacements of the bodies, and B those of contacts.
+        u = (assembly.load + assembly.B.T @ r.ravel()) / assembly.mass
+        v = (assembly.B @ u).reshape(r.shape)
+        # η is relative to reactions, which are up to a hundred times what moves.
+        assert violation(r, v, assembly.mu, q) <= 1e3 * TOL
+    return solution
+
+
+@pytest.mark.parametrize("hexagonal", [False, True], ids=["square", "hexagonal"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wall_of_four_hundred_disks(seed: int, hexagonal: bool) -> None:
+    """Sweeps, Newton and proximal points alone need up to 40,000 iterations, or stall."""
+    rng = np.random.default_rng(seed)
+    wall = grains.wall("wall", 20, rng, hexagonal=hexagonal, mu=0.4)
+    solution = solved(wall)
+    assert solution.converged
+    assert solution.iterations < 2000
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_packing_of_eighty_balls(d: int) -> None:
+    packing = grains.packing("packing", d, 80, np.random.default_rng(d), mu=0.4)
+    solution = solved(packing)
+    assert solution.converged
+    assert solution.iterations < 2000
+
+
+def test_threads_change_no_bit() -> None:
+    wall = grains.wall("wall", 24, np.random.default_rng(1), hexagonal=False, mu=0.6)
+    W, q = wall.step()
+    problem = bp.ReducedProblem(W, q, wall.mu)
+    one, two = (problem.solve(num_threads=n, max_iterations=200) for n in (1, 2))
+    np.testing.assert_array_equal(one.reaction, two.reaction)
+    assert one.iterations == two.iterations
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("name", list(grains.SETS))
+def test_nine_in_ten_of_a_set_within_twenty_seconds(name: str) -> None:
+    found = [solved(grains.SETS[name](seed), seconds=20.0) for seed in range(50)]
+    assert sum(s.converged and s.residual <= TOL for s in found) >= 45
