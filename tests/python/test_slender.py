@@ -197,12 +197,13 @@ def test_the_estimate_knows_the_digits_of_K(height: float) -> None:
         moved.append(
             (
                 off(again.reaction[-1], result.reaction[-1]),
-                off(again.displacement[-1], result.displacement[-1]),
+                off(again.relative_displacement[-1], result.relative_displacement[-1]),
             )
         )
     largest = np.max(moved, axis=0)
-    # A bound of what all entries together may do, not of what these five did.
-    assert (largest <= np.maximum(estimate, 1e-13)).all(), (largest, estimate)
+    # Samples of rounding, here as there: of what it may do to all entries together, and,
+    # where all but rounding lies flat, of what it does to reactions.
+    assert (largest <= 4 * np.maximum(estimate, 1e-13)).all(), (largest, estimate)
     assert (largest >= 1e-5 * np.array(estimate)).all(), (largest, estimate)
 
 
