@@ -385,7 +385,7 @@ fn inside<const D: usize>() -> impl Strategy<Value = Vector<D>> {
 }
 
 fn scaling_makes_one_point_of_two<const D: usize>(z: Vector<D>, s: Vector<D>) {
-    let p = NesterovTodd::new(&z, &s).unwrap();
+    let p = NesterovTodd::new(&z, &s).expect("both lie inside of the cone");
     let apart = |x: Vector<D>, y: Vector<D>| (x - y).norm() / y.norm();
     // Roundings of z and s grow by what the scaling stretches them by.
     let stretch = p.forward.norm() * p.inverse.norm();

@@ -296,7 +296,7 @@ impl Analysed {
         }
         let geometric = self.by_geometry();
         if let Some(motions) = &geometric {
-            self.pin(motions.clone())?;
+            self.pin(motions)?;
         }
         let known = geometric.clone().unwrap_or_default();
         let weights = Weights::new(k);
@@ -307,7 +307,7 @@ impl Analysed {
         if self.believed(&verdict, geometric.is_some())? {
             let mut all = known;
             all.extend(verdict.null);
-            self.pin(all)?;
+            self.pin(&all)?;
         }
         Ok(())
     }
@@ -364,7 +364,7 @@ impl Analysed {
     ///
     /// # Errors
     /// [`Error::FloatingBody`] for a combination that moves none of them.
-    fn pin(&self, motions: Vec<Vec<f64>>) -> Result<Motions, Error> {
+    fn pin(&self, motions: &[Vec<f64>]) -> Result<Motions, Error> {
         let of_kept = |z: &Vec<f64>| self.kept.iter().map(|&i| z[i]).collect::<Vec<f64>>();
         let mut kept: Vec<Vec<f64>> = motions.iter().map(of_kept).collect();
         let amounts = orthogonalise(&mut kept);
@@ -372,7 +372,7 @@ impl Analysed {
         let mut whole = Vec::with_capacity(motions.len());
         for (z, amounts) in kept.iter_mut().zip(&amounts) {
             let length = norm(z);
-            let mut motion = combine(&motions, amounts);
+            let mut motion = combine(motions, amounts);
             if !(length > PINNED * largest) {
                 return Err(self.floating(&motion));
             }
@@ -464,29 +464,28 @@ impl Analysed {
         stop: &AtomicBool,
     ) -> Result<Supported, Error> {
         let geometric = self.by_geometry();
-        let mut motions = self.pin(geometric.clone().unwrap_or_default())?;
+        let mut motions = self.pin(geometric.as_deref().unwrap_or_default())?;
         let mut s = self.with_modes(schur, &motions.kept);
         let of = (&self.stiffness, &self.kept[..], factor);
         let weights = Weights::new(&self.stiffness);
         let softest = |width| softest(of, &s, scale, width, stop);
         let found = self.look(&weights, &motions.whole, softest)?;
-        let verdict = match found.filter(|verdict| !verdict.doubtful) {
-            Some(verdict) => verdict,
-            None => {
-                // Motions that are extended from the contact set gather there what K is
-                // out of balance by everywhere, and of a stiff part on a soft one S may be
-                // rounding; found in full, they leave it where it is.
-                let of = (&self.stiffness, &self.kept[..], &self.symbolic);
-                let width = |width| motions.whole.len() + width;
-                let in_full = |more| softest_of_all(of, &weights, width(more), stop);
-                let verdict = self.look(&weights, &motions.whole, in_full)?;
-                verdict.ok_or_else(|| self.indefinite())?
-            }
+        let verdict = if let Some(verdict) = found.filter(|verdict| !verdict.doubtful) {
+            verdict
+        } else {
+            // Motions that are extended from the contact set gather there what K is out
+            // of balance by everywhere, and of a stiff part on a soft one S may be
+            // rounding; found in full, they leave it where it is.
+            let of = (&self.stiffness, &self.kept[..], &self.symbolic);
+            let width = |width| motions.whole.len() + width;
+            let in_full = |more| softest_of_all(of, &weights, width(more), stop);
+            let verdict = self.look(&weights, &motions.whole, in_full)?;
+            verdict.ok_or_else(|| self.indefinite())?
         };
         if self.believed(&verdict, geometric.is_some())? {
             let mut all = std::mem::take(&mut motions.whole);
             all.extend(verdict.null);
-            motions = self.pin(all)?;
+            motions = self.pin(&all)?;
             s = self.with_modes(schur, &motions.kept);
         }
         let m = self.kept.len();

@@ -142,6 +142,10 @@ impl<const D: usize> Sorted<D> {
     }
 }
 
+/// The places of the degrees of freedom of each body, and what those of all say of rigid
+/// motions, where they are known.
+pub type Whereabouts = (Option<Vec<Vec<[f64; 3]>>>, Option<Arc<Geometry>>);
+
 /// Analyses bodies, side by side; `before` are those of an earlier problem, whose
 /// analyses are used again where the pattern is theirs. Of a few bodies, so are those
 /// of problems that this process has met, and theirs are kept for problems to come.
@@ -151,7 +155,7 @@ impl<const D: usize> Sorted<D> {
 pub fn analyse(
     parts: Vec<(Vec<usize>, Owned)>,
     kept: Vec<Vec<usize>>,
-    (places, geometry): (Option<Vec<Vec<[f64; 3]>>>, Option<Arc<Geometry>>),
+    (places, geometry): Whereabouts,
     before: Option<&Bodies>,
 ) -> Result<Vec<Analysed>, Error> {
     let old = |b: usize| before.and_then(|bodies| bodies.list.get(b));

@@ -135,18 +135,9 @@ pub fn run<const D: usize>(
         }
         if failure == EXHAUST
             && problem.contacts() <= FEW
-            && let Some(found) = enumerate::few(problem, monitor.stop())?
+            && let Some(outcome) = exhaust(problem, monitor)?
         {
-            if found.proves_none(problem) {
-                return Ok(Outcome::NoEquilibrium);
-            }
-            for (r, rigid) in found.answers {
-                let v = problem.relative_displacement(&r, &rigid);
-                monitor.count(1.0);
-                if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
-                    return Ok(outcome);
-                }
-            }
+            return Ok(outcome);
         }
         if failure >= proximal_from {
             let number = failure - proximal_from;
@@ -192,4 +183,25 @@ fn further<const D: usize>(
     } else {
         point
     }
+}
+
+/// Tries all statuses of a few contacts: an answer, a proof that there is none, or nothing.
+fn exhaust<const D: usize>(
+    problem: &Reduced<D>,
+    monitor: &mut Monitor<D>,
+) -> Result<Option<Outcome>, Error> {
+    let Some(found) = enumerate::few(problem, monitor.stop())? else {
+        return Ok(None);
+    };
+    if found.proves_none(problem) {
+        return Ok(Some(Outcome::NoEquilibrium));
+    }
+    for (r, rigid) in found.answers {
+        let v = problem.relative_displacement(&r, &rigid);
+        monitor.count(1.0);
+        if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
+            return Ok(Some(outcome));
+        }
+    }
+    Ok(None)
 }

@@ -7,6 +7,8 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::small::norm;
 use crate::problem::reduced::Reduced;
+use crate::problem::residual::residual;
+use crate::solver::anderson::Anderson;
 use crate::solver::linearisation::Linearisation;
 use crate::solver::newton;
 
@@ -20,6 +22,12 @@ const MOST: usize = 150;
 
 /// Corrections below this change no status but that of a contact at a border.
 const SETTLED: f64 = 1e-6;
+
+/// η that no correction betters.
+const EXACT: f64 = 4.0 * f64::EPSILON;
+
+/// Corrections in a row that do not halve η.
+const IDLE: usize = 6;
 
 /// A point with everything that belongs to it.
 #[derive(Clone, Debug)]
@@ -108,21 +116,46 @@ pub fn refine<const D: usize>(
     evaluate: impl Fn(Vec<[f64; D]>, Vec<f64>) -> Result<Point<D>, Error>,
     stop: &AtomicBool,
 ) -> Result<Point<D>, Error> {
-    let mut last = f64::INFINITY;
+    let eta = |p: &Point<D>| residual(problem, &p.r, &p.v, &p.rigid);
+    let mut best: Option<(f64, Point<D>)> = None;
+    let (mut idle, mut anderson) = (0, Anderson::default());
     for _ in 0..MOST {
         let Some(next) = correction(problem, &point, &[], stop)? else {
             break;
         };
         let moved = next.moved.0.max(next.moved.1);
-        // Below this, corrections that have stopped falling are rounding; above it
-        // statuses may still change.
-        if moved <= f64::EPSILON || (moved < SETTLED && moved > 0.5 * last) {
-            break;
+        let (mut r, mut rigid) = (next.r, next.rigid);
+        if moved >= SETTLED {
+            // Statuses may still change.
+            anderson.restart();
+            best = None;
+        } else {
+            let here = eta(&point);
+            idle += 1;
+            if best.as_ref().is_none_or(|(least, _)| here < 0.5 * least) {
+                best = Some((here, point.clone()));
+                idle = 0;
+            }
+            if moved <= f64::EPSILON || here <= EXACT || idle == IDLE {
+                break;
+            }
+            // A linear problem, corrected by a W whose rounding may be more than what
+            // the softest motions of the contacts have of it.
+            let change: Vec<[f64; D]> = r.iter().zip(&point.r).map(minus).collect();
+            let payload = [r.as_flattened(), &rigid].concat();
+            if let Some(there) = anderson.extrapolate(change.as_flattened(), &payload) {
+                let (forces, amounts) = there.split_at(D * r.len());
+                r = forces.as_chunks::<D>().0.to_vec();
+                rigid = amounts.to_vec();
+            }
         }
-        last = moved;
-        point = evaluate(next.r, next.rigid)?;
+        point = evaluate(r, rigid)?;
     }
-    Ok(point)
+    let last = eta(&point);
+    Ok(match best {
+        Some((least, best)) if least < last => best,
+        _ => point,
+    })
 }
 
 fn correction<const D: usize>(
