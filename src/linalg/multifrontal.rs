@@ -26,8 +26,7 @@ use crate::linalg::walk::{inner, lock, upwards};
 /// Roundings that a pivot may be off by, against its diagonal in K, for each
 /// unknown eliminated before it. The stiffness of a free motion sums to nothing
 /// but the rounding of K itself, and where cells are alike these add up: free
-/// plates of 1e2 to 1e5 unknowns leave 1.6 roundings an unknown. The weakest
-/// sound pivots, of a stiff part on one 1e8 times softer, are near 1e-9.
+/// plates of 1e2 to 1e5 unknowns leave 1.6 roundings an unknown.
 const ROUNDINGS: f64 = 8.0;
 
 /// S of the kept unknowns, and what its pivots tell, with no factor behind it.
