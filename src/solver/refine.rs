@@ -7,7 +7,6 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::small::norm;
 use crate::problem::reduced::Reduced;
-use crate::problem::residual::residual;
 use crate::solver::anderson::Anderson;
 use crate::solver::linearisation::Linearisation;
 use crate::solver::newton;
@@ -23,11 +22,8 @@ const MOST: usize = 150;
 /// Corrections below this change no status but that of a contact at a border.
 const SETTLED: f64 = 1e-6;
 
-/// η that no correction betters.
-const EXACT: f64 = 4.0 * f64::EPSILON;
-
-/// Corrections in a row that do not halve η.
-const IDLE: usize = 6;
+/// Corrections in a row that are none smaller than half of the smallest before.
+const IDLE: usize = 5;
 
 /// A point with everything that belongs to it.
 #[derive(Clone, Debug)]
@@ -116,7 +112,6 @@ pub fn refine<const D: usize>(
     evaluate: impl Fn(Vec<[f64; D]>, Vec<f64>) -> Result<Point<D>, Error>,
     stop: &AtomicBool,
 ) -> Result<Point<D>, Error> {
-    let eta = |p: &Point<D>| residual(problem, &p.r, &p.v, &p.rigid);
     let mut best: Option<(f64, Point<D>)> = None;
     let (mut idle, mut anderson) = (0, Anderson::default());
     for _ in 0..MOST {
@@ -128,15 +123,14 @@ pub fn refine<const D: usize>(
         if moved >= SETTLED {
             // Statuses may still change.
             anderson.restart();
-            best = None;
+            (best, idle) = (None, 0);
         } else {
-            let here = eta(&point);
             idle += 1;
-            if best.as_ref().is_none_or(|(least, _)| here < 0.5 * least) {
-                best = Some((here, point.clone()));
+            if best.as_ref().is_none_or(|(least, _)| moved < 0.5 * least) {
+                best = Some((moved, point.clone()));
                 idle = 0;
             }
-            if moved <= f64::EPSILON || here <= EXACT || idle == IDLE {
+            if moved <= f64::EPSILON || idle == IDLE {
                 break;
             }
             // A linear problem, corrected by a W whose rounding may be more than what
@@ -151,11 +145,7 @@ pub fn refine<const D: usize>(
         }
         point = evaluate(r, rigid)?;
     }
-    let last = eta(&point);
-    Ok(match best {
-        Some((least, best)) if least < last => best,
-        _ => point,
-    })
+    Ok(best.map_or(point, |(_, best)| best))
 }
 
 fn correction<const D: usize>(

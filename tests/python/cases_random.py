@@ -8,6 +8,8 @@ from collections import Counter
 from collections.abc import Callable
 from typing import NamedTuple
 
+import determinate
+import slender
 import verdicts
 
 
@@ -87,6 +89,37 @@ CLASSES = (
         11_880,
         verdicts.locals_of,
         ("bound local", "bound global"),
+    ),
+    Class(
+        "slender bodies",
+        "strips, plates and leaves, L/t from 10 to 5000, plane and in space, first and "
+        "second order, held in four ways, with and without coordinates",
+        "displacements and reactions beside an elimination in twice the precision; none "
+        "is called free; what K has no digits for is refused",
+        20,
+        400,
+        slender.held,
+        ("solved", "refused"),
+    ),
+    Class(
+        "statically determinate",
+        "blocks turned at random on one contact and as few supports as hold them, "
+        "with and without coordinates",
+        "displacements and reactions beside an elimination in twice the precision",
+        60,
+        1200,
+        determinate.sticking,
+        ("solved",),
+    ),
+    Class(
+        "two nodes in space",
+        "blocks and trusses turned at random that touch at two nodes, with and without "
+        "coordinates",
+        "refused as floating, at every orientation",
+        200,
+        20_000,
+        determinate.on_two_nodes,
+        ("refused",),
     ),
 )
 

@@ -1,15 +1,18 @@
 """Bodies whose supports and contacts are just enough, turned at random."""
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import fem
-from slender import Band
+from slender import Band, off
 from twice import Array, add, exactly, product
 
 CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
@@ -125,3 +128,71 @@ def _load(rng: np.random.Generator, nodes: Array) -> Array:
     some = rng.choice(len(nodes), 3, replace=False)
     load[some] = rng.uniform(-1.0, 1.0, (3, nodes.shape[1]))
     return load.ravel()
+
+
+def sticking(seeds: Iterable[int]) -> Counter[str]:
+    """Displacements and reactions are those of an elimination in twice the precision."""
+    met: Counter[str] = Counter()
+    for seed in seeds:
+        case = drawn(np.random.default_rng(seed), 2 + seed % 2)
+        result = case.problem(coordinates=seed % 4 < 2).solve(case.load)
+        u, r = case.sticking()
+        # K is as exact as its entries: a small block has a condition of 1e4 at the most.
+        assert off(result.displacement[-1], u) <= 1e-11, seed
+        assert off(result.reaction[-1], r) <= 1e-11, seed
+        assert result.status[-1, 0] == bp.Status.STICK, seed
+        # W is of the size of compliances of K, and not of rounding over rounding.
+        far = np.abs(result.relative_displacement).max()
+        assert far <= 1e-11 * np.abs(u).max(), seed
+        met["solved"] += 1
+    return met
+
+
+def _block(rng: np.random.Generator) -> tuple[Any, Any, Array]:
+    """A block in space that touches at two nodes: it turns about their line."""
+    cells = tuple(int(c) for c in rng.integers(1, 3, 3))
+    axes = [
+        np.linspace(0, s, c + 1)
+        for s, c in zip(rng.uniform(0.5, 3.0, 3), cells, strict=True)
+    ]
+    mesh: Any = fem.box(axes, str(rng.choice(CELLS[3])))
+    mesh = type(mesh)(rotation(rng, 3) @ mesh.p, mesh.t)
+    body = fem.Body("block", mesh, fem.Material(2.1e11, 0.3))
+    nodes = rng.choice(len(body.points), 2, replace=False)
+    return fem.stiffness(body), nodes, body.points
+
+
+def _truss(rng: np.random.Generator) -> tuple[Any, Any, Array]:
+    """An octahedron of bars at random, held by contact at two of its nodes."""
+    corners = np.vstack([np.eye(3), -np.eye(3)])
+    points = (corners + rng.uniform(-0.2, 0.2, (6, 3))) @ rotation(rng, 3).T
+    pairs = [(i, j) for i in range(6) for j in range(i) if abs(i - j) != 3]
+    stiffness = 10 ** rng.uniform(5, 8, len(pairs))
+    return bars(points, pairs, stiffness), rng.choice(6, 2, replace=False), points
+
+
+def bars(points: Array, pairs: Any, stiffness: Any) -> Any:
+    """Stiffness of pin-jointed bars, of `stiffness` EA / length each."""
+    n, dim = points.size, points.shape[1]
+    K = np.zeros((n, n))
+    for (i, j), k in zip(pairs, np.broadcast_to(stiffness, len(pairs)), strict=True):
+        along = (points[j] - points[i]) / np.linalg.norm(points[j] - points[i])
+        b = np.zeros(n)
+        b[dim * i : dim * i + dim], b[dim * j : dim * j + dim] = -along, along
+        K += k * np.outer(b, b)
+    return sparse.csr_array(K)
+
+
+def on_two_nodes(seeds: Iterable[int]) -> Counter[str]:
+    """Blocks and trusses in space that can turn about a line are refused."""
+    met: Counter[str] = Counter()
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        K, nodes, points = (_block if seed % 2 else _truss)(rng)
+        rows = (3 * nodes[:, None] + [2, 0, 1]).ravel()
+        B = sparse.csr_array((np.ones(6), (np.arange(6), rows)), shape=(6, K.shape[0]))
+        places = np.repeat(points, 3, axis=0) if rng.integers(2) else None
+        with pytest.raises(bp.FloatingBodyError):
+            bp.ContactProblem(K, B, gap=np.zeros(2), mu=0.3, coordinates=places)
+        met["refused"] += 1
+    return met

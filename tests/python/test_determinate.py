@@ -5,41 +5,30 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import fem
-from determinate import CELLS, drawn, rotation
-from slender import Array, off
-
-Ints = NDArray[np.int64]
+from determinate import bars, on_two_nodes, sticking
+from twice import Array
 
 
-def is_right(seed: int, dim: int, coordinates: bool) -> None:
-    case = drawn(np.random.default_rng(seed), dim)
-    result = case.problem(coordinates).solve(case.load)
-    u, r = case.sticking()
-    # K is as exact as its entries: a small block has a condition of 1e4 at the most.
-    assert off(result.displacement[-1], u) <= 1e-11, seed
-    assert off(result.reaction[-1], r) <= 1e-11, seed
-    assert result.status[-1, 0] == bp.Status.STICK
-    # W is of the size of compliances of K, and not of rounding over rounding.
-    assert np.abs(result.relative_displacement).max() <= 1e-11 * np.abs(u).max(), seed
-
-
-@pytest.mark.parametrize("coordinates", [True, False])
-@pytest.mark.parametrize("dim", [2, 3])
-def test_statically_determinate_bodies(dim: int, coordinates: bool) -> None:
-    for seed in range(30):
-        is_right(seed, dim, coordinates)
+def test_statically_determinate_bodies() -> None:
+    assert sticking(range(60))["solved"] == 60
 
 
 @pytest.mark.verify
-@pytest.mark.parametrize("dim", [2, 3])
-def test_many_statically_determinate_bodies(dim: int) -> None:
-    for seed in range(1000, 1400):
-        is_right(seed, dim, bool(seed % 2))
+def test_many_statically_determinate_bodies() -> None:
+    assert sticking(range(60, 1260))["solved"] == 1200
+
+
+def test_two_nodes_do_not_hold_a_body_in_space() -> None:
+    assert on_two_nodes(range(200))["refused"] == 200
+
+
+@pytest.mark.verify
+def test_two_nodes_never_hold_a_body_in_space() -> None:
+    assert on_two_nodes(range(200, 20_200))["refused"] == 20_000
 
 
 @pytest.mark.parametrize("angle", [0.0, 20.0, 30.0, 77.0])
@@ -66,63 +55,6 @@ def test_a_block_on_a_corner_and_a_pin(angle: float) -> None:
             body.points[far, 0] - body.points[near, 0]
         )
         assert result.reaction[0, 0, 0] == pytest.approx(share * 1e6, rel=1e-12)
-
-
-def block_on_two_nodes(rng: np.random.Generator) -> tuple[Any, Any, Array]:
-    """A block in space that touches at two nodes: it turns about their line."""
-    cells = tuple(int(c) for c in rng.integers(1, 3, 3))
-    axes = [
-        np.linspace(0, s, c + 1)
-        for s, c in zip(rng.uniform(0.5, 3.0, 3), cells, strict=True)
-    ]
-    mesh: Any = fem.box(axes, str(rng.choice(CELLS[3])))
-    mesh = type(mesh)(rotation(rng, 3) @ mesh.p, mesh.t)
-    body = fem.Body("block", mesh, fem.Material(2.1e11, 0.3))
-    nodes = rng.choice(len(body.points), 2, replace=False)
-    return fem.stiffness(body), nodes, body.points
-
-
-def truss_on_two_nodes(rng: np.random.Generator) -> tuple[Any, Any, Array]:
-    """An octahedron of bars at random, held by contact at two of its nodes."""
-    corners = np.vstack([np.eye(3), -np.eye(3)])
-    points = (corners + rng.uniform(-0.2, 0.2, (6, 3))) @ rotation(rng, 3).T
-    pairs = [(i, j) for i in range(6) for j in range(i) if abs(i - j) != 3]
-    stiffness = 10 ** rng.uniform(5, 8, len(pairs))
-    return bars(points, pairs, stiffness), rng.choice(6, 2, replace=False), points
-
-
-def bars(points: Array, pairs: Any, stiffness: Any) -> Any:
-    """Stiffness of pin-jointed bars, of `stiffness` EA / length each."""
-    n, dim = points.size, points.shape[1]
-    K = np.zeros((n, n))
-    for (i, j), k in zip(pairs, np.broadcast_to(stiffness, len(pairs)), strict=True):
-        along = (points[j] - points[i]) / np.linalg.norm(points[j] - points[i])
-        b = np.zeros(n)
-        b[dim * i : dim * i + dim], b[dim * j : dim * j + dim] = -along, along
-        K += k * np.outer(b, b)
-    return sparse.csr_array(K)
-
-
-def refused_as_floating(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    made = block_on_two_nodes if seed % 2 else truss_on_two_nodes
-    K, nodes, points = made(rng)
-    rows = np.concatenate([3 * nodes[:, None] + [2, 0, 1]]).ravel()
-    B = sparse.csr_array((np.ones(6), (np.arange(6), rows)), shape=(6, K.shape[0]))
-    places = np.repeat(points, 3, axis=0) if rng.integers(2) else None
-    with pytest.raises(bp.FloatingBodyError):
-        bp.ContactProblem(K, B, gap=np.zeros(2), mu=0.3, coordinates=places)
-
-
-def test_two_nodes_do_not_hold_a_body_in_space() -> None:
-    for seed in range(200):
-        refused_as_floating(seed)
-
-
-@pytest.mark.verify
-def test_two_nodes_never_hold_a_body_in_space() -> None:
-    for seed in range(10_000, 22_000):
-        refused_as_floating(seed)
 
 
 def rope(n: int, angle: float) -> tuple[Array, Any]:

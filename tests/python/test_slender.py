@@ -17,10 +17,10 @@ from bipot_rs import fem
 from slender import (
     CELLS,
     HOLDS,
-    STEEL,
-    Array,
+    deflection,
     floor,
-    known,
+    held,
+    is_right,
     lifted,
     off,
     problem,
@@ -28,34 +28,6 @@ from slender import (
     supports,
     weight,
 )
-
-# Displacements and reactions are known to ε times what the contacts amplify: 1e4 to 1e6
-# of slender strips that lie down. A motion taken for a free one is wrong by 1e-4 to 1.
-EXACT = 1e-9
-
-
-def deflection(slenderness: float, length: float = 1000.0) -> float:
-    """Traction on the end of a strip [N/mm²] that lifts it by 5 mm, by beam theory."""
-    height = length / slenderness
-    return 5.0 * STEEL[0] * height**2 / (4 * length**3)
-
-
-def is_right(model: fem.Model, load: Array, result: bp.Result) -> None:
-    there = known(model, load, result)
-    assert result.converged.all()
-    largest = EXACT * np.abs(there.u).max()
-    # Reactions have sixteen digits, whatever displacement they undo.
-    largest += 64 * np.finfo(float).eps * there.loads_alone
-    assert np.abs(result.displacement[-1] - there.u).max() <= largest
-    largest = np.abs(there.r).max()
-    if largest == 0.0:
-        assert not result.reaction[-1].any()
-    else:
-        assert off(result.reaction[-1], there.r) <= EXACT
-        assert there.r[:, 0].min() >= -EXACT * largest
-    gaps = model.B @ there.u
-    gaps = gaps.reshape(len(model.gap), -1)[:, 0] + model.gap
-    assert gaps.min() >= -EXACT * np.abs(there.u).max()
 
 
 @pytest.mark.parametrize("coordinates", [True, False])
@@ -213,49 +185,11 @@ def _symmetric(row: Any, col: Any, value: Any, n: int) -> Any:
     return (upper + strict.T).tocsr()
 
 
-def drawn(rng: np.random.Generator) -> tuple[fem.Model, Array, bool]:
-    """A slender body at random, and its load."""
-    slenderness = 10 ** rng.uniform(1.0, np.log10(5000.0))
-    dim = int(rng.choice([2, 2, 3]))
-    cell = str(rng.choice(CELLS[dim]))
-    second = bool(rng.integers(2)) and dim != 3
-    height = 1000.0 / slenderness
-    size = (
-        (1000.0, height) if dim == 2 else (1000.0, rng.uniform(1, 50) * height, height)
-    )
-    count = int(rng.integers(6, 60 if dim == 2 else 24))
-    cells = (count, int(rng.integers(1, 3))) if dim == 2 else (count, 1, 1)
-    body = strip(size, cells, cell=cell, second=second, rise=rng.choice([0.0, 20.0]))
-    how = str(rng.choice(list(HOLDS)))
-    model = fem.build([body], [floor(body, 0.0)], supports(how, dim))
-    load = rng.uniform(0, 1) * weight(model)
-    load += rng.uniform(-1, 1) * lifted(model, deflection(slenderness))
-    return model, load, bool(rng.integers(2))
-
-
-def solved_right(seed: int) -> bool:
-    """Whether it is solved; what is solved is right, and no body is called free."""
-    model, load, coordinates = drawn(np.random.default_rng(seed))
-    try:
-        result = problem(model, coordinates).solve(load)
-    except ValueError as refused:
-        if "too few digits" not in str(refused):
-            raise
-        return False
-    except bp.NoEquilibriumError as wrong:
-        raise AssertionError(f"seed {seed}: {wrong}") from wrong
-    except bp.NotConvergedError:
-        return False
-    is_right(model, load, result)
-    return True
-
-
 def test_slender_bodies_at_random() -> None:
-    solved = [solved_right(seed) for seed in range(20)]
-    assert sum(solved) >= 18
+    # The most slender ones, on many cells, may be refused: K has no digits for them.
+    assert held(range(20))["solved"] >= 18
 
 
 @pytest.mark.verify
 def test_many_slender_bodies_at_random() -> None:
-    solved = [solved_right(seed) for seed in range(1000, 1400)]
-    assert sum(solved) >= 380
+    assert held(range(20, 420))["solved"] >= 380
