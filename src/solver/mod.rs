@@ -229,7 +229,7 @@ pub fn solve_watched<const D: usize>(
         Method::MinimisingSequence => minimising_sequence::run(problem, start, &mut monitor)?,
         Method::Pivoting => pivoting::run(problem, start, &mut monitor)?,
     };
-    let last = monitor.last_rigid().to_vec();
+    let furthest = monitor.furthest_rigid().to_vec();
     let mut solution = finish(problem, settings, monitor, outcome);
     if solution.outcome == Outcome::NoEquilibrium {
         // No method says so but by exhausting the statuses.
@@ -257,9 +257,9 @@ pub fn solve_watched<const D: usize>(
         solution.outcome,
         Outcome::Converged | Outcome::NoEquilibrium
     );
-    if open && !last.is_empty() {
+    if open && !furthest.is_empty() {
         let r = problem.compliance.gather(&solution.reaction);
-        solution.free_motion = balance::runaway(problem, &r, &last).unwrap_or_default();
+        solution.free_motion = balance::runaway(problem, &r, &furthest).unwrap_or_default();
     }
     Ok(solution)
 }

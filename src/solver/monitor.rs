@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use crate::error::Error;
 use crate::law::cone::project;
-use crate::linalg::small::tangential_norm;
+use crate::linalg::small::{norm, tangential_norm};
 use crate::problem::reduced::Reduced;
 use crate::problem::residual::{self, Certificate};
 use crate::solver::{Outcome, Settings};
@@ -72,7 +72,7 @@ pub struct Monitor<'p, const D: usize> {
     progress: &'p Progress,
     started: Instant,
     log: Log<D>,
-    last_rigid: Vec<f64>,
+    furthest_rigid: Vec<f64>,
     best: f64,
     /// η when it was last halved, and when that was.
     halved: f64,
@@ -114,7 +114,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
                 best_rigid: vec![0.0; problem.rigid.modes.len()],
                 ..Log::default()
             },
-            last_rigid: Vec::new(),
+            furthest_rigid: Vec::new(),
             best: f64::INFINITY,
             halved: f64::INFINITY,
             last_halved: 0,
@@ -163,8 +163,10 @@ impl<'p, const D: usize> Monitor<'p, D> {
             return Err(Error::Interrupted);
         }
         self.log.iterations += usize::from(iterated);
-        self.last_rigid.clear();
-        self.last_rigid.extend_from_slice(a);
+        if norm(a) >= norm(&self.furthest_rigid) {
+            self.furthest_rigid.clear();
+            self.furthest_rigid.extend_from_slice(a);
+        }
         let eta = residual::residual(self.problem, r, v, a);
         if let Some(nothing) = self.vanished(r, a) {
             self.log.history.push((self.log.work, nothing.residual));
@@ -245,10 +247,10 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.floor
     }
 
-    /// Rigid motion of the last point: it goes on growing where a body slides away.
+    /// The largest rigid motion that was met: it goes on growing where a body slides away.
     #[must_use]
-    pub fn last_rigid(&self) -> &[f64] {
-        &self.last_rigid
+    pub fn furthest_rigid(&self) -> &[f64] {
+        &self.furthest_rigid
     }
 
     fn limits(&self) -> Option<Outcome> {

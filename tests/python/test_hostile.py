@@ -243,6 +243,11 @@ def test_a_body_that_has_run_away_is_no_answer() -> None:
     gap = np.append(np.zeros(len(pins)), -0.002)
     mu = np.append(np.full(len(pins), 0.3), 0.0)
     top = body.dofs(1, height, 1)
-    problem = bp.ContactProblem(body.K, B, gap=gap, mu=mu, fixed=top)
+    places = np.zeros((n, 2))
+    places[body.basis.nodal_dofs] = body.basis.mesh.p.T
+    given = {"gap": gap, "mu": mu, "fixed": top}
+    pull = 0.001 * body.weight([1.0, 0.0]), np.full(len(top), -0.0001)
+    with pytest.raises(bp.BipotError):
+        bp.ContactProblem(body.K, B, **given).solve(*pull)
     with pytest.raises(bp.BipotError, match="slide"):
-        problem.solve(0.001 * body.weight([1.0, 0.0]), np.full(len(top), -0.0001))
+        bp.ContactProblem(body.K, B, coordinates=places, **given).solve(*pull)
