@@ -304,10 +304,9 @@ impl Analysed {
         let softest = |width| softest_of_all(of, &weights, known.len() + width, stop);
         let verdict = self.look(&weights, &known, softest)?;
         let verdict = verdict.ok_or_else(|| self.indefinite())?;
-        if self.believed(&verdict, geometric.is_some())? {
-            let mut all = known;
-            all.extend(verdict.null);
-            self.pin(&all)?;
+        let more = self.believed(verdict, geometric.is_some())?;
+        if !more.is_empty() {
+            self.pin(&[known, more].concat())?;
         }
         Ok(())
     }
@@ -342,22 +341,27 @@ impl Analysed {
         }
     }
 
-    /// Whether motions that cost nothing are free beyond doubt.
+    /// Motions that cost nothing and are free beyond doubt.
     ///
     /// # Errors
     /// [`Error::FewDigits`] where only the stiffness could say, and its digits do not.
-    fn believed(&self, verdict: &Verdict, geometric: bool) -> Result<bool, Error> {
-        let needed = if geometric { MECHANISM } else { CLEAR };
-        if verdict.null.is_empty() {
-            return Ok(false);
-        }
-        if verdict.gap >= needed {
-            return Ok(true);
-        }
+    fn believed(&self, verdict: Verdict, geometric: bool) -> Result<Vec<Vec<f64>>, Error> {
+        let mut null = verdict.null;
         if geometric {
-            return Ok(false);
+            // A rigid motion that geometry finds held is held, by however short a lever.
+            null.retain(|x| !self.is_rigid(x));
+            if verdict.gap < MECHANISM {
+                null.clear();
+            }
+        } else if !null.is_empty() && verdict.gap < CLEAR {
+            return Err(Error::FewDigits { dof: self.dofs[0] });
         }
-        Err(Error::FewDigits { dof: self.dofs[0] })
+        Ok(null)
+    }
+
+    fn is_rigid(&self, motion: &[f64]) -> bool {
+        let geometry = self.geometry.as_ref();
+        geometry.is_some_and(|geometry| geometry.is_rigid(&self.dofs, motion))
     }
 
     /// Motions made orthonormal on the kept unknowns, whole and kept part.
@@ -482,9 +486,10 @@ impl Analysed {
             let verdict = self.look(&weights, &motions.whole, in_full)?;
             verdict.ok_or_else(|| self.indefinite())?
         };
-        if self.believed(&verdict, geometric.is_some())? {
+        let more = self.believed(verdict, geometric.is_some())?;
+        if !more.is_empty() {
             let mut all = std::mem::take(&mut motions.whole);
-            all.extend(verdict.null);
+            all.extend(more);
             motions = self.pin(&all)?;
             s = self.with_modes(schur, &motions.kept);
         }

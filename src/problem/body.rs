@@ -544,3 +544,29 @@ impl Body {
         Ok(self.motions.iter().map(of_motion).collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{BALANCED, Left, NO_DIGITS};
+    use crate::error::Error;
+
+    #[test]
+    fn what_rounding_explains_passes_and_nothing_else() {
+        let passes = |by_row: f64, of_forces: f64| {
+            let left = Left {
+                by_row,
+                dof: 7,
+                of_forces,
+            };
+            match left.check() {
+                Ok(()) => true,
+                Err(Error::NotBalanced { dof: 7, .. }) => false,
+                Err(other) => panic!("{other}"),
+            }
+        };
+        let most = BALANCED * f64::EPSILON;
+        assert!(passes(0.0, 0.0) && passes(most, NO_DIGITS));
+        assert!(!passes(2.0 * most, 0.0) && !passes(0.0, 2.0 * NO_DIGITS));
+        assert!(!passes(f64::NAN, 0.0) && !passes(0.0, f64::NAN));
+    }
+}

@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 use rayon::prelude::*;
 
 use crate::linalg::jacobi::{combine, orthogonalise};
-use crate::linalg::small::norm;
+use crate::linalg::small::{dot_long, norm};
 use crate::problem::sparse::Owned;
 
 /// `|K z|`, of a rigid motion of size 1, over the sum of sizes of a row, in ε. Assembled
@@ -91,6 +91,25 @@ impl Geometry {
             free.map(|(_, amounts)| combine(&motions, amounts))
                 .collect(),
         )
+    }
+
+    /// Whether a motion of a body is a rigid one, whatever holds it.
+    #[must_use]
+    pub fn is_rigid(&self, dofs: &[usize], motion: &[f64]) -> bool {
+        /// What a motion found by iteration may differ from a rigid one by.
+        const NEAR: f64 = 1e-3;
+        let Some(mut rigid) = self.motions(dofs) else {
+            return false;
+        };
+        orthogonalise(&mut rigid);
+        let mut rest = motion.to_vec();
+        for z in &rigid {
+            let along = dot_long(z, motion) / dot_long(z, z);
+            for (value, z) in rest.iter_mut().zip(z) {
+                *value -= along * z;
+            }
+        }
+        norm(&rest) <= NEAR * norm(motion)
     }
 
     /// All rigid motions of these degrees of freedom, linearly independent, of size 1.

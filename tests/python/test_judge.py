@@ -366,3 +366,32 @@ def test_walls_that_overlap_are_no_answer_when_a_body_runs_away() -> None:
     for method in ("auto", "gauss_seidel", "newton", "nesterov", "uzawa"):
         solution = problem.solve(method, max_iterations=3000)
         assert not solution.converged
+
+
+@pytest.mark.parametrize("off", [1e-6, 1e-3])
+def test_displacements_are_held_to_what_the_law_was_judged_by(off: float) -> None:
+    """`B u + g` is `v`, or the step has not converged: asked of `K`, when u is asked for."""
+    body = block((2, 1), (6, 3), 1.0, 0.3)
+    top = np.r_[body.dofs(1, 1.0, 0), body.dofs(1, 1.0, 1)]
+    problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=0.3, fixed=top)
+    moved = np.where(np.arange(len(top)) < len(top) // 2, 0.01, -0.01)
+    step = problem.solve(prescribed=moved)[0]
+    n = body.K.shape[0]
+    state = np.zeros(n), moved, step.reaction, np.empty(0)
+    gap, slip = np.zeros_like(step.reaction), np.zeros_like(step.reaction)
+    slip[:, 1:] = step.slip
+    core, v = problem._core, step.relative_displacement
+    u = core.displacements([state], [(v, gap, slip)])
+    # K u = f + Bᵀ r at the free degrees of freedom, row by row, to a few roundings.
+    left = body.K @ u[0] - body.B.T @ step.reaction.ravel()
+    terms = abs(body.K) @ abs(u[0]) + abs(body.B.T) @ abs(step.reaction.ravel())
+    free = np.setdiff1d(np.arange(n), top)
+    assert (abs(left) <= 32 * np.finfo(float).eps * terms)[free].all()
+    wrong = v.copy()
+    wrong[2, 0] += off * np.abs(v).max()
+    with pytest.raises(bp.NotConvergedError, match="off at contact 2"):
+        core.displacements([state], [(wrong, gap, slip)])
+    # Forces that are wrong give other displacements, and these another v.
+    other = np.zeros(n), moved, (1 + off) * step.reaction, np.empty(0)
+    with pytest.raises(bp.NotConvergedError, match=r"B u \+ gap is off"):
+        core.displacements([other], [(v, gap, slip)])
