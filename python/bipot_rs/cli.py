@@ -224,6 +224,7 @@ def run(
 
 @app.command()
 def fclib(
+    context: typer.Context,
     files: Annotated[list[str], typer.Argument(metavar="FILE...", help="HDF5 files.")],
     method: Annotated[str, typer.Option(help="Contact solver.")] = "auto",
     tol: Annotated[float, typer.Option(help="Residual to reach.")] = 1e-10,
@@ -240,7 +241,8 @@ def fclib(
     """
     from bipot_rs.running import fclib_job
 
-    raise typer.Exit(fclib_job.run(files, method, tol, max_seconds, as_json=json))
+    status = fclib_job.run(files, method, tol, max_seconds, context.obj, as_json=json)
+    raise typer.Exit(status)
 
 
 @app.command()

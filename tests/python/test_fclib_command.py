@@ -14,6 +14,7 @@ import bipot_rs as bp
 import pressed
 from bipot_rs import fclib
 from bipot_rs.running import fclib_job
+from bipot_rs.running.interrupts import Interrupts
 from collection import FILES, path
 from methods import METHODS
 
@@ -158,7 +159,7 @@ def test_exit_status_is_the_worst(
 
     def status(*files: str) -> int:
         # No method is through within a nanosecond.
-        return fclib_job.run(files, "uzawa", 1e-12, 1e-9, as_json=True)
+        return fclib_job.run(files, "uzawa", 1e-12, 1e-9, Interrupts(), as_json=True)
 
     # Refused by geometry before the clock is asked.
     assert status(stuck) == status(floating) == 1

@@ -16,6 +16,7 @@ from bipot_rs.running.exits import (
     NOT_CONVERGED,
     SOLVED,
 )
+from bipot_rs.running.interrupts import Interrupts
 from bipot_rs.running.telling import complain, line
 from bipot_rs.words import counted, printable
 
@@ -42,6 +43,7 @@ def run(
     method: str,
     tol: float,
     max_seconds: float | None,
+    interrupts: Interrupts,
     *,
     as_json: bool,
 ) -> int:
@@ -52,6 +54,9 @@ def run(
         width = max(len(printable(name)) for name in files)
         for name in files:
             row = _solve(name, method, tol, max_seconds)
+            if interrupts.came is not None:
+                # The exception was raised within HDF5, which forgets it.
+                raise KeyboardInterrupt
             rows.append(row)
             _print(
                 json.dumps(row, allow_nan=False) if as_json else _line(row, width, tol)
