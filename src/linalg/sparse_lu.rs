@@ -70,6 +70,8 @@ struct Eliminated {
 pub struct SparseLu<'s> {
     analysis: &'s Analysis,
     fronts: Vec<Eliminated>,
+    /// Whether the determinant is negative.
+    negative: bool,
 }
 
 impl<'s> SparseLu<'s> {
@@ -94,6 +96,7 @@ impl<'s> SparseLu<'s> {
         let mut updates: Vec<Vec<f64>> = vec![Vec::new(); symbolic.fronts.len()];
         let mut children: Vec<Vec<usize>> = vec![Vec::new(); symbolic.fronts.len()];
         let mut fronts = Vec::with_capacity(symbolic.fronts.len());
+        let mut negative = false;
         for (f, front) in symbolic.fronts.iter().enumerate() {
             if stop.load(Ordering::Relaxed) {
                 return Err(Error::Interrupted);
@@ -126,9 +129,11 @@ impl<'s> SparseLu<'s> {
             // A pivot is a sum of up to as many terms as its front has rows.
             #[expect(clippy::cast_precision_loss, reason = "an order")]
             let rounding = (np + nu) as f64 * f64::EPSILON * largest;
-            let Some((rows, _)) = lu::factor(&mut own.pivots, np, rounding, stop)? else {
+            let Some((rows, odd)) = lu::factor(&mut own.pivots, np, rounding, stop)? else {
                 return Ok(None);
             };
+            let below_zero = (0..np).filter(|k| own.pivots[k * (np + 1)] < 0.0);
+            negative ^= odd ^ (below_zero.count() % 2 == 1);
             own.rows = rows;
             own.eliminate(np, &mut update, stop)?;
             if let Some(parent) = front.parent {
@@ -137,7 +142,17 @@ impl<'s> SparseLu<'s> {
             }
             fronts.push(own);
         }
-        Ok(Some(Self { analysis, fronts }))
+        Ok(Some(Self {
+            analysis,
+            fronts,
+            negative,
+        }))
+    }
+
+    /// The sign of the determinant, 1 or −1.
+    #[must_use]
+    pub fn sign(&self) -> f64 {
+        if self.negative { -1.0 } else { 1.0 }
     }
 
     /// `b ← A⁻¹ b`.

@@ -12,13 +12,14 @@
 //! the cone. The answers are the same: `v̂_n/μ = s₀ − h(s)` is zero where `s₀ = ‖s_t‖` and
 //! positive inside the cone.
 
+use std::f64::consts::LN_2;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::second_order::{self, NesterovTodd, longest_step, product, quotient};
 use crate::linalg::lu::Lu;
 use crate::linalg::pages;
-use crate::linalg::small::{Block, Vector, norm};
+use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse_lu::SparseLu;
 use crate::problem::memory;
 use crate::problem::reduced::Reduced;
@@ -29,26 +30,39 @@ use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::newton::End;
 
 /// `θ` and the first `z = s`, in units of `e`, of each further attempt: what comes to a
-/// stand on one path passes on another.
+/// stand on one path passes on another. Paths that begin far inside turn less often.
 const PATHS: [(f64, f64); 6] = [
+    (0.9, 10.0),
+    (0.8, 10.0),
+    (0.7, 10.0),
+    (0.85, 100.0),
     (0.6, 1.0),
-    (0.8, 100.0),
-    (0.9, 1.0),
-    (0.25, 1.0),
-    (0.6, 100.0),
     (0.8, 1.0),
 ];
 
-/// Steps at the most, and those within which what is left must be halved.
-const MOST_STEPS: usize = 100;
-const PATIENCE: usize = 13;
+/// Steps at the most, and those within which what is left must be halved: walls of 1,600
+/// disks take 90 to 200, and turn for up to 50 of them about one place.
+const MOST_STEPS: usize = 260;
+const PATIENCE: usize = 100;
 
-/// What is left where a path is worth being followed by Newton and proximal points: of
-/// walls that come to a stand at a hundredth they solve most, at a tenth none.
-const ENOUGH: f64 = 1e-2;
+/// `σ` where a path is worth being followed by Newton and proximal points: they solve
+/// what has come so far, and seldom what has not, for which another path costs less.
+const ENOUGH: f64 = 1e-3;
 
-/// What a step keeps of the way to the rim, at the least.
+/// What a step keeps of the way to the rim.
 const SHORTEST: f64 = 0.9;
+
+/// Lengths of steps along the path, where 1 comes to the rim: the longest and first, the
+/// least, what they are multiplied by when two have stayed near it and when one has left
+/// it, and how far from it a point may be, in the same lengths.
+const LONGEST: f64 = 0.7;
+const LEAST: f64 = 0.2;
+const GROW: f64 = 1.3;
+const SHRINK: f64 = 0.4;
+const ASTRAY: f64 = 1.0;
+
+/// A second-order term longer than this is none: the step is taken without it.
+const MOST_BENT: f64 = 2.0;
 
 /// Unknowns above which a matrix that is not sparse is too large to factor so often.
 const MOST_DENSE: usize = 1000;
@@ -77,6 +91,10 @@ pub fn run<const D: usize>(
 }
 
 /// One path, from `z = s = first e`.
+///
+/// On it `z ∘ s = σ e`, and what is missed is the share `σ/first²` of what the start
+/// misses. Where the sign of the determinant changes `σ` turns, and rises until it
+/// changes back: the sense in which a path is run through is the product of the two.
 fn follow<const D: usize>(
     system: &System<D>,
     first: f64,
@@ -84,16 +102,21 @@ fn follow<const D: usize>(
 ) -> Result<End<D>, Error> {
     let problem = system.problem;
     let n = problem.contacts();
-    #[expect(clippy::cast_precision_loss, reason = "a count")]
-    let contacts = n as f64;
-    let mut z = vec![unit::<D>() * first; n];
-    let mut s = z.clone();
-    let mut a = vec![0.0; problem.scaling.modes.len()];
+    let e = unit::<D>();
+    let mut at = Place {
+        z: vec![e * first; n],
+        s: vec![e * first; n],
+        a: vec![0.0; problem.scaling.modes.len()],
+        left: 0.0,
+    };
+    let mut before: Option<Place<D>> = None;
+    let mut start: Option<(Missed<D>, f64)> = None;
     let mut best: Option<(f64, Vec<[f64; D]>, Vec<f64>)> = None;
-    let (mut halved, mut last_halved) = (f64::INFINITY, 0);
+    let (mut reach, mut near) = (LONGEST, 0);
+    let (mut halved, mut last_halved) = (0.0, 0);
     for step in 0..MOST_STEPS {
-        let r = system.reaction(&z);
-        let rigid = problem.scaling.rigid_from_scaled(&a);
+        let r = system.reaction(&at.z);
+        let rigid = problem.scaling.rigid_from_scaled(&at.a);
         let v = problem.relative_displacement(&r, &rigid);
         monitor.count(1.0);
         let eta = residual(problem, &r, &v, &rigid);
@@ -103,60 +126,101 @@ fn follow<const D: usize>(
         if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
             return Ok(End::Stop(outcome));
         }
-        let missed = system.missed(&s, &v);
-        let imbalance = scaled_imbalance(problem, &r);
-        let gap = z.iter().zip(&s).map(|(z, s)| z.dot(s)).sum::<f64>() / contacts;
-        let left = gap + size(&missed) / contacts.sqrt() + norm(&imbalance) / contacts.sqrt();
-        if left <= 0.5 * halved {
-            (halved, last_halved) = (left, step);
+        if at.left <= halved - LN_2 {
+            (halved, last_halved) = (at.left, step);
         }
-        if step > last_halved + PATIENCE || !left.is_finite() {
+        if step > last_halved + PATIENCE {
             break;
         }
-        let pairs = z.iter().zip(&s);
+        let pairs = at.z.iter().zip(&at.s);
         let scalings: Option<Vec<_>> = pairs.map(|(z, s)| NesterovTodd::new(z, s)).collect();
         let Some(scalings) = scalings else { break };
-        let Some(factors) = system.factors(&s, scalings, monitor)? else {
+        let Some(factors) = system.factors(&at.s, scalings, monitor)? else {
             break;
         };
-        let right = Right {
-            missed: &missed,
-            imbalance: &imbalance,
+        let missed = Missed {
+            contacts: system.missed(&at.s, &v),
+            imbalance: scaled_imbalance(problem, &r),
         };
-        // What the step to the end would do, and how far it comes.
-        let squares: Vec<Vector<D>> = factors.products(|p| product(&p.point, &p.point));
-        let to_end: Vec<Vector<D>> = squares.iter().map(|x| -x).collect();
-        let ahead = factors.direction(&to_end, &right);
+        let (missed_first, sense) =
+            start.get_or_insert_with(|| (missed.clone(), factors.sign()));
+        let share = at.left.exp();
+        let sigma = first * first * share;
+        // Along the path, by the logarithm of σ, and back to it, at right angles.
+        let along = factors.direction(&vec![e * sigma; n], &missed_first.times(-share));
+        let squares = factors.scalings.iter().map(|p| product(&p.point, &p.point));
+        let aim: Vec<Vector<D>> = squares.map(|x| e * sigma - x).collect();
+        let back = factors.direction(&aim, &missed.plus(missed_first, -share));
         monitor.count(4.0);
-        let far = longest(&z, &ahead.z).min(longest(&s, &ahead.s)).min(1.0);
-        let there = z.iter().zip(&s).zip(ahead.z.iter().zip(&ahead.s));
-        let there = there.map(|((z, s), (dz, ds))| (z + dz * far).dot(&(s + ds * far)));
-        let centring = (there.sum::<f64>() / contacts / gap)
-            .clamp(1e-6, 1.0)
-            .powi(3);
-        let aim = unit::<D>() * (centring * gap);
-        let to_centre: Vec<Vector<D>> = (0..n)
-            .map(|i| {
-                let p = &factors.scalings[i];
-                let bent = product(&(p.forward * ahead.z[i]), &(p.inverse * ahead.s[i]));
-                aim - squares[i] - bent
-            })
-            .collect();
-        let way = factors.direction(&to_centre, &right);
-        let far = longest(&z, &way.z).min(longest(&s, &way.s));
-        let share = (SHORTEST.max(1.0 - gap) * far).min(1.0);
-        for i in 0..n {
-            z[i] += way.z[i] * share;
-            s[i] += way.s[i] * share;
+        let scaled = factors.scaled(&along, sigma);
+        let turned = -pairing(&scaled, &factors.scaled(&back, sigma)) / (1.0 + pairing(&scaled, &scaled));
+        let back = back.plus(&along, turned);
+        let astray = farthest(&factors.scaled(&back, sigma));
+        if astray > ASTRAY && reach > LEAST
+            && let Some(place) = before.take()
+        {
+            at = place;
+            reach = (reach * SHRINK).max(LEAST);
+            continue;
         }
-        for (a, da) in a.iter_mut().zip(&way.a) {
-            *a += share * da;
+        near = if astray <= 0.5 * ASTRAY { near + 1 } else { 0 };
+        if near >= 2 {
+            (reach, near) = ((reach * GROW).min(LONGEST), 0);
         }
+        let ahead = reach * (1.0 - astray).max(0.0) / farthest(&scaled).max(1.0);
+        let change = turned - *sense * factors.sign() * ahead;
+        let mut way = back.plus(&along, change - turned);
+        let more = change.exp_m1() - change;
+        let bent = factors.scaled(&way, 1.0);
+        let bent = bent.iter().map(|(z, s)| e * (more * sigma) - product(z, s));
+        let bend = factors.direction(&bent.collect::<Vec<_>>(), &missed_first.times(-more * share));
+        monitor.count(2.0);
+        if farthest(&factors.scaled(&bend, sigma)) < MOST_BENT {
+            way = way.plus(&bend, 1.0);
+        }
+        let rim = longest(&at.z, &way.z).min(longest(&at.s, &way.s));
+        let next = at.moved(&way, change, (SHORTEST * rim).min(1.0));
+        before = Some(std::mem::replace(&mut at, next));
     }
     Ok(match best {
-        Some((_, r, rigid)) if halved <= ENOUGH => End::Better(r, rigid),
+        Some((_, r, rigid)) if first * first * halved.exp() <= ENOUGH => End::Better(r, rigid),
         _ => End::Stalled,
     })
+}
+
+/// A point of a path; `left` is the logarithm of the share of the start.
+struct Place<const D: usize> {
+    z: Vec<Vector<D>>,
+    s: Vec<Vector<D>>,
+    a: Vec<f64>,
+    left: f64,
+}
+
+impl<const D: usize> Place<D> {
+    fn moved(&self, way: &Direction<D>, change: f64, share: f64) -> Self {
+        let there = |x: &[Vector<D>], dx: &[Vector<D>]| {
+            let pairs = x.iter().zip(dx);
+            pairs.map(|(x, dx)| x + dx * share).collect()
+        };
+        let pairs = self.a.iter().zip(&way.a);
+        Self {
+            z: there(&self.z, &way.z),
+            s: there(&self.s, &way.s),
+            a: pairs.map(|(a, da)| a + da * share).collect(),
+            left: self.left + share * change,
+        }
+    }
+}
+
+fn pairing<const D: usize>(x: &[(Vector<D>, Vector<D>)], y: &[(Vector<D>, Vector<D>)]) -> f64 {
+    let pairs = x.iter().zip(y);
+    pairs.map(|(x, y)| x.0.dot(&y.0) + x.1.dot(&y.1)).sum()
+}
+
+/// The longest of the pairs.
+fn farthest<const D: usize>(pairs: &[(Vector<D>, Vector<D>)]) -> f64 {
+    let squares = pairs.iter().map(|(z, s)| z.norm_squared() + s.norm_squared());
+    squares.fold(0.0, f64::max).sqrt()
 }
 
 /// `e`.
@@ -171,10 +235,6 @@ fn longest<const D: usize>(x: &[Vector<D>], dx: &[Vector<D>]) -> f64 {
     steps.fold(f64::INFINITY, f64::min)
 }
 
-fn size<const D: usize>(x: &[Vector<D>]) -> f64 {
-    x.iter().map(Vector::norm_squared).sum::<f64>().sqrt()
-}
-
 /// `s = A z + B â + b + h(s) e` with `A = S Ŵ S`, `B = S R̂`, `S = diag(1/μ, 1)`.
 struct System<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
@@ -184,11 +244,30 @@ struct System<'p, const D: usize> {
 }
 
 /// What a point misses.
-struct Right<'r, const D: usize> {
+#[derive(Clone, Debug)]
+struct Missed<const D: usize> {
     /// `s − A z − B â − b − h(s) e`.
-    missed: &'r [Vector<D>],
+    contacts: Vec<Vector<D>>,
     /// `Bᵀ z + ê`.
-    imbalance: &'r [f64],
+    imbalance: Vec<f64>,
+}
+
+impl<const D: usize> Missed<D> {
+    fn times(&self, factor: f64) -> Self {
+        Self {
+            contacts: self.contacts.iter().map(|x| x * factor).collect(),
+            imbalance: self.imbalance.iter().map(|x| x * factor).collect(),
+        }
+    }
+
+    fn plus(&self, other: &Self, factor: f64) -> Self {
+        let contacts = self.contacts.iter().zip(&other.contacts);
+        let imbalance = self.imbalance.iter().zip(&other.imbalance);
+        Self {
+            contacts: contacts.map(|(x, y)| x + y * factor).collect(),
+            imbalance: imbalance.map(|(x, y)| x + y * factor).collect(),
+        }
+    }
 }
 
 /// A step.
@@ -196,6 +275,20 @@ struct Direction<const D: usize> {
     z: Vec<Vector<D>>,
     s: Vec<Vector<D>>,
     a: Vec<f64>,
+}
+
+impl<const D: usize> Direction<D> {
+    fn plus(&self, other: &Self, factor: f64) -> Self {
+        let sum = |x: &[Vector<D>], y: &[Vector<D>]| {
+            let pairs = x.iter().zip(y);
+            pairs.map(|(x, y)| x + y * factor).collect()
+        };
+        Self {
+            z: sum(&self.z, &other.z),
+            s: sum(&self.s, &other.s),
+            a: self.a.iter().zip(&other.a).map(|(x, y)| x + y * factor).collect(),
+        }
+    }
 }
 
 impl<'p, const D: usize> System<'p, D> {
@@ -299,7 +392,8 @@ impl<'p, const D: usize> System<'p, D> {
             .map(|(slope, p)| slope * p.forward * p.forward)
             .collect();
         let scale = |i: usize| {
-            let own = self.block(i, i, &compliance.block(i)) + of_law[i];
+            let forward = &scalings[i].forward;
+            let own = self.block(i, i, &compliance.block(i)) + forward * forward;
             own.diagonal().map(|d| 1.0 / d.sqrt())
         };
         let scale: Vec<Vector<D>> = (0..s.len()).map(scale).collect();
@@ -386,8 +480,22 @@ struct Factors<'s, 'p, const D: usize> {
 }
 
 impl<const D: usize> Factors<'_, '_, D> {
-    fn products(&self, of: impl Fn(&NesterovTodd<D>) -> Vector<D>) -> Vec<Vector<D>> {
-        self.scalings.iter().map(of).collect()
+    /// The sign of the determinant.
+    fn sign(&self) -> f64 {
+        let inner = match &self.inner {
+            Inner::Sparse(factors) => factors.sign(),
+            Inner::Dense(factors) => factors.sign(),
+        };
+        self.balance.as_ref().map_or(inner, |lu| inner * lu.sign())
+    }
+
+    /// `P dz` and `P⁻¹ ds`, in units of the root of `aim`.
+    fn scaled(&self, way: &Direction<D>, aim: f64) -> Vec<(Vector<D>, Vector<D>)> {
+        let unit = 1.0 / aim.sqrt();
+        let pairs = self.scalings.iter().zip(way.z.iter().zip(&way.s));
+        pairs
+            .map(|(p, (z, s))| (p.forward * z * unit, p.inverse * s * unit))
+            .collect()
     }
 
     /// `(A + N P²)⁻¹ b`.
@@ -451,13 +559,13 @@ impl<const D: usize> Factors<'_, '_, D> {
     }
 
     /// The step for which `λ ∘ (P dz + P⁻¹ ds)` is `aim`.
-    fn direction(&self, aim: &[Vector<D>], right: &Right<D>) -> Direction<D> {
+    fn direction(&self, aim: &[Vector<D>], right: &Missed<D>) -> Direction<D> {
         let known = aim.iter().zip(&self.scalings);
         let known: Vec<Vector<D>> = known
             .map(|(aim, p)| p.forward * quotient(aim, &p.point))
             .collect();
         let b: Vec<Vector<D>> = (0..aim.len())
-            .map(|i| self.slopes[i] * known[i] + right.missed[i])
+            .map(|i| self.slopes[i] * known[i] + right.contacts[i])
             .collect();
         let balance: Vec<f64> = right.imbalance.iter().map(|x| -x).collect();
         let (mut z, mut a) = self.bordered(&b, &balance);
