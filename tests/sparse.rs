@@ -8,6 +8,7 @@ use bipot_rs::error::Error;
 use bipot_rs::linalg::blocks::Blocks;
 use bipot_rs::linalg::csc::{Symmetric, Symmetry};
 use bipot_rs::linalg::lu::Lu;
+use bipot_rs::linalg::lu::Lu;
 use bipot_rs::linalg::small::{Block, norm};
 use bipot_rs::linalg::sparse_lu::{Analysis, SparseLu};
 use bipot_rs::problem::sparse::free_part;
@@ -102,6 +103,27 @@ fn solutions_leave_a_residual_of_rounding() {
     for side in [1, 2, 3, 7, 20] {
         agrees(&Triplets::<2>::grid(side, 4.0, &mut rng), &mut rng);
         agrees(&Triplets::<3>::grid(side, 4.0, &mut rng), &mut rng);
+    }
+}
+
+/// Diagonals that do not outweigh the rest: pivots of either sign, rows exchanged.
+#[test]
+fn the_sign_is_that_of_the_determinant() {
+    fn agrees<const D: usize>(seed: u64, side: usize) -> f64 {
+        let mut rng = StdRng::seed_from_u64(seed);
+        let case = Triplets::<D>::grid(side, 0.0, &mut rng);
+        let blocks = case.blocks();
+        let analysis = Analysis::new(&blocks).unwrap();
+        let never = AtomicBool::new(false);
+        let sparse = SparseLu::new(&analysis, &blocks, &never).unwrap().unwrap();
+        let dense = Lu::new(case.dense(), D * side * side, &never).unwrap();
+        assert_eq!(sparse.sign(), dense.unwrap().sign(), "seed {seed}");
+        sparse.sign()
+    }
+    let signs = (0..40).map(|seed| agrees::<2>(seed, 5) + agrees::<3>(seed, 4));
+    let signs: Vec<f64> = signs.collect();
+    for both in [-2.0, 0.0, 2.0] {
+        assert!(signs.contains(&both));
     }
 }
 

@@ -142,8 +142,7 @@ fn follow<const D: usize>(
             contacts: system.missed(&at.s, &v),
             imbalance: scaled_imbalance(problem, &r),
         };
-        let (missed_first, sense) =
-            start.get_or_insert_with(|| (missed.clone(), factors.sign()));
+        let (missed_first, sense) = start.get_or_insert_with(|| (missed.clone(), factors.sign()));
         let share = at.left.exp();
         let sigma = first * first * share;
         // Along the path, by the logarithm of σ, and back to it, at right angles.
@@ -153,10 +152,12 @@ fn follow<const D: usize>(
         let back = factors.direction(&aim, &missed.plus(missed_first, -share));
         monitor.count(4.0);
         let scaled = factors.scaled(&along, sigma);
-        let turned = -pairing(&scaled, &factors.scaled(&back, sigma)) / (1.0 + pairing(&scaled, &scaled));
+        let turned =
+            -pairing(&scaled, &factors.scaled(&back, sigma)) / (1.0 + pairing(&scaled, &scaled));
         let back = back.plus(&along, turned);
         let astray = farthest(&factors.scaled(&back, sigma));
-        if astray > ASTRAY && reach > LEAST
+        if astray > ASTRAY
+            && reach > LEAST
             && let Some(place) = before.take()
         {
             at = place;
@@ -173,7 +174,10 @@ fn follow<const D: usize>(
         let more = change.exp_m1() - change;
         let bent = factors.scaled(&way, 1.0);
         let bent = bent.iter().map(|(z, s)| e * (more * sigma) - product(z, s));
-        let bend = factors.direction(&bent.collect::<Vec<_>>(), &missed_first.times(-more * share));
+        let bend = factors.direction(
+            &bent.collect::<Vec<_>>(),
+            &missed_first.times(-more * share),
+        );
         monitor.count(2.0);
         if farthest(&factors.scaled(&bend, sigma)) < MOST_BENT {
             way = way.plus(&bend, 1.0);
@@ -219,7 +223,9 @@ fn pairing<const D: usize>(x: &[(Vector<D>, Vector<D>)], y: &[(Vector<D>, Vector
 
 /// The longest of the pairs.
 fn farthest<const D: usize>(pairs: &[(Vector<D>, Vector<D>)]) -> f64 {
-    let squares = pairs.iter().map(|(z, s)| z.norm_squared() + s.norm_squared());
+    let squares = pairs
+        .iter()
+        .map(|(z, s)| z.norm_squared() + s.norm_squared());
     squares.fold(0.0, f64::max).sqrt()
 }
 
@@ -286,7 +292,12 @@ impl<const D: usize> Direction<D> {
         Self {
             z: sum(&self.z, &other.z),
             s: sum(&self.s, &other.s),
-            a: self.a.iter().zip(&other.a).map(|(x, y)| x + y * factor).collect(),
+            a: self
+                .a
+                .iter()
+                .zip(&other.a)
+                .map(|(x, y)| x + y * factor)
+                .collect(),
         }
     }
 }
