@@ -8,7 +8,6 @@ use bipot_rs::error::Error;
 use bipot_rs::linalg::blocks::Blocks;
 use bipot_rs::linalg::csc::{Symmetric, Symmetry};
 use bipot_rs::linalg::lu::Lu;
-use bipot_rs::linalg::lu::Lu;
 use bipot_rs::linalg::small::{Block, norm};
 use bipot_rs::linalg::sparse_lu::{Analysis, SparseLu};
 use bipot_rs::problem::sparse::free_part;
@@ -117,7 +116,7 @@ fn the_sign_is_that_of_the_determinant() {
         let never = AtomicBool::new(false);
         let sparse = SparseLu::new(&analysis, &blocks, &never).unwrap().unwrap();
         let dense = Lu::new(case.dense(), D * side * side, &never).unwrap();
-        assert_eq!(sparse.sign(), dense.unwrap().sign(), "seed {seed}");
+        assert!(sparse.sign() * dense.unwrap().sign() > 0.0, "seed {seed}");
         sparse.sign()
     }
     let signs = (0..40).map(|seed| agrees::<2>(seed, 5) + agrees::<3>(seed, 4));
