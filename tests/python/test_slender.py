@@ -118,16 +118,16 @@ def test_forces_on_a_free_strip_balance(slenderness: float) -> None:
     # More weight on the left, and a push that friction holds.
     load.reshape(-1, 2)[:, 1] *= 1.5 - x / 1000.0
     load.reshape(-1, 2)[:, 0] += 0.1 * load.reshape(-1, 2)[:, 1]
-    result = model.problem().solve(load)
+    result = model.problem().solve(load, tol=1e-13)
     r, f = result.reaction[-1], load.reshape(-1, 2)
     whole = np.abs(f).sum()
-    # Sums of some hundred terms, each rounded once.
-    assert abs(r[:, 0].sum() + f[:, 1].sum()) <= 1e-13 * whole
+    # What the residual is held to, and sums of some hundred terms, each rounded once.
+    assert abs(r[:, 0].sum() + f[:, 1].sum()) <= 1e-12 * whole
     t = model.frame[:, 1, 0] * r[:, 1]
-    assert abs(t.sum() + f[:, 0].sum()) <= 1e-13 * whole
+    assert abs(t.sum() + f[:, 0].sum()) <= 1e-12 * whole
     moment = (model.points[:, 0] * r[:, 0]).sum()
     moment += (x * f[:, 1] - model.nodes[:, 1] * f[:, 0]).sum()
-    assert abs(moment) <= 1e-13 * whole * 1000.0
+    assert abs(moment) <= 1e-12 * whole * 1000.0
 
 
 def test_where_no_digits_are_left_that_is_said() -> None:
