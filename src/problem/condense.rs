@@ -121,9 +121,13 @@ impl<const D: usize> Sorted<D> {
             let of_body = |dofs: &[usize]| dofs.iter().map(|&i| at[i]).collect();
             parts.iter().map(|(dofs, _)| of_body(dofs)).collect()
         });
-        let geometry = given
-            .places
-            .map(|at| Arc::new(Geometry::new(at.to_vec(), D)));
+        let geometry = given.places.map(|at| {
+            let mut supported = vec![false; n];
+            for &dof in &coupling.index {
+                supported[dof] = true;
+            }
+            Arc::new(Geometry::new(at.to_vec(), D, supported))
+        });
         Ok(Self {
             parts,
             places,

@@ -21,8 +21,8 @@ const ROUNDING: f64 = 64.0;
 /// The same of a combination of motions, which adds the rounding of the rotations.
 const COMBINED: f64 = 256.0;
 
-/// Of all rows, the share that must be in balance for the directions found to be
-/// believed: with wrong ones hardly any row is.
+/// Of the rows that no support reaches, the share that must be in balance for the
+/// directions found to be believed: with wrong ones hardly any row is.
 const BELIEVED: f64 = 0.25;
 
 /// Columns below this, relative to the largest, are those of motions that the body has
@@ -34,6 +34,9 @@ const NO_MOTION: f64 = 1e-10;
 pub struct Geometry {
     places: Vec<[f64; 3]>,
     dimension: usize,
+    /// Whether the stiffness couples a degree of freedom to one that is prescribed: its
+    /// row is out of balance in a rigid motion of all others.
+    supported: Vec<bool>,
     directions: OnceLock<Vec<Option<Direction>>>,
 }
 
@@ -46,10 +49,11 @@ enum Direction {
 
 impl Geometry {
     #[must_use]
-    pub fn new(places: Vec<[f64; 3]>, dimension: usize) -> Self {
+    pub fn new(places: Vec<[f64; 3]>, dimension: usize, supported: Vec<bool>) -> Self {
         Self {
             places,
             dimension,
+            supported,
             directions: OnceLock::new(),
         }
     }
@@ -74,8 +78,11 @@ impl Geometry {
                     .any(|f| f[i].abs() > ROUNDING * f64::EPSILON * sizes[i])
             })
             .collect();
+        let unsupported = |i: &usize| !self.supported[dofs[*i]];
+        let tell = (0..dofs.len()).filter(unsupported).count();
+        let against = held.iter().copied().filter(unsupported).count();
         #[expect(clippy::cast_precision_loss, reason = "counts")]
-        if held.len() as f64 > (1.0 - BELIEVED) * dofs.len() as f64 {
+        if against as f64 > (1.0 - BELIEVED) * tell as f64 {
             return None;
         }
         let mut resisted: Vec<Vec<f64>> = forces

@@ -112,6 +112,17 @@ CLASSES = (
         ("solved",),
     ),
     Class(
+        "flat and long blocks",
+        "coarse blocks turned at random, sides up to 3000 times another, up to 8 supports "
+        "with levers down to a few 1e-5, with coordinates",
+        "as many rigid motions as supports leave; refused as floating where contact does "
+        "not pin them",
+        200,
+        4000,
+        determinate.counted,
+        ("counted", "refused"),
+    ),
+    Class(
         "two nodes in space",
         "blocks and trusses turned at random that touch at two nodes, with and without "
         "coordinates",

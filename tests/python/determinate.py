@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -195,4 +196,56 @@ def on_two_nodes(seeds: Iterable[int]) -> Counter[str]:
         with pytest.raises(bp.FloatingBodyError):
             bp.ContactProblem(K, B, gap=np.zeros(2), mu=0.3, coordinates=places)
         met["refused"] += 1
+    return met
+
+
+def counted(seeds: Iterable[int]) -> Counter[str]:
+    """Rigid motions of flat and long blocks are as many as their supports leave.
+
+    Places of the degrees of freedom are given. Sides differ by up to 3000, and supports
+    hold by levers of down to a few 1e-5 of the block.
+    """
+    met: Counter[str] = Counter()
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        dim = 2 + seed % 2
+        cells = tuple(int(c) for c in rng.integers(1, 5 if dim == 2 else 3, dim))
+        axes = [
+            np.linspace(0, 10 ** rng.uniform(-1.75, 1.75), count + 1) for count in cells
+        ]
+        mesh: Any = fem.box(axes, str(rng.choice(CELLS[dim])))
+        mesh = type(mesh)(rotation(rng, dim) @ mesh.p, mesh.t)
+        material = fem.Material(10 ** rng.uniform(0, 11), rng.uniform(0, 0.499))
+        body = fem.Body("block", mesh, material)
+        n, nodes = body.points.size, body.points
+        touching = rng.choice(len(nodes), rng.integers(1, len(nodes) // 2 + 1), False)
+        rows = (dim * touching[:, None] + np.r_[dim - 1, 0 : dim - 1]).ravel()
+        others = np.setdiff1d(np.arange(n), rows)
+        fixed = rng.choice(others, rng.integers(0, min(len(others), 8) + 1), False)
+        Z = _motions(nodes)
+        sizes = np.linalg.svd(Z[np.r_[rows, fixed]], compute_uv=False)
+        # One contact node, or two in space, hold less than all motions.
+        pinned = len(rows) + len(fixed) >= Z.shape[1] and sizes.min() > 1e-6
+        places = np.repeat(nodes, dim, axis=0)
+        B = sparse.csr_array(
+            (np.ones(len(rows)), (np.arange(len(rows)), rows)), shape=(len(rows), n)
+        )
+
+        made = partial(
+            bp.ContactProblem,
+            fem.stiffness(body),
+            B,
+            gap=np.zeros(len(touching)),
+            mu=0.3,
+            fixed=fixed,
+            coordinates=places,
+        )
+        if not pinned:
+            with pytest.raises(bp.FloatingBodyError):
+                made()
+            met["refused"] += 1
+            continue
+        left = Z.shape[1] - np.linalg.matrix_rank(Z[fixed], tol=1e-8)
+        assert made().stats["rigid_motions"] == left, seed
+        met["counted"] += 1
     return met

@@ -9,7 +9,7 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import fem
-from determinate import bars, on_two_nodes, sticking
+from determinate import bars, counted, on_two_nodes, sticking
 from twice import Array
 
 
@@ -20,6 +20,15 @@ def test_statically_determinate_bodies() -> None:
 @pytest.mark.verify
 def test_many_statically_determinate_bodies() -> None:
     assert sticking(range(60, 1260))["solved"] == 1200
+
+
+def test_supports_of_flat_blocks_are_counted() -> None:
+    assert sum(counted(range(200)).values()) == 200
+
+
+@pytest.mark.verify
+def test_supports_of_many_flat_blocks_are_counted() -> None:
+    assert sum(counted(range(200, 4200)).values()) == 4000
 
 
 def test_two_nodes_do_not_hold_a_body_in_space() -> None:
