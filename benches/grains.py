@@ -1,9 +1,10 @@
 """Seeded sets of rigid disks and spheres with more contact forces than motions.
 
 `SETS` maps the name of a set to a function of the seed; seeds 0 to 49 are those of the
-tables. ``walls`` are 900 and 1,600 disks in rows, square or hexagonal, under their weight
-with random loads from the side; ``packings`` are balls that have settled in a box, in the
-plane and in space, with about 2,000 contacts.
+tables. ``walls`` are 900 and 1,600 disks, one on top of the other in columns, under their
+weight with random loads from the side; ``heaps`` are as many in staggered rows, each on
+two, which nothing holds at the sides: with little friction they flow apart. ``packings``
+are balls that have settled in a box, in the plane and in space, with about 2,000 contacts.
 
 An `Assembly` is bodies with their masses, and contacts without compliance. One time step
 of it, and that is what is solved, has the form of FCLIB's files, ``W = B M⁻¹ Bᵀ`` with
@@ -66,12 +67,15 @@ class Assembly:
 
 
 def wall(
-    name: str, side: int, rng: np.random.Generator, *, hexagonal: bool, mu: float
+    name: str, side: int, rng: np.random.Generator, *, staggered: bool, mu: float
 ) -> Assembly:
-    """`side` rows of as many disks of radius 1 on a floor, loads from the side."""
+    """`side` rows of as many disks of radius 1 on a floor, loads from the side.
+
+    Rows are straight above each other, or staggered by half a disk.
+    """
     row, column = np.divmod(np.arange(side**2), side)
     x = np.c_[2.0 * column, 2.0 * row]
-    if hexagonal:
+    if staggered:
         x = np.c_[2.0 * column + row % 2, np.sqrt(3.0) * row]
     x += 1.0
     radius = np.ones(side**2)
@@ -196,13 +200,21 @@ def _displacements(
 
 
 def walls(seed: int) -> Assembly:
-    """900 disks for even seeds, 1,600 for odd ones; hexagonal every other pair."""
+    """900 disks for even seeds, 1,600 for odd ones."""
+    return _rows("walls", seed, staggered=False)
+
+
+def heaps(seed: int) -> Assembly:
+    """900 disks for even seeds, 1,600 for odd ones."""
+    return _rows("heaps", seed, staggered=True)
+
+
+def _rows(set_: str, seed: int, *, staggered: bool) -> Assembly:
     rng = np.random.default_rng(seed)
-    side, hexagonal = 30 + 10 * (seed % 2), seed % 4 >= 2
+    side = 30 + 10 * (seed % 2)
     mu = float(rng.choice([0.3, 0.4, 0.6]))
-    shape = "hexagonal" if hexagonal else "square"
-    name = f"walls {seed}: {side**2} disks, {shape}, mu {mu}"
-    return wall(name, side, rng, hexagonal=hexagonal, mu=mu)
+    name = f"{set_} {seed}: {side**2} disks, mu {mu}"
+    return wall(name, side, rng, staggered=staggered, mu=mu)
 
 
 def packings(seed: int) -> Assembly:
@@ -229,4 +241,8 @@ def packings(seed: int) -> Assembly:
         return Assembly(name, d, B, kept["mass"], kept["load"], mu)
 
 
-SETS: dict[str, Callable[[int], Assembly]] = {"walls": walls, "packings": packings}
+SETS: dict[str, Callable[[int], Assembly]] = {
+    "walls": walls,
+    "heaps": heaps,
+    "packings": packings,
+}

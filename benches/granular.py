@@ -29,7 +29,11 @@ import bipot_rs as bp
 HERE = Path(__file__).resolve().parent
 TARGETS = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10]
 SECONDS = 20.0
-TITLES = {"walls": "walls of disks", "packings": "packings of balls"}
+TITLES = {
+    "walls": "walls of disks",
+    "heaps": "disks in staggered rows",
+    "packings": "packings of balls",
+}
 
 
 def measure(name, seed, limit):

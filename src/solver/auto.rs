@@ -42,9 +42,9 @@ const PROXIMAL_HELD: usize = 3;
 /// Attempts with proximal points before interior points are tried.
 const INTERIOR: usize = 3;
 
-/// Contacts of a sparse `W` from which on steps of Newton take so long that interior
-/// points come after the first attempt, and the steps that it is given: half of what they
-/// need themselves. Between two paths of interior points it is given more, for it ends
+/// Contacts of a sparse `W` from which on steps of Newton take so long that proximal
+/// points come after its first failure and interior points after their first attempt, and
+/// the steps that this is given: half of what they need themselves. Between two paths of interior points it is given more, for it ends
 /// most of what they began.
 const MANY: usize = 500;
 const BEFORE_INTERIOR: usize = 20;
@@ -92,16 +92,18 @@ pub fn run<const D: usize>(
         0
     };
     let mut next = NEXT_SWEEPS;
-    let proximal_from = if problem.rigid.modes.is_empty() {
-        PROXIMAL
-    } else {
-        PROXIMAL_HELD
-    };
     let large = problem.contacts() >= MANY
         && problem
             .compliance
             .whole()
             .is_ok_and(|whole| whole.is_some());
+    let proximal_from = if large {
+        1
+    } else if problem.rigid.modes.is_empty() {
+        PROXIMAL
+    } else {
+        PROXIMAL_HELD
+    };
     let interior_from = proximal_from + if large { 0 } else { INTERIOR };
     let mut path = 0;
     for failure in 1.. {

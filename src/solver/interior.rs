@@ -56,10 +56,14 @@ const SHORTEST: f64 = 0.9;
 /// least, what they are multiplied by when two have stayed near it and when one has left
 /// it, and how far from it a point may be, in the same lengths.
 const LONGEST: f64 = 0.7;
-const LEAST: f64 = 0.2;
+const LEAST: f64 = 0.1;
 const GROW: f64 = 1.3;
 const SHRINK: f64 = 0.4;
 const ASTRAY: f64 = 1.0;
+
+/// What a step keeps of the way back to the path from beyond [`ASTRAY`], in the same
+/// lengths. Whole steps of Newton leap to and fro across a kink there, for ever.
+const NEARER: f64 = 0.5;
 
 /// A second-order term longer than this is none: the step is taken without it.
 const MOST_BENT: f64 = 2.0;
@@ -183,7 +187,8 @@ fn follow<const D: usize>(
             way = way.plus(&bend, 1.0);
         }
         let rim = longest(&at.z, &way.z).min(longest(&at.s, &way.s));
-        let next = at.moved(&way, change, (SHORTEST * rim).min(1.0));
+        let most = if astray > ASTRAY { NEARER / astray } else { 1.0 };
+        let next = at.moved(&way, change, (SHORTEST * rim).min(most));
         before = Some(std::mem::replace(&mut at, next));
     }
     Ok(match best {

@@ -26,12 +26,12 @@ def solved(assembly: grains.Assembly, seconds: float | None = None) -> bp.Soluti
     return solution
 
 
-@pytest.mark.parametrize("hexagonal", [False, True], ids=["square", "hexagonal"])
+@pytest.mark.parametrize("staggered", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_wall_of_four_hundred_disks(seed: int, hexagonal: bool) -> None:
+def test_a_wall_of_four_hundred_disks(seed: int, staggered: bool) -> None:
     """Sweeps, Newton and proximal points alone need up to 40,000 iterations, or stall."""
     rng = np.random.default_rng(seed)
-    wall = grains.wall("wall", 20, rng, hexagonal=hexagonal, mu=0.4)
+    wall = grains.wall("wall", 20, rng, staggered=staggered, mu=0.4)
     solution = solved(wall)
     assert solution.converged
     assert solution.iterations < 2000
@@ -46,7 +46,7 @@ def test_a_packing_of_eighty_balls(d: int) -> None:
 
 
 def test_threads_change_no_bit() -> None:
-    wall = grains.wall("wall", 24, np.random.default_rng(1), hexagonal=False, mu=0.6)
+    wall = grains.wall("wall", 24, np.random.default_rng(1), staggered=False, mu=0.6)
     W, q = wall.step()
     problem = bp.ReducedProblem(W, q, wall.mu)
     one, two = (problem.solve(num_threads=n, max_iterations=200) for n in (1, 2))
@@ -61,14 +61,22 @@ def test_nine_in_ten_packings_within_twenty_seconds() -> None:
 
 
 @pytest.mark.verify
-def test_six_of_the_first_eight_walls_within_twenty_seconds() -> None:
-    """Hexagonal walls of 1,600 disks, the two not asked for, are solved by half."""
-    found = [solved(grains.walls(seed), seconds=20.0) for seed in range(8)]
-    assert sum(s.converged and s.residual <= TOL for s in found) >= 6
+def test_nine_in_ten_walls_within_twenty_seconds() -> None:
+    found = [solved(grains.walls(seed), seconds=20.0) for seed in range(50)]
+    assert sum(s.converged and s.residual <= TOL for s in found) >= 45
+
+
+@pytest.mark.verify
+def test_heaps_are_solved_or_not_called_so() -> None:
+    """Those with little friction flow apart, and are rarely solved in that time."""
+    found = [solved(grains.heaps(seed), seconds=20.0) for seed in range(10)]
+    for solution in found:
+        assert solution.converged == (solution.residual <= TOL)
+    assert sum(solution.converged for solution in found) >= 5
 
 
 def test_a_limit_of_seconds_ends_a_path() -> None:
-    W, q = grains.walls(11).step()
+    W, q = grains.heaps(11).step()
     problem = bp.ReducedProblem(W, q, 0.3)
     solution = problem.solve(tol=TOL, max_seconds=4.0)
     assert solution.outcome in (bp.Outcome.TIME_LIMIT, bp.Outcome.CONVERGED)
