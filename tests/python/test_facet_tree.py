@@ -103,7 +103,7 @@ def compare(seed: int, count: int) -> None:
 
 @pytest.mark.parametrize("at_once", [5, box_tree.AT_ONCE])
 def test_the_nearest_of_all(at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(facet_tree, "AT_ONCE", at_once)
+    monkeypatch.setattr(box_tree, "AT_ONCE", at_once)
     compare(1, 8 if at_once == 5 else 60)
 
 

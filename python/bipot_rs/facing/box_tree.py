@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bipot_rs.check import Array
 
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 # Children of a node, and pairs that are compared at once: some ten megabytes.
 WIDTH, AT_ONCE = 8, 2**17
@@ -33,12 +34,48 @@ def starts(count: int) -> Ints:
     return np.arange(0, count, WIDTH)
 
 
-def children(node: Ints, count: int) -> tuple[Ints, Ints]:
+def _children(node: Ints, count: int) -> tuple[Ints, Ints]:
     """Children of nodes, of a level of so many, and the places of their parents."""
     parent = np.repeat(np.arange(len(node)), WIDTH)
     child = (node[:, None] * WIDTH + np.arange(WIDTH)).ravel()
     there = child < count
     return parent[there], child[there]
+
+
+def descend(
+    sizes: list[int], queries: int, near: Callable[[int, Ints, Ints], Bools]
+) -> Iterator[tuple[Ints, Ints]]:
+    """Queries and leaves that are near each other, a portion at a time.
+
+    Memory does not grow with the pairs: portions wait for those within them.
+
+    Parameters
+    ----------
+    sizes
+        How many nodes each level has, from the leaves up to the root.
+    queries
+        How many queries there are.
+    near
+        Of a level, queries and nodes ``(p,)``: which pairs may be near.
+    """
+    work: list[tuple[int, Ints, Ints]] = []
+    work.append((len(sizes) - 1, np.arange(queries), np.zeros(queries, np.int64)))
+    while work:
+        level, query, node = work.pop()
+        if len(query) > AT_ONCE:
+            half = len(query) // 2
+            work.append((level, query[half:], node[half:]))
+            work.append((level, query[:half], node[:half]))
+            continue
+        met = near(level, query, node)
+        query, node = query[met], node[met]
+        if not query.size:
+            continue
+        if level == 0:
+            yield query, node
+        else:
+            parent, child = _children(node, sizes[level - 1])
+            work.append((level - 1, query[parent], child))
 
 
 class BoxTree:
@@ -63,26 +100,14 @@ class BoxTree:
         A portion at a time, which bounds the memory; each pair once.
         """
         low, high = _within(low, high, group)
-        work: list[tuple[int, Ints, Ints]] = []
-        work.append(
-            (len(self._levels) - 1, np.arange(len(low)), np.zeros(len(low), np.int64))
-        )
-        while work:
-            level, query, node = work.pop()
-            if len(query) > AT_ONCE:
-                half = len(query) // 2
-                work.append((level, query[half:], node[half:]))
-                work.append((level, query[:half], node[:half]))
-                continue
+
+        def near(level: int, query: Ints, node: Ints) -> Bools:
             theirs = tuple(bound[node] for bound in self._levels[level])
-            met = _overlap(low[query], high[query], *theirs)
-            query, node = query[met], node[met]
-            if level == 0:
-                if query.size:
-                    yield query, self._order[node]
-            elif query.size:
-                parent, child = children(node, len(self._levels[level - 1][0]))
-                work.append((level - 1, query[parent], child))
+            return _overlap(low[query], high[query], *theirs)
+
+        sizes = [len(least) for least, _ in self._levels]
+        for query, box in descend(sizes, len(low), near):
+            yield query, self._order[box]
 
 
 def _within(low: Array, high: Array, group: Ints) -> tuple[Array, Array]:
@@ -90,5 +115,5 @@ def _within(low: Array, high: Array, group: Ints) -> tuple[Array, Array]:
     return np.column_stack([low, group - 0.25]), np.column_stack([high, group + 0.25])
 
 
-def _overlap(low: Array, high: Array, other_low: Array, other_high: Array) -> Array:
+def _overlap(low: Array, high: Array, other_low: Array, other_high: Array) -> Bools:
     return np.asarray(((high > other_low) & (other_high > low)).all(axis=1))

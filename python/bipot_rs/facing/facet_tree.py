@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs.check import Array
-from bipot_rs.facing.box_tree import AT_ONCE, along_curve, children, starts
+from bipot_rs.facing.box_tree import Bools, along_curve, descend, starts
 
 Ints = NDArray[np.int64]
 
@@ -39,34 +39,24 @@ class FacetTree:
         """Points and facets that may be nearer to them than ``best (n,)``.
 
         A portion at a time, ascending by point, then by facet. The caller lowers
-        ``best`` meanwhile, which leaves out the more of those to come. Memory does not
-        grow with the pairs: portions wait for those within them.
+        ``best`` meanwhile, which leaves out the more of those to come.
         """
-        every = np.arange(len(x))
-        work: list[tuple[int, Ints, Ints]] = []
-        work.append((len(self._levels) - 1, every, np.zeros(len(x), np.int64)))
-        while work:
-            level, point, node = work.pop()
-            if len(point) > AT_ONCE:
-                half = len(point) // 2
-                work.append((level, point[half:], node[half:]))
-                work.append((level, point[:half], node[:half]))
-                continue
-            least = _bounds(x[point], self._levels[level][node])
-            slack = _ROUNDING * self._size
-            may = least <= best[point] * (1 + _ROUNDING) + slack
-            point, node, least = point[may], node[may], least[may]
-            if not point.size:
-                continue
-            if level:
-                parent, child = children(node, len(self._levels[level - 1]))
-                work.append((level - 1, point[parent], child))
-                continue
+        slack = _ROUNDING * self._size
+
+        def within(least: Array, point: Ints) -> Bools:
+            return np.asarray(least <= best[point] * (1 + _ROUNDING) + slack)
+
+        def near(level: int, point: Ints, node: Ints) -> Bools:
+            return within(_bounds(x[point], self._levels[level][node]), point)
+
+        sizes = [len(level) for level in self._levels]
+        for point, node in descend(sizes, len(x), near):
+            least = _bounds(x[point], self._levels[0][node])
             # The most promising facet of each point first: few others are left then.
             order = np.lexsort([least, point])
             first = order[np.flatnonzero(np.diff(point[order], prepend=-1))]
             yield point[first], self._order[node[first]]
-            may = least <= best[point] * (1 + _ROUNDING) + slack
+            may = within(least, point)
             may[first] = False
             point, facet = point[may], self._order[node[may]]
             order = np.lexsort([facet, point])
