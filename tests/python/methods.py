@@ -16,3 +16,5 @@ METHODS = (
 
 # Those that need supports: they refuse bodies that contact alone holds.
 NEED_SUPPORTS = ("alternating_principles", "minimising_sequence", "pivoting")
+
+WITHOUT_SUPPORTS = tuple(name for name in METHODS if name not in NEED_SUPPORTS)

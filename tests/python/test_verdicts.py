@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 import bipot_rs as bp
+from methods import WITHOUT_SUPPORTS
 from verdicts import (
-    METHODS,
     agree,
     locals_of,
     proofs,
@@ -29,7 +29,7 @@ def held_by_friction(mu: float) -> bp.ReducedProblem:
 
 
 @pytest.mark.parametrize("mu", 10.0 ** np.arange(-1, 10))
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", WITHOUT_SUPPORTS)
 def test_a_large_friction_hides_no_opening(mu: float, method: str) -> None:
     problem = held_by_friction(mu)
     assert problem.existence(exhaust=True).verdict == "none"

@@ -13,22 +13,13 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 import bipot_rs as bp
+from methods import WITHOUT_SUPPORTS
 from random_problems import Given
 
 Array = NDArray[np.float64]
 
 # Beyond these an oracle in doubles does not tell balance from rounding.
 CLEAR = 1e-6
-METHODS = (
-    "auto",
-    "newton",
-    "gauss_seidel",
-    "nesterov",
-    "uzawa",
-    "uzawa_two_projection",
-    "displacement_principle",
-    "stress_principle",
-)
 
 
 def small_problem(seed: int) -> Given:
@@ -243,7 +234,7 @@ def sliders(seeds: range) -> Counter[str]:
     """The same of bodies that friction alone holds, by every method that takes them."""
     seen = Seen(Counter())
     for seed in seeds:
-        check(friction_alone(seed), seen, METHODS)
+        check(friction_alone(seed), seen, WITHOUT_SUPPORTS)
     return seen.counts
 
 
