@@ -48,7 +48,8 @@ class _App(typer.Typer):
                     interrupts.told = True
                     line(command=arguments[0], ok=False, success=False, message=message)
                     if arguments[0] == "fclib":
-                        # Its lines are files: people read what is none of them.
+                        # On standard output it prints one line a file; an error of the
+                        # command itself goes to standard error.
                         complain(message)
                     return status
                 return Job(None, as_json="--json" in arguments).end(status, message)
@@ -83,7 +84,7 @@ class _App(typer.Typer):
 
 
 def _fault(error: Exception) -> str:
-    """What nothing else has a sentence for: it should be reported."""
+    """The message for an exception that no command expects: a fault of the program."""
     said = " ".join(str(error).split())
     return (
         f"this is a fault of bipot, {type(error).__name__}{': ' if said else ''}{said}; "

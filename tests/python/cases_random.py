@@ -74,8 +74,9 @@ CLASSES = (
     Class(
         "proofs",
         "3 plane contacts, 1 to 3 rigid motions, μ up to 1",
-        "a motion is told with the verdict if and only if it proves it: in all dual "
-        "cones, loads working on it; loads in balance by a linear programme",
+        "the verdict carries a motion if and only if that motion proves it: it lies in all "
+        "dual cones and the loads do positive work on it; a linear programme says "
+        "whether the loads can be balanced",
         400,
         10_000,
         verdicts.proofs,
