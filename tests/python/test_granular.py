@@ -68,11 +68,12 @@ def test_nine_in_ten_walls_within_twenty_seconds() -> None:
 
 @pytest.mark.verify
 def test_heaps_are_solved_or_not_called_so() -> None:
-    """Those with little friction flow apart, and are rarely solved in that time."""
+    """Those with little friction flow apart, and are not solved in that time."""
     found = [solved(grains.heaps(seed), seconds=20.0) for seed in range(10)]
     for solution in found:
         assert solution.converged == (solution.residual <= TOL)
-    assert sum(solution.converged for solution in found) >= 5
+    # Nine of these on a quiet machine.
+    assert sum(solution.converged for solution in found) >= 6
 
 
 def test_a_limit_of_seconds_ends_a_path() -> None:
