@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from bipot_rs import scene
 from bipot_rs.discretisation import DiscretisationError, Estimator
+from bipot_rs.discretisation.stopping import tolerance
 from bipot_rs.fem import Body, box
-from bipot_rs.mesh_error.enough import tolerance
 
 Floats = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs.export import read_result
+from bipot_rs.files.export import read_result
 
 HERE = Path(__file__).resolve().parent
 PEERS = HERE / "peers"

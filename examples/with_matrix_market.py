@@ -20,7 +20,8 @@ import numpy as np
 from scipy.io import mmwrite
 
 import bipot_rs as bp
-from bipot_rs import fem, stiffness_files
+from bipot_rs import fem
+from bipot_rs.cli import matrix_files
 
 WIDTH, HEIGHT, PRESSURE, MU = 40.0, 20.0, 50.0, 0.3
 
@@ -55,7 +56,7 @@ def write(folder: Path, n: int = 8) -> None:
 
 def solve(folder: Path) -> bp.Result:
     """What `bipot solve` does, without its files."""
-    given = stiffness_files.read(
+    given = matrix_files.read(
         folder / "K.mtx",
         folder / "contacts.csv",
         nodes=folder / "nodes.inp",

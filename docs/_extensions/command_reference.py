@@ -14,7 +14,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from bipot_rs.cli import app
+from bipot_rs.cli.app import app
 
 
 class CommandReference(SphinxDirective):

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from bipot_rs import scene
 from bipot_rs.discretisation import discretisation_error
-from bipot_rs.mesh_error.error_map import draw
+from bipot_rs.plots.error_map import draw
 
 HERE = Path(__file__).parent
 HEAD = "| scene | mu | n |"

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from bipot_rs import scene
 from bipot_rs.discretisation import Estimator
-from bipot_rs.mesh_error.enough import tolerance
+from bipot_rs.discretisation.stopping import tolerance
 
 PICTURE = Path(__file__).resolve().with_name("10-stop-rule.png")
 NUMBERS = PICTURE.with_suffix(".csv")

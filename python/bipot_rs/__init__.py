@@ -19,28 +19,28 @@ from typing import TYPE_CHECKING, Any
 
 import bipot_rs.early  # noqa: F401
 from bipot_rs import _core, fclib
-from bipot_rs.answers import Answers
-from bipot_rs.cone import project
-from bipot_rs.error_bound import ErrorBound
-from bipot_rs.errors import (
+from bipot_rs._lib.optional import missing
+from bipot_rs._lib.versions import show_versions, versions
+from bipot_rs.contact.enumeration import Answers
+from bipot_rs.contact.error_bound import ErrorBound
+from bipot_rs.contact.errors import (
     BipotError,
     FloatingBodyError,
     NoEquilibriumError,
     NotConvergedError,
 )
-from bipot_rs.existence import Existence
-from bipot_rs.extras import missing
-from bipot_rs.installation import show_versions, versions
-from bipot_rs.one_call import solve
-from bipot_rs.problem import ContactProblem
-from bipot_rs.reduced import ReducedProblem
-from bipot_rs.result import Outcome, Result, Solution, Status, Step, load
+from bipot_rs.contact.existence import Existence
+from bipot_rs.contact.one_call import solve
+from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.projection import project
+from bipot_rs.contact.reduced import ReducedProblem
+from bipot_rs.contact.result import Outcome, Result, Solution, Status, Step, load
 
 if TYPE_CHECKING:
     from bipot_rs import plots
-    from bipot_rs.facing.pairing import Pairs, pairs, rigid_pairs
-    from bipot_rs.model import Model as Model
-    from bipot_rs.model import ModelResult as ModelResult
+    from bipot_rs.mortar.pairs import Pairs, pairs, rigid_pairs
+    from bipot_rs.scene.builder import Model as Model
+    from bipot_rs.scene.builder import ModelResult as ModelResult
 
 __all__ = [
     "Answers",
@@ -74,21 +74,25 @@ __version__ = _core.version
 # Loaded by who asks for it. What needs scikit-fem and pydantic is not in __all__, for a
 # star would ask for it.
 _LAZY = {
-    "Model": "bipot_rs.model",
-    "ModelResult": "bipot_rs.model",
-    "Pairs": "bipot_rs.facing.pairing",
-    "pairs": "bipot_rs.facing.pairing",
-    "rigid_pairs": "bipot_rs.facing.pairing",
+    "Model": "bipot_rs.scene.builder",
+    "ModelResult": "bipot_rs.scene.builder",
+    "Pairs": "bipot_rs.mortar.pairs",
+    "pairs": "bipot_rs.mortar.pairs",
+    "rigid_pairs": "bipot_rs.mortar.pairs",
 }
 # Modules that are attributes without being loaded before.
-_MODULES = (
-    *("analytic", "discretisation", "fem", "model", "obstacle", "paraview", "plots"),
-    *("scene", "theory"),
-)
+_MODULES = {
+    **{name: f"bipot_rs.{name}" for name in ("analytic", "discretisation", "fem")},
+    **{name: f"bipot_rs.{name}" for name in ("obstacle", "plots", "scene", "theory")},
+    "inspection": "bipot_rs.fem.inspection",
+    "model": "bipot_rs.scene.builder",
+    "paraview": "bipot_rs.fem.paraview",
+    "review": "bipot_rs.fem.review",
+}
 
 
 def __getattr__(name: str) -> Any:
-    module = f"bipot_rs.{name}" if name in _MODULES else _LAZY.get(name)
+    module = _MODULES.get(name) or _LAZY.get(name)
     if module is None:
         raise AttributeError(f"module 'bipot_rs' has no attribute {name!r}")
     try:

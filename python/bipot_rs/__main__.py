@@ -2,6 +2,6 @@
 
 import sys
 
-from bipot_rs.cli import app
+from bipot_rs.cli.app import app
 
 sys.exit(app())

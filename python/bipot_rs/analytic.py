@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import floats, integer, number
+from bipot_rs._lib.validation import floats, integer, number
 
 Array = NDArray[np.float64]
 P = ParamSpec("P")

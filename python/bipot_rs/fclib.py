@@ -24,13 +24,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import Array, floats
-from bipot_rs.export import aside, library, place
-from bipot_rs.global_problem import GlobalProblem
-from bipot_rs.problem import ContactProblem
-from bipot_rs.reduced import ReducedProblem
-from bipot_rs.result import Result, Solution
-from bipot_rs.words import counted
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.validation import Array, floats
+from bipot_rs.contact.global_problem import GlobalProblem
+from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.reduced import ReducedProblem
+from bipot_rs.contact.result import Result, Solution
+from bipot_rs.files.export import aside, library, place
 
 __all__ = [
     "GlobalProblem",

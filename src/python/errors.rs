@@ -70,7 +70,7 @@ impl From<Panicked> for PyErr {
 /// An exception of `bipot_rs.errors`, which is Python because it carries a result.
 fn ours(name: &str, text: String) -> PyErr {
     Python::attach(|py| {
-        let made = PyModule::import(py, "bipot_rs.errors")
+        let made = PyModule::import(py, "bipot_rs.contact.errors")
             .and_then(|module| module.getattr(PyString::new(py, name)))
             .and_then(|class| class.call1((text.clone(),)));
         match made {

@@ -12,10 +12,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import bipot_rs.cli
-import bipot_rs.running.resume
-import bipot_rs.scene
-from bipot_rs import export
+import bipot_rs.cli.app
+import bipot_rs.cli.resume
+import bipot_rs.scene.reading
+from bipot_rs.files import export
 
 # Children start with what is loaded here, most of what a run takes.
 export.require()
@@ -108,7 +108,9 @@ def bipot_with(
 
 def bipot(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """`bipot` without any fault."""
-    return bipot_with(lambda *_: None, "bipot_rs.scene:read", *arguments, cwd=cwd)
+    return bipot_with(
+        lambda *_: None, "bipot_rs.scene.reading:read", *arguments, cwd=cwd
+    )
 
 
 def bipot_hit_at_import(

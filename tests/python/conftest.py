@@ -31,9 +31,9 @@ def bipot(
 
     def run(*arguments: str) -> tuple[int, str, str]:
         # Not at the top: most tests need no command.
-        from bipot_rs import cli
+        from bipot_rs.cli import app
 
-        status = cli.app(list(arguments)) or 0
+        status = app.app(list(arguments)) or 0
         return status, *capsys.readouterr()
 
     return run

@@ -10,8 +10,7 @@ from scipy import sparse
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from bipot_rs import fem
-from bipot_rs.bodies import elasticity
-from bipot_rs.facing import meeting
+from bipot_rs.fem import contact, elasticity
 
 Floats = NDArray[np.float64]
 CELLS = {
@@ -169,9 +168,9 @@ def test_partners_are_the_same_with_and_without_a_tree(
 ) -> None:
     random = np.random.default_rng(5)
     ours, theirs = random.normal(size=(40, 3)), random.normal(size=(70, 3))
-    few = meeting._nearest(ours, theirs)
-    monkeypatch.setattr(meeting, "_ALL_PAIRS", 0)
-    np.testing.assert_array_equal(few, meeting._nearest(ours, theirs))
+    few = contact._nearest(ours, theirs)
+    monkeypatch.setattr(contact, "_ALL_PAIRS", 0)
+    np.testing.assert_array_equal(few, contact._nearest(ours, theirs))
 
 
 @pytest.mark.parametrize("cell", CELLS)

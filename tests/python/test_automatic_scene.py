@@ -10,7 +10,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs.discretisation import discretisation_error
 from bipot_rs.scene import assemble, bodies, read
-from bipot_rs.schema import Amplitude
+from bipot_rs.scene.schema import Amplitude
 from children import bipot, bipot_with
 from test_adaptive import bits
 from test_resume import content
@@ -125,7 +125,7 @@ def test_resumed_to_the_same_files(tmp_path: Path) -> None:
 
     assert bipot(*command, cwd=tmp_path).returncode == 0
     whole = content(tmp_path / "here" / "result.h5")
-    broken = bipot_with(fault, "bipot_rs.running.report:row", *command, cwd=tmp_path)
+    broken = bipot_with(fault, "bipot_rs.cli.report:row", *command, cwd=tmp_path)
     assert broken.returncode == 130
     run = bipot(*command, "--resume", "--json", cwd=tmp_path)
     assert run.returncode == 0, run.stderr

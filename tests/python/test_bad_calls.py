@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs import analytic, export, fem, plot
-from bipot_rs.bodies import elasticity
+from bipot_rs import analytic, fem
+from bipot_rs.fem import elasticity
+from bipot_rs.files import export
+from bipot_rs.plots import run_figure
 
 Array = NDArray[np.float64]
 
@@ -587,13 +589,13 @@ def test_files_and_pictures(tmp_path: Any) -> None:
     picture = tmp_path / "x.png"
     for name in contacts:
         lacking = {k: v for k, v in contacts.items() if k != name}
-        refused(lambda c=lacking: plot.tractions(picture, c, [step]), name)
+        refused(lambda c=lacking: run_figure.tractions(picture, c, [step]), name)
         wrong = contacts | {name: np.ones((n + 1, 2, 2, 2))}
-        refused(lambda c=wrong: plot.tractions(picture, c, [step]), name, "shape")
+        refused(lambda c=wrong: run_figure.tractions(picture, c, [step]), name, "shape")
     for name in step:
         wrong_step = step | {name: np.full(n + 1, np.nan)}
-        refused(lambda s=wrong_step: plot.tractions(picture, contacts, [s]), name)
-    refused(lambda: plot.tractions(picture, contacts, []), "steps")
+        refused(lambda s=wrong_step: run_figure.tractions(picture, contacts, [s]), name)
+    refused(lambda: run_figure.tractions(picture, contacts, []), "steps")
     assert not picture.exists()
     refused(lambda: export.write_result(3, {}, [], complete=True), "path")  # type: ignore[arg-type]
     not_ours = tmp_path / "text.h5"

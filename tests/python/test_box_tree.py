@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bipot_rs.facing import box_tree
+from bipot_rs.mortar import box_tree
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,7 +13,7 @@ from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs.byte_order import MARK, unmarked
+from bipot_rs._lib.byte_order import MARK, unmarked
 from test_solve_command import written
 
 meshio = pytest.importorskip("meshio")
@@ -70,7 +70,7 @@ def test_meshes(suffix: str, tmp_path: Path) -> None:
 
 
 def test_surfaces_of_obstacles(tmp_path: Path) -> None:
-    from bipot_rs.bodies.mesh_file import read_cells
+    from bipot_rs.mesh.readers import read_cells
 
     path = tmp_path / "a.stl"
     path.write_text(

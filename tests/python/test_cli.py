@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs import export
+from bipot_rs.files import export
 
 BIPOT = [sys.executable, "-m", "bipot_rs"]
 LAST_LINE = {

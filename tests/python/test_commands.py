@@ -15,13 +15,13 @@ from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bipot_rs import fclib
-from bipot_rs.commands import check as checking
-from bipot_rs.commands.new import templates
-from bipot_rs.commands.plot import kinds
-from bipot_rs.commands.schema import schema
-from bipot_rs.reduced import ReducedProblem
+from bipot_rs.cli.commands import check as checking
+from bipot_rs.cli.commands.new import templates
+from bipot_rs.cli.commands.plot import kinds
+from bipot_rs.cli.commands.schema import schema
+from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.scene import assemble, bodies, read
-from bipot_rs.shipped import shipped, text
+from bipot_rs.scene.library import shipped, text
 
 SMALL = ("--set", "mesh.n=4")
 

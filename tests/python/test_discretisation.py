@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bipot_rs import fem, scene
 from bipot_rs.discretisation import BOUND, INDICATOR, Estimator, discretisation_error
-from bipot_rs.mesh_error.simplices import simplices
+from bipot_rs.discretisation.simplices import simplices
 
 Floats = NDArray[np.float64]
 SMOOTH = "contact.0.mu=0.0"
@@ -298,7 +298,7 @@ def test_the_lift_costs_what_it_should() -> None:
         slopes = one.gradients[cell, local]
         for at, phi in ((local[0], (1.0, 0.0)), (local[1], (0.0, 1.0))):
             gradient = np.outer(vector, phi[0] * slopes[1] + phi[1] * slopes[0])
-            from bipot_rs.mesh_error.simplices import elastic
+            from bipot_rs.discretisation.simplices import elastic
 
             expected = -elastic(material, 0.5 * (gradient + gradient.T))
             part = next(k for k in range(3) if k != at)

@@ -14,8 +14,9 @@ from scipy import sparse
 from scipy.io import mmwrite
 
 import bipot_rs as bp
-from bipot_rs import dof_order, fem
-from bipot_rs.check import csr
+from bipot_rs import fem
+from bipot_rs._lib.validation import csr
+from bipot_rs.contact import dof_order
 from children import bipot
 
 CELLS = [

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
 from bipot_rs import fem, scene
-from bipot_rs.bodies import elements
 from bipot_rs.discretisation import Estimator
-from bipot_rs.mesh_error.simplices import simplices
+from bipot_rs.discretisation.simplices import simplices
+from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]
 # Spruce, in the order 12, 13, 23 [Pa].

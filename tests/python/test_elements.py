@@ -12,10 +12,10 @@ from scipy.sparse.linalg import spsolve
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from bipot_rs import fem
-from bipot_rs.bodies import elements
-from bipot_rs.bodies.elasticity import vtk_cells
-from bipot_rs.bodies.stress import stress_at_points
-from bipot_rs.vtu import Grid
+from bipot_rs.fem.elasticity import vtk_cells
+from bipot_rs.fem.stress_recovery import stress_at_points
+from bipot_rs.files.vtu import Grid
+from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]
 DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from bipot_rs.discretisation import Estimator
-from bipot_rs.mesh_error.enough import LOOSEST, TIGHTEST, tolerance
+from bipot_rs.discretisation.stopping import LOOSEST, TIGHTEST, tolerance
 
 
 @pytest.mark.parametrize("method", ["auto", "gauss_seidel", "nesterov", "uzawa"])

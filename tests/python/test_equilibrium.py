@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
 from bipot_rs import fem
-from bipot_rs.mesh_error import johnson_mercier
-from bipot_rs.mesh_error.equilibrium import moments
-from bipot_rs.mesh_error.self_stress import SelfStress, _Functions
-from bipot_rs.mesh_error.simplices import (
+from bipot_rs.discretisation import johnson_mercier
+from bipot_rs.discretisation.equilibrium import moments
+from bipot_rs.discretisation.self_stress import SelfStress, _Functions
+from bipot_rs.discretisation.simplices import (
     Simplices,
     complementary,
     elastic,

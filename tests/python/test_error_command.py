@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.mesh_error.error_map import error_map
+from bipot_rs.plots.error_map import error_map
 from test_cli import FILES, LAST_LINE, bipot, lines
 
 P1 = "--set=mesh.element=P1"

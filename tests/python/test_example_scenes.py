@@ -11,7 +11,7 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import analytic
-from bipot_rs.bodies.stress import von_mises
+from bipot_rs.fem.stress_recovery import von_mises
 
 SCENES = Path(__file__).parents[2] / "examples" / "scenes"
 # Residuals of 1e-12, times the condition of small elastic bodies, 1e3.
@@ -54,7 +54,7 @@ def test_heated_bar() -> None:
     np.testing.assert_allclose(u[:, 1], wider * x[:, 1], rtol=0, atol=SOLVED * 0.05)
     for k in (0, 3, 4):
         # Of the displacement alone the stress would be that of no heat.
-        from bipot_rs.paraview import cell_fields
+        from bipot_rs.fem.paraview import cell_fields
 
         fields = cell_fields(case.model, result[k].displacement, case.stress_at_rest(k))
         expected = np.zeros((3, 3))

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 import bipot_rs as bp
-from bipot_rs import cli
-from bipot_rs.commands import check as checking
-from bipot_rs.running.exits import FAULT
+from bipot_rs.cli import app
+from bipot_rs.cli.commands import check as checking
+from bipot_rs.cli.exit_codes import FAULT
 from faulty_scenes import FLOOR, Faulty, block, faulty, late, pair
 from test_scene_parts import roller
 
@@ -165,11 +165,11 @@ def test_a_fault_of_the_program_is_a_sentence(
         raise ZeroDivisionError("division\nby zero")
 
     places = {
-        "run": "bipot_rs.scene.read",
-        "check": "bipot_rs.commands.check.check",
-        "info": "bipot_rs.commands.info.info",
-        "scenes": "bipot_rs.shipped.shipped",
-        "schema": "bipot_rs.commands.schema.schema",
+        "run": "bipot_rs.scene.reading.read",
+        "check": "bipot_rs.cli.commands.check.check",
+        "info": "bipot_rs.cli.commands.info.info",
+        "scenes": "bipot_rs.scene.library.shipped",
+        "schema": "bipot_rs.cli.commands.schema.schema",
     }
     monkeypatch.setattr(places[command], broken)
     name = [] if command in ("scenes", "schema") else ["two_blocks"]
@@ -185,28 +185,28 @@ def test_a_fault_of_the_program_is_a_sentence(
         assert "ZeroDivisionError" in json.loads(out)["message"]
     monkeypatch.setenv("BIPOT_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
-        cli.app([command, *name])
+        app.app([command, *name])
 
 
 def test_displacements_that_cannot_be_found(
     bipot: Bipot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The steps before are kept, and the status says that it has not converged."""
-    from bipot_rs import following
+    from bipot_rs.contact import load_path
 
     m = block()
     m.support("block.top", x=m.times(0.01, "go"), y=-0.1)
     m.contact("block.bottom", plane=FLOOR, mu=0.3)
     m.path(go=[0.0, 1.0, 2.0])
     m.to_toml("it.toml")
-    found = following._Recovery.__call__
+    found = load_path._Recovery.__call__
 
     def lost(self: Any, steps: Any) -> Any:
         if any(step.prescribed.max() > 0.015 for step in steps):
             raise bp.NotConvergedError("the compliance W has too few digits")
         return found(self, steps)
 
-    monkeypatch.setattr(following._Recovery, "__call__", lost)
+    monkeypatch.setattr(load_path._Recovery, "__call__", lost)
     status, out, err = bipot("run", "it.toml", "--json")
     assert (status, err) == (3, "")
     last = json.loads(out.splitlines()[-1])

@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 
-from bipot_rs import export
+from bipot_rs.files import export
 
 CONTACTS = {
     "x": np.arange(6.0).reshape(3, 2),

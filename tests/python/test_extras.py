@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bipot_rs.extras import missing
+from bipot_rs._lib.optional import missing
 
 # Nothing but arrays, in a process that finds none of the optional libraries.
 OPTIONAL = (

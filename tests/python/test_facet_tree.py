@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from bipot_rs import obstacle as ob
-from bipot_rs.facing import box_tree, facet_surface, facet_tree
+from bipot_rs.mortar import box_tree
+from bipot_rs.obstacle import facet_tree, triangulated
 from spheres import icosphere
 
 Array = NDArray[np.float64]
@@ -24,7 +25,7 @@ class Work(NamedTuple):
 @pytest.fixture
 def work(monkeypatch: pytest.MonkeyPatch) -> Work:
     done = Work([], [])
-    bounds, closest = facet_tree._bounds, facet_surface._closest_on
+    bounds, closest = facet_tree._bounds, triangulated._closest_on
 
     def counted_bounds(x: Array, cylinders: Array) -> Array:
         done.nodes.append(len(x))
@@ -35,7 +36,7 @@ def work(monkeypatch: pytest.MonkeyPatch) -> Work:
         return closest(x, corners)
 
     monkeypatch.setattr(facet_tree, "_bounds", counted_bounds)
-    monkeypatch.setattr(facet_surface, "_closest_on", counted_closest)
+    monkeypatch.setattr(triangulated, "_closest_on", counted_closest)
     return done
 
 
@@ -80,7 +81,7 @@ def nearest_of_all(points: Array, x: Array, facets: Ints) -> Array:
     k, m = len(points), len(facets)
     of_facets = np.tile(x[facets], (k, 1, 1))
     repeated = np.repeat(points, m, axis=0)
-    foot, _ = facet_surface._closest_on(repeated, of_facets)
+    foot, _ = triangulated._closest_on(repeated, of_facets)
     away = np.linalg.norm(repeated - foot, axis=1)
     return np.asarray(away.reshape(k, m).min(axis=1))
 

@@ -19,8 +19,8 @@ from scipy.io import mmwrite
 
 import bipot_rs as bp
 from bars import bar_problem, pulled
-from bipot_rs import export
-from bipot_rs.running import folder
+from bipot_rs.cli import output_folder
+from bipot_rs.files import export
 from children import bipot, bipot_with, forked, strays
 
 RUN = (
@@ -60,7 +60,7 @@ def files(cwd: Path) -> dict[str, bytes]:
 def test_full_disk(size: int, earlier: dict[str, bytes], tmp_path: Path) -> None:
     assert len(earlier["result.h5"]) > 30_000
     run = bipot_with(
-        full_after(size), "bipot_rs.paraview:write_bodies", *RUN, cwd=tmp_path
+        full_after(size), "bipot_rs.fem.paraview:write_bodies", *RUN, cwd=tmp_path
     )
     assert (run.returncode, run.stderr) == (2, "")
     message = json.loads(run.stdout.splitlines()[-1])["message"]
@@ -75,7 +75,7 @@ def test_full_disk_behind_standard_output(tmp_path: Path) -> None:
     def fault(*_: object) -> None:
         os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
 
-    run = bipot_with(fault, "bipot_rs.scene:read", *RUN, cwd=tmp_path)
+    run = bipot_with(fault, "bipot_rs.scene.reading:read", *RUN, cwd=tmp_path)
     assert run.returncode == 2
     assert os.strerror(errno.ENOSPC) in run.stderr
     assert run.stderr.count("\n") == 1
@@ -121,9 +121,9 @@ def test_full_disk_under_a_problem(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "before",
     [
-        "bipot_rs.export:_digest",
-        "bipot_rs.running.job:replace",
-        "bipot_rs.export:_three",
+        "bipot_rs.files.export:_digest",
+        "bipot_rs.cli.commands.run:replace",
+        "bipot_rs.files.export:_three",
     ],
 )
 def test_killed_while_writing(
@@ -147,11 +147,11 @@ def test_what_killed_runs_left_goes_with_any_next_run(
     kill = lambda *_: os.kill(os.getpid(), signal.SIGKILL)  # noqa: E731
     for out in ("out/a", "out/b"):
         run = (*RUN, "--out", out)
-        bipot_with(kill, "bipot_rs.running.job:replace", *run, cwd=tmp_path)
+        bipot_with(kill, "bipot_rs.cli.commands.run:replace", *run, cwd=tmp_path)
         assert len(strays(tmp_path / out)) == 1
     alive = tmp_path / "out" / "c"
     alive.mkdir()
-    with folder.draft_in(alive) as draft:
+    with output_folder.draft_in(alive) as draft:
         (tmp_path / "out" / "b" / ".bipot-mine").write_text("a file is none of ours")
         assert bipot_here(*RUN, "--out", "out/d") == 0
         assert draft.is_dir()
@@ -189,11 +189,11 @@ def test_a_draft_that_another_run_has_taken_is_made_again(
             shutil.rmtree(draft.name)
         return draft
 
-    monkeypatch.setattr(folder.tempfile, "TemporaryDirectory", stolen)
-    with folder.draft_in(tmp_path) as draft:
+    monkeypatch.setattr(output_folder.tempfile, "TemporaryDirectory", stolen)
+    with output_folder.draft_in(tmp_path) as draft:
         assert draft.is_dir()
         assert str(draft) not in taken
-        folder.make(tmp_path)
+        output_folder.make(tmp_path)
         assert draft.is_dir()
     assert len(taken) == 2
     assert strays(tmp_path) == []
@@ -208,7 +208,9 @@ def test_files_after_a_full_disk(before: bool, tmp_path: Path) -> None:
     def fault(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    run = bipot_with(fault, "bipot_rs.paraview:write_bodies", *RUN[:-1], cwd=tmp_path)
+    run = bipot_with(
+        fault, "bipot_rs.fem.paraview:write_bodies", *RUN[:-1], cwd=tmp_path
+    )
     assert run.returncode == 2
     last = run.stdout.splitlines()[-1]
     of = ", its files are of an earlier run" if before else ""
@@ -233,7 +235,11 @@ def test_files_of_solve_after_a_full_disk(tmp_path: Path) -> None:
             if Path(path).name == name:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
-        at = "export:write_result" if name == "result.h5" else "text_tables:write"
+        at = (
+            "files.export:write_result"
+            if name == "result.h5"
+            else "files.csv_tables:write"
+        )
         run = bipot_with(fault, f"bipot_rs.{at}", *command, cwd=tmp_path)
         assert run.returncode == 2
         assert run.stderr.splitlines()[-1].endswith(f"; {said}"), run.stderr
@@ -264,7 +270,7 @@ def test_two_runs_at_once_leave_each_other_alone(tmp_path: Path) -> None:
         if not inner:
             inner.append(bipot(*RUN, cwd=tmp_path).returncode)
 
-    run = bipot_with(fault, "bipot_rs.paraview:write_bodies", *RUN, cwd=tmp_path)
+    run = bipot_with(fault, "bipot_rs.fem.paraview:write_bodies", *RUN, cwd=tmp_path)
     assert run.returncode == 0, run.stdout
     assert strays(tmp_path / "here") == []
     assert bp.load(tmp_path / "here" / "result.h5").success

@@ -13,8 +13,8 @@ import pytest
 import bipot_rs as bp
 import pressed
 from bipot_rs import fclib
-from bipot_rs.running import fclib_job
-from bipot_rs.running.interrupts import Interrupts
+from bipot_rs.cli.commands import fclib as fclib_job
+from bipot_rs.cli.interrupts import Interrupts
 from collection import FILES, path
 from methods import METHODS
 

@@ -12,7 +12,8 @@ import pytest
 
 import bipot_rs as bp
 from bars import bar_problem
-from bipot_rs.running import forecast, telling
+from bipot_rs.cli import cost_forecast
+from bipot_rs.cli import progress as telling
 from bipot_rs.scene import assemble, bodies, read
 
 COUNTS = (
@@ -91,12 +92,14 @@ def test_no_function() -> None:
 def test_more_work_takes_longer_and_more_cores_less() -> None:
     small = {"flops": 1e9, "n_contact_dofs": 100, "bodies": 1}
     large = small | {"flops": 1e12}
-    assert forecast.seconds(large, 1) > 100 * forecast.seconds(small, 1)
-    assert forecast.seconds(large, 4) == pytest.approx(forecast.seconds(large, 1) / 4)
+    assert cost_forecast.seconds(large, 1) > 100 * cost_forecast.seconds(small, 1)
+    assert cost_forecast.seconds(large, 4) == pytest.approx(
+        cost_forecast.seconds(large, 1) / 4
+    )
     # Of the same unknowns on two bodies the inverses are a quarter of the work.
     dense = {"flops": 0.0, "n_contact_dofs": 1000}
-    halves = forecast.work(dense | {"bodies": 2})
-    assert halves == pytest.approx(forecast.work(dense | {"bodies": 1}) / 4)
+    halves = cost_forecast.work(dense | {"bodies": 2})
+    assert halves == pytest.approx(cost_forecast.work(dense | {"bodies": 1}) / 4)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +114,7 @@ def test_more_work_takes_longer_and_more_cores_less() -> None:
     ],
 )
 def test_sizes_in_words(count: float, words: str) -> None:
-    assert forecast.size(count) == words
+    assert cost_forecast.size(count) == words
 
 
 @pytest.mark.parametrize(
@@ -124,25 +127,25 @@ def test_sizes_in_words(count: float, words: str) -> None:
     ],
 )
 def test_durations_in_words(seconds: float, words: str) -> None:
-    assert forecast.duration(seconds) == words
+    assert cost_forecast.duration(seconds) == words
 
 
 def test_cores_as_the_core_counts_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RAYON_NUM_THREADS", "3")
-    assert forecast.cores() == 3
+    assert cost_forecast.cores() == 3
     monkeypatch.setenv("BIPOT_NUM_THREADS", "2")
-    assert forecast.cores() == 2
+    assert cost_forecast.cores() == 2
     monkeypatch.setenv("BIPOT_NUM_THREADS", "many")
-    assert forecast.cores() == 3
+    assert cost_forecast.cores() == 3
 
 
 def test_a_run_tells_it_before_the_first_step(
     tmp_path: Any, monkeypatch: Any, capsys: Any
 ) -> None:
-    from bipot_rs import cli
+    from bipot_rs.cli import app
 
     monkeypatch.chdir(tmp_path)
-    assert cli.app(["run", "sheared_cube", "--set", "mesh.n=3"]) == 0
+    assert app.app(["run", "sheared_cube", "--set", "mesh.n=3"]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "Cube pressed onto a rigid plane, then sheared"
     assert [line.split()[0] for line in lines[1:6]] == [
@@ -150,7 +153,7 @@ def test_a_run_tells_it_before_the_first_step(
     ]
     assert lines[6].startswith("load step 1 of 2")
     # A program that reads lines of JSON is told nothing else.
-    assert cli.app(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
+    assert app.app(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
     assert capsys.readouterr().err == ""
 
 
@@ -163,16 +166,16 @@ def test_meshes_of_files_are_counted_once_they_are_read(
     meshed = bodies(asked)
     cells = sum(body.mesh.nelements for body in meshed)
     entries = 12 * cells * (3 * 2) ** 2
-    monkeypatch.setattr(forecast, "available", lambda: entries - 1)
-    forecast.fits(asked)
+    monkeypatch.setattr(cost_forecast, "available", lambda: entries - 1)
+    cost_forecast.fits(asked)
     with pytest.raises(MemoryError, match="fewer cells take less"):
-        forecast.fits(asked, meshed)
-    monkeypatch.setattr(forecast, "available", lambda: entries)
-    forecast.fits(asked, meshed)
+        cost_forecast.fits(asked, meshed)
+    monkeypatch.setattr(cost_forecast, "available", lambda: entries)
+    cost_forecast.fits(asked, meshed)
     for settings in ([], ["mesh.element=P1"], ["mesh.element=P2"], ["mesh.element=Q2"]):
         for name in ("pressed_block", "sheared_cube"):
             box = read(name, ["mesh.n=3", *settings])
-            assert forecast._assembly(box) == forecast._entries(bodies(box))
+            assert cost_forecast._assembly(box) == cost_forecast._entries(bodies(box))
 
 
 class Terminal(io.StringIO):
@@ -192,7 +195,7 @@ def test_a_terminal_sees_that_a_long_phase_goes_on(
     monkeypatch.delenv("NO_COLOR", raising=False)
     with telling.Progress(6, 2, quiet=False) as progress:
         progress.phase("condense")
-        progress.foretell(forecast.duration(40.0))
+        progress.foretell(cost_forecast.duration(40.0))
         progress.bar.refresh()
         began = screen.getvalue()
         assert "condense" in began

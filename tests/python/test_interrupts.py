@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bipot_rs import export
+from bipot_rs.files import export
 from children import bipot, bipot_hit_at_import, bipot_with, child, strays
 
 STEPS = 8
@@ -43,10 +43,10 @@ def hit(
 @pytest.mark.parametrize(
     ("before", "number"),
     [
-        ("bipot_rs.export:require", INT),
-        ("bipot_rs.scene:read", TERM),
-        ("bipot_rs.scene:bodies", INT),
-        ("bipot_rs.scene:assemble", TERM),
+        ("bipot_rs.files.export:require", INT),
+        ("bipot_rs.scene.reading:read", TERM),
+        ("bipot_rs.scene.reading:bodies", INT),
+        ("bipot_rs.scene.reading:assemble", TERM),
         ("bipot_rs._core:Condensed", INT),
         ("bipot_rs._core:Path", TERM),
     ],
@@ -69,7 +69,7 @@ def test_between_steps(number: signal.Signals, tmp_path: Path) -> None:
         if step == 3:
             os.kill(os.getpid(), number)
 
-    run = bipot_with(fault, "bipot_rs.running.report:row", *RUN, cwd=tmp_path)
+    run = bipot_with(fault, "bipot_rs.cli.report:row", *RUN, cwd=tmp_path)
     assert run.returncode == 128 + number
     *steps, last = map(json.loads, run.stdout.splitlines())
     assert [step["step"] for step in steps] == list(range(3))
@@ -80,7 +80,7 @@ def test_between_steps(number: signal.Signals, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "before", ["bipot_rs.paraview:write_bodies", "bipot_rs.export:_three"]
+    "before", ["bipot_rs.fem.paraview:write_bodies", "bipot_rs.files.export:_three"]
 )
 def test_while_files_are_written(before: str, tmp_path: Path) -> None:
     """All steps are there by then, and all files come whole."""
@@ -90,7 +90,7 @@ def test_while_files_are_written(before: str, tmp_path: Path) -> None:
 
 
 def test_after_the_last_file_the_run_has_ended(tmp_path: Path) -> None:
-    run = bipot_with(hit(INT), "bipot_rs.running.job:replace", *RUN, cwd=tmp_path)
+    run = bipot_with(hit(INT), "bipot_rs.cli.commands.run:replace", *RUN, cwd=tmp_path)
     assert run.returncode == 0
     assert left(tmp_path) == (True, STEPS)
 
@@ -99,7 +99,7 @@ def test_an_earlier_result_gives_way_to_load_steps_only(tmp_path: Path) -> None:
     whole = bipot(*RUN, cwd=tmp_path)
     assert whole.returncode == 0
     before = (tmp_path / "here" / "result.h5").read_bytes()
-    run = bipot_with(hit(INT), "bipot_rs.scene:bodies", *RUN, cwd=tmp_path)
+    run = bipot_with(hit(INT), "bipot_rs.scene.reading:bodies", *RUN, cwd=tmp_path)
     assert run.returncode == 130
     assert "is as it was" in json.loads(run.stdout)["message"]
     assert (tmp_path / "here" / "result.h5").read_bytes() == before
@@ -107,11 +107,13 @@ def test_an_earlier_result_gives_way_to_load_steps_only(tmp_path: Path) -> None:
 
 def test_who_asks_twice_does_not_wait_for_files(tmp_path: Path) -> None:
     # Two signals within a second are one: some launchers send them so.
-    run = bipot_with(hit(INT, 2), "bipot_rs.paraview:write_bodies", *RUN, cwd=tmp_path)
+    run = bipot_with(
+        hit(INT, 2), "bipot_rs.fem.paraview:write_bodies", *RUN, cwd=tmp_path
+    )
     assert (run.returncode, left(tmp_path)) == (130, (False, STEPS))
     before = (tmp_path / "here" / "result.h5").read_bytes()
     run = bipot_with(
-        hit(INT, 2, 1.1), "bipot_rs.paraview:write_bodies", *RUN, cwd=tmp_path
+        hit(INT, 2, 1.1), "bipot_rs.fem.paraview:write_bodies", *RUN, cwd=tmp_path
     )
     assert run.returncode == 130
     assert json.loads(run.stdout.splitlines()[-1])["message"] == "interrupted"
@@ -126,7 +128,9 @@ def test_an_interrupt_that_python_cannot_raise(tmp_path: Path) -> None:
         def __del__(self) -> None:
             os.kill(os.getpid(), INT)
 
-    run = bipot_with(lambda *_: Hit(), "bipot_rs.scene:bodies", *RUN, cwd=tmp_path)
+    run = bipot_with(
+        lambda *_: Hit(), "bipot_rs.scene.reading:bodies", *RUN, cwd=tmp_path
+    )
     assert (run.returncode, run.stderr) == (130, "")
     assert left(tmp_path) == (False, 0)
 

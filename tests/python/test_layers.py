@@ -2,9 +2,11 @@
 
 import ast
 import json
+import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -90,145 +92,70 @@ RUST_NAMES = {
         "linalg/region.rs",
     ),
 }
-PYTHON = (
-    "bodies facing mesh_error running",
-    (
-        "_core byte_order early extras figures sliding toml_text units vtu words "
-        "running.exits running.folder running.interrupts running.telling running.workers"
-    ),
-    "shipped",
-    "export error_bound installation summary",
-    "structure",
-    "check plane_friction result",
-    "cone dof_order friction loading rigid_geometry",
-    "stiffness_digits",
-    "resultants remarks",
-    (
-        "answers diagnosis errors existence facing.box_tree facing.facet_shapes frames "
-        "motion"
-    ),
-    "facing.clipping facing.facet_mesh facing.facet_tree facing.skewed",
-    "facing.mortar",
-    "facing.pairing",
-    "reduced",
-    "following",
-    "adaptive",
-    "problem",
-    "global_problem one_call",
-    "fclib",
-    (
-        "analytic bodies.elements bodies.gmsh_groups bodies.inp bodies.materials "
-        "facing.closest"
-    ),
-    "bodies.boxes bodies.body",
-    "bodies.elasticity bodies.inclined",
-    "bodies.mesh_check bodies.stress bodies.surfaces",
-    "bodies.mesh_file",
-    "facing.facet_surface facing.rigid_motion",
-    "obstacle",
-    "facing.meeting",
-    "theory.convex",
-    "theory.materials",
-    "theory.law theory.soils",
-    "theory.explicit theory.functionals theory.inequalities theory.inelastic",
-    "theory",
-    "fem",
-    "text_tables inspection contact_surface",
-    "review",
-    "stiffness_files",
-    "schema.table",
-    "schema.material schema.mesh schema.path",
-    "schema.contact schema.load",
-    "schema.root",
-    "schema.consistency",
-    "running.report schema scene_keys mesh_error.simplices",
-    "case stand_ins",
-    "scene_parts",
-    "plots.canvas",
-    "plots.source plots.skin plots.places",
-    "plots.line plots.path plots.convergence plots.body",
-    "plots.surface",
-    "plots.space",
-    "plots",
-    (
-        "running.resume scene plot paraview mesh_error.error_map "
-        "mesh_error.johnson_mercier mesh_error.contact_facets mesh_error.equilibrium"
-    ),
-    "model running.forecast mesh_error.self_stress",
-    "discretisation",
-    "mesh_error.enough",
-    "running.run_files",
-    "commands.info_mesh commands.info_sweep",
-    "commands.check commands.info commands.new commands.plot commands.schema",
-    "commands.sweep",
-    "commands",
-    "running.job",
-    "running.fclib_job running.stiffness_job",
-    "cli",
-    "__main__ __init__",
-)
+# Library, and the only modules that may name it.
 PYTHON_NAMES = {
-    "meshio": ("bodies.mesh_file",),
-    "skfem": ("bodies.elements",),
-    "h5py": ("export", "fclib"),
+    "meshio": ("mesh.readers",),
+    "skfem": ("mesh.elements",),
+    "h5py": ("files.export", "fclib"),
 }
+# What may stand at the top of the package beside folders.
+TOP = {"__init__.py", "__main__.py", "_core.pyi", "analytic.py", "fclib.py", "py.typed"}
 
 
-FOLDERS = (
-    "bipot_rs",
-    "bipot_rs.bodies",
-    "bipot_rs.commands",
-    "bipot_rs.facing",
-    "bipot_rs.mesh_error",
-    "bipot_rs.plots",
-    "bipot_rs.running",
-    "bipot_rs.theory",
-)
-
-
-def python_violations(
-    tree: Mapping[str, str],
-    order: tuple[str, ...],
-    names: Mapping[str, tuple[str, ...]],
-) -> list[str]:
-    """Imports against the order, and of libraries by files that may not name them."""
-    found = []
-    ranks = {name: rank for rank, group in enumerate(order) for name in group.split()}
-    for name, text in sorted(tree.items()):
-        if name not in ranks:
-            found.append(f"{name}: not declared")
-            continue
-        for line, target in _imports(text):
-            head, _, rest = target.partition(".")
-            if head != "bipot_rs":
-                if name not in names.get(head, (name,)):
-                    found.append(f"{name}:{line}: may not name {head}")
-                continue
-            # Of a folder its file: theory.materials before theory.
-            first, _, second = rest.partition(".")
-            inner = f"{first}.{second.partition('.')[0]}"
-            inner = inner if inner in ranks else first
-            if inner not in ranks:
-                found.append(f"{name}:{line}: {target}: import by module")
-            elif ranks[inner] >= ranks[name] and inner != name:
-                found.append(f"{name}:{line}: {name} may not use {inner}")
-    return found
-
-
-def _imports(text: str) -> list[tuple[int, str]]:
-    """Absolute names of all imports, those within functions included."""
-    found = []
+def imports(text: str) -> Iterator[tuple[str, str]]:
+    """Module and name of all imports, those within functions included."""
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
-            found += [(node.lineno, alias.name) for alias in node.names]
+            yield from ((alias.name, "") for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            base = "bipot_rs" if node.level else ""
-            base = ".".join(part for part in (base, node.module) if part)
-            if base in FOLDERS:  # from bipot_rs import result
-                found += [(node.lineno, f"{base}.{a.name}") for a in node.names]
-            else:
-                found.append((node.lineno, base))
+            assert not node.level, "imports are absolute"
+            yield from ((node.module or "", alias.name) for alias in node.names)
+
+
+def python_name_violations(tree: Mapping[str, str]) -> list[str]:
+    """Modules that name a library which only others may name."""
+    return [
+        f"{name}: may not name {library}"
+        for name, text in sorted(tree.items())
+        for library in {module.partition(".")[0] for module, _ in imports(text)}
+        if name not in PYTHON_NAMES.get(library, (name,))
+    ]
+
+
+def borrowed(tree: Mapping[str, str]) -> list[str]:
+    """Imports of a name from a module of the package that has it from another one."""
+    own = {name: _defined(text) for name, text in tree.items()}
+    found = []
+    for name, text in sorted(tree.items()):
+        for source, what in imports(text):
+            head, _, source = source.partition(".")
+            if head != "bipot_rs" or name == "__init__":
+                continue
+            inside = f"{source}.{what}".strip(".") in tree or what in ("", "_core")
+            if source in own and not inside and what not in own[source]:
+                found.append(f"{name}: {what} is not defined in {source or 'bipot_rs'}")
     return found
+
+
+def _defined(text: str) -> set[str]:
+    found = set()
+    for node in ast.parse(text).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        for target in getattr(node, "targets", [getattr(node, "target", None)]):
+            names = ast.walk(target) if target is not None else ()
+            found |= {part.id for part in names if isinstance(part, ast.Name)}
+    return found
+
+
+def lint(package: Path, settings: Path) -> subprocess.CompletedProcess[str]:
+    """import-linter on the package in a folder, by the contracts of pyproject.toml."""
+    return subprocess.run(
+        ["lint-imports", "--config", settings, "--no-cache"],
+        env=os.environ | {"PYTHONPATH": str(package)},
+        capture_output=True,
+        text=True,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -258,9 +185,61 @@ def test_rust_names(rust_tree: dict[str, str], word: str) -> None:
     assert naming_violations(rust_tree, word, RUST_NAMES[word]) == []
 
 
-def test_python_layers(python_tree: dict[str, str]) -> None:
-    assert {"__init__", "problem", "result"} <= set(python_tree)
-    assert python_violations(python_tree, PYTHON, PYTHON_NAMES) == []
+def test_python_layers(repository: Path) -> None:
+    run = lint(repository / "python", repository / "pyproject.toml")
+    assert run.returncode == 0, run.stdout
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "said"),
+    [
+        (
+            "contact/frames.py",
+            "from bipot_rs.fem import body",
+            "contact is not allowed",
+        ),
+        ("analytic.py", "def f():\n    import bipot_rs.scene.case", "analytic is not"),
+        (
+            "mesh/boxes.py",
+            "import bipot_rs.mesh.readers",
+            "No folder has a cycle BROKEN",
+        ),
+        ("helpers.py", "", "not listed as layers"),
+    ],
+)
+def test_python_layers_see_a_violation(
+    file: str, text: str, said: str, repository: Path, tmp_path: Path
+) -> None:
+    package = repository / "python" / "bipot_rs"
+    shutil.copytree(package, tmp_path / "bipot_rs", ignore=_no_sources)
+    with (tmp_path / "bipot_rs" / file).open("a") as planted:
+        planted.write(f"\n{text}\n")
+    run = lint(tmp_path, repository / "pyproject.toml")
+    assert run.returncode == 1
+    assert said in " ".join(run.stdout.split())
+
+
+def _no_sources(folder: str, names: list[str]) -> list[str]:
+    return [n for n in names if not (n.endswith(".py") or (Path(folder) / n).is_dir())]
+
+
+def test_python_names(python_tree: dict[str, str]) -> None:
+    assert {"__init__", "contact.problem", "mesh.readers"} <= set(python_tree)
+    assert python_name_violations(python_tree) == []
+    planted = {"contact.problem": "def f():\n    import meshio"}
+    assert python_name_violations(planted) == ["contact.problem: may not name meshio"]
+
+
+def test_names_come_from_where_they_are_defined(python_tree: dict[str, str]) -> None:
+    assert borrowed(python_tree) == []
+    planted = {"a": "from bipot_rs.b import f", "b": "from bipot_rs.c import f"}
+    assert borrowed(planted) == ["a: f is not defined in b"]
+
+
+def test_the_top_of_the_package(repository: Path) -> None:
+    top = (repository / "python" / "bipot_rs").iterdir()
+    files = {path.name for path in top if path.is_file()}
+    assert {name for name in files if not name.endswith(".so")} == TOP
 
 
 @pytest.mark.parametrize(
@@ -340,26 +319,6 @@ def test_rust_names_see_a_violation(word: str) -> None:
     assert naming_violations(tree, word, RUST_NAMES[word]) == [
         f"problem/condense.rs: {word}"
     ]
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "said"),
-    [
-        ("result", "from bipot_rs.problem import solve", "result may not use problem"),
-        ("result", "from .problem import solve", "result may not use problem"),
-        ("analytic", "from . import fem", "analytic may not use fem"),
-        ("plot", "def f():\n    from . import scene", "plot may not use scene"),
-        ("problem", "from bipot_rs import solve", "import by module"),
-        ("check", "from bipot_rs.theory import law", "check may not use theory.law"),
-        ("check", "import bipot_rs.theory.law", "check may not use theory.law"),
-        ("problem", "def f():\n    import meshio", "may not name meshio"),
-        ("helpers", "", "not declared"),
-    ],
-)
-def test_python_layers_see_a_violation(name: str, text: str, said: str) -> None:
-    (found,) = python_violations({name: text}, PYTHON, PYTHON_NAMES)
-    assert found.startswith(name)
-    assert found.endswith(said)
 
 
 def third_parties(statement: str) -> set[str]:

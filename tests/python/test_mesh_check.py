@@ -7,7 +7,7 @@ import pytest
 import skfem
 
 from bipot_rs import fem
-from bipot_rs.bodies import elements
+from bipot_rs.mesh import elements
 
 SHAPES = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 DATA = Path(__file__).parent / "data" / "meshes"

@@ -9,9 +9,9 @@ import pytest
 import skfem
 
 from bipot_rs import fem
-from bipot_rs.bodies import elements
-from bipot_rs.bodies.elasticity import vtk_cells
-from bipot_rs.vtu import Grid
+from bipot_rs.fem.elasticity import vtk_cells
+from bipot_rs.files.vtu import Grid
+from bipot_rs.mesh import elements
 
 DATA = Path(__file__).parent / "data" / "meshes"
 # By file the element, of a box 2 x 1 (x 1) in two volumes.

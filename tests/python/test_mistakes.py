@@ -6,10 +6,9 @@ from typing import Any
 
 import pytest
 
-from bipot_rs import cli
-from bipot_rs.running import forecast
+from bipot_rs._lib.messages import meant, nearest
+from bipot_rs.cli import app, cost_forecast
 from bipot_rs.scene import read
-from bipot_rs.words import meant, nearest
 
 
 @pytest.fixture
@@ -20,7 +19,7 @@ def said(
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: str) -> str:
-        assert cli.app(list(arguments)) == 2
+        assert app.app(list(arguments)) == 2
         captured = capsys.readouterr()
         assert captured.out == ""
         assert captured.err.startswith("bipot: ")
@@ -105,7 +104,7 @@ def test_command_line(
     Path("mine.toml").write_text("")
     if "--json" in arguments:
         # The sentence is then the message of the last line, and nothing is complained.
-        assert cli.app(list(arguments)) == 2
+        assert app.app(list(arguments)) == 2
         assert sentence in request.getfixturevalue("capsys").readouterr().out
         return
     told = said(*arguments)
@@ -121,7 +120,7 @@ def test_settings_are_refused_before_any_work(
     def never(*_: object) -> None:
         raise AssertionError("the mesh is made")
 
-    monkeypatch.setattr("bipot_rs.scene.bodies", never)
+    monkeypatch.setattr("bipot_rs.scene.reading.bodies", never)
     assert "newton" in said(*RUN, "--method", "newtom")
     assert "tol" in said(*RUN, "--tol", "7")
 
@@ -129,20 +128,20 @@ def test_settings_are_refused_before_any_work(
 def test_what_does_not_fit_is_refused_before_any_work(
     said: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(forecast, "available", lambda: 8_000_000_000)
+    monkeypatch.setattr(cost_forecast, "available", lambda: 8_000_000_000)
     told = said(*RUN, "--set", "mesh.n=150")
     # 150³ hexahedra of (8·3)² entries, a number and an index of four bytes each.
     assert "takes 23.3 GB to assemble, more than the 8 GB" in told
     assert "mesh.n up to 104 would fit" in told
     # What is said to fit is taken, and one more is not.
-    forecast.fits(read("sheared_cube", ["mesh.n=104"]))
+    cost_forecast.fits(read("sheared_cube", ["mesh.n=104"]))
     with pytest.raises(MemoryError):
-        forecast.fits(read("sheared_cube", ["mesh.n=105"]))
+        cost_forecast.fits(read("sheared_cube", ["mesh.n=105"]))
 
 
 def test_where_nobody_knows_what_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(forecast, "available", lambda: None)
-    forecast.fits(read("sheared_cube", ["mesh.n=150"]))
+    monkeypatch.setattr(cost_forecast, "available", lambda: None)
+    cost_forecast.fits(read("sheared_cube", ["mesh.n=150"]))
 
 
 def test_without_the_library_for_files(

@@ -13,9 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bipot_rs as bp
-import bipot_rs.model
-from bipot_rs import fem, scene, toml_text
-from bipot_rs.schema import Scene
+import bipot_rs.scene.builder
+from bipot_rs import fem, scene
+from bipot_rs._lib import toml_text
+from bipot_rs.scene.schema import Scene
 from children import bipot
 
 

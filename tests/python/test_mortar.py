@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 import bipot_rs as bp
 from bipot_rs import analytic, fem
-from bipot_rs.facing import meeting
-from bipot_rs.mesh_error.contact_facets import contact_facets
-from bipot_rs.mesh_error.simplices import simplices
+from bipot_rs.discretisation.contact_facets import contact_facets
+from bipot_rs.discretisation.simplices import simplices
+from bipot_rs.fem import contact as meeting
 from halfspace import body, boussinesq, grid, mirrored
 from profiles import Profile
 

@@ -421,7 +421,7 @@ def test_gaps_between_spheres(slave: int, master: int) -> None:
 
 def test_large_surfaces_take_no_product_of_their_sizes() -> None:
     """Candidates a facet do not grow with the meshes."""
-    from bipot_rs.facing.facet_mesh import candidates, surface
+    from bipot_rs.mortar.facet_mesh import candidates, surface
 
     most = []
     for n in (10, 40):
@@ -438,11 +438,11 @@ def test_a_coarse_facet_on_a_fine_mesh(
     nodes: int, turned: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Facets of the master are held against those beside them, not against all."""
-    from bipot_rs.facing import box_tree, mortar
+    from bipot_rs.mortar import box_tree, integrals
 
     boxes: list[int] = []
     clipped: list[int] = []
-    overlap, clip = box_tree._overlap, mortar.clip
+    overlap, clip = box_tree._overlap, integrals.clip
 
     def counted_boxes(low: Array, *others: Array) -> Array:
         boxes.append(len(low))
@@ -453,7 +453,7 @@ def test_a_coarse_facet_on_a_fine_mesh(
         return clip(subject, by)
 
     monkeypatch.setattr(box_tree, "_overlap", counted_boxes)
-    monkeypatch.setattr(mortar, "clip", counted_clip)
+    monkeypatch.setattr(integrals, "clip", counted_clip)
     for n in (20, 40):
         if nodes == 0:
             x = np.linspace(0, 1, n * n + 1)

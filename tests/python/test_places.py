@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bipot_rs import fem
-from bipot_rs.plots.places import places
+from bipot_rs.plots.arc_length import places
 
 RANDOM = np.random.default_rng(5)
 
@@ -153,7 +153,7 @@ def test_one_contact_has_a_place() -> None:
 
 def test_a_roller_does_not_scale_the_plane_under_it() -> None:
     """Normals lean: places are still those of the plane."""
-    from bipot_rs.plots.source import Contacts
+    from bipot_rs.plots.data import Contacts
     from bipot_rs.plots.surface import _plane
 
     u, v = np.meshgrid(np.linspace(1, 4, 5), np.linspace(-1, 1, 4))

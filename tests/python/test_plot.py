@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bipot_rs import fem
-from bipot_rs.plot import tractions
+from bipot_rs.plots.run_figure import tractions
 from layout import overlaps
 
 

@@ -9,8 +9,8 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import fem, plots
-from bipot_rs.plots import canvas
-from bipot_rs.plots.source import look
+from bipot_rs.plots import style as canvas
+from bipot_rs.plots.data import look
 from layout import overlaps
 
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
@@ -386,7 +386,7 @@ def test_the_table_of_a_curved_surface_has_its_force(bipot: Any) -> None:
 def test_a_sweep_names_what_is_used_of_friction(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from bipot_rs.commands.sweep import _print
+    from bipot_rs.cli.commands.sweep import _print
 
     row = {"outcome": "solved", "friction_used of a.flat": 0.5}
     _print(["mu"], {0: row}, "")

@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 
 import bipot_rs as bp
 from bipot_rs import fem, plots, scene
-from bipot_rs.bodies.stress import stress, von_mises
-from bipot_rs.contact_surface import contact_surface
-from bipot_rs.plots import canvas
-from bipot_rs.plots.skin import skin
+from bipot_rs.fem.contact_surface import contact_surface
+from bipot_rs.fem.stress_recovery import stress, von_mises
+from bipot_rs.plots import style
+from bipot_rs.plots.boundary_facets import skin
 from bipot_rs.plots.space import sharp_edges
 from layout import overlaps
 
@@ -61,8 +61,8 @@ def arrows_of(ax: Any) -> Any:
 
 
 def test_examples_of_the_docstrings() -> None:
-    assert doctest.testmod(canvas).failed == 0
-    assert doctest.testmod(canvas).attempted
+    assert doctest.testmod(style).failed == 0
+    assert doctest.testmod(style).attempted
 
 
 def test_tractions_are_those_of_the_result(line: Any) -> None:

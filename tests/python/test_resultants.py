@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bipot_rs.resultants import resultants
-from bipot_rs.running.report import closing, print_table
-from bipot_rs.running.telling import Progress
+from bipot_rs.cli.progress import Progress
+from bipot_rs.cli.report import closing, print_table
+from bipot_rs.contact.resultants import resultants
 
 RANDOM = np.random.default_rng(8)
 

@@ -119,7 +119,7 @@ def interrupted(after: int, *more: str, cwd: Path) -> Any:
             raise KeyboardInterrupt
 
     return bipot_with(
-        fault, "bipot_rs.running.report:row", *SCENE, "--out", "here", *more, cwd=cwd
+        fault, "bipot_rs.cli.report:row", *SCENE, "--out", "here", *more, cwd=cwd
     )
 
 
@@ -172,7 +172,7 @@ def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) ->
         if step == 2:
             raise KeyboardInterrupt
 
-    row = "bipot_rs.running.report:row"
+    row = "bipot_rs.cli.report:row"
     assert bipot_with(fault, row, *scene, "here", cwd=tmp_path).returncode == 130
     assert bipot(*scene, "here", "--resume", cwd=tmp_path).returncode == 0
     found, expected = (content(tmp_path / at / "result.h5") for at in ("here", "whole"))
@@ -272,7 +272,7 @@ def test_files_that_cannot_be_resumed(broken: Path) -> None:
     assert "nothing to resume" in refusal()
 
 
-@pytest.mark.parametrize("place", ["scene:bodies", "scene:assemble"])
+@pytest.mark.parametrize("place", ["scene.reading:bodies", "scene.reading:assemble"])
 def test_a_file_without_contacts_is_resumed(
     place: str, whole: Path, tmp_path: Path
 ) -> None:

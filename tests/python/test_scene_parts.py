@@ -9,9 +9,9 @@ import pytest
 
 import bipot_rs as bp
 from bipot_rs import fem, scene
-from bipot_rs.bodies.elements import KINDS
-from bipot_rs.case import motion_of
 from bipot_rs.discretisation import Estimator
+from bipot_rs.mesh.elements import KINDS
+from bipot_rs.scene.case import motion_of
 from children import bipot, bipot_with
 from faulty_scenes import PARTS
 from spheres import icosphere
@@ -188,7 +188,7 @@ def test_a_moving_obstacle_is_resumed_to_the_same_files(tmp_path: Path) -> None:
             if step == 2:
                 raise KeyboardInterrupt
 
-        broken = bipot_with(fault, "bipot_rs.running.report:row", *command, cwd=where)
+        broken = bipot_with(fault, "bipot_rs.cli.report:row", *command, cwd=where)
         assert broken.returncode == 130
         run = bipot(*command, "--resume", "--json", cwd=where)
         assert run.returncode == 0, run.stderr

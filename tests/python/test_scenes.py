@@ -12,7 +12,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from bipot_rs import scene, schema
+from bipot_rs import scene
+from bipot_rs.scene import schema
 from faulty_scenes import MISTAKES
 
 DATA = Path(__file__).with_name("data")

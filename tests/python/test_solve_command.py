@@ -15,8 +15,8 @@ from scipy import sparse
 from scipy.io import mmwrite
 
 import bipot_rs as bp
-from bipot_rs import stiffness_files
-from bipot_rs.running.report import FORCES
+from bipot_rs.cli import matrix_files
+from bipot_rs.cli.report import FORCES
 from children import bipot, bipot_with
 
 MODELS = {
@@ -201,7 +201,7 @@ def test_gaps_of_listed_nodes(tmp_path: Path) -> None:
         "# one that knows its distance, and one that is told it\n"
         "node,other,nx,ny,mu,gap\n7,3,0,2,0.3,\n\n7,3,0,1,0.3,0.125\n"
     )
-    given = stiffness_files.read(
+    given = matrix_files.read(
         tmp_path / "K.mtx", tmp_path / "contacts.csv", tmp_path / "nodes.csv"
     )
     np.testing.assert_array_equal(given.gap, [0.25, 0.125])
@@ -453,9 +453,7 @@ def test_an_interrupt_keeps_the_steps(tmp_path: Path) -> None:
         if step == 1:
             raise KeyboardInterrupt
 
-    run = bipot_with(
-        fault, "bipot_rs.running.stiffness_job:_row", *command, cwd=tmp_path
-    )
+    run = bipot_with(fault, "bipot_rs.cli.commands.solve:_row", *command, cwd=tmp_path)
     assert run.returncode == 130
     kept = bp.load(tmp_path / "out" / "K" / "result.h5")
     assert (len(kept), kept.success, kept.message) == (1, False, "interrupted")

@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
 from bipot_rs import fem
-from bipot_rs.bodies import elements, stress
+from bipot_rs.fem import stress_recovery
+from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
@@ -33,7 +34,7 @@ def test_linear_displacement_has_the_stress_of_hooke(
     material = fem.Material(YOUNG, POISSON, plane_stress=plane_stress)
     body = fem.Body("it", mesh(cell, degree), material)
     gradient = 1e-3 * np.random.default_rng(1).uniform(-1, 1, (d, d))
-    found = stress.stress(body, body.points @ gradient.T, space=True)
+    found = stress_recovery.stress(body, body.points @ gradient.T, space=True)
     strain = np.zeros((3, 3))
     strain[:d, :d] = 0.5 * (gradient + gradient.T)
     if d == 2 and plane_stress:
@@ -48,7 +49,8 @@ def test_linear_displacement_has_the_stress_of_hooke(
         found, np.broadcast_to(wanted, found.shape), atol=1e-12 * YOUNG * 1e-3
     )
     np.testing.assert_array_equal(
-        stress.stress(body, (body.points @ gradient.T).ravel()), found[:, :d, :d]
+        stress_recovery.stress(body, (body.points @ gradient.T).ravel()),
+        found[:, :d, :d],
     )
 
 
@@ -66,19 +68,19 @@ def test_mean_stress_is_the_integral_over_the_cell(cell: str, degree: int) -> No
     body = fem.Body("it", made, {"left": fem.Material(YOUNG, POISSON), "right": wood})
     random = np.random.default_rng(2)
     u = 1e-3 * random.normal(size=body.points.shape)
-    heat = stress.thermal(ALPHA, lambda x: HEAT * np.sin(3 * x[0]))
-    at_points = stress.stress_at_points(body, u, heat)
+    heat = stress_recovery.thermal(ALPHA, lambda x: HEAT * np.sin(3 * x[0]))
+    at_points = stress_recovery.stress_at_points(body, u, heat)
     weights = body.volume().weights
     wanted = np.einsum("abcq,cq->cab", at_points, weights)
     wanted /= weights.sum(axis=1)[:, None, None]
-    found = stress.stress(body, u, heat, space=True)
+    found = stress_recovery.stress(body, u, heat, space=True)
     # Sums of 27 points of 27 nodes in another order.
     atol = 1e-12 * np.abs(at_points).max()
     np.testing.assert_allclose(found, wanted, atol=atol, rtol=0)
     np.testing.assert_array_equal(found, found.swapaxes(1, 2))
 
 
-def free(body: fem.Body, strain: stress.Initial) -> tuple[Floats, Floats]:
+def free(body: fem.Body, strain: stress_recovery.Initial) -> tuple[Floats, Floats]:
     """Displacement and stress of a body that nothing but its frame holds."""
     model = fem.build([body], [])
     d, x = body.dim, body.points
@@ -95,7 +97,7 @@ def free(body: fem.Body, strain: stress.Initial) -> tuple[Floats, Floats]:
     u = np.zeros(model.n)
     K = model.K.tocsc()
     u[gone] = spsolve(K[gone][:, gone], f[gone])
-    return u.reshape(-1, d), stress.stress(body, u, strain, space=True)
+    return u.reshape(-1, d), stress_recovery.stress(body, u, strain, space=True)
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -162,7 +164,7 @@ def test_clamped_bar_heated(cell: str) -> None:
     f = model.initial_strain("it", heat)
     K = model.K.tocsc()
     u[gone] = spsolve(K[gone][:, gone], f[gone])
-    found = stress.stress(body, u, heat, space=True)
+    found = stress_recovery.stress(body, u, heat, space=True)
     wanted = np.zeros((3, 3))
     along = -YOUNG * ALPHA * HEAT
     if d == 2:  # held along x and z: σ_x = σ_z = -E α ΔT/(1 - ν)
@@ -194,7 +196,7 @@ def test_heat_of_one_volume_only() -> None:
     u[gone] = spsolve(
         model.K.tocsc()[gone][:, gone], model.initial_strain("it", heat)[gone]
     )
-    found = stress.stress(body, u, heat)
+    found = stress_recovery.stress(body, u, heat)
     wanted = np.diag([-YOUNG * ALPHA * HEAT / 2, 0.0])
     np.testing.assert_allclose(
         found, np.broadcast_to(wanted, found.shape), atol=1e-11 * YOUNG * ALPHA * HEAT
@@ -217,7 +219,7 @@ def test_initial_strains_that_cannot_be() -> None:
     with pytest.raises(ValueError, match="temperature has shape"):
         model.initial_strain("it", fem.thermal(1.0, lambda _: np.zeros(3)))
     with pytest.raises(ValueError, match=r"displacement has shape \(3,\), expected"):
-        stress.stress(body, np.zeros(3))
+        stress_recovery.stress(body, np.zeros(3))
     with pytest.raises(ValueError, match="space=True"):
         fem.von_mises(np.zeros((4, 2, 2)))
 
@@ -238,5 +240,7 @@ def test_internal_forces_are_those_of_the_stiffness() -> None:
         body = fem.Body("it", mesh(cell, 2), fem.Material(2.0, 0.3, thickness=0.4))
         u = np.random.default_rng(d).uniform(-1, 1, body.points.size)
         theirs = fem.stiffness(body) @ u
-        ours = stress.internal_forces(body, stress.stress_at_points(body, u))
+        ours = stress_recovery.internal_forces(
+            body, stress_recovery.stress_at_points(body, u)
+        )
         np.testing.assert_allclose(ours, theirs, atol=1e-12 * np.abs(theirs).max())

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 import bipot_rs as bp
 from bipot_rs import fem
-from bipot_rs.bodies import elements
-from bipot_rs.inspection import inspect
+from bipot_rs.fem.inspection import inspect
+from bipot_rs.mesh import elements
 
 Floats = NDArray[np.float64]
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}

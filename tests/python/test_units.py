@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
-from bipot_rs import units
-from bipot_rs.scene import SceneError, read
+from bipot_rs.scene import SceneError, read, units
 
 FITTING = [
     ("m", "N", "Pa"),

@@ -1,4 +1,4 @@
-"""What a report of a fault says of the installation."""
+"""What a report of a fault says of the versions."""
 
 import importlib.metadata
 import os
@@ -11,7 +11,8 @@ import pytest
 import scipy
 
 import bipot_rs as bp
-from bipot_rs import _core, installation
+from bipot_rs import _core
+from bipot_rs._lib import versions
 
 
 def test_versions_are_those_that_run() -> None:
@@ -34,7 +35,7 @@ def test_a_line_each(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_what_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(installation, "_OPTIONAL", ("no-such-distribution",))
+    monkeypatch.setattr(versions, "_OPTIONAL", ("no-such-distribution",))
     assert bp.versions()["no-such-distribution"] == "not installed"
 
 

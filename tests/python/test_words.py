@@ -5,7 +5,7 @@ import pytest
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs.words import counted, printable
+from bipot_rs._lib.messages import counted, printable
 
 
 def test_one_is_no_plural() -> None:

@@ -8,19 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs.check import Array, floats, number
-from bipot_rs.plots import canvas
-from bipot_rs.plots.skin import corners_of, deformed_nodes, skin
-from bipot_rs.plots.source import (
-    model_of,
-    number_of,
-    one_step,
-    said_of,
-    units_of,
-)
+from bipot_rs._lib.validation import Array, floats, number
+from bipot_rs.plots import style
+from bipot_rs.plots.boundary_facets import corners_of, deformed_nodes, skin
+from bipot_rs.plots.data import model_of, number_of, one_step, said_of, units_of
 
 if TYPE_CHECKING:
-    from bipot_rs.fem import Model
+    from bipot_rs.fem.assembly import Model
 
 # Of the size of the bodies: the largest displacement, and the longest arrow.
 _DEFORMED, _ARROW = 0.05, 0.12
@@ -93,7 +87,7 @@ def deformed(
     for name, value in (("scale", scale), ("near", near)):
         if value is not None and not number(name, value) > 0:
             raise ValueError(f"{name} is {value}, expected a positive number")
-    from bipot_rs.bodies.stress import stress, von_mises
+    from bipot_rs.fem.stress_recovery import stress, von_mises
 
     u = found.displacement
     if u.shape != (model.n,):
@@ -110,7 +104,7 @@ def deformed(
     mises = von_mises(tensors)
     places, scale = deformed_nodes(model.nodes, u, scale, _DEFORMED)
     own = ax is None
-    ax = canvas.axes_of(ax, size=(5.4, 4.0), space=model.dim == 3)
+    ax = style.axes_of(ax, size=(5.4, 4.0), space=model.dim == 3)
     draw = _plane if model.dim == 2 else _space
     image = draw(model, places, mises, ax)
     tails, longest = places[:0], 0.0
@@ -119,14 +113,14 @@ def deformed(
     bands = _obstacles(model, found, scale, ax) if model.dim == 2 else places[:0]
     _limits(model, places, tails, bands, near, ax)
     if own and model.dim == 2:
-        canvas.fit(ax)
-    canvas.colour_bar(image, ax, "von Mises stress", canvas.stress_unit(units))
+        style.fit(ax)
+    style.colour_bar(image, ax, "von Mises stress", style.stress_unit(units))
     said = [f"displacements × {scale:g}"] if scale != 1 else []
     if longest:
         said.append(f"forces up to {longest:.3g} {units.get('force', '')}".strip())
-    canvas.note(ax, ", ".join([*said, *filter(None, [said_of(result, step)])]))
+    style.note(ax, ", ".join([*said, *filter(None, [said_of(result, step)])]))
     for name in "xyz"[: model.dim]:
-        canvas.name_axis(getattr(ax, f"{name}axis"), name, units.get("length"))
+        style.name_axis(getattr(ax, f"{name}axis"), name, units.get("length"))
     return ax
 
 
@@ -176,7 +170,7 @@ def _plane(model: Model, places: Array, stress: Array, ax: Any) -> Any:
     image.set_rasterized(True)
     ax.add_collection(image)
     for nodes, colour, width in (
-        (model.nodes, canvas.QUIET, 0.6),
+        (model.nodes, style.QUIET, 0.6),
         (places, "black", 0.8),
     ):
         edges = [nodes[facet] for facets, _ in skin(model.cells) for facet in facets]
@@ -272,7 +266,7 @@ def _obstacles(model: Model, found: Any, scale: float, ax: Any) -> Array:
     """Draw the rigid obstacles as contacts see them; corners of the bands, ``(k, 2)``."""
     from matplotlib.collections import PolyCollection
 
-    from bipot_rs.contact_surface import contact_surface
+    from bipot_rs.fem.contact_surface import contact_surface
 
     normal = model.frame[:, 0]
     # Of this step: the obstacle may have moved.
@@ -295,7 +289,7 @@ def _obstacles(model: Model, found: Any, scale: float, ax: Any) -> Array:
     # Edges of their own colour hide the seams.
     ax.add_collection(
         PolyCollection(
-            bands, facecolors=canvas.QUIET, edgecolors=canvas.QUIET, lw=0.3, zorder=0.5
+            bands, facecolors=style.QUIET, edgecolors=style.QUIET, lw=0.3, zorder=0.5
         )
     )
     return np.concatenate(bands)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs.plots import canvas
-from bipot_rs.plots.source import one_step, steps_of
-from bipot_rs.result import Result, Solution
+from bipot_rs.contact.result import Result, Solution
+from bipot_rs.plots import style
+from bipot_rs.plots.data import one_step, steps_of
 
 # More steps than this have their numbers on a colour bar.
 _NAMED = 6
@@ -46,7 +46,7 @@ def convergence(result: Any, *, step: int | None = None, ax: Any = None) -> Any:
         raise ValueError(
             "history is empty, expected the residuals of iterations: files do not hold it"
         )
-    ax = canvas.axes_of(ax)
+    ax = style.axes_of(ax)
     from matplotlib import colormaps
     from matplotlib.colors import Normalize
 
@@ -62,22 +62,22 @@ def convergence(result: Any, *, step: int | None = None, ax: Any = None) -> Any:
             marker="o",
             ms=3,
             lw=1.2,
-            color=canvas.PRESSURE if len(path) == 1 else colours(0.9 * shade(k + 1)),
+            color=style.PRESSURE if len(path) == 1 else colours(0.9 * shade(k + 1)),
             label=f"step {k + 1}" if len(path) > 1 else "residual",
         )
     tolerance = max(path[k].tolerance for k in kept)
-    ax.axhline(tolerance, ls="--", lw=1, color=canvas.LIMIT, label="held to")
+    ax.axhline(tolerance, ls="--", lw=1, color=style.LIMIT, label="held to")
     ax.set_xlabel("work [products with W]")
     ax.set_ylabel("residual η")
-    canvas.bare(ax)
+    style.bare(ax)
     if len(path) <= _NAMED:
-        canvas.legend_above(ax)
+        style.legend_above(ax)
     else:
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import ListedColormap
 
         drawn = ListedColormap(colours(np.linspace(0, 0.9, 256)))
-        canvas.colour_bar(ScalarMappable(shade, drawn), ax, "load step", None)
+        style.colour_bar(ScalarMappable(shade, drawn), ax, "load step", None)
         handles = [h for h in ax.get_lines() if h.get_label() == "held to"]
-        canvas.legend_above(ax, handles=handles)
+        style.legend_above(ax, handles=handles)
     return ax

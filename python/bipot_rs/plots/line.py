@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import Array
-from bipot_rs.friction import dissipation
-from bipot_rs.plots import canvas
-from bipot_rs.plots.places import Places, common
-from bipot_rs.plots.source import Contacts, Given, look
-from bipot_rs.result import Status
+from bipot_rs._lib.validation import Array
+from bipot_rs.contact.elliptic_friction import dissipation
+from bipot_rs.contact.result import Status
+from bipot_rs.plots import style
+from bipot_rs.plots.arc_length import Places, common
+from bipot_rs.plots.data import Contacts, Given, look
 
 # Beyond so many contacts markers would run into each other.
 _MARKERS = 60
@@ -70,7 +70,7 @@ def tractions(
         A wrong argument, named; what is not known of the contacts, and how to give it.
     """
     seen = look(result, step, contacts=contacts, where=where, units=units)
-    return draw_tractions(seen, along, canvas.axes_of(ax))
+    return draw_tractions(seen, along, style.axes_of(ax))
 
 
 def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
@@ -81,13 +81,13 @@ def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> An
     edge = None
     for k, (_, one) in enumerate(lines):
         mark = _mark(one)
-        colours = (canvas.PRESSURE, canvas.SHEAR)
+        colours = (style.PRESSURE, style.SHEAR)
         if len(lines) > 1:
-            colours = (canvas.cycle(k), canvas.cycle(k))
+            colours = (style.cycle(k), style.cycle(k))
         p, t = pressure[one.order], _component(seen, shear, one)
         if seen.mu is not None and one.once:
             limit = _limit(seen, one) * p
-            band = canvas.LIMIT if len(lines) == 1 else colours[0]
+            band = style.LIMIT if len(lines) == 1 else colours[0]
             ax.fill_between(one.s, -limit, limit, color=band, alpha=0.15, lw=0)
             dashed = {"ls": "--" if len(lines) == 1 else ":", "color": band, "lw": 1}
             (edge,) = ax.plot(one.s, limit, label="±μ × pressure", **dashed)
@@ -98,17 +98,17 @@ def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> An
         ax.plot(one.s, t, color=colours[1], lw=1.6, label=what[1], **mark)
     ax.axhline(0, color="black", lw=0.6)
     _strips(ax, lines, seen.status)
-    canvas.bare(ax)
+    style.bare(ax)
     kinds = [h for h in ax.get_lines() if h.get_label() in what]
     kinds += [] if edge is None else [edge]
     if len(lines) > 1:
         kinds = _styles(what, edge is not None)
     _legend(ax, lines, kinds, seen)
-    canvas.name_axis(ax.xaxis, name, seen.units.get("length"))
+    style.name_axis(ax.xaxis, name, seen.units.get("length"))
     if seen.area is not None:
-        canvas.name_axis(ax.yaxis, "traction", canvas.stress_unit(seen.units))
+        style.name_axis(ax.yaxis, "traction", style.stress_unit(seen.units))
     else:
-        canvas.name_axis(ax.yaxis, "contact force", seen.units.get("force"))
+        style.name_axis(ax.yaxis, "contact force", seen.units.get("force"))
     return ax
 
 
@@ -167,21 +167,21 @@ def _legend(
     ax: Any, lines: list[tuple[str, Places]], kinds: list[Any], seen: Contacts
 ) -> None:
     """What lines and zones are, above the axes; filled column by column."""
-    zones = canvas.status_handles(seen.status)
+    zones = style.status_handles(seen.status)
     if len(lines) == 1:
         # Lines above zones.
         handles = [h for both in zip(_padded(kinds), zones, strict=True) for h in both]
-        canvas.legend_above(ax, handles=handles, title=seen.said)
+        style.legend_above(ax, handles=handles, title=seen.said)
         return
     from matplotlib.lines import Line2D
 
     whose = [
-        Line2D([], [], color=canvas.cycle(k), lw=2, label=name)
+        Line2D([], [], color=style.cycle(k), lw=2, label=name)
         for k, (name, _) in enumerate(lines)
     ]
     rows = max(3, len(whose))
     columns = [*_padded(whose, rows), *_padded(kinds, rows), *_padded(zones, rows)]
-    canvas.legend_above(ax, handles=columns, title=seen.said)
+    style.legend_above(ax, handles=columns, title=seen.said)
 
 
 def _padded(handles: list[Any], rows: int = 3) -> list[Any]:
@@ -197,7 +197,7 @@ def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
     for k, (_, one) in enumerate(lines):
         v = _component(seen, closed_slip(seen), one)
         v[seen.status[one.order] == Status.OPEN] = np.nan
-        colour = canvas.SHEAR if len(lines) == 1 else canvas.cycle(k)
+        colour = style.SHEAR if len(lines) == 1 else style.cycle(k)
         mark = _mark(one)
         if np.isnan(v).any():
             # Between open contacts one alone has no line.
@@ -205,14 +205,14 @@ def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
         ax.plot(one.s, v, color=colour, lw=1.6, **mark)
     ax.axhline(0, color="black", lw=0.6)
     _strips(ax, lines, seen.status)
-    canvas.bare(ax)
+    style.bare(ax)
     if len(lines) == 1:
-        zones = canvas.status_handles(seen.status)
-        canvas.legend_above(ax, handles=zones, title=seen.said)
+        zones = style.status_handles(seen.status)
+        style.legend_above(ax, handles=zones, title=seen.said)
     else:
         _legend(ax, lines, [], seen)
-    canvas.name_axis(ax.xaxis, name, seen.units.get("length"))
-    canvas.name_axis(ax.yaxis, "slip in the step", seen.units.get("length"))
+    style.name_axis(ax.xaxis, name, seen.units.get("length"))
+    style.name_axis(ax.yaxis, "slip in the step", seen.units.get("length"))
     return ax
 
 
@@ -243,7 +243,7 @@ def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any
     for k, (whose, one) in enumerate(lines):
         rows = k * apart + np.arange(steps + 1) + 0.5
         ax.pcolormesh(
-            _edges(one.s), rows, status[:, one.order], **canvas.status_colours()
+            _edges(one.s), rows, status[:, one.order], **style.status_colours()
         )
         if len(lines) > 1:
             place = {"ha": "left", "va": "center", "rotation": 90}
@@ -251,14 +251,14 @@ def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any
             transform = ax.get_yaxis_transform()
             ax.text(*at, whose, transform=transform, fontsize="small", **place)
     if len(lines) == 1:
-        canvas.whole_numbers(ax.yaxis)
+        style.whole_numbers(ax.yaxis)
     else:
         ends = sorted({1, steps})
         rows_of = [k * apart + end for k in range(len(lines)) for end in ends]
         ax.set_yticks(rows_of, [str(end) for end in ends] * len(lines))
     counted = f"numbers in {seen.said}" if steps > 1 and seen.said else seen.said
-    canvas.legend_above(ax, handles=canvas.status_handles(status[-1]), title=counted)
-    canvas.name_axis(ax.xaxis, name, seen.units.get("length"))
+    style.legend_above(ax, handles=style.status_handles(status[-1]), title=counted)
+    style.name_axis(ax.xaxis, name, seen.units.get("length"))
     ax.set_ylabel("load step")
     return ax
 
@@ -285,7 +285,7 @@ def _strips(
         if len(lines) > 1:
             edge = {"transform": ax.get_xaxis_transform(), "scaley": False}
             ends = [one.s[0], one.s[-1]]
-            ax.plot(ends, [k * high] * 2, color=canvas.cycle(k), lw=2, **edge)
+            ax.plot(ends, [k * high] * 2, color=style.cycle(k), lw=2, **edge)
     first = min(one.s[0] for _, one in lines)
     last = max(one.s[-1] for _, one in lines)
     if last > first:
@@ -301,7 +301,7 @@ def _strip(
     corners = [
         [(a, low), (b, low), (b, high), (a, high)] for a, b in pairwise(_edges(s))
     ]
-    colours = canvas.status_colours()
+    colours = style.status_colours()
     strip = PolyCollection(
         corners,
         array=status.astype(float),

@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import Array, floats
-from bipot_rs.friction import dissipation as by_pressure
-from bipot_rs.plots import canvas
-from bipot_rs.plots.source import (
+from bipot_rs._lib.validation import Array, floats
+from bipot_rs.contact.elliptic_friction import dissipation as by_pressure
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.resultants import held, is_curved
+from bipot_rs.contact.summary import STATUS
+from bipot_rs.plots import style as canvas
+from bipot_rs.plots.data import (
     Given,
     contacts_of,
     names_of,
@@ -20,9 +23,6 @@ from bipot_rs.plots.source import (
     surface_of,
     units_of,
 )
-from bipot_rs.result import Result
-from bipot_rs.resultants import held, is_curved
-from bipot_rs.summary import STATUS
 
 _STYLE: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 1.5}
 # A mean of normals shorter than this is the rounding of normals that cancel.

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs.check import Array
-from bipot_rs.export import library
-from bipot_rs.plots import canvas
+from bipot_rs._lib.validation import Array
+from bipot_rs.files.export import library
+from bipot_rs.plots import style
 from bipot_rs.plots.body import box_in_space, facets_in_space
+from bipot_rs.plots.boundary_facets import corners_of, skin
+from bipot_rs.plots.data import Contacts, look, model_of
 from bipot_rs.plots.line import closed_slip
-from bipot_rs.plots.skin import corners_of, skin
-from bipot_rs.plots.source import Contacts, look, model_of
 from bipot_rs.plots.surface import NOTHING, QUANTITIES, span, values_of
 
 if TYPE_CHECKING:
-    from bipot_rs.fem import Model
+    from bipot_rs.fem.assembly import Model
 
 BACKENDS = ("matplotlib", "pyvista")
 
@@ -97,7 +97,7 @@ def _values(
 
 
 def _polygons(model: Model) -> list[Any]:
-    from bipot_rs.contact_surface import contact_surface
+    from bipot_rs.fem.contact_surface import contact_surface
 
     facets = [facet for facet in contact_surface(model) if facet[0] != "vertex"]
     return [corners_of(*facet)[1] for facet in facets]
@@ -113,18 +113,18 @@ def _matplotlib(
 ) -> Any:
     from matplotlib.colors import Normalize
 
-    ax = canvas.axes_of(ax, size=(5.4, 4.2), space=True)
+    ax = style.axes_of(ax, size=(5.4, 4.2), space=True)
     values, name, unit, (low, high) = _values(seen, quantity)
     parts = _polygons(model)
     polygons = [polygon for corners in parts for polygon in model.points[corners]]
     colours = {"norm": Normalize(low, high)}
     if quantity == "status":
         of_facet = _zones(values, parts)
-        colours["cmap"] = canvas.status_colours()["cmap"]
+        colours["cmap"] = style.status_colours()["cmap"]
     else:
         of_facet = [values[c].mean(axis=1) for c in parts]
         if not values.any():
-            colours["cmap"] = canvas.blank()
+            colours["cmap"] = style.blank()
     image = facets_in_space(polygons, np.concatenate(of_facet), ax, **colours)
     places = model.points
     if bodies:
@@ -134,18 +134,18 @@ def _matplotlib(
         _slip(model, seen, places, ax)
     box_in_space(places, ax)
     if quantity == "status":
-        zones = canvas.status_handles(seen.status)
-        canvas.legend_above(ax, handles=zones, title=seen.said)
+        zones = style.status_handles(seen.status)
+        style.legend_above(ax, handles=zones, title=seen.said)
     else:
         if values.any():
             _, _, extend = span(values, quantity)
-            canvas.colour_bar(image, ax, name, unit, extend=extend)
+            style.colour_bar(image, ax, name, unit, extend=extend)
         else:
-            canvas.say(ax, NOTHING[quantity])
-        canvas.note(ax, seen.said)
+            style.say(ax, NOTHING[quantity])
+        style.note(ax, seen.said)
     for axis in "xyz":
         length = seen.units.get("length")
-        canvas.name_axis(getattr(ax, f"{axis}axis"), axis, length)
+        style.name_axis(getattr(ax, f"{axis}axis"), axis, length)
     return ax
 
 
@@ -161,7 +161,7 @@ def _slip(model: Model, seen: Contacts, places: Array, ax: Any) -> None:
     ax.quiver(
         *model.points[moving].T,
         *(vectors[moving] * longest / largest).T,
-        color=canvas.SHEAR,
+        color=style.SHEAR,
         lw=0.8,
     )
 
@@ -173,7 +173,7 @@ def _outline(model: Model, ax: Any) -> None:
     )
 
     lines = model.nodes[sharp_edges(model)]
-    ax.add_collection3d(Line3DCollection(lines, colors=canvas.QUIET, linewidths=0.7))
+    ax.add_collection3d(Line3DCollection(lines, colors=style.QUIET, linewidths=0.7))
 
 
 def sharp_edges(model: Model) -> Any:
@@ -207,7 +207,7 @@ def _pyvista(
     pv = library("pyvista", extra="viz", need="pictures that turn")
     plotter = pv.Plotter(off_screen=True, window_size=(1000, 800)) if ax is None else ax
     values, name, unit, (low, high) = _values(seen, quantity)
-    name = canvas.label(name, unit)
+    name = style.label(name, unit)
     parts = _polygons(model)
     # Of each polygon the number of corners, and the corners.
     faces = [np.column_stack([np.full(len(c), c.shape[1]), c]).ravel() for c in parts]
@@ -215,11 +215,11 @@ def _pyvista(
     look = {"clim": (low, high), "show_edges": True, "lighting": False}
     if quantity == "status":
         surface.cell_data[name] = np.concatenate(_zones(values, parts))
-        colours = list(canvas.COLOURS)
+        colours = list(style.COLOURS)
         plotter.add_mesh(
             surface, scalars=name, cmap=colours, show_scalar_bar=False, **look
         )
-        handles = canvas.status_handles(seen.status)
+        handles = style.status_handles(seen.status)
         legend = [[h.get_label(), h.get_facecolor()[:3]] for h in handles]
         plotter.add_legend(legend, bcolor=None, face="rectangle", size=(0.2, 0.15))
     else:
@@ -239,14 +239,14 @@ def _pyvista(
         edges = sharp_edges(model)
         lines = np.column_stack([np.full(len(edges), 2), edges]).ravel()
         outline = pv.PolyData(model.nodes, lines=lines)
-        plotter.add_mesh(outline, color=canvas.QUIET, line_width=2)
+        plotter.add_mesh(outline, color=style.QUIET, line_width=2)
     if arrows:
         vectors = seen.vectors(closed_slip(seen))
         largest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
         if largest > 0:
             longest = 0.12 * np.ptp(model.nodes, axis=0).max()
             plotter.add_arrows(
-                model.points, vectors, mag=longest / largest, color=canvas.SHEAR
+                model.points, vectors, mag=longest / largest, color=style.SHEAR
             )
     plotter.show_axes()
     plotter.camera_position = "xz"

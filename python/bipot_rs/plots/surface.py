@@ -8,18 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import Array
-from bipot_rs.plots import canvas
+from bipot_rs._lib.validation import Array
+from bipot_rs.contact.result import Result, Status
+from bipot_rs.plots import style
+from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection, steps_of
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
-from bipot_rs.plots.source import (
-    Contacts,
-    Given,
-    contacts_of,
-    look,
-    selection,
-    steps_of,
-)
-from bipot_rs.result import Result, Status
 
 # What `surface_map` draws: its name, and of what unit.
 QUANTITIES = {
@@ -98,10 +91,10 @@ def surface_map(
     vector = vectors.get(quantity)
     if arrows is None:
         arrows = vector is not None and seen.frame is not None
-    own, ax = ax is None, canvas.axes_of(ax)
+    own, ax = ax is None, style.axes_of(ax)
     draw_map(seen, quantity, ax, vector if arrows else None)
     if own:
-        canvas.fit(ax)
+        style.fit(ax)
     return ax
 
 
@@ -115,8 +108,8 @@ def draw_map(
         raise ValueError("the contacts lie on a line: tractions draws those")
     if not values.any():
         triangles = _triangles(uv, seen.area)
-        ax.tripcolor(triangles, values, shading="gouraud", cmap=canvas.blank())
-        canvas.say(ax, NOTHING[quantity])
+        ax.tripcolor(triangles, values, shading="gouraud", cmap=style.blank())
+        style.say(ax, NOTHING[quantity])
     else:
         low, high, extend = span(values, quantity)
         image = ax.tripcolor(
@@ -131,8 +124,8 @@ def draw_map(
             _arrows(seen, uv, vector, ax, color="white")
     _finish(seen, uv, names, ax)
     if values.any():
-        canvas.colour_bar(image, ax, name, unit, extend=extend)
-    canvas.note(ax, seen.said)
+        style.colour_bar(image, ax, name, unit, extend=extend)
+    style.note(ax, seen.said)
     return ax
 
 
@@ -141,7 +134,7 @@ def values_of(seen: Contacts, quantity: str) -> tuple[Array, str, str | None]:
     name, kind = QUANTITIES[quantity]
     unit = seen.units.get("length")
     if kind == "stress":
-        unit = canvas.stress_unit(seen.units)
+        unit = style.stress_unit(seen.units)
         if seen.area is None:
             name = {"pressure": "normal force", "shear": "friction force"}[quantity]
             unit = seen.units.get("force")
@@ -196,11 +189,11 @@ def status_map(
     """
     last = -1 if step is None else step
     seen = look(result, last, contacts=contacts, where=where, units=units)
-    own, ax = ax is None, canvas.axes_of(ax)
+    own, ax = ax is None, style.axes_of(ax)
     if seen.x.shape[1] == 3:
         draw_status(seen, ax)
         if own:
-            canvas.fit(ax)
+            style.fit(ax)
         return ax
     if step is None and isinstance(result, Result):
         path = steps_of(result)
@@ -241,10 +234,10 @@ def draw_status(seen: Contacts, ax: Any) -> Any:
             low[1] + count[1] * width[1],
         ),
         interpolation="nearest",
-        **canvas.status_colours(),
+        **style.status_colours(),
     )
-    zones = canvas.status_handles(seen.status)
-    canvas.legend_above(ax, handles=zones, title=seen.said)
+    zones = style.status_handles(seen.status)
+    style.legend_above(ax, handles=zones, title=seen.said)
     _finish(seen, uv, names, ax)
     return ax
 
@@ -275,7 +268,7 @@ def slip(
     matplotlib.axes.Axes
     """
     seen = look(result, step, contacts=contacts, where=where, units=units)
-    own, ax = ax is None, canvas.axes_of(ax)
+    own, ax = ax is None, style.axes_of(ax)
     if seen.x.shape[1] == 2 or along is not None:
         return draw_slip(seen, along, ax)
     uv, names = _plane(seen)
@@ -289,12 +282,12 @@ def slip(
     _finish(seen, uv, names, ax, margin=0.13)
     if arrows is not None:
         unit = seen.units.get("length")
-        canvas.colour_bar(arrows, ax, "slip in the step", unit)
+        style.colour_bar(arrows, ax, "slip in the step", unit)
     else:
-        canvas.say(ax, NOTHING["slip"])
-    canvas.note(ax, seen.said)
+        style.say(ax, NOTHING["slip"])
+    style.note(ax, seen.said)
     if own:
-        canvas.fit(ax)
+        style.fit(ax)
     return ax
 
 
@@ -378,8 +371,8 @@ def _finish(
     ax.set_aspect("equal")
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
-    canvas.name_axis(ax.xaxis, names[0], unit)
-    canvas.name_axis(ax.yaxis, names[1], unit)
+    style.name_axis(ax.xaxis, names[0], unit)
+    style.name_axis(ax.yaxis, names[1], unit)
 
 
 def _arrows(

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs.check import Array
-from bipot_rs.cone import project
+from bipot_rs._lib.validation import Array
+from bipot_rs.contact.projection import project
 
 # A condition on sums of a few numbers, each rounded, is held to a few units of
 # rounding of their sizes: what is constructed on a border stays on it.

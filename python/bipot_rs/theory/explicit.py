@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import coulomb
-from bipot_rs.check import loads as steps_of
-from bipot_rs.cone import project
-from bipot_rs.problem import ContactProblem
+from bipot_rs._lib.validation import coulomb
+from bipot_rs._lib.validation import loads as steps_of
+from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.projection import project
 
 Array = NDArray[np.float64]
 

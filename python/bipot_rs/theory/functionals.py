@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import csr, floats, integer, number
-from bipot_rs.friction import isotropic
-from bipot_rs.problem import ContactProblem
-from bipot_rs.result import Result
+from bipot_rs._lib.validation import csr, floats, integer, number
+from bipot_rs.contact.elliptic_friction import isotropic
+from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.result import Result
 
 Array = NDArray[np.float64]
 

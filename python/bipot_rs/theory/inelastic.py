@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import coulomb, csr, floats, integer, number
+from bipot_rs._lib.validation import coulomb, csr, floats, integer, number
 
 Array = NDArray[np.float64]
 

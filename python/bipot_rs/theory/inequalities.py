@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import coulomb, floats, number
-from bipot_rs.reduced import ReducedProblem
+from bipot_rs._lib.validation import coulomb, floats, number
+from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.theory.convex import direction
 
 Array = NDArray[np.float64]

@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import Array, by_contact, floats, integer, number
-from bipot_rs.cone import project
-from bipot_rs.result import Result
+from bipot_rs._lib.validation import Array, by_contact, floats, integer, number
+from bipot_rs.contact.projection import project
+from bipot_rs.contact.result import Result
 from bipot_rs.theory.convex import (
     direction,
     dot,

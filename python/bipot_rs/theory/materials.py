@@ -20,8 +20,8 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import Array, by_contact, coulomb, floats, positive
-from bipot_rs.cone import project
+from bipot_rs._lib.validation import Array, by_contact, coulomb, floats, positive
+from bipot_rs.contact.projection import project
 from bipot_rs.theory.convex import (
     dot,
     indicator,

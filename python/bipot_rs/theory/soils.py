@@ -33,7 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs.check import Array, floats, number
+from bipot_rs._lib.validation import Array, floats, number
 from bipot_rs.theory.convex import direction, indicator, length, project_cone, within
 from bipot_rs.theory.materials import positive_step
 

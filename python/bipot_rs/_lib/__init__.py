@@ -1,0 +1,1 @@
+"""What every layer uses: checks of arguments, words of messages, optional libraries."""

@@ -1,1 +1,0 @@
-"""Elastic bodies: meshes and where they come from, materials, stiffness, stress."""

@@ -1,0 +1,1 @@
+"""The command `bipot`: arguments in `app`, one file a command in `commands`."""

@@ -1,0 +1,96 @@
+"""``bipot check``: what is wrong with a scene, and what it will take, without solving."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bipot_rs.scene.case import Case
+
+
+class _Counted(Exception):
+    """Ends the condensation once its cost is known."""
+
+
+def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
+    """Read, mesh and assemble a scene, and count what condensing it will take.
+
+    Returns
+    -------
+    dict
+        ``title``, sizes (``dofs``, ``prescribed``, ``contacts``, ``steps``, ``bodies``),
+        ``forecast`` with the counts of `ContactProblem`'s ``on_forecast`` and
+        ``seconds``, None where a body floats; ``floating``, the sentence on motions that
+        neither supports nor contact can hold, or None; ``remarks`` a list of sentences,
+        and ``lines`` for a terminal.
+
+    Raises
+    ------
+    SceneError
+        All mistakes of the scene.
+    MemoryError
+        It would not fit into this machine.
+    """
+    from bipot_rs.cli import cost_forecast
+    from bipot_rs.scene.build import bodies
+    from bipot_rs.scene.reading import assemble, read
+
+    scene = read(name, settings)
+    cost_forecast.fits(scene)
+    meshed = bodies(scene)
+    cost_forecast.fits(scene, meshed)
+    case = assemble(scene, meshed)
+    model = case.model
+    counts, floating = _counts(case)
+    remarks = [said for said in case.remarks() if said not in floating]
+    steps = len(case.parameter)
+    title = [scene.title] if scene.title else []
+    cost = cost_forecast.cost(counts) if counts else []
+    seconds = (
+        {"seconds": cost_forecast.seconds(counts, cost_forecast.cores())}
+        if counts
+        else {}
+    )
+    return {
+        "title": scene.title,
+        "bodies": len(model.bodies),
+        "dofs": model.n,
+        "prescribed": len(model.fixed),
+        "contacts": len(model.gap),
+        "steps": steps,
+        "forecast": counts | seconds if counts else None,
+        "floating": "; ".join(floating) or None,
+        "remarks": remarks,
+        "lines": [
+            *title,
+            *cost_forecast.sizes(model, steps),
+            *cost,
+            *cost_forecast.remarked(remarks),
+        ],
+    }
+
+
+def _counts(case: Case) -> tuple[dict[str, Any], list[str]]:
+    """What condensing will take, as far as it comes to that, and what floats.
+
+    Geometry is asked before the core: that looks for rigid motions body by body, and not
+    always before its cost_forecast.
+    """
+    from bipot_rs.contact.errors import FloatingBodyError
+    from bipot_rs.fem.inspection import unheld
+
+    found: dict[str, Any] = {}
+    floating = list(unheld(case.model, rough=True))
+
+    def stop(counts: Mapping[str, Any]) -> None:
+        found.update(counts)
+        raise _Counted
+
+    try:
+        with suppress(_Counted):
+            case.problem(on_forecast=stop)
+    except FloatingBodyError as error:
+        floating = floating or [str(error)]
+    return found, floating

@@ -1,0 +1,294 @@
+"""``bipot info``: what is in a file or a folder, in some ten lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.byte_order import MARK, unmarked, without
+from bipot_rs._lib.messages import counted, printable
+from bipot_rs.cli.commands.info_mesh import SUFFIXES, box, mesh
+from bipot_rs.cli.commands.info_sweep import sweep
+from bipot_rs.cli.matrix_files import MARKET, market_refuses
+from bipot_rs.cli.output_folder import RESULT, SWEEP
+
+# Steps of a result that are told one by one; of longer paths both ends.
+_STEPS = 3
+
+
+def info(name: str) -> dict[str, Any]:
+    """What a result, a sweep, a problem of FCLIB, a mesh, a matrix or a scene holds.
+
+    Parameters
+    ----------
+    name
+        A file, the folder of a run, of a sweep or of several of them, or a shipped scene.
+
+    Returns
+    -------
+    dict
+        ``kind``, figures by name, and ``lines`` for a terminal.
+
+    Raises
+    ------
+    OSError, ValueError
+        It cannot be read, or is nothing of these.
+    """
+    path = Path(name)
+    if path.is_dir():
+        if (path / RESULT).exists():
+            return _result(path / RESULT)
+        return sweep(path / SWEEP) if (path / SWEEP).exists() else _folder(path)
+    if path.name == SWEEP:
+        return sweep(path)
+    if path.suffix.lower() in SUFFIXES:
+        return mesh(path)
+    if path.suffix.lower() == ".mtx":
+        return _matrix(path)
+    if path.suffix not in (".h5", ".hdf5", ".hdf"):
+        if path.is_file() and path.suffix not in ("", ".toml"):
+            raise ValueError(
+                f"{name} is a file {path.suffix}, expected a result (.h5), a sweep "
+                f"({SWEEP}), a mesh ({', '.join(SUFFIXES)}), a matrix (.mtx), a problem "
+                "(.hdf5) or a scene (.toml)"
+            )
+        return _scene(name)
+    if not path.exists():
+        raise OSError(f"there is no {path}")
+    try:
+        return _result(path)
+    except ValueError as error:
+        try:
+            return _problem(path)
+        except (OSError, ValueError):
+            raise error from None
+
+
+def _folder(path: Path) -> dict[str, Any]:
+    """A folder of folders, as ``out`` is after some runs."""
+    kinds = {RESULT: "run", SWEEP: "sweep"}
+    inside = sorted(one for one in path.iterdir() if one.is_dir())
+    found = {
+        str(one): kind
+        for one in inside
+        for file, kind in kinds.items()
+        if (one / file).exists()
+    }
+    if not found:
+        raise ValueError(
+            f"{path} is a folder without {RESULT} or {SWEEP}, and so are those in it"
+        )
+    many = [
+        counted(list(found.values()).count(kind), kind)
+        for kind in kinds.values()
+        if kind in found.values()
+    ]
+    lines = [f"{path}: a folder of {' and '.join(many)}"]
+    lines += [f"  {kind:<9} bipot info {printable(one)}" for one, kind in found.items()]
+    return {"kind": "folder", "file": str(path), "holds": found, "lines": lines}
+
+
+def _result(path: Path) -> dict[str, Any]:
+    from bipot_rs.cli.report import row
+    from bipot_rs.contact.result import load
+    from bipot_rs.files.export import read_result
+
+    contacts, steps, attributes = read_result(path)
+    result = load(path)
+    count = len(result)
+    x = contacts.get("x")
+    # Of arrays places need not be known.
+    contacts_n, d = result._shape if count else (0 if x is None else len(x), 0)
+    dim = (d or None) if x is None else x.shape[1]
+    found: dict[str, Any] = {
+        "kind": "result",
+        "file": str(path),
+        "scene": attributes.get("scene"),
+        "complete": bool(attributes.get("complete")),
+        "message": attributes.get("message", ""),
+        "package": attributes.get("package"),
+        "method": attributes.get("method"),
+        "tol": attributes.get("tol"),
+        "contacts": contacts_n if count or x is not None else None,
+        "dim": dim,
+        "steps": count,
+        # Automatic steps are as many as it takes, and other files do not say.
+        "planned": int(attributes["planned"]) if "planned" in attributes else None,
+    }
+    whose = found["scene"] or "a problem given as arrays"
+    by = f"method {found['method'] or '-'}, tol {found['tol'] or '-'}"
+    lines = [
+        f"{path}: a result of {whose}, {'' if found['complete'] else 'not '}complete",
+        f"  said      {found['message'] or '-'}",
+    ]
+    if found["package"]:
+        lines.append(f"  by        bipot_rs {found['package']}, {by}")
+    if dim is not None:
+        where = f", {box(x)}" if x is not None and len(x) else ""
+        lines.append(
+            f"  contacts  {counted(contacts_n, 'contact')} in {dim} dimensions{where}"
+        )
+        lines.append(
+            f"  friction  {_span(contacts.get('mu'))}; gap {_span(contacts.get('gap'))}"
+        )
+    if count:
+        found["residual"] = float(result.residual.max())
+        kept = result[0]._kept.get("u")
+        found["displacements"] = None if kept is None else len(kept)
+        moved = "no" if kept is None else len(kept)
+        whole = found["planned"] or count
+        missing = "" if count == whole else f" of {whole}"
+        lines.append(
+            f"  steps     {counted(count, 'load step')}{missing}, every residual at most "
+            f"{found['residual']:.1e}; {moved} displacements each"
+        )
+        told = [
+            row(k, float(steps[k].get("load", k)), step)
+            for k, step in enumerate(result)
+        ]
+        known = found["complete"] or found["planned"] is not None
+        reached = "" if known else " reached"
+        ends = list(range(count))
+        if count > _STEPS:
+            ends[1 : 1 - _STEPS] = []
+        for before, k in zip([-1, *ends], ends, strict=False):
+            one = told[k]
+            if k > before + 1:
+                lines.append(f"  ...       {counted(k - before - 1, 'load step')}")
+            lines.append(
+                f"  load step {k + 1} of {whole}{reached}: open {one['open']}, slip "
+                f"{one['slip']}, stick {one['stick']}, normal force "
+                f"{result[k].reaction[:, 0].sum():.5g}"
+            )
+        last = told[-1]
+        found["last"] = {name: last[name] for name in ("open", "slip", "stick")}
+    return found | {"lines": lines}
+
+
+def _matrix(path: Path) -> dict[str, Any]:
+    """What the head of a file of Matrix Market says; its numbers are not read."""
+    from scipy.io import mminfo
+
+    name = printable(str(path))
+    following = f"  next      bipot solve --stiffness {name} --contacts contacts.csv"
+    found: dict[str, Any] = {"kind": "matrix", "file": str(path)}
+    if not path.is_file():
+        raise OSError(f"there is no {path}")
+    with path.open("rb") as file:
+        if (
+            not without(file.read(len(MARK) + len(MARKET)))
+            .lower()
+            .startswith(MARKET.lower().encode())
+        ):
+            said = "a matrix as Abaqus writes it, node, component, ... a line, if it is one"
+            return found | {"lines": [f"{name}: {said}", following]}
+    try:
+        with unmarked(path) as source:
+            rows, columns, entries, form, field, symmetry = mminfo(source)
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{path} is no matrix of Matrix Market: {error}") from None
+    found |= {
+        "shape": [int(rows), int(columns)],
+        "entries": int(entries),
+        "symmetric": symmetry == "symmetric",
+    }
+    many = f"{counted(int(entries), 'entry')}, " if form == "coordinate" else ""
+    lines = [
+        f"{name}: a matrix of Matrix Market, {rows} × {columns}",
+        f"  holds     {many}{form}, {field}, {symmetry}",
+    ]
+    if rows == columns and market_refuses(field, symmetry) is None:
+        lines.append(following)
+    return found | {"lines": lines}
+
+
+def _span(values: Any) -> str:
+    if values is None or not np.size(values):
+        return "-"
+    low, high = float(np.min(values)), float(np.max(values))
+    return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
+
+
+def _problem(path: Path) -> dict[str, Any]:
+    from bipot_rs.contact.global_problem import GlobalProblem
+    from bipot_rs.fclib import read
+
+    problem = read(path)
+    kind, offset = (
+        ("global", problem.w)
+        if isinstance(problem, GlobalProblem)
+        else ("local", problem.q)
+    )
+    contacts, dim = offset.shape
+    found = {
+        "kind": "fclib",
+        "file": str(path),
+        "form": kind,
+        "contacts": contacts,
+        "dim": dim,
+    }
+    many = f"{counted(contacts, 'contact')} in {dim} dimensions"
+    lines = [
+        f"{path}: a problem of FCLIB, {kind} form, {many}",
+        f"  friction  {_span(problem.mu)}",
+        f"  solve it  bipot fclib {printable(str(path))}",
+    ]
+    return found | {"lines": lines}
+
+
+def _scene(name: str) -> dict[str, Any]:
+    from bipot_rs.scene.reading import read
+
+    scene = read(name)
+    bodies = {
+        body: " and ".join(dict.fromkeys(block.materials.values()))
+        for body, block in scene.body.items()
+    }
+    steps = scene.path.count()
+    found: dict[str, Any] = {
+        "kind": "scene",
+        "scene": name,
+        "title": scene.title,
+        "bodies": list(bodies),
+        "contacts": [contact.on for contact in scene.contact],
+        "steps": steps,
+        "method": scene.solver.method,
+        "tol": scene.solver.tol,
+    }
+    units = ", ".join(
+        f"{quantity} in {unit}"
+        for quantity, unit in scene.units.model_dump().items()
+        if unit
+    )
+    loads = [
+        counted(len(entries), kind)
+        for kind, entries in (
+            ("support", scene.support),
+            ("symmetry", scene.symmetry),
+            ("spring", scene.spring),
+            ("traction", scene.traction),
+            ("pressure", scene.pressure),
+            ("body force", scene.body_force),
+            ("initial strain", scene.strain),
+        )
+        if entries
+    ]
+    told = scene.path.parameter or "their number"
+    lines = [
+        f"{name}: a scene, {scene.title or 'without a title'}",
+        f"  units     {units or 'not named'}",
+        "  bodies    " + ", ".join(f"{b} ({m})" for b, m in bodies.items()),
+        "  contacts  " + ", ".join(_touch(contact) for contact in scene.contact),
+        f"  loads     {', '.join(loads) or 'none'}",
+        f"  path      {counted(steps, 'load step')}, told by {told}",
+        f"  solver    {scene.solver.method}, tol {scene.solver.tol}",
+        f"  next      bipot check {name}, bipot run {name}",
+    ]
+    return found | {"lines": lines}
+
+
+def _touch(contact: Any) -> str:
+    other = "a plane" if contact.against is None else contact.against
+    return f"{contact.on} against {other}, mu {contact.mu}"

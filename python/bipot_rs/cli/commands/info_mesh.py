@@ -1,0 +1,147 @@
+"""What a mesh file holds: sizes, kinds of cells, volumes and surfaces by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from bipot_rs._lib.messages import counted, printable
+
+# Bodies, and surfaces of rigid obstacles.
+_BODIES, _SURFACES = (".msh", ".inp", ".vtu"), (".stl",)
+SUFFIXES = (*_BODIES, *_SURFACES)
+_MANY = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}
+# Names that are told one by one; of more the first ones.
+_NAMES = 12
+
+
+def mesh(path: Path) -> dict[str, Any]:
+    """What a mesh file holds.
+
+    Returns
+    -------
+    dict
+        ``kind``, ``nodes``, ``cells`` by kind, ``dim``, ``volumes`` and ``surfaces`` with
+        their counts, ``mistake``, and ``lines`` for a terminal.
+
+    Raises
+    ------
+    OSError, ValueError, ModuleNotFoundError
+        As `mesh_file.read_mesh`.
+    """
+    return _surface(path) if path.suffix.lower() in _SURFACES else _bodies(path)
+
+
+def box(x: NDArray[Any]) -> str:
+    """The ranges of places ``(m, d)``, axis by axis."""
+    low, high = x.min(axis=0), x.max(axis=0)
+    return " × ".join(f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high, strict=True))
+
+
+def _bodies(path: Path) -> dict[str, Any]:
+    import numpy as np
+
+    from bipot_rs.mesh.elements import KINDS
+    from bipot_rs.mesh.readers import read_mesh, read_meshes
+
+    several = ""
+    try:
+        parts = [read_mesh(path, check=False)]
+    except ValueError as error:
+        # Cells of several kinds: volume by volume there may be one in each.
+        try:
+            parts = list(read_meshes(path, check=False).values())
+        except ValueError:
+            raise error from None
+        several = "cells of several kinds: read its volumes apart by group="
+    dim = int(parts[0].p.shape[0])
+    cells: dict[str, int] = {}
+    volumes: dict[str, int] = {}
+    surfaces: dict[str, int] = {}
+    mistake = ""
+    for one in parts:
+        kind = KINDS[type(one)]
+        order = "first" if kind.degree == 1 else "second"
+        name = (
+            f"{_MANY.get(kind.shape, kind.shape + 's')} of {order} order ({kind.vtk})"
+        )
+        cells[name] = cells.get(name, 0) + int(one.t.shape[1])
+        for known, of in ((volumes, one.subdomains), (surfaces, one.boundaries)):
+            for group, members in (of or {}).items():
+                known[group] = max(known.get(group, 0), len(members))
+        mistake = mistake or _wrong(one, "it")
+    if mistake and len(volumes) > 1 and not several:
+        # Bodies side by side are pieces: each may be sound.
+        apart = read_meshes(path, check=False)
+        told = [_wrong(one, f"volume {name!r}") for name, one in apart.items()]
+        mistake = next(filter(None, told), "")
+        several = "" if mistake else "its volumes are bodies apart: read each by group="
+    points = np.concatenate([one.p.T for one in parts])
+    found: dict[str, Any] = {
+        "kind": "mesh",
+        "file": str(path),
+        "dim": dim,
+        "nodes": len(points),
+        "cells": cells,
+        "volumes": volumes,
+        "surfaces": surfaces,
+        "mistake": mistake,
+    }
+    kinds = ", ".join(f"{count} {name}" for name, count in cells.items())
+    lines = [
+        f"{path}: a mesh in {dim} dimensions",
+        f"  cells     {kinds}",
+        f"  nodes     {len(points)}, {box(points)}",
+        f"  volumes   {_told(volumes, 'cell') or 'none named'}",
+        f"  surfaces  {_told(surfaces, 'facet') or _NO_SURFACE}",
+    ]
+    if several:
+        lines.append(f"  remark    {several}")
+    if mistake:
+        lines.append(f"  mistake   {mistake}")
+    given = f'"{printable(path.name)}"'
+    if several and volumes:
+        group = printable(next(iter(volumes)))
+        given = f'{{ file = {given}, group = "{group}" }}'
+    lines.append(f"  use it    mesh = {given} in a scene: bipot new --template mesh")
+    return found | {"lines": lines}
+
+
+def _wrong(mesh: Any, what: str) -> str:
+    """What is wrong with a mesh, or nothing."""
+    from bipot_rs.mesh.quality import check_mesh
+
+    try:
+        check_mesh(mesh, what)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+_NO_SURFACE = "none named: a scene names some by place, [body.NAME.surface.OTHER]"
+
+
+def _surface(path: Path) -> dict[str, Any]:
+    from bipot_rs.mesh.readers import read_cells
+
+    points, blocks = read_cells(path)
+    cells = {kind: len(nodes) for kind, nodes in blocks}
+    found = {"kind": "surface", "file": str(path), "nodes": len(points), "cells": cells}
+    told = ", ".join(f"{count} of kind {kind}" for kind, count in cells.items())
+    lines = [
+        f"{path}: a surface, for a rigid obstacle",
+        f"  facets    {told or 'none'}",
+        f"  places    {len(points)}" + (f", {box(points)}" if len(points) else ""),
+        f'  use it    surface = "{printable(path.name)}" in [obstacle.NAME] of a scene',
+    ]
+    return found | {"lines": lines}
+
+
+def _told(known: Mapping[str, int], noun: str) -> str:
+    names: Sequence[str] = sorted(known)
+    told = [f"{name} ({counted(known[name], noun)})" for name in names[:_NAMES]]
+    more = len(names) - _NAMES
+    return ", ".join(told) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,50 @@
+"""``bipot schema``: what a scene file may hold, as a JSON schema for editors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+# A plain value that stands for a table with one key: what `schema` wraps as it reads.
+_SHORT: dict[str, dict[str, Any]] = {
+    "Varying": {"type": "number"},
+    "Clearance": {"type": "number"},
+    "MeshFile": {"type": "string"},
+    "Amplitude": {"type": "array", "items": {"type": "number"}, "minItems": 1},
+}
+# Keys that are a number, or one that depends on n as text.
+_OF_N = ("cell", "cells")
+
+
+def schema() -> dict[str, Any]:
+    """JSON Schema, draft 2020-12, of the tables of a scene."""
+    from bipot_rs.scene.schema.root import Scene
+
+    found = Scene.model_json_schema(by_alias=True)
+    definitions = found["$defs"]
+    axis = definitions["Axis"]["properties"]
+    for key in _OF_N:
+        axis[key] = {
+            "anyOf": [{"type": "number"}, {"type": "string"}],
+            "description": "A number, or one that depends on mesh.n: n, n/2, 6*n, 0.5/n.",
+        }
+    growth = axis["growth"]
+    axis["growth"] = {"anyOf": [{"type": "number"}, growth]}
+    _shorten(found)
+    # Editors show what a table is for; its docstring is written for that.
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **found,
+        "title": "A scene of bipot",
+    }
+
+
+def _shorten(node: Any) -> None:
+    """Let plain values stand where `_SHORT` has them, in place."""
+    inner = list(node.values() if isinstance(node, dict) else node)
+    for one in inner:
+        if isinstance(one, dict | list):
+            _shorten(one)
+    if isinstance(node, dict) and "$ref" in node:
+        short = _SHORT.get(str(node["$ref"]).rpartition("/")[2])
+        if short is not None:
+            node["anyOf"] = [short, {"$ref": node.pop("$ref")}]

@@ -1,0 +1,414 @@
+"""``bipot sweep``: one scene under many settings, in parallel, into one table.
+
+A row is the settings, how it ended, and where the last load step came to. Rows are
+written as they end: an interrupted sweep keeps what is done, and goes on from there.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import itertools
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from bipot_rs._lib.messages import counted
+from bipot_rs.cli.commands.info_sweep import read as table_of
+from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
+from bipot_rs.cli.output_folder import SWEEP, make
+from bipot_rs.cli.progress import Progress, complain, line
+
+# More rows are a slip of the pen.
+MOST = 100_000
+OUTCOMES = {
+    "solved": SOLVED,
+    "no answer": NO_ANSWER,
+    "not converged": NOT_CONVERGED,
+    "bad input": BAD_INPUT,
+    "lost": NOT_CONVERGED,
+}
+# Its process was killed: the only rows that are tried again.
+_LOST = "lost"
+# From the best to the worst.
+_ORDER = (SOLVED, NO_ANSWER, NOT_CONVERGED, BAD_INPUT)
+# What is known of every row, besides its settings and the forces on its surfaces.
+FIGURES = ("outcome", "steps", "open", "slip", "stick", "residual", "iterations")
+_LAST = ("seconds", "message", "digest")
+# What each row imports.
+_NEEDED = (
+    "bipot_rs.cli.cost_forecast",
+    "bipot_rs.cli.report",
+    "bipot_rs.scene.reading",
+)
+
+
+def values(setting: str) -> tuple[str, list[str]]:
+    """``KEY=V1,V2,…`` as the key and its values; commas within brackets are their own.
+
+    Raises
+    ------
+    ValueError
+        It is not of this form.
+    """
+    key, equals, text = setting.partition("=")
+    found, depth, quote = [""], 0, ""
+    for c in text:
+        if quote:
+            quote = "" if c == quote else quote
+        elif c in "\"'":
+            quote = c
+        elif c in "[{":
+            depth += 1
+        elif c in "]}":
+            depth -= 1
+        if c == "," and not depth and not quote:
+            found.append("")
+        else:
+            found[-1] += c
+    if not equals or not key.strip() or not all(value.strip() for value in found):
+        raise ValueError(
+            f"--set {setting}: should be KEY=V1,V2,…, as in contact.0.mu=0.1,0.2"
+        )
+    return key.strip(), [value.strip() for value in found]
+
+
+def spaced(setting: str) -> tuple[str, list[str]]:
+    """``KEY=FROM:TO:COUNT`` as the key and COUNT values with both ends.
+
+    They are whole numbers where the ends are, if that many of equal distance are.
+
+    Raises
+    ------
+    ValueError
+        It is not of this form.
+    """
+    key, equals, text = setting.partition("=")
+    parts = text.split(":")
+
+    def problem(why: str) -> ValueError:
+        return ValueError(
+            f"--range {setting}: {why}, should be KEY=FROM:TO:COUNT, COUNT values with "
+            "both ends, as contact.0.mu=0.1:0.5:3 is 0.1, 0.3, 0.5"
+        )
+
+    if not equals or not key.strip():
+        raise problem("names no KEY")
+    if len(parts) != 3:
+        raise problem(f"has {counted(len(parts), 'part')} where three are needed")
+    try:
+        low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
+    except ValueError:
+        raise problem("is not of two numbers and a whole one") from None
+    if not (abs(low) < 1e300 and abs(high) < 1e300):
+        raise problem("goes beyond 1e300")
+    if not 1 <= count <= MOST:
+        raise problem(f"asks for {count} values, of 1 to {MOST}")
+    if count == 1 and low != high:
+        raise ValueError(
+            f"--range {setting}: one value cannot be both {low} and {high}"
+        )
+    step = (high - low) / max(count - 1, 1)
+    # The ends as given, to the bit.
+    found = [low + k * step for k in range(count - 1)] + [high]
+    whole = all("." not in part and "e" not in part.lower() for part in parts[:2])
+    if whole and all(value == round(value) for value in found):
+        return key.strip(), [str(round(value)) for value in found]
+    # Steps of decimal numbers: 0.30000000000000004 is 0.3.
+    return key.strip(), [repr(float(f"{value:.15g}")) for value in found]
+
+
+def rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]:
+    """All combinations, the last key changing fastest.
+
+    Raises
+    ------
+    ValueError
+        A setting of the wrong form, a key twice, or too many rows.
+    """
+    axes = [values(s) for s in settings] + [spaced(s) for s in ranges]
+    names = [key for key, _ in axes]
+    for key in names:
+        if names.count(key) > 1:
+            raise ValueError(f"{key} is given {names.count(key)} times, expected once")
+    if not axes:
+        raise ValueError(
+            "nothing varies: give --set KEY=V1,V2,… or --range KEY=FROM:TO:COUNT"
+        )
+    count = 1
+    for _, found in axes:
+        count *= len(found)
+    if count > MOST:
+        raise ValueError(f"{count} combinations, more than {MOST}")
+    product = itertools.product(*(found for _, found in axes))
+    return [dict(zip(names, one, strict=True)) for one in product]
+
+
+def solve(
+    scene: str, settings: Mapping[str, str], method: str | None, tol: float | None
+) -> dict[str, Any]:
+    """One row: how the scene ends under these settings. Files are not written."""
+    from importlib import import_module
+    from time import perf_counter
+
+    from bipot_rs.contact.errors import (
+        FloatingBodyError,
+        NoEquilibriumError,
+        NotConvergedError,
+    )
+
+    # Not counted: else the first row of each process would be the slow one.
+    for needed in _NEEDED:
+        import_module(needed)
+    started = perf_counter()
+    found: dict[str, Any] = {}
+    try:
+        found = _solved(scene, settings, method, tol)
+        outcome, message = "solved", ""
+    except (NoEquilibriumError, FloatingBodyError) as error:
+        outcome, message = "no answer", str(error)
+    except NotConvergedError as error:
+        outcome, message = "not converged", str(error)
+    except (ValueError, MemoryError) as error:
+        outcome, message = "bad input", str(error) or type(error).__name__
+    seconds = round(perf_counter() - started, 6)
+    return {"outcome": outcome, **found, "seconds": seconds, "message": message}
+
+
+def _solved(
+    name: str, settings: Mapping[str, str], method: str | None, tol: float | None
+) -> dict[str, Any]:
+    from bipot_rs.cli import cost_forecast
+    from bipot_rs.cli.report import forces
+    from bipot_rs.cli.report import row as of_step
+    from bipot_rs.scene.build import bodies
+    from bipot_rs.scene.reading import assemble, read
+
+    scene = read(name, [f"{key}={value}" for key, value in settings.items()])
+    asked = scene.solver
+    tolerance = asked.tol if tol is None else tol
+    if isinstance(tolerance, str):
+        raise ValueError(f"tol is {tolerance!r}, expected a number in a sweep")
+    cost_forecast.fits(scene)
+    case = assemble(scene, bodies(scene))
+    result = case.solve(method=method, tol=tolerance)
+    end = len(result) - 1
+    last = of_step(end, case.step_parameter(end, result[-1]), result[-1])
+    return {
+        "steps": len(result),
+        **{name: last[name] for name in ("open", "slip", "stick")},
+        "residual": float(result.residual.max()),
+        "iterations": int(result.iterations.sum()),
+        **forces(case.model, result[-1]),
+    }
+
+
+def digests(
+    scene: str,
+    asked: Sequence[Mapping[str, str]],
+    method: str | None,
+    tol: float | None,
+    ranges: Sequence[str] = (),
+) -> list[str]:
+    """What decides the numbers of each row, in a word; empty where a scene is wrong.
+
+    Raises
+    ------
+    SceneError
+        All rows are wrong, and the first says why.
+    ValueError
+        One of ``ranges`` has parts of whole numbers, where the scene takes none.
+    """
+    from bipot_rs.cli.resume import stamps
+    from bipot_rs.scene.library import SceneError
+    from bipot_rs.scene.reading import read
+
+    found, first = [], None
+    for settings in asked:
+        try:
+            whole = read(scene, [f"{k}={v}" for k, v in settings.items()])
+        except SceneError as error:
+            _whole(ranges, error.problems)
+            first = error if first is None else first
+            found.append("")
+            continue
+        known = stamps(
+            whole,
+            whole.solver.method if method is None else method,
+            whole.solver.tol if tol is None else tol,
+        )
+        text = json.dumps(known, sort_keys=True)
+        found.append(hashlib.sha256(text.encode()).hexdigest()[:16])
+    if first is not None and not any(found):
+        raise first
+    return found
+
+
+def _whole(ranges: Sequence[str], problems: Sequence[str]) -> None:
+    """Say of a range that it would split whole numbers: a count taken for a step."""
+    for setting in ranges:
+        key, found = spaced(setting)
+        if any(p.startswith(f"{key}: ") and "integer" in p for p in problems):
+            shown = [f"{float(v):.6g}" for v in found[:4]]
+            shown += ["…"] if len(found) > len(shown) else []
+            raise ValueError(
+                f"--range {setting}: is {counted(len(found), 'value')}, "
+                f"{', '.join(shown)}, and {key} takes whole numbers: the third number "
+                "is how many values, not their distance"
+            )
+
+
+def earlier(
+    path: Path, asked: Sequence[Mapping[str, str]], known: Sequence[str]
+) -> dict[int, dict[str, Any]]:
+    """Rows that an earlier sweep has done, by number: the same settings of the same scene."""
+    if not path.exists():
+        raise ValueError(f"nothing to resume: there is no {path}")
+    try:
+        _, rows = table_of(path)
+    except ValueError as error:
+        raise ValueError(
+            f"cannot resume: {error}; without --resume all rows are solved anew"
+        ) from None
+    done = {row.get("digest", ""): row for row in rows}
+    return {
+        k: {**done[digest], **settings}
+        for k, (settings, digest) in enumerate(zip(asked, known, strict=True))
+        if digest and done.get(digest, {}).get("outcome") in OUTCOMES.keys() - {_LOST}
+    }
+
+
+def write(
+    path: Path, keys: Sequence[str], done: Mapping[int, Mapping[str, Any]]
+) -> None:
+    """The table of what is done, in order; it takes the place of the one before."""
+    names = [name for row in done.values() for name in row if " of " in name]
+    columns = ["row", *keys, *FIGURES, *dict.fromkeys(names), *_LAST]
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with draft.open("w", newline="", encoding="utf-8") as file:
+            table = csv.DictWriter(file, columns, extrasaction="ignore")
+            table.writeheader()
+            for k in sorted(done):
+                table.writerow({**done[k], "row": k})
+        draft.replace(path)
+    except OSError as error:
+        raise OSError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def run(
+    scene: str,
+    settings: Sequence[str],
+    ranges: Sequence[str],
+    folder: Path,
+    method: str | None,
+    tol: float | None,
+    *,
+    jobs: int | None,
+    resume: bool,
+    as_json: bool,
+) -> int:
+    """Solve all combinations, tell and keep them; the exit status, the worst of all.
+
+    ``KeyboardInterrupt`` passes through once what is done has been written.
+    """
+    from bipot_rs.cli.cost_forecast import cores
+    from bipot_rs.cli.worker_pool import Workers
+    from bipot_rs.contact.reduced import refuse_settings
+
+    asked = rows(settings, ranges)
+    keys = list(asked[0])
+    known = digests(scene, asked, method, tol, ranges)
+    refuse_settings(method or "auto", 1e-10 if tol is None else tol)
+    try:
+        make(folder)
+    except OSError as error:
+        raise OSError(
+            f"cannot write to the folder {folder}: {error}; --out DIR names another"
+        ) from error
+    path = folder / SWEEP
+    done: dict[int, dict[str, Any]] = earlier(path, asked, known) if resume else {}
+    left = [k for k in range(len(asked)) if k not in done]
+    if path.exists() and path.read_bytes().count(b"\n") > len(done) + 1:
+        # Rows that are not asked for now, of this sweep or another, are worth keeping.
+        before = path.with_name(f"{path.stem}-before{path.suffix}")
+        path.replace(before)
+        if not as_json:
+            complain(f"rows that are not asked for now are kept in {before}")
+    write(path, keys, done)
+    if done and not as_json:
+        complain(f"{counted(len(done), 'row')} of {len(asked)} are done already")
+    several = min(cores() if jobs is None else jobs, max(len(left), 1))
+    arguments = [(scene, asked[k], method, tol) for k in left]
+    with (
+        Workers(solve, several) as workers,
+        Progress(1, len(left), quiet=as_json, noun="rows") as progress,
+    ):
+        for place, found in workers.map(arguments):
+            k = left[place]
+            if isinstance(found, str):
+                found = {"outcome": _LOST, "message": found}
+            done[k] = {**asked[k], **found, "digest": known[k]}
+            write(path, keys, done)
+            if as_json:
+                line(row=k, set=asked[k], **found)
+            told = ", ".join(f"{key}={value}" for key, value in asked[k].items())
+            told += f": {found['outcome']}"
+            progress.advance(told, f"row {k + 1} of {len(asked)}: {told}")
+    outcomes = [done[k]["outcome"] for k in sorted(done)]
+    worst = max((OUTCOMES[outcome] for outcome in outcomes), key=_ORDER.index)
+    solved = outcomes.count("solved")
+    message = f"{solved} of {counted(len(done), 'row')} solved; the table is {path}"
+    if as_json:
+        line(scene=scene, rows=len(done), solved=solved, message=message)
+    else:
+        _print(keys, done, message)
+    return worst
+
+
+def _print(
+    keys: Sequence[str], done: Mapping[int, Mapping[str, Any]], message: str
+) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 1000
+    names = [name for row in done.values() for name in row if "friction_used" in name]
+    forces = list(dict.fromkeys(names))
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    # Of a curved surface the part that sizes of friction have, `report.forces`.
+    curved = {n for row in done.values() for n in row if n.startswith("force_x of ")}
+    heads = [
+        ("Σ|rt|/(Σμrn)" if f"force_x of {whose}" in curved else "Ft/(μFn)")
+        + (f"\n{whose}" if len(forces) > 1 else "")
+        for whose in (name.partition(" of ")[2] for name in forces)
+    ]
+    shown = [*keys, "outcome", "open", "slip", "stick", "residual", "seconds"]
+    for name in ("row", *shown[: len(keys) + 4], *heads, *shown[len(keys) + 4 :]):
+        table.add_column(name.replace("[", r"\["), justify="right")
+    for k in sorted(done):
+        cells = [*shown[: len(keys) + 4], *forces, *shown[len(keys) + 4 :]]
+        table.add_row(str(k + 1), *(_cell(done[k].get(name)) for name in cells))
+    console.print(table)
+    for k in sorted(done):
+        if done[k].get("message"):
+            told = f"row {k + 1}: {done[k]['message']}"
+            console.print(told, markup=False, soft_wrap=True)
+    console.print(message, markup=False, soft_wrap=True)
+
+
+def _cell(value: Any) -> str:
+    if value is None or value == "":
+        return "-"
+    try:
+        number = float(value)
+    except ValueError:
+        return str(value).replace("[", r"\[")
+    return f"{number:.4g}"

@@ -1,0 +1,646 @@
+"""A contact problem from files of another program: stiffness, contacts, loads.
+
+Stiffness: Matrix Market, or the lines ``row node, row component, column node, column
+component, value`` of Abaqus' `*MATRIX OUTPUT, FORMAT=MATRIX INPUT` (its default), which
+hold either triangle or both. Of a Matrix Market file the node list tells the degrees of
+freedom: node after node in the order of its rows, x, y[, z] each (``node``), or all x,
+then all y[, then all z] in that order (``component``). Rigid motions of the nodes listed
+must leave nothing in K times them, or the files are refused (`dof_order`).
+
+The tables are comma-separated, the first line names the columns:
+
+contacts
+    ``node``, with ``other`` where the obstacle is a node too; or the degrees of freedom
+    themselves, counted from 0, ``dof_x, dof_y[, dof_z]``, with ``other_x, …``. The normal
+    ``nx, ny[, nz]``, of any length, from the obstacle towards the body that ``node`` is
+    of. ``mu``. And if need be ``gap``, open when positive: missing it is the distance to
+    ``other`` along the normal, or zero. ``area``, for tractions: of all contacts or none.
+load
+    ``node, fx, fy[, fz]``, or ``dof, force``; blank is zero.
+fixed
+    ``node, ux, uy[, uz]``, blank where free, or ``dof, value``: prescribed
+    displacements.
+
+``step``, counted from 0, in the last two makes a path of totals at the end of each
+step. Units are whatever consistent set the files use.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.byte_order import unmarked, without
+from bipot_rs._lib.messages import counted, printable
+from bipot_rs._lib.strict_numbers import real, whole
+from bipot_rs._lib.validation import csr
+from bipot_rs.contact import dof_order
+from bipot_rs.contact.frames import frames
+from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.files import csv_tables
+from bipot_rs.files.csv_tables import Table
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Name = str | os.PathLike[str]
+
+_AXES = ("x", "y", "z")
+MARKET = "%%MatrixMarket"
+
+
+@dataclass(frozen=True)
+class Given:
+    """What the files hold, as `ContactProblem` and its `solve` take it.
+
+    Attributes
+    ----------
+    K : (n, n)
+    B : (d n_c, n)
+    gap, mu : (n_c,)
+    area : (n_c,) or None
+    frame : (n_c, d, d)
+    points : (n_c, d) or None
+        Where nodes are listed.
+    coordinates : (n, d) or None
+        Likewise.
+    fixed : (m,)
+    load : (steps, n) or None
+    prescribed : (steps, m)
+    labels : list of str
+        What each degree of freedom is called: node and component, or its number.
+    nodes : (n_c,) or None
+        Labels of the contact nodes.
+    """
+
+    K: Any
+    B: Any
+    gap: Floats
+    mu: Floats
+    area: Floats | None
+    frame: Floats
+    points: Floats | None
+    coordinates: Floats | None
+    fixed: Ints
+    load: Floats | None
+    prescribed: Floats
+    labels: list[tuple[int, str]]
+    nodes: Ints | None
+
+    def problem(
+        self,
+        *,
+        num_threads: int | None = None,
+        stiffness_rtol: float | None = None,
+    ) -> ContactProblem:
+        """Condense; of a K that is known to ``stiffness_rtol``, with its rigid motions.
+
+        Raises
+        ------
+        ValueError
+            As `ContactProblem`; ``stiffness_rtol`` without places of all nodes.
+        """
+        if stiffness_rtol is not None and self.coordinates is None:
+            raise ValueError(
+                "--stiffness-rtol needs --nodes with the places of all nodes of the "
+                "stiffness: from them the rigid motions are known that K has lost"
+            )
+        return ContactProblem(
+            self.K,
+            self.B,
+            gap=self.gap,
+            mu=self.mu,
+            area=self.area,
+            fixed=self.fixed,
+            points=self.points,
+            frame=self.frame,
+            coordinates=self.coordinates,
+            dim=self.frame.shape[1],
+            num_threads=num_threads,
+            stiffness_rtol=stiffness_rtol,
+        )
+
+
+def read(
+    stiffness: Name,
+    contacts: Name,
+    nodes: Name | None = None,
+    load: Name | None = None,
+    fixed: Name | None = None,
+    *,
+    order: str | None = None,
+) -> Given:
+    """Read the files.
+
+    Parameters
+    ----------
+    stiffness, contacts, nodes, load, fixed
+        The files.
+    order
+        One of `dof_order.ORDERS`, for a Matrix Market file; ``"node"`` if not given.
+
+    Raises
+    ------
+    OSError
+        A file cannot be read.
+    ValueError
+        A file holds something else than expected, with its line; or the degrees of
+        freedom of the stiffness are in another order than the nodes listed.
+    """
+    if order is not None and order not in dof_order.ORDERS:
+        expected = " or ".join(dof_order.ORDERS)
+        raise ValueError(f"order is {order!r}, expected {expected}")
+    table = Table(contacts)
+    dim = 3 if "nz" in table.names else 2
+    listed = None if nodes is None else csv_tables.nodes(nodes)
+    K, dofs = _stiffness(Path(stiffness), dim, listed, nodes, order)
+    given = _contacts(table, dim, dofs, listed)
+    forces = (
+        None
+        if load is None
+        else _values(Table(load), dofs, [f"f{a}" for a in _AXES[:dim]], "force")
+    )
+    moved = (
+        None
+        if fixed is None
+        else _values(Table(fixed), dofs, [f"u{a}" for a in _AXES[:dim]], "value")
+    )
+    held, prescribed = _prescribed(moved, fixed)
+    return Given(
+        K=K,
+        fixed=held,
+        prescribed=prescribed,
+        load=None if forces is None else np.nan_to_num(forces[0]),
+        labels=dofs.labels(),
+        coordinates=dofs.coordinates(listed, dim),
+        **given,
+    )
+
+
+class _Dofs:
+    """Which degree of freedom is which: by number, or node and component from 1."""
+
+    def __init__(self, count: int, known: dict[tuple[int, int], int], why: str) -> None:
+        self.count = count
+        self.known = known
+        self.why = why
+        self.nodes = {node for node, _ in known}
+
+    def number(self, dof: int, table: Table, line: int) -> int:
+        if not 0 <= dof < self.count:
+            raise table.wrong(
+                line, f"degree of freedom {dof} is none of 0 to {self.count - 1}"
+            )
+        return dof
+
+    def at(self, node: int, component: int, table: Table, line: int) -> int:
+        found = self.known.get((node, component))
+        if found is None:
+            if not self.known:
+                raise table.wrong(line, self.why)
+            what = (
+                f"node {node} has no component {component} in the stiffness"
+                if node in self.nodes
+                else f"there is no node {node}"
+            )
+            raise table.wrong(line, what)
+        return found
+
+    def labels(self) -> list[tuple[int, str]]:
+        if not self.known:
+            return [(k, "") for k in range(self.count)]
+        found = [(0, "")] * self.count
+        for (node, component), dof in self.known.items():
+            name = _AXES[component - 1] if component <= 3 else str(component)
+            found[dof] = (node, name)
+        return found
+
+    def coordinates(
+        self, listed: tuple[Ints, Floats] | None, dim: int
+    ) -> Floats | None:
+        """Place of each degree of freedom; None where one has none."""
+        if listed is None or not self.known:
+            return None
+        place = dict(zip(listed[0].tolist(), listed[1][:, :dim], strict=True))
+        found = np.full((self.count, dim), np.nan)
+        for (node, _), dof in self.known.items():
+            if node in place:
+                found[dof] = place[node]
+        return found if np.isfinite(found).all() else None
+
+
+def _stiffness(
+    path: Path,
+    dim: int,
+    listed: tuple[Ints, Floats] | None,
+    nodes: Name | None,
+    order: str | None,
+) -> tuple[Any, _Dofs]:
+    with path.open("rb") as file:
+        start = without(file.read(1024))
+    if b"\0" in start:
+        raise ValueError(
+            f"{path} is no text, expected a Matrix Market file, as scipy.io.mmwrite makes "
+            "of any matrix, or lines of nodes and components"
+        )
+    if not start.startswith(MARKET.encode()):
+        K, dofs = _of_nodes(path)
+        if order is not None:
+            raise ValueError(
+                f"order is {order!r}, but {path} names its degrees of freedom itself, by "
+                "node and component: leave --order out"
+            )
+        if listed is not None and nodes is not None:
+            _same_nodes(path, K, dofs, dim, listed, nodes)
+        return K, dofs
+    K = _market(path)
+    n = K.shape[0]
+    if listed is None:
+        why = "names nodes, which --nodes must list; or give degrees of freedom"
+        return K, _Dofs(n, {}, why)
+    labels = listed[0]
+    if n != dim * len(labels):
+        condensed = (
+            ": were the degrees of freedom that are held taken out? Give the whole "
+            "stiffness, and --fixed"
+            if n < dim * len(labels)
+            else ""
+        )
+        raise ValueError(
+            f"{path} has {n} rows, expected {dim} for each of the "
+            f"{counted(len(labels), 'node')} of {nodes}{condensed}"
+        )
+    if nodes is not None:
+        _in_order(path, K, dim, listed, nodes, order)
+    taken = order or "node"
+    at = zip(
+        labels[dof_order.node_of(taken, n, dim)].tolist(),
+        dof_order.components(taken, n, dim).tolist(),
+        strict=True,
+    )
+    known = {(node, k + 1): dof for dof, (node, k) in enumerate(at)}
+    return K, _Dofs(n, known, "")
+
+
+def _in_order(
+    path: Path,
+    K: Any,
+    dim: int,
+    listed: tuple[Ints, Floats],
+    nodes: Name,
+    order: str | None,
+) -> None:
+    """Refuse a stiffness whose degrees of freedom are in another order than the nodes."""
+    parts, (labels, places) = csr("K", K).parts, listed
+    if places.shape[1] < dim:
+        return  # two coordinates where normals have three: refused with the contacts
+    places, n = places[:, :dim], K.shape[0]
+    taken = order or "node"
+
+    how = dof_order.of_order(parts, taken, dim, places)
+    if how is None or how.fits:
+        return
+    if order is not None and how.translates and 2 * len(how.turned) < how.turnable:
+        return  # asked for by name, and right in most rows: `ContactProblem` warns
+    sorted_ = places[np.argsort(labels, kind="stable")]
+    advice = (
+        f"no order of components fits, nor do the nodes sorted by label: the rows of {nodes} "
+        "must be in the order of the stiffness"
+    )
+    if others := dof_order.fitting(parts, dim, places):
+        advice = f"--order {others[0]} would fit, {dof_order.ORDERS[others[0]]}"
+    elif others := dof_order.fitting(parts, dim, sorted_):
+        advice = f"the rows of {nodes} sorted by label would fit"
+        advice += f", with --order {others[0]}" if taken not in others else ""
+    where = ""
+    if how.translates and 2 * len(how.turned) < how.turnable:
+        first = int(labels[dof_order.node_of(taken, n, dim)[how.turned[0]]])
+        where = (
+            f", first at node {first}; where springs of fixed direction join distant nodes "
+            f"there, --order {taken} goes on all the same"
+        )
+    raise ValueError(
+        f"{path} does not fit the rows of {nodes} as {dof_order.ORDERS[taken]}: "
+        f"{how.said()}{where}; {advice}"
+    )
+
+
+def _same_nodes(
+    path: Path,
+    K: Any,
+    dofs: _Dofs,
+    dim: int,
+    listed: tuple[Ints, Floats],
+    nodes: Name,
+) -> None:
+    """Refuse places that are not those of the nodes that a stiffness names."""
+    places = np.full((dofs.count, dim), np.nan)
+    component, node_of = (np.full(dofs.count, -1, np.int64) for _ in range(2))
+    of = dict(zip(listed[0].tolist(), listed[1], strict=True))
+    if listed[1].shape[1] < dim:
+        return
+    for (node, k), dof in dofs.known.items():
+        if node in of and k <= dim:
+            places[dof], component[dof], node_of[dof] = of[node][:dim], k - 1, node
+    how = dof_order.fit(csr("K", K).parts, component, node_of, places)
+    if how is not None and not how.fits:
+        raise ValueError(
+            f"{path} does not fit the places of its nodes in {nodes}: {how.said()}; are "
+            "both of one mesh, undeformed, in one system of coordinates?"
+        )
+
+
+def market_refuses(field: str, symmetry: str) -> str | None:
+    """Why a stiffness has no such numbers or symmetry, in Matrix Market's words."""
+    if field not in ("real", "integer", "unsigned-integer"):
+        return f"its numbers are {field}, expected real ones"
+    if symmetry not in ("general", "symmetric"):
+        return f"it is {symmetry}, expected symmetric or general"
+    return None
+
+
+def _market(path: Path) -> Any:
+    from scipy.io import mminfo, mmread
+
+    try:
+        with unmarked(path) as source:
+            rows, columns, _, _, field, symmetry = mminfo(source)
+            if why := market_refuses(field, symmetry):
+                raise ValueError(why)
+            if rows != columns:
+                raise ValueError(f"it has {rows} rows and {columns} columns")
+            return mmread(source)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ValueError(
+            f"{path} is no stiffness in Matrix Market form: {printable(str(error))}"
+        ) from None
+
+
+def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
+    """Lines ``node, component, node, component, value``."""
+    from scipy.sparse import coo_array
+
+    entries, values = [], []
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            text = line.strip()
+            if not text or text.startswith("**") or text.lower().startswith("*matrix"):
+                continue
+            cells = text.replace(",", " ").split()
+            try:
+                one = tuple(map(whole, cells[:4]))
+                value = real(cells[4])
+            except (ValueError, IndexError):
+                one, value = (), np.nan
+            if len(cells) != 5 or len(one) != 4 or not np.isfinite(value):
+                raise ValueError(
+                    f"{path} line {number}: is {printable(text[:60])!r}, expected row "
+                    "node, row component, column node, column component, value; a file "
+                    f"of rows and columns alone should begin with {MARKET}"
+                )
+            if min(one) < 1:
+                raise ValueError(
+                    f"{path} line {number}: {printable(text[:60])!r} is of an internal "
+                    "variable (a multiplier, say), of which a stiffness has none"
+                )
+            entries.append(one)
+            values.append(value)
+    if not entries:
+        raise ValueError(f"{path} has no entries")
+    index = np.array(entries, np.int64)
+    pairs = np.unique(np.concatenate([index[:, :2], index[:, 2:]]), axis=0)
+    known = {(int(a), int(b)): k for k, (a, b) in enumerate(pairs)}
+    n = len(known)
+    row = np.array([known[a, b] for a, b, _, _ in entries])
+    column = np.array([known[a, b] for _, _, a, b in entries])
+    _once(path, row, column, entries)
+    K = coo_array((np.array(values), (row, column)), shape=(n, n)).tocsr()
+    apart = row != column
+    there = np.unique(row[apart] * n + column[apart])
+    if not np.isin(there, column[apart] * n + row[apart]).any():
+        # One triangle was written: in an order of its own, of which labels tell nothing.
+        K = K + K.T - _diagonal(K)
+    return K, _Dofs(n, known, "")
+
+
+def _diagonal(K: Any) -> Any:
+    from scipy.sparse import diags
+
+    return diags(K.diagonal(), format="csr")
+
+
+def _once(
+    path: Path, row: Ints, column: Ints, entries: Sequence[tuple[int, ...]]
+) -> None:
+    """Entries are those of an assembled matrix, each there once."""
+    _, first, counts = np.unique(
+        np.stack([row, column]), axis=1, return_index=True, return_counts=True
+    )
+    if (counts > 1).any():
+        at = entries[int(first[np.argmax(counts > 1)])]
+        raise ValueError(
+            f"{path} gives the entry of {at[:2]} and {at[2:]} several times: matrices "
+            "element by element are not assembled here"
+        )
+
+
+def _contacts(
+    table: Table, dim: int, dofs: _Dofs, listed: tuple[Ints, Floats] | None
+) -> dict[str, Any]:
+    from scipy.sparse import coo_array
+
+    axes = _AXES[:dim]
+    own = ["node"] if "node" in table.names else [f"dof_{a}" for a in axes]
+    others = ["other"] if own == ["node"] else [f"other_{a}" for a in axes]
+    normal = [f"n{a}" for a in axes]
+    table.expect((*own, *normal, "mu"), (*others, "gap", "area"))
+    if not len(table):
+        raise ValueError(f"{table.path} has no contacts")
+    first = _places(table, own, dim, dofs)
+    second = _places(table, others, dim, dofs) if others[0] in table.names else None
+    if second is not None and (first == second).any():
+        k = int(np.argmax((first == second).any(axis=1)))
+        raise table.wrong(table.lines[k], "is a contact of a node with itself")
+
+    n = np.stack([table.numbers(name) for name in normal], axis=1)
+    for k, length in enumerate(np.abs(n).max(axis=1)):
+        if length == 0:
+            raise table.wrong(table.lines[k], "the normal is zero")
+    frame = frames(n)
+    mu = table.numbers("mu")
+    area = table.numbers("area") if "area" in table.names else None
+    for name, column, least in (("mu", mu, 0.0), ("area", area, None)):
+        if column is None:
+            continue
+        bad = column < 0 if least is not None else column <= 0
+        if bad.any():
+            k = int(np.argmax(bad))
+            wished = "zero or positive" if least is not None else "a positive number"
+            raise table.wrong(
+                table.lines[k], f"{name} is {column[k]:g}, expected {wished}"
+            )
+
+    points, nodes = None, None
+    distance = np.zeros(len(table))
+    if own == ["node"]:
+        nodes = table.integers("node")
+        if listed is not None:
+            points = _listed(table, nodes, listed, dim)
+            if second is not None:
+                other = table.integers("other", -1)
+                has = second[:, 0] >= 0
+                there = points.copy()
+                there[has] = _listed(table, other, listed, dim, has)[has]
+                distance = np.einsum("cd,cd->c", frame[:, 0], points - there)
+    gap = np.array(
+        [
+            found if np.isfinite(found) else known
+            for found, known in zip(_optional(table, "gap"), distance, strict=True)
+        ]
+    )
+    data, row, column_ = [], [], []
+    for side, sign in ((first, 1.0), (second, -1.0)):
+        if side is None:
+            continue
+        has = side[:, 0] >= 0
+        rows = np.arange(dim * len(table)).reshape(-1, dim, 1)[has]
+        data.append((sign * frame[has]).ravel())
+        row.append(np.broadcast_to(rows, (len(rows), dim, dim)).ravel())
+        column_.append(
+            np.broadcast_to(side[has][:, None, :], (len(rows), dim, dim)).ravel()
+        )
+    entries = np.concatenate(row), np.concatenate(column_)
+    B = coo_array(
+        (np.concatenate(data), entries), shape=(dim * len(table), dofs.count)
+    ).tocsr()
+    B.eliminate_zeros()
+    return {
+        "B": B,
+        "gap": gap,
+        "mu": mu,
+        "area": area,
+        "frame": frame,
+        "points": points,
+        "nodes": nodes,
+    }
+
+
+def _optional(table: Table, name: str) -> Floats:
+    """A column where it is given, not a number where it is not."""
+    return table.numbers(name, np.nan)
+
+
+def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
+    """Degrees of freedom ``(n_c, d)`` of a side; -1 where it is blank."""
+    optional = names[0].startswith("other")
+    missing = -(10**9) if optional else None
+    columns = [table.integers(name, missing) for name in names]
+    found = np.full((len(table), dim), -1, np.int64)
+    for k, line in enumerate(table.lines):
+        values = [int(column[k]) for column in columns]
+        blank = [v == missing for v in values]
+        if all(blank):
+            continue
+        if any(blank):
+            lacks, has = names[blank.index(True)], names[blank.index(False)]
+            raise table.wrong(
+                line,
+                f"{lacks} is blank where {has} is {values[blank.index(False)]}: expected "
+                "all of them, or none for a rigid obstacle",
+            )
+        if len(values) == 1:
+            found[k] = [dofs.at(values[0], c + 1, table, line) for c in range(dim)]
+        else:
+            found[k] = [dofs.number(v, table, line) for v in values]
+        if len(set(found[k])) < dim:
+            raise table.wrong(
+                line, f"has degree of freedom {found[k, 0]} for two components"
+            )
+    return found
+
+
+def _listed(
+    table: Table,
+    nodes: Ints,
+    listed: tuple[Ints, Floats],
+    dim: int,
+    has: NDArray[np.bool_] | None = None,
+) -> Floats:
+    place = {int(label): row for row, label in enumerate(listed[0])}
+    found = np.zeros((len(nodes), dim))
+    for k, node in enumerate(nodes.tolist()):
+        if has is not None and not has[k]:
+            continue
+        if node not in place:
+            raise table.wrong(table.lines[k], f"the node list has no node {node}")
+        found[k] = listed[1][place[node]][:dim]
+    return found
+
+
+def _values(
+    table: Table, dofs: _Dofs, components: list[str], single: str
+) -> tuple[Floats, Table]:
+    """Numbers ``(steps, n)`` of a table, not a number where there is none."""
+    by_node = "node" in table.names
+    needed = ("node",) if by_node else ("dof", single)
+    table.expect(needed, (*(components if by_node else ()), "step"))
+    names = [c for c in components if c in table.names] if by_node else [single]
+    if not names:
+        raise table.wrong(
+            table.header_line, f"there is none of the columns {', '.join(components)}"
+        )
+    step = table.integers("step", 0)
+    if step.size and step.min() < 0:
+        k = int(np.argmin(step))
+        raise table.wrong(table.lines[k], f"step is {step[k]}, expected 0 or more")
+    count = int(step.max(initial=0)) + 1
+    told = np.unique(step)
+    if len(table) and len(told) < count:
+        absent = int(np.argmax(told != np.arange(len(told))))
+        raise ValueError(
+            f"{table.path} has no step {absent}, and one {count - 1}: steps count from 0"
+        )
+    found = np.full((count, dofs.count), np.nan)
+    where = np.zeros(found.shape, np.int64)
+    number = table.integers("node" if by_node else "dof")
+    for name in names:
+        blank = None if not by_node else np.nan
+        for k, value in enumerate(table.numbers(name, blank)):
+            if np.isnan(value):
+                continue
+            line = table.lines[k]
+            if by_node:
+                axis = components.index(name) + 1
+                dof = dofs.at(int(number[k]), axis, table, line)
+            else:
+                dof = dofs.number(int(number[k]), table, line)
+            if where[step[k], dof]:
+                raise table.wrong(
+                    line, f"{name} is given already at line {where[step[k], dof]}"
+                )
+            found[step[k], dof] = value
+            where[step[k], dof] = line
+    return found, table
+
+
+def _prescribed(
+    moved: tuple[Floats, Table] | None, fixed: Name | None
+) -> tuple[Ints, Floats]:
+    if moved is None:
+        return np.zeros(0, np.int64), np.zeros((1, 0))
+    values = moved[0]
+    held = np.flatnonzero(np.isfinite(values).any(axis=0))
+    prescribed = values[:, held]
+    lacking = np.argwhere(np.isnan(prescribed))
+    if len(lacking):
+        step, k = lacking[0]
+        raise ValueError(
+            f"{fixed} prescribes degree of freedom {held[k]} in some steps, and not in "
+            f"step {step}: a support stays one"
+        )
+    return held, prescribed

@@ -1,0 +1,245 @@
+"""What is told of load steps: rows, the table of them, and the sentence at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.validation import Array
+from bipot_rs.cli.progress import settled
+from bipot_rs.contact.remarks import NEVER_CLOSED
+from bipot_rs.contact.result import Step
+from bipot_rs.contact.resultants import resultants
+from bipot_rs.fem.contact_surface import surface_names
+
+COLUMNS = (
+    "step",
+    "load",
+    "open",
+    "slip",
+    "stick",
+    "residual",
+    "iterations",
+    "seconds",
+)
+# Of each contact surface, in steps.csv; of a curved one its force by components besides.
+FORCES = ("normal_force", "tangential_force", "friction_used")
+COMPONENTS = ("force_x", "force_y", "force_z")
+_FORMS = {
+    "load": "{:.6g}",
+    "residual": "{:.1e}",
+    "seconds": "{:.3f}",
+    "error": "{:.2%}",
+    "normal_force": "{:.5g}",
+    "tangential_force": "{:.5g}",
+    "friction_used": "{:.4f}",
+    **dict.fromkeys(COMPONENTS, "{:.5g}"),
+}
+# What a terminal too narrow for all of them does without, first to last.
+_LEAST = ("seconds", "iterations", "load")
+# What sums of forces that balance leave of zero, relative to those summed.
+_ROUNDING = 1e-13
+# Rows of a table that is still read as a whole; of longer ones both ends are shown.
+_MOST_ROWS = 60
+
+
+def row(k: int, parameter: float, step: Step) -> dict[str, Any]:
+    """What is told of a load step: a line of --json, of the table, of steps.csv."""
+    counts = [int((step.status == status).sum()) for status in (0, 1, 2)]
+    told = (k, parameter, *counts, step.residual, step.iterations, step.seconds)
+    return dict(zip(COLUMNS, told, strict=True))
+
+
+def forces(model: Any, step: Step) -> dict[str, float | None]:
+    """`FORCES` of every contact surface, keys ``"normal_force of block.bottom"``.
+
+    As `Resultant` has them: of a flat surface ``Σ r_n``, ``‖Σ r_t‖`` and its part of
+    ``Σ μ r_n``; of a curved one ``Σ r_n``, ``Σ ‖r_t‖`` and its part of ``Σ μ r_n``, and
+    `COMPONENTS` of the force on the body that has the contacts, in global axes.
+    """
+    return of_surfaces(step, model.frame, model.mu, model.group, surface_names(model))
+
+
+def of_surfaces(
+    step: Step, frame: Array, mu: Array, group: Any, names: Sequence[str]
+) -> dict[str, float | None]:
+    """`forces` of surfaces by name, ``group (n_c,)`` the number of that of each contact."""
+    found: dict[str, float | None] = {}
+    each = resultants(step.reaction, frame, mu, group, len(names))
+    for name, force in zip(names, each, strict=True):
+        told: list[tuple[str, float | None]] = list(
+            zip(FORCES, (force.normal, force.tangential, force.used), strict=True)
+        )
+        if force.curved:
+            told += zip(COMPONENTS, force.force.tolist(), strict=False)
+        for key, value in told:
+            found[f"{key} of {name}"] = value
+    return found
+
+
+def console() -> Any:
+    """Of rich, as wide as the terminal is; a file has no width."""
+    from rich.console import Console
+
+    found = Console(highlight=False, soft_wrap=True)
+    if not found.is_terminal:
+        found.width = 1000
+    return found
+
+
+def print_table(
+    console: Any,
+    rows: Sequence[Mapping[str, Any]],
+    *,
+    title: str = "",
+    unit: str = "",
+    more: Sequence[str] = (),
+) -> None:
+    """Lay out the load steps as wide as the console is.
+
+    Parameters
+    ----------
+    console
+        Of rich.
+    rows
+        Of `row`, with those of `forces` and of ``more``.
+    unit
+        Of force.
+    more
+        Further columns.
+    """
+    keys = [key for key in (rows[0] if rows else ()) if " of " in key]
+    columns = [*COLUMNS[:5], *keys, *COLUMNS[5:], *more]
+    if rows and "load" not in rows[0]:
+        columns.remove("load")
+    largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
+    # Counted from 1, as people do; files and --json count from 0.
+    rows = [
+        {**row, "step": row["step"] + 1, "load": settled(row.get("load", 0.0), largest)}
+        for row in rows
+    ]
+    shown: list[Mapping[str, Any] | None] = list(rows)
+    if len(rows) > _MOST_ROWS:
+        third = _MOST_ROWS // 3
+        shown = [*rows[:third], None, *rows[-third:]]
+    table = _table(columns, shown, title, unit)
+    components = [key for key in keys if key.startswith(COMPONENTS)]
+    for name in filter(columns.__contains__, (*_LEAST, *components)):
+        # As wide as its cells are: rich would shorten them to what fits.
+        free = console.options.update(width=10_000)
+        if console.measure(table, options=free).maximum <= console.width:
+            break
+        columns.remove(name)
+        table = _table(columns, shown, title, unit)
+    console.print(table)
+    if len(shown) < len(rows):
+        console.print(f"all {len(rows)} load steps are in steps.csv", highlight=False)
+
+
+def _table(
+    columns: Sequence[str],
+    rows: Sequence[Mapping[str, Any] | None],
+    title: str,
+    unit: str,
+) -> Any:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(
+        title=title or None,
+        title_justify="left",
+        title_style="bold",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+    )
+    surfaces = {key.partition(" of ")[2] for key in columns if " of " in key}
+    known = (rows[0] if rows else None) or {}
+    for column in columns:
+        kind, _, surface = column.partition(" of ")
+        head = _head(kind, unit, curved=f"{COMPONENTS[0]} of {surface}" in known)
+        if len(surfaces) > 1 and surface:
+            head = f"{surface}\n{head}"
+        table.add_column(head, justify="right", no_wrap=True)
+    for one in rows:
+        if one is None:
+            table.add_row(*["…"] * len(columns))
+            continue
+        table.add_row(*(_cell(one, column) for column in columns))
+    return table
+
+
+def _head(kind: str, unit: str, *, curved: bool) -> str:
+    force = f" [{unit}]" if unit else ""
+    heads = {
+        "normal_force": f"Fn{force}",
+        "tangential_force": f"Ft{force}",
+        "friction_used": "Ft/(μFn)",
+    }
+    if curved:
+        heads = {
+            "normal_force": f"Σrn{force}",
+            "tangential_force": f"Σ|rt|{force}",
+            "friction_used": "Σ|rt|/(Σμrn)",
+            **{name: f"F{name[-1]}{force}" for name in COMPONENTS},
+        }
+    # Of rich, square brackets are markup.
+    return heads.get(kind, kind).replace("[", r"\[")
+
+
+def _cell(one: Mapping[str, Any], column: str) -> str:
+    value = one.get(column)
+    if value is None:
+        return "-"
+    kind, _, surface = column.partition(" of ")
+    normal = one.get(f"{FORCES[0]} of {surface}")
+    summed = kind in (FORCES[1], *COMPONENTS)
+    if summed and normal is not None and abs(value) < _ROUNDING * abs(normal):
+        value = 0.0
+    return _FORMS.get(kind, "{}").format(value)
+
+
+def closing(
+    rows: Sequence[Mapping[str, Any]],
+    tol: float,
+    folder: Any,
+    remarks: Sequence[str] = (),
+) -> list[str]:
+    """What a solved path comes to, and what to look at next, where ``folder`` has that."""
+    if not rows:
+        return []
+    last = rows[-1]
+    contacts = last["open"] + last["slip"] + last["stick"]
+    worst = max(row["residual"] for row in rows)
+    residual = f"every residual at most {worst:.1e} (asked for {tol:.1e})"
+    said = [
+        f"solved: {counted(len(rows), 'load step')}, {residual}. At the end "
+        + _state(last, contacts)
+    ]
+    if all(row["open"] == contacts for row in rows):
+        said.append(f"remark: {NEVER_CLOSED}")
+    else:
+        held = any(key.startswith("friction_used") and last[key] for key in last)
+        slipping = [row["step"] + 1 for row in rows if row["slip"] and not row["stick"]]
+        if held and slipping:
+            also = f" and {len(slipping) - 1} more" if len(slipping) > 1 else ""
+            said.append(
+                f"remark: all contacts that press slip in load step {slipping[0]} of "
+                f"{len(rows)}{also}: friction is used up there."
+            )
+    said += [f"remark: {remark}." for remark in remarks if remark != NEVER_CLOSED]
+    if folder is not None:
+        said.append(
+            f"next: paraview {folder}/result.pvd, bipot plot {folder}, bipot info {folder}"
+        )
+    return said
+
+
+def _state(last: Mapping[str, Any], contacts: int) -> str:
+    verbs = {"stick": "stick", "slip": "slip", "open": "are open"}
+    first, *others = [(last[name], verb) for name, verb in verbs.items() if last[name]]
+    if not others:
+        return f"all {counted(contacts, 'contact')} {first[1]}."
+    rest = ", ".join(f"{count} {verb}" for count, verb in others)
+    return f"{first[0]} of {counted(contacts, 'contact')} {first[1]}, {rest}."

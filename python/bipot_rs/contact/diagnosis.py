@@ -1,0 +1,469 @@
+"""Why a solve did not converge, in one sentence: found out when asked for.
+
+What was tried, where it is worst, the likely cause and what to do. Causes are told
+from the problem, not guessed from the iteration: none is named that a number does not
+show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.validation import Array
+from bipot_rs.contact.elliptic_friction import dissipation, largest, limit, resisting
+from bipot_rs.contact.result import Outcome, Solution
+
+# Above so many components of W its rank and its softest motion are not looked for:
+# its eigenvalues take seconds there.
+_DENSE = 1500
+# An eigenvalue below this part of the largest one, times the order, is zero: ε, and a
+# digit for what W was made from.
+_ROUNDING = 1e-15
+# A W kept in single precision has eigenvalues of -1e-7 of the largest one where those
+# of the bodies are zero: further below zero is no rounding.
+_NEGATIVE = 1e-6
+# Coupling below this part of the diagonal is what elimination leaves of none.
+_UNCOUPLED = 1e-12
+# A motion softer by this than all others leaves a residual of 1e-10 no digits for them.
+_SOFT = 1e8
+_NEARLY_FREE = "a body is nearly free"
+# Below, doubles have fewer digits, and above, squares of a few have none.
+_SMALL, _LARGE = 1e-300, 1e300
+# From here on μ times the rounding of a displacement of order one is no small residual.
+_HUGE_FRICTION = 1e8
+# Fewer rows of history than this do not tell whether the residual falls.
+_ROWS = 10
+# Whose last fifth leaves less than this of it is still falling.
+_FALLING = 0.9
+# Below this residual the statuses are likely those of an answer, and what they say of
+# the number of answers is worth telling.
+NEAR = 1e-3
+# η and balance are both met to this where a solve can be said to have come far.
+_FAR = 1e-6
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A solve and its problem, ``v = W r + R a + q`` of one step.
+
+    What costs anything is made when it is asked for: the dense ``W``, ``R`` (of no
+    columns where there is none), the condition of the stiffness, and whether other
+    answers are known to be near a point.
+    """
+
+    method: str
+    max_seconds: float | None
+    mu: Array
+    W: Callable[[], Array | None]
+    modes: Callable[[], Array]
+    several: Callable[[Solution], bool]
+    condition: Callable[[], float] = lambda: 0.0
+    points: Array | None = None
+
+
+def diagnose(tried: Tried, solution: Solution, v: Array) -> str:
+    """What became of a solve that is no answer; ``v (n_c, d)`` is that of the step."""
+    # Where numbers near the ends of doubles are the fault, words are wanted too.
+    with np.errstate(all="ignore"):
+        return _sentence(tried, solution, v)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something wrong with a problem: ``cause`` in words, and what to do.
+
+    ``alone``: nothing else helps; ``certain``: however short the solve was.
+    """
+
+    cause: str
+    cure: str
+    alone: bool = False
+    certain: bool = False
+
+
+def _sentence(tried: Tried, solution: Solution, v: Array) -> str:
+    if solution.outcome is Outcome.NO_EQUILIBRIUM:
+        return _contradiction(tried, solution, v)
+    W = tried.W() if 0 < v.size <= _DENSE else None
+    if W is not None and not np.isfinite(W).all():
+        W = None  # written to since
+    scale = _scale(W, v, solution.reaction)
+    parts = [f"not converged: {_ending(tried, solution)}"]
+    worst = _worst(tried, solution.reaction, v, scale)
+    if worst:
+        parts.append(worst)
+    found = list(_findings(tried, solution, v, W))
+    causes = found
+    if _cut_short(solution):
+        # What would have kept it from an answer further on is no cause of this end.
+        causes = [finding for finding in found if finding.certain]
+        if not causes:
+            beside = ", and ".join(finding.cause for finding in found)
+            # A W that was not looked at may have causes of its own.
+            alone = "" if found or W is None else " alone"
+            parts.append(f"likely cause: the limit{alone}")
+            parts += [f"found besides: {beside}"] if found else []
+    if causes:
+        named = ", and ".join(finding.cause for finding in causes)
+        parts.append(f"likely cause: {named}")
+    cures = list(dict.fromkeys(_cures(tried, solution, causes, v, scale)))
+    return "; ".join([*parts, "try " + " or ".join(cures)])
+
+
+def _cut_short(solution: Solution) -> bool:
+    """Whether a limit ended what may have gone on to an answer."""
+    if solution.outcome is Outcome.STALLED or solution.residual <= solution.tolerance:
+        return False
+    gain = _last_gain(solution)
+    return gain is None or gain < _FALLING
+
+
+def _contradiction(tried: Tried, solution: Solution, v: Array) -> str:
+    """Which contacts have no answer, where no motion of bodies is to blame."""
+    if not len(v):
+        return ""
+    deep = int(np.argmin(v[:, 0]))
+    pressed = np.flatnonzero(solution.reaction[:, 0] > 0)
+    if len(pressed) > 1:
+        most = pressed[np.argsort(-solution.reaction[pressed, 0], kind="stable")[:2]]
+        names = " and ".join(str(i) for i in sorted(most.tolist()))
+        return f": contacts {names} push against each other the most"
+    if v[deep, 0] < 0:
+        return f": {_name(tried, deep)} penetrates by {-v[deep, 0]:.3g}"
+    return ""
+
+
+def _ending(tried: Tried, solution: Solution) -> str:
+    stalled = solution.outcome is Outcome.STALLED
+    trend = "" if stalled else _trend(solution)
+    judged = (
+        f"residual {solution.residual:.1e}{trend}, held to {solution.tolerance:.1e}"
+    )
+    count = solution.iterations
+    spent = f"{count} iteration{'' if count == 1 else 's'} of {tried.method!r}"
+    ends = {
+        Outcome.ITERATION_LIMIT: "reached max_iterations",
+        Outcome.TIME_LIMIT: f"reached max_seconds = {tried.max_seconds or 0.0:.3g}",
+    }
+    end = ends.get(solution.outcome)
+    if solution.residual <= solution.tolerance:
+        met = f"{end} and met the residual" if end else "met the residual"
+        return (
+            f"{spent} {met}, which says nothing here: a contact penetrates, "
+            f"reactions dwarf the loads, or rounding hides what is left ({judged})"
+        )
+    if end is not None:
+        return f"{spent} {end} ({judged})"
+    if count == 0:
+        if tried.method == "newton":
+            return (
+                "'newton' found no step from its start: its matrix is singular there, "
+                f"or no part of the step is better ({judged})"
+            )
+        return f"no iteration of {tried.method!r} was made ({judged})"
+    if solution.history[:, 1].min(initial=np.inf) <= solution.tolerance:
+        return (
+            f"{spent} met the residual at a point that a fresh evaluation does not "
+            f"confirm as an answer ({judged})"
+        )
+    return f"{spent} came to a stand ({judged})"
+
+
+def _scale(W: Array | None, v: Array, r: Array) -> Array:
+    """Displacement per force of each contact, that makes r and v comparable."""
+    if W is not None:
+        d = v.shape[1]
+        trace = W.diagonal().reshape(-1, d).mean(axis=1)
+        if (trace > 0).any():
+            return np.asarray(np.where(trace > 0, trace, trace.max()), np.float64)
+    force = float(np.abs(r).max(initial=0.0))
+    return np.full(len(v), np.abs(v).max(initial=0.0) / force if force > 0 else 1.0)
+
+
+def misses(r: Array, v: Array, mu: Array, scale: Array) -> Array:
+    """By how much each contact misses each part of the law (6), (8e), ``(4, n_c)``.
+
+    As displacements beside ``√scale``: penetration or pull, force on an open contact,
+    friction above its limit, slip that friction does not oppose at its limit.
+    """
+    root = np.sqrt(scale)
+    r, v = r * root[:, None], v / root[:, None]
+    push, shear = r[:, 0], np.linalg.norm(r[:, 1:], axis=1)
+    slip = np.linalg.norm(v[:, 1:], axis=1)
+    against = push[:, None] * resisting(mu, v[:, 1:])
+    off = np.linalg.norm(r[:, 1:] + against, axis=1)
+    whole = slip + off + shear
+    return np.stack(
+        [
+            np.maximum(-v[:, 0], 0) + np.maximum(-push, 0),
+            np.maximum(np.minimum(push, v[:, 0]), 0),
+            np.maximum(shear - limit(mu, r[:, 1:]) * push, 0),
+            # Where a contact hardly slips the direction of that says little.
+            slip * np.divide(off, whole, out=np.zeros_like(off), where=whole > 0),
+        ]
+    )
+
+
+def _worst(tried: Tried, r: Array, v: Array, scale: Array) -> str:
+    missed = misses(r, v, tried.mu, scale)
+    if not missed.size or not np.isfinite(missed).all():
+        return ""
+    kind, i = np.unravel_index(int(np.argmax(missed)), missed.shape)
+    if missed[kind, i] == 0:
+        if tried.modes().size:
+            return "each contact meets the law, the balance of forces is not met"
+        return ""
+    slip = float(np.linalg.norm(v[i, 1:]))
+    pulls = max(-r[i, 0], 0) * scale[i] > max(-v[i, 0], 0)
+    said = (
+        "which pulls" if pulls else f"which penetrates by {-v[i, 0]:.2g}",
+        f"which is pressed by {r[i, 0]:.2g} while open by {v[i, 0]:.2g}",
+        "whose friction is above its limit",
+        f"which slides by {slip:.2g}, not against friction at its limit",
+    )
+    return f"worst at {_name(tried, int(i))}, {said[int(kind)]}"
+
+
+def _name(tried: Tried, i: int) -> str:
+    if tried.points is None:
+        return f"contact {i}"
+    place = ", ".join(f"{x:.4g}" for x in tried.points[i])
+    return f"contact {i} at ({place})"
+
+
+def _findings(
+    tried: Tried, solution: Solution, v: Array, W: Array | None
+) -> Iterator[Finding]:
+    """What is found wrong with the problem, the surest alone."""
+    soft = False
+    if W is not None:
+        scaled, root = _scaled(W, len(tried.mu))
+        # Motions of the unit of each contact's own compliance, as in W.
+        modes = tried.modes() / root[:, None]
+        modes /= np.maximum(np.linalg.norm(modes, axis=0), _SMALL)
+        for sure in (
+            _out_of_range(W, v),
+            _indefinite(tried, W, scaled, modes),
+            _rounding_of_slip(tried, W, solution.reaction, v),
+        ):
+            if sure is not None:
+                yield sure
+                return
+        for finding in _of_compliance(tried, solution, W, scaled, modes):
+            soft |= finding.cause.startswith(_NEARLY_FREE)
+            yield finding
+    condition = tried.condition()
+    if condition > _SOFT and not soft:
+        yield Finding(
+            f"{_NEARLY_FREE}, the condition of its stiffness is {condition:.0e}",
+            "a support for it",
+        )
+    if W is not None and solution.reaction.any() and tried.several(solution):
+        yield Finding("several answers near by", "smaller load steps, or another start")
+
+
+def _scaled(W: Array, contacts: int) -> tuple[Array, Array]:
+    """``W`` with the mean diagonal of each contact 1, symmetric, and the scale's root."""
+    d = len(W) // contacts
+    trace = np.abs(W.diagonal().reshape(-1, d).mean(axis=1))
+    largest = float(trace.max(initial=0.0)) or 1.0
+    root = np.sqrt(np.repeat(np.where(trace > 0, trace, largest), d))
+    scaled = W / root / root[:, None]
+    return np.asarray((scaled + scaled.T) / 2, np.float64), root
+
+
+def _out_of_range(W: Array, v: Array) -> Finding | None:
+    """Where numbers near the ends of doubles have lost their digits."""
+    softest = float(np.abs(W).max(initial=0.0))
+    if softest == 0:
+        return None
+    cure = "other units, in which W, displacements and forces are of order one"
+    for what, size in (
+        ("the largest entry of W is", softest),
+        ("reactions, displacements over W, are", float(np.abs(v).max()) / softest),
+    ):
+        if size > _LARGE or (what.endswith("is") and size < _SMALL):
+            side = "above 1e+300" if size > _LARGE else "below 1e-300"
+            return Finding(f"{what} {side}, where doubles end", cure, alone=True)
+    return None
+
+
+def _indefinite(tried: Tried, W: Array, scaled: Array, modes: Array) -> Finding | None:
+    """Where ``rᵀ W r < 0`` for reactions in balance, which no elastic body gives."""
+    if not np.isfinite(scaled).all():
+        return None
+    balanced = scaled
+    if modes.size:
+        # On Rᵀ r = 0 alone: what W is along R does not matter.
+        span, sizes, _ = np.linalg.svd(modes, full_matrices=False)
+        span = span[:, sizes > _UNCOUPLED * sizes.max(initial=0.0)]
+        out = np.eye(len(scaled)) - span @ span.T
+        balanced = out @ scaled @ out
+    values = np.linalg.eigvalsh(balanced)
+    largest = float(np.abs(scaled.diagonal()).max(initial=0.0))
+    if -values[0] <= _NEGATIVE * max(values[-1], largest):
+        return None
+    cure = "W = B K⁻¹ Bᵀ of a positive definite K"
+    if values[-1] <= -_NEGATIVE * values[0]:
+        cure = "-W, which is positive semidefinite"
+    told = "W is not positive semidefinite"
+    k = int(np.argmin(scaled.diagonal()))
+    if scaled[k, k] < -_NEGATIVE * largest:
+        d = len(W) // len(tried.mu)
+        names = ("nn", "tt") if d == 2 else ("nn", "t1t1", "t2t2")
+        # The normal one where several are negative: it is looked for first.
+        first = k // d * d
+        k = first if scaled[first, first] < -_NEGATIVE * largest else k
+        where = _name(tried, k // d)
+        return Finding(
+            f"{told}, W_{names[k % d]} = {W[k, k]:.3g} at {where}", cure, True, True
+        )
+    return Finding(
+        f"{told}, with diagonals of mean 1 it has an eigenvalue {values[0]:.2g} beside "
+        f"{values[-1]:.2g}, the largest",
+        cure,
+        True,
+        True,
+    )
+
+
+def _rounding_of_slip(tried: Tried, W: Array, r: Array, v: Array) -> Finding | None:
+    """Where all that is left of the law is ``μ`` times the rounding of ``v_t``."""
+    # The rounding of rigid motions is not known here.
+    most = largest(tried.mu)
+    if most.max(initial=0.0) < _HUGE_FRICTION or not r.any() or tried.modes().size:
+        return None
+    moved = (np.abs(W) @ np.abs(r).ravel()).reshape(v.shape)
+    # Terms of a sum of len(W), each with its rounding, and q = v - W r with its own.
+    bound = 4 * np.finfo(float).eps * (len(W) * moved + np.abs(v))
+    exact = np.where(np.abs(v) <= bound, 0.0, v)
+    scale = _scale(W, v, r)
+    size = np.sqrt(scale).max() * np.abs(r).max()
+    left = misses(r, exact, tried.mu, scale).max()
+    hidden = np.linalg.norm(v[:, 1:] - exact[:, 1:], axis=1)
+    if left > _FAR * size or not (most * hidden / np.sqrt(scale) > _FAR * size).any():
+        return None
+    i = int(np.argmax(most * hidden / np.sqrt(scale)))
+    return Finding(
+        f"rounding, for the reactions meet the law, and what is left is mu = {most[i]:.0e} "
+        f"times the {hidden[i]:.0e} that rounding leaves of the slip of {_name(tried, i)}",
+        "a smaller mu, the answer is the same while contacts stick",
+        True,
+        True,
+    )
+
+
+def _of_compliance(
+    tried: Tried, solution: Solution, W: Array, scaled: Array, modes: Array
+) -> Iterator[Finding]:
+    d = len(W) // len(tried.mu)
+    wedged = _wedged(W, tried.mu, d)
+    if len(wedged):
+        i = int(wedged[0])
+        more = f" and {len(wedged) - 1} more" if len(wedged) > 1 else ""
+        cause = f"friction that can jam {_name(tried, i)}{more}"
+        yield Finding(
+            f"{cause}, mu ‖W_nt‖ ≥ W_nn with mu = {largest(tried.mu)[i]:.3g}",
+            "a smaller mu",
+        )
+    if not np.isfinite(scaled).all():
+        return
+    # A contact that nothing moves has reactions that do nothing: it is not redundant.
+    acts = np.abs(scaled).max(axis=1) > 0
+    if modes.size:
+        acts |= np.abs(modes).max(axis=1) > 0
+    scaled, modes = scaled[np.ix_(acts, acts)], modes[acts]
+    if not scaled.size:
+        return
+    values = np.linalg.eigvalsh(scaled)[::-1]
+    most = max(float(values[0]), _SMALL)
+    # Below zero is what rounding made of zero, before W came here.
+    zero = max(_ROUNDING * len(values), -2 * float(values[-1]) / most)
+    rank = int((values > zero * most).sum())
+    # What W leaves open, the rigid motions may determine.
+    known = rank
+    if modes.size:
+        whole = np.hstack([scaled / most, modes])
+        known = int(np.linalg.matrix_rank(whole, tol=zero))
+    if known < len(values):
+        ways = f"in {known} independent ways only" if known != 1 else "in one way only"
+        # The default is made for these: it is the contacts where that comes to a stand.
+        stood = tried.method == "auto" and solution.outcome is Outcome.STALLED
+        yield Finding(
+            f"redundant contacts, their {len(values)} reaction components act {ways}",
+            "fewer contacts" if stood else "",
+        )
+    if rank > 1:
+        softer = values[: rank - 1] / values[1:rank]
+        first = int(np.argmax(softer))
+        if softer[first] > _SOFT and first < min(6, len(values) // 2):
+            which = "one motion is" if first == 0 else f"{first + 1} motions are"
+            cause = f"{_NEARLY_FREE}, {which} softer by {softer[first]:.0e}"
+            yield Finding(f"{cause} than all others", "a support for it")
+
+
+def _wedged(W: Array, mu: Array, d: int) -> NDArray[np.intp]:
+    """Contacts that alone can jam or have several answers: ``‖D W_nt‖ ≥ W_nn``."""
+    blocks = W.reshape(len(mu), d, len(mu), d)[
+        np.arange(len(mu)), :, np.arange(len(mu))
+    ]
+    coupling = blocks[:, 0, 1:].copy()
+    none = np.linalg.norm(coupling, axis=1)
+    coupling[none <= _UNCOUPLED * np.abs(blocks).max(axis=(1, 2))] = 0.0
+    pushed = dissipation(mu, coupling)
+    return np.flatnonzero((pushed >= blocks[:, 0, 0]) & (pushed > 0))
+
+
+def _last_gain(solution: Solution) -> float | None:
+    """Share of the residual that is left by the last fifth of the iterations.
+
+    ``None`` where there are too few to tell, at least 1 where it gained nothing.
+    """
+    residuals = solution.history[:, 1]
+    if len(residuals) < _ROWS:
+        return None
+    cut = len(residuals) - max(len(residuals) // 5, 3)
+    before = float(residuals[:cut].min())
+    return float(residuals[cut:].min()) / before if before > 0 else 1.0
+
+
+def _trend(solution: Solution) -> str:
+    gain = _last_gain(solution)
+    if gain is None:
+        return ""
+    if gain < _FALLING:
+        return ", still falling"
+    return ", hardly falling" if gain < 1 else ", no longer falling"
+
+
+def _cures(
+    tried: Tried,
+    solution: Solution,
+    causes: list[Finding],
+    v: Array,
+    scale: Array,
+) -> Iterator[str]:
+    yield from (finding.cure for finding in causes if finding.cure)
+    if not any(finding.alone for finding in causes):
+        limit = {
+            Outcome.ITERATION_LIMIT: "a larger max_iterations",
+            Outcome.TIME_LIMIT: "a larger max_seconds",
+        }.get(solution.outcome)
+        gain = _last_gain(solution)
+        # More of a method that has stopped gaining is no help; the default tries others.
+        if limit is not None and (tried.method == "auto" or gain is None or gain < 1):
+            yield limit
+        if tried.method != "auto":
+            yield "method='auto'"
+        elif limit is None and not causes:
+            yield "smaller load steps, or another start"
+    # η is relative to the reactions: it says little where they dwarf what they move.
+    missed = misses(solution.reaction, v, tried.mu, scale).max(initial=0.0)
+    moved = (np.linalg.norm(v, axis=1) / np.sqrt(scale)).max(initial=0.0)
+    if solution.tolerance < solution.residual <= _FAR and missed <= _FAR * moved:
+        wish = 10.0 ** np.ceil(np.log10(solution.residual))
+        yield f"tol={wish:.0e}, which this point meets"

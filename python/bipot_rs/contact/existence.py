@@ -1,0 +1,314 @@
+"""Whether a contact problem must have an answer, can have none, or may have either.
+
+What is decided here is proved in section 10 of ``docs/theory.md``; nothing is solved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs.contact.existence_by_friction import holds
+
+Array = NDArray[np.float64]
+
+# A motion, or a reaction, is refused only where balance would take reactions this much
+# larger than the loads: the rounding of such a balance is no answer to the judge (13).
+_BEYOND = 1e9
+# Balance that rounding leaves, relative to the forces of the problem.
+_BALANCED = 1e-10
+# Facets of the polygon inside the disc of slip, in space: 2 % of the angle are given up.
+_FACETS = 16
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Existence:
+    """What is known of the existence of an answer, and the witness of it.
+
+    Attributes
+    ----------
+    verdict
+        ``"guaranteed"``: an answer exists, whatever a solver finds. ``"none"``: there is
+        none. ``"unknown"``: neither is proved.
+    reason
+        Why, in a sentence.
+    motion
+        Relative displacement ``(n_c, d)`` of each contact along a rigid motion, the
+        largest of length 1. With ``"none"``: it lies in every dual cone and the loads
+        work on it, so that no reaction stops it. With ``"unknown"``: the loads work on it
+        and pressure alone does not stop it.
+    displacement
+        That motion at all degrees of freedom, ``(n,)``; only of a `ContactProblem`.
+    inside
+        With ``"guaranteed"``: a relative displacement ``(n_c, d)`` that the bodies can
+        take, inside of every dual cone, ``v_n > mu |v_t|``; ``None`` where they can take
+        any.
+    pressure
+        With ``"guaranteed"``, where friction is not needed to balance the loads on rigid
+        motions: normal reactions ``(n_c,)``, none negative, that do.
+    overlap
+        With ``"none"``: amounts ``(n_c,)``, none negative, of normal displacements whose
+        sum no reaction changes and whose gaps sum to less than zero.
+    """
+
+    verdict: Literal["guaranteed", "none", "unknown"]
+    reason: str
+    motion: Array | None = None
+    displacement: Array | None = None
+    inside: Array | None = None
+    pressure: Array | None = None
+    overlap: Array | None = None
+
+
+@dataclass(frozen=True)
+class _Scaled:
+    """The problem in scaled variables, without the tangents that have no friction.
+
+    ``W``, ``q``, ``R`` have the rows ``kept``; ``normal`` says which of them are normal.
+    ``motions``, ``R`` with all rows, has orthonormal columns, and ``e`` are the loads on
+    them.
+    """
+
+    W: Array
+    q: Array
+    R: Array
+    motions: Array
+    e: Array
+    mu: Array
+    kept: NDArray[np.bool_]
+    normal: NDArray[np.bool_]
+    scale: Array
+
+    @property
+    def size(self) -> float:
+        """Largest free displacement: of scaled reactions too, for diagonals are 1."""
+        return float(np.abs(self.q).max(initial=0.0))
+
+
+def proves_none(motion: Array, mu: Array, e: Array, amounts: Array) -> bool:
+    """Whether ``motion = R amounts (n_c, d)`` lies in the dual cones and loads work on it.
+
+    To rounding: reactions of a billion times the loads would be needed to stop it.
+    """
+    work = float(e @ amounts)
+    slack = motion[:, 0] - mu * np.linalg.norm(motion[:, 1:], axis=1)
+    lack = float(np.linalg.norm(np.minimum(slack, 0.0)))
+    return work > 0 and work >= _BEYOND * lack * float(np.linalg.norm(e))
+
+
+def judge(
+    W: Array, q: Array, mu: Array, rigid: tuple[Array, Array] | None
+) -> Existence:
+    """The verdict on ``v = W r + R a + q``, loads being balanced by some reaction.
+
+    Parameters
+    ----------
+    W, q, mu, rigid
+        As in `ReducedProblem`, dense.
+    """
+    p = _scaled(W, q, mu, rigid)
+    symmetric = np.abs(p.W - p.W.T).max(initial=0.0) <= 1e-8
+    inside: Array | None = None
+    if not _definite(p.W):
+        overlap = _overlap(p)
+        if overlap is not None:
+            return Existence(
+                verdict="none",
+                reason="contacts contradict each other: no displacement opens them all",
+                overlap=overlap,
+            )
+        if not symmetric or not _semidefinite(p.W):
+            what = "symmetric" if not symmetric else "positive semidefinite"
+            return Existence(verdict="unknown", reason=f"the compliance is not {what}")
+        inside = _inside(p)
+        if inside is None:
+            return Existence(
+                verdict="unknown",
+                reason="no displacement was found that opens every contact by more than "
+                "mu times its slip",
+            )
+    pressure: Array | None = None
+    reason = "supports hold every body"
+    if p.R.shape[1]:
+        reason = "normal reactions alone can balance the loads"
+        pressure, rest = _balanced(p)
+        if pressure is None and rest is None:
+            return Existence(
+                verdict="unknown",
+                reason="to balance the loads, normal reactions would have to be a billion "
+                "times as large",
+            )
+        if rest is not None and holds(
+            p.R[p.normal], p.R[~p.normal], p.e, mu, q.shape[1]
+        ):
+            reason = "friction holds the bodies, however the pressures are distributed"
+        elif rest is not None:
+            motion = (p.motions @ rest).reshape(q.shape) / p.scale[:, None]
+            motion /= np.linalg.norm(motion, axis=1).max()
+            return Existence(
+                verdict="unknown",
+                reason="friction must take part in balancing the loads: that reactions of "
+                "the cone can do it is necessary, and not sufficient",
+                motion=motion,
+            )
+    room = (
+        "contacts can move in any way"
+        if inside is None
+        else "some displacement opens every contact by more than mu times its slip"
+    )
+    return Existence(
+        verdict="guaranteed",
+        reason=f"{reason}, and {room}",
+        inside=inside,
+        pressure=pressure,
+    )
+
+
+def _scaled(
+    W: Array, q: Array, mu: Array, rigid: tuple[Array, Array] | None
+) -> _Scaled:
+    contacts, d = q.shape
+    matters = np.ones((contacts, d), bool)
+    matters[:, 1:] = (mu > 0)[:, None]
+    kept: NDArray[np.bool_] = matters.ravel()
+    stiff = np.diag(W).reshape(contacts, d).mean(axis=1)
+    # A contact that nothing moves gets the scale of the others.
+    usual = float(np.median(stiff[stiff > 0])) if (stiff > 0).any() else 1.0
+    scale = 1 / np.sqrt(np.where(stiff > 0, stiff, usual))
+    by_row = np.repeat(scale, d)
+    R, e = (np.empty((len(kept), 0)), np.empty(0)) if rigid is None else rigid
+    e = np.asarray(e, np.float64)
+    if R.shape[1]:
+        # Columns of unit length first: amounts of rotations have other units.
+        length = np.linalg.norm(R, axis=0)
+        Q, T = np.linalg.qr(by_row[:, None] * R / length)
+        R, e = Q, np.linalg.solve(T.T, e / length)
+    return _Scaled(
+        W=(W * np.outer(by_row, by_row))[np.ix_(kept, kept)],
+        q=(q.ravel() * by_row)[kept],
+        R=R[kept],
+        motions=R,
+        e=e,
+        mu=mu,
+        kept=kept,
+        normal=(np.arange(contacts * d) % d == 0)[kept],
+        scale=scale,
+    )
+
+
+def _definite(W: Array) -> bool:
+    """Whether the symmetric part of ``W`` is positive definite, rounding subtracted."""
+    diagonal = np.diag(W)
+    if not (diagonal > 0).all():
+        return False
+    m = len(W)
+    unit = (W + W.T) / 2 / np.sqrt(np.outer(diagonal, diagonal))
+    # A factor of a matrix with unit diagonal misses it by (m + 1) ε an entry.
+    shift = 2 * m * (m + 1) * np.finfo(float).eps
+    try:
+        np.linalg.cholesky(unit - shift * np.eye(m))
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def _semidefinite(W: Array) -> bool:
+    values = np.linalg.eigvalsh((W + W.T) / 2)
+    return bool(values.min(initial=0.0) >= -1e-10 * np.abs(values).max(initial=0.0))
+
+
+def _overlap(p: _Scaled) -> Array | None:
+    """``λ >= 0`` with ``λ·W_n = 0``, ``λ·R_n = 0``, ``λ·q_n < 0``: then ``λ·v_n < 0``."""
+    from scipy.optimize import nnls
+
+    if not p.size:
+        return None
+    q = p.q[p.normal] / p.size
+    rows = np.vstack([p.W[p.normal].T, p.R[p.normal].T, q])
+    try:
+        amounts, _ = nnls(rows, np.append(np.zeros(len(rows) - 1), -1.0))
+    except RuntimeError:  # its limit of iterations: nothing is proved
+        return None
+    work = float(-(q @ amounts))
+    lack = float(np.linalg.norm(rows[:-1] @ amounts))
+    if work <= 0 or lack * _BEYOND > work:
+        return None
+    # In the caller's displacements: the scaled ones are v times the scale.
+    return np.asarray(amounts * p.scale / np.max(amounts * p.scale))
+
+
+def _inside(p: _Scaled) -> Array | None:
+    """A displacement within reach with ``v_n > mu |v_t|`` at every contact.
+
+    By a linear programme with a polygon inside each disc; the point found is then held to
+    the disc itself.
+    """
+    from scipy.optimize import linprog
+
+    contacts, d = len(p.mu), len(p.kept) // len(p.mu)
+    size = p.size or 1.0
+    U, values, _ = np.linalg.svd(np.hstack([p.W, p.R]), full_matrices=False)
+    U = U[:, values > 1e-12 * values.max(initial=0.0)]
+    # Back to all rows: those left out do not matter, their mu is zero.
+    span = np.zeros((contacts * d, U.shape[1]))
+    span[p.kept] = U
+    free = np.zeros(contacts * d)
+    free[p.kept] = p.q / size
+    sides = np.array([[1.0], [-1.0]])
+    reach = 1.0
+    if d == 3:
+        angle = 2 * np.pi * np.arange(_FACETS) / _FACETS
+        sides = np.column_stack([np.cos(angle), np.sin(angle)])
+        reach = 1 / np.cos(np.pi / _FACETS)
+    rows, right = [], []
+    span3, free2 = span.reshape(contacts, d, -1), free.reshape(contacts, d)
+    for side in sides:
+        across = reach * p.mu[:, None] * side
+        rows.append(np.einsum("ik,ikj->ij", across, span3[:, 1:]) - span3[:, 0])
+        right.append(free2[:, 0] - np.sum(across * free2[:, 1:], axis=1))
+    A = np.vstack(rows)
+    # The margin is the last unknown; above 1 it is no further use.
+    A = np.hstack([A, np.ones((len(A), 1))])
+    cost = np.append(np.zeros(U.shape[1]), -1.0)
+    far = [(-1e6, 1e6)] * U.shape[1]
+    found = linprog(cost, A, np.concatenate(right), bounds=[*far, (None, 1.0)])
+    if found.x is None:
+        return None
+    y = found.x[:-1]
+    v = (free + span @ y).reshape(contacts, d)
+    margin = v[:, 0] - p.mu * np.linalg.norm(v[:, 1:], axis=1)
+    if margin.min(initial=1.0) <= 1e-9 * (1 + np.abs(y).max(initial=0.0)):
+        return None
+    return np.asarray(v * size / p.scale[:, None], np.float64)
+
+
+def _balanced(p: _Scaled) -> tuple[Array | None, Array | None]:
+    """Normal reactions that balance the loads; else the motion that they do not stop.
+
+    Neither, where such reactions would be larger than any that count as an answer.
+    """
+    from scipy.optimize import nnls
+
+    # Of a normal along which nothing can move a body, rounding leaves something: a
+    # pressure of a billion times the loads would balance them by it.
+    columns = p.R[p.normal].copy()
+    columns[np.abs(columns) * _BEYOND <= np.abs(p.motions).max(initial=0.0)] = 0.0
+    amounts, _ = nnls(columns.T, -p.e)
+    rest = columns.T @ amounts + p.e
+    size = max(float(np.linalg.norm(p.e)), p.size)
+    balanced = float(np.linalg.norm(rest)) <= _BALANCED * size
+    if balanced and float(amounts.max(initial=0.0)) <= _BEYOND * size:
+        return np.asarray(amounts * p.scale), None
+    if balanced:
+        return None, None
+    # The shortest rest works on no normal reaction: R_n rest >= 0, e·rest = |rest|².
+    return None, rest
+
+
+def dense(W: Any) -> Array:
+    """``W`` as a dense array."""
+    whole = W.toarray() if hasattr(W, "toarray") else W
+    return np.asarray(whole, np.float64)

@@ -1,0 +1,280 @@
+"""The global problem, ``M v = H r + f``, condensed to the reactions."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.validation import RATIO, Array, csr, floats, friction
+from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.reduced import ReducedProblem
+from bipot_rs.contact.result import Solution
+
+# Relative to √|M_ii M_jj|, which no change of units moves. `ContactProblem` refuses
+# ten times as much, so that what is symmetric here is symmetric there.
+SYMMETRIC = 1e-11
+# Right sides solved at a time: W is made without ever being dense.
+COLUMNS = 64
+
+
+class GlobalProblem:
+    """Contact in the degrees of freedom of FCLIB's global form.
+
+    ``M v = H r + f``, ``u = Hᵀ v + w``, and the law (9) between ``u`` and ``r``: (1) and
+    (2) with ``K = M`` and ``B = Hᵀ``. In dynamics ``v`` is a velocity and ``r`` an
+    impulse; the equations do not mind.
+
+    Parameters
+    ----------
+    M
+        ``(n, n)``, anything SciPy calls sparse, or dense. If symmetric to rounding it
+        must be positive semidefinite, and is condensed by `ContactProblem`. Otherwise
+        it is factored by LU, and ``W = Hᵀ M⁻¹ H`` used as it comes out, asymmetric.
+    H
+        ``(n, d n_c)``: column ``d i + k`` is component ``k`` of contact ``i``.
+    f
+        Load, ``(n,)``.
+    w
+        ``u`` at ``v = 0``, ``(n_c, d)``, normal first.
+    mu
+        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, as in
+        `ContactProblem`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named.
+    """
+
+    def __init__(
+        self, M: Any, H: Any, f: ArrayLike, w: ArrayLike, mu: ArrayLike
+    ) -> None:
+        mass, contact = csr("M", M), csr("H", H)
+        n = mass.shape[0]
+        if mass.shape != (n, n):
+            raise ValueError(f"M has shape {mass.shape}, expected a square matrix")
+        self.w = floats("w", w, ndim=2)
+        contacts, d = self.w.shape
+        if d not in (2, 3):
+            raise ValueError(
+                f"w has shape {self.w.shape}, expected (n_c, 2) or (n_c, 3)"
+            )
+        if contact.shape != (n, d * contacts):
+            raise ValueError(
+                f"H has shape {contact.shape}, expected {(n, d * contacts)}: a row for "
+                "each of M, a column for each entry of w"
+            )
+        self.M, self.H = M, H
+        self.f = floats("f", f, shape=(n,))
+        self.mu = friction(mu, contacts, d, ratio=RATIO)
+        self._mass, self._contact = mass.matrix, contact.matrix
+
+    @cached_property
+    def asymmetry(self) -> float:
+        """Largest ``|M_ij - M_ji|`` over ``√|M_ii M_jj|``, free of units.
+
+        Over the larger of the two entries where a diagonal is zero. Of ``W``,
+        `ReducedProblem.asymmetry`, another number: over the largest entry of all.
+        """
+        return _asymmetry(self._mass)
+
+    @property
+    def stats(self) -> Mapping[str, Any]:
+        """Of the factorisation, made when first asked for, and ``asymmetry``."""
+        return {"asymmetry": self.asymmetry} | dict(self._condensed.stats)
+
+    @cached_property
+    def _condensed(self) -> _Symmetric | _Lu:
+        kind = _Symmetric if self.asymmetry <= SYMMETRIC else _Lu
+        return kind(self._mass, self._contact, self.f, self.w, self.mu)
+
+    @cached_property
+    def _reduced(self) -> ReducedProblem:
+        return self._condensed.reduced()
+
+    def reduced(self) -> ReducedProblem:
+        """The same problem in the reactions alone, (5); made at the first call.
+
+        Raises
+        ------
+        ValueError
+            ``M`` is symmetric and indefinite, or asymmetric and singular.
+        FloatingBodyError
+            A motion costs nothing that no contact feels. Others that cost nothing, of
+            bodies held by contact alone, are the ``rigid`` of the reduced problem.
+        MemoryError
+            The factor or ``W`` does not fit.
+        """
+        return self._reduced
+
+    def solve(
+        self,
+        method: str = "auto",
+        tol: float = 1e-10,
+        max_iterations: int | None = None,
+        max_seconds: float | None = None,
+        start: Solution | ArrayLike | None = None,
+        *,
+        num_threads: int | None = None,
+        callback: Callable[[int, float, float], object] | None = None,
+    ) -> Solution:
+        """As `ReducedProblem.solve`; raises also what `reduced` does.
+
+        `Solution.relative_displacement` is ``u``; `velocity` gives ``v``.
+        """
+        return self.reduced().solve(
+            method,
+            tol,
+            max_iterations,
+            max_seconds,
+            start,
+            num_threads=num_threads,
+            callback=callback,
+        )
+
+    def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:
+        """η of (13) at the reactions ``r (n_c, d)``, as `ReducedProblem.residual`."""
+        return self.reduced().residual(r, a)
+
+    def velocity(self, solution: Solution | ArrayLike) -> Array:
+        """``v = M⁻¹ (H r + f)``, ``(n,)``.
+
+        Parameters
+        ----------
+        solution
+            A `Solution`, or reactions ``(n_c, d)``. With bodies held by contact alone
+            reactions do not determine ``v``: then a `Solution` only.
+
+        Raises
+        ------
+        TypeError, ValueError
+            A wrong argument, named.
+        """
+        known = solution if isinstance(solution, Solution) else None
+        r = floats(
+            "solution", known.reaction if known else solution, shape=self.w.shape
+        )
+        rigid = known.rigid_motion if known else None
+        free = self.reduced().rigid
+        count = 0 if free is None else len(free[1])
+        amounts = np.empty(0) if rigid is None else rigid
+        if len(amounts) != count:
+            raise ValueError(
+                f"solution has {counted(len(amounts), 'rigid motion')}, expected {count}: the "
+                "motion of bodies held by contact alone is part of a Solution"
+            )
+        return self._condensed.velocity(r, amounts)
+
+
+class _Symmetric:
+    """Condensed as any stiffness is."""
+
+    def __init__(self, mass: Any, contact: Any, f: Array, w: Array, mu: Array) -> None:
+        self._f = f
+        try:
+            self._problem = ContactProblem(
+                mass, contact.T, gap=w, mu=mu, dim=w.shape[1] or None
+            )
+        except ValueError as error:
+            # It knows the matrix as its stiffness.
+            told = re.sub(r"\b(stiffness )?K\b", "M", str(error))
+            raise ValueError(told) from None
+        self.stats = self._problem.stats
+
+    def reduced(self) -> ReducedProblem:
+        return self._problem.reduced(self._f)
+
+    def velocity(self, r: Array, amounts: Array) -> Array:
+        state = self._f, np.empty(0), r, amounts
+        u: Array = self._problem._core.displacements([state])[0]
+        return u
+
+
+class _Lu:
+    """Factored as it is, by SuperLU."""
+
+    def __init__(self, mass: Any, contact: Any, f: Array, w: Array, mu: Array) -> None:
+        from scipy.sparse.linalg import splu
+
+        self._contact, self._f, self._w, self._mu = contact, f, w, mu
+        began = time.perf_counter()
+        try:
+            self._factor = splu(mass.tocsc())
+        except RuntimeError:
+            singular = True
+        else:
+            singular = bool(_condition(mass, self._factor) > 1 / np.finfo(float).eps)
+        if singular:
+            raise ValueError(
+                "M is asymmetric and singular to rounding: W = Hᵀ M⁻¹ H does not exist"
+            )
+        self.stats = {
+            "n": mass.shape[0],
+            "nnz_factor": int(self._factor.L.nnz + self._factor.U.nnz),
+            "seconds_factor": time.perf_counter() - began,
+        }
+
+    def reduced(self) -> ReducedProblem:
+        from scipy.sparse import csc_array, csr_array, hstack
+
+        columns, rows = self._contact.tocsc(), self._contact.T.tocsr()
+        pieces = []
+        for begin in range(0, columns.shape[1], COLUMNS):
+            right = columns[:, begin : begin + COLUMNS].toarray()
+            # Zero, not merely small, between bodies that M does not connect.
+            pieces.append(csc_array(rows @ self._factor.solve(right)))
+        size = self._w.size
+        whole = csr_array(hstack(pieces)) if pieces else csr_array((0, 0))
+        W = whole if 4 * whole.nnz <= size**2 else whole.toarray()
+        free = rows @ self._factor.solve(self._f)
+        return ReducedProblem(W, free.reshape(self._w.shape) + self._w, self._mu)
+
+    def velocity(self, r: Array, _: Array) -> Array:
+        right = self._contact @ r.ravel() + self._f
+        return np.asarray(self._factor.solve(right), np.float64)
+
+
+def _asymmetry(matrix: Any) -> float:
+    difference = abs(matrix - matrix.T).tocoo()
+    if not difference.nnz:
+        return 0.0
+    # Two roots: the product of two diagonals may overflow.
+    root = np.sqrt(np.abs(matrix.diagonal()))
+    scale = root[difference.row] * root[difference.col]
+    larger = abs(matrix).maximum(abs(matrix.T)).tocsr()
+    at = scale == 0
+    scale[at] = np.ravel(larger[difference.row[at], difference.col[at]])
+    known = difference.data > 0
+    return float((difference.data[known] / scale[known]).max(initial=0.0))
+
+
+def _condition(matrix: Any, factor: Any) -> float:
+    """``‖ |M⁻¹| |M| ‖`` in unknowns of equal size, estimated: free of units."""
+    from scipy.sparse.linalg import LinearOperator, onenormest
+
+    n = matrix.shape[0]
+    if n < 2:
+        return 1.0
+    size = abs(matrix)
+    unit = np.sqrt(np.abs(matrix.diagonal()))
+    largest = np.sqrt(
+        np.maximum(size.max(axis=0).toarray(), size.max(axis=1).toarray())
+    )
+    unit = np.where(unit > 0, unit, largest.ravel())
+    # The norm by rows of D M⁻¹ G, G = diag(|M| D⁻¹ 1), as that by columns of its
+    # transpose.
+    rows = size @ (1 / unit)
+    operator = LinearOperator(
+        (n, n),
+        matvec=lambda x: rows * factor.solve(unit * np.ravel(x), "T"),
+        rmatvec=lambda x: unit * factor.solve(rows * np.ravel(x)),
+        dtype=np.float64,
+    )
+    return float(onenormest(operator))

@@ -1,0 +1,61 @@
+"""Coulomb's cone, and the projection onto it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs import _core
+from bipot_rs._lib.validation import Array, floats, friction
+
+
+def project(
+    tau: ArrayLike, mu: ArrayLike, base: ArrayLike | None = None
+) -> tuple[Array, NDArray[np.int8]]:
+    """Project onto Coulomb's cone or an elliptic one, contact by contact, in parallel.
+
+    Parameters
+    ----------
+    tau
+        Points to project, ``(n_c, d)``, normal first.
+    mu
+        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, one a
+        tangent: the cone is then ``‖D⁻¹ r_t‖ ≤ r_n``, ``D = diag(mu_1, mu_2)``. Those of
+        a contact are both positive, or both zero.
+    base
+        Start state ``t0``, ``(n_c, d)``. With it ``tau`` is an increment, projected
+        onto ``ΔK_μ = K_μ - t0`` [dSF91, 53].
+
+    Returns
+    -------
+    t, status
+        The projection ``(n_c, d)``, equation (12), and its `Status` ``(n_c,)``. With
+        ``mu = 0`` a pressed contact is ``SLIP``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        An argument of the wrong kind or shape, or not finite.
+
+    Examples
+    --------
+    >>> import bipot_rs as bp
+    >>> t, status = bp.project([[1.0, 0.2], [1.0, 3.0], [-1.0, 0.5]], 0.5)
+    >>> t
+    array([[1. , 0.2],
+           [2. , 1. ],
+           [0. , 0. ]])
+    >>> [bp.Status(s).name for s in status]
+    ['STICK', 'SLIP', 'OPEN']
+    """
+    points = floats("tau", tau, ndim=2, copy=False)
+    if points.shape[1] not in (2, 3):
+        raise ValueError(f"tau has shape {points.shape}, expected (n_c, 2) or (n_c, 3)")
+    coefficients = friction(mu, *points.shape)
+    start = None if base is None else floats("base", base, shape=points.shape)
+    if start is not None:
+        with np.errstate(over="ignore"):
+            total = points + start
+        if not np.isfinite(total).all():
+            raise ValueError("base + tau overflows, expected numbers below 1e300")
+    return _core.project(points, coefficients, start)

@@ -1,0 +1,514 @@
+"""The reduced problem, in the reactions alone, and what its solutions are made of."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs import _core
+from bipot_rs._lib import validation
+from bipot_rs._lib.messages import counted, meant
+from bipot_rs._lib.validation import (
+    RATIO,
+    Array,
+    csr,
+    floats,
+    friction,
+    integer,
+    positive,
+    settings,
+    threads,
+)
+from bipot_rs.contact import existence, rigid_motions, summary
+from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
+from bipot_rs.contact.elliptic_friction import isotropic
+from bipot_rs.contact.enumeration import Answers, search
+from bipot_rs.contact.error_bound import ErrorBound, from_core
+from bipot_rs.contact.existence import Existence
+from bipot_rs.contact.result import Outcome, Solution
+
+
+class ReducedProblem:
+    """A contact problem in the reactions alone, ``v = W r + q`` (5).
+
+    Parameters
+    ----------
+    W
+        Compliance, ``(d n_c, d n_c)``, dense or sparse. It is used as given, never made
+        symmetric; ``asymmetry`` reports what it lacks. A C-ordered array of float64 is
+        read where it lies, at every call, and not copied.
+    q
+        Relative displacement without reactions, ``(n_c, d)``, normal first.
+    mu
+        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, as in
+        `ContactProblem`. What is solved and judged is then Coulomb's problem in stretched
+        variables, of which a copy of ``W`` is made at every call.
+    rigid
+        ``(R (d n_c, k), e (k,))`` for bodies held by contact alone:
+        ``v = W r + R a + q`` with ``Rᵀ r + e = 0``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        A wrong argument, named.
+    NoEquilibriumError
+        A contact penetrates and nothing can move it.
+    FloatingBodyError
+        A column of ``R`` moves no contact.
+
+    Examples
+    --------
+    One contact, pressed into the obstacle by 1 and dragged by 0.75 where nothing resists:
+
+    >>> import bipot_rs as bp
+    >>> problem = bp.ReducedProblem([[2.0, 0.0], [0.0, 1.0]], [[-1.0, 0.75]], 0.5)
+    >>> solution = problem.solve()
+    >>> solution.reaction
+    array([[ 0.5 , -0.25]])
+    >>> solution.relative_displacement.round(12)
+    array([[0. , 0.5]])
+    >>> solution.outcome.value, solution.unique
+    ('converged', 'proved')
+    """
+
+    def __init__(
+        self,
+        W: Any,
+        q: ArrayLike,
+        mu: ArrayLike,
+        *,
+        rigid: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> None:
+        free = floats("q", q, ndim=2)
+        contacts, d = free.shape
+        if d not in (2, 3):
+            raise ValueError(f"q has shape {free.shape}, expected (n_c, 2) or (n_c, 3)")
+        size = contacts * d
+        parts = _islands(W, contacts, d)
+        if rigid is None:
+            modes, force = np.empty((0, size)), np.empty(0)
+        else:
+            if not hasattr(rigid, "__len__") or len(rigid) != 2:
+                raise TypeError("rigid is not the pair (R, e)")
+            border = floats("R of rigid", rigid[0], ndim=2)
+            if border.shape[0] != size:
+                raise ValueError(
+                    f"R of rigid has shape {border.shape}, expected ({size}, k)"
+                )
+            force = floats("e of rigid", rigid[1], shape=(border.shape[1],))
+            modes = np.ascontiguousarray(border.T)
+        self.W = W
+        self.q = free
+        self.mu = friction(mu, contacts, d, ratio=RATIO)
+        self.rigid = None if rigid is None else (modes.T, force)
+        self._core = _core.Reduced(parts, free, self.mu, modes, force)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (self.W, self.q, self.mu, self.rigid)
+
+    def __repr__(self) -> str:
+        return f"ReducedProblem({summary.places(*self.q.shape)})"
+
+    def __str__(self) -> str:
+        return summary.text(self._summary())
+
+    def _repr_html_(self) -> str:
+        return summary.html(self._summary())
+
+    def _summary(self) -> summary.Summary:
+        rows = self.q.size
+        W = f"{rows} x {rows}, "
+        if hasattr(self.W, "tocsr"):
+            W += f"sparse, {counted(self.W.nnz, 'entry')}"
+        else:
+            W += f"dense, {summary.size(8.0 * rows**2)}"
+        count = 0 if self.rigid is None else len(self.rigid[1])
+        held = counted(count, "motion") if count else "none"
+        return f"ReducedProblem: {summary.places(*self.q.shape)}", [
+            ("W", W),
+            ("q", summary.gaps(self.q[:, 0])),
+            ("friction", summary.friction(self.mu)),
+            ("rigid motions", f"{held} that contact alone must hold"),
+        ]
+
+    @property
+    def asymmetry(self) -> float:
+        """Largest ``|W_ij - W_ji|`` over the largest entry of ``W``.
+
+        Of ``M``, `fclib.GlobalProblem.asymmetry`, another number: over ``√|M_ii M_jj|``,
+        entry by entry, since unknowns of a body may have different units.
+        """
+        return self._core.asymmetry
+
+    def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:
+        """η of (13) at the reactions ``r (n_c, d)``: the one certificate of every method.
+
+        With ``rigid`` and no ``a (k,)``, at the rigid motion of least squares. Where ``mu``
+        is ``(n_c, 2)``, in the stretched variables of section 3 of ``docs/theory.md``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``r`` is not ``(n_c, d)`` or ``a`` not ``(k,)`` finite numbers.
+        """
+        reaction = floats("r", r, shape=self.q.shape)
+        count = 0 if self.rigid is None else len(self.rigid[1])
+        rigid = None if a is None else floats("a", a, shape=(count,))
+        return self._core.residual(reaction, rigid)
+
+    def error_bound(self, r: ArrayLike) -> ErrorBound:
+        """How far reactions ``r (n_c, d)`` are from the answer, as far as it can be proved.
+
+        Any ``r``, in its cones or not; its ``v`` is ``W r + q``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``r`` is not ``(n_c, d)`` finite numbers.
+        """
+        return self.error_bounds(floats("r", r, shape=self.q.shape)[None])[0]
+
+    def error_bounds(self, reactions: ArrayLike) -> list[ErrorBound]:
+        """`error_bound` at many reactions ``(k, n_c, d)``: what W and mu ask is done once.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``reactions`` is not ``(k, n_c, d)`` finite numbers.
+        """
+        found = floats("reactions", reactions, ndim=3)
+        if found.shape[1:] != self.q.shape:
+            raise ValueError(
+                f"reactions has shape {found.shape}, expected (k, *{self.q.shape})"
+            )
+        rigid = np.zeros(0 if self.rigid is None else len(self.rigid[1]))
+        rows = found.reshape(-1, self.q.shape[1])
+        raw = _core.error_bounds(self._core, rows, len(found), rigid)
+        return [from_core(bound) for bound in raw]
+
+    def solve(
+        self,
+        method: str = "auto",
+        tol: float = 1e-10,
+        max_iterations: int | None = None,
+        max_seconds: float | None = None,
+        start: Solution | ArrayLike | None = None,
+        *,
+        num_threads: int | None = None,
+        callback: Callable[[int, float, float], object] | None = None,
+    ) -> Solution:
+        """Solve; what happened is `Solution.outcome`, whatever it was.
+
+        Parameters
+        ----------
+        method, tol, max_iterations, max_seconds
+            As in `ContactProblem.solve`.
+        start
+            A `Solution`, or reactions ``(n_c, d)``, to start from.
+        num_threads
+            As in `ContactProblem`.
+        callback
+            Called as ``callback(iterations, work, residual)`` about twenty times a
+            second, with the smallest residual so far, infinite before there is one; an
+            exception from it ends the solve and comes back.
+
+        Raises
+        ------
+        TypeError, ValueError
+            A wrong argument, named.
+        """
+        chosen = settings(method, tol, max_iterations, max_seconds)
+        validation.callback("callback", callback)
+        reaction, rigid = None, None
+        if isinstance(start, Solution):
+            reaction = floats("start", start.reaction, shape=self.q.shape)
+            rigid = start.rigid_motion
+            count = 0 if self.rigid is None else len(self.rigid[1])
+            if rigid is not None and len(rigid) != count:
+                raise ValueError(
+                    f"start has {counted(len(rigid), 'rigid motion')}, expected {count}"
+                )
+        elif start is not None:
+            reaction = floats("start", start, shape=self.q.shape)
+        if num_threads is not None:
+            num_threads = threads(num_threads)
+        raw = self._core.solve(*chosen, reaction, rigid, num_threads, callback)
+        return self._solution(raw, method, chosen[3])
+
+    def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
+        """All answers, where there may be several.
+
+        In the plane and with up to 12 contacts the statuses are exhausted, which finds
+        every answer and, where there is none, proves it: `Answers.complete`. It is
+        false where reactions are not determined (supports in excess), and for
+        other problems: those are solved from many starts, and what differs in
+        relative displacement is kept.
+
+        Parameters
+        ----------
+        restarts
+            Starts for a problem that is not exhausted.
+        seed
+            Of the random ones among them.
+
+        Raises
+        ------
+        TypeError, ValueError
+            ``restarts`` is not a positive integer, or ``seed`` a negative one.
+        """
+        restarts = positive("restarts", restarts)
+        seed = integer("seed", seed, least=0)
+        exhausted = _core.answers(self._core)
+        if exhausted is not None:
+            found, complete = exhausted
+            known = [self._solution(raw, "auto") for raw in found]
+            return Answers(known, complete=complete)
+        contacts, d = self.q.shape
+        whole = self.W if hasattr(self.W, "diagonal") else np.asarray(self.W)
+        diagonal = np.asarray(whole.diagonal(), float).reshape(contacts, d).mean(axis=1)
+        moved = np.linalg.norm(self.q, axis=1)
+        # The reaction that alone would move a contact as far as it lacks.
+        size = np.divide(moved, diagonal, where=diagonal > 0, out=np.zeros(contacts))
+        if self.rigid is not None:
+            size += np.abs(self.rigid[1]).max(initial=0.0) / contacts
+        return search(
+            lambda start: self.solve(tol=1e-12, max_iterations=1000, start=start),
+            size,
+            self.mu,
+            d,
+            restarts,
+            seed,
+            0.0 if self.rigid is not None else float(np.abs(self.q).max(initial=0.0)),
+        )
+
+    def existence(self, *, exhaust: bool = False) -> Existence:
+        """Whether an answer exists, where that can be said without solving.
+
+        The conditions are those of section 10 of ``docs/theory.md``. Guaranteed: some
+        displacement within reach lies inside of every dual cone, and normal reactions
+        alone can balance the loads on rigid motions, or contacts in a plane hold a body
+        against translation, however they share the pressure. None: no reaction of the
+        cones can balance the loads, or contacts contradict each other. In between, where
+        friction must help to balance, an answer may exist or not.
+
+        Parameters
+        ----------
+        exhaust
+            Whether to try all statuses where the conditions decide nothing, as `answers`
+            does: in the plane, with up to 12 contacts.
+
+        Raises
+        ------
+        TypeError
+            ``exhaust`` is not a bool.
+        """
+        if not isinstance(exhaust, bool):
+            raise TypeError(f"exhaust is {validation.shown(exhaust)}, expected a bool")
+        # In components times these, friction that depends on direction is Coulomb's.
+        by, mu = isotropic(self.mu, self.q.shape[1])
+        rigid = self.rigid
+        if rigid is not None and len(rigid[1]):
+            rigid = by.ravel()[:, None] * rigid[0], rigid[1]
+            a = self.solve(max_iterations=1).free_motion
+            if a is not None and existence.proves_none(
+                (rigid[0] @ a).reshape(self.q.shape), mu, rigid[1], a
+            ):
+                direction = (
+                    rigid_motions.at_contacts(rigid[0].T, a, self.q.shape[1]) / by
+                )
+                words = rigid_motions.describe(direction, self.mu)
+                return Existence(
+                    verdict="none",
+                    reason="the loads lie outside what contact can carry, nothing stops "
+                    f"this motion: {words}",
+                    motion=direction,
+                )
+        W = by.ravel()[:, None] * existence.dense(self.W) * by.ravel()
+        found = existence.judge(W, by * self.q, mu, rigid)
+        found = replace(
+            found,
+            motion=None if found.motion is None else found.motion / by,
+            inside=None if found.inside is None else found.inside / by,
+        )
+        if found.verdict == "unknown" and exhaust:
+            tried = _core.answers(self._core)
+            if tried is not None and (len(tried[0]) or tried[1]):
+                some = len(tried[0]) > 0
+                return Existence(
+                    verdict="guaranteed" if some else "none",
+                    reason="all statuses of the contacts were tried, and "
+                    + (f"{len(tried[0])} hold" if some else "none holds"),
+                )
+        return found
+
+    def _has_several(self, solution: Solution) -> bool:
+        exhausted = _core.answers(self._core)
+        if exhausted is not None and len(exhausted[0]) > 1:
+            return True
+        near = solution.residual <= NEAR
+        return near and _core.assess(self._core, solution.reaction) == "others exist"
+
+    def _solution(
+        self,
+        raw: dict[str, Any],
+        method: str,
+        max_seconds: float | None = None,
+    ) -> Solution:
+        words = ""
+        if self.rigid is not None and len(raw["free_motion"]):
+            modes, amounts = self.rigid[0].T, raw["free_motion"]
+            direction = rigid_motions.at_contacts(modes, amounts, self.q.shape[1])
+            words = rigid_motions.describe(direction, opening(raw, self.mu))
+        tried = Tried(
+            method=method,
+            max_seconds=max_seconds,
+            mu=self.mu,
+            W=lambda: np.asarray(
+                self.W.toarray() if hasattr(self.W, "toarray") else self.W, float
+            ),
+            modes=lambda: (
+                np.zeros((self.q.size, 0)) if self.rigid is None else self.rigid[0]
+            ),
+            several=self._has_several,
+        )
+        return Solution(
+            **solution_fields(raw),
+            _words=words,
+            _problem=_ReducedInquiry(self._core, tried),
+        )
+
+
+def _again(W: Any, q: Array, mu: Array, rigid: Any) -> ReducedProblem:
+    """The same problem in another process."""
+    return ReducedProblem(W, q, mu, rigid=rigid)
+
+
+@dataclass(frozen=True)
+class _ReducedInquiry:
+    """A reduced problem, for what is found out of its solution when asked for."""
+
+    core: _core.Reduced
+    tried: Tried
+
+    def unique(self, solution: Solution, /) -> str:
+        return _core.assess(self.core, solution.reaction)
+
+    def error_estimate(self, solution: Solution, /) -> tuple[float, float] | None:
+        amounts = solution.rigid_motion
+        rigid = np.empty(0) if amounts is None else amounts
+        return _core.forward_errors(self.core, solution.reaction, rigid)
+
+    def error(self, solution: Solution, /) -> ErrorBound:
+        amounts = solution.rigid_motion
+        rigid = np.empty(0) if amounts is None else amounts
+        reported = solution.relative_displacement
+        (raw,) = _core.error_bounds(self.core, solution.reaction, 1, rigid, reported)
+        return from_core(raw)
+
+    def diagnosis(self, solution: Solution, /) -> str:
+        return diagnose(self.tried, solution, solution.relative_displacement)
+
+
+_Part = tuple[list[int], Array, tuple[list[int], list[int]] | None]
+
+
+def _islands(W: Any, contacts: int, d: int) -> list[_Part]:
+    """Contacts, values and, where sparse, pattern of each independent part of ``W``."""
+    size = contacts * d
+    if not hasattr(W, "tocsr"):
+        dense = floats("W", W, ndim=2, finite=False, copy=False)
+        if dense.shape != (size, size):
+            raise ValueError(f"W has shape {dense.shape}, expected {(size, size)}")
+        return [(list(range(contacts)), dense.ravel(), None)] if contacts else []
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    sparse = csr("W", W)
+    if sparse.shape != (size, size):
+        raise ValueError(f"W has shape {sparse.shape}, expected {(size, size)}")
+    whole = sparse.matrix
+    entries = coo_array(whole)
+    row, column = entries.row // d, entries.col // d
+    graph = coo_array((np.ones(entries.nnz), (row, column)), (contacts, contacts))
+    graph = graph.tocsr()
+    count, label = connected_components(graph, directed=False)
+    blocks = np.bincount(label, weights=np.diff(graph.indptr), minlength=count)
+    order = np.argsort(label, kind="stable")
+    bounds = np.searchsorted(label[order], np.arange(count + 1))
+    place = np.empty(contacts, int)
+    place[order] = np.arange(contacts) - bounds[label[order]]
+    # Entries island by island, as places in it: slices of the whole would each
+    # walk over all of it.
+    sorted_by = np.argsort(label[row], kind="stable")
+    starts = np.searchsorted(label[row][sorted_by], np.arange(count + 1))
+    values = entries.data[sorted_by].astype(np.float64)
+    i = (d * place[row] + entries.row % d)[sorted_by]
+    j = (d * place[column] + entries.col % d)[sorted_by]
+    parts: list[_Part] = []
+    for k, (begin, end) in enumerate(itertools.pairwise(bounds.tolist())):
+        names, own = order[begin:end].tolist(), slice(starts[k], starts[k + 1])
+        n = end - begin
+        if _core.is_sparse(int(blocks[k]), n):
+            block = coo_array((values[own], (i[own], j[own])), (d * n, d * n))
+            stored = block.tobsr(blocksize=(d, d))
+            pattern = stored.indptr.tolist(), stored.indices.tolist()
+            parts.append((names, np.ascontiguousarray(stored.data).ravel(), pattern))
+        else:
+            dense = np.zeros((d * n, d * n))
+            dense[i[own], j[own]] = values[own]
+            parts.append((names, dense.ravel(), None))
+    return parts
+
+
+def solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
+    """What `Solution` takes of the core's answer."""
+    taken = (
+        "reaction",
+        "relative_displacement",
+        "status",
+        "residual",
+        "tolerance",
+        "iterations",
+        "work",
+        "history",
+        "bipotential_gap",
+        "seconds",
+    )
+    rigid, free = raw["rigid_motion"], raw["free_motion"]
+    return {name: raw[name] for name in taken} | {
+        "outcome": Outcome(raw["outcome"]),
+        "rigid_motion": rigid if len(rigid) else None,
+        "stats": {"bytes_beside_W": raw["bytes_beside"]},
+        "free_motion": free if len(free) else None,
+        "_statuses_tried": raw["statuses_tried"],
+    }
+
+
+def opening(raw: dict[str, Any], mu: Array) -> Array:
+    """By how much of its slip a contact opens on the free rigid_motions.
+
+    A proof lies in the dual cone; what an iteration ran away along is a displacement.
+    """
+    return mu if raw["outcome"] == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
+
+
+def refuse_settings(method: str, tol: float | str) -> None:
+    """Let the core refuse settings before any work: one open contact.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `ReducedProblem.solve` does, with the method that was meant.
+    """
+    one = ReducedProblem([[1, 0], [0, 1]], [[1, 0]], 0)
+    try:
+        one.solve(method, tol=1e-10 if isinstance(tol, str) else tol)
+    except ValueError as error:
+        words = str(error)
+        known = words.partition("expected one of ")[2].replace("'", "").split(", ")
+        raise ValueError(words + (meant(method, known) if known[0] else "")) from None

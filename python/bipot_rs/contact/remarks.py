@@ -1,0 +1,264 @@
+"""What looks wrong with a problem that is given as arrays: sentences for a person to judge.
+
+Nothing here is an error. Scenes have more to go by (`inspection`); of arrays there are the
+gaps, and with the places of the degrees of freedom K itself. K times a field that grows
+linearly with the places is the forces that hold such a strain: they act on the surface of
+the bodies, outwards where it is a dilation, and their work is that of the shear modulus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.validation import Array, Csr
+from bipot_rs.contact import dof_order
+from bipot_rs.contact.result import Step
+
+Ints = NDArray[np.int64]
+
+# Of the size of the problem: what meshing programs and their files round.
+_ROUNDING = 1e-9
+# Sums of a row that a support was written into are of the order of its entries.
+_FREE = 1e-2
+# Forces below this share of what is summed are rounding: the node is within a body.
+_WITHIN = 1e-6
+# The cosine from which on a normal points the wrong way: one of the nearest approach may
+# lie across the surface by a mesh width.
+_AWAY = -0.5
+# Contacts further apart than this share of the size of the model are not looked at one by
+# one: an obstacle beside an edge may well be across it.
+_NEAR = 0.05
+# Loads that strain a body by more than this in the mean are none of small strains.
+_SOFT = 0.05
+# Young's modulus in shear moduli, of solids 2 to 3.
+_YOUNG = 2.5
+# Contacts that move by more than the extent of all of them.
+_FAR = 1.0
+NEVER_CLOSED = (
+    "no contact closes in any load step: does the load press the bodies together, and do "
+    "the normals point from the obstacle to the body?"
+)
+
+
+@dataclass(frozen=True)
+class Strength:
+    """How stiff each body is.
+
+    Attributes
+    ----------
+    body : (n,)
+        Number of the body of each degree of freedom.
+    force : (bodies,)
+        What would strain it by 1 over its largest section; not a number where K does not
+        tell.
+    """
+
+    body: Ints
+    force: Array
+
+
+def at_start(
+    contact: Csr,
+    gap: Array,
+    *,
+    points: Array | None,
+    places: Array | None,
+    outward: Array | None,
+) -> Iterator[str]:
+    """What the arrays say before any load.
+
+    Parameters
+    ----------
+    contact
+        B.
+    gap : (n_c, d)
+        By component.
+    points, places
+        Of the contacts ``(n_c, d)`` and of the degrees of freedom ``(n, d)``, where known.
+    outward : (n,) or None
+        As `surfaces` gives it.
+    """
+    yield from _penetrating(gap[:, 0], points, places)
+    if outward is not None and len(gap):
+        yield from _into(contact, gap, outward, places)
+
+
+def _penetrating(
+    gap: Array, points: Array | None, places: Array | None
+) -> Iterator[str]:
+    known = points if places is None else places
+    size = (
+        0.0 if known is None or not len(known) else float(np.ptp(known, axis=0).max())
+    )
+    if size == 0:
+        size = float(np.abs(gap).max(initial=0.0))
+        known = None
+    inside = np.flatnonzero(gap < -_ROUNDING * size)
+    if not inside.size:
+        return
+    deepest = int(inside[np.argmin(gap[inside])])
+    depth = -float(gap[deepest])
+    share = (
+        ""
+        if known is None
+        else f", {100 * depth / size:.2g} % of the size of the model"
+    )
+    where = "" if points is None else f" at {_place(points[deepest])}"
+    yield (
+        f"{inside.size} of the {counted(len(gap), 'contact')} start inside what they may "
+        f"touch, the deepest, contact {deepest}{where}, by {depth:g}{share}: the first step "
+        "presses them out; right for an interference fit, else gap has the wrong sign, it "
+        "is open when positive"
+    )
+
+
+def surfaces(stiffness: Csr, places: Array, d: int) -> Array | None:
+    """Forces ``(n,)`` that point outwards at the surface of the bodies, zero within.
+
+    Zero too where a support was written into K. None where the order of the degrees of
+    freedom is not known from their places, or is not that of K.
+    """
+    order = dof_order.told_by(places, d)
+    if order is None:
+        return None
+    n = len(places)
+    component = dof_order.components(order, n, d)
+    x = places - places.mean(axis=0)
+    x = x / (float(np.abs(x).max(initial=0.0)) or 1.0)
+    unit = (component[:, None] == np.arange(d)).astype(float)
+    field = x[np.arange(n), component]
+    K, size_of = stiffness.matrix, abs(stiffness.matrix)
+    sums, sizes = K @ unit, size_of @ np.ones(n)
+    free = np.abs(sums).max(axis=1, initial=0.0) <= _FREE * sizes
+    found = K @ field - (sums * x).sum(axis=1)
+    found[~free | (np.abs(found) <= _WITHIN * (size_of @ np.abs(field)))] = 0.0
+    return np.asarray(found, np.float64)
+
+
+def _into(
+    contact: Csr, gap: Array, outward: Array, places: Array | None
+) -> Iterator[str]:
+    """Normals that do not point into the body whose surface has the contact."""
+    d = gap.shape[1]
+    if places is None or (order := dof_order.told_by(places, d)) is None:
+        return
+    from scipy.sparse import csr_array
+
+    n = len(outward)
+    node = dof_order.node_of(order, n, d)
+    of_node = csr_array((np.ones(n), (np.arange(n), node)), shape=(n, n // d))
+    normal = contact.matrix[::d]
+    # Both sides of a pair: minus the normal points into the obstacle.
+    along = -(normal @ outward)
+    length = np.sqrt(outward**2 @ of_node)
+    whole = (normal.multiply(normal)).tocsr() @ of_node
+    whole.data = np.sqrt(whole.data)
+    size = whole @ length
+    away = (size > 0) & (along < _AWAY * size)
+    if not away[size > 0].all():
+        away &= gap[:, 0] <= _NEAR * float(np.ptp(places, axis=0).max(initial=0.0))
+    wrong = np.flatnonzero(away)
+    if wrong.size:
+        contacts = len(along)
+        yield (
+            f"the normals of {wrong.size} of the {counted(contacts, 'contact')} point out of "
+            f"the body, first at contact {wrong[0]}: a normal is from the obstacle towards "
+            "the body, and B gives the displacement of the body minus that of the obstacle"
+        )
+
+
+def strength(stiffness: Csr, places: Array, d: int) -> Strength | None:
+    """How stiff each body is, as far as places and K tell."""
+    from scipy.sparse.csgraph import connected_components
+
+    order = dof_order.told_by(places, d)
+    if order is None or not len(places):
+        return None
+    n = len(places)
+    component = dof_order.components(order, n, d)
+    K = stiffness.matrix
+    count, body = connected_components(K, directed=False)
+    # A node is of one body, though its components may not feel each other.
+    first = np.full(n // d, count)
+    node = dof_order.node_of(order, n, d)
+    np.minimum.at(first, node, body)
+    body = first[node]
+    x = places - places.mean(axis=0)
+    side = float(np.abs(x).max(initial=0.0)) or 1.0
+    x = x / side
+    unit = (component[:, None] == np.arange(d)).astype(float)
+    sums = K @ unit
+    sizes = abs(K) @ np.ones(n)
+    free = np.abs(sums).max(axis=1) <= _FREE * sizes
+    work = np.zeros(count)
+    for a, b in permutations(range(d), 2):
+        field = unit[:, a] * x[:, b]
+        own = free & (component == a)
+        local = K @ field**2 - 2 * field * (K @ field) + field**2 * sums[:, a]
+        work += np.bincount(body[own], -0.5 * local[own], count)
+    modulus = _YOUNG * work / (d * (d - 1))
+    low, high = np.full((count, d), np.inf), np.full((count, d), -np.inf)
+    np.minimum.at(low, body, x)
+    np.maximum.at(high, body, x)
+    thin = (high - low).min(axis=1)
+    enough = 2 * np.bincount(body[free], minlength=count) > np.bincount(
+        body, minlength=count
+    )
+    known = enough & (thin > 0) & (modulus > 0)
+    force = np.full(count, np.nan)
+    force[known] = modulus[known] / thin[known] * side
+    return Strength(body.astype(np.int64), force)
+
+
+def of_path(
+    steps: Sequence[Step],
+    contacts: Mapping[str, NDArray[Any] | None],
+    known: Strength | None,
+) -> Iterator[str]:
+    """What the load steps of a path say."""
+    if not steps:
+        return
+    if len(steps[0].status) and not any(step.status.any() for step in steps):
+        yield NEVER_CLOSED
+    if known is not None:
+        yield from _overloaded(steps, known)
+    elif contacts.get("x") is not None:
+        yield from _beyond(steps, np.asarray(contacts["x"]))
+
+
+def _overloaded(steps: Sequence[Step], known: Strength) -> Iterator[str]:
+    share = np.zeros(len(known.force))
+    for step in steps:
+        if step.load is not None:
+            force = np.bincount(known.body, np.abs(step.load), len(share))
+            share = np.fmax(share, force / known.force)
+    most = int(np.argmax(share)) if len(share) else 0
+    if len(share) and share[most] > _SOFT:
+        dof = int(np.argmax(known.body == most))
+        yield (
+            "units may be mixed: the loads of the body of degree of freedom "
+            f"{dof} would strain it by {100 * share[most]:.2g} % over its largest section, "
+            "and strains are taken to be small"
+        )
+
+
+def _beyond(steps: Sequence[Step], x: Array) -> Iterator[str]:
+    size = float(np.ptp(x, axis=0).max()) if len(x) else 0.0
+    moved = max(float(np.abs(step.slip).max(initial=0.0)) for step in steps)
+    if size > 0 and moved > _FAR * size:
+        yield (
+            f"units may be mixed: contacts slide by up to {moved:.3g} in a load step, "
+            f"{moved / size:.2g} times the extent of all contacts, and displacements are "
+            "taken to be small"
+        )
+
+
+def _place(x: Array) -> str:
+    return f"({', '.join(f'{c:.4g}' for c in x)})"

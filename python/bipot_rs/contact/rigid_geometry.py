@@ -1,0 +1,114 @@
+"""Rigid motions of degrees of freedom, from the places where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.validation import Array
+
+Ints = NDArray[np.int64]
+
+# Of a degree of freedom: 0, 1, 2 is a displacement along x, y, z, and 3, 4, 5 a rotation
+# about them.
+ABOUT = 3
+UNKNOWN = -1
+
+
+def directions(places: Array, d: int) -> Ints:
+    """Direction of each degree of freedom, ``(n,)``, or `UNKNOWN`.
+
+    Degrees of freedom at one place are, in ascending order, the displacements of a node
+    along the axes, then its rotations where there are as many as a beam or a shell has.
+    Where nodes of several bodies share a place, numbers without a gap are one node. The
+    condensation reads ``coordinates`` in the same way.
+
+    Parameters
+    ----------
+    places
+        ``(n, 3)``.
+    d
+        Dimension, 2 or 3.
+    """
+    x, y, z = (places + 0.0).T  # -0.0 is the same place as 0.0
+    n = len(places)
+    order = np.lexsort((np.arange(n), z, y, x))
+    new = np.ones(n, bool)
+    new[1:] = (np.diff(places[order] + 0.0, axis=0) != 0).any(axis=1)
+    first = np.flatnonzero(new)
+    count = np.diff(np.append(first, n))
+    found = np.full(n, UNKNOWN, np.int64)
+    plain = first[count == d]
+    found[order[plain[:, None] + np.arange(d)]] = np.arange(d)
+    for at, of in zip(first[count != d], count[count != d], strict=True):
+        for node in _nodes(order[at : at + of], d):
+            found[node] = _of_node(len(node), d)
+    return found
+
+
+def _of_node(count: int, d: int) -> Ints:
+    about = np.arange(ABOUT, ABOUT + 3) if d == 3 else np.array([ABOUT + 2])
+    return np.concatenate([np.arange(d), about])[:count]
+
+
+def _nodes(dofs: Ints, d: int) -> list[Ints]:
+    """Nodes at one place, each with its degrees of freedom in the order of directions."""
+    sizes = (d, 3 if d == 2 else 6)
+    runs = np.split(dofs, np.flatnonzero(np.diff(dofs) != 1) + 1)
+    if all(len(run) in sizes for run in runs):
+        return runs
+    if len(dofs) in sizes:
+        return [dofs]
+    if all(len(run) % d == 0 for run in runs):
+        return [node for run in runs for node in run.reshape(-1, d)]
+    if len(dofs) % d == 0:
+        # All x first, then all y: of each axis one from every node.
+        return list(dofs.reshape(d, -1).T)
+    return []
+
+
+def motions(direction: Ints, places: Array, d: int) -> tuple[Array, Array]:
+    """Rigid motions of one body and how much each degree of freedom moves at the most.
+
+    Translations of size 1, and rotations about the mean place that move no node by more
+    than about 1: columns ``(n, 3)`` in the plane, ``(n, 6)`` in space. Those that a body
+    does not have, such as the rotation of a straight line about itself, are zero or
+    depend on others.
+    """
+    arm = places - places.mean(axis=0)
+    reach = float(np.abs(arm[:, :d]).max(initial=0.0)) or 1.0
+    Z = np.zeros((len(places), len(axes_of(d)) + d))
+    for k, one, amount in amounts(direction, arm, d):
+        Z[one, k] += amount
+    Z[:, d:] /= reach
+    return Z, np.where(direction < ABOUT, 1.0, 1.0 / reach)
+
+
+def axes_of(d: int) -> range:
+    """Axes of rotations."""
+    return range(2, 3) if d == 2 else range(3)
+
+
+def amounts(direction: Ints, arm: Array, d: int) -> list[tuple[int, Ints, Array]]:
+    """Nonzeros of rigid motions: number of the motion, which rows, and how much.
+
+    Parameters
+    ----------
+    direction
+        Of each row.
+    arm
+        Of each row its place, from the point that rotations are about, ``(rows, 3)``.
+    """
+    found = []
+    for k in range(d):
+        one = np.flatnonzero(direction == k)
+        found.append((k, one, np.ones(len(one))))
+    for k, axis in enumerate(axes_of(d), start=d):
+        # e_axis × x has -x_b along a and x_a along b, (axis, a, b) in cyclic order.
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        for along, of, sign in ((a, b, -1.0), (b, a, 1.0)):
+            one = np.flatnonzero(direction == along)
+            found.append((k, one, sign * arm[one, of]))
+        one = np.flatnonzero(direction == ABOUT + axis)
+        found.append((k, one, np.ones(len(one))))
+    return found

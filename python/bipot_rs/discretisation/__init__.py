@@ -1,0 +1,35 @@
+"""The error that the mesh leaves, as an energy, by equilibrated stresses."""
+
+from typing import TYPE_CHECKING
+
+from bipot_rs._lib.lazy import lazily
+
+if TYPE_CHECKING:
+    from bipot_rs.discretisation.estimator import (
+        BOUND,
+        INDICATOR,
+        DiscretisationError,
+        Estimator,
+        discretisation_error,
+    )
+
+__all__ = [
+    "BOUND",
+    "INDICATOR",
+    "DiscretisationError",
+    "Estimator",
+    "discretisation_error",
+]
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "bipot_rs.discretisation.estimator": (
+            "BOUND",
+            "INDICATOR",
+            "DiscretisationError",
+            "Estimator",
+            "discretisation_error",
+        ),
+    },
+)

@@ -1,0 +1,207 @@
+"""Where contact acts between nodes: whole facets, and the curvature of the gap on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs.discretisation.simplices import Simplices
+from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.contact import both
+from bipot_rs.mesh.elements import Floats, Ints
+
+
+@dataclass(frozen=True)
+class Side:
+    """Facets of contact on one of the two bodies.
+
+    Attributes
+    ----------
+    body, facet : (m,)
+        Number of the body, and of the facet in its mesh.
+    contact : (m, d)
+        Contact at each node, in the order of the facet's nodes.
+    """
+
+    body: Ints
+    facet: Ints
+    contact: Ints
+
+
+@dataclass(frozen=True)
+class ContactFacets:
+    """Facets all of whose nodes may meet the obstacle.
+
+    Attributes
+    ----------
+    first, second : Side
+        On the bodies that have the contacts; on those that they may meet, which are
+        fewer where the obstacle is a plane.
+    area : (m,)
+        Of ``first``, with the thickness [m²].
+    node_area : (n_c,)
+        Tributary to each contact [m²]; less than that of the model at the rim of
+        ``within``.
+    edges : (e, 2)
+        Contacts at the ends of the edges of ``first``.
+    edge_of : (m, d (d - 1)/2)
+        Edges of each facet, by `itertools.combinations` of its nodes.
+    curvature : (e,)
+        k of ``g = Σ φ_i g_i - Σ k_ij φ_i φ_j`` on a facet [m]: the gap between its nodes,
+        as far as the middles of the edges tell; exact for ``r²/(2 radius)``.
+    """
+
+    first: Side
+    second: Side
+    area: Floats
+    node_area: Floats
+    edges: Ints
+    edge_of: Ints
+    curvature: Floats
+
+    def traction_moments(
+        self, bodies: Sequence[Simplices], traction: Floats
+    ) -> list[Floats]:
+        """Moments ``(facets, d nodes, d)`` on each body of tractions linear on facets.
+
+        Parameters
+        ----------
+        bodies
+            All of them.
+        traction
+            On ``first`` at the contacts, ``(n_c, d)`` in global components.
+        """
+        found = [np.zeros((len(b.facets), b.dim, b.dim)) for b in bodies]
+        for side, sign in ((self.first, 1.0), (self.second, -1.0)):
+            for owner, one in enumerate(bodies):
+                here = side.body == owner
+                number = side.facet[here]
+                nodal = sign * traction[side.contact[here]]
+                np.add.at(found[owner], number, one.linear_moments(number, nodal))
+        return found
+
+
+def contact_facets(model: Model, bodies: Sequence[Simplices]) -> ContactFacets:
+    """Facets of contact of a model.
+
+    Raises
+    ------
+    ValueError
+        Meshes in contact that do not match, a contact node without such a facet, normals
+        that change on a facet, or opposite facets that are split along different
+        diagonals.
+    """
+    dim = model.dim
+    names = [body.name for body in model.bodies]
+    first: list[tuple[int, Ints, Ints]] = []
+    second: list[tuple[int, Ints, Ints]] = []
+    for group, contact in enumerate(model.contacts):
+        if contact.against is not None and contact.pairing != "match":
+            raise ValueError(
+                f"surfaces {both(contact)} are paired by {contact.pairing!r}: tractions linear "
+                "on the facets of the one are not so on those of the other; expected "
+                "pairing='match'"
+            )
+        mine = np.flatnonzero(model.group == group)
+        owner = names.index(contact.body)
+        one = bodies[owner]
+        of_node = np.full(len(one.points), -1)
+        of_node[(model.contact_dofs[mine, 0] - model.offset[owner]) // dim] = mine
+        facets = model.bodies[owner].facets(contact.surface)
+        at = of_node[one.facets[facets]]
+        whole = (at >= 0).all(axis=1)
+        first.append((owner, facets[whole], at[whole]))
+        if contact.against is None:
+            continue
+        obstacle = names.index(contact.against[0])
+        other = bodies[obstacle]
+        of_node = np.full(len(other.points), -1)
+        of_node[(model.contact_dofs[mine, 1] - model.offset[obstacle]) // dim] = mine
+        facets = model.bodies[obstacle].facets(contact.against[1])
+        theirs = of_node[other.facets[facets]]
+        known = {tuple(sorted(c)): i for i, c in enumerate(theirs.tolist())}
+        match = [known.get(tuple(sorted(c)), -1) for c in at[whole].tolist()]
+        if -1 in match:
+            raise ValueError(
+                f"surfaces {both(contact)} do not match facet by facet: tractions of one cannot "
+                "act on the other"
+            )
+        second.append((obstacle, facets[match], theirs[match]))
+    ours, opposite = _side(first, dim), _side(second, dim)
+    frames = model.frame[ours.contact]
+    # Axes of equal facets, but for rounding.
+    if (np.abs(frames - frames[:, :1]) > 1e-9).any():
+        raise ValueError(
+            "a surface of contact is curved: tractions between its nodes are not those "
+            "of the nodes' frames; expected plane facets with one normal each"
+        )
+    area = np.zeros(len(ours.facet))
+    for owner, body in enumerate(model.bodies):
+        here = ours.body == owner
+        area[here] = body.depth * bodies[owner].size[ours.facet[here]]
+    node_area = np.bincount(
+        ours.contact.ravel(), np.repeat(area / dim, dim), minlength=len(model.gap)
+    )
+    if (node_area == 0).any():
+        place = ", ".join(f"{x:g}" for x in model.points[np.argmin(node_area)])
+        raise ValueError(
+            f"the contact node at ({place}) has no facet all of whose nodes may meet the "
+            "obstacle: its force acts on no area"
+        )
+    pairs = [ours.contact[:, list(pair)] for pair in combinations(range(dim), 2)]
+    ends = np.sort(np.stack(pairs, axis=1), axis=2)
+    edges, inverse = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
+    return ContactFacets(
+        first=ours,
+        second=opposite,
+        area=area,
+        node_area=np.asarray(node_area),
+        edges=edges,
+        edge_of=inverse.reshape(ends.shape[:2]),
+        curvature=_curvature(model, edges),
+    )
+
+
+def prescribed_facets(
+    model: Model, bodies: Sequence[Simplices]
+) -> list[NDArray[np.bool_]]:
+    """Components prescribed on whole facets of each body, ``(facets, d)``."""
+    dim = model.dim
+    names = [body.name for body in model.bodies]
+    held = [np.zeros((len(one.facets), dim), dtype=np.bool_) for one in bodies]
+    for support in model.supports:
+        owner = names.index(support.body)
+        body, one = model.bodies[owner], bodies[owner]
+        facets = body.facets(support.surface)
+        nodes = body.nodes(support.surface, support.within)
+        whole = facets[np.isin(one.facets[facets], nodes).all(axis=1)]
+        components = np.array(support.components, dtype=np.int64)
+        held[owner][whole[:, None], components] = True
+    return held
+
+
+def _side(parts: Sequence[tuple[int, Ints, Ints]], dim: int) -> Side:
+    none = (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, dim), np.int64))
+    body = [np.full(len(facets), owner) for owner, facets, _ in parts]
+    return Side(
+        np.concatenate([none[0], *body]),
+        np.concatenate([none[1], *(facets for _, facets, _ in parts)]),
+        np.concatenate([none[2], *(at for _, _, at in parts)]),
+    )
+
+
+def _curvature(model: Model, edges: Ints) -> Floats:
+    found = np.zeros(len(edges))
+    for group, contact in enumerate(model.contacts):
+        if not callable(contact.clearance):
+            continue
+        here = model.group[edges[:, 0]] == group
+        ends = model.points[edges[here]]
+        nodal = [np.asarray(contact.clearance(x)) for x in (ends[:, 0], ends[:, 1])]
+        middle = np.asarray(contact.clearance(ends.mean(axis=1)))
+        found[here] = 4 * (0.5 * (nodal[0] + nodal[1]) - middle)
+    return found

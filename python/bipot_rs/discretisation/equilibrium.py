@@ -1,0 +1,156 @@
+"""Facet tractions in exact equilibrium with the loads, element by element.
+
+From a displacement of linear triangles or tetrahedra, vertex by vertex, by the
+prolongation condition of Ladeveze and Leguillon (1983): on every cell T, with corners i,
+
+    Σ_F ∫_F φ_i t_T dA  =  ∫_T σ_h ∇φ_i dV - ∫_T φ_i f dV,                            (P)
+
+over the facets of T that have corner i, with ``t_T = ± t_F``, one traction a facet. The
+sum of (P) over the corners, with any rigid motion as weights, is the equilibrium of forces
+and torques of T; the sum over the cells around i is the equation of node i of the finite
+elements, which makes it solvable. Of its solutions the one nearest to the mean traction
+of the two cells is taken.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs.discretisation.simplices import Simplices, pairs
+from bipot_rs.mesh.elements import Floats
+
+
+def moments(
+    cells: Simplices,
+    stress: Floats,
+    body_force: Floats,
+    given: Floats,
+    known: NDArray[np.bool_],
+) -> Floats:
+    """Moments ``∫_F φ_i t_F`` of tractions that obey (P), ``(facets, d nodes, d)``.
+
+    Parameters
+    ----------
+    cells
+        The body.
+    stress
+        Of the finite elements, ``(cells, d, d)``, in equilibrium at the nodes with the
+        loads below.
+    body_force
+        ``(cells, d)``, force per volume.
+    given
+        Moments of the tractions that act on facets outside, ``(facets, d nodes, d)``.
+    known
+        Components that are given, ``(facets, d)``; those of prescribed displacements are
+        not, and facets inside have none.
+
+    Raises
+    ------
+    ValueError
+        Around a node nothing can balance its force: a component is prescribed at the
+        node, and on no facet that ends in it.
+    """
+    dim = cells.dim
+    # What each cell asks at each of its corners, less the mean of the two tractions.
+    asked = cells.volume[:, None, None] * (
+        np.einsum("cij,caj->cai", stress, cells.gradients)
+        - body_force[:, None] / (dim + 1)
+    )
+    size = cells.size
+    guess = np.zeros((len(size), dim))
+    # Twice the mean where there are two cells, the only one outside.
+    np.add.at(
+        guess,
+        cells.facet_of,
+        np.einsum("cij,ckj->cki", stress, cells.area[cells.facet_of]),
+    )
+    guess *= np.where(cells.outside, 1.0, 0.5)[:, None] / dim
+    found = np.where(known[:, None], given, guess[:, None])
+    local = pairs(dim)
+    key, sign = cells.local_moments()
+    facet, at = np.divmod(key, dim)
+    rest = asked.copy()
+    for p, (_, a) in enumerate(local):
+        rest[:, a] -= sign[:, p, None] * found[facet[:, p], at[:, p]]
+
+    # The square of a change of moment over the area: that of the change of traction.
+    free = np.where(known, 0.0, size[:, None])
+    shift = _potentials(cells, free, rest)
+    for p, (_, a) in enumerate(local):
+        # Each facet inside is met from both its cells, and gets the difference.
+        change = sign[:, p, None] * free[facet[:, p]] * shift[:, a]
+        np.add.at(found, (facet[:, p], at[:, p]), change)
+    _check(cells, asked, found)
+    return found
+
+
+def _potentials(cells: Simplices, free: Floats, rest: Floats) -> Floats:
+    """Multipliers of (P) at the corners of cells, ``(cells, d + 1, d)``.
+
+    The cells around a node are a graph, with an edge for each facet between two of them
+    and an open end for each facet outside; a change of moment is ``free`` times the
+    difference of the multipliers of its cells, and the sum of changes is ``rest``.
+    """
+    dim, corners = cells.dim, cells.corners
+    corner = np.array([a for _, a in pairs(dim)])
+    facet_node, _ = cells.local_moments()
+    flat = corners.ravel()
+    order = np.argsort(flat, kind="stable")
+    many = np.bincount(flat, minlength=len(cells.points))
+    start = np.concatenate([[0], np.cumsum(many)])[:-1]
+    # Number of each cell in the graph of each of its corners.
+    rank = np.empty(flat.size, dtype=np.int64)
+    rank[order] = np.arange(flat.size) - np.repeat(start, many)
+    mine = rank.reshape(corners.shape)[:, corner].ravel()
+    # The other cell of a facet: of two, their sum tells which.
+    ends = facet_node.ravel()
+    total = np.bincount(ends, mine, minlength=cells.facets.size)
+    shared = ~cells.outside[ends // dim]
+    other = np.where(shared, total[ends] - mine, mine).astype(np.int64)
+    node = corners[:, corner].ravel()
+    found = np.zeros((flat.size, dim))
+    # Graphs of one size are solved together.
+    for n in np.unique(many[many > 0]):
+        nodes = np.flatnonzero(many == n)
+        index = np.full(len(many), -1)
+        index[nodes] = np.arange(len(nodes))
+        here = np.flatnonzero(many[node] == n)
+        which = index[node[here]]
+        row = (which * n + mine[here]) * n
+        whose = order[(start[nodes][:, None] + np.arange(n)).ravel()]
+        right = rest.reshape(-1, dim)[whose].reshape(len(nodes), n, dim)
+        for k in range(dim):
+            weight = free[ends[here] // dim, k]
+            inside = np.where(shared[here], weight, 0.0)
+            entries = len(nodes) * n * n
+            graph = np.bincount(row + mine[here], weight, entries)
+            graph -= np.bincount(row + other[here], inside, entries)
+            graph = graph.reshape(len(nodes), n, n)
+            open_ends = np.bincount(which, weight - inside, len(nodes))
+            # Without an open end the equations sum up to that of the node, and one shift
+            # of all multipliers is free.
+            scale = np.trace(graph, axis1=1, axis2=2) / n
+            scale = np.where(scale > 0, scale, 1.0)
+            graph += np.where(open_ends > 0, 0.0, scale)[:, None, None] / n
+            found[whose, k] = np.linalg.solve(graph, right[:, :, k, None]).ravel()
+    return found.reshape(*corners.shape, dim)
+
+
+def _check(cells: Simplices, asked: Floats, found: Floats) -> None:
+    left, terms = asked.copy(), np.abs(asked)
+    for k, a in pairs(cells.dim):
+        moment = found[cells.facet_of[:, k], cells.place[:, k, a]]
+        left[:, a] -= cells.sign[:, k, None] * moment
+        terms[:, a] += np.abs(moment)
+    # Equations of nodes are met to the rounding of a factorisation; a force that
+    # nothing balances leaves its own size. Compared with the largest moment: next to a
+    # corner that carries everything, far cells know their digits only so far.
+    bad = np.abs(left).max(axis=2)
+    worst = np.unravel_index(int(np.argmax(bad)), bad.shape)
+    if bad[worst] > 1e-6 * terms.max():
+        place = ", ".join(f"{x:g}" for x in cells.points[cells.corners[worst]])
+        raise ValueError(
+            f"no tractions balance the forces at the node at ({place}): a displacement is "
+            "prescribed at this node, and on no whole facet that ends in it"
+        )

@@ -1,0 +1,560 @@
+"""What the mesh leaves out, as an energy: the constitutive error of equilibrated stresses.
+
+For a displacement u_h that is admissible (prescribed values met, no penetration on whole
+facets) and a stress σ̂ that is (in equilibrium with the loads in every point, contact
+tractions t̂ in the cone on whole facets),
+
+    B(u_h, σ̂) = ½ ∫ (σ̂ - σ(u_h)) : C⁻¹ (σ̂ - σ(u_h)) dV + ∫ t̂·ṽ(u_h) dA  ≥  0,
+
+the paper's bifunctional [dSF91, 23], [dSF91, 25] before discretisation: zero at the exact
+solution alone. docs/paper/10-discretisation-error.md has the proofs.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import linalg, sparse
+
+from bipot_rs._lib.validation import floats
+from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.result import Result, Step
+from bipot_rs.discretisation import johnson_mercier
+from bipot_rs.discretisation.contact_facets import contact_facets, prescribed_facets
+from bipot_rs.discretisation.equilibrium import moments
+from bipot_rs.discretisation.self_stress import SelfStress
+from bipot_rs.discretisation.simplices import (
+    Simplices,
+    complementary,
+    elastic,
+    error_energy,
+    simplices,
+    strain,
+)
+from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.materials import Material
+from bipot_rs.mesh.elements import Floats, Ints
+from bipot_rs.obstacle.protocol import Obstacle
+from bipot_rs.obstacle.shapes import Plane
+from bipot_rs.scene.case import Case
+
+BOUND = "guaranteed bound"
+INDICATOR = "indicator"
+# Of B, what penetration may have to do with; and of the elastic energy, where B is
+# rounding.
+_SOLVED, _ROUNDING = 1e-6, 1e-12
+
+
+@dataclass(frozen=True)
+class DiscretisationError:
+    """The constitutive error of one load step; a picture of where the mesh is coarse.
+
+    Attributes
+    ----------
+    cells : (cells,)
+        Energy of ``σ̂ - σ(u_h)`` by element, all bodies, as `Model.cells` [J].
+    contacts : (n_c,)
+        Work ``∫ φ_i t̂·ṽ`` by contact node, each ``>= 0`` [J].
+    volumes : (cells,)
+        Volumes of the elements [m³].
+    elastic_energy
+        Of u_h, ``½ uᵀK u`` [J].
+    kind
+        ``"guaranteed bound"``: ``½‖u - û‖² + ½‖σ - σ̂‖² <= total``, in the energy norm,
+        for the exact solution u, σ of this load step (from the computed state at its
+        start), where û is u_h, and over curved gaps u_h with what opens facets that
+        would penetrate between nodes. Penetration at the nodes is taken for rounding up to
+        a millionth of B. Or ``"indicator"``, with no such promise.
+    reasons
+        Why it is an indicator only.
+    traction : (n_c, d)
+        t̂ at the contact nodes, linear on facets between them, in their frames [Pa].
+    stress : tuple of (cells, d + 1, d + 1, d, d)
+        σ̂ of each body, as of `johnson_mercier.stress` [Pa].
+    """
+
+    cells: Floats
+    contacts: Floats
+    volumes: Floats = field(repr=False)
+    elastic_energy: float
+    kind: str
+    reasons: tuple[str, ...]
+    traction: Floats = field(repr=False)
+    stress: tuple[Floats, ...] = field(repr=False)
+
+    @property
+    def total(self) -> float:
+        """B(u_h, σ̂) [J]."""
+        return float(self.cells.sum() + self.contacts.sum())
+
+    @property
+    def energy_share(self) -> float:
+        """B over the elastic energy of u_h; 0 where both vanish."""
+        if self.total == 0:
+            return 0.0
+        return self.total / self.elastic_energy if self.elastic_energy else np.inf
+
+    @property
+    def relative(self) -> float:
+        """Error of û in the energy norm, relative to u_h, that B allows: √share.
+
+        ``‖u - û‖ <= relative ‖u_h‖`` for a guaranteed bound.
+        """
+        return float(np.sqrt(self.energy_share))
+
+    @property
+    def density(self) -> Floats:
+        """Error energy per volume by element, ``(cells,)`` [J/m³], without contacts."""
+        return self.cells / self.volumes
+
+
+def discretisation_error(
+    case: Case,
+    result: Result | Step,
+    step: int = -1,
+    *,
+    threshold: ArrayLike | None = None,
+) -> DiscretisationError:
+    """Discretisation error of one load step of a scene on triangles or tetrahedra.
+
+    Parameters
+    ----------
+    case
+        The assembled scene, with ``mesh.element = "P1"``.
+    result, step
+        Its result, and which load step; or the step itself, with its number.
+    threshold
+        Friction limits of Tresca's law at the contacts, ``(n_c,)`` [Pa], for a result of
+        a problem with these limits; without them Coulomb's law.
+
+    Raises
+    ------
+    ValueError
+        Cells that are not P1, a surface of contact that is not plane, a step that the
+        path does not have, or loads that no tractions balance: a body that contact alone
+        keeps from turning, a node that is held apart from any facet.
+    """
+    return Estimator(case).error(result, step, threshold=threshold)
+
+
+class Estimator:
+    """Errors of many steps of one scene: what they share is made once.
+
+    Parameters
+    ----------
+    case
+        As of `discretisation_error`.
+
+    Raises
+    ------
+    ValueError
+        As there, for what does not depend on the step.
+    """
+
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        model = case.model
+        for k, contact in enumerate(model.contacts):
+            if len(set(np.ravel(contact.mu).tolist())) > 1:
+                raise ValueError(
+                    f"mu of contacts[{k}] is {np.ravel(contact.mu).tolist()}, expected one "
+                    "number: the error of the mesh knows Coulomb's law only"
+                )
+            if contact.pairing != "match":
+                raise ValueError(
+                    f"contacts[{k}] is paired by {contact.pairing!r}, which means gaps "
+                    "over facets: the error of the mesh knows those of nodes only, "
+                    "pairing='match'"
+                )
+        if any(load.strain is not None for load in case.loads):
+            raise ValueError(
+                "the case has initial strains: the error of the mesh does not know them"
+            )
+        if model.springs:
+            raise ValueError(
+                "the model has springs: the error of the mesh knows rigid supports only"
+            )
+        if model.inclined is not None:
+            raise ValueError(
+                "the model has a plane of symmetry that no axis is normal to: the error of "
+                "the mesh does not know it, turn the meshes"
+            )
+        self.bodies = [simplices(body) for body in model.bodies]
+        self.materials = [body.isotropic for body in model.bodies]
+        self.facets = contact_facets(model, self.bodies)
+        held = prescribed_facets(model, self.bodies)
+        self.elastic = _Elastic(model)
+        self.known = [
+            one.outside[:, None] & ~prescribed
+            for one, prescribed in zip(self.bodies, held, strict=True)
+        ]
+        self.own = [
+            SelfStress(one, material, ~known)
+            for one, material, known in zip(
+                self.bodies, self.materials, self.known, strict=True
+            )
+        ]
+
+    def error(
+        self,
+        result: Result | Step,
+        step: int = -1,
+        *,
+        threshold: ArrayLike | None = None,
+    ) -> DiscretisationError:
+        """Error of a load step, as `discretisation_error`."""
+        case, model = self.case, self.case.model
+        if isinstance(result, Result) and result.s is not None:
+            result = result[_number(step, len(result))]
+        if isinstance(result, Step) and result.s is not None:
+            # The loads where it ends, which may be between those of the load steps.
+            there = copy.copy(self)
+            there.case = case.sampled(result.s)
+            return there.error(replace(result, s=None), 0, threshold=threshold)
+        k = _number(step, len(case.parameter))
+        if isinstance(result, Result):
+            if k >= len(result):
+                raise ValueError(f"step is {step}, the result has {len(result)} steps")
+            at: Step = result[k]
+        else:
+            at = result
+        limit = None
+        if threshold is not None:
+            limit = floats("threshold", threshold, shape=model.mu.shape)
+            if (limit < 0).any():
+                raise ValueError(
+                    f"threshold is {limit.min():g} at a contact, expected none below zero"
+                )
+        traction = at.reaction / self.facets.node_area[:, None]
+        given = self.facets.traction_moments(
+            self.bodies, np.einsum("ck,ckd->cd", traction, model.frame)
+        )
+        u = at.displacement.reshape(-1, model.dim)
+        forces, pulls = self._loads(k)
+        w = self._consistent(given, forces, pulls, k).reshape(-1, model.dim)
+        lift = self._lift(at.relative_displacement[:, 0])
+        ends = np.append(model.offset, model.n) // model.dim
+        cells, volumes, stresses, energy = [], [], [], 0.0
+        for owner, (body, one) in enumerate(
+            zip(model.bodies, self.bodies, strict=True)
+        ):
+            nodes = slice(ends[owner], ends[owner + 1])
+            material = self.materials[owner]
+            tractions = moments(
+                one,
+                elastic(material, strain(one, w[nodes])),
+                forces[owner],
+                given[owner] + pulls[owner],
+                self.known[owner],
+            )
+            own = elastic(material, strain(one, u[nodes]))
+            tractions = self.own[owner].relax(tractions, u[nodes], own)
+            hat = johnson_mercier.stress(
+                one.edges, one.gradients, one.by_cell(tractions)
+            )
+            missing = hat - own[:, None, None]
+            for bubbles in lift.bubbles:
+                if bubbles.body == owner:
+                    bubbles.subtract(one, material, missing)
+            cells.append(body.depth * error_energy(one, material, missing))
+            volumes.append(body.depth * one.volume)
+            stresses.append(hat)
+            energy += 0.5 * float(volumes[-1] @ complementary(material, own))
+        reasons = list(lift.reasons)
+        mu = np.array([np.max(c.mu) for c in model.contacts])[model.group]
+        if limit is None and mu.any():
+            reasons.append(
+                "Coulomb friction, whose limit follows the exact pressure, not this one"
+            )
+        if any(not _quadratic(contact.clearance) for contact in model.contacts):
+            reasons.append(
+                "a gap that is known at the nodes and at the middles of edges only"
+            )
+        if any(not _flat(contact.obstacle) for contact in model.contacts):
+            reasons.append("an obstacle whose shape is known at the nodes only")
+        if limit is not None:
+            shear = np.linalg.norm(traction[:, 1:], axis=1)
+            if (shear > limit + 1e-9 * shear.max(initial=0.0)).any():
+                reasons.append("tractions beyond the threshold of friction")
+        contacts = self._work(traction, at, mu, limit, lift.kept)
+        total = float(sum(c.sum() for c in cells) + contacts.sum())
+        # Exact pressures work on it; they are about as large as these.
+        depth = np.maximum(-at.relative_displacement[:, 0], 0.0).sum()
+        through = depth * at.reaction[:, 0].max(initial=0.0)
+        if through > _SOLVED * total + _ROUNDING * energy:
+            reasons.append("contacts that penetrate: solve to a smaller tol")
+        return DiscretisationError(
+            cells=np.concatenate(cells),
+            contacts=contacts,
+            volumes=np.concatenate(volumes),
+            elastic_energy=energy,
+            kind=INDICATOR if reasons else BOUND,
+            reasons=tuple(reasons),
+            traction=traction,
+            stress=tuple(stresses),
+        )
+
+    def _consistent(
+        self, given: list[Floats], forces: list[Floats], pulls: list[Floats], k: int
+    ) -> Floats:
+        """Displacement under the loads of step k and contact tractions of these moments.
+
+        u_h is in equilibrium with nodal forces; around a node they are not those of any
+        tractions in the cone.
+        """
+        case, model = self.case, self.case.model
+        load, contact = np.zeros(model.n), np.zeros(model.n)
+        for owner, (body, one) in enumerate(
+            zip(model.bodies, self.bodies, strict=True)
+        ):
+            first = model.offset[owner]
+            own = slice(first, first + one.points.size)
+            nodal = np.zeros_like(one.points)
+            np.add.at(nodal, one.facets, pulls[owner])
+            # ∫ φ_i dV is the same for all corners of a cell.
+            share = one.volume[:, None, None] / (one.dim + 1) * forces[owner][:, None]
+            np.add.at(nodal, one.corners, share)
+            load[own] = body.depth * nodal.ravel()
+            nodal = np.zeros_like(one.points)
+            np.add.at(nodal, one.facets, given[owner])
+            contact[own] = body.depth * nodal.ravel()
+        nodal_load = np.zeros(model.n) if case.load is None else case.load[k]
+        # Sums of the same forces in another order.
+        if np.abs(load - nodal_load).max() > 1e-9 * np.abs(load).max(initial=0.0):
+            raise ValueError(
+                "loads of the case are not those whose nodal forces are in its load: "
+                "tractions and forces per volume are needed, nodal forces do not do"
+            )
+        return self.elastic.solve(load + contact, case.prescribed[k])
+
+    def _loads(self, k: int) -> tuple[list[Floats], list[Floats]]:
+        """Forces per volume by cell, and moments of what acts on facets, of each body."""
+        forces = [np.zeros((len(one.corners), one.dim)) for one in self.bodies]
+        pulls = [np.zeros((len(one.facets), one.dim, one.dim)) for one in self.bodies]
+        for load in self.case.loads:
+            one = self.bodies[load.body]
+            now = load.history[k] * load.density
+            if load.facets is None:
+                forces[load.body] += now
+                continue
+            by_facet = np.broadcast_to(now, (len(load.facets), one.dim))
+            nodal = np.repeat(by_facet[:, None], one.dim, axis=1)
+            linear = one.linear_moments(load.facets, nodal)
+            np.add.at(pulls[load.body], load.facets, linear)
+        return forces, pulls
+
+    def _lift(self, opening: Floats) -> _Lift:
+        """Open what a curved gap would close between nodes.
+
+        On a facet ``v_n = Σ φ_i v_i - Σ k_ij φ_i φ_j``, k the curvature of the gap along
+        the edges. With ``k_ij <= v_i + v_j`` on all edges this is not negative, as
+        Σ φ_i = 1. What k has beyond, an edge function of the normal displacement takes.
+        """
+        facets, model = self.facets, self.case.model
+        room = np.maximum(opening[facets.edges], 0.0).sum(axis=1)
+        amount = facets.curvature - np.minimum(facets.curvature, room)
+        moved = np.flatnonzero(amount > 0)
+        if not moved.size:
+            return _Lift(facets.curvature, [], ())
+        kept = facets.curvature - amount
+        ends = facets.edges[moved]
+        normal = model.frame[ends[:, 0], 0]
+        dofs = model.contact_dofs[ends]  # (edges, ends, sides)
+        # Half to each of two bodies, all to one on a plane.
+        share = amount[moved] * np.where(dofs[:, 0, 1] >= 0, 0.5, 1.0)
+        owner = np.searchsorted(model.offset, dofs[:, 0], side="right") - 1
+        fixed = np.zeros(model.n, dtype=np.bool_)
+        fixed[model.fixed] = True
+        bubbles, stopped = [], False
+        for side, sign in ((0, 1.0), (1, -1.0)):
+            for b in range(len(model.bodies)):
+                here = (owner[:, side] == b) & (dofs[:, 0, side] >= 0)
+                if not here.any():
+                    continue
+                vector = sign * share[here, None] * normal[here]
+                first = dofs[here, :, side]
+                both = fixed[first[..., None] + np.arange(model.dim)].all(axis=1)
+                stopped |= bool((both & (vector != 0)).any())
+                nodes = (first - model.offset[b]) // model.dim
+                bubbles.append(_Bubbles(b, nodes, vector))
+        reasons = (
+            "a curved gap along an edge whose normal displacement is prescribed",
+        )
+        return _Lift(kept, bubbles, reasons if stopped else ())
+
+    def _work(
+        self,
+        traction: Floats,
+        step: Step,
+        mu: Floats,
+        limit: Floats | None,
+        kept: Floats,
+    ) -> Floats:
+        """``∫ φ_i t̂·ṽ`` by contact, with ``μ t̂_n`` or the limit of Tresca.
+
+        ‖v_t‖ is replaced by the interpolant of its nodal values, which by convexity is
+        not below it, and equal where the slip does not turn: every part stays ``>= 0``,
+        the sum on the safe side. Penetration of an iterate counts as contact.
+        """
+        facets, dim = self.facets, self.case.model.dim
+        length = np.linalg.norm(step.slip, axis=1)
+        normal = np.maximum(step.relative_displacement[:, 0], 0.0)
+        # A limit of its own is one more component of force, dual to ‖v_t‖.
+        resistance = mu * traction[:, 0] if limit is None else limit
+        force = np.column_stack([traction, resistance])[facets.first.contact]
+        v = np.column_stack([normal, step.slip, length])[facets.first.contact]
+        mass = (1 + np.eye(dim)) / (dim * (dim + 1))
+        work = np.einsum("ab,fak,fbk->fa", mass, force, v)
+        # ∫ φ_a φ_b φ_c dA over a facet is its area times (d - 1)! α!/(d + 2)!.
+        for e, edge in enumerate(combinations(range(dim), 2)):
+            bend = kept[facets.edge_of[:, e]] / (dim * (dim + 1) * (dim + 2))
+            for a in range(dim):
+                work[:, a] -= (2 if a in edge else 1) * bend * force[:, a, 0]
+        work *= facets.area[:, None]
+        at = facets.first.contact
+        found = np.bincount(at.ravel(), work.ravel(), minlength=len(traction))
+        return np.asarray(found, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class _Bubbles:
+    """Displacements ``φ_i φ_j vector`` along edges of a body.
+
+    ``edges (m, 2)`` are nodes of the body, ``vector (m, d)``.
+    """
+
+    body: int
+    edges: Ints
+    vector: Floats
+
+    def subtract(self, one: Simplices, material: Material, stress: Floats) -> None:
+        """Take their stress from ``(cells, d + 1, d + 1, d, d)``, linear in each part."""
+        nodes = len(one.points)
+        low, high = np.sort(self.edges, axis=1).T
+        keys = low * nodes + high
+        order = np.argsort(keys)
+        corners = range(one.dim + 1)
+        for a, b in combinations(corners, 2):
+            ends = np.sort(one.corners[:, [a, b]], axis=1)
+            key = ends[:, 0] * nodes + ends[:, 1]
+            at = np.minimum(np.searchsorted(keys, key, sorter=order), len(keys) - 1)
+            cell = np.flatnonzero(keys[order[at]] == key)
+            vector = self.vector[order[at[cell]]]
+
+            def bent(slope: Floats, vector: Floats = vector) -> Floats:
+                gradient = np.einsum("ci,cj->cij", vector, slope)
+                return elastic(material, 0.5 * (gradient + gradient.swapaxes(1, 2)))
+
+            # ∇(φ_a φ_b) at the corners is ∇φ_b at a, ∇φ_a at b, and 0.
+            at_a = bent(one.gradients[cell, b])
+            at_b = bent(one.gradients[cell, a])
+            for part in corners:
+                for corner, value in ((a, at_a), (b, at_b)):
+                    if corner != part:
+                        stress[cell, part, corner] -= value
+                stress[cell, part, part] -= (at_a + at_b) / (one.dim + 1)
+
+
+@dataclass(frozen=True)
+class _Lift:
+    """Curvature that stays in the gap, what takes the rest, and what it cannot take."""
+
+    kept: Floats
+    bubbles: list[_Bubbles]
+    reasons: tuple[str, ...]
+
+
+def _quadratic(clearance: Any) -> bool:
+    """Whether three values on an edge tell a clearance: a number, or a table of a scene."""
+    if not callable(clearance):
+        return True
+    return getattr(getattr(clearance, "__self__", None), "QUADRATIC", False)
+
+
+def _flat(obstacle: Obstacle | None) -> bool:
+    """Whether the gap is linear between nodes."""
+    return obstacle is None or isinstance(obstacle, Plane)
+
+
+class _Elastic:
+    """The bodies without their contacts, factored."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.motions = _free_motions(model)
+        pins: Ints = np.zeros(0, np.int64)
+        if self.motions.shape[1]:
+            # Forces that balance need no pins: those at which the motions are known best.
+            free = np.setdiff1d(np.arange(model.n), model.fixed)
+            _, _, order = linalg.qr(
+                self.motions[free].T, pivoting=True, mode="economic"
+            )
+            pins = free[order[: self.motions.shape[1]]]
+        self.held = np.concatenate([model.fixed, pins])
+        self.problem = ContactProblem(
+            model.K,
+            sparse.csr_array((0, model.n)),
+            gap=np.zeros(0),
+            mu=np.zeros(0),
+            fixed=self.held,
+            dim=model.dim,
+            coordinates=np.repeat(model.nodes, model.dim, axis=0),
+        )
+
+    def solve(self, load: Floats, prescribed: Floats) -> Floats:
+        """Displacements ``(n,)``, of free bodies up to a rigid motion."""
+        model = self.model
+        force = load.copy()
+        force[model.fixed] = 0.0
+        left = np.abs(self.motions.T @ force)
+        # Contact forces balance as far as they were solved for; see `Solution.tolerance`.
+        if (left > 1e-6 * (np.abs(self.motions.T) @ np.abs(force))).any():
+            raise ValueError(
+                "contact alone keeps a body from moving, and its forces at the nodes, "
+                "spread over facets, do not balance the loads: support the body, or solve "
+                "to a smaller tol"
+            )
+        values = np.concatenate(
+            [prescribed, np.zeros(len(self.held) - len(prescribed))]
+        )
+        found: Floats = self.problem.solve(load, values).displacement[-1]
+        return found
+
+
+def _free_motions(model: Model) -> Floats:
+    """Rigid motions of single bodies that their supports leave free, ``(n, k)``."""
+    found = []
+    ends = np.append(model.offset, model.n)
+    fixed = np.zeros(model.n, dtype=np.bool_)
+    fixed[model.fixed] = True
+    for b, body in enumerate(model.bodies):
+        x = body.points - body.points.mean(axis=0)
+        x /= np.abs(x).max()
+        motions = [np.broadcast_to(axis, x.shape) for axis in np.eye(model.dim)]
+        for i, j in combinations(range(model.dim), 2):
+            spin = np.zeros_like(x)
+            spin[:, i], spin[:, j] = -x[:, j], x[:, i]
+            motions.append(spin)
+        span = np.stack([m.ravel() for m in motions], axis=1)
+        # Motions are of size 1, and supports hold them by whole lengths or not at all.
+        null = linalg.null_space(
+            np.vstack(
+                [span[fixed[ends[b] : ends[b + 1]]], np.zeros((1, span.shape[1]))]
+            ),
+            rcond=1e-9,
+        )
+        wide = np.zeros((model.n, null.shape[1]))
+        wide[ends[b] : ends[b + 1]] = span @ null
+        found.append(wide)
+    return np.hstack(found)
+
+
+def _number(step: int, steps: int) -> int:
+    if not -steps <= step < steps:
+        raise ValueError(f"step is {step}, the path has {steps} steps")
+    return step % steps

@@ -1,0 +1,364 @@
+"""Less energy for stresses in equilibrium: forces that a body carries without loads.
+
+Tractions that obey (P) of `equilibrium` are in equilibrium, and few of those that are: on
+stretched cells they may hold thousands of times the least energy. What may be added, linear
+on facets and in balance on every cell, is spanned by two kinds of functions:
+
+- on one facet, forces at the ends of one of its edges that pull against each other;
+- around a ring of cells (about a vertex in the plane, an edge in space), one force and one
+  torque that every facet of the ring passes on to the next.
+
+Conjugate gradients in their amounts lower the complementary energy step by step; after any
+number of steps equilibrium is as exact as before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from bipot_rs.discretisation import johnson_mercier
+from bipot_rs.discretisation.simplices import Simplices, elastic, error_energy, pairs
+from bipot_rs.fem.materials import Material
+from bipot_rs.mesh.elements import Floats, Ints
+
+# The energy is asked for two digits: it is done when as many steps as `_LAST` together
+# gain less than this.
+_ENOUGH, _LAST, _MOST = 0.01, 8, 500
+# Forces that a given component of traction would have to carry are either of the size of
+# all others or rounding.
+_NONE = 1e-12
+# What makes a singular matrix definite, its diagonal being one.
+_SLACK = 1e-10
+_TINY = np.finfo(np.float64).tiny
+
+
+class SelfStress:
+    """What may be added to the tractions of one body, and what energy it has.
+
+    Parameters
+    ----------
+    cells, material
+        The body.
+    free
+        Components of facets that may change, ``(facets, d)``.
+    """
+
+    def __init__(
+        self, cells: Simplices, material: Material, free: NDArray[np.bool_]
+    ) -> None:
+        self.cells, self.material = cells, material
+        functions = _Functions(cells, free)
+        energy = _energy_matrices(cells, material)
+        self._H, self._Z = _assembled(cells, energy), functions.matrix()
+        self._precondition = (
+            _factor(self._Z, self._H)
+            if cells.dim == 2
+            else functions.preconditioner(energy)
+        )
+
+    def relax(self, moments: Floats, displacement: Floats, stress: Floats) -> Floats:
+        """Lower ``½ ∫ (σ̂ - σ) : C⁻¹ (σ̂ - σ) dV`` over σ̂ in equilibrium.
+
+        Parameters
+        ----------
+        moments
+            Of tractions in equilibrium, ``(facets, d nodes, d)``.
+        displacement, stress
+            u at the nodes, ``(nodes, d)``, and its σ, ``(cells, d, d)``.
+
+        Returns
+        -------
+        moments
+            Of tractions in the same equilibrium, with less energy.
+        """
+        cells, H, Z = self.cells, self._H, self._Z
+        # ∫ σ̂ : ε(u) dV is what facets outside and loads do on u; inside it cancels.
+        outward = np.zeros(len(cells.facets))
+        np.add.at(outward, cells.facet_of, cells.sign)
+        at_nodes = displacement[cells.facets] * outward[:, None, None]
+        work = np.where(cells.outside[:, None, None], at_nodes, 0.0)
+
+        hat = johnson_mercier.stress(
+            cells.edges, cells.gradients, cells.by_cell(moments)
+        )
+        missing = hat - stress[:, None, None]
+        left = float(error_energy(cells, self.material, missing).sum())
+        # With the factor the first step is expected to gain all.
+        last = 1 if cells.dim == 2 else _LAST
+        m = moments.ravel().copy()
+        rest = Z.T @ (work.ravel() - H @ m)
+        direction = better = self._precondition(rest)
+        size = float(rest @ better)
+        gains: list[float] = []
+        while size > 0 and len(gains) < _MOST:
+            change = Z @ direction
+            bent = H @ change
+            stiffness = float(change @ bent)
+            if stiffness <= 0:
+                break
+            length = size / stiffness
+            m += length * change
+            gains.append(0.5 * length * size)
+            left -= gains[-1]
+            if len(gains) >= last and sum(gains[-last:]) <= _ENOUGH * left:
+                break
+            rest = rest - length * (Z.T @ bent)
+            better = self._precondition(rest)
+            size, before = float(rest @ better), size
+            direction = better + size / before * direction
+        return m.reshape(moments.shape)
+
+
+def _assembled(cells: Simplices, energy: Floats) -> Any:
+    """``∫ σ̂ : C⁻¹ σ̂ dV`` of the body as a matrix of all moments."""
+    place, sign = cells.local_moments()
+    flat = (place[:, :, None] * cells.dim + np.arange(cells.dim)).reshape(
+        len(place), -1
+    )
+    sign = np.repeat(sign, cells.dim, axis=1)
+    n = cells.facets.size * cells.dim
+    data = energy * sign[:, :, None] * sign[:, None, :]
+    row = np.repeat(flat, flat.shape[1], axis=1)
+    column = np.tile(flat, (1, flat.shape[1]))
+    return sparse.coo_array(
+        (data.ravel(), (row.ravel(), column.ravel())), shape=(n, n)
+    ).tocsr()
+
+
+def _factor(Z: Any, H: Any) -> Callable[[Floats], Floats]:
+    """Inverse of ``Zᵀ H Z``, whose columns may depend on each other."""
+    from scipy.sparse.linalg import splu
+
+    S = (Z.T @ (H @ Z)).tocsc()
+    diagonal = S.diagonal()
+    # Columns scaled to one; those that are left out get a pivot of their own.
+    scale = np.where(diagonal > 0, 1 / np.sqrt(np.maximum(diagonal, _TINY)), 0.0)
+    D = sparse.diags_array(scale)
+    pivot = np.where(scale > 0, _SLACK, 1.0)
+    factor = splu(
+        (D @ S @ D + sparse.diags_array(pivot)).tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    return lambda rest: scale * factor.solve(scale * rest)
+
+
+class _Functions:
+    """The functions, facet by facet; amounts ``[of facets, of rings]``, flat.
+
+    ``own (facets, d, d, k)`` and ``passed (facets, d rings, d, d, w)`` are moments at the
+    nodes by component; ring r of a facet is opposite to its node r.
+    """
+
+    def __init__(self, cells: Simplices, free: NDArray[np.bool_]) -> None:
+        self.cells = cells
+        dim, facets, x = cells.dim, cells.facets, cells.points[cells.facets]
+        ends = list(combinations(range(dim), 2))
+        self.own = np.zeros((len(facets), dim, dim, len(ends)))
+        for e, (a, b) in enumerate(ends):
+            along = x[:, a] - x[:, b]
+            along /= np.linalg.norm(along, axis=1)[:, None]
+            self.own[:, a, :, e], self.own[:, b, :, e] = along, -along
+        forbidden = ~free
+        pull = np.abs(np.where(forbidden[:, None, :, None], self.own, 0.0))
+        self.own *= (pull.max(axis=(1, 2)) <= _NONE)[:, None, None]
+        self.own[np.broadcast_to(forbidden[:, None, :, None], self.own.shape)] = 0.0
+
+        rings = np.stack([np.delete(facets, r, axis=1) for r in range(dim)], axis=1)
+        rings = np.sort(rings, axis=2)
+        names, ring = np.unique(rings.reshape(-1, dim - 1), axis=0, return_inverse=True)
+        self.ring: Ints = ring.reshape(len(facets), dim)
+        self.rings = len(names)
+        self.passed = self._wrenches(names, x)
+        self._forbid(forbidden)
+
+    def _wrenches(self, names: Ints, x: Floats) -> Floats:
+        """Moments of a force and a torque about the middle of each ring."""
+        cells, dim = self.cells, self.cells.dim
+        spins = _spins(dim)
+        middle = x.mean(axis=1)
+        arms = x - middle[:, None]
+        turned = np.einsum("kij,faj->faki", spins, arms)
+        inertia = np.einsum("faki,fali->fkl", turned, turned)
+        centre = cells.points[names].mean(axis=1)
+        size = cells.size ** (1 / (dim - 1))
+        total = np.bincount(
+            self.ring.ravel(), np.repeat(size, dim), minlength=self.rings
+        )
+        length = total / np.bincount(self.ring.ravel(), minlength=self.rings)
+        passed = np.zeros((len(x), dim, dim, dim, dim + len(spins)))
+        for r in range(dim):
+            at = self.ring[:, r]
+            out = x[:, r] - centre[at]
+            if dim == 2:
+                around = np.einsum("ij,fj->fi", spins[0], out)
+            else:
+                axis = cells.points[names[at, 1]] - cells.points[names[at, 0]]
+                around = np.cross(axis, out)
+            sense = np.where(np.einsum("fi,fi->f", around, cells.area) > 0, 1.0, -1.0)
+            # Torques about the middle of the facet that make up those about the ring's.
+            offset = np.einsum("kij,fj->fki", spins, middle - centre[at])
+            torque = np.concatenate(
+                [
+                    -offset,
+                    np.broadcast_to(np.eye(len(spins)), (len(x),) + 2 * (len(spins),))
+                    * length[at][:, None, None],
+                ],
+                axis=2,
+            )
+            rate = np.linalg.solve(inertia, torque)
+            field = np.einsum("faki,fkw->faiw", turned, rate)
+            field[..., :dim] += np.eye(dim) / dim
+            passed[:, r] = sense[:, None, None, None] * field
+        return passed
+
+    def _forbid(self, forbidden: NDArray[np.bool_]) -> None:
+        """Leave of each ring what all its facets outside let pass."""
+        bounded = np.flatnonzero(forbidden.any(axis=1))
+        if not bounded.size:
+            return
+        rows = np.where(
+            forbidden[bounded][:, None, None, :, None], self.passed[bounded], 0.0
+        )
+        count = rows.shape[-1]
+        at = self.ring[bounded]
+        blocks = np.einsum("fraiw,fraiv->frwv", rows, rows)
+        gram = np.zeros((self.rings, count, count))
+        np.add.at(gram, at, blocks)
+        touched = np.unique(at)
+        _, basis = np.linalg.eigh(gram[touched])
+        turn = np.broadcast_to(np.eye(count), gram.shape).copy()
+        turn[touched] = basis
+        self.passed = np.einsum("fraiw,frwv->fraiv", self.passed, turn[self.ring])
+        held = np.where(
+            forbidden[bounded][:, None, None, :, None], self.passed[bounded], 0.0
+        )
+        worst = np.zeros((self.rings, count))
+        np.maximum.at(worst, at, np.abs(held).max(axis=(2, 3)))
+        self.passed *= (worst <= _NONE)[self.ring][:, :, None, None]
+        shape = self.passed.shape
+        self.passed[np.broadcast_to(forbidden[:, None, None, :, None], shape)] = 0.0
+
+    def matrix(self) -> Any:
+        """Moments, flat, by amounts."""
+        dim, count = self.cells.dim, len(self.own)
+        size = dim * dim
+        row = np.arange(count * size).reshape(count, size, 1)
+        k, w = self.own.shape[-1], self.passed.shape[-1]
+        own = self.own.reshape(count, size, k)
+        column = np.arange(count * k).reshape(count, 1, k)
+        parts = [(own, row, column)]
+        for r in range(dim):
+            column = count * k + self.ring[:, r, None, None] * w + np.arange(w)
+            parts.append((self.passed[:, r].reshape(count, size, w), row, column))
+        data, rows, columns = (
+            np.concatenate([np.broadcast_to(p[i], p[0].shape).ravel() for p in parts])
+            for i in range(3)
+        )
+        shape = (count * size, count * k + self.rings * w)
+        found = sparse.coo_array((data, (rows, columns)), shape=shape).tocsr()
+        found.eliminate_zeros()
+        return found
+
+    def preconditioner(self, energy: Floats) -> Callable[[Floats], Floats]:
+        """Inverse of the blocks of single facets and rings."""
+        cells, dim = self.cells, self.cells.dim
+        blocks = energy.reshape(len(energy), dim + 1, dim * dim, dim + 1, dim * dim)
+        # Nodes of a facet stand in a cell in the order of its corners.
+        corner = [[a for a in range(dim + 1) if a != k] for k in range(dim + 1)]
+        facet = np.zeros((len(self.own), self.own.shape[-1], self.own.shape[-1]))
+        ring = np.zeros((self.rings, self.passed.shape[-1], self.passed.shape[-1]))
+        local = []
+        for k in range(dim + 1):
+            f, at = cells.facet_of[:, k], cells.place[:, k][:, corner[k]]
+            own = np.take_along_axis(self.own[f], at[:, :, None, None], axis=1)
+            own = own.reshape(len(f), dim * dim, -1)
+            np.add.at(facet, f, own.swapaxes(1, 2) @ blocks[:, k, :, k] @ own)
+            passed = np.take_along_axis(
+                self.passed[f], at[:, None, :, None, None], axis=2
+            )
+            passed = passed * cells.sign[:, k, None, None, None, None]
+            local.append(passed.reshape(len(f), dim, dim * dim, -1))
+        every = np.arange(len(energy))
+        for k, m in combinations(range(dim + 1), 2):
+            # The ring about all corners but k and m, and its two facets in this cell.
+            rk, rm = cells.place[:, k, m], cells.place[:, m, k]
+            zk, zm = local[k][every, rk], local[m][every, rm]
+            both = np.concatenate([zk, zm], axis=1)
+            part = blocks[:, [k, m]][:, :, :, [k, m]].reshape(
+                len(energy), *2 * (2 * dim * dim,)
+            )
+            at_ring = self.ring[cells.facet_of[:, k], rk]
+            np.add.at(ring, at_ring, both.swapaxes(1, 2) @ part @ both)
+        inverse = [
+            np.linalg.pinv(b, rcond=1e-10, hermitian=True) for b in (facet, ring)
+        ]
+
+        def apply(rest: Floats) -> Floats:
+            parts = self._split(rest)
+            solved = [
+                np.matmul(i, p[..., None]).ravel()
+                for i, p in zip(inverse, parts, strict=True)
+            ]
+            return np.concatenate(solved)
+
+        return apply
+
+    def _split(self, amounts: Floats) -> tuple[Floats, Floats]:
+        k = self.own.shape[-1]
+        cut = len(self.own) * k
+        return amounts[:cut].reshape(-1, k), amounts[cut:].reshape(self.rings, -1)
+
+
+def _spins(dim: int) -> Floats:
+    """Generators of rotations: ``spins[k] @ r`` is the motion of r."""
+    spins = np.zeros((1 if dim == 2 else 3, dim, dim))
+    for spin, (i, j) in zip(spins, combinations(range(dim), 2), strict=True):
+        spin[i, j], spin[j, i] = -1.0, 1.0
+    return spins
+
+
+def _energy_matrices(cells: Simplices, material: Material) -> Floats:
+    """``∫ σ̂ : C⁻¹ σ̂ dV`` of each cell as ``mᵀ Q m``, m outward in the order of `pairs`."""
+    dim = cells.dim
+    basis = [(i, j) for i in range(dim) for j in range(i, dim)]
+    unit = np.zeros((len(basis), dim, dim))
+    for matrix, (i, j) in zip(unit, basis, strict=True):
+        matrix[i, j] = matrix[j, i] = 1.0
+    k, a = np.array(pairs(dim)).T
+    operator = johnson_mercier.operator(dim)[..., k, a, :]
+    operator = np.stack([operator[:, :, i, j] for i, j in basis])
+    operator = operator.reshape(len(basis), dim + 1, dim + 1, -1)
+    mean = operator.sum(axis=2)
+    mass = np.einsum("xpqm,ypqn->xymn", operator, operator)
+    mass += np.einsum("xpm,ypn->xymn", mean, mean)
+    mass /= (dim + 1) ** 2 * (dim + 2)
+    edges, gradients = cells.edges, cells.gradients[:, 1:]
+    stress = np.einsum("cij,xjk,clk->cxil", edges, unit, edges)
+    stress /= np.abs(np.linalg.det(edges))[:, None, None, None]
+    soft = np.linalg.inv(_tensor(material, dim))
+    flat = stress.reshape(len(stress), len(basis), -1)
+    metric = (flat @ soft @ flat.swapaxes(1, 2)) * cells.volume[:, None, None]
+    rows = len(k) * dim
+    found = metric.reshape(len(stress), -1) @ mass.reshape(len(basis) ** 2, -1)
+    found = found.reshape(-1, len(k), dim, len(k), dim)
+    # Forces on the reference cell are J⁻¹ times those here.
+    found = np.einsum(
+        "cmi,cpmqn,cnj->cpiqj", gradients, found, gradients, optimize=True
+    )
+    return np.ascontiguousarray(found.reshape(-1, rows, rows))
+
+
+def _tensor(material: Material, dim: int) -> Floats:
+    """C as a matrix on all d² components, made definite on the antisymmetric ones."""
+    unit = np.eye(dim * dim).reshape(-1, dim, dim)
+    symmetric = 0.5 * (unit + unit.swapaxes(1, 2))
+    turned = 2 * material.lame(dim)[1] * (unit - symmetric)
+    return (elastic(material, symmetric) + turned).reshape(dim * dim, -1)

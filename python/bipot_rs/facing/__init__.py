@@ -1,1 +1,0 @@
-"""Surfaces that face one another: facets, closest points, pairs whose meshes differ."""

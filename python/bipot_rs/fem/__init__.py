@@ -1,0 +1,84 @@
+"""Elastic bodies that may meet: K, B, gap and loads of (1), (2) from meshes."""
+
+from typing import TYPE_CHECKING
+
+from bipot_rs._lib.lazy import lazily
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.frames import frames
+    from bipot_rs.fem.assembly import Model, Support, build
+    from bipot_rs.fem.body import Body
+    from bipot_rs.fem.boundary import Spring, Symmetry, surface, with_surfaces
+    from bipot_rs.fem.contact import Contact
+    from bipot_rs.fem.elasticity import stiffness
+    from bipot_rs.fem.materials import Material, Orthotropic
+    from bipot_rs.fem.stress_recovery import stress, thermal, von_mises
+    from bipot_rs.mesh.boxes import FACES, box
+    from bipot_rs.mesh.elements import second_order
+    from bipot_rs.mesh.quality import check_mesh
+    from bipot_rs.mesh.readers import read_mesh, read_meshes
+
+__all__ = [
+    "FACES",
+    "Body",
+    "Contact",
+    "Material",
+    "Model",
+    "Orthotropic",
+    "Spring",
+    "Support",
+    "Symmetry",
+    "box",
+    "build",
+    "check_mesh",
+    "frames",
+    "read_mesh",
+    "read_meshes",
+    "second_order",
+    "stiffness",
+    "stress",
+    "surface",
+    "thermal",
+    "von_mises",
+    "with_surfaces",
+]
+
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "bipot_rs.contact.frames": ("frames",),
+        "bipot_rs.fem.assembly": (
+            "Model",
+            "Support",
+            "build",
+        ),
+        "bipot_rs.fem.body": ("Body",),
+        "bipot_rs.fem.boundary": (
+            "Spring",
+            "Symmetry",
+            "surface",
+            "with_surfaces",
+        ),
+        "bipot_rs.fem.contact": ("Contact",),
+        "bipot_rs.fem.elasticity": ("stiffness",),
+        "bipot_rs.fem.materials": (
+            "Material",
+            "Orthotropic",
+        ),
+        "bipot_rs.fem.stress_recovery": (
+            "stress",
+            "thermal",
+            "von_mises",
+        ),
+        "bipot_rs.mesh.boxes": (
+            "FACES",
+            "box",
+        ),
+        "bipot_rs.mesh.elements": ("second_order",),
+        "bipot_rs.mesh.quality": ("check_mesh",),
+        "bipot_rs.mesh.readers": (
+            "read_mesh",
+            "read_meshes",
+        ),
+    },
+)

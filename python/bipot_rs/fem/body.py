@@ -1,0 +1,253 @@
+"""One elastic body: a mesh of scikit-fem, its surfaces and volumes, its materials.
+
+Shape functions, quadrature and mappings are scikit-fem's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.messages import instead
+from bipot_rs.fem.materials import Elastic, Material
+from bipot_rs.mesh.elements import (
+    KINDS,
+    Floats,
+    Ints,
+    Kind,
+    cell_nodes,
+    cross,
+    facet_nodes,
+    inverse,
+    jacobian,
+    reference,
+)
+
+Field: TypeAlias = ArrayLike | Callable[[Floats], ArrayLike]
+Box: TypeAlias = Mapping[int, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Quadrature:
+    """Points of Gauss on cells or facets, with the shape functions there.
+
+    Attributes
+    ----------
+    corners : (parts, c)
+        Nodes of each cell or facet.
+    phi : (c, q)
+        Shape functions at the points, the same on every part.
+    places : (d, parts, q)
+        The points [m].
+    weights : (parts, q)
+        Weights, which sum up to the volume [m³], or to the area [m²]; one power of
+        length less in 2D, without the thickness.
+    normals : (d, parts, q) or None
+        Unit and outward, on facets.
+    nodes : int
+        Nodes of the body.
+    """
+
+    corners: Ints
+    phi: Floats
+    places: Floats
+    weights: Floats
+    normals: Floats | None
+    nodes: int
+
+    def moment(self, density: Floats) -> Floats:
+        """∫ φ_i density, ``(nodes,)``, of a density ``(parts, q)`` at the points."""
+        parts = np.einsum("pq,cq->pc", self.weights * density, self.phi)
+        total = np.bincount(self.corners.ravel(), parts.ravel(), minlength=self.nodes)
+        return np.asarray(total, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A mesh with named surfaces (``mesh.boundaries``) and its material.
+
+    Parameters
+    ----------
+    name
+        Names differ among the bodies of a model.
+    mesh
+        Of scikit-fem: triangles, quadrilaterals, tetrahedra, hexahedra, of first or
+        second order, as of `box` or `mesh_file.read_mesh`.
+    material
+        Of the whole body, or one by the name of each of its volumes
+        (``mesh.subdomains``), which cover it without overlap.
+    """
+
+    name: str
+    mesh: Any
+    material: Elastic | Mapping[str, Elastic]
+
+    def __post_init__(self) -> None:
+        if type(self.mesh) not in KINDS:
+            raise TypeError(
+                f"mesh of body {self.name!r} is a {type(self.mesh).__name__}, expected "
+                + ", ".join(t.__name__ for t in KINDS)
+            )
+        if isinstance(self.material, Mapping):
+            self.material_of_cells  # noqa: B018 - says what does not fit
+            if len({(m.plane_stress, m.thickness) for m in self.materials}) > 1:
+                raise ValueError(
+                    f"materials of body {self.name!r} differ in plane_stress or in "
+                    "thickness, expected the same in all its volumes"
+                )
+        for material in self.materials:
+            material.tensor(self.dim)  # one of three dimensions may not fit a plane
+
+    @property
+    def kind(self) -> Kind:
+        """What is to know of its cells."""
+        return KINDS[type(self.mesh)]
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return int(self.mesh.p.shape[0])
+
+    @property
+    def points(self) -> Floats:
+        """Nodes, ``(nodes, d)``."""
+        return np.ascontiguousarray(self.mesh.p.T, dtype=np.float64)
+
+    @property
+    def cells(self) -> Ints:
+        """Nodes of each cell in the order of its element, ``(cells, c)``."""
+        return cell_nodes(self.mesh)
+
+    @property
+    def materials(self) -> list[Elastic]:
+        """Those of its volumes, or its only one."""
+        if isinstance(self.material, Mapping):
+            return list(self.material.values())
+        return [self.material]
+
+    @property
+    def material_of_cells(self) -> Ints:
+        """Which of `materials` each cell has, ``(cells,)``.
+
+        Raises
+        ------
+        ValueError
+            A volume that the mesh does not name, cells of none or of two.
+        """
+        found = np.full(int(self.mesh.t.shape[1]), -1, dtype=np.int64)
+        if not isinstance(self.material, Mapping):
+            return np.zeros_like(found)
+        for k, volume in enumerate(self.material):
+            cells = self.volume_cells(volume)
+            twice = cells[found[cells] >= 0]
+            if twice.size:
+                raise ValueError(
+                    f"volume {volume!r} of body {self.name!r} shares "
+                    f"{len(twice)} cells with another one that has a material"
+                )
+            found[cells] = k
+        if (found < 0).any():
+            bare = self.mesh.p[:, self.mesh.t[:, np.argmin(found)]].mean(axis=1)
+            place = ", ".join(f"{x:g}" for x in bare)
+            raise ValueError(
+                f"material of body {self.name!r} leaves {(found < 0).sum()} cells "
+                f"without one, the first at ({place}), expected volumes that cover it"
+            )
+        return found
+
+    @property
+    def isotropic(self) -> Material:
+        """Its material, for what knows only one that is isotropic; else `ValueError`."""
+        if not isinstance(self.material, Material):
+            many = isinstance(self.material, Mapping)
+            raise ValueError(
+                f"body {self.name!r} has {'several materials' if many else 'an '}"
+                f"{'' if many else 'orthotropic material'}, expected one that is "
+                "isotropic"
+            )
+        return self.material
+
+    @property
+    def depth(self) -> float:
+        """What turns areas of the mesh into volumes: thickness in 2D, 1 in 3D."""
+        return self.materials[0].thickness if self.dim == 2 else 1.0
+
+    def volume(self) -> Quadrature:
+        """Quadrature on the cells."""
+        corners = self.cells
+        x = self.points[corners]
+        phi, slopes, weights = reference(self.kind.scalar, self.kind.order)
+        _, determinant = inverse(jacobian(x, slopes))
+        return Quadrature(
+            corners=corners,
+            phi=phi,
+            places=np.einsum("pcd,cq->dpq", x, phi),
+            weights=(weights[:, None] * np.abs(determinant)).T,
+            normals=None,
+            nodes=len(self.points),
+        )
+
+    def volume_cells(self, volume: str) -> Ints:
+        """Cells of a named volume; `ValueError` lists the names there are."""
+        known = self.mesh.subdomains or {}
+        if volume not in known:
+            raise ValueError(
+                f"body {self.name!r} has no volume {volume!r}"
+                + instead(volume, sorted(known), "its mesh names no volume")
+            )
+        return np.asarray(known[volume], dtype=np.int64)
+
+    def facets(self, surface: str) -> Ints:
+        """Facets of a named surface; `ValueError` lists the names there are."""
+        known = self.mesh.boundaries or {}
+        if surface not in known:
+            raise ValueError(
+                f"body {self.name!r} has no surface {surface!r}"
+                + instead(surface, sorted(known), "its mesh names no surface")
+            )
+        return np.asarray(known[surface], dtype=np.int64)
+
+    def surface(self, name: str) -> Quadrature:
+        """Quadrature on the facets of a named surface."""
+        facets = self.facets(name)
+        corners = facet_nodes(self.mesh, facets)
+        x = self.points[corners]
+        phi, slopes, weights = reference(self.kind.facet, self.kind.facet_order)
+        tangents = jacobian(x, slopes).swapaxes(0, 1)
+        if self.dim == 2:
+            area = np.stack([tangents[0, :, 1], -tangents[0, :, 0]], axis=1)
+        else:
+            area = cross(*tangents)
+        size = np.linalg.norm(area, axis=1)
+        cells = self.mesh.t[:, self.mesh.f2t[0, facets]]
+        inwards = self.mesh.p[:, cells].mean(axis=1) - x.mean(axis=1).T
+        inverted = np.einsum("qdp,dp->qp", area, inwards) > 0
+        normals = area * (np.where(inverted, -1.0, 1.0) / size)[:, None]
+        return Quadrature(
+            corners=corners,
+            phi=phi,
+            places=np.einsum("pcd,cq->dpq", x, phi),
+            weights=(weights[:, None] * size).T,
+            normals=normals.transpose(1, 2, 0),
+            nodes=len(self.points),
+        )
+
+    def nodes(self, surface: str, within: Box | None = None) -> Ints:
+        """Nodes of a named surface, ascending; ``within`` keeps ``low ≤ x[axis] ≤ high``."""
+        corners = facet_nodes(self.mesh, self.facets(surface))
+        nodes = np.unique(corners).astype(np.int64)
+        for axis, (low, high) in (within or {}).items():
+            if axis not in range(self.dim):
+                raise ValueError(
+                    f"within of surface {surface!r} has axis {axis}, expected one of "
+                    f"{list(range(self.dim))}"
+                )
+            x = self.mesh.p[axis, nodes]
+            # A bound that falls on a grid line must not lose it to rounding.
+            slack = 1e-9 * np.ptp(self.mesh.p[axis])
+            nodes = nodes[(x >= low - slack) & (x <= high + slack)]
+        return nodes

@@ -1,0 +1,577 @@
+"""Where surfaces of bodies meet obstacles and each other: frames, gaps, areas, B of (2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from bipot_rs._lib.validation import RATIO, floats, friction, number, shown
+from bipot_rs.contact.frames import frames
+from bipot_rs.fem.body import Body, Box, Quadrature
+from bipot_rs.mesh.elements import Floats, Ints
+from bipot_rs.mortar.facet_mesh import turned_outward
+from bipot_rs.mortar.pairs import METHODS, Pairs, pairs, rigid_pairs
+from bipot_rs.obstacle.motion import Motion
+from bipot_rs.obstacle.protocol import Obstacle
+from bipot_rs.obstacle.shapes import Plane, approach, ask, onwards
+
+# Up to so many pairs of nodes comparing all takes less time than importing a tree.
+_ALL_PAIRS = 2**20
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A named surface that may meet an obstacle.
+
+    The obstacle is a rigid plane, ``plane = (point, normal)`` with the normal towards the
+    body; another rigid ``obstacle``, as those of `bipot_rs.obstacle`; or the surface
+    ``against = (body, surface)`` of another body. Rigid ones move along the load path by
+    ``motion``, a `bipot_rs.obstacle.Motion`. A surface may meet several obstacles, one in
+    each of several contacts.
+
+    Contacts are at the nodes of the surface, and of two bodies the nodes lie opposite,
+    one to one, with ``pairing = "match"``. Where they do not, ``"mortar"`` passes constant
+    pressures exactly, and ``"nodes"`` puts each node on the facet opposite, as of
+    `bipot_rs.pairs`; this body is the slave. Faces of 6 and of 8 nodes, whose corners
+    have no positive area, need ``"mortar"`` with rigid obstacles too
+    (`bipot_rs.rigid_pairs`).
+
+    ``clearance`` adds to the gap: a number, one for each node of the surface in ascending
+    order, as `Body.nodes` has them, or a function of the places ``(nodes, d)`` [m]; mortar
+    takes the weighted mean. ``within`` keeps nodes by their places,
+    where meshes do not match the facets all of whose nodes it keeps. In space ``mu`` may
+    be a pair, friction along the tangents t1 and t2: t1 is then ``axis (d,)``, a
+    direction of the material such as its grain, made orthogonal to the normal, and t2 at
+    right angles to it; without ``axis``, they are those of `frames`.
+    """
+
+    body: str
+    surface: str
+    mu: float | Sequence[float]
+    plane: tuple[ArrayLike, ArrayLike] | None = None
+    against: tuple[str, str] | None = None
+    clearance: ArrayLike | Callable[[Floats], ArrayLike] = 0.0
+    within: Box | None = None
+    axis: ArrayLike | None = None
+    obstacle: Obstacle | None = None
+    motion: Motion | None = None
+    pairing: str = "match"
+
+
+def _pair(contact: Contact) -> tuple[str, str]:
+    """The two surfaces of bodies that meet, as a scene names them."""
+    return f"{contact.body}.{contact.surface}", ".".join(contact.against or ())
+
+
+def both(contact: Contact) -> str:
+    """The two surfaces of bodies that meet, in a sentence."""
+    return " and ".join(_pair(contact))
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """One contact on its meshes.
+
+    Attributes
+    ----------
+    points : (n_c, d)
+        Contact nodes of the body.
+    frame : (n_c, d, d)
+        Rows n, t1[, t2], n from the obstacle towards the body.
+    gap, area : (n_c,)
+        Normal gap [m] and tributary area [m²].
+    dofs : (n_c, 2)
+        First degree of freedom of the node and of its partner, -1 without one.
+    rows : sparse (d n_c, n) or None
+        Those of B, where they are not one node minus one other.
+    moved : (steps, n_c, d) or None
+        Gaps of each step by component, where the obstacle moves.
+    """
+
+    points: Floats
+    frame: Floats
+    gap: Floats
+    area: Floats
+    dofs: Ints
+    rows: Any = None
+    moved: Floats | None = None
+
+
+def meet(
+    bodies: Sequence[Body], offset: Sequence[int], n: int, contact: Contact
+) -> Meeting:
+    """Find the contacts of one surface; `ValueError` has the names and the place."""
+    _check(contact, bodies[0].dim)
+    b = body_index(bodies, contact.body)
+    body = bodies[b]
+    nodes = body.nodes(contact.surface, contact.within)
+    if not nodes.size:
+        raise ValueError(
+            f"contact on {contact.surface!r} of body {body.name!r} has no nodes: "
+            "within leaves none"
+        )
+    if contact.pairing != "match":
+        return _weighted(bodies, offset, n, contact)
+    _refuse_negative_areas(body, contact.surface)
+    facets = body.surface(contact.surface)
+    area = body.depth * facets.moment(np.ones(facets.weights.shape))[nodes]
+    points = body.points[nodes]
+    partner = np.full(len(nodes), -1, dtype=np.int64)
+    moved = None
+    if contact.against is not None:
+        frame = frames(-_normals(facets)[nodes], contact.axis)
+        o = _other(bodies, b, contact.against[0])
+        theirs = bodies[o].nodes(contact.against[1])
+        # Of the whole surface: of what `within` leaves may be a single node.
+        size = np.ptp(body.points[body.nodes(contact.surface)], axis=0).max()
+        match = _match(points, bodies[o].points[theirs], frame, contact, size)
+        facing = _normals(bodies[o].surface(contact.against[1]))[theirs[match]]
+        towards = np.einsum("cd,cd->c", frame[:, 0], facing)
+        away = np.flatnonzero(towards <= 0)
+        if away.size:
+            raise ValueError(
+                f"surfaces {both(contact)} face the same way at {place(points[away[0]])}: "
+                "expected two that face each other"
+            )
+        partner = offset[o] + body.dim * theirs[match]
+        between = points - bodies[o].points[theirs[match]]
+        gap = np.einsum("cd,cd->c", frame[:, 0], between)
+    else:
+        frame, moved = _rigid(
+            contact, _obstacle(contact, body.dim), points, _normals(facets)[nodes]
+        )
+        gap = moved[0, :, 0].copy()
+    clearance = _clearance(contact, points)
+    if moved is not None:
+        moved[:, :, 0] += clearance
+    return Meeting(
+        points=points,
+        frame=frame,
+        gap=gap + clearance,
+        area=area,
+        dofs=np.stack([offset[b] + body.dim * nodes, partner], axis=1),
+        moved=None if moved is None or contact.motion is None else moved[1:],
+    )
+
+
+def _clearance(contact: Contact, points: Floats) -> Floats:
+    extra = contact.clearance
+    what = f"clearance of the contact on {contact.surface!r}"
+    found = floats(what, extra(points) if callable(extra) else extra)
+    if found.shape not in ((), (1,), (len(points),)):
+        raise ValueError(
+            f"{what} has shape {found.shape}, expected a number or ({len(points)},)"
+        )
+    return found
+
+
+def _clearances(
+    contact: Contact, body: Body
+) -> tuple[Callable[[Floats], Floats], Floats]:
+    """Where clearances are meant in the mean: a function of places, and values at nodes."""
+    nodal = np.zeros(len(body.points))
+    if callable(contact.clearance) or np.ndim(contact.clearance) == 0:
+        return lambda places: _clearance(contact, places), nodal
+    nodes = body.nodes(contact.surface, contact.within)
+    nodal[nodes] = _clearance(contact, body.points[nodes])
+    return lambda places: np.zeros(len(places)), nodal
+
+
+def _for_pairs(
+    contact: Contact, body: Body
+) -> ArrayLike | Callable[[Floats], ArrayLike]:
+    """The clearance as `pairs` takes it: an array has one for each node of the body."""
+    if callable(contact.clearance) or np.ndim(contact.clearance) == 0:
+        return contact.clearance
+    return _clearances(contact, body)[1]
+
+
+def gaps_onwards(
+    bodies: Sequence[Body],
+    contact: Contact,
+    motion: Motion,
+    points: Floats,
+    frame: Floats,
+    before: Floats,
+) -> Floats:
+    """Gaps by component at the last of two states of a motion, ``(n_c, d)`` [m].
+
+    Parameters
+    ----------
+    bodies, contact
+        With a rigid obstacle.
+    motion
+        Of it, in place of the contact's: two states, the first that of ``before``.
+    points, frame
+        Of its contacts.
+    before
+        Gaps at the first, ``(n_c, d)``.
+    """
+    obstacle = _obstacle(contact, points.shape[1])
+    if contact.pairing == "match":
+        distance, drag = onwards(obstacle, motion, points)
+        distance = distance + _clearance(contact, points)
+    else:
+        body = bodies[body_index(bodies, contact.body)]
+        smooth, nodal = _clearances(contact, body)
+
+        def at(places: Floats) -> Floats:
+            apart, carried = onwards(obstacle, motion, places)
+            return np.column_stack([apart + smooth(places), carried])
+
+        means, slave = _means(body, _facets_of(contact, body), at, 1 + points.shape[1])
+        distance, drag = means[:, 0] + slave @ nodal, means[:, 1:]
+    gaps = before - np.einsum("cij,cj->ci", frame, drag)
+    gaps[:, 0] = distance
+    return np.asarray(gaps, np.float64)
+
+
+def _check(contact: Contact, dim: int) -> None:
+    """Refuse what no mesh is needed to see."""
+    what = f"mu of the contact on {contact.surface!r}"
+    if np.ndim(contact.mu) == 1:
+        friction(np.asarray(contact.mu)[None], 1, dim, ratio=RATIO)
+    elif not 0 <= number(what, contact.mu) < np.inf:
+        raise ValueError(
+            f"{what} is {contact.mu}, expected a finite number, zero or positive"
+        )
+    given = [contact.plane, contact.obstacle, contact.against]
+    if sum(one is not None for one in given) != 1:
+        raise ValueError(
+            f"contact on {contact.surface!r} needs one obstacle: plane, obstacle or "
+            "against"
+        )
+    if contact.obstacle is not None and not callable(
+        getattr(contact.obstacle, "closest", None)
+    ):
+        raise TypeError(
+            f"obstacle of the contact on {contact.surface!r} is {shown(contact.obstacle)}, "
+            "expected one of bipot_rs.obstacle, or what has closest(points)"
+        )
+    if contact.motion is not None and contact.against is not None:
+        raise ValueError(
+            f"motion of the contact on {contact.surface!r} was given, but "
+            f"{'.'.join(contact.against)} is a surface of another body: move it by supports"
+        )
+    if contact.pairing not in ("match", *METHODS):
+        raise ValueError(
+            f"pairing of the contact on {contact.surface!r} is {contact.pairing!r}, "
+            "expected 'match', " + " or ".join(map(repr, METHODS))
+        )
+
+
+def _obstacle(contact: Contact, dim: int) -> Obstacle:
+    """The rigid obstacle, a plane among others."""
+    if contact.obstacle is not None:
+        return contact.obstacle
+    what = f"plane of the contact on {contact.surface!r}"
+    if contact.plane is None or len(contact.plane) != 2:
+        raise ValueError(f"{what} is not a pair of a point and a normal")
+    point, normal = (floats(what, a) for a in contact.plane)
+    if point.shape != (dim,) or normal.shape != (dim,):
+        raise ValueError(
+            f"{what} has shapes {point.shape} and {normal.shape}, expected ({dim},)"
+        )
+    return Plane(point, normal)
+
+
+def _other(bodies: Sequence[Body], own: int, name: str) -> int:
+    found = body_index(bodies, name)
+    if found == own:
+        raise ValueError(f"body {name!r} is in contact with itself")
+    return found
+
+
+def _rigid(
+    contact: Contact, obstacle: Obstacle, points: Floats, outwards: Floats
+) -> tuple[Floats, Floats]:
+    """Frames, and gaps by component at the start and after each step, of a rigid obstacle."""
+    try:
+        met = approach(obstacle, contact.motion, points, outwards)
+    except ValueError as error:
+        raise ValueError(
+            f"obstacle of the contact on {contact.surface!r}: {error}"
+        ) from None
+    frame = frames(met.normal, contact.axis)
+    gaps = -np.einsum("cij,kcj->kci", frame, met.drag)
+    gaps[:, :, 0] = met.distance
+    return frame, gaps
+
+
+def _weighted(
+    bodies: Sequence[Body],
+    offset: Sequence[int],
+    n: int,
+    contact: Contact,
+) -> Meeting:
+    """Contacts in the mean over facets, or of nodes with facets."""
+    what = f"contact on {contact.surface!r}"
+    b = body_index(bodies, contact.body)
+    body, dim = bodies[b], bodies[b].dim
+    ours = _facets_of(contact, body)
+    moved = None
+
+    def numbers(i: int) -> Ints:
+        count = dim * len(bodies[i].points)
+        return offset[i] + np.arange(count).reshape(-1, dim)
+
+    try:
+        if contact.against is not None:
+            what = f"surfaces {both(contact)}"
+            o = _other(bodies, b, contact.against[0])
+            found = pairs(
+                *(body.points, ours),
+                *(bodies[o].points, _facets_outward(bodies[o], contact.against[1])),
+                method=contact.pairing,
+                clearance=_for_pairs(contact, body),
+                axis=contact.axis,
+                dofs_slave=numbers(b),
+                dofs_master=numbers(o),
+                n=n,
+            )
+        else:
+            found, moved = _against_rigid(contact, body, ours, numbers(b), n)
+    except ValueError as error:
+        said = str(error)
+        if contact.against is not None:
+            # In the words of the model: who calls `pairs` by itself knows its arguments.
+            arguments = ("facets_slave", "facets_master")
+            if all(argument in said for argument in arguments):
+                what = ""
+            for argument, name in zip(arguments, _pair(contact), strict=True):
+                said = said.replace(argument, name)
+        raise ValueError(f"{what}: {said}" if what else said) from error
+    partner = np.full(len(found.node), -1, dtype=np.int64)
+    return Meeting(
+        points=found.points,
+        frame=found.frame,
+        gap=found.gap,
+        area=body.depth * found.area,
+        dofs=np.stack([offset[b] + dim * found.node, partner], axis=1),
+        rows=found.B,
+        moved=moved,
+    )
+
+
+def _facets_of(contact: Contact, body: Body) -> Ints:
+    """Facets of a surface, outward, all of whose nodes ``within`` keeps."""
+    facets = _facets_outward(body, contact.surface)
+    if contact.within is None:
+        return facets
+    nodes = body.nodes(contact.surface, contact.within)
+    facets = facets[np.isin(facets, nodes).all(axis=1)]
+    if not len(facets):
+        raise ValueError(
+            f"contact on {contact.surface!r} has no facets: within leaves none whole"
+        )
+    return facets
+
+
+def _against_rigid(
+    contact: Contact, body: Body, facets: Ints, dofs: Ints, n: int
+) -> tuple[Pairs, Floats | None]:
+    """Weighted gaps of a surface over a rigid obstacle, and those after each step."""
+    if contact.pairing != "mortar":
+        raise ValueError(
+            f"pairing is {contact.pairing!r}, expected 'match' or 'mortar' with a rigid "
+            "obstacle"
+        )
+    obstacle, motion = _obstacle(contact, body.dim), contact.motion
+    smooth, nodal = _clearances(contact, body)
+    out = outward(body, contact.surface)
+    known = {x.tobytes(): n for x, n in zip(body.points, out, strict=True)}
+
+    def at_nodes(places: Floats) -> Floats:
+        return np.array([known[x.tobytes()] for x in places])
+
+    found = rigid_pairs(
+        body.points,
+        facets,
+        lambda places: ask(obstacle, places).distance + smooth(places),
+        normal=lambda places: (
+            approach(obstacle, motion, places, at_nodes(places)).normal
+        ),
+        axis=contact.axis,
+        dofs=dofs,
+        n=n,
+    )
+    found = replace(found, gap=found.gap + found.slave @ nodal)
+    if motion is None:
+        return found, None
+
+    def at(places: Floats) -> Floats:
+        met = approach(obstacle, motion, places)
+        apart = met.distance[1:, :, None] + smooth(places)[..., None]
+        every = np.concatenate([apart, met.drag[1:]], axis=2)
+        return np.ascontiguousarray(every.transpose(1, 0, 2)).reshape(len(places), -1)
+
+    states, d = motion.steps, body.dim
+    means, slave = _means(body, facets, at, states * (1 + d))
+    means = means.reshape(-1, states, 1 + d)
+    gaps = -np.einsum("cij,ckj->kci", found.frame, means[:, :, 1:])
+    gaps[:, :, 0] = means[:, :, 0].T + slave @ nodal
+    return found, gaps
+
+
+def _means(
+    body: Body, facets: Ints, fields: Callable[[Floats], Floats], count: int
+) -> tuple[Floats, Any]:
+    """Means of fields ``(m, count)`` of places over the dual functions, ``(n_c, count)``.
+
+    And the weights of the nodes, `Pairs.slave`, that these functions make.
+    """
+    known: dict[bytes, Floats] = {}
+
+    def one(k: int) -> Callable[[Floats], Floats]:
+        def at(places: Floats) -> Floats:
+            # The same places for each field: asked for once.
+            key = places.tobytes()
+            if key not in known:
+                known[key] = fields(places)
+            return np.ascontiguousarray(known[key][:, k])
+
+        return at
+
+    means = [rigid_pairs(body.points, facets, one(k)) for k in range(count)]
+    return np.column_stack([mean.gap for mean in means]), means[0].slave
+
+
+def gaps_of_steps(found: Sequence[Meeting], dim: int) -> Floats | None:
+    """Gaps of each step by component, of all contacts; those at rest keep theirs."""
+    steps = sorted({len(one.moved) for one in found if one.moved is not None})
+    if not steps:
+        return None
+    if len(steps) > 1:
+        raise ValueError(
+            f"obstacles move through {' and '.join(map(str, steps))} steps, expected one "
+            "number"
+        )
+    parts = []
+    for one in found:
+        moved = one.moved
+        if moved is None:
+            moved = np.zeros((steps[0], len(one.gap), dim))
+            moved[:, :, 0] = one.gap
+        parts.append(moved)
+    return np.concatenate(parts, axis=1)
+
+
+def relative_displacement(found: Sequence[Meeting], n: int) -> Any:
+    """B of (2), contact after contact."""
+    if not found:
+        return sparse.csr_array((0, n))
+    own = [
+        _of_nodes(one.frame, one.dofs, n) if one.rows is None else one.rows
+        for one in found
+    ]
+    # Without contacts there is nothing to stack.
+    return sparse.csr_array(sparse.vstack([sparse.csr_array((0, n)), *own], "csr"))
+
+
+def outward(body: Body, surface: str) -> Floats:
+    """Outward normals at all nodes ``(nodes, d)``, by area; zero off the surface."""
+    return _normals(body.surface(surface))
+
+
+def _refuse_negative_areas(body: Body, surface: str) -> None:
+    """Contact at nodes needs a positive area at each of them."""
+    if not body.kind.lumps:
+        face = {"triangle6": "of 6 nodes", "quad8": "of 8 nodes"}[body.kind.face]
+        none = "none at all" if body.kind.face == "triangle6" else "a negative one"
+        raise ValueError(
+            f"contact on {surface!r} of body {body.name!r} is at nodes of faces {face}, "
+            f'where a constant pressure gives corners {none}: use pairing="mortar", '
+            "or cells of first order or of 27 nodes"
+        )
+
+
+def _facets_outward(body: Body, surface: str) -> Ints:
+    """Facets of a surface, numbered so that their normals point outwards."""
+    facets = body.surface(surface)
+    normals = np.asarray(facets.normals).mean(axis=2).T
+    return turned_outward(body.points, facets.corners, normals)
+
+
+def _normals(facets: Quadrature) -> Floats:
+    """Outward normals at the nodes of a surface ``(nodes, d)``, by area, not of length 1."""
+    normal = np.asarray(facets.normals)
+    nodal = np.stack([facets.moment(component) for component in normal], axis=1)
+    # A component of rounding size on a coordinate plane would couple B to
+    # displacements that the contact does not feel.
+    small = 1e-14 * np.abs(nodal).max(axis=1, keepdims=True)
+    return np.where(np.abs(nodal) <= small, 0.0, nodal)
+
+
+def _match(
+    ours: Floats, theirs: Floats, frame: Floats, contact: Contact, size: float
+) -> Ints:
+    """Index of the node opposite to each of ours, along the normal."""
+    match = _nearest(ours, theirs)
+    between = ours - theirs[match]
+    along = np.einsum("cd,cd->c", frame[:, 0], between)
+    aside = np.linalg.norm(between - along[:, None] * frame[:, 0], axis=1)
+    # Nodes of one place written by two meshers differ in their last digits.
+    bad = np.flatnonzero(aside > 1e-7 * size)
+    if bad.size:
+        raise ValueError(
+            f"surfaces {both(contact)} do not match: no node lies opposite to the one "
+            f"at {place(ours[bad[0]])}, the nearest is {aside[bad[0]]:g} aside; expected "
+            "opposite nodes, or pairing='mortar'"
+        )
+    values, counts = np.unique(match, return_counts=True)
+    if np.any(counts > 1):
+        raise ValueError(
+            f"surfaces {both(contact)} do not match: the node at "
+            f"{place(theirs[values[counts > 1][0]])} lies opposite to several"
+        )
+    return np.asarray(match, dtype=np.int64)
+
+
+def _nearest(ours: Floats, theirs: Floats) -> Ints:
+    """Index of the nearest of theirs, ``(ours,)``."""
+    if len(ours) * len(theirs) > _ALL_PAIRS:
+        from scipy.spatial import cKDTree
+
+        _, match = cKDTree(theirs).query(ours)
+        return np.asarray(match, dtype=np.int64)
+    distance = np.zeros((len(ours), len(theirs)))
+    for mine, other in zip(ours.T, theirs.T, strict=True):
+        distance += np.subtract.outer(mine, other) ** 2
+    return np.asarray(distance.argmin(axis=1), dtype=np.int64)
+
+
+def _of_nodes(frame: Floats, dofs: Ints, n: int) -> Any:
+    """Rows of B: node minus partner, in the frame of the contact."""
+    count, dim = frame.shape[:2]
+    rows = np.arange(dim * count).reshape(count, dim, 1)
+    data, row, column = [], [], []
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        has = dofs[:, side] >= 0
+        columns = dofs[has, side, None, None] + np.arange(dim)
+        data.append((sign * frame[has]).ravel())
+        row.append(np.broadcast_to(rows[has], (has.sum(), dim, dim)).ravel())
+        column.append(np.broadcast_to(columns, (has.sum(), dim, dim)).ravel())
+    triplets = (np.concatenate(data), (np.concatenate(row), np.concatenate(column)))
+    B = sparse.coo_array(triplets, shape=(dim * count, n)).tocsr()
+    B.eliminate_zeros()
+    return B
+
+
+def body_index(bodies: Sequence[Body], name: str) -> int:
+    """Number of the body of a name."""
+    for at, body in enumerate(bodies):
+        if body.name == name:
+            return at
+    raise ValueError(
+        f"there is no body {name!r}, expected one of {[body.name for body in bodies]}"
+    )
+
+
+def place(x: Floats) -> str:
+    """A place, for messages."""
+    return "(" + ", ".join(f"{c:g}" for c in x) + ")"

@@ -1,0 +1,92 @@
+"""The surfaces that contacts lie on: their names, facets of the mesh between contacts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bipot_rs.fem.assembly import Model
+from bipot_rs.mesh.elements import Ints
+
+# By dimension and the number of nodes, with how many of these are corners. Behind the
+# corners come the middles of the edges, in their order, and the middle of the facet.
+_KINDS = {
+    (2, 2): ("line", 2),
+    (2, 3): ("line3", 2),
+    (3, 3): ("triangle", 3),
+    (3, 4): ("quad", 4),
+    (3, 6): ("triangle6", 3),
+    (3, 8): ("quad8", 4),
+    (3, 9): ("quad9", 4),
+}
+
+
+def surface_names(model: Model) -> list[str]:
+    """Contact surfaces by name, ``"body.surface"``, those of one name numbered."""
+    plain = [f"{contact.body}.{contact.surface}" for contact in model.contacts]
+    return [
+        name if plain.count(name) == 1 else f"{name} {k}"
+        for k, name in enumerate(plain)
+    ]
+
+
+def surface_labels(model: Model) -> dict[str, Any]:
+    """Which surface each contact is of, as a result keeps it.
+
+    Returns
+    -------
+    dict
+        ``surface (n_c,)``, numbers, and ``surface_names``, text by number.
+    """
+    return {
+        "surface": model.group,
+        "surface_names": np.array(surface_names(model), str),
+    }
+
+
+def contact_surface(model: Model) -> list[tuple[str, Ints]]:
+    """Facets all of whose nodes are contacts, as cells over the contacts.
+
+    Returns
+    -------
+    list of (kind, corners)
+        ``"line"``, ``"triangle"`` or ``"quad"``, those of second order with the number
+        of their nodes behind, and numbers of contacts ``(m, nodes)`` in the order of VTK;
+        in space seen from outside of the body against the clock. Contacts on no such
+        facet follow as ``("vertex", (m, 1))``.
+    """
+    names = [body.name for body in model.bodies]
+    found: dict[str, list[Ints]] = {}
+    alone = np.ones(len(model.points), dtype=np.bool_)
+    for number, contact in enumerate(model.contacts):
+        index = names.index(contact.body)
+        body, first = model.bodies[index], model.offset[index]
+        mine = np.flatnonzero(model.group == number)
+        of_node = np.full(len(body.points), -1, dtype=np.int64)
+        of_node[(model.contact_dofs[mine, 0] - first) // model.dim] = mine
+        corners = of_node[body.surface(contact.surface).corners]
+        corners = corners[(corners >= 0).all(axis=1)]
+        if model.dim == 3:
+            a, b, c = model.points[corners[:, :3]].swapaxes(0, 1)
+            # Normals of contacts point into the body.
+            inwards = model.frame[corners[:, 0], 0]
+            inside_out = np.sum(np.cross(b - a, c - b) * inwards, axis=1) > 0
+            corners[inside_out] = corners[inside_out][:, _mirrored(corners.shape[1])]
+        alone[corners.ravel()] = False
+        kind, _ = _KINDS[model.dim, corners.shape[1]]
+        found.setdefault(kind, []).append(corners)
+    cells = [(kind, np.concatenate(parts)) for kind, parts in found.items()]
+    rest = np.flatnonzero(alone)[:, None]
+    if len(rest):
+        cells.append(("vertex", rest))
+    return [(kind, corners) for kind, corners in cells if len(corners)]
+
+
+def _mirrored(nodes: int) -> list[int]:
+    """Order of the nodes of a facet that goes the other way around."""
+    _, corners = _KINDS[3, nodes]
+    around = [0, *range(corners - 1, 0, -1)]
+    # Of the edges from corner to corner the last comes first.
+    edges = range(2 * corners - 1, corners - 1, -1) if nodes > corners else ()
+    return [*around, *edges, *range(2 * corners, nodes)]

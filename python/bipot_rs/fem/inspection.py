@@ -1,0 +1,405 @@
+"""What looks wrong with a model before any work: penetration, facing, holding, units.
+
+Nothing here is an error: each is a sentence for a person to judge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs._lib.messages import counted
+from bipot_rs._lib.validation import Array, floats
+from bipot_rs.contact import rigid_motions
+from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.boundary import Spring, spring_stiffness
+from bipot_rs.fem.contact import body_index, outward
+from bipot_rs.obstacle.protocol import length, place
+
+Ints = NDArray[np.int64]
+
+# Of the size of the model: what meshing programs and their files round.
+_ROUNDING = 1e-9
+# Displacements beyond this share of the size of the model are not small.
+_SMALL = 0.1
+# Rigid motions whose constraints are below this, relative to the largest, are free:
+# coordinates are rounded at 1e-16, and written by meshing programs with six digits or
+# more.
+_FREE = 1e-6
+# Young's moduli in Pa are above, and metals in MPa between; parts in m are shorter than
+# the first length, and those in mm longer than the second.
+_PASCAL, _MEGAPASCAL = 1e9, (1e4, 1e6)
+_LONG, _SHORT = 10.0, 0.05
+# Loads that are a larger share of Young's modulus strain the body by more than is small.
+_SOFT = 0.05
+
+
+def inspect(
+    model: Model,
+    *,
+    load: ArrayLike | None = None,
+    prescribed: ArrayLike | None = None,
+    strained: ArrayLike = 0.0,
+) -> list[str]:
+    """What a person should look at before solving.
+
+    Parameters
+    ----------
+    model
+        As `fem.build` makes it.
+    load, prescribed
+        As `ContactProblem.solve` takes them; without them nothing is said of contacts
+        that never close, and any prescribed displacement is taken for one that moves.
+    strained
+        The part of ``load`` that stands for initial strains, which press on nothing.
+
+    Returns
+    -------
+    list of str
+        A sentence each, none where nothing is suspicious: nodes that penetrate at the
+        start; surfaces that face away from their obstacle; contacts too far away to
+        close; friction left out where supports prescribe the tangential displacement;
+        bodies that neither supports nor contact can hold, with the motion; a Young's
+        modulus and a size, or loads, that seem to be of different systems of units.
+    """
+    found = [
+        *_penetrating(model),
+        *_facing_away(model),
+        *_without_friction(model, prescribed),
+        *unheld(model),
+        *_units(model),
+    ]
+    if load is not None or prescribed is not None:
+        found += _far(model, load, prescribed)
+    if load is not None:
+        found += _overloaded(model, floats("load", load) - floats("strained", strained))
+    return found
+
+
+def _size(model: Model) -> float:
+    return float(np.ptp(model.nodes, axis=0).max())
+
+
+def _named(model: Model, group: int) -> str:
+    contact = model.contacts[group]
+    return f"surface {contact.surface!r} of body {contact.body!r}"
+
+
+def _groups(model: Model) -> Iterator[tuple[int, Ints]]:
+    """Each contact with its nodes among all contact nodes."""
+    for group in range(len(model.contacts)):
+        yield group, np.flatnonzero(model.group == group).astype(np.int64)
+
+
+def _penetrating(model: Model) -> Iterator[str]:
+    size = _size(model)
+    for group, at in _groups(model):
+        inside = at[model.gap[at] < -_ROUNDING * size]
+        if inside.size:
+            deepest = inside[np.argmin(model.gap[inside])]
+            depth = -float(model.gap[deepest])
+            yield (
+                f"{inside.size} of the {counted(at.size, 'node')} of "
+                f"{_named(model, group)} start inside what they may touch, the deepest by "
+                f"{depth:g} at {place(model.points[deepest])}, {100 * depth / size:.2g} % "
+                "of the size of the model: the first step presses them out; right for an "
+                "interference fit, else move the body or add a clearance"
+            )
+
+
+def _facing_away(model: Model) -> Iterator[str]:
+    # Two bodies that face the same way are no model at all.
+    for group, at in _groups(model):
+        contact = model.contacts[group]
+        here = at[model.contact_dofs[at, 0] >= 0]
+        if contact.against is not None or not here.size:
+            continue
+        index = [body.name for body in model.bodies].index(contact.body)
+        node = (model.contact_dofs[here, 0] - model.offset[index]) // model.dim
+        out = outward(model.bodies[index], contact.surface)[node]
+        if (np.einsum("cd,cd->c", out, model.frame[here, 0]) > 0).all():
+            yield (
+                f"surface {contact.surface!r} of body {contact.body!r} faces away from "
+                f"what it may touch, at all of its {counted(here.size, 'node')}: is the "
+                "normal of the obstacle towards the body, and the surface the one that "
+                "meets it?"
+            )
+
+
+def _without_friction(model: Model, prescribed: ArrayLike | None) -> Iterator[str]:
+    lost_ones = ~_rubs(model) & _slides(model, prescribed)
+    for group, at in _groups(model):
+        if not np.any(np.asarray(model.contacts[group].mu) > 0):
+            continue
+        lost = int(np.sum(lost_ones[at]))
+        if lost:
+            yield (
+                f"{lost} of the {counted(at.size, 'node')} of {_named(model, group)} have "
+                "no friction, mu = 0: supports prescribe their tangential displacement, "
+                "which leaves friction nothing to decide"
+            )
+
+
+def _slides(model: Model, prescribed: ArrayLike | None) -> NDArray[np.bool_]:
+    """Which contact nodes are moved along their obstacles by what is prescribed.
+
+    Where that is zero, as on a plane of symmetry, a support takes what friction would.
+    """
+    if prescribed is None:
+        return np.ones(len(model.gap), dtype=np.bool_)
+    values = np.atleast_2d(floats("prescribed", prescribed))
+    moved = np.zeros(model.n)
+    moved[model.fixed] = np.abs(values).max(axis=0, initial=0.0)
+    along = (abs(model.B) @ moved).reshape(-1, model.dim)[:, 1:]
+    found = along.any(axis=1)
+    if model.moving is not None:
+        found |= model.moving[:, :, 1:].any(axis=(0, 2))
+    return np.asarray(found, np.bool_)
+
+
+def _rubs(model: Model) -> NDArray[np.bool_]:
+    """Which contact nodes have friction."""
+    largest = model.mu if model.mu.ndim == 1 else model.mu.max(axis=1)
+    return largest > 0
+
+
+def _far(
+    model: Model, load: ArrayLike | None, prescribed: ArrayLike | None
+) -> Iterator[str]:
+    size = _size(model)
+    moved = 0.0
+    if prescribed is not None:
+        moved = float(np.abs(floats("prescribed", prescribed)).max(initial=0.0))
+    loaded = load is not None and bool(np.any(floats("load", load) != 0))
+    # Twice: rotations and Poisson's effect may go beyond what supports prescribe.
+    reach = max(_SMALL * size if loaded else 0.0, 2 * moved)
+    for group, at in _groups(model):
+        gap = model.gap[at]
+        if model.moving is not None:
+            gap = np.minimum(gap, model.moving[:, at, 0].min(axis=0))
+        nearest = at[np.argmin(gap)]
+        if gap.min() > max(reach, _ROUNDING * size):
+            yield (
+                f"{_named(model, group)} may never touch: its nearest node, at "
+                f"{place(model.points[nearest])}, stays {gap.min():g} away, "
+                + (
+                    f"{100 * gap.min() / size:.2g} % of the size of the model"
+                    if loaded
+                    else f"and supports move by {moved:g} at the most"
+                )
+            )
+
+
+def _units(model: Model) -> Iterator[str]:
+    """Young's modulus in Pa with lengths in mm, or in MPa with lengths in m.
+
+    A heuristic: solids have moduli from 1e6 Pa to 1e12 Pa, 1 MPa to 1e6 MPa, and parts
+    sizes from 0.05 mm to 10 m. Who means a bridge, or a grain of sand in mm, reads on.
+    """
+    size = _size(model)
+    low, high = _MEGAPASCAL
+    for body in model.bodies:
+        young = _stiffest(body.material)
+        if young is None:
+            continue
+        if young >= _PASCAL and size >= _LONG:
+            told, other = "Pa, and lengths then in m", "lengths in mm need MPa"
+        elif low <= young <= high and size <= _SHORT:
+            told, other = "MPa, and lengths then in mm", "lengths in m need Pa"
+        else:
+            continue
+        yield (
+            f"units may be mixed: Young's modulus {young:g} of body {body.name!r} looks "
+            f"like {told}, but the model is {size:g} across; {other}"
+        )
+
+
+def _overloaded(model: Model, load: Array) -> Iterator[str]:
+    """Loads beside which a body is soft, as a Young's modulus in GPa with loads in MPa.
+
+    The sum of the sizes of all nodal forces of a load step over the largest section of
+    the box around the body: forces that balance each other within it count, too.
+    """
+    every = np.atleast_2d(load)
+    for body, first in zip(model.bodies, model.offset, strict=True):
+        young = _stiffest(body.material)
+        own = every[:, first : first + body.points.size]
+        forces = np.linalg.norm(own.reshape(len(own), -1, model.dim), axis=-1)
+        sides = np.sort(np.ptp(body.points, axis=0))[1:]
+        section = float(np.prod(sides)) * body.depth
+        mean = float(forces.sum(axis=1).max(initial=0.0)) / section
+        if young is not None and mean > _SOFT * young:
+            yield (
+                f"units may be mixed: the loads of body {body.name!r} come to {mean:.3g} "
+                f"over its largest section, {100 * mean / young:.2g} % of its Young's "
+                f"modulus {young:g}, and strains are taken to be small"
+            )
+
+
+def _stiffest(material: Any) -> float | None:
+    """Young's modulus where the material has one."""
+    young = getattr(material, "young", None)
+    return None if young is None else float(np.max(young))
+
+
+def unheld(model: Model, *, rough: bool = False) -> Iterator[str]:
+    """Rigid motions that neither supports nor contacts feel.
+
+    Motions of bodies that meet each other are looked at together. Contact is taken to
+    hold along its normal, and with friction, or as if all were ``rough``, along its
+    tangents: what is free even so is free under any load.
+    """
+    modes, owner = _modes(model)
+    bare = set(_bare(model))
+    supports = _supporting(model, modes)
+    # Bodies that meet nothing but each other.
+    alone = set(range(len(model.bodies))) - {
+        body_index(model.bodies, contact.body)
+        for contact in model.contacts
+        if contact.against is None
+    }
+    rows = (model.B @ modes).reshape(-1, model.dim, modes.shape[1])
+    rubs = np.ones(len(model.gap), np.bool_) if rough else _rubs(model)
+    felt = [rows[:, 0], rows[rubs, 1:].reshape(-1, modes.shape[1])]
+    constraints = np.concatenate([*supports, *felt])
+    for members in _meeting(model):
+        columns = np.flatnonzero(np.isin(owner, members))
+        own = constraints[:, columns]
+        # What SVD sees of many rows: as many as there are motions.
+        triangle = np.linalg.qr(np.vstack([own, np.zeros((len(columns),) * 2)]), "r")
+        _, values, V = np.linalg.svd(triangle)
+        free = V[values <= _FREE * values.max()].T
+        if not free.shape[1]:
+            continue
+        several = len(members) > 1
+        names = " and ".join(repr(model.bodies[b].name) for b in members)
+        whole = f"{'bodies' if several else 'body'} {names}"
+        if bare.issuperset(members) and alone.issuperset(members):
+            where = "on any of them" if several else "on it"
+            yield f"nothing holds {whole}: no support and no spring is {where}"
+        else:
+            words = _said(model, members, modes[:, columns], free)
+            yield (
+                f"nothing holds {whole} against {'; '.join(words)}: add a support, or "
+                "friction or a contact that stops it"
+            )
+
+
+def unsupported(model: Model) -> list[str]:
+    """Names of the bodies without any support or spring, which contact alone can hold."""
+    return [model.bodies[b].name for b in _bare(model)]
+
+
+def _supporting(model: Model, modes: Array) -> list[Array]:
+    """What rigid motions do to supports and springs, a row each."""
+    found = [modes[model.fixed]]
+    if model.inclined is not None:
+        found.append(np.asarray(model.inclined.normals.T @ modes))
+    return [*found, *(_sprung(model, spring, modes) for spring in model.springs)]
+
+
+def _bare(model: Model) -> list[int]:
+    held = np.zeros(model.n, np.bool_)
+    held[model.fixed] = True
+    if model.inclined is not None:
+        held[model.inclined.normals.tocoo().row] = True
+    sprung = {body_index(model.bodies, spring.body) for spring in model.springs}
+    return [
+        b
+        for b, body in enumerate(model.bodies)
+        if b not in sprung
+        and not held[model.offset[b] : model.offset[b] + body.points.size].any()
+    ]
+
+
+def _sprung(model: Model, spring: Spring, modes: Array) -> Array:
+    """What rigid motions do to a spring, of size 1 as supports and contacts are."""
+    b = body_index(model.bodies, spring.body)
+    body = model.bodies[b]
+    first = model.offset[b]
+    stiffness = spring_stiffness(body, spring)
+    largest = float(np.abs(stiffness.data).max(initial=0.0))
+    own = modes[first : first + body.points.size]
+    forces = np.asarray(stiffness @ own, np.float64)
+    return forces / largest if largest else 0.0 * forces
+
+
+def _modes(model: Model) -> tuple[Array, Ints]:
+    """Rigid motions of every body ``(n, m)``, of one size, and whose they are."""
+    d, found, owner = model.dim, [], []
+    for b, body in enumerate(model.bodies):
+        arm = body.points - body.points.mean(axis=0)
+        arm /= np.abs(arm).max()
+        fields = [np.tile(unit, (len(arm), 1)) for unit in np.eye(d)]
+        if d == 2:
+            fields.append(np.column_stack([-arm[:, 1], arm[:, 0]]))
+        else:
+            fields += [np.cross(unit, arm) for unit in np.eye(3)]
+        for one in fields:
+            column = np.zeros(model.n)
+            column[model.offset[b] : model.offset[b] + one.size] = one.ravel()
+            found.append(column)
+            owner.append(b)
+    return np.column_stack(found), np.array(owner, dtype=np.int64)
+
+
+def _meeting(model: Model) -> list[list[int]]:
+    """Bodies that contacts between them put together."""
+    index = {body.name: b for b, body in enumerate(model.bodies)}
+    sets = [{b} for b in range(len(model.bodies))]
+    for contact in model.contacts:
+        if contact.against is None:
+            continue
+        pair = {index[contact.body], index[contact.against[0]]}
+        joined = set().union(*(one for one in sets if one & pair))
+        sets = [one for one in sets if not one & pair] + [joined]
+    return sorted(sorted(one) for one in sets)
+
+
+def _said(model: Model, members: list[int], modes: Array, free: Array) -> list[str]:
+    """Words for a space of motions: translations along axes first, then the rest.
+
+    Of each body by itself, and then of all together.
+    """
+    d, words = model.dim, []
+    per_body = modes.shape[1] // len(members)
+    rest = free
+    movers = [(list(range(len(members))), "")]
+    if len(members) > 1:
+        alone = enumerate(model.bodies[b].name for b in members)
+        movers = [*(([at], f" of body {name!r}") for at, name in alone), *movers]
+    for (moving, name), k in product(movers, range(d)):
+        shift = np.zeros(modes.shape[1])
+        shift[[at * per_body + k for at in moving]] = 1 / np.sqrt(len(moving))
+        within = rest @ (rest.T @ shift)
+        if length(shift - within) <= _FREE:
+            words.append(f"translation along {'xyz'[k]}{name}")
+            left = rest - np.outer(shift, shift @ rest)
+            U, size, _ = np.linalg.svd(left, full_matrices=False)
+            rest = U[:, size > 0.5]
+    for amounts in rest.T:
+        told = []
+        for at, b in enumerate(members):
+            own = np.zeros(len(amounts))
+            own[at * per_body : (at + 1) * per_body] = amounts[
+                at * per_body : (at + 1) * per_body
+            ]
+            first = model.offset[b]
+            field = (modes @ own)[first : first + model.bodies[b].points.size]
+            field = field.reshape(-1, d)
+            if length(field).max() <= _FREE:
+                continue
+            words_of = rigid_motions.describe(
+                field / length(field).max(),
+                np.zeros(len(field)),
+                points=model.bodies[b].points,
+                frame=np.tile(np.eye(d), (len(field), 1, 1)),
+            )
+            whose = f" of body {model.bodies[b].name!r}" if len(members) > 1 else ""
+            told.append(words_of + whose)
+        words.append(" with ".join(told))
+    return words

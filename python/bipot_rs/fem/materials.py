@@ -1,0 +1,227 @@
+"""Linear elastic materials, as tensors: no Voigt order to mistake.
+
+In the plane a material knows how it is thought to go on: plane strain, plane stress,
+and the thickness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs._lib.validation import floats, number
+
+Floats: TypeAlias = NDArray[np.float64]
+
+# Pairs of axes in the order of Poisson's ratios and shear moduli.
+_PAIRS = ((0, 1), (0, 2), (1, 2))
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic linear elasticity.
+
+    Parameters
+    ----------
+    young
+        Young's modulus, > 0 [Pa].
+    poisson
+        Poisson's ratio, in (-1, 1/2).
+    plane_stress
+        In 2D, plane stress instead of plane strain; of no effect in 3D.
+    thickness
+        Out of plane, in 2D, > 0 [m]; of no effect in 3D.
+    """
+
+    young: float
+    poisson: float
+    plane_stress: bool = False
+    thickness: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("young", "poisson", "thickness"):
+            number(name, getattr(self, name))
+        if not (np.isfinite(self.young) and self.young > 0):
+            raise ValueError(f"young is {self.young}, expected a finite number > 0")
+        if not -1 < self.poisson < 0.5:
+            raise ValueError(f"poisson is {self.poisson}, expected it in (-1, 1/2)")
+        _thick(self.thickness)
+
+    def lame(self, dim: int) -> tuple[float, float]:
+        """Lamé's constants λ and μ [Pa], λ made that of plane stress if asked."""
+        lame_mu = self.young / (2 * (1 + self.poisson))
+        lame_lambda = 2 * lame_mu * self.poisson / (1 - 2 * self.poisson)
+        if dim == 2 and self.plane_stress:
+            # 2λμ/(λ + 2μ), written so that it does not divide by λ = 0.
+            lame_lambda = 2 * lame_mu * self.poisson / (1 - self.poisson)
+        return lame_lambda, lame_mu
+
+    def tensor(self, dim: int) -> Floats:
+        """Elasticity C ``(d, d, d, d)`` of ``σ = C : ε`` [Pa], reduced in 2D."""
+        lame_lambda, lame_mu = self.lame(dim)
+        unit = np.eye(dim)
+        shear = np.einsum("ik,jl->ijkl", unit, unit)
+        found: Floats = lame_lambda * np.einsum("ij,kl->ijkl", unit, unit)
+        found += lame_mu * (shear + shear.swapaxes(2, 3))
+        return found
+
+    @property
+    def directions(self) -> Floats:
+        """Axes of the material as rows: the coordinate axes."""
+        return np.eye(3)
+
+
+@dataclass(frozen=True)
+class Orthotropic:
+    """Linear elasticity with three planes of symmetry, such as wood or a laminate.
+
+    Parameters
+    ----------
+    young
+        Young's moduli ``(E1, E2, E3)`` along the axes of the material, > 0 [Pa].
+    poisson
+        ``(ν12, ν13, ν23)``: pulled along i, it contracts ``ν_ij`` times as much along j;
+        then ``ν_ji = ν_ij E_j / E_i``.
+    shear
+        Shear moduli ``(G12, G13, G23)``, > 0 [Pa].
+    axes
+        Directions 1, 2, 3 as rows ``(3, 3)``, orthogonal, of any length; in the plane
+        1 and 2 ``(2, 2)``. Without them the coordinate axes. Direction 3 is normal to
+        the plane of a 2D body.
+    plane_stress, thickness
+        As of `Material`.
+
+    Raises
+    ------
+    ValueError
+        Moduli that are not positive, ratios by which a strain would release energy,
+        axes that are not orthogonal.
+    """
+
+    young: Sequence[float]
+    poisson: Sequence[float]
+    shear: Sequence[float]
+    axes: ArrayLike | None = None
+    plane_stress: bool = False
+    thickness: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("young", "poisson", "shear"):
+            found = floats(name, getattr(self, name), shape=(3,))
+            if name != "poisson" and (found <= 0).any():
+                raise ValueError(
+                    f"{name} is {found.tolist()}, expected three numbers > 0"
+                )
+            # As plain numbers: equality and hash of the whole stay those of its parts.
+            object.__setattr__(self, name, tuple(found.tolist()))
+        _thick(self.thickness)
+        if self.axes is not None:
+            rows = _orthonormal(self.axes)
+            object.__setattr__(self, "axes", tuple(map(tuple, rows.tolist())))
+        _definite(self.young, self.poisson)
+
+    @cached_property
+    def directions(self) -> Floats:
+        """Axes of the material as rows, of length one."""
+        return np.eye(3) if self.axes is None else np.array(self.axes)
+
+    def tensor(self, dim: int) -> Floats:
+        """Elasticity C ``(d, d, d, d)`` of ``σ = C : ε`` [Pa], reduced in 2D.
+
+        Raises
+        ------
+        ValueError
+            In 2D, a direction 3 that is not normal to the plane: pulling the body would
+            shear it out of the plane.
+        """
+        C = self._space
+        if dim == 3:
+            return C.copy()
+        if abs(self.directions[2, 2]) < 1 - 1e-12:
+            raise ValueError(
+                f"axes have direction 3 along {self.directions[2].tolist()}, expected "
+                "the normal of the plane, (0, 0, 1), in a body of two dimensions"
+            )
+        plane = C[:2, :2, :2, :2]
+        if self.plane_stress:
+            across = C[:2, :2, 2, 2]
+            plane = plane - across[:, :, None, None] * across / C[2, 2, 2, 2]
+        return np.array(plane)
+
+    @cached_property
+    def _space(self) -> Floats:
+        C = np.zeros((3, 3, 3, 3))
+        axis = np.arange(3)
+        root = np.sqrt(self.young)
+        normal = np.linalg.inv(_scaled(self.young, self.poisson)) * np.outer(root, root)
+        C[axis[:, None], axis[:, None], axis, axis] = 0.5 * (normal + normal.T)
+        for (i, j), modulus in zip(_PAIRS, self.shear, strict=True):
+            C[i, j, i, j] = C[j, i, j, i] = C[i, j, j, i] = C[j, i, i, j] = modulus
+        if self.axes is None:
+            return C
+        Q = self.directions
+        turned = np.einsum("abcd,ai,bj,ck,dl->ijkl", C, Q, Q, Q, Q, optimize=True)
+        # Rounding of the products must not undo the symmetries that make K symmetric.
+        turned = 0.5 * (turned + turned.transpose(1, 0, 2, 3))
+        turned = 0.5 * (turned + turned.transpose(0, 1, 3, 2))
+        return np.asarray(0.5 * (turned + turned.transpose(2, 3, 0, 1)))
+
+
+Elastic: TypeAlias = Material | Orthotropic
+
+
+def _thick(thickness: float) -> None:
+    number("thickness", thickness)
+    if not (np.isfinite(thickness) and thickness > 0):
+        raise ValueError(f"thickness is {thickness}, expected a finite number > 0")
+
+
+def _scaled(young: Sequence[float], poisson: Sequence[float]) -> Floats:
+    """Compliance of normal strains, entry ij times √(E_i E_j): free of units."""
+    S = np.eye(3)
+    for (i, j), ratio in zip(_PAIRS, poisson, strict=True):
+        S[i, j] = S[j, i] = -ratio * np.sqrt(young[j] / young[i])
+    return S
+
+
+def _definite(young: Sequence[float], poisson: Sequence[float]) -> None:
+    for (i, j), ratio in zip(_PAIRS, poisson, strict=True):
+        most = np.sqrt(young[i] / young[j])
+        if abs(ratio) >= most:
+            raise ValueError(
+                f"poisson has ν{i + 1}{j + 1} = {ratio:g}, expected its size below "
+                f"√(E{i + 1}/E{j + 1}) = {most:g}: a strain would release energy"
+            )
+    determinant = float(np.linalg.det(_scaled(young, poisson)))
+    # Rounding of a determinant of entries below 1.
+    if determinant <= 8 * np.finfo(float).eps:
+        raise ValueError(
+            f"poisson is {list(poisson)}: 1 - ν12 ν21 - ν23 ν32 - ν13 ν31 - 2 ν21 ν32 ν13 "
+            f"is {determinant:g}, expected it positive: a strain would release energy"
+        )
+
+
+def _orthonormal(axes: ArrayLike) -> Floats:
+    given = floats("axes", axes, ndim=2)
+    if given.shape not in ((2, 2), (3, 3)):
+        raise ValueError(f"axes has shape {given.shape}, expected (3, 3) or (2, 2)")
+    length = np.linalg.norm(given, axis=1, keepdims=True)
+    if (length == 0).any():
+        raise ValueError("axes has a row of zeros, expected directions")
+    unit = given / length
+    # Directions typed with six digits are meant to be orthogonal.
+    off = np.abs(unit @ unit.T - np.eye(len(unit))).max()
+    if off > 1e-5:
+        raise ValueError(
+            f"axes are not orthogonal: a cosine between them is {off:g}, expected 0"
+        )
+    # The nearest orthogonal matrix.
+    u, _, v = np.linalg.svd(unit)
+    rows = np.eye(3)
+    rows[: len(unit), : len(unit)] = u @ v
+    return rows

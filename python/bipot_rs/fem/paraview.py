@@ -1,0 +1,135 @@
+"""Series for ParaView: the bodies with their stress, and the surface of contact."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs.contact.result import Step, recover
+from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.contact_surface import contact_surface
+from bipot_rs.fem.stress_recovery import COLUMNS, ROWS, MeanStress, von_mises
+from bipot_rs.files.export import indexed, write_series
+
+Fields = dict[str, NDArray[Any]]
+
+
+def write(path: str | os.PathLike[str], model: Model, steps: Sequence[Step]) -> None:
+    """Write ``DIR/NAME.pvd``, the bodies, and ``DIR/NAME_contact.pvd``, where they touch.
+
+    Parameters
+    ----------
+    path
+        ``DIR/NAME.pvd``; what is there of these names is replaced.
+    model
+        The bodies.
+    steps
+        A `Result`, or some of its steps. Displacements are found where they are not yet.
+
+    Raises
+    ------
+    ValueError
+        A name that does not end in ``.pvd``; displacements are asked of steps that have
+        lost their problem.
+    OSError
+        A file cannot be written.
+    """
+    index = indexed(path)
+    recover(list(steps))
+    write_bodies(index, model, steps)
+    write_contact(index.with_name(f"{index.stem}_contact{index.suffix}"), model, steps)
+
+
+def write_bodies(
+    path: str | os.PathLike[str],
+    model: Model,
+    steps: Sequence[Step],
+    of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
+    at_rest: Callable[[int], NDArray[np.float64] | None] = lambda _: None,
+) -> None:
+    """Write the bodies: displacements and contact at nodes, stress in cells.
+
+    Parameters
+    ----------
+    path, model, steps
+        As in `write`.
+    of_cells
+        Further fields ``(cells,)`` or ``(cells, k)``, one mapping a step.
+    at_rest
+        Of the number of a step, what `cell_fields` takes.
+    """
+    more = of_cells if of_cells is not None else ({} for _ in steps)
+    means = [MeanStress(body) for body in model.bodies]
+    write_series(
+        path,
+        model.nodes,
+        model.cells,
+        (model.fields(s.displacement, s.reaction, s.status) for s in steps),
+        (
+            cell_fields(model, step.displacement, at_rest(k), means) | dict(fields)
+            for k, (step, fields) in enumerate(zip(steps, more, strict=True))
+        ),
+    )
+
+
+def write_contact(
+    path: str | os.PathLike[str], model: Model, steps: Sequence[Step]
+) -> None:
+    """Write the surface of contact, with `contact_fields` at its nodes."""
+    cells = contact_surface(model)
+    write_series(path, model.points, cells, (contact_fields(model, s) for s in steps))
+
+
+def cell_fields(
+    model: Model,
+    displacement: NDArray[np.float64],
+    at_rest: NDArray[np.float64] | None = None,
+    means: Sequence[MeanStress] | None = None,
+) -> Fields:
+    """``stress (cells, 6)``, xx, yy, zz, xy, yz, xz, and ``von_mises (cells,)`` [Pa].
+
+    Cells of all bodies, in their order; the mean over each cell. ``at_rest (cells, 3, 3)``
+    is what initial strains add, `Case.stress_at_rest`; ``means``, one a body, serve many
+    displacements.
+    """
+    if means is None:
+        means = [MeanStress(body) for body in model.bodies]
+    ends = [*model.offset[1:], model.n]
+    tensors = np.concatenate(
+        [
+            mean(displacement[first:end], space=True)
+            for mean, first, end in zip(means, model.offset, ends, strict=True)
+        ]
+    )
+    if at_rest is not None:
+        tensors = tensors + at_rest
+    return {"stress": tensors[:, ROWS, COLUMNS], "von_mises": von_mises(tensors)}
+
+
+def contact_fields(model: Model, step: Step) -> Fields:
+    """Fields at the contacts, vectors in global components, on the body that has them.
+
+    Returns
+    -------
+    dict
+        ``displacement`` [m] to warp by, ``reaction`` [N], ``traction`` and its
+        ``pressure`` [Pa], ``slip`` of the step [m], ``gap`` that is left [m], ``status``
+        (0 open, 1 slip, 2 stick), and ``normal``.
+    """
+    d = model.dim
+    force = np.einsum("ck,ckd->cd", step.reaction, model.frame)
+    dofs = model.contact_dofs[:, :1] + np.arange(d)
+    return {
+        "displacement": step.displacement[dofs],
+        "reaction": force,
+        "traction": force / model.area[:, None],
+        "pressure": step.reaction[:, 0] / model.area,
+        "slip": np.einsum("ck,ckd->cd", step.slip, model.frame[:, 1:]),
+        "gap": np.ascontiguousarray(step.relative_displacement[:, 0]),
+        "status": step.status,
+        "normal": model.frame[:, 0],
+    }

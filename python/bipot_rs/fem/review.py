@@ -1,0 +1,178 @@
+"""What to look at in an answer: displacements that are not small, contact seen coarsely.
+
+Nothing here is an error: each is a sentence with its figure, for a person to judge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from bipot_rs._lib.validation import Array
+from bipot_rs.contact.result import Step
+from bipot_rs.contact.slip_check import distances, farthest
+from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.inspection import unsupported
+from bipot_rs.fem.stress_recovery import MeanStress
+from bipot_rs.obstacle.protocol import place
+from bipot_rs.obstacle.shapes import Plane
+
+# Rotations [rad] and strains up to here are small: equilibrium on the undeformed bodies,
+# and normals that stay, leave out terms of their order.
+_SMALL = 0.05
+# A gap below this share of the displacements is none.
+_ROUNDING = 1e-9
+# Nodes across a contact zone, below which its pressure is hardly more than a guess.
+_ACROSS = 4.0
+
+
+def review(model: Model, steps: Sequence[Step]) -> list[str]:
+    """What a person should look at after solving.
+
+    Parameters
+    ----------
+    model
+        As `fem.build` makes it.
+    steps
+        The load steps of its path, from the first on; their displacements are asked for.
+
+    Returns
+    -------
+    list of str
+        A sentence each, none where nothing is suspicious: rotations or strains beyond
+        five per cent, in the mean over a cell; contacts that have slid further from what
+        they met at the start than their distance from each other; contact zones less
+        than four nodes across at the end; bodies without a support that no contact holds
+        at the end.
+    """
+    if not len(steps):
+        return []
+    return [
+        *_large(model, steps),
+        *_slid(model, steps),
+        *_coarse(model, steps[-1], len(steps)),
+        *_gone(model, steps[-1]),
+    ]
+
+
+def _named(model: Model, group: int) -> str:
+    contact = model.contacts[group]
+    return f"{contact.body}.{contact.surface}"
+
+
+def _large(model: Model, steps: Sequence[Step]) -> Iterator[str]:
+    """Rotations and strains of the load step that moves most, and of the last."""
+    most = int(np.argmax([np.abs(step.displacement).max() for step in steps]))
+    worst: dict[str, tuple[float, str]] = {}
+    for b, body in enumerate(model.bodies):
+        mean, first = MeanStress(body), model.offset[b]
+        for k in dict.fromkeys((most, len(steps) - 1)):
+            own = steps[k].displacement[first : first + body.points.size]
+            for name, values in _sizes(mean.gradient(own)):
+                cell = int(np.argmax(values))
+                value = float(values[cell])
+                if value <= max(_SMALL, worst.get(name, (0.0, ""))[0]):
+                    continue
+                figure = f"{100 * value:.2g} %"
+                if name == "rotations":
+                    figure = f"{np.rad2deg(value):.2g}°, {value:.2g} rad,"
+                beyond = int((values > _SMALL).sum())
+                worst[name] = (
+                    value,
+                    (
+                        f"{name} up to {figure} of body {body.name!r} at "
+                        f"{place(body.points[body.cells[cell]].mean(axis=0))} in load step "
+                        f"{k + 1} of {len(steps)}, beyond {_SMALL:g} in {beyond} of its "
+                        f"{len(values)} cells: displacements are taken to be small, and what "
+                        "that leaves out is of this order"
+                    ),
+                )
+    yield from (told for _, told in worst.values())
+
+
+def _sizes(gradient: Array) -> Iterator[tuple[str, Array]]:
+    """Angle of rotation and largest principal strain of gradients ``(k, a, cells)``."""
+    turned = 0.5 * (gradient - gradient.swapaxes(0, 1))
+    strain = 0.5 * (gradient + gradient.swapaxes(0, 1))
+    # The skew part of a rotation ω has the square sum 2 ‖ω‖².
+    yield "rotations", np.sqrt(0.5 * np.einsum("kac,kac->c", turned, turned))
+    principal = np.linalg.eigvalsh(np.moveaxis(strain, 2, 0))
+    yield "strains", np.abs(principal).max(axis=1)
+
+
+def _slid(model: Model, steps: Sequence[Step]) -> Iterator[str]:
+    for group, contact in enumerate(model.contacts):
+        flat = contact.against is None and (
+            contact.obstacle is None or isinstance(contact.obstacle, Plane)
+        )
+        at = np.flatnonzero(model.group == group)
+        if flat or not at.size:
+            # Along a rigid plane all places are alike.
+            continue
+        k, node, ratio = farthest(steps, distances(model.points[at]), at)
+        if ratio <= 1:
+            continue
+        moved = steps[k].relative_displacement[at[node], 1:]
+        kept = "they go on meeting what lay opposite at the start"
+        if contact.against is None:
+            kept = "normals stay those of the nearest approach, however round it is"
+        yield (
+            f"contacts of {_named(model, group)} slide by up to "
+            f"{np.linalg.norm(moved):.3g} from where they were, at "
+            f"{place(model.points[at[node]])} in load step {k + 1} of {len(steps)}, "
+            f"{ratio:.2g} times their distance from each other: {kept}"
+        )
+
+
+def _coarse(model: Model, last: Step, count: int) -> Iterator[str]:
+    for group in range(len(model.contacts)):
+        at = np.flatnonzero(model.group == group)
+        pressed = at[last.reaction[at, 0] > 0]
+        # Where a whole surface is pressed, its edges and not the mesh bound the zone.
+        if not 0 < pressed.size < at.size:
+            continue
+        nodes = across(model.points[pressed], distances(model.points[at]))
+        if nodes < _ACROSS:
+            yield (
+                f"at the end, load step {count} of {count}, the contact zone of "
+                f"{_named(model, group)} is {nodes:.0f} node{'' if nodes < 1.5 else 's'} "
+                f"across, around {place(model.points[pressed].mean(axis=0))}: its "
+                "pressure is rough there, smaller cells make it better"
+            )
+
+
+def _gone(model: Model, last: Step) -> Iterator[str]:
+    for name in unsupported(model):
+        groups = [
+            group
+            for group, contact in enumerate(model.contacts)
+            if name in (contact.body, (contact.against or ("",))[0])
+        ]
+        own = np.isin(model.group, groups)
+        moved = np.abs(last.displacement).max(initial=0.0)
+        # At rest without a load it presses on nothing either.
+        if last.relative_displacement[own, 0].min(initial=np.inf) > _ROUNDING * moved:
+            yield (
+                f"body {name!r} has no support and no spring, and at the end no contact "
+                "holds it: it has been pushed away, or a support is missing"
+            )
+
+
+def across(points: Array, apart: Array) -> float:
+    """How many nodes a zone of places ``(m, d)`` is across where it is narrowest.
+
+    Its extent over the mean distance ``apart`` of nodes, in space along the narrower
+    principal axis of its surface, and no more than the diameter of a disc of as many
+    nodes; a heuristic where cells differ in size.
+    """
+    d = points.shape[1]
+    near = float(np.median(apart))
+    if d == 2 or len(points) < 3:
+        return float(len(points))
+    arm = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(arm.T @ arm)
+    # Ascending: across the surface, then within it the narrow and the wide one.
+    extents = np.ptp(arm @ axes[:, 1:], axis=0)
+    disc = 2 * np.sqrt(len(points) / np.pi)
+    return float(min(extents.min() / near + 1, disc))

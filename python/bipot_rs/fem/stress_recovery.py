@@ -1,0 +1,273 @@
+"""Stress of one body from its displacement, and strains it would have without stress.
+
+An initial strain, such as that of heat, is what the material would do if nothing held
+it: ``σ = C : (ε(u) - ε0)``. It is given as a tensor ``(d, d)`` or ``(3, 3)``, constant,
+one at each quadrature point ``(d, d, cells, points)``, or a function of the places
+``(d, cells, points)`` that returns either; or a mapping of volumes of the body to such,
+zero elsewhere. In the plane a tensor ``(2, 2)`` has no part out of the plane, which in
+plane strain presses: heat is a tensor ``(3, 3)``, as `thermal` gives it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.validation import floats
+from bipot_rs.fem.body import Body, Field
+from bipot_rs.fem.elasticity import distinct_cells
+from bipot_rs.fem.materials import Elastic
+from bipot_rs.mesh.elements import Floats, inverse, jacobian, reference
+
+# The six components of a symmetric tensor as VTK orders them: xx, yy, zz, xy, yz, xz.
+ROWS, COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)
+
+Initial: TypeAlias = Field | Mapping[str, Field]
+
+
+def stress(
+    body: Body,
+    displacement: ArrayLike,
+    initial: Initial | None = None,
+    *,
+    space: bool = False,
+) -> Floats:
+    """Stress of each cell, its mean over the cell ``(cells, d, d)`` [Pa].
+
+    Parameters
+    ----------
+    displacement
+        Of the body's own nodes, ``(dim * nodes,)`` or ``(nodes, dim)`` [m].
+    initial
+        The initial strains that were loads.
+    space
+        In 2D too ``(cells, 3, 3)``: in plane strain with the stress out of the plane,
+        which `von_mises` needs.
+    """
+    return MeanStress(body)(displacement, initial, space=space)
+
+
+class MeanStress:
+    """`stress` of one body, prepared once for many displacements.
+
+    The material is the same all over a cell, so that the mean stress is that of the
+    mean strain: gradients are averaged here, before any displacement is known.
+    """
+
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        _, slopes, weights = reference(body.kind.scalar, body.kind.order)
+        shapes, self._which = distinct_cells(body.points[body.cells])
+        inner, determinant = inverse(jacobian(shapes, slopes))
+        share = weights[:, None] * np.abs(determinant)
+        share /= share.sum(axis=0)
+        # ∂_a φ_i, (i, a, shapes).
+        self._slopes = np.einsum("qbi,qbac,qc->iac", slopes, inner, share)
+
+    def gradient(self, displacement: ArrayLike) -> Floats:
+        """Mean of ``∂_a u_k`` over each cell, ``(k, a, cells)``."""
+        u = _nodal(self.body, displacement)[self.body.cells]
+        found = np.einsum("iac,cik->kac", self._slopes[..., self._which], u)
+        return np.asarray(found, np.float64)
+
+    def __call__(
+        self,
+        displacement: ArrayLike,
+        initial: Initial | None = None,
+        *,
+        space: bool = False,
+    ) -> Floats:
+        """As `stress`."""
+        body = self.body
+        d, gradient = body.dim, self.gradient(displacement)
+        count = gradient.shape[2]
+        strain = np.zeros((3, 3, count))
+        strain[:d, :d] = 0.5 * (gradient + gradient.swapaxes(0, 1))
+        if initial is not None:
+            weights = body.volume().weights
+            share = weights / weights.sum(axis=1, keepdims=True)
+            strain -= np.einsum("abcq,cq->abc", initial_strain(body, initial), share)
+        six = np.empty((count, 6))
+        for k, material in enumerate(body.materials):
+            here = body.material_of_cells == k
+            law = _in_space(body, material)[ROWS, COLUMNS][:, ROWS, COLUMNS]
+            law[:, 3:] *= 2.0  # the mirrored component of a shear
+            six[here] = np.einsum("st,tc->cs", law, strain[ROWS, COLUMNS][:, here])
+        found = np.empty((count, 3, 3))
+        found[:, ROWS, COLUMNS] = six
+        found[:, COLUMNS, ROWS] = six
+        return found if space else np.ascontiguousarray(found[:, :d, :d])
+
+
+def stress_at_points(
+    body: Body, displacement: ArrayLike, initial: Initial | None = None
+) -> Floats:
+    """Stress in space at the points of ``body.volume()``, ``(3, 3, cells, points)`` [Pa].
+
+    Parameters as of `stress`.
+    """
+    d, u = body.dim, _nodal(body, displacement)[body.cells]
+    gradient = np.einsum("qiap,pik->kapq", _slopes(body), u)
+    strain = np.zeros((3, 3, *gradient.shape[2:]))
+    strain[:d, :d] = 0.5 * (gradient + gradient.swapaxes(0, 1))
+    if initial is not None:
+        strain -= initial_strain(body, initial)
+    found = np.empty_like(strain)
+    for k, material in enumerate(body.materials):
+        here = body.material_of_cells == k
+        law = _in_space(body, material)
+        found[:, :, here] = np.einsum("abcd,cdpq->abpq", law, strain[:, :, here])
+    return found
+
+
+def initial_strain(body: Body, initial: Initial) -> Floats:
+    """Initial strain in space at the points of ``body.volume()``, ``(3, 3, cells, points)``."""
+    places = body.volume().places
+    found = np.zeros((3, 3, *places.shape[1:]))
+    if isinstance(initial, Mapping):
+        told = np.zeros(places.shape[1], dtype=np.bool_)
+        for volume, value in initial.items():
+            cells = body.volume_cells(volume)
+            if told[cells].any():
+                raise ValueError(
+                    f"initial strain of volume {volume!r} of body {body.name!r} is of "
+                    "cells that have one already: expected volumes that do not overlap"
+                )
+            told[cells] = True
+            found[:, :, cells] = _tensor(body, value, places[:, cells])
+    else:
+        found[:] = _tensor(body, initial, places)
+    return found
+
+
+def initial_forces(body: Body, initial: Initial) -> Floats:
+    """Nodal forces ``(dim * nodes,)`` by which an initial strain acts [N].
+
+    ``∫ ∂_a φ_i σ0_ka`` with ``σ0 = C : ε0``: added to the load, they make K u the
+    forces of ``C : (ε(u) - ε0)``.
+    """
+    at_rest = np.zeros(body.points.size)
+    return -internal_forces(body, stress_at_points(body, at_rest, initial))
+
+
+def internal_forces(body: Body, stresses: Floats) -> Floats:
+    """Nodal forces ``∫ ∂_a φ_i σ_ka``, ``(dim * nodes,)``, that stresses hold in balance.
+
+    Parameters
+    ----------
+    stresses
+        At the points of ``body.volume()``: ``(3, 3, cells, points)``.
+    """
+    d = body.dim
+    weights = body.depth * body.volume().weights
+    cell = np.einsum("qiap,kapq,pq->kpi", _slopes(body), stresses[:d, :d], weights)
+    nodes, count = body.cells.ravel(), len(body.points)
+    parts = [np.bincount(nodes, part.ravel(), minlength=count) for part in cell]
+    return np.asarray(np.stack(parts, axis=1).ravel(), dtype=np.float64)
+
+
+def thermal(
+    expansion: ArrayLike,
+    temperature: float | Callable[[Floats], ArrayLike],
+    axes: ArrayLike | None = None,
+) -> Field:
+    """Initial strain of heat, ``(3, 3)`` or a function of the places.
+
+    Parameters
+    ----------
+    expansion
+        Coefficient of thermal expansion [1/K], or one along each of the axes ``(3,)``.
+    temperature
+        Rise from that without stress [K], a number or a function of the places
+        ``(d, ...)`` that returns ``(...)``.
+    axes
+        Directions of the material as rows ``(3, 3)``, those of `Orthotropic`
+        (``material.directions``); the coordinate axes without them.
+    """
+    alpha = floats("expansion", expansion)
+    if alpha.shape not in ((), (3,)):
+        raise ValueError(
+            f"expansion has shape {alpha.shape}, expected a number or (3,)"
+        )
+    rows = np.eye(3) if axes is None else floats("axes", axes, shape=(3, 3))
+    unit = np.einsum("k,ki,kj->ij", np.broadcast_to(alpha, (3,)), rows, rows)
+    if not callable(temperature):
+        return np.asarray(unit * floats("temperature", temperature, shape=()))
+
+    def strain(places: Floats) -> Floats:
+        rise = floats("temperature", temperature(places))
+        if rise.shape not in ((), places.shape[1:]):
+            raise ValueError(
+                f"temperature has shape {rise.shape}, expected {places.shape[1:]}"
+            )
+        whole = np.broadcast_to(rise, places.shape[1:])
+        return np.asarray(np.multiply.outer(unit, whole), dtype=np.float64)
+
+    return strain
+
+
+def von_mises(stresses: ArrayLike) -> Floats:
+    """Equivalent stress of Mises ``(...)``, of stresses in space ``(..., 3, 3)``."""
+    found = floats("stresses", stresses)
+    if found.shape[-2:] != (3, 3):
+        raise ValueError(
+            f"stresses has shape {found.shape}, expected (..., 3, 3): the stress out of "
+            "the plane counts too, space=True gives it"
+        )
+    trace = np.trace(found, axis1=-2, axis2=-1)[..., None, None]
+    deviator = found - trace / 3 * np.eye(3)
+    square = np.einsum("...ij,...ij->...", deviator, deviator)
+    return np.asarray(np.sqrt(1.5 * square))
+
+
+def _nodal(body: Body, displacement: ArrayLike) -> Floats:
+    """Checked: ``(nodes, d)``."""
+    d, nodes = body.dim, len(body.points)
+    given = floats("displacement", displacement)
+    if given.shape not in ((d * nodes,), (nodes, d)):
+        raise ValueError(
+            f"displacement has shape {given.shape}, expected ({d * nodes},) or "
+            f"({nodes}, {d}), that of body {body.name!r} alone"
+        )
+    return given.reshape(nodes, d)
+
+
+def _in_space(body: Body, material: Elastic) -> Floats:
+    """Elasticity ``(3, 3, 3, 3)``; in plane stress that of the plane, and zeros."""
+    if body.dim == 3 or not material.plane_stress:
+        return material.tensor(3)
+    law = np.zeros((3, 3, 3, 3))
+    law[:2, :2, :2, :2] = material.tensor(2)
+    return law
+
+
+def _slopes(body: Body) -> Floats:
+    """``∂_a φ_i`` at the points of the cells, ``(q, i, a, cells)``."""
+    _, slopes, _ = reference(body.kind.scalar, body.kind.order)
+    inner, _ = inverse(jacobian(body.points[body.cells], slopes))
+    return np.asarray(np.einsum("qbi,qbac->qiac", slopes, inner), dtype=np.float64)
+
+
+def _tensor(body: Body, value: Field, places: Floats) -> Floats:
+    what = f"initial strain of body {body.name!r}"
+    given = floats(what, value(places) if callable(value) else value)
+    d = given.shape[0] if given.ndim else 0
+    shapes = [(k, k, *rest) for k in {body.dim, 3} for rest in ((), places.shape[1:])]
+    if given.shape not in shapes:
+        raise ValueError(
+            f"{what} has shape {given.shape}, expected ({body.dim}, {body.dim}) or "
+            f"(3, 3), and {places.shape[1:]} after it if it varies"
+        )
+    size = np.abs(given).max()
+    if np.abs(given - given.swapaxes(0, 1)).max() > 1e-12 * size:
+        raise ValueError(f"{what} is not symmetric")
+    if given.ndim == 2:
+        given = given[:, :, None, None]
+    found = np.zeros((3, 3, *places.shape[1:]))
+    found[:d, :d] = given
+    if body.dim == 2 and (found[:2, 2].any()):
+        raise ValueError(f"{what} shears out of the plane, expected zeros there")
+    return found

@@ -1,0 +1,224 @@
+"""Tables in text files: comma-separated with a header, and the node listing of `*NODE`.
+
+What is wrong is said with the file and the line.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.messages import counted, printable
+from bipot_rs._lib.strict_numbers import real, whole
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Table:
+    """Columns by name, each entry still text; lines count from 1.
+
+    A first line of names is needed; blank lines and those that begin with ``#`` are
+    left out. Blank entries count as missing.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        rows = csv.reader(_lines(self.path))
+        header: list[str] | None = None
+        self.lines: list[int] = []
+        self.rows: list[list[str]] = []
+        try:
+            for row in rows:
+                cells = [cell.strip() for cell in row]
+                if not any(cells) or cells[0].startswith("#"):
+                    continue
+                if header is None:
+                    header = [cell.lower() for cell in cells]
+                    self.header_line = rows.line_num
+                    continue
+                if len(cells) != len(header):
+                    raise self.wrong(
+                        rows.line_num,
+                        f"has {counted(len(cells), 'entry')}, the header "
+                        f"{counted(len(header), 'name')}",
+                    )
+                self.lines.append(rows.line_num)
+                self.rows.append(cells)
+        except csv.Error as error:
+            raise self.wrong(rows.line_num, str(error)) from None
+        if header is None:
+            raise ValueError(f"{self.path} is empty, expected a line of column names")
+        if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+            raise self.wrong(
+                self.header_line,
+                f"has one column, {header[0]!r}: expected names separated by commas",
+            )
+        if len(set(header)) < len(header):
+            raise self.wrong(self.header_line, f"repeats a name: {', '.join(header)}")
+        self.names = header
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def wrong(self, line: int, what: str) -> ValueError:
+        """An error that names the file and the line."""
+        return ValueError(f"{self.path} line {line}: {printable(what)}")
+
+    def expect(self, needed: Sequence[str], optional: Sequence[str]) -> None:
+        """Refuse a table that lacks a column, or has one that nobody reads."""
+        for name in needed:
+            if name not in self.names:
+                raise self.wrong(
+                    self.header_line,
+                    f"there is no column {name}, found {', '.join(self.names)}",
+                )
+        for name in self.names:
+            if name not in {*needed, *optional}:
+                raise self.wrong(
+                    self.header_line,
+                    f"column {name!r} is unknown, expected some of "
+                    f"{', '.join([*needed, *optional])}",
+                )
+
+    def numbers(self, name: str, missing: float | None = None) -> Floats:
+        """A column of finite numbers; ``missing`` for blank ones, if given."""
+        if name not in self.names:
+            return np.full(len(self), np.nan if missing is None else missing)
+        at = self.names.index(name)
+        found = np.empty(len(self))
+        for k, row in enumerate(self.rows):
+            found[k] = self._number(name, row[at], self.lines[k], missing)
+        return found
+
+    def _number(self, name: str, text: str, line: int, missing: float | None) -> float:
+        if not text and missing is not None:
+            return missing
+        try:
+            value = real(text)
+        except ValueError:
+            value = np.inf
+        if not np.isfinite(value):
+            raise self.wrong(line, f"{name} is {text!r}, expected a finite number")
+        return value
+
+    def integers(self, name: str, missing: int | None = None) -> Ints:
+        """A column of integers; ``missing`` for blank ones, if given."""
+        if name not in self.names and missing is not None:
+            return np.full(len(self), missing, np.int64)
+        at = self.names.index(name)
+        found = np.empty(len(self), np.int64)
+        for k, row in enumerate(self.rows):
+            text = row[at]
+            if not text and missing is not None:
+                found[k] = missing
+                continue
+            try:
+                found[k] = whole(text)
+            except (ValueError, OverflowError):
+                raise self.wrong(
+                    self.lines[k], f"{name} is {text!r}, expected an integer"
+                ) from None
+        return found
+
+
+def nodes(path: str | os.PathLike[str]) -> tuple[Ints, Floats]:
+    """Labels and places of nodes, in the order of the file.
+
+    A table with the columns ``node, x, y[, z]``, or an input file of Abaqus or CalculiX
+    with `*NODE` blocks, of which the rest is not read. Where all z are zero they are
+    kept: how many dimensions there are, contacts say.
+
+    Returns
+    -------
+    labels, places
+        ``(nodes,)`` and ``(nodes, 2)`` or ``(nodes, 3)``.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    ValueError
+        It is neither, or an entry is no number; with the line.
+    """
+    file = Path(path)
+    if any(line.lstrip().lower().startswith("*node") for line in _lines(file)):
+        labels, rows = _listing(file)
+    else:
+        table = Table(file)
+        table.expect(("node", "x", "y"), ("z",))
+        axes = [axis for axis in ("x", "y", "z") if axis in table.names]
+        labels = list(zip(table.integers("node").tolist(), table.lines, strict=True))
+        rows = np.stack([table.numbers(axis) for axis in axes], axis=1).tolist()
+    seen: dict[int, int] = {}
+    for label, line in labels:
+        if label in seen:
+            raise ValueError(
+                f"{file} line {line}: node {label} is at line {seen[label]} already"
+            )
+        seen[label] = line
+    if not labels:
+        raise ValueError(f"{file} has no nodes")
+    return np.array(list(seen), np.int64), np.array(rows, np.float64)
+
+
+def _listing(path: Path) -> tuple[list[tuple[int, int]], list[list[float]]]:
+    """Lines ``label, x, y[, z]`` below `*NODE`; coordinates left out are zero."""
+    labels, rows, inside = [], [], False
+    for number, line in enumerate(_lines(path), start=1):
+        text = line.strip()
+        if not text or text.startswith("**"):
+            continue
+        if text.startswith("*"):
+            keyword, *options = (part.strip().lower() for part in text.split(","))
+            inside = keyword == "*node"
+            if inside and any(
+                o.startswith(("input=", "system=c", "system=s")) for o in options
+            ):
+                raise ValueError(
+                    f"{path} line {number}: nodes of another file or in cylindrical or "
+                    "spherical coordinates are not read, write them out"
+                )
+            continue
+        if not inside:
+            continue
+        cells = text.rstrip(",").split(",")
+        try:
+            label, places = (
+                whole(cells[0]),
+                [real(c) if c.strip() else 0.0 for c in cells[1:4]],
+            )
+        except ValueError:
+            places = [np.nan]
+            label = 0
+        if not np.isfinite(places).all():
+            raise ValueError(
+                f"{path} line {number}: is {printable(text)!r}, expected label, x, y, z"
+            )
+        labels.append((label, number))
+        rows.append(places + [0.0] * (3 - len(places)))
+    return labels, rows
+
+
+def _lines(path: Path) -> Iterator[str]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            yield from file
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not text: {error.reason}") from None
+
+
+def write(path: Path, header: Sequence[str], rows: Iterator[Sequence[Any]]) -> None:
+    """Write a table aside and put it in its place; floats to their last digit."""
+    from bipot_rs.files.export import aside
+
+    with aside(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(header)
+        table.writerows(rows)

@@ -1,0 +1,398 @@
+"""Files of results: HDF5 to read back, PVD and VTU for ParaView.
+
+Every file is written aside and renamed when it is complete, so that a full disk
+or a kill leaves the earlier one as it was. Result files end in a checksum of what
+is before it: HDF5 itself reads flipped bits as other numbers.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+from itertools import repeat
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs._lib.optional import missing
+
+FORMAT = "bipot-result"
+VERSION = 1
+# Numbers of a step that are datasets, so that they can be read as columns.
+_SCALAR_DATASETS = ("residual", "load")
+# The last line of a file; HDF5 does not look behind its own end.
+_SEAL = b"\nbipot-seal "
+_SEAL_BYTES = len(_SEAL) + 2 * 16 + 1
+# Results up to this many bytes are made in memory and written in one piece: HDF5
+# calls Python back for each of the hundreds of pieces that it writes of a small file.
+_IN_MEMORY = 2**25
+# Deflate packs no tighter than 1032 to 1: an array that claims more is damaged.
+_TIGHTEST = 1100
+
+
+def require() -> None:
+    """Import what files need: better missing before a long solve than after it."""
+    library("h5py")
+    import_module("bipot_rs.files.vtu")
+
+
+def library(name: str, *, extra: str = "io", need: str = "files") -> Any:
+    """A library that files need, or another thing that is said, and nothing else does.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        It is not installed; the message names the extra that brings it.
+    """
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        raise missing(error, need, name, extra) from None
+
+
+def write_result(
+    path: str | os.PathLike[str],
+    contacts: Mapping[str, NDArray[Any] | None],
+    steps: Sequence[Mapping[str, Any]],
+    *,
+    complete: bool,
+    attributes: Mapping[str, Any] | None = None,
+) -> None:
+    """Write contacts and load steps to an HDF5 file.
+
+    Parameters
+    ----------
+    path
+        File to write or to replace.
+    contacts
+        Arrays of ``/contacts``, such as ``x (n_c, d)`` and ``mu (n_c,)``; those
+        that are ``None`` are left out.
+    steps
+        One mapping a load step: arrays become datasets of ``/steps/0000``,
+        numbers and strings its attributes, ``residual`` and ``load`` scalar
+        datasets; ``None`` is left out.
+    complete
+        Whether the load path came to its end.
+    attributes
+        Further attributes of the file.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written; an earlier one is intact.
+    """
+    h5py = library("h5py")
+
+    digits = max(4, len(str(max(len(steps) - 1, 0))))
+
+    def fill(file: Any) -> None:
+        ours = {"format": FORMAT, "version": VERSION, "complete": bool(complete)}
+        for name, value in {**(attributes or {}), **ours, "sealed": True}.items():
+            _label(h5py, file, name, value)
+        group = file.create_group("contacts")
+        for name, array in contacts.items():
+            if array is not None:
+                _store(h5py, group, name, array)
+        group = file.create_group("steps")
+        for number, step in enumerate(steps):
+            one = group.create_group(f"{number:0{digits}d}")
+            for name, value in step.items():
+                if value is None:
+                    continue
+                if np.ndim(value) > 0 or name in _SCALAR_DATASETS:
+                    _store(h5py, one, name, value)
+                else:
+                    _label(h5py, one, name, value)
+
+    arrays = [contacts.values(), *(step.values() for step in steps)]
+    held = sum(getattr(value, "nbytes", 0) for some in arrays for value in some)
+    # HDF5 writes through Python's file: with one of its own, a full disk leaves it
+    # unable to close what it cannot write, and it brings the process down.
+    with aside(path) as draft, draft.open("w+b") as raw:
+        if held <= _IN_MEMORY:
+            with h5py.File(draft.name, "w", driver="core", backing_store=False) as file:
+                fill(file)
+                file.flush()
+                raw.write(file.id.get_file_image())
+        else:
+            with h5py.File(raw, "w") as file:
+                fill(file)
+        size = raw.seek(0, os.SEEK_END)
+        seal = _SEAL + _digest(raw, size) + b"\n"
+        raw.seek(size)
+        raw.write(seal)
+        raw.flush()
+        # Some file systems find out that they are full when the data leaves memory.
+        os.fsync(raw.fileno())
+
+
+def read_result(
+    path: str | os.PathLike[str],
+) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]], dict[str, Any]]:
+    """Read what `write_result` wrote.
+
+    Returns
+    -------
+    contacts, steps, attributes
+        As given to `write_result`; ``attributes`` holds ``complete`` and
+        ``version`` besides.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    ValueError
+        The file is not a result, damaged, or of a later version of the format.
+    """
+    h5py = library("h5py")
+
+    source = place(path)
+    if source.exists() and not source.is_file():
+        raise OSError(f"{path} is not a file")
+    sealed = _sealed(source)
+    try:
+        with h5py.File(source, "r") as file:
+            attributes = {name: _plain(value) for name, value in file.attrs.items()}
+            if attributes.pop("format", None) != FORMAT:
+                raise ValueError(f"its format is not {FORMAT!r}")
+            if attributes.get("version") != VERSION:
+                raise ValueError(
+                    f"it has version {attributes.get('version')} of the format, "
+                    f"expected {VERSION}"
+                )
+            if attributes.pop("sealed", False) and not sealed:
+                raise ValueError("its end is missing")
+            limit = _TIGHTEST * source.stat().st_size
+            contacts = _arrays(file["contacts"], limit)
+            steps = []
+            # By number: as text, step 10000 would come before step 9999.
+            for name in sorted(file["steps"], key=int):
+                group = file["steps"][name]
+                step = {k: _plain(data) for k, data in _arrays(group, limit).items()}
+                step.update({key: _plain(value) for key, value in group.attrs.items()})
+                steps.append(step)
+    except OSError as error:
+        raise OSError(f"{path} cannot be read: {_sentence(error)}") from None
+    except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+        raise ValueError(
+            f"{path} is not a result that can be read: {_sentence(error)}"
+        ) from None
+    return contacts, steps, attributes
+
+
+def write_series(
+    path: str | os.PathLike[str],
+    points: ArrayLike,
+    cells: Sequence[tuple[str, NDArray[np.integer[Any]]]] | None,
+    steps: Iterable[Mapping[str, Any]],
+    of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
+) -> None:
+    """Write a PVD index and one binary VTU beside it for each load step.
+
+    Parameters
+    ----------
+    path
+        ``DIR/NAME.pvd``; step k goes to ``DIR/NAME_000k.vtu``. Files of an
+        earlier and longer series of this name are removed.
+    points
+        ``(points, d)``.
+    cells
+        Pairs of a kind (``"line"``, ``"triangle"``, ``"quad"``, ``"tetra"``,
+        ``"hexahedron"``) and corners in the order of VTK; without them each
+        point is a vertex.
+    steps
+        One mapping a step: arrays ``(points,)`` and ``(points, k)`` become
+        fields, those of two components with a third that is zero; all else is
+        left out. The time of a step is its number.
+    of_cells
+        One mapping a step, as many as ``steps``: arrays ``(cells,)`` or ``(cells, k)``,
+        which become fields of the cells.
+    """
+    from bipot_rs.files.vtu import Grid, collection
+
+    index = place(path)
+    places = _three(np.asarray(points, dtype=float))
+    if cells is None:
+        cells = [("vertex", np.arange(len(places))[:, None])]
+    grid = Grid(places, cells)
+    names = []
+    both = zip(steps, of_cells or repeat({}), strict=False)
+    for number, (step, in_cells) in enumerate(both):
+        fields = {
+            name: _three(np.asarray(value))
+            for name, value in step.items()
+            if np.ndim(value) in (1, 2)
+            and len(value) == len(places)
+            and np.asarray(value).dtype.kind in "fiub"
+        }
+        name = f"{index.stem}_{number:04d}.vtu"
+        with aside(index.with_name(name)) as draft:
+            draft.write_bytes(grid.file(fields, in_cells))
+        names.append(name)
+    with aside(index) as draft:
+        draft.write_bytes(collection(names))
+    written = set(names)
+    for old in _beside(index):
+        digits = old.name.removeprefix(f"{index.stem}_").removesuffix(".vtu")
+        is_step = old.name == f"{index.stem}_{digits}.vtu" and len(digits) >= 4
+        number = digits.isascii() and digits.isdigit()
+        if is_step and number and old.name not in written:
+            old.unlink()
+
+
+def _beside(path: Path) -> list[Path]:
+    """What a folder holds, where one may look into it."""
+    try:
+        return list(path.parent.iterdir())
+    except PermissionError:
+        return []
+
+
+def place(path: Any, what: str = "path") -> Path:
+    """A path, or a `TypeError` that says what was given for it."""
+    try:
+        return Path(os.fsdecode(path))
+    except TypeError:
+        raise TypeError(
+            f"{what} is a {type(path).__name__}, expected the name of a file"
+        ) from None
+
+
+@contextmanager
+def writing(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Name the file in what the system says of it; of two names, the outer one.
+
+    What is written aside, or into a draft, has a name that nobody asked for.
+    """
+    try:
+        yield
+    except OSError as error:
+        cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+        raise type(cause)(f"cannot write {path}: {cause.strerror or cause}") from cause
+
+
+def indexed(path: str | os.PathLike[str]) -> Path:
+    """The place of the index of a series, by whose name ParaView knows it.
+
+    Raises
+    ------
+    ValueError
+        It does not end in ``.pvd``.
+    """
+    index = place(path)
+    if index.suffix.lower() != ".pvd":
+        raise ValueError(f"path is {os.fspath(path)!r}, expected DIR/NAME.pvd")
+    return index
+
+
+@contextmanager
+def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Place to write ``path`` to; renamed on success, removed on failure."""
+    target = place(path)
+    # The name keeps its suffix and differs between processes.
+    draft = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
+    try:
+        with writing(target):
+            yield draft
+            draft.replace(target)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _store(h5py: Any, group: Any, name: str, value: Any) -> None:
+    """Make a dataset; numbers without what h5py's own way adds of choices and looks."""
+    array = np.asarray(value, order="C")
+    if array.dtype.kind == "U":
+        # HDF5 has no letters of four bytes.
+        group[name] = np.char.encode(array, "utf-8")
+        return
+    if array.dtype.kind not in "fiub":
+        group[name] = value
+        return
+    made = h5py.h5d.create(group.id, name.encode(), *_form(h5py, array))
+    if array.size:
+        made.write(h5py.h5s.ALL, h5py.h5s.ALL, array)
+
+
+def _label(h5py: Any, group: Any, name: str, value: Any) -> None:
+    """Make an attribute, likewise; texts are such as h5py makes of them."""
+    text = isinstance(value, str)
+    kind = h5py.string_dtype() if text else None
+    array = np.asarray(value, dtype=kind, order="C")
+    if not text and array.dtype.kind not in "fiub":
+        group.attrs[name] = value
+        return
+    h5py.h5a.create(group.id, name.encode(), *_form(h5py, array)).write(array)
+
+
+def _form(h5py: Any, array: NDArray[Any]) -> tuple[Any, Any]:
+    """Type and shape of numbers."""
+    h5s = h5py.h5s
+    space = h5s.create_simple(array.shape) if array.ndim else h5s.create(h5s.SCALAR)
+    return h5py.h5t.py_create(array.dtype, logical=True), space
+
+
+def _three(array: NDArray[Any]) -> NDArray[Any]:
+    """Vectors of the plane with a third component: VTK knows no others."""
+    if array.ndim == 2 and array.shape[1] == 2:
+        return np.column_stack([array, np.zeros(len(array), array.dtype)])
+    return np.ascontiguousarray(array)
+
+
+def _digest(file: BinaryIO, size: int) -> bytes:
+    """Checksum of the first ``size`` bytes, as text."""
+    import hashlib
+
+    file.seek(0)
+    digest = hashlib.blake2b(digest_size=16)
+    while size > 0 and (part := file.read(min(size, 2**20))):
+        digest.update(part)
+        size -= len(part)
+    return digest.hexdigest().encode()
+
+
+def _sealed(path: Path) -> bool:
+    """Whether the file ends in a checksum, and in the right one."""
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END) - _SEAL_BYTES
+        if size < 0:
+            return False
+        file.seek(size)
+        seal = file.read(_SEAL_BYTES)
+        if not seal.startswith(_SEAL):
+            return False
+        if seal != _SEAL + _digest(file, size) + b"\n":
+            raise ValueError(f"{path} is damaged: its checksum is another")
+    return True
+
+
+def _arrays(group: Any, limit: int) -> dict[str, NDArray[Any]]:
+    """Datasets of a group, none larger than ``limit`` bytes."""
+    found = {}
+    for name, data in group.items():
+        if data.nbytes > limit:
+            raise ValueError(
+                f"{data.name} claims {data.nbytes} bytes, more than a file of "
+                f"{limit // _TIGHTEST} bytes can hold"
+            )
+        array = data[()]
+        text = isinstance(array, np.ndarray) and array.dtype.kind == "S"
+        found[name] = np.char.decode(array, "utf-8") if text else array
+    return found
+
+
+def _sentence(error: Exception) -> str:
+    """What HDF5 says over several lines, in one."""
+    said = error.args[0] if error.args else error
+    return " ".join(str(said).split()) or type(error).__name__
+
+
+def _plain(value: Any) -> Any:
+    """Numbers of NumPy as those of Python; arrays and text as they are."""
+    if isinstance(value, bytes):
+        return value.decode()
+    return value.item() if isinstance(value, np.generic) else value

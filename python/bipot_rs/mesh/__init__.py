@@ -1,0 +1,1 @@
+"""Meshes: element types, boxes, readers of mesh files, and checks of a mesh."""

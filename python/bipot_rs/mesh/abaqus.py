@@ -1,0 +1,444 @@
+"""Meshes in input files of Abaqus and CalculiX: nodes, cells, sets and surfaces.
+
+meshio reads these files too, but knows no plane strain and no ``*SURFACE``, and gives
+sets to the wrong cells where a block of cells has no set or two blocks share one.
+
+Sets of the part and of the assembly are apart: where one name stands for two, it is that
+of the assembly, which supports and loads name, and the part's is ``INSTANCE.NAME``, as
+the assembly itself calls it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.byte_order import without
+from bipot_rs._lib.strict_numbers import real, whole
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+S = TypeVar("S")
+T = TypeVar("T")
+# Of a set: whether it is the part's own, and its name in capitals.
+Key = tuple[bool, str]
+
+# Nodes of cells are in the order of VTK.
+_SOLIDS = {4: "tetra", 8: "hexahedron", 10: "tetra10", 20: "hexahedron20"}
+_PLANE = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8"}
+_LINES = {2: "line", 3: "line3"}
+_NODES = {
+    **{name: n for n, name in (*_SOLIDS.items(), *_PLANE.items())},
+    "line": 2,
+    "line3": 3,
+}
+# Family, number of nodes, letters for integration and formulation.
+_TYPES = (
+    (re.compile(r"C3D(\d+)[A-Z]*"), _SOLIDS),
+    (re.compile(r"(?:CPE|CPS|S|M3D|SFM3D|R3D|STRI)(\d+)[A-Z]*"), _PLANE),
+    (re.compile(r"(?:T2D|T3D|B2|B3|R2D)(\d+)[A-Z]*"), _LINES),
+)
+# Those of it that are no cells of a body in the plane.
+_SHELL = re.compile(r"(?:S|M3D|SFM3D|R3D|STRI)\d+[A-Z]*")
+_NUMBER = re.compile(r"[+-]?[0-9]+")
+# Corners of the faces S1, S2, …
+_FACES = {
+    "triangle": "01 12 20",
+    "quad": "01 12 23 30",
+    "tetra": "012 031 132 230",
+    "hexahedron": "0123 4765 0451 1562 2673 3740",
+}
+_FACES |= {
+    "triangle6": _FACES["triangle"],
+    "quad8": _FACES["quad"],
+    "tetra10": _FACES["tetra"],
+    "hexahedron20": _FACES["hexahedron"],
+}
+
+
+@dataclass
+class Inp:
+    """What a file says.
+
+    Attributes
+    ----------
+    points : (nodes, 3)
+    blocks : list of (kind, (cells, nodes), shell)
+        Kind of cells in VTK's words, and whether they are shells.
+    cell_sets : name to one array of cells a block
+    node_sets : name to nodes
+    surfaces : name to corners ``(corners,)`` of each face
+        Named faces, and those of named nodes are left to `node_sets`.
+    free : name to one array of cells a block
+        Surfaces that are all faces on the border of cells.
+    """
+
+    points: Floats
+    blocks: list[tuple[str, Ints, bool]]
+    cell_sets: dict[str, list[Ints]] = field(default_factory=dict)
+    node_sets: dict[str, Ints] = field(default_factory=dict)
+    surfaces: dict[str, list[tuple[int, ...]]] = field(default_factory=dict)
+    free: dict[str, list[Ints]] = field(default_factory=dict)
+
+
+# Keywords after which the nodes or cells that are listed are not all, or not in place.
+_MAKING = {"SYSTEM", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
+
+
+@dataclass
+class _Section:
+    line: int
+    word: str
+    parameters: dict[str, str]
+    rows: list[tuple[int, list[str]]]
+
+
+def read(path: Path) -> Inp:
+    """Read a file.
+
+    Raises
+    ------
+    ValueError
+        What is not understood, with its line; a keyword that does not bear on the mesh
+        is passed over.
+    """
+    return _Reader(path).inp
+
+
+class _Reader:
+    """The sections of a file, one after the other."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.node: dict[int, int] = {}
+        self.places: list[list[float]] = []
+        self.cell: dict[int, tuple[int, int]] = {}
+        self.blocks: list[tuple[str, Ints, bool]] = []
+        self.nodes_of: dict[Key, list[int]] = {}
+        self.cells_of: dict[Key, list[int]] = {}
+        self.name: dict[Key, str] = {}
+        self.faces: dict[Key, list[tuple[int, ...]]] = {}
+        self.free: dict[Key, list[int]] = {}
+        self.in_part = False
+        self.part = ""
+        take = {
+            "NODE": self._nodes,
+            "ELEMENT": self._cells,
+            "NSET": self._set,
+            "ELSET": self._set,
+            "SURFACE": self._surface,
+        }
+        parts = 0
+        for section in self._sections():
+            if "INPUT" in section.parameters and section.word != "INCLUDE":
+                raise self._error(
+                    section.line, "reads another file: write its lines into this one"
+                )
+            if section.word in take:
+                take[section.word](section)
+            elif section.word in _MAKING:
+                raise self._error(
+                    section.line,
+                    f"has *{section.word}, which makes or moves nodes and cells and is not "
+                    "read here: write a file that lists them all",
+                )
+            elif section.word == "INCLUDE":
+                raise self._error(
+                    section.line, "includes another file: read that which has the mesh"
+                )
+            elif section.word == "PART":
+                parts += 1
+                if parts > 1:
+                    raise self._error(
+                        section.line,
+                        "has a second part, whose numbers start again: expected one "
+                        "part a file",
+                    )
+                self.in_part = True
+                self.part = section.parameters.get("NAME", "")
+            elif section.word == "END PART":
+                self.in_part = False
+            elif section.word == "INSTANCE":
+                if section.rows:
+                    raise self._error(
+                        section.line,
+                        "moves its part, expected an instance that does not",
+                    )
+                self.part = section.parameters.get("NAME", self.part)
+        points = np.zeros((len(self.places), 3))
+        for row, place in zip(points, self.places, strict=True):
+            row[: len(place)] = place
+        self.inp = Inp(
+            points,
+            self.blocks,
+            self._named(self.cells_of, self._by_block),
+            self._named(self.nodes_of, self._places),
+            {self._called(k, self.faces): v for k, v in self.faces.items()},
+            self._named(self.free, self._by_block),
+        )
+
+    def _named(
+        self, sets: dict[Key, list[int]], made: Callable[[list[int]], T]
+    ) -> dict[str, T]:
+        return {self._called(key, sets): made(own) for key, own in sets.items()}
+
+    def _called(self, key: Key, sets: Mapping[Key, Sequence[object]]) -> str:
+        """The name of a set, with that of the instance where the assembly has another."""
+        other = sets.get((False, key[1]))
+        if key[0] and other is not None and set(other) != set(sets[key]):
+            return f"{self.part}.{self.name[key]}"
+        return self.name[key]
+
+    def _places(self, numbers: list[int]) -> Ints:
+        return np.unique([self.node[n] for n in numbers]).astype(np.int64)
+
+    def _key(self, name: str) -> Key:
+        return self.in_part, name.upper()
+
+    def _known(self, sets: dict[Key, S], name: str) -> S | None:
+        """A set by its name, of the part or of the assembly, ``INSTANCE.NAME`` of the part."""
+        word = name.strip('"').upper()
+        outer, _, inner = word.partition(".")
+        if inner and outer == self.part.upper():
+            found = sets.get((True, inner))
+            if found is not None:
+                return found
+        first = sets.get((self.in_part, word))
+        return sets.get((not self.in_part, word)) if first is None else first
+
+    def _error(self, line: int, what: str) -> ValueError:
+        return ValueError(f"{self.path}, line {line}: {what}")
+
+    def _sections(self) -> Iterator[_Section]:
+        current: _Section | None = None
+        head = ""
+        content = without(self.path.read_bytes())
+        try:
+            text = content.decode()
+        except UnicodeDecodeError:
+            # Comments may be in any alphabet; what is read is ASCII.
+            text = content.decode("latin-1")
+        lines = text.splitlines()
+        for number, raw in enumerate(lines, 1):
+            text = raw.strip()
+            if not text or text.startswith("**"):
+                continue
+            if text.startswith("*") or head:
+                head += text
+                if head.endswith(","):  # goes on on the next line
+                    continue
+                if current is not None:
+                    yield current
+                current, head = self._head(number, head), ""
+            elif current is not None:
+                current.rows.append(
+                    (number, [part.strip() for part in text.split(",")])
+                )
+        if current is not None:
+            yield current
+
+    def _head(self, line: int, text: str) -> _Section:
+        word, *rest = (part.strip() for part in text[1:].split(","))
+        parameters = {}
+        for part in rest:
+            key, _, value = part.partition("=")
+            parameters[key.strip().upper()] = value.strip().strip('"')
+        return _Section(line, word.upper(), parameters, [])
+
+    def _numbers(self, line: int, row: list[str]) -> list[int]:
+        try:
+            return [whole(part) for part in row if part]
+        except ValueError:
+            raise self._error(
+                line, f"is {', '.join(row)!r}, expected whole numbers"
+            ) from None
+
+    def _nodes(self, section: _Section) -> None:
+        if section.parameters.get("SYSTEM", "R").upper() != "R":
+            raise self._error(section.line, "has nodes that are not Cartesian")
+        own = []
+        for line, (first, *rest) in section.rows:
+            (number,) = self._numbers(line, [first]) or [0]
+            try:
+                while rest and not rest[-1]:
+                    rest.pop()
+                # What is left out between commas is zero.
+                place = [real(p.upper().replace("D", "E")) if p else 0.0 for p in rest]
+            except ValueError:
+                raise self._error(
+                    line, f"is {', '.join(rest)!r}, expected coordinates"
+                ) from None
+            if not 2 <= len(place) <= 3:
+                raise self._error(
+                    line, f"has {len(place)} coordinates, expected 2 or 3"
+                )
+            if number in self.node:
+                raise self._error(line, f"has node {number}, which was there before")
+            self.node[number] = len(self.places)
+            self.places.append(place)
+            own.append(number)
+        if "NSET" in section.parameters:
+            self._add(self.nodes_of, section.parameters["NSET"], own)
+
+    def _cells(self, section: _Section) -> None:
+        name = section.parameters.get("TYPE", "").upper()
+        kind = self._kind(section.line, name)
+        flat: list[int] = []
+        width = 1 + _NODES[kind]
+        for line, row in section.rows:
+            flat += self._numbers(line, row)
+            last = line
+        if not flat:
+            return
+        if len(flat) % width:
+            raise self._error(
+                last, f"ends a cell of type {name} early, expected {width - 1} nodes"
+            )
+        table = np.array(flat, dtype=np.int64).reshape(-1, width)
+        unknown = [n for n in np.unique(table[:, 1:]).tolist() if n not in self.node]
+        if unknown:
+            raise self._error(
+                section.line,
+                f"has cells of node {unknown[0]}, which is not in the file",
+            )
+        numbers = np.vectorize(self.node.__getitem__, otypes=[np.int64])(table[:, 1:])
+        if kind == "line3":  # along the line here, in VTK the middle comes last
+            numbers = numbers[:, [0, 2, 1]]
+        for k, number in enumerate(table[:, 0].tolist()):
+            if number in self.cell:
+                raise self._error(
+                    section.line, f"has cell {number}, which was there before"
+                )
+            self.cell[number] = (len(self.blocks), k)
+        self.blocks.append((kind, numbers, bool(_SHELL.fullmatch(name))))
+        if "ELSET" in section.parameters:
+            self._add(self.cells_of, section.parameters["ELSET"], table[:, 0].tolist())
+
+    def _kind(self, line: int, name: str) -> str:
+        for pattern, kinds in _TYPES:
+            found = pattern.fullmatch(name)
+            if name.startswith(("B2", "B3")) and kinds is _LINES:
+                digit = int(name[2]) if name[2:3].isdigit() else 0
+                return {1: "line", 2: "line3", 3: "line"}.get(digit, "line")
+            if name.startswith("STRI") and kinds is _PLANE:
+                return "triangle" if name == "STRI3" else "triangle6"
+            if found and int(found[1]) in kinds:
+                return kinds[int(found[1])]
+        why = ", which is axisymmetric" if name.startswith("CAX") else ""
+        raise self._error(
+            line,
+            f"has cells of type {name or '?'}{why}, expected C3D4, C3D8, C3D10, C3D20, "
+            "CPE or CPS with 3, 4, 6 or 8 nodes, or shells and lines on their surface",
+        )
+
+    def _add(self, sets: dict[Key, list[int]], name: str, numbers: list[int]) -> None:
+        self.name.setdefault(self._key(name), name)
+        sets.setdefault(self._key(name), []).extend(numbers)
+
+    def _set(self, section: _Section) -> None:
+        nodes = section.word == "NSET"
+        name = section.parameters.get(section.word, "")
+        if not name:
+            raise self._error(section.line, f"has no name: {section.word}=")
+        sets, known = (
+            (self.nodes_of, self.node) if nodes else (self.cells_of, self.cell)
+        )
+        own: list[int] = []
+        for line, row in section.rows:
+            if "GENERATE" in section.parameters:
+                own += self._generated(line, row)
+                continue
+            for part in filter(None, row):
+                named = self._known(sets, part)
+                if _NUMBER.fullmatch(part):
+                    own.append(whole(part))
+                elif named is not None:
+                    own += named
+                else:
+                    raise self._error(line, f"names a set {part!r} that is not known")
+        if nodes and "ELSET" in section.parameters:
+            places: set[int] = set()
+            cells = self._known(self.cells_of, section.parameters["ELSET"])
+            if cells is None:
+                raise self._error(
+                    section.line,
+                    f"names a set {section.parameters['ELSET']!r} that is not known",
+                )
+            for number in cells:
+                block, k = self.cell[number]
+                places.update(self.blocks[block][1][k].tolist())
+            own += [n for n, at in self.node.items() if at in places]
+        missing = [n for n in own if n not in known]
+        if missing and "GENERATE" not in section.parameters:
+            raise self._error(
+                section.line, f"has {missing[0]} in {name}, which is not in the file"
+            )
+        self._add(sets, name, [n for n in own if n in known])
+
+    def _surface(self, section: _Section) -> None:
+        name = section.parameters.get("NAME", "")
+        if not name:
+            raise self._error(section.line, "has a surface without NAME=")
+        self.name.setdefault(self._key(name), name)
+        if section.parameters.get("TYPE", "ELEMENT").upper() == "NODE":
+            for line, row in section.rows:
+                own = self._known(self.nodes_of, row[0])
+                if own is None and self._is(row[0], self.node):
+                    own = [whole(row[0])]
+                if own is None:
+                    raise self._error(
+                        line, f"names nodes {row[0]!r} that are not known"
+                    )
+                self._add(self.nodes_of, name, own)
+            return
+        faces = self.faces.setdefault(self._key(name), [])
+        for line, row in section.rows:
+            cells = self._known(self.cells_of, row[0])
+            if cells is None and self._is(row[0], self.cell):
+                cells = [whole(row[0])]
+            if cells is None:
+                raise self._error(line, f"names cells {row[0]!r} that are not known")
+            label = row[1].upper() if len(row) > 1 else ""
+            if not label:
+                self.free.setdefault(self._key(name), []).extend(cells)
+                continue
+            for number in cells:
+                block, k = self.cell[number]
+                kind, nodes, _ = self.blocks[block]
+                sides = _FACES.get(kind, "").split()
+                if not re.fullmatch(r"S[1-6]", label) or int(label[1]) > len(sides):
+                    raise self._error(
+                        line,
+                        f"has face {label} of a {kind}, expected S1 to S{len(sides)}",
+                    )
+                face = sides[int(label[1]) - 1]
+                faces.append(tuple(int(nodes[k, int(c)]) for c in face))
+
+    def _generated(self, line: int, row: list[str]) -> range:
+        """First, last and step of *NSET or *ELSET, GENERATE."""
+        numbers = self._numbers(line, row)
+        first, last, step = [*numbers, 1][:3] if len(numbers) in (2, 3) else (0, 0, 0)
+        if step < 1 or last < first:
+            raise self._error(
+                line,
+                f"generates {', '.join(filter(None, row)) or 'nothing'}, expected first, "
+                "last and step, ascending and the step 1 or more",
+            )
+        return range(first, last + 1, step)
+
+    def _is(self, word: str, known: Mapping[int, object]) -> bool:
+        return bool(_NUMBER.fullmatch(word)) and whole(word) in known
+
+    def _by_block(self, numbers: list[int]) -> list[Ints]:
+        own: list[list[int]] = [[] for _ in self.blocks]
+        for number in dict.fromkeys(numbers):
+            block, k = self.cell[number]
+            own[block].append(k)
+        return [np.array(sorted(cells), dtype=np.int64) for cells in own]

@@ -1,0 +1,77 @@
+"""Grids of rectangles and boxes with their faces named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.validation import floats
+from bipot_rs.mesh.elements import KINDS
+
+_CELLS = {kind.shape: kind.mesh for kind in KINDS.values() if kind.degree == 1}
+# Faces of a box, (axis, end); the last axis points up.
+FACES: dict[int, dict[str, tuple[int, int]]] = {
+    2: {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)},
+    3: {
+        "left": (0, 0),
+        "right": (0, 1),
+        "front": (1, 0),
+        "back": (1, 1),
+        "bottom": (2, 0),
+        "top": (2, 1),
+    },
+}
+
+
+def box(axes: Sequence[ArrayLike], cell: str) -> Any:
+    """Tensor-product mesh of a rectangle or a box with its faces named.
+
+    Triangles halve each rectangle by the diagonal from its lowest to its highest corner;
+    tetrahedra are the six of each box whose edges climb from the lowest to the highest
+    corner, one axis after the other in each of the six orders. Opposite faces are split
+    alike, so that cells of neighbours conform, and bodies on one grid meet facet by
+    facet; and halving all cells of the grid divides each simplex into 2^d.
+
+    Parameters
+    ----------
+    axes
+        Grid points of each axis, in any order, at least two distinct ones [m].
+    cell
+        ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"``, ``"hexahedron"``.
+
+    Returns
+    -------
+    skfem.Mesh
+        With boundaries ``left``/``right`` (x), ``bottom``/``top`` (last axis),
+        and in 3D ``front``/``back`` (y).
+    """
+    grids = [
+        np.sort(floats(f"axis {k} of axes", axis, ndim=1))
+        for k, axis in enumerate(axes)
+    ]
+    dim = 2 if cell in ("triangle", "quadrilateral") else 3
+    if cell not in _CELLS or len(grids) != dim:
+        raise ValueError(
+            f"cell is {cell!r} with {len(grids)} axes, expected triangle or "
+            "quadrilateral with 2, tetrahedron or hexahedron with 3"
+        )
+    for k, grid in enumerate(grids):
+        if grid.size < 2 or not np.all(np.diff(grid) > 0):
+            raise ValueError(f"axis {k} needs two or more distinct grid points")
+    mesh: Any = _CELLS[cell].init_tensor(*grids)  # type: ignore[attr-defined]
+    facets = mesh.boundary_facets()
+    vertices = mesh.p[:, mesh.facets[:, facets]]
+    named = mesh.with_boundaries(
+        {
+            name: facets[(vertices[axis] == grids[axis][-end]).all(axis=0)]
+            for name, (axis, end) in FACES[dim].items()
+        }
+    )
+    # Names do not change facets and their cells: what is known of them is kept, as
+    # finding it takes longer than assembling K.
+    known = vars(named)
+    known.update({key: value for key, value in vars(mesh).items() if key not in known})
+    return named

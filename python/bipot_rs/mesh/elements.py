@@ -1,0 +1,381 @@
+"""Finite elements by the type of a mesh: scikit-fem's, their nodes, quadrature, VTK's order.
+
+A mesh of scikit-fem lists corners of cells (``mesh.t``) and all places of nodes
+(``mesh.p``); of second order, the nodes of a cell are those of its element there, and
+the mapping is isoparametric.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.optional import missing
+
+try:
+    import skfem
+    from skfem.quadrature import get_quadrature
+except ModuleNotFoundError as error:
+    raise missing(error, "finite elements", "skfem", "fem") from None
+
+Floats: TypeAlias = NDArray[np.float64]
+Ints: TypeAlias = NDArray[np.int64]
+
+
+@dataclass(repr=False)
+class MeshQuadS2(skfem.MeshQuad2):  # type: ignore[misc]
+    """Quadrilaterals of 8 nodes."""
+
+    elem: type[Any] = skfem.ElementQuadS2
+
+
+@dataclass(repr=False)
+class MeshHexS2(skfem.MeshHex2):  # type: ignore[misc]
+    """Hexahedra of 20 nodes."""
+
+    elem: type[Any] = skfem.ElementHexS2
+
+
+_RING = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
+_CORNERS: dict[str, list[tuple[float, ...]]] = {
+    "triangle": [(0, 0), (1, 0), (0, 1)],
+    "quadrilateral": [*_RING],
+    "tetrahedron": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+    "hexahedron": [(x, y, z) for z in (0.0, 1.0) for x, y in _RING],
+}
+# Edges in the order in which VTK has their middles.
+_EDGES = {
+    "triangle": [(0, 1), (1, 2), (2, 0)],
+    "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0)],
+    "tetrahedron": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+    "hexahedron": [
+        *((0, 1), (1, 2), (2, 3), (3, 0)),
+        *((4, 5), (5, 6), (6, 7), (7, 4)),
+        *((0, 4), (1, 5), (2, 6), (3, 7)),
+    ],
+}
+# What the elements of full second order have besides.
+_CENTRES: dict[str, list[tuple[float, ...]]] = {
+    "quad9": [(0.5, 0.5)],
+    "hexahedron27": [
+        *((0, 0.5, 0.5), (1, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 1, 0.5)),
+        *((0.5, 0.5, 0), (0.5, 0.5, 1), (0.5, 0.5, 0.5)),
+    ],
+}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What is to know of the cells of a mesh.
+
+    Attributes
+    ----------
+    mesh : type
+        Of scikit-fem.
+    shape : str
+        ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``.
+    degree : int
+        1 or 2.
+    scalar, facet : type
+        Element of one component on a cell, and on a facet.
+    order, facet_order : int
+        Of their quadrature. Simplices of first order have constant gradients; 2 and 4
+        are full Gauss quadrature, 2 and 3 points a direction, which on straight cells
+        is exact, and on curved ones still for constant stresses and pressures. The
+        rules for tetrahedra of orders 3 and 4 have negative weights, that of 5 has the
+        corners, where a curved cell that is good may fold; that of 6 has neither.
+    vtk : str
+        VTK's and meshio's name of a cell.
+    face : str
+        That of a facet.
+    lumps : bool
+        Whether a constant pressure gives each node of a facet a positive force.
+    """
+
+    mesh: type
+    shape: str
+    degree: int
+    scalar: type
+    order: int
+    facet: type
+    facet_order: int
+    vtk: str
+    face: str
+    lumps: bool = True
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return len(_CORNERS[self.shape][0])
+
+    @property
+    def corners(self) -> int:
+        """Corners of a cell, the first of its nodes."""
+        return len(_CORNERS[self.shape])
+
+    @property
+    def places(self) -> Floats:
+        """Nodes on the reference cell in the order of VTK, ``(nodes, d)``."""
+        return _places(self.vtk, self.shape, self.degree)
+
+    @property
+    def order_of_vtk(self) -> Ints:
+        """Number within the element of each node in the order of VTK."""
+        return _find(self.places, np.asarray(self.scalar().doflocs, dtype=np.float64))
+
+    @property
+    def mirror(self) -> Ints:
+        """An order of VTK's nodes that mirrors the cell."""
+        mirrored = self.places.copy()
+        if self.shape == "hexahedron":  # upside down
+            mirrored[:, 2] = 1 - mirrored[:, 2]
+        else:  # two axes swapped
+            mirrored[:, [0, 1]] = mirrored[:, [1, 0]]
+        return _find(mirrored, self.places)
+
+
+@cache
+def _places(vtk: str, shape: str, degree: int) -> Floats:
+    corners = np.array(_CORNERS[shape], dtype=np.float64)
+    if degree == 1:
+        return corners
+    middles = corners[np.array(_EDGES[shape])].mean(axis=1)
+    centres = np.array(_CENTRES.get(vtk, []), dtype=np.float64)
+    return np.concatenate([corners, middles, centres.reshape(-1, corners.shape[1])])
+
+
+def _find(wanted: Floats, among: Floats) -> Ints:
+    """Number of each place among others, which hold it but for rounding."""
+    distance = np.abs(wanted[..., None, :] - among).max(axis=-1)
+    return np.asarray(distance.argmin(axis=-1), dtype=np.int64)
+
+
+KINDS: dict[type, Kind] = {
+    kind.mesh: kind
+    for kind in (
+        Kind(
+            *(skfem.MeshTri1, "triangle", 1, skfem.ElementTriP1, 1),
+            *(skfem.ElementLineP1, 2, "triangle", "line"),
+        ),
+        Kind(
+            *(skfem.MeshQuad1, "quadrilateral", 1, skfem.ElementQuad1, 2),
+            *(skfem.ElementLineP1, 2, "quad", "line"),
+        ),
+        Kind(
+            *(skfem.MeshTet1, "tetrahedron", 1, skfem.ElementTetP1, 1),
+            *(skfem.ElementTriP1, 2, "tetra", "triangle"),
+        ),
+        Kind(
+            *(skfem.MeshHex1, "hexahedron", 1, skfem.ElementHex1, 2),
+            *(skfem.ElementQuad1, 2, "hexahedron", "quad"),
+        ),
+        Kind(
+            *(skfem.MeshTri2, "triangle", 2, skfem.ElementTriP2, 4),
+            *(skfem.ElementLineP2, 4, "triangle6", "line3"),
+        ),
+        Kind(
+            *(skfem.MeshQuad2, "quadrilateral", 2, skfem.ElementQuad2, 4),
+            *(skfem.ElementLineP2, 4, "quad9", "line3"),
+        ),
+        Kind(
+            *(MeshQuadS2, "quadrilateral", 2, skfem.ElementQuadS2, 4),
+            *(skfem.ElementLineP2, 4, "quad8", "line3"),
+        ),
+        Kind(
+            *(skfem.MeshTet2, "tetrahedron", 2, skfem.ElementTetP2, 6),
+            *(skfem.ElementTriP2, 4, "tetra10", "triangle6", False),
+        ),
+        Kind(
+            *(skfem.MeshHex2, "hexahedron", 2, skfem.ElementHex2, 4),
+            *(skfem.ElementQuad2, 4, "hexahedron27", "quad9"),
+        ),
+        Kind(
+            *(MeshHexS2, "hexahedron", 2, skfem.ElementHexS2, 4),
+            *(skfem.ElementQuadS2, 4, "hexahedron20", "quad8", False),
+        ),
+    )
+}
+OF_VTK = {kind.vtk: kind for kind in KINDS.values()}
+
+
+def cell_nodes(mesh: Any) -> Ints:
+    """Nodes of the cells in the order of their element, ``(cells, nodes)``."""
+    first = KINDS[type(mesh)].degree == 1
+    found = mesh.t if first else mesh.dofs.element_dofs
+    return np.asarray(found, dtype=np.int64).T
+
+
+def facet_nodes(mesh: Any, facets: Ints) -> Ints:
+    """Nodes of facets in the order of the element there, ``(facets, nodes)``."""
+    kind = KINDS[type(mesh)]
+    corners = np.asarray(mesh.facets, dtype=np.int64)[:, facets].T
+    if kind.degree == 1:
+        return corners
+    cells = cell_nodes(mesh)[np.asarray(mesh.f2t)[0, facets]]
+    local = np.argmax(corners[:, :, None] == cells[:, None, : kind.corners], axis=2)
+    at = np.asarray(kind.scalar().doflocs, dtype=np.float64)
+    # Where on the cell each node of the facet is: the facet is straight there.
+    own = np.asarray(kind.facet().doflocs, dtype=np.float64)
+    linear: Any = _LINEAR[kind.face]()
+    phi = np.stack([linear.lbasis(own.T, i)[0] for i in range(corners.shape[1])])
+    phi = np.broadcast_to(phi, (corners.shape[1], len(own)))
+    which = _find(np.einsum("fcd,cn->fnd", at[local], phi), at)
+    return np.take_along_axis(cells, which, axis=1)
+
+
+# The corners of a facet of second order.
+_LINEAR: dict[str, type] = {
+    "line3": skfem.ElementLineP1,
+    "triangle6": skfem.ElementTriP1,
+    "quad8": skfem.ElementQuad1,
+    "quad9": skfem.ElementQuad1,
+}
+
+
+def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
+    """A mesh of scikit-fem from cells in the order of VTK.
+
+    Parameters
+    ----------
+    vtk
+        A kind of cell, one of `OF_VTK`.
+    points, cells
+        ``(places, d)`` and numbers of them ``(cells, nodes)``; places of no cell are
+        left out.
+
+    Returns
+    -------
+    mesh, number
+        The mesh, and which of the points each of its nodes is. Cells keep their order.
+
+    Raises
+    ------
+    ValueError
+        Cells of second order that share corners but not the node between them.
+    """
+    kind = OF_VTK[vtk]
+    # In the order of the element; place[k] is where VTK's order has its node k.
+    nodes = cells[:, np.argsort(kind.order_of_vtk)]
+    vertices, t = np.unique(nodes[:, : kind.corners], return_inverse=True)
+    # In rows of their own, as scikit-fem has them: it would copy, and warn of it.
+    t = np.ascontiguousarray(t.reshape(-1, kind.corners).T)
+    x = np.ascontiguousarray(points[vertices].T)
+    if kind.degree == 1:
+        return kind.mesh(x, t), vertices
+    # Corners alone: the topology is theirs, and gives the numbers of all nodes.
+    bare: Any = kind.mesh(x, t)
+    own = cell_nodes(bare)
+    number = np.empty(int(bare.dofs.N), dtype=np.int64)
+    number[own] = nodes
+    wrong = np.argwhere(number[own] != nodes)
+    if len(wrong):
+        cell, k = wrong[0]
+        place = ", ".join(f"{x:g}" for x in points[nodes[cell, k]])
+        raise ValueError(
+            f"cell {cell} has a node at ({place}) between corners that another cell "
+            "shares without that node: nodes that are there twice, or cells that do "
+            "not fit"
+        )
+    mesh: Any = kind.mesh(np.ascontiguousarray(points[number].T), t)
+    # Found once: the facets do not depend on places.
+    mesh.__dict__.update({k: v for k, v in vars(bare).items() if k not in vars(mesh)})
+    return mesh, number
+
+
+def second_order(mesh: Any, *, serendipity: bool = False) -> Any:
+    """The mesh with nodes added halfway between those of first order, names kept.
+
+    With ``serendipity`` quadrilaterals get 8 nodes and hexahedra 20 instead of 9 and 27.
+    """
+    kind = KINDS.get(type(mesh))
+    if kind is None or kind.degree != 1:
+        raise ValueError(
+            f"mesh is a {type(mesh).__name__}, expected a mesh of first order: "
+            + ", ".join(k.mesh.__name__ for k in KINDS.values() if k.degree == 1)
+        )
+    wanted = [k for k in KINDS.values() if k.shape == kind.shape and k.degree == 2]
+    target = wanted[-1] if serendipity else wanted[0]
+    bare: Any = target.mesh(mesh.p, mesh.t)
+    at = np.asarray(target.scalar().doflocs, dtype=np.float64).T
+    linear: Any = kind.scalar()
+    phi = np.stack(
+        [
+            np.broadcast_to(linear.lbasis(at, i)[0], at.shape[1:])
+            for i in range(kind.corners)
+        ]
+    )
+    p = np.empty((mesh.p.shape[0], int(bare.dofs.N)))
+    p[:, cell_nodes(bare).T] = np.einsum("dct,ck->dkt", mesh.p[:, mesh.t], phi)
+    p[:, : mesh.p.shape[1]] = mesh.p
+    made: Any = target.mesh(p, mesh.t, mesh.boundaries, mesh.subdomains)
+    made.__dict__.update({k: v for k, v in vars(bare).items() if k not in vars(made)})
+    return made
+
+
+def first_order(mesh: Any) -> Any:
+    """The mesh without the nodes between those of first order, names kept."""
+    kind = KINDS.get(type(mesh))
+    if kind is None or kind.degree != 2:
+        raise ValueError(
+            f"mesh is a {type(mesh).__name__}, expected a mesh of second order: "
+            + ", ".join(k.mesh.__name__ for k in KINDS.values() if k.degree == 2)
+        )
+    (target,) = (k for k in KINDS.values() if k.shape == kind.shape and k.degree == 1)
+    # Corners come first.
+    corners = mesh.p[:, : int(mesh.t.max()) + 1]
+    made: Any = target.mesh(corners, mesh.t, mesh.boundaries, mesh.subdomains)
+    return made
+
+
+@cache
+def reference(element: type, order: int) -> tuple[Floats, Floats, Floats]:
+    """Shape functions of scikit-fem on the reference cell, at its points of Gauss.
+
+    Found once a process: the points are roots of polynomials.
+
+    Returns
+    -------
+    phi, slopes, weights
+        ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``, not to be written to.
+    """
+    own = element()
+    points, weights = get_quadrature(own.refdom, order)
+    both = [own.lbasis(points, i) for i in range(own.doflocs.shape[0])]
+    # Constant ones come without a column for each point.
+    phi = np.stack([np.broadcast_to(f, weights.shape) for f, _ in both])
+    slopes = np.stack([np.broadcast_to(df, points.shape) for _, df in both], axis=-1)
+    found = phi, np.ascontiguousarray(slopes.transpose(1, 0, 2)), np.array(weights)
+    for array in found:
+        array.flags.writeable = False
+    return found
+
+
+def jacobian(nodes: Floats, slopes: Floats) -> Floats:
+    """``∂x_a/∂ξ_b``, ``(q, b, a, parts)``, of nodes ``(parts, c, a)``."""
+    # From the first node: far from the origin the digits of x would be lost.
+    offset = np.ascontiguousarray((nodes - nodes[:, :1]).transpose(1, 2, 0))
+    return np.asarray(np.einsum("qbi,iac->qbac", slopes, offset), dtype=np.float64)
+
+
+def inverse(jacobian: Floats) -> tuple[Floats, Floats]:
+    """``∂ξ_b/∂x_a``, ``(q, b, a, parts)``, and determinants ``(q, parts)``."""
+    tangents = jacobian.swapaxes(0, 1)
+    if len(tangents) == 2:
+        (x, y), (z, w) = tangents.swapaxes(1, 2)
+        determinant = x * w - y * z
+        cofactors = np.stack([w, -z, -y, x], axis=1).reshape(jacobian.shape)
+    else:
+        s, t, r = tangents
+        cofactors = np.stack([cross(t, r), cross(r, s), cross(s, t)], axis=1)
+        determinant = np.sum(s * cofactors[:, 0], axis=1)
+    return cofactors / determinant[:, None, None], determinant
+
+
+def cross(u: Floats, v: Floats) -> Floats:
+    """Vector products of ``(q, 3, parts)``."""
+    (u0, u1, u2), (v0, v1, v2) = u.swapaxes(0, 1), v.swapaxes(0, 1)
+    return np.stack([u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0], axis=1)

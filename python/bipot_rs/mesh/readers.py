@@ -1,0 +1,529 @@
+"""Meshes from files: gmsh, Abaqus and CalculiX, VTU; the one module that names meshio.
+
+Named are volumes (``mesh.subdomains``) and surfaces (``mesh.boundaries``):
+
+- gmsh ``.msh``, versions 2.2 and 4.1, text and binary: physical groups, ``physical 3``
+  where they have no name; of one name, a curve's and a surface's are one each;
+- Abaqus and CalculiX ``.inp``: ELSET, SURFACE, and NSET, whose surface is made of the
+  facets all of whose nodes it has;
+- ``.vtu``: none but integer data of cells, as ``tag 3`` for the value 3 of ``tag``;
+  surfaces then by place and direction, `surfaces.surface`.
+
+Cells of one dimension less (lines, triangles, quadrilaterals) are surfaces where they
+are facets of the border. Surfaces within a body have no outward normal, and are left out.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import redirect_stderr
+from dataclasses import dataclass, field
+from importlib import import_module
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.byte_order import unmarked, without
+from bipot_rs._lib.messages import counted
+from bipot_rs.mesh import abaqus
+from bipot_rs.mesh import gmsh as gmsh_groups
+from bipot_rs.mesh.elements import OF_VTK, Floats, Ints, facet_nodes, make_mesh
+from bipot_rs.mesh.quality import check_mesh
+
+# Corners of cells that may be facets, with the dimension these have.
+_FACETS = {
+    "line": (1, 2),
+    "line3": (1, 2),
+    "triangle": (2, 3),
+    "triangle6": (2, 3),
+    "quad": (2, 4),
+    "quad8": (2, 4),
+    "quad9": (2, 4),
+}
+_IGNORED = ("vertex",)
+# As many values are groups, however few cells there are.
+_GROUPS = 64
+_SUFFIXES = (".msh", ".inp", ".vtu")
+
+
+@dataclass
+class _File:
+    """A file as it is: cells in blocks, and sets of them.
+
+    Attributes
+    ----------
+    points : (places, 3)
+    blocks : list of (kind, (cells, nodes))
+    sets : name to one array of cells a block
+    free : likewise, cells of which all facets on the border are meant
+    node_sets : name to places
+    faces : name to corners of each face
+    """
+
+    points: Floats
+    blocks: list[tuple[str, Ints]]
+    sets: dict[str, list[Ints]] = field(default_factory=dict)
+    free: dict[str, list[Ints]] = field(default_factory=dict)
+    node_sets: dict[str, Ints] = field(default_factory=dict)
+    faces: dict[str, list[tuple[int, ...]]] = field(default_factory=dict)
+
+
+def read_mesh(
+    path: str | os.PathLike[str],
+    group: str | Sequence[str] | None = None,
+    *,
+    check: bool = True,
+) -> Any:
+    """A mesh of scikit-fem from a file, with its volumes and surfaces named.
+
+    The type of the mesh remembers the element: triangles and tetrahedra of first and
+    second order, quadrilaterals of 4, 8 and 9 nodes, hexahedra of 8, 20 and 27. Places
+    of no cell are left out; cells of two dimensions lie in a plane z = const.
+
+    Parameters
+    ----------
+    path
+        Its suffix, ``.msh``, ``.inp`` or ``.vtu``, says what it is.
+    group
+        Volumes that the mesh is made of; without it all cells.
+    check
+        Whether to look for mistakes, as `mesh_check.check_mesh`.
+
+    Raises
+    ------
+    OSError
+        A file that is not there or cannot be read.
+    ValueError
+        A file that is not what its suffix says, or is cut off; no cells; a volume that
+        it does not name; cells of several kinds; mistakes in the mesh.
+    ModuleNotFoundError
+        meshio is not installed; ``.inp`` does without.
+    """
+    where = Path(path)
+    return _mesh(where, _open(where), group, check=check)
+
+
+def read_meshes(path: str | os.PathLike[str], *, check: bool = True) -> dict[str, Any]:
+    """A mesh for each named volume of a file, by name, as `read_mesh` with ``group``."""
+    where = Path(path)
+    file = _open(where)
+    volumes = _volumes(file)
+    if not volumes:
+        raise ValueError(f"the mesh {where} names no volume")
+    return {name: _mesh(where, file, name, check=check) for name in volumes}
+
+
+def read_cells(
+    path: str | os.PathLike[str],
+) -> tuple[Floats, list[tuple[str, Ints]]]:
+    """Places ``(m, d)`` and cells by kind of a file that is no body, such as STL.
+
+    Raises
+    ------
+    OSError
+        There is no such file.
+    ValueError
+        It cannot be read.
+    ModuleNotFoundError
+        meshio is not installed.
+    """
+    file = Path(path)
+    meshio = _meshio(file)
+    if not file.is_file():
+        raise FileNotFoundError(f"there is no file {file}")
+    try:
+        # It takes text for binary at first, and its count of triangles overflows.
+        with unmarked(file) as source, np.errstate(over="ignore"):
+            mesh = meshio.read(source)
+    # Readers raise what they like, and one ends the program.
+    except (Exception, SystemExit) as error:  # noqa: BLE001
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"{file} cannot be read as a surface: {said}") from None
+    cells = [(block.type, np.asarray(block.data, np.int64)) for block in mesh.cells]
+    return np.asarray(mesh.points, np.float64), cells
+
+
+def _open(path: Path) -> _File:
+    suffix = path.suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise ValueError(
+            f"the mesh {path} is of the kind {suffix or 'without suffix'}, expected one "
+            f"of {', '.join(_SUFFIXES)}"
+        )
+    if not path.exists():
+        raise FileNotFoundError(f"the mesh {path} is not there")
+    if not path.stat().st_size:
+        raise ValueError(f"the mesh {path} is empty")
+    if suffix == ".inp":
+        return _of_inp(path)
+    _complete(path, suffix)
+    with unmarked(path) as source:
+        return _of_meshio(path, suffix, source)
+
+
+def _complete(path: Path, suffix: str) -> None:
+    """Its end is there: what reads it would take what there is, or say something odd."""
+    content = without(path.read_bytes())
+    if suffix == ".msh" and not content.lstrip().startswith(
+        (b"$MeshFormat", b"$Comme")
+    ):
+        raise ValueError(f"the mesh {path} is no file of gmsh: it has no $MeshFormat")
+    end = {".msh": "$EndElements", ".vtu": "</VTKFile>"}[suffix]
+    if end.encode() not in content:
+        raise ValueError(f"the mesh {path} is cut off: it has no {end}")
+
+
+def _of_inp(path: Path) -> _File:
+    found = abaqus.read(path)
+    plane = max((_dimension(kind) for kind, _, _ in found.blocks), default=0) == 2
+    if plane and any(
+        _dimension(kind) == 2 and shell for kind, _, shell in found.blocks
+    ):
+        raise ValueError(
+            f"the mesh {path} has shells and no solids, expected plane cells, CPE or CPS, "
+            "or solids"
+        )
+    return _File(
+        found.points,
+        [(kind, nodes) for kind, nodes, _ in found.blocks],
+        found.cell_sets,
+        found.free,
+        found.node_sets,
+        found.surfaces,
+    )
+
+
+def _meshio(path: Path) -> Any:
+    try:
+        return import_module("meshio")
+    except ModuleNotFoundError as error:
+        if error.name != "meshio":
+            raise
+        raise ModuleNotFoundError(
+            f"reading {path} needs meshio, which is not installed: it comes with the "
+            "extra fem, as in pip install 'bipot-rs[fem]'",
+            name="meshio",
+        ) from None
+
+
+def _of_meshio(path: Path, suffix: str, source: Path) -> _File:
+    """What is in ``source``; ``path`` is its name in what goes wrong."""
+    meshio = _meshio(path)
+    reader = {".msh": meshio.gmsh, ".vtu": meshio.vtu}[suffix]
+    try:
+        # It prints warnings, of files that are refused below or are right.
+        with redirect_stderr(StringIO()):
+            read = reader.read(str(source))
+    except OSError:
+        raise
+    # Its readers raise whatever their parsing comes upon.
+    except Exception as error:
+        why = str(error) or type(error).__name__
+        raise ValueError(
+            f"the mesh {path} cannot be read: {why}{_hint(why)}"
+        ) from error
+    blocks = [(b.type, np.asarray(b.data, dtype=np.int64)) for b in read.cells]
+    if np.ndim(read.points) != 2:
+        raise ValueError(f"the mesh {path} has no nodes")
+    for kind, nodes in blocks:
+        # Its readers give -1 to a node that is not there, which is the last one here.
+        if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(read.points):
+            raise ValueError(
+                f"the mesh {path} has a {kind} of a node that is not in the file"
+            )
+    points = np.zeros((len(read.points), 3))
+    points[:, : np.shape(read.points)[1]] = read.points
+    file = _File(points, blocks)
+    if suffix == ".msh":
+        _add_groups(source, file, read)
+    else:
+        for name, parts in read.cell_sets.items():
+            file.sets[name] = [_numbers(part) for part in parts]
+    _add_tags(file, read)
+    return file
+
+
+def _hint(why: str) -> str:
+    """What to do about the refusals of meshio that are known."""
+    if "gmsh:physical" in why:
+        return ": cells of no physical group are among the others, save without Mesh.SaveAll"
+    if "parametric" in why:
+        return ": save it in version 4.1, without Mesh.SaveParametric"
+    return ""
+
+
+def _numbers(part: Any) -> Ints:
+    return np.zeros(0, np.int64) if part is None else np.asarray(part, dtype=np.int64)
+
+
+def _add_groups(path: Path, file: _File, read: Any) -> None:
+    """Sets by physical groups of gmsh."""
+    named = gmsh_groups.names(path)
+    entities = gmsh_groups.of_entities(path)
+    key = "gmsh:physical" if entities is None else "gmsh:geometrical"
+    groups: dict[tuple[int, int], list[Ints]] = {}
+    for block, tags in enumerate(read.cell_data.get(key, [])):
+        dim = _dimension(file.blocks[block][0])
+        for tag in np.unique(tags).tolist():
+            # The sign tells which way round; zero is no group.
+            told = [abs(tag)] if entities is None else entities.get((dim, tag), [])
+            for number in filter(None, told):
+                own = groups.setdefault((dim, number), _none(file))
+                own[block] = np.union1d(own[block], np.flatnonzero(tags == tag))
+    # In the order of the names.
+    order = {group: k for k, group in enumerate(named)}
+    for group in sorted(groups, key=lambda one: order.get(one, len(order))):
+        parts = groups[group]
+        name = named.get(group, f"physical {group[1]}")
+        known = file.sets.setdefault(name, _none(file))
+        file.sets[name] = [np.union1d(*p) for p in zip(known, parts, strict=True)]
+
+
+def _none(file: _File) -> list[Ints]:
+    return [np.zeros(0, np.int64) for _ in file.blocks]
+
+
+def _add_tags(file: _File, read: Any) -> None:
+    """Sets by integer data of cells, where no name says the same."""
+    for key, parts in read.cell_data.items():
+        if key.startswith("gmsh:") or not all(
+            np.ndim(part) == 1 and np.asarray(part).dtype.kind in "iu" for part in parts
+        ):
+            continue
+        flat = np.concatenate([np.zeros(0, np.int64), *map(np.asarray, parts)])
+        values = np.unique(flat)
+        # Numbers of cells, not of groups.
+        if len(values) > max(_GROUPS, len(flat) // 2):
+            continue
+        for value in values.tolist():
+            cells = [np.flatnonzero(np.asarray(part) == value) for part in parts]
+            file.sets.setdefault(f"{key} {value}", cells)
+
+
+def _dimension(kind: str) -> int:
+    if kind in OF_VTK:
+        return OF_VTK[kind].dim
+    if kind in _FACETS:
+        return _FACETS[kind][0]
+    # A kind that no body is made of: as a body, so that it is refused by name.
+    return 0 if kind in _IGNORED else 3
+
+
+def _volumes(file: _File) -> dict[str, list[Ints]]:
+    top = max((_dimension(kind) for kind, _ in file.blocks), default=0)
+    found = {}
+    for name, parts in file.sets.items():
+        own = [
+            part if _dimension(kind) == top else part[:0]
+            for part, (kind, _) in zip(parts, file.blocks, strict=True)
+        ]
+        if any(len(part) for part in own):
+            found[name] = own
+    return found
+
+
+def _no_cells(path: Path) -> str:
+    """What may be missing where only surfaces of a body in space have been written."""
+    if path.suffix != ".msh":
+        return ""
+    return (
+        ": of a body in space its volumes need a physical group, for gmsh writes nothing "
+        "else where there is any"
+    )
+
+
+def _names(found: Mapping[str, Any], what: str) -> str:
+    if not found:
+        return f"it names no {what}"
+    return "it names " + ", ".join(repr(name) for name in sorted(found))
+
+
+def _mesh(
+    path: Path, file: _File, group: str | Sequence[str] | None, *, check: bool
+) -> Any:
+    top = max((_dimension(kind) for kind, _ in file.blocks), default=0)
+    volumes = _volumes(file)
+    if top < 2:
+        raise ValueError(
+            f"the mesh {path} has no cells of a body: "
+            + (_counts(file.blocks) or "it has no cells at all")
+        )
+    wanted = [group] if isinstance(group, str) else list(group or [])
+    for name in wanted:
+        if name not in volumes:
+            raise ValueError(
+                f"the mesh {path} has no volume {name!r}; {_names(volumes, 'volume')}"
+                + (_no_cells(path) if top == 2 and np.ptp(file.points[:, 2]) else "")
+            )
+    chosen = []
+    for block, (kind, nodes) in enumerate(file.blocks):
+        own = np.zeros(len(nodes), dtype=np.bool_)
+        if _dimension(kind) == top:
+            own[:] = not wanted
+            for name in wanted:
+                own[volumes[name][block]] = True
+        chosen.append(own)
+    kind, cells, index = _cells(path, file, chosen, volumes)
+    bad = np.flatnonzero(~np.isfinite(file.points[cells]).all(axis=(1, 2)))
+    if bad.size:
+        raise ValueError(
+            f"the mesh {path} has a place that is no number: a node of cell {bad[0]}"
+        )
+    points = _plane(path, file.points, cells) if top == 2 else file.points
+    mesh, number = _made(path, kind, points, cells)
+    node = np.full(len(file.points), -1, dtype=np.int64)
+    node[number] = np.arange(len(number))
+    subdomains = {}
+    for name, parts in volumes.items():
+        inside = np.unique(index[_global(file, parts)])
+        if inside[-1] >= 0:
+            subdomains[name] = inside[inside >= 0]
+    boundaries = _surfaces(file, mesh, node, top, index)
+    named = mesh.with_boundaries(boundaries) if boundaries else mesh
+    if subdomains:
+        named = named.with_subdomains(subdomains)
+    # Names do not change facets: what is known of them is kept.
+    known = vars(named)
+    known.update({key: value for key, value in vars(mesh).items() if key not in known})
+    if check:
+        check_mesh(named, f"the mesh {path}")
+    return named
+
+
+def _counts(blocks: Sequence[tuple[str, Ints]]) -> str:
+    total: dict[str, int] = {}
+    for kind, nodes in blocks:
+        total[kind] = total.get(kind, 0) + len(nodes)
+    return ", ".join(f"{n} of kind {kind}" for kind, n in total.items() if n)
+
+
+def _global(file: _File, parts: Sequence[Ints]) -> Ints:
+    """Cells of blocks as numbers through all blocks."""
+    starts = np.cumsum([0, *(len(nodes) for _, nodes in file.blocks)])
+    flat = [part + start for part, start in zip(parts, starts[:-1], strict=True)]
+    return np.concatenate([np.zeros(0, np.int64), *flat])
+
+
+def _cells(
+    path: Path,
+    file: _File,
+    chosen: Sequence[np.ndarray[Any, np.dtype[np.bool_]]],
+    volumes: Mapping[str, Sequence[Ints]],
+) -> tuple[str, Ints, Ints]:
+    """The kind of the cells chosen, their nodes, and which each cell of all blocks is.
+
+    The last has -1 for cells that were not chosen.
+    """
+    picked = [
+        (kind, nodes[own])
+        for (kind, nodes), own in zip(file.blocks, chosen, strict=True)
+        if own.any()
+    ]
+    kinds = {kind for kind, _ in picked}
+    for kind in sorted(kinds):
+        if kind not in OF_VTK:
+            raise ValueError(
+                f"the mesh {path} has cells of kind {kind}, expected one of "
+                + ", ".join(OF_VTK)
+            )
+    if len(kinds) > 1:
+        of = {
+            name: sorted(
+                {
+                    k
+                    for (k, _), part in zip(file.blocks, parts, strict=True)
+                    if len(part)
+                }
+            )
+            for name, parts in volumes.items()
+        }
+        alone = [f"{name!r} ({k[0]})" for name, k in sorted(of.items()) if len(k) == 1]
+        raise ValueError(
+            f"the mesh {path} has cells of several kinds, {_counts(picked)}, expected one "
+            "kind a body"
+            + (f": read bodies apart by group= {', '.join(alone)}" if alone else "")
+        )
+    cells = np.concatenate([nodes for _, nodes in picked])
+    numbers = _global(file, [np.flatnonzero(own) for own in chosen])
+    _, first, which = np.unique(
+        np.sort(cells, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    # gmsh 2.2 writes a cell once for each of its groups; elsewhere it is a mistake.
+    if len(first) < len(cells) and path.suffix.lower() != ".msh":
+        raise ValueError(
+            f"the mesh {path} has {counted(len(cells) - len(first), 'cell')} twice"
+        )
+    kept = np.sort(first)
+    index = np.full(sum(len(nodes) for _, nodes in file.blocks), -1, dtype=np.int64)
+    index[numbers] = np.searchsorted(kept, first[which.ravel()])
+    return kinds.pop(), cells[kept], index
+
+
+def _plane(path: Path, points: Floats, cells: Ints) -> Floats:
+    """Places in the plane of cells that lie in one."""
+    x = points[np.unique(cells)]
+    extent = np.ptp(x, axis=0)
+    flat = np.flatnonzero(extent <= 1e-9 * extent.max())
+    if 2 not in flat:
+        where = f"the plane {'xyz'[flat[0]]} = const" if flat.size else "no plane"
+        raise ValueError(
+            f"the mesh {path} has cells of two dimensions in {where}, expected them in "
+            f"one with z = const, or cells of three dimensions{_no_cells(path)}"
+        )
+    return np.ascontiguousarray(points[:, :2])
+
+
+def _made(path: Path, kind: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
+    try:
+        return make_mesh(kind, points, cells)
+    except ValueError as error:
+        raise ValueError(f"the mesh {path}: {error}") from None
+
+
+def _surfaces(
+    file: _File, mesh: Any, node: Ints, top: int, index: Ints
+) -> dict[str, Ints]:
+    """Facets of the border by name."""
+    border = np.asarray(mesh.boundary_facets(), dtype=np.int64)
+    corners = np.asarray(mesh.facets, dtype=np.int64)[:, border].T
+    width = corners.shape[1]
+    key = {
+        tuple(row): f
+        for row, f in zip(np.sort(corners).tolist(), border.tolist(), strict=True)
+    }
+
+    def of_faces(faces: Ints) -> Ints:
+        """Those of faces, by corners in the file, that are on the border."""
+        rows = np.sort(node[faces[:, :width]]).tolist()
+        known = {key[tuple(row)] for row in rows if tuple(row) in key}
+        return np.array(sorted(known), dtype=np.int64)
+
+    found: dict[str, list[Ints]] = {}
+    for name, places in file.node_sets.items():
+        inside = np.zeros(mesh.p.shape[1], dtype=np.bool_)
+        inside[node[places][node[places] >= 0]] = True
+        found[name] = [border[inside[facet_nodes(mesh, border)].all(axis=1)]]
+    for name, parts in file.sets.items():
+        for part, (kind, nodes) in zip(parts, file.blocks, strict=True):
+            if len(part) and _FACETS.get(kind) == (top - 1, width):
+                found.setdefault(name, []).append(of_faces(nodes[part]))
+    # A surface says more than the nodes of the same name.
+    for name in {*file.faces, *file.free}:
+        found[name] = []
+    for name, faces in file.faces.items():
+        rows = [face for face in faces if len(face) == width]
+        if rows:
+            found[name].append(of_faces(np.array(rows, dtype=np.int64)))
+    cell_of = np.asarray(mesh.f2t)[0, border]
+    for name, parts in file.free.items():
+        found[name].append(border[np.isin(cell_of, index[_global(file, parts)])])
+    whole = {
+        name: np.unique(np.concatenate([np.zeros(0, np.int64), *f]))
+        for name, f in found.items()
+    }
+    return {
+        name: facets.astype(np.int64) for name, facets in whole.items() if facets.size
+    }

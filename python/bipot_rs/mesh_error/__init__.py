@@ -1,1 +1,0 @@
-"""What the mesh leaves of the answer: stresses in balance that `discretisation` needs."""

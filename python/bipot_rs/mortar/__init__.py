@@ -1,0 +1,1 @@
+"""Contact of surfaces whose meshes do not match, by weighted relative displacements."""

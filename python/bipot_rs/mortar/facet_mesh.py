@@ -1,0 +1,339 @@
+"""Meshes of facets: checked once, with their normals, sizes and neighbours in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs._lib.validation import Array, floats
+from bipot_rs.contact.frames import frames
+from bipot_rs.mortar.shape_functions import CORNER_SHAPES, Kind, kind_of, skewness
+
+Ints = NDArray[np.int64]
+
+# Facets meet that look at each other within 60 degrees: cosine of their normals.
+_FACING = -0.5
+# Where a size is rounding beside the longest edge, and where a quadrilateral has a
+# corner of 180 degrees.
+_FLAT, _FOLDED = 1e-12, 1 - 1e-9
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A checked surface; what is said of a facet is of the polygon of its corners.
+
+    Attributes
+    ----------
+    name
+        Of the argument, for messages.
+    points : (n, d)
+        Places of all nodes [m].
+    facets : (m, nodes)
+        Nodes of each facet, numbered as in `facet_shapes`.
+    kind
+        Which they are.
+    normals : (m, d)
+        Unit and outward; of a quadrilateral that is not plane, that of its mean plane.
+    size : (m,)
+        Area [m²], or length in the plane [m].
+    centre, radius : (m, d), (m,)
+        Mean of the corners, and the distance of the farthest one.
+    """
+
+    name: str
+    points: Array
+    facets: Ints
+    kind: Kind
+    normals: Array
+    size: Array
+    centre: Array
+    radius: Array
+
+    @property
+    def dim(self) -> int:
+        """2 or 3."""
+        return int(self.points.shape[1])
+
+    @property
+    def corners(self) -> Ints:
+        """Nodes at the corners, ``(m, c)``."""
+        return self.facets[:, : self.kind.corners]
+
+    def places(self) -> Array:
+        """Corners from the centre of each facet, ``(m, c, d)``."""
+        return np.asarray(self.points[self.corners] - self.centre[:, None])
+
+    def bases(self) -> Array:
+        """Two axes in the plane of each facet, ``(m, d - 1, d)``, about the normal."""
+        return bases(self.normals)
+
+    def whole(self) -> Array:
+        """∫ N_i over each facet in its plane, ``(m, c)``, N those of the corners."""
+        if self.dim == 2:
+            return np.repeat(self.size[:, None] / 2, 2, axis=1)
+        if self.kind.corners == 3:
+            return np.repeat(self.size[:, None] / 3, 3, axis=1)
+        flat = np.einsum("mkd,mcd->mck", self.bases(), self.places())
+        x = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]) / np.sqrt(3)
+        shapes = CORNER_SHAPES[4](x)
+        # det J is bilinear, too: the four points integrate N_i det J exactly.
+        corner = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
+        slopes = np.stack(
+            [
+                corner[:, 0] * (1 + x[:, 1:] * corner[:, 1]) / 4,
+                corner[:, 1] * (1 + x[:, :1] * corner[:, 0]) / 4,
+            ]
+        )
+        (a, b), (c, d) = np.einsum("kqc,mcd->kdmq", slopes, flat)
+        return np.asarray((a * d - b * c) @ shapes)
+
+    def node_normals(self) -> Array:
+        """Outward normals by area at the nodes, ``(n, d)``; zero off the corners."""
+        total = np.zeros_like(self.points)
+        weighted = self.whole()[:, :, None] * self.normals[:, None]
+        np.add.at(total, self.corners.ravel(), weighted.reshape(-1, self.dim))
+        # A component of rounding size on a coordinate plane would couple B to
+        # displacements that the contact does not feel.
+        small = 1e-14 * np.abs(total).max(axis=1, keepdims=True)
+        return np.where(np.abs(total) <= small, 0.0, total)
+
+
+def bases(normals: Array) -> Array:
+    """Axes orthogonal to unit normals, ``(m, d - 1, d)``, right-handed with them."""
+    first = frames(normals)[:, 1]
+    if normals.shape[1] == 2:
+        # Along the facet: the normal turned by a right angle.
+        return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None]
+    return np.stack([first, np.cross(normals, first)], axis=1)
+
+
+def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
+    """Check the arrays ``points`` and ``facets``, of which ``side`` ends the names.
+
+    Raises
+    ------
+    ValueError
+        Shapes, nodes out of range or repeated in a facet, facets without area, folded,
+        or turned against their neighbours: with the number of the facet.
+    """
+    what = f"points{side}"
+    x = floats(what, points, ndim=2)
+    if x.shape[1] not in (2, 3):
+        raise ValueError(f"{what} has shape {x.shape}, expected (n, 2) or (n, 3)")
+    name = f"facets{side}"
+    nodes = _facets(name, facets, len(x))
+    kind = kind_of(name, x.shape[1], nodes.shape[1])
+    corners = nodes[:, : kind.corners]
+    centre = x[corners].mean(axis=1)
+    places = x[corners] - centre[:, None]
+    normals, size = _normals(name, places)
+    found = Surface(
+        name=name,
+        points=x,
+        facets=nodes,
+        kind=kind,
+        normals=normals,
+        size=size,
+        centre=centre,
+        radius=np.linalg.norm(places, axis=2).max(axis=1),
+    )
+    if kind.corners == 4:
+        flat = np.einsum("mkd,mcd->mck", found.bases(), places)
+        skew = skewness(flat)
+        if (skew >= _FOLDED).any():
+            at = int(np.argmax(skew >= _FOLDED))
+            raise ValueError(
+                f"{name} has a folded facet, {at}, with the nodes "
+                f"{corners[at].tolist()}: expected a convex quadrilateral, its corners "
+                "in order around it"
+            )
+    _middles(found)
+    _turned(name, corners)
+    return found
+
+
+def turned_outward(points: Array, facets: Ints, normals: Array) -> Ints:
+    """Facets with those turned around whose normals look away from ``normals (m, d)``."""
+    kind = kind_of("facets", points.shape[1], facets.shape[1])
+    own, _ = _normals("facets", points[facets[:, : kind.corners]])
+    away = np.einsum("md,md->m", own, normals) < 0
+    turned = facets.copy()
+    turned[away] = facets[away][:, list(kind.mirror)]
+    return turned
+
+
+def _facets(name: str, facets: ArrayLike, nodes: int) -> Ints:
+    found = np.asarray(facets)
+    if found.dtype.kind not in "iu":
+        raise TypeError(f"{name} has entries of type {found.dtype}, expected integers")
+    if found.ndim != 2 or not len(found):
+        raise ValueError(
+            f"{name} has shape {found.shape}, expected (facets, nodes of a facet)"
+        )
+    outside = (found < 0) | (found >= nodes)
+    if outside.any():
+        m, k = np.argwhere(outside)[0]
+        raise ValueError(
+            f"{name} has node {found[m, k]} in facet {m}, expected 0 to {nodes - 1}"
+        )
+    ordered = np.sort(found, axis=1)
+    twice = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+    if twice.any():
+        m = int(np.argmax(twice))
+        raise ValueError(
+            f"{name} has a node twice in facet {m}: {found[m].tolist()}; a quadrilateral "
+            "with two corners in one is a triangle"
+        )
+    return np.array(found, dtype=np.int64)
+
+
+def _normals(name: str, places: Array) -> tuple[Array, Array]:
+    """Unit normals and sizes of facets, from corners ``(m, c, d)``."""
+    if places.shape[2] == 2:
+        along = places[:, 1] - places[:, 0]
+        area = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    elif places.shape[1] == 3:
+        first, second = np.moveaxis(places[:, 1:] - places[:, :1], 1, 0)
+        area = np.cross(first, second) / 2
+    else:
+        area = np.cross(places[:, 2] - places[:, 0], places[:, 3] - places[:, 1]) / 2
+    size = np.linalg.norm(area, axis=1)
+    longest = np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).max(axis=1)
+    flat = size <= _FLAT * longest ** (places.shape[2] - 1)
+    if flat.any():
+        at = int(np.argmax(flat))
+        raise ValueError(
+            f"{name} has a degenerate facet, {at}, of size {size[at]:g} with a longest "
+            f"edge of {longest[at]:g}"
+        )
+    return area / size[:, None], size
+
+
+def _middles(found: Surface) -> None:
+    """Nodes on edges lie nearer to the middle than to the ends, or are misnumbered."""
+    kind, c = found.kind, found.kind.corners
+    edges = min(kind.nodes - c, c if found.dim == 3 else 1)
+    for k in range(edges):
+        a, b = (found.points[found.facets[:, i]] for i in (k, (k + 1) % c))
+        middle = found.points[found.facets[:, c + k]]
+        off = np.linalg.norm(middle - (a + b) / 2, axis=1)
+        wrong = off >= np.linalg.norm(b - a, axis=1) / 2
+        if wrong.any():
+            at = int(np.argmax(wrong))
+            raise ValueError(
+                f"{found.name} has node {found.facets[at, c + k]} of facet {at} "
+                f"{off[at]:g} from the middle of its edge between the nodes "
+                f"{found.facets[at, k]} and {found.facets[at, (k + 1) % c]}: expected "
+                "corners first, then the middles of the edges in turn"
+            )
+
+
+def _turned(name: str, corners: Ints) -> None:
+    """Neighbours run along their common edge in opposite directions."""
+    c = corners.shape[1]
+    if c == 2:
+        # In the plane a node ends one facet and starts another.
+        ends = [corners[:, 0], corners[:, 1]]
+        labels = [np.arange(len(corners))] * 2
+    else:
+        edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
+        limit = int(corners.max()) + 1
+        ends = [edges[:, 0] * limit + edges[:, 1]]
+        labels = [np.repeat(np.arange(len(corners)), c)]
+    for key, label in zip(ends, labels, strict=True):
+        order = np.argsort(key, kind="stable")
+        same = np.flatnonzero(key[order][1:] == key[order][:-1])
+        if same.size:
+            one, other = label[order][same[0]], label[order][same[0] + 1]
+            raise ValueError(
+                f"{name} has facets {one} and {other} with normals to opposite sides: "
+                "expected all of them to run so that the normals point out of the body, "
+                "which is on the left of a line, and sees triangles and quadrilaterals "
+                "turn clockwise"
+            )
+
+
+def candidates(
+    places: Array,
+    radius: Array,
+    normals: Array,
+    other: Surface,
+    distance: float = np.inf,
+) -> tuple[Ints, Ints]:
+    """Facets of ``other`` that may lie opposite to spheres, and face them.
+
+    All that reach into the cylinder that a sphere sweeps along its normal, up to
+    ``distance`` on both sides: those aside that are nearer do not hide them. Facets are
+    taken by size, so that a few large ones do not make all others candidates.
+
+    Parameters
+    ----------
+    places, radius, normals
+        Centres ``(k, d)`` and radii ``(k,)`` of the spheres, and where they look.
+
+    Returns
+    -------
+    sphere, facet : (pairs,)
+        Ascending by sphere.
+    """
+    octave = np.floor(np.log2(other.radius / other.radius.max()))
+    sphere, facet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for one in np.unique(octave):
+        group = np.flatnonzero(octave == one)
+        wide = (radius + other.radius[group].max()) * (1 + 1e-9)
+        k, g = _along(places, wide, normals, other.centre[group], distance)
+        sphere.append(k)
+        facet.append(group[g])
+    s, m = np.concatenate(sphere), np.concatenate(facet)
+    between = other.centre[m] - places[s]
+    away = np.einsum("pd,pd->p", normals[s], between)
+    aside = np.einsum("pd,pd->p", between, between) - away**2
+    reach = (radius[s] + other.radius[m]) * (1 + 1e-9)
+    # The difference of squares has the rounding of the larger one.
+    rounding = 1e-12 * away**2
+    kept = np.einsum("pd,pd->p", normals[s], other.normals[m]) < _FACING
+    kept &= (aside <= reach**2 + rounding) & (np.abs(away) <= distance + reach)
+    s, m = s[kept], m[kept]
+    order = np.lexsort([m, s])
+    return s[order], m[order]
+
+
+def _along(
+    places: Array, wide: Array, normals: Array, centres: Array, distance: float
+) -> tuple[Ints, Ints]:
+    """Pairs of a cylinder along a normal and a centre, among them all that lie in it.
+
+    The part of the cylinder that passes the box of the centres is covered by spheres of
+    √2 times its radius, two radii apart.
+    """
+    from scipy.spatial import cKDTree
+
+    low = centres.min(axis=0) - wide[:, None] - places
+    high = centres.max(axis=0) + wide[:, None] - places
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack([low / normals, high / normals])
+    flat = normals == 0
+    inside = (low <= 0) & (high >= 0)
+    start = np.where(flat, np.where(inside, -np.inf, np.inf), ends.min(axis=0))
+    end = np.where(flat, np.where(inside, np.inf, -np.inf), ends.max(axis=0))
+    first = np.maximum(start.max(axis=1), -distance - wide)
+    last = np.minimum(end.min(axis=1), distance + wide)
+    met = np.flatnonzero(last >= first)
+    count = np.ceil((last - first)[met] / (2 * wide[met])).astype(np.int64)
+    count = np.maximum(count, 1)
+    if count.sum() > met.size * len(centres):
+        every = np.tile(np.arange(len(centres)), met.size)
+        return np.repeat(met, len(centres)), every
+    ball = np.repeat(met, count)
+    step = np.arange(ball.size) - np.repeat(np.cumsum(count) - count, count)
+    middle = first[ball] + (2 * step + 1) * wide[ball]
+    found = cKDTree(centres).query_ball_point(
+        places[ball] + middle[:, None] * normals[ball],
+        np.sqrt(2) * wide[ball] * (1 + 1e-9),
+    )
+    lengths = np.array([len(f) for f in found], dtype=np.int64)
+    near = np.concatenate([np.zeros(0, np.int64), *found]).astype(np.int64)
+    pairs = np.unique(np.repeat(ball, lengths) * len(centres) + near)
+    return pairs // len(centres), pairs % len(centres)

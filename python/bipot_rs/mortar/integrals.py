@@ -1,0 +1,576 @@
+"""Weighted relative displacements between surfaces whose meshes do not match.
+
+On the part Γ of the slave surface that the master covers, tractions are
+``λ = Σ λ_i ψ_i`` and do work on
+
+    v_i = ∫_Γ ψ_i (u_s - u_m) dA / a_i,    a_i = ∫_Γ ψ_i dA > 0,                   (24)
+
+so that ``r_i = a_i λ_i`` is the force that goes with v_i, and ``B_ij = ∫ ψ_i φ_j / a_i``.
+u_m is taken at the place opposite, across the plane of the slave facet (Puso and
+Laursen, 2004), and integrals run over the intersections of projected facets.
+
+Whatever ψ is, two things hold to rounding: rows of B add up to one for each body, since
+shape functions do, so that forces are in balance; and where ``Σ ψ_i = 1`` a constant
+traction p gives each node of both bodies ``p ∫_Γ φ_j``, which is the patch test. Moments
+balance where the surfaces are flat and meet.
+
+ψ is dual to the corner functions N of the facet (Wohlmuth, 2000): on each facet e,
+
+    ψ = D M⁻¹ N,    M = ∫_e N Nᵀ dA,    D = diag(∫_e N dA),                        (26)
+
+so that ``∫ ψ_i N_j = δ_ij a_i``: v_i holds one slave node, and the part of the slave in B
+is a diagonal of ones where N are all its shape functions. M and D are integrals over the
+covered part of e. Three rules keep that sound at the rim, all with ``Σ ψ_i = 1``:
+
+- A node covered to less than 1/20 of its area has no contact of its own. Its N goes in
+  equal parts to the other corners of the facet, ``Ñ_k = N_k + N_d/|kept|``, and ψ is dual
+  to Ñ. Otherwise v_i would extrapolate u_m by 20 times the part that is covered.
+- A facet that would be left without contacts keeps its most covered corner.
+- Where a patch in the midst of a facet is so small that N hardly differ on it, ψ swings:
+  with a mean square above 10 on some facet (1 on a whole segment) ``ψ = Ñ`` there.
+
+Second-order facets have multipliers at their corners only, linear between them, and
+displacements with all shape functions: areas ``∫ N`` of corners are positive, where those
+of quadratic functions vanish or are negative. Places are those of the polygon of the
+corners, exact for straight edges with nodes in their middles.
+
+Integrals are exact in the plane, and in space for triangles and parallelograms. In other
+quadrilaterals N is not a polynomial of places: the order is raised with their skewness,
+and what is left, about 1e-8, is taken out of the resultants ∫ φ_j of each intersection
+(`bipot_rs.facing.skewed`), so that forces and the patch test do not have it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.validation import Array, floats
+from bipot_rs.mortar.box_tree import BoxTree
+from bipot_rs.mortar.clipping import clip, triangle_rule, triangles
+from bipot_rs.mortar.facet_mesh import Ints, Surface, bases, candidates
+from bipot_rs.mortar.polygon_integrals import polygon_integrals
+from bipot_rs.mortar.shape_functions import (
+    CORNER_SHAPES,
+    KINDS,
+    Kind,
+    reference,
+    skewness,
+)
+
+Places = Callable[[Array], Any]
+
+# Covered part of a node's area below which it has no contact of its own; mean square of
+# dual functions above which they are given up on a facet.
+_JOINED, _SWING = 0.05, 10.0
+# Of the smaller facet: an intersection made by rounding.
+_SLIVER = 1e-12
+# Of a quadrilateral that is a parallelogram, but for rounding.
+_SKEW = 1e-12
+# Intersections of a facet up to which all their pairs are compared.
+_FEW = 128
+# Points of Gauss at a time, which bounds the memory.
+_CHUNK = 2**18
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """Intersections of slave facets with the master facets opposite.
+
+    Attributes
+    ----------
+    slave, master : (k,)
+        Facets, ascending by slave; ``master`` is empty for a rigid obstacle.
+    polygons
+        In the plane of the slave facet from its centre, ``(k, v, 2)`` [m]; in two
+        dimensions reference coordinates of the ends, ``(k, 2)``.
+    opposite : (k, c, d - 1) or None
+        Corners of the master facet in the same plane [m].
+    """
+
+    slave: Ints
+    master: Ints
+    polygons: Array
+    opposite: Array | None
+
+
+@dataclass(frozen=True)
+class Integrals:
+    """Over the covered part of the slave surface, N the corner functions.
+
+    Attributes
+    ----------
+    overlaps
+        What they are integrals over.
+    mass, own : (m, c, c), (m, c, nodes)
+        ∫ N_i N_j and ∫ N_i φ_j with the slave's shape functions, by slave facet.
+    coupling : (k, c, nodes)
+        ∫ N_i φ_j with those of the master, by intersection.
+    clearance : (m, c)
+        ∫ N_i c of the function of the places.
+    """
+
+    overlaps: Overlaps
+    mass: Array
+    own: Array
+    coupling: Array
+    clearance: Array
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Contacts with the scalar weights of their relative displacements.
+
+    Attributes
+    ----------
+    node : (n_c,)
+        Slave nodes, ascending.
+    area : (n_c,)
+        a_i > 0.
+    slave, master : scipy.sparse.csr_array (n_c, nodes)
+        ``v = slave u_s - master u_m``; rows add up to one.
+    clearance : (n_c,)
+        ∫ ψ_i c / a_i.
+    """
+
+    node: Ints
+    area: Array
+    slave: Any
+    master: Any
+    clearance: Array
+
+
+def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
+    """Intersections of all facets that face each other.
+
+    Raises
+    ------
+    ValueError
+        A master facet folded where it is seen along the normal of a slave facet, or
+        several layers of them.
+    """
+    s, m = candidates(slave.centre, slave.radius, slave.normals, master, distance)
+    axes = bases(slave.normals)[s]
+    offset = master.points[master.corners[m]] - slave.centre[s][:, None]
+    theirs = np.einsum("pkd,pcd->pck", axes, offset)
+    ours = np.einsum("pkd,pcd->pck", axes, slave.places()[s])
+    meet = (theirs.max(axis=1) > ours.min(axis=1)).all(axis=1)
+    meet &= (theirs.min(axis=1) < ours.max(axis=1)).all(axis=1)
+    s, m, ours, theirs = s[meet], m[meet], ours[meet], theirs[meet]
+    least = _SLIVER * np.minimum(slave.size[s], master.size[m])
+    if slave.dim == 2:
+        first, last = ours[:, 0, 0], ours[:, 1, 0]
+        ends = (theirs[:, :, 0] - first[:, None]) / (last - first)[:, None]
+        polygons = np.clip(np.sort(ends, axis=1), 0.0, 1.0)
+        size = (polygons[:, 1] - polygons[:, 0]) * slave.size[s]
+    else:
+        if master.kind.corners == 4:
+            _folded(slave, s, master, m, theirs)
+        # Seen from the slave's side they run clockwise.
+        polygons = clip(ours, theirs[:, ::-1])
+        size = _areas(polygons)
+    kept = size > least
+    kept &= _apart(slave, s, master, m) <= distance
+    _one_layer(slave, s[kept], master, m[kept], ours[kept], theirs[kept], least[kept])
+    return Overlaps(s[kept], m[kept], polygons[kept], theirs[kept])
+
+
+def _apart(slave: Surface, s: Ints, master: Surface, m: Ints) -> Array:
+    """How far facets are apart at the least, along the normals of the slave's."""
+    between = master.points[master.corners[m]] - slave.centre[s][:, None]
+    theirs = np.einsum("pd,pcd->pc", slave.normals[s], between)
+    ours = np.einsum("pd,pcd->pc", slave.normals[s], slave.places()[s])
+    behind = ours.min(axis=1) - theirs.max(axis=1)
+    before = theirs.min(axis=1) - ours.max(axis=1)
+    return np.asarray(np.maximum(0.0, np.maximum(behind, before)))
+
+
+def _one_layer(
+    slave: Surface,
+    s: Ints,
+    master: Surface,
+    m: Ints,
+    ours: Array,
+    theirs: Array,
+    least: Array,
+) -> None:
+    """Refuse facets of the master one behind the other.
+
+    Neighbours at an edge are not: they run along it in opposite directions
+    (`facet_mesh`), and seen along a normal that both face they lie on its two sides.
+    Those that share a corner alone may be, as the storeys of a ramp about its pole.
+    """
+    for one, other in _side_by_side(s, theirs):
+        corners = master.corners
+        shared = corners[m[one]][:, :, None] == corners[m[other]][:, None, :]
+        apart = shared.sum(axis=(1, 2)) < slave.dim - 1
+        one, other = one[apart], other[apart]
+        if not one.size:
+            continue
+        if slave.dim == 2:
+            low = np.maximum(
+                ours[one].min(axis=1),
+                np.maximum(theirs[one].min(axis=1), theirs[other].min(axis=1)),
+            )
+            high = np.minimum(
+                ours[one].max(axis=1),
+                np.minimum(theirs[one].max(axis=1), theirs[other].max(axis=1)),
+            )
+            size = (high - low)[:, 0]
+        else:
+            both = clip(theirs[one][:, ::-1], theirs[other][:, ::-1])
+            size = _areas(both)
+        # Facets that only touch overlap by rounding, and by what two meshers write.
+        double = size > np.maximum(1e-6 * slave.size[s[one]], least[one])
+        if double.any():
+            at = int(np.argmax(double))
+            raise ValueError(
+                f"{master.name} lies in several layers opposite to facet {s[one[at]]} of "
+                f"{slave.name}, with its facets {m[other[at]]} and {m[one[at]]}: give "
+                "distance, within which the right one is the only one, or name less of "
+                "the surface"
+            )
+
+
+def _side_by_side(s: Ints, theirs: Array) -> Iterator[tuple[Ints, Ints]]:
+    """Places ``(one, other)``, the second the lower, of intersections with one facet.
+
+    Those among them whose boxes overlap. Where a facet has few intersections, all of its
+    pairs are compared; where it has many, a tree finds them.
+    """
+    low, high = theirs.min(axis=1), theirs.max(axis=1)
+    first = np.searchsorted(s, s)
+    count = np.searchsorted(s, s, side="right") - first
+    place = np.arange(len(s)) - first
+    few = count <= _FEW
+    for step in range(1, int(place[few].max(initial=0)) + 1):
+        one: Ints = np.flatnonzero(few & (place >= step))
+        other = one - step
+        over = ((high[one] > low[other]) & (high[other] > low[one])).all(axis=1)
+        yield one[over], other[over]
+    many = np.flatnonzero(~few)
+    if many.size:
+        boxes = low[many], high[many], s[many]
+        for one, other in BoxTree(*boxes).overlapping(*boxes):
+            later = one > other
+            yield many[one[later]], many[other[later]]
+
+
+def whole(slave: Surface) -> Overlaps:
+    """All of each facet, for an obstacle without a mesh."""
+    s = np.arange(len(slave.facets))
+    none = np.zeros(0, dtype=np.int64)
+    if slave.dim == 2:
+        return Overlaps(s, none, np.tile([0.0, 1.0], (len(s), 1)), None)
+    flat = np.einsum("mkd,mcd->mck", bases(slave.normals), slave.places())
+    return Overlaps(s, none, flat, None)
+
+
+def _areas(polygons: Array) -> Array:
+    x, y = polygons[..., 0], polygons[..., 1]
+    following = np.roll(polygons, -1, axis=1)
+    return np.asarray((x * following[..., 1] - y * following[..., 0]).sum(axis=1) / 2)
+
+
+def _folded(slave: Surface, s: Ints, master: Surface, m: Ints, theirs: Array) -> None:
+    bad = skewness(theirs) >= 1
+    if bad.any():
+        at = int(np.argmax(bad))
+        raise ValueError(
+            f"{master.name} has facet {m[at]} folded where it is seen along the normal "
+            f"of facet {s[at]} of {slave.name}: it is bent too much for one facet"
+        )
+
+
+def integrate(
+    slave: Surface,
+    over: Overlaps,
+    master: Surface | None = None,
+    clearance: Places | None = None,
+) -> Integrals:
+    """All integrals that the weights are made of."""
+    c, count = slave.kind.corners, len(over.slave)
+    linear = slave.kind.nodes == c
+    # By intersection first.
+    mass = np.zeros((count, c, c))
+    own = mass if linear else np.zeros((count, c, slave.kind.nodes))
+    coupling = np.zeros((count, c, 0 if master is None else master.kind.nodes))
+    gap = np.zeros((count, c))
+    corner = CORNER_SHAPES[c]
+    for part, xi, eta, weight in _points(slave, over, master, clearance is not None):
+        N = corner(xi)
+        weighted = N * weight[..., None]
+        np.add.at(mass, part, np.einsum("tqi,tqj->tij", weighted, N))
+        if not linear or clearance is not None:
+            phi = slave.kind.shapes(xi)
+            if not linear:
+                np.add.at(own, part, np.einsum("tqi,tqj->tij", weighted, phi))
+            if clearance is not None:
+                places = phi @ slave.points[slave.facets[over.slave[part]]]
+                found = _values(clearance, places)
+                np.add.at(gap, part, np.einsum("tqi,tq->ti", weighted, found))
+        if master is not None and eta is not None:
+            phi = master.kind.shapes(eta)
+            np.add.at(coupling, part, np.einsum("tqi,tqj->tij", weighted, phi))
+    if slave.dim == 3:
+        _resultants(slave, over, master, mass, own, coupling)
+
+    def by_facet(values: Array) -> Array:
+        total = np.zeros((len(slave.facets), *values.shape[1:]))
+        np.add.at(total, over.slave, values)
+        return total
+
+    total = by_facet(mass)
+    everything = total if linear else by_facet(own)
+    return Integrals(over, total, everything, coupling, by_facet(gap))
+
+
+def _resultants(
+    slave: Surface,
+    over: Overlaps,
+    master: Surface | None,
+    mass: Array,
+    own: Array,
+    coupling: Array,
+) -> None:
+    """Sums over rows and columns as they are exactly, where rules are not exact.
+
+    What is added does not change the moments of the rules, which integrate places
+    exactly: it is the same on both bodies, by intersection.
+    """
+    flat = np.einsum("mkd,mcd->mck", bases(slave.normals), slave.places())
+    ours = slave.kind.corners == 4
+    theirs = master is not None and master.kind.corners == 4
+    skew = np.zeros(1)
+    if ours:
+        skew = skewness(flat)
+    if theirs and over.opposite is not None:
+        skew = np.append(skew, skewness(over.opposite))
+    if (skew <= _SKEW).all():
+        return
+    size, corners = _areas(over.polygons), flat[over.slave]
+
+    def exact(kind: Kind, corners: Array) -> Array:
+        return polygon_integrals(kind, corners, over.polygons)
+
+    rows = mass.sum(axis=2)
+    if ours:
+        rows = exact(KINDS[3, 4], corners)
+        _correct(mass, rows, rows, size)
+        if own is not mass:
+            _correct(own, rows, exact(slave.kind, corners), size)
+    if master is not None and over.opposite is not None:
+        columns = coupling.sum(axis=1)
+        if theirs:
+            columns = exact(master.kind, over.opposite)
+        _correct(coupling, rows, columns, size)
+
+
+def _correct(blocks: Array, rows: Array, columns: Array, size: Array) -> None:
+    """Change matrices ``(k, i, j)`` in place to the sums given, all of the same total."""
+    lacks = (rows - blocks.sum(axis=2)) / size[:, None]
+    other = (columns - blocks.sum(axis=1)) / size[:, None]
+    blocks += lacks[:, :, None] * columns[:, None] + rows[:, :, None] * other[:, None]
+
+
+def _values(function: Places, places: Array) -> Array:
+    flat = places.reshape(-1, places.shape[-1])
+    found = floats("the gap at the places", function(flat))
+    if found.shape not in ((), (1,), (len(flat),)):
+        raise ValueError(
+            f"the gap at the places has shape {found.shape}, expected ({len(flat)},)"
+        )
+    return np.broadcast_to(found, (len(flat),)).reshape(places.shape[:-1])
+
+
+def _points(
+    slave: Surface, over: Overlaps, master: Surface | None, function: bool
+) -> Iterator[tuple[Ints, Array, Array | None, Array]]:
+    """Points of Gauss, a number of intersections at a time.
+
+    Yields
+    ------
+    part, xi, eta, weight
+        Intersection of each row ``(t,)``, reference coordinates on slave and master,
+        ``(t, q, d - 1)``, and weights ``(t, q)``.
+    """
+    # Another function than polynomials, smooth on a facet.
+    degree = _degree(slave, over, master) + 4 * function
+    for one in np.unique(degree):
+        group = np.flatnonzero(degree == one)
+        points = one // 2 + 1 if slave.dim == 2 else (one // 2 + 1) ** 2
+        polygon = 1 if slave.dim == 2 else over.polygons.shape[1] - 2
+        step = max(1, _CHUNK // int(points * polygon))
+        for first in range(0, len(group), step):
+            part = group[first : first + step]
+            if slave.dim == 2:
+                yield _segment(slave, over, part, int(one))
+            else:
+                yield _triangles(slave, over, part, int(one))
+
+
+def _segment(
+    slave: Surface, over: Overlaps, part: Ints, degree: int
+) -> tuple[Ints, Array, Array | None, Array]:
+    x, w = np.polynomial.legendre.leggauss(degree // 2 + 1)
+    low, high = over.polygons[part].T[..., None]
+    xi = low + (high - low) * (1 + x) / 2
+    size = slave.size[over.slave[part]]
+    weight = (high - low) * w / 2 * size[:, None]
+    if over.opposite is None:
+        return part, xi[..., None], None, weight
+    start, end = over.opposite[part, :, 0].T[..., None]
+    # From the middle of the slave facet, as the corners are.
+    eta = ((xi - 0.5) * _turn(slave, over, part)[:, None] - start) / (end - start)
+    return part, xi[..., None], eta[..., None], weight
+
+
+def _turn(slave: Surface, over: Overlaps, part: Ints) -> Array:
+    """Length of each slave segment, along the axis of its plane."""
+    facet = over.slave[part]
+    along = (
+        slave.points[slave.corners[facet, 1]] - slave.points[slave.corners[facet, 0]]
+    )
+    axis = bases(slave.normals[facet])[:, 0]
+    return np.asarray(np.einsum("pd,pd->p", along, axis))
+
+
+def _triangles(
+    slave: Surface, over: Overlaps, part: Ints, degree: int
+) -> tuple[Ints, Array, Array | None, Array]:
+    corners, owner = triangles(over.polygons[part])
+    part = part[owner]
+    x, w = triangle_rule(degree)
+    edges = corners[:, 1:] - corners[:, :1]
+    places = corners[:, :1] + x @ edges
+    (a, b), (c, d) = np.moveaxis(edges, 0, -1)
+    weight = (a * d - b * c)[:, None] * w
+    facet = over.slave[part]
+    ours = np.einsum("pkd,pcd->pck", bases(slave.normals)[facet], slave.places()[facet])
+    xi = reference(ours, places)
+    if over.opposite is None:
+        return part, xi, None, weight
+    return part, xi, reference(over.opposite[part], places), weight
+
+
+def _degree(slave: Surface, over: Overlaps, master: Surface | None) -> Ints:
+    """Degree that the rule must be exact to, by intersection, ``(k,)``."""
+    corner = 2 if slave.kind.corners == 4 else 1
+    other = max(slave.kind.degree, 0 if master is None else master.kind.degree)
+    degree = np.full(len(over.slave), corner + other, dtype=np.int64)
+    if slave.kind.corners == 4:
+        flat = np.einsum("mkd,mcd->mck", bases(slave.normals), slave.places())
+        degree += _beyond(skewness(flat))[over.slave]
+    if master is not None and master.kind.corners == 4 and over.opposite is not None:
+        # The two functions of one intersection are multiplied: errors add, not degrees.
+        theirs = corner + other + _beyond(skewness(over.opposite))
+        degree = np.maximum(degree, theirs)
+    return degree
+
+
+def _beyond(skew: Array) -> Ints:
+    """What non-parallelograms take beyond the degree of parallelograms."""
+    # Shape functions have their nearest singularity at about 1/skew half widths from the
+    # centre: the remainder falls by that much a degree.
+    rate = np.log(2 / np.clip(skew, 1e-12, 0.95))
+    beyond = np.ceil(10.0 / rate).astype(np.int64)
+    return np.where(skew <= _SKEW, 0, 2 * (beyond // 2 + 1))
+
+
+def weights(slave: Surface, found: Integrals, master: Surface | None) -> Weights:
+    """Weights of all contacts, by the three rules above."""
+    from scipy import sparse
+
+    corners, nodes, over = slave.corners, len(slave.points), found.overlaps
+    covered = found.mass.sum(axis=2)
+    kept = _kept(slave, covered)
+    dual, area = _dual(found.mass, covered, kept[corners])
+    total = np.bincount(corners.ravel(), area.ravel(), minlength=nodes)
+    contacts = np.flatnonzero(kept)
+    number = np.full(nodes, -1)
+    number[contacts] = np.arange(len(contacts))
+
+    def assemble(facet: Ints, blocks: Array, columns: Ints, width: int) -> Any:
+        row = np.broadcast_to(number[corners[facet]][:, :, None], blocks.shape)
+        column = np.broadcast_to(columns[:, None], blocks.shape)
+        # ψ of nodes without a contact is zero.
+        take = row >= 0
+        matrix = sparse.coo_array(
+            (blocks[take], (row[take], column[take])), shape=(len(contacts), width)
+        )
+        return _averages(matrix.tocsr())
+
+    own = assemble(np.arange(len(corners)), dual @ found.own, slave.facets, nodes)
+    if master is None:
+        other = sparse.csr_array((len(contacts), 0))
+    else:
+        blocks = dual[over.slave] @ found.coupling
+        columns, width = master.facets[over.master], len(master.points)
+        other = assemble(over.slave, blocks, columns, width)
+    gap = np.einsum("mij,mj->mi", dual, found.clearance)
+    gap = np.bincount(corners.ravel(), gap.ravel(), minlength=nodes)
+    return Weights(
+        node=contacts,
+        area=np.asarray(total[contacts]),
+        slave=own,
+        master=other,
+        clearance=np.asarray(gap[contacts] / total[contacts]),
+    )
+
+
+def _kept(slave: Surface, covered: Array) -> Any:
+    """Nodes that have a contact, ``(n,)``."""
+    corners, nodes = slave.corners.ravel(), len(slave.points)
+    part = np.bincount(corners, covered.ravel(), minlength=nodes)
+    size = np.bincount(corners, slave.whole().ravel(), minlength=nodes)
+    kept = (part > 0) & (part >= _JOINED * size)
+    bare = (covered.sum(axis=1) > 0) & ~kept[slave.corners].any(axis=1)
+    kept[slave.corners[bare, covered[bare].argmax(axis=1)]] = True
+    return kept
+
+
+def _dual(mass: Array, covered: Array, kept: Any) -> tuple[Array, Array]:
+    """ψ = dual N on each facet, ``(m, c, c)``, and ∫ ψ_i, ``(m, c)``.
+
+    Parameters
+    ----------
+    mass, covered
+        ∫ N_i N_j ``(m, c, c)`` and ∫ N_i ``(m, c)``.
+    kept
+        Corners with a contact ``(m, c)``.
+    """
+    c = mass.shape[1]
+    # Ñ = join N.
+    share = kept / np.maximum(kept.sum(axis=1, keepdims=True), 1)
+    join = np.eye(c) * kept[:, None] + share[:, :, None] * ~kept[:, None]
+    joined = join @ mass @ join.swapaxes(1, 2)
+    area = np.einsum("mij,mj->mi", join, covered)
+    root = np.sqrt(np.einsum("mii->mi", joined))
+    here = root > 0
+    scale = np.where(here, 1 / np.where(here, root, 1.0), 0.0)
+    # 1 on the diagonal; of corners that have no part, nothing else.
+    alike = joined * scale[:, :, None] * scale[:, None] + np.eye(c) * ~here[:, None]
+    apart = np.linalg.eigvalsh(alike)[:, 0] > 1e-6
+    inverse = np.linalg.inv(np.where(apart[:, None, None], alike, np.eye(c)))
+    inverse *= scale[:, :, None] * scale[:, None]
+    size = covered.sum(axis=1)
+    square = area**2 * np.einsum("mii->mi", inverse)
+    swings = (square > _SWING * size[:, None]).any(axis=1)
+    use = (apart & ~swings)[:, None, None]
+    return np.where(use, area[:, :, None] * inverse @ join, join), area
+
+
+def _averages(matrix: Any) -> Any:
+    """Rows divided by their sums, without what is rounding beside them."""
+    from scipy import sparse
+
+    matrix.sum_duplicates()
+    rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
+    size = np.bincount(rows, np.abs(matrix.data), minlength=matrix.shape[0])
+    matrix.data[np.abs(matrix.data) <= 1e-14 * size[rows]] = 0.0
+    matrix.eliminate_zeros()
+    total = np.asarray(matrix.sum(axis=1)).ravel()
+    return sparse.csr_array(sparse.diags_array(1 / total) @ matrix)

@@ -1,0 +1,468 @@
+"""Contacts of surfaces whose meshes do not match, from plain arrays.
+
+B of (2), gaps and areas for any finite-element program: by mortar integrals
+(`bipot_rs.facing.mortar`), or node by node. Only NumPy and SciPy are needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bipot_rs._lib.validation import Array, floats, number, shown
+from bipot_rs.contact.frames import frames
+from bipot_rs.mortar.facet_mesh import Ints, Surface, bases, candidates, surface
+from bipot_rs.mortar.integrals import Weights, integrate, overlaps, weights, whole
+from bipot_rs.mortar.shape_functions import reference
+
+METHODS = ("mortar", "nodes")
+# In reference coordinates: a node on the rim of a facet, but for the digits that two
+# meshers write of one place.
+_RIM = 1e-7
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Contacts between two surfaces, or a surface and a rigid obstacle.
+
+    ``ContactProblem(K, pairs.B, gap=pairs.gap, mu=mu, area=pairs.area,
+    points=pairs.points, frame=pairs.frame)`` takes them.
+
+    Attributes
+    ----------
+    B : scipy.sparse.csr_array (d n_c, n)
+        ``B u`` is the displacement of the slave relative to the master, ``(n, t1[, t2])``.
+    gap, area : (n_c,)
+        Normal gap [m], negative where the surfaces overlap; tributary area > 0 [m²], a
+        length [m] in the plane. ``reaction / area`` is the traction.
+    points : (n_c, d)
+        Slave nodes of the contacts [m].
+    frame : (n_c, d, d)
+        Rows n, t1[, t2], n from the master towards the slave.
+    node : (n_c,)
+        Their numbers among ``points_slave``, ascending.
+    slave, master : scipy.sparse.csr_array (n_c, nodes)
+        ``v = slave u_s - master u_m``, before the components are taken along the frames;
+        rows add up to one. ``master`` has no columns for a rigid obstacle.
+    """
+
+    B: Any = field(repr=False)
+    gap: Array
+    area: Array
+    points: Array = field(repr=False)
+    frame: Array = field(repr=False)
+    node: Ints = field(repr=False)
+    slave: Any = field(repr=False)
+    master: Any = field(repr=False)
+
+    def __repr__(self) -> str:
+        return (
+            f"Pairs({len(self.gap)} contacts, area {self.area.sum():g}, gap "
+            f"{self.gap.min():g} to {self.gap.max():g})"
+        )
+
+
+def pairs(
+    points_slave: ArrayLike,
+    facets_slave: ArrayLike,
+    points_master: ArrayLike,
+    facets_master: ArrayLike,
+    *,
+    method: str = "mortar",
+    distance: float | None = None,
+    clearance: ArrayLike | Callable[[Array], ArrayLike] = 0.0,
+    axis: ArrayLike | None = None,
+    dofs_slave: ArrayLike | None = None,
+    dofs_master: ArrayLike | None = None,
+    n: int | None = None,
+) -> Pairs:
+    """Contacts of two surfaces whose meshes need not match.
+
+    ``"mortar"`` passes the contact patch test: it transmits a constant pressure exactly,
+    whichever surface is the slave. ``"nodes"`` puts each slave node on the master facet
+    that its normal meets: forces and, with equal places, moments balance, but a constant
+    pressure arrives at the master as forces of the slave nodes, wrong by some tens of per
+    cent from node to node, on every mesh. Either may be the slave: on the coarser mesh
+    pressures are smoother, on the finer one less penetrates between nodes. Parts of the
+    slave that the master does not cover have no contacts.
+
+    Parameters
+    ----------
+    points_slave, points_master
+        Places of all nodes of a body, or of its surface alone, ``(nodes, d)`` [m].
+    facets_slave, facets_master
+        Nodes of the facets that may meet, ``(facets, c)``: lines of 2 or 3 nodes in the
+        plane, triangles of 3 or 6 and quadrilaterals of 4, 8 or 9 in space, corners
+        first, then the middles of the edges. Normals point out of the body: it is on the
+        left of a line, and from outside triangles and quadrilaterals turn
+        counter-clockwise.
+    method
+        ``"mortar"`` or ``"nodes"``; the latter with linear slave facets only, since the
+        areas that belong to the corners of others vanish or are negative.
+    distance
+        Facets farther apart, along the normal of the slave, do not meet [m]; by default
+        there is no limit. Facets face each other if their normals are within 60° of
+        opposite.
+    clearance
+        Adds to the gap [m]: a number, one for each of ``points_slave``, or a function of
+        places ``(m, d)`` on the slave that returns ``(m,)``. Mortar takes its weighted
+        mean, of numbers at nodes by the shape functions between them.
+    axis
+        In space, a direction that the tangents t1 follow, as of `fem.frames`.
+    dofs_slave, dofs_master, n
+        Degrees of freedom ``(nodes, d)`` of the nodes, and how many there are. Left out,
+        they go node by node, ``d * node + component``, those of the master after those of
+        the slave.
+
+    Raises
+    ------
+    ValueError
+        Surfaces that do not overlap, face the same way or are the same; facets that are
+        degenerate, folded or out of range; the message has the argument and the place.
+
+    Examples
+    --------
+    >>> upper = [[0, 0], [0.5, 0], [1, 0]]
+    >>> lower = [[0, 0], [0.4, 0], [1, 0]]
+    >>> found = pairs(upper, [[0, 1], [1, 2]], lower, [[1, 0], [2, 1]])
+    >>> found.area
+    array([0.25, 0.5 , 0.25])
+    """
+    if method not in METHODS:
+        raise ValueError(f"method is {shown(method)}, expected one of {list(METHODS)}")
+    limit = np.inf
+    if distance is not None:
+        limit = number("distance", distance)
+        if not limit > 0:
+            raise ValueError(f"distance is {limit:g}, expected a number > 0")
+    slave = surface("_slave", points_slave, facets_slave)
+    columns = np.shape(points_master)[1:]
+    if columns != (slave.dim,) and len(columns) == 1:
+        raise ValueError(
+            f"points_master has {columns[0]} coordinates, points_slave {slave.dim}"
+        )
+    master = surface("_master", points_master, facets_master)
+    _apart(slave, master)
+    function, added = None, np.zeros(())
+    if callable(clearance):
+        function = clearance
+    else:
+        added = _clearance(clearance, len(slave.points))
+    if method == "mortar":
+        over = overlaps(slave, master, limit)
+        if not len(over.slave):
+            raise ValueError(_nothing(slave, master, distance))
+        found = weights(slave, integrate(slave, over, master, function), master)
+    else:
+        found = _nodes(slave, master, limit, function)
+        if not len(found.node):
+            raise ValueError(_nothing(slave, master, distance))
+    columns = _columns(slave, dofs_slave, master, dofs_master, n)
+    _own_dofs(slave, columns[0], master, columns[1])
+    return _assembled(
+        found,
+        frames(_normals(slave, found.node), axis),
+        slave,
+        master,
+        found.slave @ added if added.ndim else float(added),
+        columns,
+    )
+
+
+def rigid_pairs(
+    points: ArrayLike,
+    facets: ArrayLike,
+    gap: Callable[[Array], ArrayLike],
+    *,
+    normal: ArrayLike | Callable[[Array], ArrayLike] | None = None,
+    axis: ArrayLike | None = None,
+    dofs: ArrayLike | None = None,
+    n: int | None = None,
+) -> Pairs:
+    """Contacts of a surface with a rigid obstacle, by weighted gaps.
+
+    One contact a corner of the facets, with the area ``∫ N`` of its corner function,
+    positive on second-order facets too, and displacements and gaps in the mean over the
+    dual functions of `bipot_rs.facing.mortar`. So a constant pressure gives the nodal forces
+    that belong to it, on facets of every kind.
+
+    Parameters
+    ----------
+    points, facets
+        As ``points_slave``, ``facets_slave`` of `pairs`.
+    gap
+        Function of places ``(m, d)`` that returns distances ``(m,)`` from the obstacle
+        [m], negative inside it.
+    normal
+        From the obstacle towards the body: ``(d,)``, or a function of the places that
+        returns ``(m, d)``; by default opposite to the normals of the surface.
+    axis, dofs, n
+        As those of `pairs`.
+    """
+    if not callable(gap):
+        raise TypeError(
+            f"gap is {shown(gap)}, expected a function of places that returns distances"
+        )
+    slave = surface("", points, facets)
+    found = weights(slave, integrate(slave, whole(slave), None, gap), None)
+    places = slave.points[found.node]
+    if normal is None:
+        normals = _normals(slave, found.node)
+    else:
+        given = floats("normal", normal(places) if callable(normal) else normal)
+        if given.shape not in ((slave.dim,), places.shape):
+            raise ValueError(
+                f"normal has shape {given.shape}, expected ({slave.dim},) or "
+                f"{places.shape}"
+            )
+        normals = np.broadcast_to(given, places.shape)
+    columns = _columns(slave, dofs, None, None, n)
+    return _assembled(found, frames(normals, axis), slave, None, 0.0, columns)
+
+
+def _clearance(value: ArrayLike, nodes: int) -> Array:
+    found = floats("clearance", value)
+    if found.shape not in ((), (nodes,)):
+        raise ValueError(
+            f"clearance has shape {found.shape}, expected a number, or ({nodes},): one "
+            "for each of points_slave"
+        )
+    return found
+
+
+def _own_dofs(slave: Surface, ours: Ints, master: Surface, theirs: Ints) -> None:
+    """Refuse one degree of freedom for two places: relative to itself nothing moves."""
+    own, other = np.unique(slave.facets), np.unique(master.facets)
+    known = np.full(max(int(ours.max()), int(theirs.max())) + 1, -1, np.int64)
+    known[ours[own]] = own[:, None]
+    same = known[theirs[other]]
+    at = np.argwhere(same >= 0)
+    if not at.size:
+        return
+    node, partner = other[at[:, 0]], same[tuple(at.T)]
+    apart = np.linalg.norm(master.points[node] - slave.points[partner], axis=1)
+    # At the end of a slit the two surfaces of one body have a node in common.
+    size = max(slave.radius.max(), master.radius.max())
+    wrong = apart > _RIM * size
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise ValueError(
+            f"dofs_master gives node {node[k]} the degree of freedom "
+            f"{theirs[node[k], at[k, 1]]}, which dofs_slave gives node {partner[k]} in "
+            f"another place, {apart[k]:g} away: expected numbers of their own"
+        )
+
+
+def _normals(slave: Surface, node: Ints) -> Array:
+    """From the obstacle towards the slave, at its nodes."""
+    normals = -slave.node_normals()[node]
+    size = np.bincount(
+        slave.corners.ravel(), slave.whole().ravel(), minlength=len(slave.points)
+    )[node]
+    # Of opposite facets only the rounding of the mean normal is left.
+    thin = np.linalg.norm(normals, axis=1) <= 1e-8 * size
+    if thin.any():
+        at = int(node[np.argmax(thin)])
+        raise ValueError(
+            f"{slave.name} has no normal at node {at}: its facets there face opposite ways"
+        )
+    return np.asarray(normals)
+
+
+def _apart(slave: Surface, master: Surface) -> None:
+    """A surface does not meet itself."""
+    if not np.array_equal(slave.points, master.points):
+        return
+    ours = {tuple(sorted(f)): i for i, f in enumerate(slave.facets.tolist())}
+    for i, facet in enumerate(master.facets.tolist()):
+        if tuple(sorted(facet)) in ours:
+            raise ValueError(
+                f"facets_master has facet {i}, which is facet {ours[tuple(sorted(facet))]} "
+                "of facets_slave on the same points: a surface cannot meet itself"
+            )
+
+
+def _nothing(slave: Surface, master: Surface, distance: float | None) -> str:
+    """Why no facet of the one meets one of the other."""
+    from scipy.spatial import cKDTree
+
+    far, which = cKDTree(master.centre).query(slave.centre)
+    at = int(np.argmin(far))
+    cosine = np.einsum("kd,kd->k", slave.normals, master.normals[which])
+    place = ", ".join(f"{x:g}" for x in slave.centre[at])
+    near = (
+        f"the nearest facets are {at} of facets_slave, at ({place}), and {which[at]} of "
+        f"facets_master, {far[at]:g} apart"
+    )
+    if (cosine > -1e-9).all():
+        return (
+            "facets_slave and facets_master face the same way or across each other: "
+            f"{near}, with the cosine {cosine[at]:.2f} of their normals, expected about "
+            "-1; normals point out of the bodies"
+        )
+    along = slave.normals[at] @ (master.centre[which[at]] - slave.centre[at])
+    if distance is not None and abs(along) > distance:
+        return (
+            f"facets_slave and facets_master do not meet within distance {distance:g}: "
+            f"{near}, {abs(along):g} along the normal"
+        )
+    return (
+        f"facets_slave and facets_master do not overlap: {near}, and no normal of the "
+        "one meets the other"
+    )
+
+
+def _nodes(
+    slave: Surface,
+    master: Surface,
+    limit: float,
+    clearance: Callable[[Array], ArrayLike] | None,
+) -> Weights:
+    """Each slave node on the master facet that its normal meets first."""
+    from scipy import sparse
+
+    if slave.kind.nodes > slave.kind.corners:
+        raise ValueError(
+            f"facets_slave has facets of the kind {slave.kind.name}, which method 'nodes' "
+            "does not take: areas of their corners vanish or are negative; expected "
+            "method 'mortar', or linear facets"
+        )
+    area = np.bincount(
+        slave.corners.ravel(), slave.whole().ravel(), minlength=len(slave.points)
+    )
+    node = np.flatnonzero(area > 0)
+    normals = slave.node_normals()[node]
+    length = np.linalg.norm(normals, axis=1)
+    seen = length > 1e-8 * area[node]
+    node, normals = node[seen], normals[seen] / length[seen, None]
+    places = slave.points[node]
+    k, m = candidates(places, np.zeros(len(node)), normals, master, limit)
+    offset = master.points[master.corners[m]] - places[k][:, None]
+    flat = np.einsum("pkd,pcd->pck", bases(normals)[k], offset)
+    if slave.dim == 2:
+        start, end = flat[:, 0], flat[:, 1]
+        xi = -start / (end - start)
+        inside = ((xi >= -_RIM) & (xi <= 1 + _RIM)).all(axis=1)
+    else:
+        # Far aside of a quadrilateral its coordinates have no meaning.
+        box = (np.abs(flat).max(axis=2) >= 0).all(axis=1)
+        box &= (flat.min(axis=1) <= _RIM * master.radius[m, None]).all(axis=1)
+        box &= (flat.max(axis=1) >= -_RIM * master.radius[m, None]).all(axis=1)
+        k, m, flat = k[box], m[box], flat[box]
+        xi = reference(flat, np.zeros((len(flat), 1, 2)))[:, 0]
+        if master.kind.corners == 3:
+            inside = (xi >= -_RIM).all(axis=1) & (xi.sum(axis=1) <= 1 + _RIM)
+        else:
+            inside = (np.abs(xi) <= 1 + _RIM).all(axis=1)
+    k, m, xi = k[inside], m[inside], xi[inside]
+    phi = master.kind.shapes(xi)
+    opposite = np.einsum("pj,pjd->pd", phi, master.points[master.facets[m]])
+    away = np.abs(np.einsum("pd,pd->p", normals[k], opposite - places[k]))
+    near = away <= limit
+    k, m, phi, away = k[near], m[near], phi[near], away[near]
+    order = np.lexsort([m, away, k])
+    _, first = np.unique(k[order], return_index=True)
+    k, m, phi = (x[order[first]] for x in (k, m, phi))
+    rows = np.broadcast_to(np.arange(len(k))[:, None], phi.shape)
+    other = sparse.coo_array(
+        (phi.ravel(), (rows.ravel(), master.facets[m].ravel())),
+        shape=(len(k), len(master.points)),
+    ).tocsr()
+    other.eliminate_zeros()
+    own = sparse.csr_array(
+        (np.ones(len(k)), (np.arange(len(k)), node[k])),
+        shape=(len(k), len(slave.points)),
+    )
+    gap = np.zeros(len(k))
+    if clearance is not None:
+        gap = floats("clearance at the places", clearance(places[k]), shape=(len(k),))
+    return Weights(node[k], np.asarray(area[node[k]]), own, other, gap)
+
+
+def _columns(
+    slave: Surface,
+    dofs_slave: ArrayLike | None,
+    master: Surface | None,
+    dofs_master: ArrayLike | None,
+    n: int | None,
+) -> tuple[Ints, Ints, int]:
+    """Degrees of freedom of the nodes of both sides, and how many there are."""
+    d, count = slave.dim, len(slave.points)
+    others = 0 if master is None else len(master.points)
+    given = [dofs_slave is not None, dofs_master is not None or master is None]
+    if dofs_slave is None and (dofs_master is None or master is None) and n is None:
+        everything = np.arange(d * (count + others)).reshape(-1, d)
+        return everything[:count], everything[count:], d * (count + others)
+    if not all(given) or n is None:
+        raise ValueError(
+            "degrees of freedom are given in part, expected those of all nodes, and n, "
+            "how many there are"
+        )
+    ours = _dofs("dofs_slave" if master else "dofs", dofs_slave, (count, d), n)
+    if master is None:
+        return ours, np.zeros((0, d), np.int64), n
+    return ours, _dofs("dofs_master", dofs_master, (others, d), n), n
+
+
+def _dofs(what: str, value: Any, shape: tuple[int, int], n: int) -> Ints:
+    found = np.asarray(value)
+    if found.dtype.kind not in "iu":
+        raise TypeError(f"{what} has entries of type {found.dtype}, expected integers")
+    if found.shape != shape:
+        raise ValueError(f"{what} has shape {found.shape}, expected {shape}")
+    if found.size and not (found.min() >= 0 and found.max() < n):
+        bad = int(found.max() if found.min() >= 0 else found.min())
+        raise ValueError(f"{what} holds {bad}, expected 0 to {n - 1}")
+    return np.array(found, dtype=np.int64)
+
+
+def _assembled(
+    found: Weights,
+    frame: Array,
+    slave: Surface,
+    master: Surface | None,
+    clearance: Array | float,
+    columns: tuple[Ints, Ints, int],
+) -> Pairs:
+    """Components along the frames, and the gap of the places."""
+    dofs_slave, dofs_master, n = columns
+    # From a place among them: far from the origin the digits of the gap would be lost.
+    origin = slave.points[found.node[0]]
+    gap = found.clearance + clearance
+    B = expand(found.slave, frame, dofs_slave, n)
+    if master is not None:
+        apart = found.slave @ (slave.points - origin)
+        apart = apart - found.master @ (master.points - origin)
+        gap = gap + np.einsum("cd,cd->c", frame[:, 0], apart)
+        B = B - expand(found.master, frame, dofs_master, n)
+    return Pairs(
+        B=B,
+        gap=np.asarray(gap),
+        area=found.area,
+        points=np.ascontiguousarray(slave.points[found.node]),
+        frame=frame,
+        node=found.node,
+        slave=found.slave,
+        master=found.master,
+    )
+
+
+def expand(weights: Any, frame: Array, dofs: Ints, n: int) -> Any:
+    """Blocks ``w_ij frame_i`` of weights ``(n_c, nodes)``, CSR ``(d n_c, n)``."""
+    from scipy import sparse
+
+    count, d = frame.shape[:2]
+    entries = weights.tocoo()
+    row, column = entries.row.astype(np.int64), entries.col
+    blocks = entries.data[:, None, None] * frame[row]
+    rows = np.broadcast_to(d * row[:, None, None] + np.arange(d)[:, None], blocks.shape)
+    columns = np.broadcast_to(dofs[column][:, None], blocks.shape)
+    found = sparse.coo_array(
+        (blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(d * count, n)
+    ).tocsr()
+    found.eliminate_zeros()
+    return found

@@ -1,0 +1,80 @@
+"""Integrals of shape functions over polygons in quadrilaterals that are no parallelograms.
+
+There N(ξ(x)) is not a polynomial of places, and rules on triangles converge slowly where
+a quadrilateral is nearly a triangle. In reference coordinates it is one, and in those of
+the mean edges, X = ξ + α ξη and Y = η + β ξη (`facet_shapes.reference`), by Green
+
+    ∫ ξᵖ ηᑫ dX dY = ∫∫ ξᵖ ηᑫ (1 + αη + βξ) dξ dη = -∮ F dξ,
+    F = ξᵖ [(1 + βξ) ηᑫ⁺¹/(q + 1) + α ηᑫ⁺²/(q + 2)],
+    dξ = [(1 + βξ) dX - αξ dY]/(1 + αη + βξ),
+
+along the edges, which are straight in space: a smooth function of one variable each.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bipot_rs._lib.validation import Array
+from bipot_rs.mortar.shape_functions import Kind, affine, reference, skewness
+
+
+def polygon_integrals(kind: Kind, corners: Array, polygons: Array) -> Array:
+    """∫ φ_j dA over polygons, ``(k, nodes)``.
+
+    Parameters
+    ----------
+    kind
+        Of quadrilaterals.
+    corners
+        Of the quadrilaterals, ``(k, 4, 2)``, in either sense.
+    polygons
+        Within them, counter-clockwise ``(k, v, 2)``; corners may repeat.
+    """
+    found = np.zeros((len(corners), kind.nodes))
+    # Nearest singularity as in the order of the rules on triangles.
+    rate = np.log(2 / np.clip(skewness(corners), 1e-3, 0.98))
+    points = 4 * np.ceil((26 / rate + 4) / 4).astype(np.int64)
+    for n in np.unique(points):
+        group = np.flatnonzero(points == n)
+        # As many points at a time as fit the cache.
+        step = max(1, 2**17 // int(n * polygons.shape[1]))
+        for first in range(0, len(group), step):
+            part = group[first : first + step]
+            found[part] = _boundary(kind, corners[part], polygons[part], int(n))
+    return found
+
+
+def _boundary(kind: Kind, corners: Array, polygons: Array, n: int) -> Array:
+    t, weight = np.polynomial.legendre.leggauss(n)
+    edge = np.roll(polygons, -1, axis=1) - polygons
+    places = polygons[:, :, None] + (1 + t)[:, None] / 2 * edge[:, :, None]
+    k, v = polygons.shape[:2]
+    local = reference(corners, places.reshape(k, v * n, 2))
+    xi, eta = (np.ascontiguousarray(local[..., i]) for i in (0, 1))
+    size, direction, skew = affine(corners, edge)
+    dX, dY = (np.repeat(direction[..., i], n, axis=1) for i in (0, 1))
+    alpha, beta = skew[:, :, None]
+    b = 1 + beta * xi
+    change = (b * dX - alpha * xi * dY) / (b + alpha * eta) * np.tile(weight / 2, v)
+    # By powers of η, then of ξ, as many as the functions have.
+    most = 1 if kind.nodes == 4 else 2
+    moments = np.empty((k, most + 1, most + 1))
+    for q in range(most + 1):
+        part = change * eta ** (q + 1) * (b / (q + 1) + alpha * eta / (q + 2))
+        for p in range(most + 1):
+            moments[:, p, q] = -part.sum(axis=1)
+            part *= xi
+    return np.asarray(
+        size[:, None] * (moments.reshape(k, -1) @ _coefficients(kind, most))
+    )
+
+
+def _coefficients(kind: Kind, most: int) -> Array:
+    """Shape functions in the monomials ξᵖ ηᑫ, ``((most + 1)², nodes)``."""
+    line = np.linspace(-1, 1, most + 1)
+    grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+    powers = np.arange(most + 1)
+    rows = grid[:, :1, None] ** powers[:, None] * grid[:, 1:, None] ** powers
+    found = np.linalg.solve(rows.reshape(len(grid), -1), kind.shapes(grid))
+    return np.asarray(found, dtype=np.float64)

@@ -1,0 +1,200 @@
+"""Kinds of facets: shape functions, and reference coordinates from places.
+
+A line has the reference coordinate ξ in [0, 1], a triangle (ξ, η) with ξ, η ≥ 0 and
+ξ + η ≤ 1, a quadrilateral (ξ, η) in [-1, 1]². Nodes are numbered as VTK, gmsh and Abaqus
+number them: corners around the facet, then the middles of the edges, that of edge i
+between the corners i and i + 1, then the centre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bipot_rs._lib.validation import Array
+
+# Corners of the quadrilateral, and the middles of its edges.
+_XI = np.array([-1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0, -1.0])
+_ETA = np.array([-1.0, -1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of facet.
+
+    Attributes
+    ----------
+    name
+        As in messages.
+    nodes, corners
+        Nodes of a facet, and how many of them are corners, which come first.
+    degree
+        Polynomial degree of the shape functions in the reference coordinates.
+    shapes
+        Places of reference ``(..., d - 1)`` to shape functions ``(..., nodes)``.
+    mirror
+        Order of the nodes that turns the normal around.
+    """
+
+    name: str
+    nodes: int
+    corners: int
+    degree: int
+    shapes: Callable[[Array], Array]
+    mirror: tuple[int, ...]
+
+
+def _line2(x: Array) -> Array:
+    return np.concatenate([1 - x, x], axis=-1)
+
+
+def _line3(x: Array) -> Array:
+    return np.concatenate(
+        [(1 - x) * (1 - 2 * x), x * (2 * x - 1), 4 * x * (1 - x)], axis=-1
+    )
+
+
+def _barycentric(x: Array) -> tuple[Array, Array, Array]:
+    return 1 - x[..., 0] - x[..., 1], x[..., 0], x[..., 1]
+
+
+def _tri3(x: Array) -> Array:
+    return np.stack(_barycentric(x), axis=-1)
+
+
+def _tri6(x: Array) -> Array:
+    a, b, c = _barycentric(x)
+    corners = [p * (2 * p - 1) for p in (a, b, c)]
+    return np.stack([*corners, 4 * a * b, 4 * b * c, 4 * c * a], axis=-1)
+
+
+def _quad4(x: Array) -> Array:
+    p, q = x[..., :1] * _XI[:4], x[..., 1:] * _ETA[:4]
+    return np.asarray((1 + p) * (1 + q) / 4)
+
+
+def _quad8(x: Array) -> Array:
+    xi, eta = x[..., :1], x[..., 1:]
+    p, q = xi * _XI[:4], eta * _ETA[:4]
+    corners = (1 + p) * (1 + q) * (p + q - 1) / 4
+    along = (1 - xi**2) * (1 + eta * _ETA[[4, 6]]) / 2
+    up = (1 - eta**2) * (1 + xi * _XI[[5, 7]]) / 2
+    middles = [along[..., :1], up[..., :1], along[..., 1:], up[..., 1:]]
+    return np.concatenate([corners, *middles], axis=-1)
+
+
+def _quad9(x: Array) -> Array:
+    xi, eta = x[..., 0], x[..., 1]
+
+    def line(t: Array) -> list[Array]:
+        return [t * (t - 1) / 2, 1 - t * t, t * (t + 1) / 2]
+
+    p, q = line(xi), line(eta)
+    return np.stack(
+        [
+            *(p[0] * q[0], p[2] * q[0], p[2] * q[2], p[0] * q[2]),
+            *(p[1] * q[0], p[2] * q[1], p[1] * q[2], p[0] * q[1]),
+            p[1] * q[1],
+        ],
+        axis=-1,
+    )
+
+
+# By dimension of space and nodes of a facet.
+KINDS: dict[tuple[int, int], Kind] = {
+    (2, 2): Kind("line", 2, 2, 1, _line2, (1, 0)),
+    (2, 3): Kind("line of three nodes", 3, 2, 2, _line3, (1, 0, 2)),
+    (3, 3): Kind("triangle", 3, 3, 1, _tri3, (0, 2, 1)),
+    (3, 6): Kind("triangle of six nodes", 6, 3, 2, _tri6, (0, 2, 1, 5, 4, 3)),
+    (3, 4): Kind("quadrilateral", 4, 4, 2, _quad4, (0, 3, 2, 1)),
+    (3, 8): Kind(
+        "quadrilateral of eight nodes", 8, 4, 3, _quad8, (0, 3, 2, 1, 7, 6, 5, 4)
+    ),
+    (3, 9): Kind(
+        "quadrilateral of nine nodes", 9, 4, 4, _quad9, (0, 3, 2, 1, 7, 6, 5, 4, 8)
+    ),
+}
+# Shape functions of the corners alone, by their number: what places and multipliers
+# are interpolated with.
+CORNER_SHAPES: dict[int, Callable[[Array], Array]] = {2: _line2, 3: _tri3, 4: _quad4}
+
+
+def reference(corners: Array, x: Array) -> Array:
+    """Reference coordinates ``(m, q, 2)`` of places in the planes of plane facets.
+
+    Of a quadrilateral, in coordinates (X, Y) of its mean edges, ``ξ + α ξη = X`` and
+    ``η + β ξη = Y``: eliminating η leaves the quadratic ``β ξ² + b ξ - X = 0`` with
+    ``b = 1 + αY - βX``, whose root that goes on from the parallelogram α = β = 0 is
+    2X/(b + √(b² + 4βX)). No iteration, and nothing cancels in a convex one.
+
+    Parameters
+    ----------
+    corners
+        Triangles or convex quadrilaterals, ``(m, c, 2)``.
+    x
+        ``(m, q, 2)``, within them or beside them by rounding.
+    """
+    if corners.shape[1] == 3:
+        edges = corners[:, 1:] - corners[:, :1]
+        return _components(edges, x - corners[:, :1])
+    centre, edges, (alpha, beta) = _bilinear(corners)
+    local = _components(edges, x - centre[:, None])
+    X, Y = local[..., 0], local[..., 1]
+    alpha, beta = alpha[:, None], beta[:, None]
+    b = 1 + alpha * Y - beta * X
+    # Beside a facet that is nearly a triangle the root may be of -rounding.
+    xi = 2 * X / (b + np.sqrt(np.maximum(b * b + 4 * beta * X, 0.0)))
+    return np.stack([xi, Y / (1 + beta * xi)], axis=-1)
+
+
+def skewness(corners: Array) -> Array:
+    """|α| + |β| of plane quadrilaterals ``(m, 4, 2)``: 0 for parallelograms, < 1 if convex."""
+    _, _, skew = _bilinear(corners)
+    return np.asarray(np.abs(skew).sum(axis=0))
+
+
+def affine(corners: Array, x: Array) -> tuple[Array, Array, Array]:
+    """Coordinates of mean edges of quadrilaterals ``(m, 4, 2)``.
+
+    Returns
+    -------
+    size, components, skew
+        Area of the unit of these coordinates, signed, ``(m,)``; components of vectors
+        ``x (m, q, 2)``; α and β ``(2, m)``.
+    """
+    _, edges, skew = _bilinear(corners)
+    (a, b), (c, d) = np.moveaxis(edges, 0, -1)
+    return np.asarray(a * d - b * c), _components(edges, x), skew
+
+
+def _bilinear(corners: Array) -> tuple[Array, Array, Array]:
+    """Centre, mean half edges ``(m, 2, 2)``, and (α, β) ``(2, m)``."""
+    weights = np.stack([_XI[:4], _ETA[:4], _XI[:4] * _ETA[:4]]) / 4
+    centre = corners.mean(axis=1)
+    terms = np.einsum("kc,mcd->mkd", weights, corners - centre[:, None])
+    edges = terms[:, :2]
+    skew = _components(edges, terms[:, 2:])[:, 0]
+    return centre, edges, np.moveaxis(skew, -1, 0)
+
+
+def _components(edges: Array, x: Array) -> Array:
+    """Components of ``x (m, q, 2)`` along two edges ``(m, 2, 2)``."""
+    (a, b), (c, d) = np.moveaxis(edges, 0, -1)
+    determinant = (a * d - b * c)[:, None]
+    u, v = x[..., 0], x[..., 1]
+    first = (u * d[:, None] - v * c[:, None]) / determinant
+    second = (v * a[:, None] - u * b[:, None]) / determinant
+    return np.stack([first, second], axis=-1)
+
+
+def kind_of(what: str, dim: int, nodes: int) -> Kind:
+    """Kind of facets ``what`` with so many nodes each."""
+    if (dim, nodes) not in KINDS:
+        known = [f"{k} ({n.name})" for (d, k), n in KINDS.items() if d == dim]
+        raise ValueError(
+            f"{what} has {nodes} nodes a facet, expected {', '.join(known)} in "
+            f"{dim} dimensions"
+        )
+    return KINDS[dim, nodes]

@@ -1,0 +1,32 @@
+"""Rigid obstacles, at rest or moving along the load path."""
+
+from bipot_rs.obstacle.motion import Motion
+from bipot_rs.obstacle.protocol import Closest, Obstacle
+from bipot_rs.obstacle.shapes import (
+    Approach,
+    Cylinder,
+    Distance,
+    Plane,
+    Sphere,
+    Union,
+    approach,
+    ask,
+    onwards,
+)
+from bipot_rs.obstacle.triangulated import Surface
+
+__all__ = [
+    "Approach",
+    "Closest",
+    "Cylinder",
+    "Distance",
+    "Motion",
+    "Obstacle",
+    "Plane",
+    "Sphere",
+    "Surface",
+    "Union",
+    "approach",
+    "ask",
+    "onwards",
+]

@@ -1,0 +1,85 @@
+"""The outside of bodies: facets that belong to one cell only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs.plots.style import round_number
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Facets by the corners of a cell of VTK.
+_FACETS: dict[str, list[tuple[int, ...]]] = {
+    "triangle": [(0, 1), (1, 2), (2, 0)],
+    "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
+    "tetra": [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)],
+    "hexahedron": [
+        (0, 3, 2, 1),
+        (4, 5, 6, 7),
+        (0, 1, 5, 4),
+        (1, 2, 6, 5),
+        (2, 3, 7, 6),
+        (3, 0, 4, 7),
+    ],
+}
+
+
+# Of cells and facets; those of second order have the same corners, before other nodes.
+_CORNERS = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8}
+
+
+def corners_of(kind: str, nodes: Ints) -> tuple[str, Ints]:
+    """Kind and corners of cells of either order: pictures have straight edges."""
+    first = kind.rstrip("0123456789")
+    if first not in _CORNERS:
+        raise ValueError(
+            f"kind of cells is {kind!r}, expected one of {', '.join(_CORNERS)}"
+        )
+    return first, nodes[:, : _CORNERS[first]]
+
+
+def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
+    """Facets on the outside, and the cell that each is of, body by body.
+
+    Parameters
+    ----------
+    cells
+        As `fem.Model.cells`; those of all bodies are numbered through.
+
+    Returns
+    -------
+    list of (facets, cell)
+        Nodes ``(m, corners)``, around the facet, and ``(m,)``.
+    """
+    found: list[tuple[Ints, Ints]] = []
+    first = 0
+    for given, nodes in cells:
+        kind, corners = corners_of(given, nodes)
+        facets = np.concatenate([corners[:, list(f)] for f in _FACETS[kind]])
+        _, at, count = np.unique(
+            np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
+        )
+        outside = np.sort(at[count == 1])
+        found.append((facets[outside], first + outside % len(corners)))
+        first += len(corners)
+    return found
+
+
+def deformed_nodes(
+    nodes: Floats, displacement: Floats, scale: float | None, share: float
+) -> tuple[Floats, float]:
+    """Places ``nodes + scale * u``, and the scale.
+
+    Without a scale it is a round number with which the largest displacement is about
+    ``share`` of the largest extent of the bodies, and 1 at the least.
+    """
+    u = displacement.reshape(nodes.shape)
+    if scale is None:
+        largest = float(np.linalg.norm(u, axis=1).max(initial=0.0))
+        extent = float(np.ptp(nodes, axis=0).max())
+        scale = max(round_number(share * extent / largest), 1.0) if largest else 1.0
+    return nodes + scale * u, scale

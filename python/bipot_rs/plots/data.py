@@ -1,0 +1,308 @@
+"""What is drawn of a result: one step at the contacts, by whatever it was given as."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs._lib.messages import meant
+from bipot_rs._lib.validation import Array, floats
+from bipot_rs.contact.result import Result, Solution, Step
+from bipot_rs.scene.units import inconsistent
+
+# The places, or the model, where a result does not know them.
+Given = Mapping[str, Any] | Any
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """One step at the contacts that are drawn.
+
+    Attributes
+    ----------
+    x : (n_c, d)
+    frame : (n_c, d, d) or None
+    area : (n_c,) or None
+    mu : (n_c,) or (n_c, 2) or None
+    reaction, status, gap, slip
+        As in a `Step`; ``gap`` is the normal part of the relative displacement.
+    units
+        Names by ``"length"``, ``"force"``, ``"stress"``.
+    surface : (n_c,) or None
+        Number of the surface of each contact, where it is known.
+    names
+        Of the surfaces by number, ``"body.surface"``.
+    said
+        Which load step it is, ``"load step 3 of 8"``; empty where there is but one.
+    """
+
+    x: Array
+    frame: Array | None
+    area: Array | None
+    mu: Array | None
+    reaction: Array
+    status: NDArray[np.integer[Any]]
+    gap: Array
+    slip: Array
+    units: Mapping[str, str]
+    surface: NDArray[np.integer[Any]] | None = None
+    names: Sequence[str] = ()
+    said: str = ""
+
+    @property
+    def surfaces(self) -> list[tuple[str, NDArray[np.intp]]]:
+        """Name and contacts of each surface that has some; all without a name if unknown."""
+        if self.surface is None or not len(self.surface):
+            return [("", np.arange(len(self.x)))]
+        return [
+            (self.names[k], np.flatnonzero(self.surface == k))
+            for k in np.unique(self.surface)
+        ]
+
+    def part(self, chosen: Any) -> Contacts:
+        """Some of the contacts, by a mask or numbers."""
+        arrays = ("x", "frame", "area", "mu", "reaction", "status", "gap", "slip")
+        given = {name: getattr(self, name) for name in (*arrays, "surface")}
+        cut: dict[str, Any] = {
+            name: None if array is None else array[chosen]
+            for name, array in given.items()
+        }
+        return replace(self, **cut)
+
+    @property
+    def traction(self) -> Array:
+        """``reaction / area``, or the reaction itself where no areas are known."""
+        if self.area is None:
+            return self.reaction
+        return np.asarray(self.reaction / self.area[:, None])
+
+    @property
+    def has_frame(self) -> Array:
+        """The frames; a `ValueError` says how to give them."""
+        if self.frame is None:
+            raise ValueError(
+                "the frames of the contacts are not known: give frame= to "
+                "ContactProblem, or contacts= here"
+            )
+        return self.frame
+
+    def vectors(self, tangential: Array) -> Array:
+        """Tangential vectors ``(n_c, d - 1)`` in global components, ``(n_c, d)``."""
+        found = np.einsum("ck,ckd->cd", tangential, self.has_frame[:, 1:])
+        return np.asarray(found, np.float64)
+
+
+def contacts_of(found: Any, given: Given | None) -> Mapping[str, Any]:
+    """What is known of the contacts of a result, or of ``contacts=``."""
+    if given is None:
+        return found.contacts if isinstance(found, Result) else {}
+    if isinstance(given, Mapping):
+        return given
+    model, _ = model_of(given)
+    if model is None:
+        raise TypeError(
+            f"contacts is a {type(given).__name__}, expected a mapping with x, frame, "
+            "area, mu, or the model"
+        )
+    from bipot_rs.fem.contact_surface import surface_labels
+
+    names = {"x": "points", "frame": "frame", "area": "area", "mu": "mu"}
+    known = {name: getattr(model, there) for name, there in names.items()}
+    return known | surface_labels(model)
+
+
+def model_of(given: Any) -> tuple[Any, Any]:
+    """The `fem.Model` of what has one, and the `Case` where there is one.
+
+    Of a `fem.Model`, a `Case`, a `Model`, which is assembled, or a `ModelResult`; None and
+    None of anything else.
+    """
+    if hasattr(given, "contact_dofs"):
+        return given, None
+    case = getattr(given, "case", None)
+    if case is None and hasattr(given, "parameter") and hasattr(given, "model"):
+        case = given
+    if case is None and hasattr(type(given), "assemble"):
+        case = given.assemble()
+    return (None, None) if case is None else (case.model, case)
+
+
+def units_of(found: Any, units: Mapping[str, str] | None) -> Mapping[str, str]:
+    """Names of units: those given, else those that the result knows."""
+    known: Mapping[str, str] = getattr(found, "units", {}) if units is None else units
+    if not isinstance(known, Mapping):
+        raise TypeError(
+            f"units is a {type(known).__name__}, expected a mapping from length, force "
+            "and stress to their names"
+        )
+    if said := inconsistent(known):
+        raise ValueError(f"units: {said}")
+    return known
+
+
+def steps_of(found: Any) -> Result:
+    """A path with steps, or an error."""
+    if not isinstance(found, Result):
+        raise TypeError(f"result is a {type(found).__name__}, expected a Result")
+    if not len(found):
+        raise ValueError(f"result has no steps to draw: {found.message}")
+    return found
+
+
+def one_step(found: Any, step: int) -> Solution:
+    """A step of a result, or the solution itself."""
+    if isinstance(found, Solution):
+        return found
+    path = steps_of(found)
+    if not -len(path) <= step < len(path):
+        raise ValueError(f"step is {step}, expected one of 0 to {len(path) - 1}")
+    solution: Solution = path[step]
+    return solution
+
+
+def number_of(found: Any, step: int) -> tuple[int, int] | None:
+    """Of a step of a result its number from 0 on the whole path, and how many it has."""
+    if not isinstance(found, Result):
+        return None
+    count = found._first + len(found)
+    return (step if step < 0 else found._first + step) % count, count
+
+
+def said_of(found: Any, step: int) -> str:
+    """Which load step, in words; none of a single one."""
+    place = number_of(found, step)
+    if place is None or place[1] == 1:
+        return ""
+    return f"load step {place[0] + 1} of {place[1]}"
+
+
+def look(
+    found: Any,
+    step: int = -1,
+    *,
+    contacts: Given | None = None,
+    where: ArrayLike | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Contacts:
+    """What is drawn of a `Result`, a `Step` or a `Solution`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        What is missing or of a wrong kind or shape, by its name.
+    """
+    solution = one_step(found, step)
+    known = contacts_of(found, contacts)
+    n, d = solution.reaction.shape
+    if known.get("x") is None:
+        way = "contacts= here"
+        if isinstance(found, Result):
+            way = f"points= to ContactProblem, or {way}"
+        elif isinstance(found, Step):
+            way = f"the whole result, which may know them, and step=, or {way}"
+        way = f"give {way}"
+        raise ValueError(f"the places of the contacts are not known: {way}")
+    mu = known.get("mu")
+    both = (n, 2) if mu is not None and np.ndim(mu) == 2 else (n,)
+    shapes = {"x": (n, d), "frame": (n, d, d), "area": (n,), "mu": both}
+    own = {
+        name: None
+        if known.get(name) is None
+        else floats(f"{name} of contacts", known[name], shape=shape, copy=False)
+        for name, shape in shapes.items()
+    }
+    v = solution.relative_displacement
+    fields = {
+        "reaction": solution.reaction,
+        "status": solution.status,
+        "gap": v[:, 0],
+        # Of a problem in the reactions alone, v is that of its one step.
+        "slip": getattr(solution, "slip", v[:, 1:]),
+    }
+    seen = Contacts(
+        units=units_of(found, units),
+        surface=surface_of(known, n),
+        names=names_of(known),
+        said=said_of(found, step),
+        **own,  # type: ignore[arg-type]
+        **fields,  # type: ignore[arg-type]
+    )
+    return seen if where is None else seen.part(selection(where, n, known))
+
+
+def surface_of(known: Mapping[str, Any], contacts: int) -> NDArray[np.int64] | None:
+    """Number of the surface of each contact, ``(n_c,)``, where it is known."""
+    given = known.get("surface")
+    if given is None:
+        return None
+    found = np.asarray(given)
+    if found.dtype.kind not in "iu" or found.shape != (contacts,) or (found < 0).any():
+        raise ValueError(
+            f"surface of contacts has entries of type {found.dtype} and shape "
+            f"{found.shape}, expected ({contacts},) integers from 0"
+        )
+    return found.astype(np.int64)
+
+
+def names_of(known: Mapping[str, Any]) -> list[str]:
+    """Names of the surfaces by number, where there are some."""
+    surface = known.get("surface")
+    if surface is None or not np.size(surface):
+        return []
+    names, count = known.get("surface_names"), int(np.max(surface)) + 1
+    if names is None or len(names) < count:
+        return [f"surface {k}" for k in range(count)]
+    return [str(name) for name in names]
+
+
+def selection(
+    where: ArrayLike | str | None,
+    contacts: int,
+    known: Mapping[str, Any] = MappingProxyType({}),
+) -> Any:
+    """Which contacts: a mask, numbers or the name of a surface, all without."""
+    if where is None:
+        return slice(None)
+    if isinstance(where, str):
+        return _of_surface(where, known)
+    chosen = np.asarray(where)
+    if chosen.dtype == np.bool_:
+        if chosen.shape != (contacts,):
+            raise ValueError(f"where has shape {chosen.shape}, expected ({contacts},)")
+        chosen = np.flatnonzero(chosen)
+    elif chosen.dtype.kind not in "iu" or chosen.ndim != 1:
+        raise TypeError(
+            f"where has entries of type {chosen.dtype}, expected a mask or integers"
+        )
+    if not chosen.size:
+        raise ValueError("where leaves no contacts to draw")
+    if chosen.min() < 0 or chosen.max() >= contacts:
+        raise ValueError(f"where names contacts outside of 0 to {contacts - 1}")
+    return chosen
+
+
+def _of_surface(name: str, known: Mapping[str, Any]) -> NDArray[np.intp]:
+    """Numbers of the contacts on a surface; those of one name may be numbered."""
+    names = names_of(known)
+    if not names:
+        raise ValueError(
+            f"where is {name!r}, but the surfaces of the contacts are not known: give the "
+            "model as contacts=, or a mask"
+        )
+    mine = [k for k, one in enumerate(names) if one in (name, *_numbered(name, names))]
+    chosen = np.flatnonzero(np.isin(known["surface"], mine))
+    if not chosen.size:
+        raise ValueError(
+            f"there is no contact on {name!r}, expected one of "
+            f"{', '.join(names)}{meant(name, names)}"
+        )
+    return chosen
+
+
+def _numbered(name: str, names: Sequence[str]) -> list[str]:
+    return [f"{name} {k}" for k in range(len(names)) if f"{name} {k}" in names]

@@ -1,0 +1,150 @@
+"""Where the mesh should be finer: each element's part of the discretisation error."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bipot_rs._lib.validation import floats
+from bipot_rs.mesh.elements import Floats, Ints
+from bipot_rs.plots.boundary_facets import skin
+
+# A mesh has the least error for its size when all elements have about the same: below a
+# thousandth of the mean nothing is to be said any more, above it a hundredth part of the
+# elements has nearly all.
+_LOW, _HIGH = 1e-3, 1e2
+
+
+def error_map(
+    path: str | os.PathLike[str],
+    nodes: Floats,
+    cells: Sequence[tuple[str, Ints]],
+    energies: Floats,
+    *,
+    contacts: Floats | None = None,
+    title: str = "",
+    unit: str = "",
+) -> None:
+    """Draw the energy of each element over that of the mean element.
+
+    Parameters
+    ----------
+    path
+        Picture to write; the suffix chooses the format.
+    nodes, cells
+        ``(nodes, d)`` and the cells of each body, as `Model.nodes` and `Model.cells`.
+    energies
+        ``(cells,)``, as `DiscretisationError.cells`, not all zero.
+    contacts
+        Places ``(n_c, d)``; in the plane a second panel shows what is around them.
+    title, unit
+        Line on top; name of the unit of length.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.5, 4.4), layout="constrained")
+    draw(figure, nodes, cells, energies, contacts=contacts, unit=unit)
+    figure.suptitle(title, fontsize=12, fontweight="bold")
+    figure.savefig(path, dpi=130)
+
+
+def draw(
+    figure: Any,
+    nodes: Floats,
+    cells: Sequence[tuple[str, Ints]],
+    energies: Floats,
+    *,
+    contacts: Floats | None = None,
+    unit: str = "",
+) -> None:
+    """Draw the picture of `error_map` on a figure of matplotlib, or a part of one."""
+    from matplotlib.colors import LogNorm
+
+    count = sum(len(corners) for _, corners in cells)
+    energies = floats("energies", energies, shape=(count,))
+    mean = energies.mean()
+    if not mean > 0:
+        raise ValueError("energies are all zero: there is no error to draw")
+    share = np.clip(energies / mean, _LOW, _HIGH)
+    colours = {"cmap": "magma_r", "norm": LogNorm(_LOW, _HIGH)}
+    label = "error energy of the element / of the mean element"
+    if nodes.shape[1] == 2:
+        corners = np.concatenate([c for _, c in cells])
+        panels = _plane(figure, nodes, corners, share, contacts, colours, unit)
+    else:
+        panels = _space(figure, nodes, cells, share, colours)
+    figure.colorbar(panels[-1][1], ax=[axes for axes, _ in panels], label=label)
+
+
+def _plane(
+    figure: Any,
+    nodes: Floats,
+    corners: Ints,
+    share: Floats,
+    contacts: Floats | None,
+    colours: dict[str, Any],
+    unit: str,
+) -> list[tuple[Any, Any]]:
+    from matplotlib.collections import PolyCollection
+
+    views = [(nodes.min(axis=0), nodes.max(axis=0))]
+    if contacts is not None and len(contacts):
+        low, high = contacts.min(axis=0), contacts.max(axis=0)
+        around = 0.35 * (high - low).max()
+        near = (
+            np.maximum(low - around, views[0][0]),
+            np.minimum(high + around, views[0][1]),
+        )
+        if (near[1] - near[0]).prod() < 0.25 * (views[0][1] - views[0][0]).prod():
+            views.append(near)
+    panels = []
+    for k, (low, high) in enumerate(views):
+        axes = figure.add_subplot(1, len(views), k + 1)
+        image = PolyCollection(
+            list(nodes[corners]), array=share, lw=0, antialiased=False, **colours
+        )
+        # As one image: a polygon each would make a file of the size of the mesh.
+        image.set_rasterized(True)
+        axes.add_collection(image)
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
+        axes.set_aspect("equal")
+        if unit:
+            axes.set_xlabel(f"[{unit}]")
+        panels.append((axes, image))
+    return panels
+
+
+def _space(
+    figure: Any,
+    nodes: Floats,
+    cells: Sequence[tuple[str, Ints]],
+    share: Floats,
+    colours: dict[str, Any],
+) -> list[tuple[Any, Any]]:
+    """Facets outside, from above and from below, each in the colour of its cell."""
+    from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
+        Poly3DCollection,
+    )
+
+    parts = skin(cells)
+    outside = [polygon for facets, _ in parts for polygon in nodes[facets]]
+    of_cell = np.concatenate([cell for _, cell in parts])
+    low, high = nodes.min(axis=0), nodes.max(axis=0)
+    panels = []
+    for k, height in enumerate((25, -25)):
+        axes = figure.add_subplot(1, 2, k + 1, projection="3d")
+        image = Poly3DCollection(outside, lw=0.1, edgecolor="grey", **colours)
+        image.set_array(share[of_cell])
+        image.set_rasterized(True)
+        axes.add_collection3d(image)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+        axes.set_box_aspect(high - low)
+        axes.view_init(height, -55)
+        axes.set_title("from above" if height > 0 else "from below", fontsize="medium")
+        axes.set_axis_off()
+        panels.append((axes, image))
+    return panels

@@ -1,0 +1,178 @@
+"""The picture that a run leaves: tractions, zones and the load path, in one file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs._lib.validation import floats
+from bipot_rs.plots import style
+from bipot_rs.plots.body import box_in_space
+from bipot_rs.plots.data import Contacts, names_of, surface_of
+from bipot_rs.plots.line import draw_tractions
+from bipot_rs.plots.path import draw_resultants, draw_shares
+from bipot_rs.plots.surface import draw_map, draw_status, is_plane
+
+Floats = NDArray[np.float64]
+Arrays = Mapping[str, NDArray[Any]]
+
+# Surfaces that have maps of their own; more are drawn together.
+_ROWS = 4
+
+
+def tractions(
+    path: str | os.PathLike[str],
+    contacts: Arrays,
+    steps: Sequence[Mapping[str, Any]],
+    *,
+    title: str = "",
+    units: Mapping[str, str] | None = None,
+    step: int = -1,
+) -> None:
+    """Draw a load step, and the path.
+
+    Parameters
+    ----------
+    path
+        Picture to write; the suffix chooses the format.
+    contacts
+        ``x (n_c, d)``, ``area (n_c,)``, ``mu``, ``frame (n_c, d, d)``, and where there
+        are surfaces ``surface (n_c,)`` and ``surface_names``, as in a result file. Each
+        surface has lines, in space maps, of its own.
+    steps
+        At least one, each with ``load``, ``reaction (n_c, d)``, ``status (n_c,)``.
+    title
+        Line on top; which load step is drawn follows.
+    units
+        Names of units by ``"length"``, ``"force"``, ``"stress"``.
+    step
+        Which of ``steps`` is drawn, the last if not given.
+
+    Raises
+    ------
+    TypeError, ValueError
+        What is missing or of the wrong shape, by its name.
+    """
+    from matplotlib.figure import Figure
+
+    if not steps:
+        raise ValueError("steps is empty, expected at least one load step")
+    known, steps = _checked(contacts, steps)
+    names = dict(units or {})
+    at = range(len(steps))[step]
+    drawn = steps[at]
+    n, d = known["x"].shape
+    seen = Contacts(
+        **known,  # type: ignore[arg-type]
+        reaction=drawn["reaction"],
+        status=drawn["status"].astype(np.int8),
+        gap=np.zeros(n),
+        slip=np.zeros((n, d - 1)),
+        units=names,
+        surface=surface_of(contacts, n),
+        names=names_of(contacts),
+    )
+    # Not pyplot: it would keep the figure and choose a backend for the process.
+    rows = [5.2] if d == 2 else [4.1] * len(_rows(seen))
+    heights = [*rows, *([2.6] if len(steps) > 1 else [])]
+    figure = Figure(figsize=(11.0, sum(heights)), layout="constrained")
+    parts: Any = figure.subfigures(
+        len(heights), 1, height_ratios=heights, squeeze=False
+    ).ravel()
+    if d == 2:
+        draw_tractions(seen, None, parts[0].add_subplot())
+    else:
+        _in_space(parts, seen)
+    if len(steps) > 1:
+        left, right = parts[-1].subplots(1, 2)
+        reaction = np.array([step["reaction"] for step in steps])
+        draw_resultants(reaction, seen.frame, seen.mu, seen.surfaces, names, left)
+        draw_shares(np.array([step["status"] for step in steps]), right)
+        said = f"load step {at + 1} of {len(steps)}"
+        title = f"{title}, {said}" if title else said
+    figure.suptitle(title, fontsize=13, fontweight="bold")
+    figure.savefig(path, dpi=150)
+
+
+def _rows(seen: Contacts) -> list[tuple[str, Contacts]]:
+    """What has a row of pictures: each surface where they are plane, else all in space."""
+    if is_plane(seen):
+        return [("", seen)]
+    each = [(name, seen.part(own)) for name, own in seen.surfaces]
+    if len(each) > _ROWS or not all(is_plane(one) for _, one in each):
+        return [("", seen)]
+    return each
+
+
+def _in_space(figures: Sequence[Any], seen: Contacts) -> None:
+    for figure, (name, one) in zip(figures, _rows(seen), strict=False):
+        (_maps if is_plane(one) else _clouds)(figure, one)
+        if name:
+            figure.suptitle(name, x=0.01, ha="left", fontsize="medium")
+
+
+def _checked(
+    contacts: Arrays, steps: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, Floats], list[dict[str, Floats]]]:
+    def taken(
+        whose: str, given: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
+    ) -> dict[str, Floats]:
+        missing = [name for name in shapes if given.get(name) is None]
+        if missing:
+            raise ValueError(f"{whose} lacks {', '.join(missing)}")
+        return {
+            name: floats(f"{name} of {whose}", given[name], shape=shape)
+            for name, shape in shapes.items()
+        }
+
+    x = taken("contacts", contacts, {"x": np.asarray(contacts.get("x")).shape})["x"]
+    if x.ndim != 2 or x.shape[1] not in (2, 3) or not len(x):
+        raise ValueError(f"x of contacts has shape {x.shape}, expected (n_c, 2 or 3)")
+    n, d = x.shape
+    two = d == 3 and np.asarray(contacts.get("mu")).ndim == 2
+    coefficients = (n, 2) if two else (n,)
+    shapes_known = {"area": (n,), "mu": coefficients, "frame": (n, d, d)}
+    known = taken("contacts", contacts, shapes_known)
+    shapes: dict[str, tuple[int, ...]] = {"reaction": (n, d), "status": (n,)}
+    return known | {"x": x}, [
+        taken(f"step {k}", step, shapes) for k, step in enumerate(steps)
+    ]
+
+
+def _maps(figure: Any, seen: Contacts) -> None:
+    """Contact on a plane: maps of pressure, of shear with its direction, of zones."""
+    left, middle, right = figure.subplots(1, 3)
+    draw_map(seen, "pressure", left)
+    draw_map(seen, "shear", middle, seen.traction[:, 1:])
+    draw_status(seen, right)
+    for ax in (middle, right):
+        ax.set_ylabel("")
+
+
+def _clouds(figure: Any, seen: Contacts) -> None:
+    """Contact on surfaces that are not one plane: nodes in space."""
+    panels = figure.subplots(1, 3, subplot_kw={"projection": "3d"})
+    x, unit = seen.x, style.stress_unit(seen.units)
+    shear = np.linalg.norm(seen.traction[:, 1:], axis=1)
+    below: dict[str, Any] = {"location": "bottom", "shrink": 0.7, "pad": 0.02}
+    for ax, values, name in (
+        (panels[0], seen.traction[:, 0], "pressure"),
+        (panels[1], shear, "shear traction"),
+    ):
+        cloud = ax.scatter(*x.T, c=values, s=8, cmap="viridis", depthshade=False)
+        bar = ax.figure.colorbar(cloud, ax=ax, **below)
+        style.name_axis(bar.ax.xaxis, name, unit)
+    panels[2].scatter(
+        *x.T, c=seen.status, s=8, depthshade=False, **style.status_colours()
+    )
+    style.legend_above(panels[2], handles=style.status_handles(seen.status))
+    for ax in panels:
+        box_in_space(x, ax, zoom=0.72)
+        ax.tick_params(labelsize="small")
+        for axis in "xyz":
+            length = seen.units.get("length")
+            style.name_axis(getattr(ax, f"{axis}axis"), axis, length)

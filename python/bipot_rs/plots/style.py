@@ -1,0 +1,201 @@
+"""Axes, colours, labels and legends that all pictures share.
+
+Figures are made without pyplot, which would keep them and choose a backend for the
+process. Colours are told apart without red and green, and in grey by their lightness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bipot_rs.contact.summary import STATUS
+from bipot_rs.files.export import library
+
+# By status: open, slip, stick.
+COLOURS = ("#d9dee3", "#f28e2b", "#1f4e79")
+PRESSURE, SHEAR, LIMIT, QUIET = "#1f4e79", "#c0392b", "#f28e2b", "#7f8c8d"
+# Of several surfaces, in their order; then from the first again.
+_CYCLE = ("#1f4e79", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#7f7f7f")
+# Inches: at the width of a column, 85 mm, letters of 10 points come out as 7.
+SIZE = (4.8, 3.6)
+Units = Mapping[str, str]
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+# What work is called: where not here, by its factors.
+_WORK = {("N", "m"): "J", ("kN", "m"): "kJ", ("MN", "m"): "MJ"}
+
+
+def axes_of(ax: Any, *, size: tuple[float, float] = SIZE, space: bool = False) -> Any:
+    """``ax``, or the axes of a new figure.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        matplotlib is not installed; the message says how to get it.
+    TypeError
+        ``ax`` is something else, or does not show space where that is needed.
+    """
+    library("matplotlib", extra="cli", need="pictures")
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    if ax is None:
+        kind = {"projection": "3d"} if space else {}
+        return Figure(figsize=size, layout="constrained").add_subplot(**kind)
+    if not isinstance(ax, Axes):
+        raise TypeError(f"ax is a {type(ax).__name__}, expected axes of matplotlib")
+    if (ax.name == "3d") is not space:
+        wanted = 'projection="3d"' if space else "no projection"
+        raise TypeError(f"ax has projection {ax.name!r}, expected axes with {wanted}")
+    return ax
+
+
+def label(name: str, unit: str | None) -> str:
+    """``name [unit]``, or the name alone where the unit is not known."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def name_axis(axis: Any, name: str, unit: str | None) -> None:
+    """Label an axis of axes or of a colour bar, a power of 1000 with its unit.
+
+    Without it the ticks would be long, or matplotlib would write the power where a legend
+    is. Called when what is drawn is there.
+    """
+    largest = float(np.abs(axis.get_view_interval()).max())
+    power = 0
+    if np.isfinite(largest) and largest > 0 and not 1e-2 <= largest < 1e4:
+        power = 3 * int(np.floor(np.log10(largest) / 3))
+    if power:
+        from matplotlib.ticker import FuncFormatter
+
+        axis.set_major_formatter(
+            FuncFormatter(lambda v, _: f"{v / 10.0**power:g}".replace("-", "−"))
+        )
+        factor = "10" + str(power).translate(_RAISED)
+        unit = f"{factor} {unit}" if unit else factor
+    axis.set_label_text(label(name, unit))
+
+
+def colour_bar(
+    image: Any, ax: Any, name: str, unit: str | None, *, extend: str = "neither"
+) -> Any:
+    """Colour bar on the right of the axes, with its name."""
+    if ax.name == "3d":
+        bar = ax.figure.colorbar(image, ax=ax, extend=extend, shrink=0.8, pad=0.1)
+    else:
+        # As high as the axes, also where one length the same in x and y makes them low,
+        # and not narrower where it makes them narrow.
+        wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
+        part = 1.0 if ax.get_aspect() == "auto" else max(high / wide, 1.0)
+        place = ax.inset_axes((1.0 + 0.03 * part, 0.0, 0.045 * part, 1.0))
+        bar = ax.figure.colorbar(image, cax=place, extend=extend)
+    name_axis(bar.ax.yaxis, name, unit)
+    return bar
+
+
+def stress_unit(units: Units) -> str | None:
+    """Of tractions: as given, or from force and length."""
+    if units.get("stress"):
+        return units["stress"]
+    force, length = units.get("force"), units.get("length")
+    return f"{force}/{length}²" if force and length else None
+
+
+def work_unit(units: Units) -> str | None:
+    """Of force times length."""
+    force, length = units.get("force"), units.get("length")
+    if not force or not length:
+        return None
+    return _WORK.get((force, length), f"{force}·{length}")
+
+
+def cycle(k: int) -> str:
+    """Colour of the surface of number ``k`` among those drawn."""
+    return _CYCLE[k % len(_CYCLE)]
+
+
+def fit(ax: Any) -> None:
+    """Give a figure with one picture at one scale in x and y the height that it fills."""
+    wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
+    width, _ = ax.figure.get_size_inches()
+    # Beside the axes stand labels and the colour bar, above and below labels.
+    inner = width - 2.0
+    height = min(max(inner * high / wide, 2.0), 5.4)
+    ax.figure.set_size_inches(width, height + 0.9)
+
+
+def note(ax: Any, text: str) -> None:
+    """A few words above the axes, on their left."""
+    if text:
+        ax.set_title(text, fontsize="small", loc="left")
+
+
+def say(ax: Any, text: str) -> None:
+    """A sentence in the middle of axes that have nothing else to tell."""
+    place = {"ha": "center", "va": "center", "transform": ax.transAxes}
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+    if ax.name == "3d":
+        ax.text2D(0.5, 0.97, text, **place)
+    else:
+        ax.text(0.5, 0.5, text, bbox=box, **place)
+
+
+def blank() -> Any:
+    """Colours of a surface whose values are all the same."""
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap([COLOURS[0]])
+
+
+def legend_above(ax: Any, *, title: str = "", **more: Any) -> Any:
+    """Legend over the axes, where it hides nothing, under a title on its left."""
+    if title:
+        more = {"title": title, "title_fontsize": "small", "alignment": "left"} | more
+    place = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "frameon": False}
+    look = {"fontsize": "small", "ncols": 3, "columnspacing": 1.2, "handlelength": 1.4}
+    return ax.legend(**{**place, **look, **more})
+
+
+def status_handles(status: NDArray[np.integer[Any]]) -> list[Any]:
+    """Patches for a legend, stick first, with how many contacts are of each."""
+    from matplotlib.patches import Patch
+
+    counts = [int(np.sum(status == k)) for k in range(3)]
+    return [
+        Patch(facecolor=COLOURS[k], label=f"{STATUS[k]} ({counts[k]})")
+        for k in (2, 1, 0)
+    ]
+
+
+def status_colours() -> dict[str, Any]:
+    """Arguments of what maps numbers to colours, for statuses."""
+    from matplotlib.colors import ListedColormap
+
+    return {"cmap": ListedColormap(COLOURS), "vmin": 0, "vmax": 2}
+
+
+def bare(ax: Any) -> None:
+    """Take away the frame where no axis is."""
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def whole_numbers(axis: Any) -> None:
+    """Ticks of load steps."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+
+
+def round_number(value: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above ``value`` > 0.
+
+    >>> [round_number(x) for x in (0.034, 7.0, 1000.0)]
+    [0.02, 5.0, 1000.0]
+    """
+    power = 10.0 ** np.floor(np.log10(value) + 1e-12)
+    fits: Sequence[float] = [m for m in (1.0, 2.0, 5.0) if m <= value / power + 1e-12]
+    return float(f"{(fits or [1.0])[-1] * power:.12g}")

@@ -1,0 +1,216 @@
+"""What the tables of a scene name: meshes, materials, obstacles, contacts and strains."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bipot_rs.fem.assembly import Support
+from bipot_rs.fem.body import Body
+from bipot_rs.fem.boundary import Spring, Symmetry, surface, with_surfaces
+from bipot_rs.fem.contact import Contact
+from bipot_rs.fem.stress_recovery import Initial, thermal
+from bipot_rs.mesh.boxes import box
+from bipot_rs.mesh.elements import KINDS, first_order, second_order
+from bipot_rs.mesh.readers import read_mesh
+from bipot_rs.obstacle.protocol import Obstacle
+from bipot_rs.obstacle.shapes import Cylinder, Plane, Sphere
+from bipot_rs.obstacle.triangulated import Surface
+from bipot_rs.scene.case import motion_of
+from bipot_rs.scene.library import SceneError
+from bipot_rs.scene.schema.consistency import Known, inconsistencies
+from bipot_rs.scene.schema.contact import Rigid
+from bipot_rs.scene.schema.load import InitialStrain
+from bipot_rs.scene.schema.mesh import Block
+from bipot_rs.scene.schema.root import Scene
+
+
+def bodies(scene: Scene) -> list[Body]:
+    """Meshes and materials of a scene.
+
+    Raises
+    ------
+    SceneError
+        Files that cannot be read, and what shows on their meshes only: names that they
+        do not have, surfaces where no facet lies; all mistakes at once.
+    """
+    found: list[Body] = []
+    problems: list[str] = []
+    for name, block in scene.body.items():
+        place = f"body.{name}.mesh"
+        try:
+            mesh = _mesh(scene, block)
+            place = f"body.{name}.surface"
+            mesh = _named(mesh, block)
+            place = f"body.{name}.material"
+            found.append(Body(name, mesh, _material(scene, block)))
+        except (OSError, ValueError) as error:
+            problems.append(
+                f"{place}{error}" if _placed(error) else f"{place}: {error}"
+            )
+    if not problems and any(block.mesh is not None for block in scene.body.values()):
+        problems = inconsistencies(scene, {body.name: _known(body) for body in found})
+    if problems:
+        raise SceneError(scene.title, problems)
+    return found
+
+
+class _Mistake(ValueError):
+    """One that says its place itself, which goes on the one of its table."""
+
+
+def _placed(error: Exception) -> bool:
+    return isinstance(error, _Mistake)
+
+
+def _known(body: Body) -> Known:
+    return Known(
+        body.dim,
+        sorted(body.mesh.boundaries or {}),
+        sorted(body.mesh.subdomains or {}),
+    )
+
+
+def _mesh(scene: Scene, block: Block) -> Any:
+    if block.mesh is not None:
+        mesh = read_mesh(scene.place(block.mesh.file), block.mesh.group)
+        _carries(scene, mesh)
+    else:
+        n = scene.mesh.n if scene.mesh else None
+        axes = (block.x, block.y, block.z)
+        grids = [axis.grid(n) for axis in axes if axis is not None]
+        mesh = box(grids, scene.cell(block) or "")
+    order = scene.order(block)
+    if order is None or order == KINDS[type(mesh)].degree:
+        return mesh
+    return second_order(mesh) if order == 2 else first_order(mesh)
+
+
+def _carries(scene: Scene, mesh: Any) -> None:
+    """Whether ``mesh.element`` is one of the cells that a file has."""
+    element = scene.mesh.element if scene.mesh else None
+    shape = KINDS[type(mesh)].shape
+    simplex = shape in ("triangle", "tetrahedron")
+    if element is not None and simplex != element.startswith("P"):
+        raise ValueError(
+            f"mesh.element is {element!r}, the file has cells of the kind {shape}"
+        )
+
+
+def _named(mesh: Any, block: Block) -> Any:
+    """With the surfaces that are told by geometry."""
+    found = {}
+    for name, place in block.surface.items():
+        if name in (mesh.boundaries or {}):
+            raise _Mistake(f".{name}: the mesh names a surface so, choose another name")
+        within = None if place.within is None else place.within.box()
+        try:
+            found[name] = surface(mesh, within, place.normal, place.angle)
+        except ValueError as error:
+            raise _Mistake(f".{name}: {error}") from error
+    return with_surfaces(mesh, found) if found else mesh
+
+
+def _material(scene: Scene, block: Block) -> Any:
+    """One, or those by the name of a volume."""
+    chosen = {"plane_stress": block.plane == "stress", "thickness": block.thickness}
+    made = {
+        end: scene.material[name].made(**chosen)  # type: ignore[arg-type]
+        for end, name in block.materials.items()
+    }
+    if isinstance(block.material, str):
+        return made[""]
+    return {end.removeprefix("."): material for end, material in made.items()}
+
+
+def _obstacle(scene: Scene, name: str, rigid: Rigid) -> Obstacle:
+    try:
+        if rigid.plane is not None:
+            return Plane(rigid.plane.point, rigid.plane.normal)
+        if rigid.sphere is not None:
+            ball = rigid.sphere
+            return Sphere(ball.centre, ball.radius, rigid.inside)
+        if rigid.cylinder is not None:
+            bar = rigid.cylinder
+            return Cylinder(bar.point, bar.radius, bar.axis, rigid.inside)
+        file = scene.place(rigid.surface or "")
+        return Surface.from_file(file, flipped=rigid.inside)
+    except (OSError, ValueError) as error:
+        raise SceneError(scene.title, [f"obstacle.{name}: {error}"]) from error
+
+
+def contacts(scene: Scene) -> list[Contact]:
+    """Contacts, with their obstacles as they move along the load steps of the path."""
+    # Each made once: a surface of many facets takes long.
+    known = {
+        name: _obstacle(scene, name, rigid) for name, rigid in scene.obstacle.items()
+    }
+    ends = np.arange(1.0, scene.path.count() + 1)
+    found = []
+    for c in scene.contact:
+        rigid = scene.obstacle.get(c.obstacle or "")
+        found.append(
+            Contact(
+                *split(c.on),
+                mu=c.mu,
+                plane=(c.plane.point, c.plane.normal) if c.plane else None,
+                against=split(c.other) if c.other else None,
+                clearance=c.clearance.at,
+                within=c.within.box() if c.within else None,
+                axis=c.axis,
+                obstacle=None if c.obstacle is None else known[c.obstacle],
+                motion=None if rigid is None else motion_of(rigid, scene.path, ends),
+                pairing=c.pairing,
+            )
+        )
+    return found
+
+
+def supports(scene: Scene) -> list[Support]:
+    """Those whose values are prescribed."""
+    return [
+        Support(
+            *split(s.on), tuple(s.components()), s.within.box() if s.within else None
+        )
+        for s in scene.support
+    ]
+
+
+def symmetries(scene: Scene) -> list[Symmetry]:
+    """Planes of symmetry."""
+    return [Symmetry(*split(s.on)) for s in scene.symmetry]
+
+
+def springs(scene: Scene) -> list[Spring]:
+    """Elastic foundations."""
+    return [
+        Spring(*split(s.on), s.stiffness, s.normal, s.tangential) for s in scene.spring
+    ]
+
+
+def strain_of(told: InitialStrain, body: Body) -> Initial:
+    """The strain of one kelvin, or of the amplitude one, in the volumes that it is of."""
+    volume = split(told.on)[1]
+    if told.tensor is not None:
+        tensor = np.array(told.tensor)
+        return {volume: tensor} if volume else tensor
+    # Along the axes of each material: of an isotropic one those of coordinates.
+    expansion = told.expansion or 0.0
+    if isinstance(body.material, dict):
+        named = {
+            name: np.asarray(thermal(expansion, 1.0, material.directions))
+            for name, material in body.material.items()
+            if volume in ("", name)
+        }
+        if named:
+            return named
+    directions = body.materials[0].directions
+    whole = np.asarray(thermal(expansion, 1.0, directions))
+    return {volume: whole} if volume else whole
+
+
+def split(on: str) -> tuple[str, str]:
+    """The body and the surface, or the volume, of ``"body.surface"``."""
+    body, _, part = on.partition(".")
+    return body, part

@@ -1,0 +1,470 @@
+"""A scene as arrays, and its load path at any place between the load steps given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bipot_rs._lib.messages import counted, instead
+from bipot_rs.contact.errors import FloatingBodyError
+from bipot_rs.contact.load_steps import Totals, differing, reached
+from bipot_rs.contact.problem import ContactProblem
+from bipot_rs.contact.result import Result, Step
+from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.inspection import inspect, unheld
+from bipot_rs.fem.stress_recovery import Initial, stress
+from bipot_rs.obstacle.motion import Motion
+from bipot_rs.scene.schema.contact import Rigid
+from bipot_rs.scene.schema.load import Pressure
+from bipot_rs.scene.schema.path import LoadPath
+from bipot_rs.scene.schema.root import Scene
+from bipot_rs.scene.schema.table import Varying
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force per area of a surface, or per volume of a body, along a path.
+
+    Attributes
+    ----------
+    body
+        Its number.
+    facets : (m,) or None
+        Facets of its mesh; None for a force per volume.
+    density : (d,) or (m, d)
+        The force, of one facet or of all.
+    history : (steps,)
+        Its factor at the end of each load step.
+    nodal : (n,) or None
+        Its nodal forces, of factor 1.
+    number
+        What the scene says of its factor.
+    strain
+        Of an initial strain, which `nodal` are the forces of, the strain of factor 1.
+    """
+
+    body: int
+    facets: Ints | None
+    density: Floats
+    history: Floats
+    nodal: Floats | None = None
+    number: Varying | Pressure | None = None
+    strain: Initial | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene as arrays: what `ContactProblem` takes, and its load path.
+
+    Attributes
+    ----------
+    model
+        K, B, gap, … (`fem.Model`).
+    load : (steps, n) or None
+        Totals at the end of each load step [N]; None without loads.
+    prescribed : (steps, len(model.fixed))
+        Prescribed displacements, totals [m].
+    parameter : (steps,)
+        The scene's own path parameter.
+    loads : tuple of Load
+        What `load` is the nodal forces of.
+    scene : Scene or None
+        What it was made from.
+    gaps : (steps, n_c, d) or None
+        Gaps of each load step by component where obstacles move [m], `fem.Model.gaps`.
+    """
+
+    model: Model
+    load: Floats | None
+    prescribed: Floats
+    parameter: Floats
+    loads: tuple[Load, ...] = ()
+    scene: Scene | None = None
+    gaps: Floats | None = None
+
+    def problem(
+        self,
+        *,
+        num_threads: int | None = None,
+        on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
+    ) -> ContactProblem:
+        """Condense: the contact problem of these arrays.
+
+        Raises
+        ------
+        FloatingBodyError
+            Motions that neither supports nor contacts feel, in words.
+        """
+        try:
+            return self.model.problem(num_threads=num_threads, on_forecast=on_forecast)
+        except FloatingBodyError as error:
+            # The core knows a degree of freedom, the bodies their rigid motions. What
+            # moves free of contact within a body is not one of them.
+            said = list(unheld(self.model, rough=True))
+            if not said:
+                raise
+            told = FloatingBodyError("; ".join(said))
+            told.dof = error.dof
+            raise told from None
+
+    def sampled(self, t: ArrayLike) -> Case:
+        """The same with load steps that end at ``t``, where load step k of the scene is k + 1.
+
+        Tables are linear in between and waves what they are; the first load step goes
+        linearly from the unloaded bodies, at ``t = 0``.
+        """
+        if self.scene is None:
+            raise ValueError(
+                "this case has no scene, which tells what is between steps"
+            )
+        return along(self.scene, self.model, self.loads, np.atleast_1d(np.asarray(t)))
+
+    def solve(
+        self,
+        problem: ContactProblem | None = None,
+        *,
+        method: str | None = None,
+        tol: float | None = None,
+        max_iterations: int | None = None,
+        start: Result | Step | None = None,
+        first: int = 0,
+        on_step: Callable[[int, Step], object] | None = None,
+    ) -> Result:
+        """Follow the path as the scene says: its load steps, or automatic ones.
+
+        Parameters
+        ----------
+        problem
+            `problem` of this case, where it is at hand.
+        method, tol, max_iterations
+            Instead of those of the scene.
+        start
+            What an earlier run has reached, `first` steps.
+        first
+            Load steps that are done already.
+        on_step
+            Called as ``on_step(k, step)``, k counted from ``first``.
+
+        Raises
+        ------
+        NoEquilibriumError, NotConvergedError
+            As `ContactProblem.solve` and `ContactProblem.follow`.
+        """
+        if self.scene is None:
+            raise ValueError("this case has no scene, which tells how it is solved")
+        settings = self.scene.solver
+        tolerance = settings.tol if tol is None else tol
+        if isinstance(tolerance, str):
+            raise ValueError(
+                f"tol is {tolerance!r}, which depends on the mesh: expected a number"
+            )
+        chosen: dict[str, Any] = {
+            "method": settings.method if method is None else method,
+            "tol": tolerance,
+            "max_iterations": settings.max_iterations
+            if max_iterations is None
+            else max_iterations,
+            "start": start,
+            "on_step": on_step,
+        }
+        asked = self.problem() if problem is None else problem
+        plan = self.scene.path.increments
+        if plan is None:
+            self._goes_on(start, first)
+            load = None if self.load is None else self.load[first:]
+            moved = None if self.gaps is None else self.gaps[first:]
+            return asked.solve(load, self.prescribed[first:], gap=moved, **chosen)
+        steps = self.scene.path.count()
+        known: dict[float, Totals] = {}
+
+        def at(t: float) -> Totals:
+            # Asked for again, for the load, the displacement and the gap of one attempt.
+            if t not in known:
+                known.clear()
+                known[t] = self._at(t)
+            return known[t]
+
+        def gap(t: float) -> Floats:
+            found = at(t)[2]
+            return self.model.gap if found is None else found
+
+        return asked.follow(
+            lambda t: at(t)[0],
+            lambda t: at(t)[1],
+            stops=np.arange(1.0, steps + 1),
+            first=plan.largest if plan.first is None else plan.first,
+            largest=plan.largest,
+            smallest=plan.smallest,
+            slip=plan.slip,
+            gap=None if self.gaps is None else gap,
+            **chosen,
+        )
+
+    def _goes_on(self, start: Result | Step | None, first: int) -> None:
+        """Refuse a start that another path has led to, as far as it knows its loads."""
+        last = reached(start)
+        if last is None or not first:
+            return
+        nothing = np.zeros(self.model.n)
+        own = {
+            "load": nothing if self.load is None else self.load[first - 1],
+            "prescribed": self.prescribed[first - 1],
+            "gap": None if self.gaps is None else self.gaps[first - 1],
+        }
+        other = differing(last, own)
+        if other is not None:
+            raise ValueError(
+                f"start ends with another {other} than load step {first} of this path"
+            )
+
+    def remarks(self) -> list[str]:
+        """What a person should look at before solving, a sentence each (`inspection`)."""
+        strained = sum(
+            np.outer(one.history, one.nodal)
+            for one in self.loads
+            if one.strain is not None and one.nodal is not None
+        )
+        said = inspect(
+            self.model, load=self.load, prescribed=self.prescribed, strained=strained
+        )
+        if (
+            self.load is None
+            and self.gaps is None
+            and not np.any(self.prescribed)
+            and not (self.model.gap < 0).any()
+        ):
+            said.append(
+                "nothing moves: no load, no prescribed displacement but zero, no obstacle "
+                "that moves or penetrates"
+            )
+        if self.scene is not None and self.scene.lacks_n():
+            said.append("mesh.n: no body takes it, another one gives the same mesh")
+        return said
+
+    def stress_at_rest(self, step: int | Step) -> Floats | None:
+        """Stress that initial strains would make in bodies held fast, ``(cells, 3, 3)`` [Pa].
+
+        Cells of all bodies, the mean over each, at the end of a load step; None without
+        initial strains. Added to the stress of the displacements, it makes the stress.
+        """
+        acting = [load for load in self.loads if load.strain is not None]
+        if not acting:
+            return None
+        if isinstance(step, Step):
+            if step.s is None:
+                raise ValueError("step is one of load steps given: tell its number")
+            return self.sampled(step.s).stress_at_rest(0)
+        counts = [int(body.mesh.t.shape[1]) for body in self.model.bodies]
+        ends = np.cumsum([0, *counts])
+        found = np.zeros((ends[-1], 3, 3))
+        for load in acting:
+            body = self.model.bodies[load.body]
+            still = np.zeros(body.points.size)
+            unit = stress(body, still, load.strain, space=True)
+            found[ends[load.body] : ends[load.body + 1]] += load.history[step] * unit
+        return found
+
+    def step_parameter(self, k: int, step: Step) -> float:
+        """The scene's own path parameter at the end of step ``k`` of a result."""
+        if step.s is None:
+            return float(self.parameter[k])
+        if self.scene is None or self.scene.path.parameter is None:
+            return step.s
+        path = self.scene.path
+        amplitude = path.amplitude[self.scene.path.parameter]
+        return float(amplitude.at(np.array([step.s]), path.count())[0])
+
+    def loaded(self, result: Sequence[Step]) -> list[Step]:
+        """Steps that were read from a file, which holds no loads, with their own."""
+        nothing = np.zeros(self.model.n)
+        found = []
+        for k, step in enumerate(result):
+            if step.s is None:
+                load = None if self.load is None else self.load[k]
+                moved = self.prescribed[k]
+            else:
+                load, moved, _ = self._at(step.s)
+            found.append(
+                replace(step, load=nothing if load is None else load, prescribed=moved)
+            )
+        return found
+
+    def _at(self, t: float) -> Totals:
+        case = self.sampled(t)
+        load = np.zeros(self.model.n) if case.load is None else case.load[0]
+        return load, case.prescribed[0], None if case.gaps is None else case.gaps[0]
+
+    def contacts_of(self, name: str) -> Ints:
+        """Numbers of the contacts on a surface ``"body.surface"``, ascending.
+
+        Of the surface whose nodes are the contacts', ``on`` of its table.
+
+        Raises
+        ------
+        ValueError
+            No contact is on it; the message says on which there are.
+        """
+        known = self.contacts
+        if name not in known:
+            raise ValueError(f"there is no contact on {name!r}{instead(name, known)}")
+        return known[name]
+
+    @property
+    def contacts(self) -> dict[str, Ints]:
+        """Numbers of the contacts on each surface that has some."""
+        names = [f"{c.body}.{c.surface}" for c in self.model.contacts]
+        own = np.array(names)[self.model.group]
+        return {name: np.flatnonzero(own == name) for name in dict.fromkeys(names)}
+
+    def contact_force(self, result: Result, name: str) -> Floats:
+        """Force on a body through the contacts on a surface, ``(steps, d)`` [N].
+
+        In global components; on the body whose surface it is.
+        """
+        contacts = self.contacts_of(name)
+        force = result.reaction[:, contacts]
+        found: Floats = np.einsum("sck,ckd->sd", force, self.model.frame[contacts])
+        return found
+
+    def support_force(self, result: Result, name: str) -> Floats:
+        """Force of the supports on a surface on their body, ``(steps, d)`` [N].
+
+        ``K u - f - Bᵀ r`` at the components they prescribe, in global components; a
+        degree of freedom that several supports prescribe counts once, and for each
+        surface that has it.
+
+        Raises
+        ------
+        ValueError
+            No support is on it; the message says on which there are.
+        """
+        model = self.model
+        names = [f"{s.body}.{s.surface}" for s in model.supports]
+        mine = [
+            d
+            for d, known in zip(model.support_dofs, names, strict=True)
+            if known == name
+        ]
+        if not mine:
+            raise ValueError(
+                f"there is no support on {name!r}" + instead(name, dict.fromkeys(names))
+            )
+        dofs = np.unique(np.concatenate([d.ravel() for d in mine]))
+        found = np.zeros((len(result), model.dim))
+        for force, step in zip(found, result, strict=True):
+            out = model.K[dofs] @ step.displacement
+            out -= model.B[:, dofs].T @ step.reaction.ravel()
+            if step.load is not None:
+                out -= step.load[dofs]
+            np.add.at(force, dofs % model.dim, out)
+        return found
+
+
+def along(scene: Scene, model: Model, loads: Sequence[Load], t: Floats) -> Case:
+    """The case of load steps that end at ``t (steps,)``."""
+    count = scene.path.count()
+    if not ((t >= 0) & (t <= count)).all():
+        raise ValueError(
+            f"t is {t.tolist()}, expected places from 0 to {counted(count, 'load step')}"
+        )
+    history = _histories(scene.path, t)
+    load = np.zeros((len(t), model.n))
+    acting = []
+    for one in loads:
+        if one.number is None or one.nodal is None:
+            raise ValueError("a load has no number: it does not come from a scene")
+        acting.append(replace(one, history=history(one.number)))
+        np.add(load, np.outer(acting[-1].history, one.nodal), out=load)
+    rows = [[history(v) for v in s.components().values()] for s in scene.support]
+    prescribed = [
+        model.prescribed([[float(h[step]) for h in row] for row in rows])
+        for step in range(len(t))
+    ]
+    return Case(
+        model=model,
+        load=load if load.any() else None,
+        prescribed=np.array(prescribed).reshape(len(t), len(model.fixed)),
+        parameter=_parameter(scene.path, t),
+        loads=tuple(acting),
+        scene=scene,
+        gaps=_gaps(scene, model, t),
+    )
+
+
+def _histories(path: LoadPath, t: Floats) -> Callable[[Varying | Pressure], Floats]:
+    """What numbers of a scene are at the ends ``t`` of steps."""
+    factor = {name: a.at(t, path.count()) for name, a in path.amplitude.items()}
+    # What has no amplitude is there from the first load step on.
+    constant = np.minimum(t, 1.0)
+
+    def history(number: Varying | Pressure) -> Floats:
+        found: Floats = number.value * (
+            factor[number.amplitude] if number.amplitude else constant
+        )
+        return found
+
+    return history
+
+
+def _parameter(path: LoadPath, t: Floats) -> Floats:
+    if path.parameter is None:
+        return t.astype(np.float64)
+    return path.amplitude[path.parameter].at(t, path.count())
+
+
+def motion_of(rigid: Rigid, path: LoadPath, t: Floats) -> Motion | None:
+    """How an obstacle has moved at the ends ``t`` of steps; None for one at rest."""
+    if rigid.move is None and rigid.turn is None:
+        return None
+    history = _histories(path, t)
+    vectors = (
+        *(rigid.plane and rigid.plane.point, rigid.sphere and rigid.sphere.centre),
+        *(rigid.cylinder and rigid.cylinder.point, rigid.turn and rigid.turn.about),
+    )
+    known = [len(one) for one in vectors if one]
+    moved = {} if rigid.move is None else rigid.move.components()
+    # Of a surface of a file the motion alone tells: an axis is one in space.
+    in_space = 2 in moved or (rigid.turn is not None and rigid.turn.axis is not None)
+    dim = known[0] if known else 3 if in_space else 2
+    translation = np.zeros((len(t), dim))
+    for k, number in moved.items():
+        translation[:, k] = history(number)
+    turn = rigid.turn
+    # Rollers turn about their own middle.
+    own = next((one for one in vectors[:3] if one), None)
+    return Motion(
+        translation,
+        None if turn is None else history(turn.angle),
+        about=None if turn is None else turn.about or own,
+        axis=None if turn is None else turn.axis,
+        degrees=True,
+    )
+
+
+def _gaps(scene: Scene, model: Model, t: Floats) -> Floats | None:
+    """Gaps at the ends of steps where obstacles move."""
+    whole = model.gaps(scene.path.count())
+    if whole is None:
+        return None
+    found = np.empty((len(t), *whole.shape[1:]))
+    for k, place in enumerate(t):
+        before = int(place)
+        if before == place and before > 0:
+            found[k] = whole[before - 1]
+            continue
+        ends = np.array([before, place], np.float64)
+        motions = [
+            motion_of(scene.obstacle[c.obstacle], scene.path, ends)
+            if c.obstacle
+            else None
+            for c in scene.contact
+        ]
+        found[k] = model.gaps_between(before, motions)
+    return found

@@ -1,0 +1,300 @@
+"""Scene files: TOML, checked whole, to a contact problem and its load path.
+
+`read` parses and checks, `bodies` of `scene_parts` meshes, `assemble` builds the arrays
+of (1), (2) and (21).
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from bipot_rs._lib.messages import meant
+from bipot_rs._lib.toml_text import HALF
+from bipot_rs.contact.reduced import refuse_settings
+from bipot_rs.fem.assembly import Model, build
+from bipot_rs.fem.body import Body
+from bipot_rs.scene.build import (
+    bodies,
+    contacts,
+    split,
+    springs,
+    strain_of,
+    supports,
+    symmetries,
+)
+from bipot_rs.scene.case import Case, Load, along
+from bipot_rs.scene.library import SceneError, folder_of, shipped, text
+from bipot_rs.scene.schema.consistency import inconsistencies, out_of_range
+from bipot_rs.scene.schema.root import Scene, Solver
+from bipot_rs.scene.schema.table import KIND
+from bipot_rs.scene.stand_ins import others, places
+from bipot_rs.scene.suggestions import instead, standing
+
+__all__ = [
+    "Case",
+    "Load",
+    "SceneError",
+    "assemble",
+    "bodies",
+    "checked",
+    "parsed",
+    "put",
+    "read",
+    "shipped",
+    "text",
+]
+
+
+_NO_TEXT = "half of a surrogate pair, which UTF-8 has no bytes for"
+
+
+def read(name: str, settings: Sequence[str] = ()) -> Scene:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    name
+        A shipped name or a TOML file.
+    settings
+        ``"key.sub.key=value"``, values as in TOML or plain words; ``contact.0.mu``
+        means the first entry of a list.
+
+    Raises
+    ------
+    SceneError
+        With every mistake found, each with its path.
+    """
+    table = parsed(name, text(name))
+    problems = [p for p in (_override(table, item) for item in settings) if p]
+    return checked(name, table, problems, folder_of(name))
+
+
+def parsed(name: str, source: str) -> dict[str, Any]:
+    """The tables of a TOML text; `SceneError` where it is none."""
+    source = source.removeprefix("\ufeff")
+    if half := HALF.search(source):
+        raise SceneError(name, [f"is not TOML: it holds {half[0]!r}, {_NO_TEXT}"])
+    try:
+        return tomllib.loads(source)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(name, [f"is not TOML: {error}"]) from error
+    except RecursionError:
+        raise SceneError(name, ["is not TOML: it is nested too deeply"]) from None
+
+
+def checked(
+    name: str,
+    table: dict[str, Any],
+    problems: Sequence[str] = (),
+    folder: Path = Path(),
+) -> Scene:
+    """The scene of a table; `SceneError` with all mistakes, ``problems`` first.
+
+    Files that it names are looked for in ``folder``.
+    """
+    found = list(problems)
+    try:
+        scene = Scene.model_validate(table)
+    except ValidationError as error:
+        known = standing(Scene, table)
+        found += [_mistake(e, known, table) for e in error.errors()]
+        found += [*others(table, places(error)), *_settings(table)]
+        raise SceneError(name, found) from None
+    extreme = out_of_range(scene)
+    if extreme:
+        found += [sentence for _, sentence in extreme]
+        found += others(table, [place for place, _ in extreme])
+        found += _settings(table)
+        raise SceneError(name, found)
+    found += [*inconsistencies(scene), *_settings(table)]
+    if found:
+        raise SceneError(name, found)
+    return scene.beside(folder)
+
+
+def _settings(table: dict[str, Any]) -> Iterator[str]:
+    """What the solver would refuse of its settings, where they can be read."""
+    try:
+        solver = Solver.model_validate(table.get("solver", {}))
+    except ValidationError:
+        return
+    plain = Solver()
+    for method, tol in ((solver.method, plain.tol), (plain.method, solver.tol)):
+        if (method, tol) == (plain.method, plain.tol):
+            continue  # of most scenes, which are not to wait for it
+        try:
+            refuse_settings(method, tol)
+        except ValueError as error:
+            yield f"solver: {error}"
+
+
+def assemble(scene: Scene, meshed: Sequence[Body]) -> Case:
+    """Arrays of a scene on its meshes.
+
+    Raises
+    ------
+    SceneError
+        What shows on the meshes only: nodes of a pair that do not match,
+        supports that contradict each other, a contact without nodes.
+    """
+    try:
+        return _case(scene, meshed)
+    except SceneError:
+        raise
+    except ValueError as error:
+        raise SceneError(scene.title, [str(error)]) from error
+
+
+def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
+    model = build(
+        meshed,
+        contacts(scene),
+        supports(scene),
+        symmetries=symmetries(scene),
+        springs=springs(scene),
+    )
+    return along(
+        scene,
+        model,
+        tuple(_loads(scene, meshed, model)),
+        np.arange(1.0, scene.path.count() + 1),
+    )
+
+
+def _loads(scene: Scene, meshed: Sequence[Body], model: Model) -> Iterator[Load]:
+    """Forces of a scene, each of factor 1."""
+    unit, none = np.eye(model.dim), np.zeros(0)
+    place = {body.name: index for index, body in enumerate(meshed)}
+    for t in scene.traction:
+        on, face = split(t.on)
+        facets = meshed[place[on]].facets(face)
+        for k, number in t.components().items():
+            nodal = model.traction(on, face, unit[k])
+            yield Load(place[on], facets, unit[k], none, nodal, number)
+    for p in scene.pressure:
+        on, face = split(p.on)
+        body = meshed[place[on]]
+        normals = np.asarray(body.surface(face).normals)
+        nodal = model.pressure(on, face, 1.0)
+        # Facets are plane: one normal a facet.
+        inwards = -normals[:, :, 0].T
+        yield Load(place[on], body.facets(face), inwards, none, nodal, p)
+    for b in scene.body_force:
+        for k, number in b.components().items():
+            nodal = model.body_force(b.on, unit[k])
+            yield Load(place[b.on], None, unit[k], none, nodal, number)
+    for told in scene.strain:
+        on, _ = split(told.on)
+        strain = strain_of(told, meshed[place[on]])
+        nodal = model.initial_strain(on, strain)
+        still = np.zeros(model.dim)
+        yield Load(place[on], None, still, none, nodal, told.factor, strain)
+
+
+def _place(loc: Sequence[str | int], table: Any) -> list[str]:
+    """A place of pydantic's report, as the file ``table`` has it.
+
+    Of a plain value that stands for a table, the key that it would have there is left out.
+    """
+    found, at = [], table
+    for part in loc:
+        if isinstance(part, str) and part.startswith(KIND):
+            continue
+        if isinstance(at, dict):
+            at = at.get(part)
+        elif isinstance(at, list) and isinstance(part, int):
+            at = at[part] if part < len(at) else None
+        elif at is not None:
+            continue
+        found.append(str(part))
+    return found
+
+
+def _mistake(error: Any, known: Mapping[str, Sequence[str]], table: Any) -> str:
+    """One line of pydantic's report, in the words of the scene file.
+
+    ``known`` are the places of keys that are right.
+    """
+    parts = [str(part) for part in error["loc"]]
+    path = ".".join(_place(error["loc"], table))
+    kind, message = error["type"], error["msg"]
+    if kind == "extra_forbidden":
+        return f"{path}: unknown key{instead(Scene, parts, known)}"
+    if kind == "missing":
+        return f"{path}: is missing"
+    if kind in ("model_type", "dict_type", "model_attributes_type"):
+        message = "should be a table"
+    message = message.removeprefix("Value error, ").removeprefix("Input ")
+    given = error.get("input")
+    if kind in ("float_type", "int_type") and isinstance(given, str):
+        with suppress(ValueError):
+            float(given)
+            message += ", without quotes"
+    if parts[0] == "pressure" and isinstance(given, dict) and "amplitude" in given:
+        message += ", with amplitude beside it"
+    if isinstance(given, str | int | float):
+        return f"{path}: {message}, got {given!r}"
+    return f"{path}: {message}"
+
+
+def _override(table: dict[str, Any], setting: str) -> str | None:
+    """Put ``key=value`` into the table; a message if there is no such place."""
+    if half := HALF.search(setting):
+        return f"--set {setting!r}: holds {half[0]!r}, {_NO_TEXT}"
+    key, equals, value = setting.partition("=")
+    if not equals or not all(key.strip().split(".")):
+        return f"--set {setting}: should be KEY=VALUE"
+    try:
+        parsed = tomllib.loads(f"v = {value}")["v"]
+    except (tomllib.TOMLDecodeError, RecursionError):
+        # A shell's .5 and 5. are numbers, though TOML takes neither.
+        bare = re.fullmatch(r"\s*[+-]?([0-9]+\.|\.[0-9]+)(e[+-]?[0-9]+)?\s*", value)
+        parsed = float(value) if bare else value
+    wrong = put(table, key.strip(), parsed)
+    return wrong and f"--set {key}: {wrong}"
+
+
+def entry(part: str) -> int | None:
+    """The number of an entry of a list; None where a key is none."""
+    # Python takes raised digits for digits, and refuses numbers of thousands of them.
+    return int(part) if re.fullmatch("[0-9]{1,18}", part) else None
+
+
+def put(table: dict[str, Any], key: str, value: Any) -> str | None:
+    """Put a value at ``"key.0.key"`` of a table; a message if there is no such place."""
+    parts = key.split(".")
+    at: Any = table
+    for depth, part in enumerate(parts):
+        place, last = ".".join(parts[:depth]), depth == len(parts) - 1
+        if isinstance(at, list):
+            index: Any = entry(part)
+            if not at:
+                return f"{place} has no entries"
+            if index is None or index >= len(at):
+                first = f": {place}.0 is the first" if index is None else ""
+                return f"{place} has entries 0 to {len(at) - 1}{first}"
+        elif isinstance(at, dict):
+            index = part
+            if not last and index not in at:
+                if depth == 1 and parts[0] in ("body", "material"):
+                    # Half of one would be made, and the other half found missing.
+                    return (
+                        f"there is no {parts[0]} {part!r}, expected one of "
+                        f"{', '.join(at)}{meant(part, at)}"
+                    )
+                at[index] = {}
+        else:
+            return f"{place} is not a table"
+        if last:
+            at[index] = value
+        else:
+            at = at[index]
+    return None

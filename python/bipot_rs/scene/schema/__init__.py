@@ -1,0 +1,63 @@
+"""Tables of a scene, and what is wrong with them: pydantic says what is, by file.
+
+`Scene` is the root of all. A name `on` is ``"body.surface"``; what no table shows by
+itself is said by `inconsistencies`.
+"""
+
+from bipot_rs.scene.schema.consistency import (
+    Known,
+    Unknown,
+    Unused,
+    inconsistencies,
+    out_of_range,
+)
+from bipot_rs.scene.schema.contact import Clearance, Plane, Rigid, Touch
+from bipot_rs.scene.schema.load import (
+    BodyForce,
+    Foundation,
+    InitialStrain,
+    Mirror,
+    Prescribed,
+    Pressure,
+    Traction,
+)
+from bipot_rs.scene.schema.material import Elastic
+from bipot_rs.scene.schema.mesh import Axis, Block, Mesh, MeshFile, Place, Within
+from bipot_rs.scene.schema.path import Amplitude, Automatic, LoadPath
+from bipot_rs.scene.schema.root import Scene, Solver, Units
+from bipot_rs.scene.schema.table import AXES, KIND, Varying
+
+__all__ = [
+    "AXES",
+    "KIND",
+    "Amplitude",
+    "Automatic",
+    "Axis",
+    "Block",
+    "BodyForce",
+    "Clearance",
+    "Elastic",
+    "Foundation",
+    "InitialStrain",
+    "Known",
+    "LoadPath",
+    "Mesh",
+    "MeshFile",
+    "Mirror",
+    "Place",
+    "Plane",
+    "Prescribed",
+    "Pressure",
+    "Rigid",
+    "Scene",
+    "Solver",
+    "Touch",
+    "Traction",
+    "Units",
+    "Unknown",
+    "Unused",
+    "Varying",
+    "Within",
+    "inconsistencies",
+    "out_of_range",
+]

@@ -1,0 +1,110 @@
+"""What holds and moves bodies: each number of a load times an amplitude of the path."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Discriminator, Field, Tag
+
+from bipot_rs.scene.schema.mesh import Within
+from bipot_rs.scene.schema.table import (
+    KIND,
+    Component,
+    Components,
+    Table,
+    Varying,
+    Vector,
+)
+
+_Stiffness = Annotated[float, Field(ge=0)]
+_ONE_OR_MORE = Discriminator(
+    lambda v: KIND + ("more" if isinstance(v, list) else "one")
+)
+
+
+class Prescribed(Components):
+    """Displacement components prescribed on a surface; others stay free."""
+
+    on: str
+    within: Within | None = None
+
+
+class Mirror(Table):
+    """A plane surface at which the body goes on mirrored: it moves within that plane."""
+
+    on: str
+
+
+class Foundation(Table):
+    """Springs on a surface, per area: a traction against its displacement.
+
+    ``stiffness`` is a number for all directions, or one a component; instead of it
+    ``normal`` and ``tangential``, along the outward normal and across it.
+    """
+
+    on: str
+    stiffness: (
+        Annotated[
+            Annotated[_Stiffness, Tag(f"{KIND}one")]
+            | Annotated[
+                Annotated[list[_Stiffness], Field(min_length=2, max_length=3)],
+                Tag(f"{KIND}more"),
+            ],
+            _ONE_OR_MORE,
+        ]
+        | None
+    ) = None
+    normal: _Stiffness | None = None
+    tangential: _Stiffness | None = None
+
+
+class Traction(Components):
+    """Force per area on a surface."""
+
+    on: str
+
+
+class Pressure(Table):
+    """Pressure on a surface, positive inwards."""
+
+    on: str
+    value: float
+    amplitude: str | None = None
+
+
+class BodyForce(Components):
+    """Force per volume of a body."""
+
+    on: str
+
+
+class InitialStrain(Table):
+    """What a body, or ``"body.volume"``, would strain by if nothing held it.
+
+    By heat, ``expansion`` [1/K], a number or one along each axis of its material, times
+    the rise of ``temperature`` [K]; or any ``tensor``, times ``amplitude``. In the plane a
+    tensor of two rows has no part out of the plane, which in plane strain presses.
+    """
+
+    on: str
+    expansion: (
+        Annotated[
+            Annotated[float, Tag(f"{KIND}one")]
+            | Annotated[
+                Annotated[list[float], Field(min_length=3, max_length=3)],
+                Tag(f"{KIND}more"),
+            ],
+            _ONE_OR_MORE,
+        ]
+        | None
+    ) = None
+    temperature: Component | None = None
+    tensor: Annotated[list[Vector], Field(min_length=2, max_length=3)] | None = None
+    amplitude: str | None = None
+
+    @property
+    def factor(self) -> Varying:
+        """What the strain of one kelvin, or the tensor, is multiplied by."""
+        if self.temperature is not None:
+            return self.temperature
+        return Varying(value=1.0, amplitude=self.amplitude)

@@ -1,0 +1,254 @@
+"""Bodies: boxes with their grids, or meshes from files; their surfaces by geometry.
+
+A number of cells or a length may be given by the scene's own ``mesh.n``: ``"n"``,
+``"n/2"``, ``"6*n"``, ``"0.5/n"``.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Discriminator, Field, Tag
+
+from bipot_rs.scene.schema.table import KIND, MOST, Floats, Range, Table, Vector, wrap
+
+_DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+
+
+_OF_N = re.compile(
+    r"(?:(?P<factor>\d+(?:\.\d*)?)\s*\*\s*)?n(?:\s*/\s*(?P<divisor>\d+(?:\.\d*)?))?"
+    r"|(?P<over>\d+(?:\.\d*)?)\s*/\s*n"
+)
+
+
+def _expression(value: Any) -> Any:
+    """Keep a number, or one that depends on n, as text."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return str(value)
+    if isinstance(value, str) and _OF_N.fullmatch(value.strip()):
+        return value.strip()
+    raise ValueError("should be a number, or like 'n', 'n/2', '6*n', '0.5/n'")
+
+
+Expression = Annotated[str, BeforeValidator(_expression)]
+
+
+class Mesh(Table):
+    """Resolution, the one number that a study of convergence changes, and the element.
+
+    With ``element`` all bodies have the cells of that element, whatever their own
+    ``cell`` and ``order`` say: P1 are linear triangles and tetrahedra, Q1 bilinear
+    quadrilaterals and trilinear hexahedra, on the same grid points; P2 and Q2 have nodes
+    in the middles between them besides. Meshes of files keep their cells, and take the
+    order.
+    """
+
+    n: Annotated[int | None, Field(gt=0, le=MOST)] = None
+    element: Literal["P1", "Q1", "P2", "Q2"] | None = None
+
+
+class Axis(Table):
+    """Grid points along an axis: equal cells, a graded grid, or all points.
+
+    A graded grid has cells of size ``cell`` over ``uniform``, or one cell at
+    ``from`` when ``uniform`` is missing, and from there on each cell ``growth``
+    times as long as the one before. ``growth`` may depend on n: pairs of the
+    first n and the ratio from there on.
+    """
+
+    start: Annotated[float | None, Field(alias="from")] = None
+    end: Annotated[float | None, Field(alias="to")] = None
+    cells: Expression | None = None
+    cell: Expression | None = None
+    uniform: Range | None = None
+    growth: Annotated[
+        list[Annotated[list[float], Field(min_length=2, max_length=2)]],
+        BeforeValidator(lambda v: [[1.0, v]] if isinstance(v, int | float) else v),
+    ] = Field(default_factory=lambda: [[1.0, 1.0]])
+    points: Annotated[list[float], Field(min_length=2)] | None = None
+
+    def takes_n(self) -> bool:
+        """Whether the grid depends on the resolution."""
+        given = [text for text in (self.cells, self.cell) if text is not None]
+        grows = any(first > 1 for first, _ in self.growth)
+        return grows or any("n" in text for text in given)
+
+    def grid(self, n: int | None) -> Floats:
+        """Ascending grid points; `ValueError` says what does not fit."""
+        grid = self._points(n)
+        if len(grid) < 2 or not np.all(np.diff(grid) > 0):
+            raise ValueError(
+                "points should ascend, and no two may be one after rounding"
+            )
+        return grid
+
+    def _points(self, n: int | None) -> Floats:
+        if self.points is not None:
+            if self.model_fields_set != {"points"}:
+                raise ValueError("points stand alone, without other keys")
+            return np.array(self.points)
+        if self.start is None or self.end is None or self.start == self.end:
+            raise ValueError("needs from and to, different, or points")
+        if (self.cells is None) == (self.cell is None):
+            raise ValueError("needs cells or cell, one of them")
+        if self.cells is not None:
+            if self.uniform is not None or "growth" in self.model_fields_set:
+                raise ValueError("uniform and growth go with cell, not with cells")
+            count = _whole(_of_n(self.cells, n), f"cells = {self.cells}", n)
+            low, high = sorted((self.start, self.end))
+            return np.linspace(low, high, count + 1)
+        return self._graded(self.start, self.end, str(self.cell), n)
+
+    def _graded(self, start: float, end: float, cell: str, n: int | None) -> Floats:
+        size, ratio = _of_n(cell, n), 1.0
+        for first, value in self.growth:
+            if n is None or n >= first:
+                ratio = value
+        if size <= 0 or ratio < 1:
+            raise ValueError("needs cell > 0 and growth >= 1")
+        sign = 1.0 if end > start else -1.0
+        if self.uniform is None:
+            return np.unique([start, *_grow(start, end, sign * size, ratio)])
+        low, high = self.uniform
+        if not min(start, end) <= low < high <= max(start, end):
+            raise ValueError("uniform should ascend and lie between from and to")
+        count = _whole((high - low) / size, f"uniform over cell = {cell}", n)
+        left = _grow(low, min(start, end), -size * ratio, ratio)
+        right = _grow(high, max(start, end), size * ratio, ratio)
+        return np.unique([*left, *np.linspace(low, high, count + 1), *right])
+
+
+_Axis = Annotated[
+    Axis, BeforeValidator(lambda v: {"points": v} if isinstance(v, list) else v)
+]
+
+
+class Within(Table):
+    """Part of a surface: closed ranges of coordinates."""
+
+    x: Range | None = None
+    y: Range | None = None
+    z: Range | None = None
+
+    def box(self) -> dict[int, tuple[float, float]]:
+        """Ranges by axis."""
+        given = (self.x, self.y, self.z)
+        return {k: (r[0], r[1]) for k, r in enumerate(given) if r is not None}
+
+
+class Place(Table):
+    """A surface by geometry, of facets of the border.
+
+    Those all of whose nodes are ``within`` ranges of coordinates, and whose outward
+    normals make at most ``angle`` degrees with ``normal``.
+    """
+
+    within: Within | None = None
+    normal: Vector | None = None
+    angle: Annotated[float, Field(gt=0, lt=180)] = 30.0
+
+
+_Names = Annotated[list[str], Field(min_length=1)]
+Names = Annotated[
+    Annotated[str, Tag(f"{KIND}name")] | Annotated[_Names, Tag(f"{KIND}names")],
+    Discriminator(lambda v: KIND + ("names" if isinstance(v, list) else "name")),
+]
+ByVolume = Annotated[
+    Annotated[str, Tag(f"{KIND}one")] | Annotated[dict[str, str], Tag(f"{KIND}many")],
+    Discriminator(lambda v: KIND + ("many" if isinstance(v, dict) else "one")),
+]
+
+
+class MeshFile(Table):
+    """A mesh from a file: gmsh ``.msh``, Abaqus or CalculiX ``.inp``, ``.vtu``.
+
+    ``file`` is relative to the scene file, and of a model in Python to the working
+    directory. ``group`` names the volumes of the file that the body is made of, all
+    without it; its surfaces are those that the file names. ``order = 2`` puts nodes in
+    the middles of a mesh of first order, ``order = 1`` leaves out those of one of second.
+    """
+
+    file: str
+    group: Names | None = None
+    order: Literal[1, 2] | None = None
+
+
+class Block(Table):
+    """A body: a rectangle or a box, ``z`` in three dimensions only, or a ``mesh``.
+
+    A list is an axis' points. ``order = 2`` puts nodes between those of the grid. One
+    ``material``, or one by the name of each volume of the mesh. ``surface`` names more
+    surfaces, by geometry.
+    """
+
+    material: ByVolume
+    mesh: Annotated[MeshFile | None, wrap("file")] = None
+    cell: Literal["triangle", "quadrilateral", "tetrahedron", "hexahedron"] | None = (
+        None
+    )
+    x: _Axis | None = None
+    y: _Axis | None = None
+    z: _Axis | None = None
+    order: Literal[1, 2] = 1
+    plane: Literal["strain", "stress"] = "strain"
+    thickness: Annotated[float, Field(gt=0)] = 1.0
+    surface: dict[str, Place] = Field(default_factory=dict)
+
+    @property
+    def dim(self) -> int | None:
+        """2 or 3; None of a file that was not read."""
+        return None if self.cell is None else _DIM[self.cell]
+
+    @property
+    def materials(self) -> dict[str, str]:
+        """Names of its materials, by the end of their places in the table."""
+        if isinstance(self.material, str):
+            return {"": self.material}
+        return {f".{volume}": name for volume, name in self.material.items()}
+
+
+def _of_n(expression: str, n: int | None) -> float:
+    """Value of an `Expression`."""
+    match = _OF_N.fullmatch(expression)
+    if match is None:
+        return float(expression)
+    if n is None:
+        raise ValueError(f"{expression} needs mesh.n, which is missing")
+    if match["over"]:
+        return float(match["over"]) / n
+    divisor = float(match["divisor"] or 1)
+    if divisor == 0:
+        raise ValueError(f"{expression} divides by zero")
+    return float(match["factor"] or 1) * n / divisor
+
+
+def _whole(value: float, what: str, n: int | None) -> int:
+    if not value <= MOST:
+        raise ValueError(f"{what} gives {value:g} cells, more than {MOST}")
+    count = round(value)
+    # Quotients of decimal lengths are whole to rounding only.
+    if count < 1 or abs(value - count) > 1e-9 * count:
+        at = "" if n is None else f" for mesh.n = {n}"
+        raise ValueError(f"{what} is not a whole number of cells{at}: {value:g}")
+    return count
+
+
+def _grow(start: float, end: float, cell: float, ratio: float) -> list[float]:
+    """Points after ``start`` up to ``end``, cells growing from the signed size ``cell``.
+
+    The last point is clipped to ``end``; where that leaves a last cell shorter
+    than half of the one before, the two become one.
+    """
+    points, first = [start], abs(cell)
+    while (end - points[-1]) * cell > 0:
+        if len(points) > MOST:
+            raise ValueError(f"cells from {first:g} on are more than {MOST}")
+        points.append(points[-1] + cell)
+        cell *= ratio
+    if len(points) > 1:
+        points[-1] = end
+    if len(points) > 2 and abs(end - points[-2]) < 0.5 * abs(points[-2] - points[-3]):
+        del points[-2]
+    return points[1:]

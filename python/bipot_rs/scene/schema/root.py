@@ -1,0 +1,139 @@
+"""A whole scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, PrivateAttr
+
+from bipot_rs.scene.schema.contact import Rigid, Touch
+from bipot_rs.scene.schema.load import (
+    BodyForce,
+    Foundation,
+    InitialStrain,
+    Mirror,
+    Prescribed,
+    Pressure,
+    Traction,
+)
+from bipot_rs.scene.schema.material import Elastic
+from bipot_rs.scene.schema.mesh import Block, Mesh
+from bipot_rs.scene.schema.path import LoadPath
+from bipot_rs.scene.schema.table import AXES, Table, Varying
+
+# Cells that carry an element, by dimension.
+_CARRIES = {
+    "P": {2: "triangle", 3: "tetrahedron"},
+    "Q": {2: "quadrilateral", 3: "hexahedron"},
+}
+
+
+class Units(Table):
+    """Names of units, for pictures and exported problems; nothing is converted.
+
+    Stress must be force / length², as far as the names are known (`bipot_rs.units`).
+    """
+
+    length: str = ""
+    force: str = ""
+    stress: str = ""
+
+
+class Solver(Table):
+    """Settings of the contact solver; the command line overrides them.
+
+    ``tol = "discretisation"`` goes as far as the mesh is worth (`enough`).
+    """
+
+    method: str = "auto"
+    tol: Annotated[float, Field(gt=0)] | Literal["discretisation"] = 1e-12
+    max_iterations: Annotated[int, Field(gt=0)] | None = None
+
+
+class Scene(Table):
+    """A whole scene file."""
+
+    title: str = ""
+    units: Units = Field(default_factory=Units)
+    mesh: Mesh | None = None
+    material: dict[str, Elastic]
+    body: Annotated[dict[str, Block], Field(min_length=1)]
+    obstacle: dict[str, Rigid] = Field(default_factory=dict)
+    support: list[Prescribed] = Field(default_factory=list)
+    symmetry: list[Mirror] = Field(default_factory=list)
+    spring: list[Foundation] = Field(default_factory=list)
+    traction: list[Traction] = Field(default_factory=list)
+    pressure: list[Pressure] = Field(default_factory=list)
+    body_force: list[BodyForce] = Field(default_factory=list)
+    strain: list[InitialStrain] = Field(default_factory=list)
+    contact: Annotated[list[Touch], Field(min_length=1)]
+    path: LoadPath = Field(default_factory=LoadPath)
+    solver: Solver = Field(default_factory=Solver)
+
+    # Where the files that it names are looked for.
+    _folder: Path = PrivateAttr(default_factory=Path)
+
+    def beside(self, folder: Path) -> Scene:
+        """Look in a folder for the files that it names; returns itself."""
+        if any(self.files()):
+            self._folder = folder
+        return self
+
+    def place(self, file: str) -> Path:
+        """Where a file is that it names."""
+        return self._folder / file
+
+    def files(self) -> Iterator[Path]:
+        """All files that it names."""
+        for block in self.body.values():
+            if block.mesh is not None:
+                yield self.place(block.mesh.file)
+        for rigid in self.obstacle.values():
+            if rigid.surface is not None:
+                yield self.place(rigid.surface)
+
+    @property
+    def dim(self) -> int | None:
+        """2 or 3; None where all bodies are meshes of files."""
+        known = (block.dim for block in self.body.values())
+        return max((dim for dim in known if dim), default=None)
+
+    def cell(self, block: Block) -> str | None:
+        """Kind of the cells of a box: those of ``mesh.element``, else its own."""
+        if block.dim is None or self.mesh is None or self.mesh.element is None:
+            return block.cell
+        return _CARRIES[self.mesh.element[0]][block.dim]
+
+    def order(self, block: Block) -> int | None:
+        """Order of the cells of a body; None, that of its file."""
+        if self.mesh is not None and self.mesh.element is not None:
+            return int(self.mesh.element[1])
+        return block.order if block.mesh is None else block.mesh.order
+
+    def lacks_n(self) -> bool:
+        """Whether ``mesh.n`` is given and no body takes it."""
+        if self.mesh is None or self.mesh.n is None:
+            return False
+        boxes = [block for block in self.body.values() if block.mesh is None]
+        axes = [axis for block in boxes for axis in (block.x, block.y, block.z)]
+        return not any(axis is not None and axis.takes_n() for axis in axes)
+
+    def varying(self) -> Iterator[tuple[str, Varying]]:
+        """Every number that may have an amplitude, with its path."""
+        for kind in ("support", "traction", "body_force"):
+            for i, entry in enumerate(getattr(self, kind)):
+                for k, number in entry.components().items():
+                    yield f"{kind}.{i}.{AXES[k]}", number
+        for i, entry in enumerate(self.pressure):
+            yield (
+                f"pressure.{i}",
+                Varying(value=entry.value, amplitude=entry.amplitude),
+            )
+        for i, strain in enumerate(self.strain):
+            end = "" if strain.temperature is None else ".temperature"
+            yield f"strain.{i}{end}", strain.factor
+        for name, rigid in self.obstacle.items():
+            for end, number in rigid.varying().items():
+                yield f"obstacle.{name}.{end}", number

@@ -1,0 +1,106 @@
+"""The keys that a scene may have at a place, read off its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, get_args, get_origin
+
+from pydantic import BaseModel
+
+from bipot_rs._lib.messages import nearest
+
+# Deeper than any table of a scene; a file may nest as deep as it likes.
+_DEEPEST = 16
+
+
+def instead(
+    root: type[BaseModel], place: Sequence[str], standing: Mapping[str, Sequence[str]]
+) -> str:
+    """What an unknown key at ``place`` may have been meant for, to end a sentence.
+
+    Parameters
+    ----------
+    root
+        The whole scene.
+    place
+        Keys and numbers of entries down to the unknown one.
+    standing
+        `standing` of the scene as it was read, where the key may be right.
+    """
+    *above, wrong = place
+    known = keys(root, above)
+    if found := nearest(wrong, known):
+        return f", did you mean {'.'.join([*above, found])}?"
+    if elsewhere := standing.get(wrong):
+        return f", did you mean {' or '.join(elsewhere[:3])}?"
+    return f", expected one of {', '.join(known)}" if known else ""
+
+
+def standing(root: type[BaseModel], table: Any) -> dict[str, list[str]]:
+    """Of each key of a scene as it was read, the places where the scene has such a one."""
+    found: dict[str, list[str]] = {}
+    for key, path in _paths([root], table):
+        found.setdefault(key, []).append(path)
+    return found
+
+
+def keys(root: type[BaseModel], place: Sequence[str]) -> list[str]:
+    """Keys of the table at a place; none where there is no table."""
+    found: list[Any] = [root]
+    for part in place:
+        found = [inner for kind in found for inner in _step(kind, part)]
+    return list(dict.fromkeys(name for kind in found for name in _keys(kind)))
+
+
+def _is_table(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+def _fields(table: type[BaseModel]) -> dict[str, Any]:
+    return {f.alias or name: f.annotation for name, f in table.model_fields.items()}
+
+
+def _step(annotation: Any, part: str) -> Iterator[Any]:
+    """What the entry ``part`` may be, of a table, a list, a mapping or a union of them."""
+    inner = get_args(annotation)
+    if _is_table(annotation):
+        fields = _fields(annotation)
+        if part in fields:
+            yield fields[part]
+    elif get_origin(annotation) is list:
+        if part.isdigit():
+            yield inner[0]
+    elif get_origin(annotation) is dict:
+        yield inner[1]
+    else:
+        for one in inner:
+            yield from _step(one, part)
+
+
+def _keys(annotation: Any) -> Iterator[str]:
+    if _is_table(annotation):
+        yield from _fields(annotation)
+    elif get_origin(annotation) not in (list, dict):
+        for one in get_args(annotation):
+            yield from _keys(one)
+
+
+def _paths(
+    kinds: Sequence[Any], table: Any, path: str = "", depth: int = _DEEPEST
+) -> Iterator[tuple[str, str]]:
+    """Keys and places in a table of one of ``kinds`` that was read, down to a depth."""
+    if not depth or not kinds:
+        return
+    if isinstance(table, dict):
+        entries: Any = table.items()
+        known = {name for kind in kinds for name in _keys(kind)}
+    elif isinstance(table, list):
+        entries, known = enumerate(table), set()
+    else:
+        return
+    for key, inner in entries:
+        here = f"{path}.{key}" if path else str(key)
+        if key in known:
+            yield str(key), here
+        below = [one for kind in kinds for one in _step(kind, str(key))]
+        yield from _paths(below, inner, here, depth - 1)
