@@ -18,11 +18,11 @@ from functools import wraps
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, integer, number
 
-Array = NDArray[np.float64]
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -90,7 +90,7 @@ def _stick_ratio(force: float, tangential: float, mu: float) -> float:
     return 1 - abs(tangential) / (mu * force)
 
 
-def _ellipse(x: Array, half_width: float) -> Array:
+def _ellipse(x: Floats, half_width: float) -> Floats:
     """sqrt(1 - x²/a²) inside the contact, 0 outside and for a = 0."""
     if half_width == 0:
         return np.zeros_like(x)
@@ -176,7 +176,7 @@ def hertz_sphere(
 
 
 @_within_range
-def hertz_pressure(distance: ArrayLike, a: float, p0: float) -> Array:
+def hertz_pressure(distance: ArrayLike, a: float, p0: float) -> Floats:
     """Pressure `p0 sqrt(1 - x²/a²)` of `hertz_line` and `hertz_sphere`, 0 outside.
 
     Parameters
@@ -199,7 +199,7 @@ def hertz_pressure(distance: ArrayLike, a: float, p0: float) -> Array:
 @_within_range
 def partial_slip_traction(
     distance: ArrayLike, a: float, c: float, p0: float, mu: float
-) -> Array:
+) -> Floats:
     """Tangential traction under a Hertz pressure, stuck for `distance <= c`, [J85, ch. 7].
 
     `μ p0 [sqrt(1 - x²/a²) - (c/a) sqrt(1 - x²/c²)]`, each term 0 outside its range.
@@ -318,7 +318,7 @@ def mindlin_sphere(
 @_within_range
 def sheared_patch(
     height: ArrayLike, pressure: float, shear: float, young: float
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Block with ν = 0 under uniform pressure and shear, stuck to a rigid plane.
 
     With `σ_yy = -p`, `σ_xy = τ` on all loaded faces the state is uniform, so any
@@ -347,7 +347,7 @@ def sheared_patch(
 
 
 @_within_range
-def oedometer(height: ArrayLike, pressure: float, young: float, nu: float) -> Array:
+def oedometer(height: ArrayLike, pressure: float, young: float, nu: float) -> Floats:
     """Vertical displacement of a pressed block between smooth rigid side walls.
 
     Uniaxial strain: `u = -p y/M`, `M = E (1 - ν)/((1 + ν)(1 - 2ν))`. Reactions are
@@ -373,7 +373,7 @@ def oedometer(height: ArrayLike, pressure: float, young: float, nu: float) -> Ar
 
 
 @_within_range
-def bar_end_displacement(loads: ArrayLike, stiffness: float, limit: float) -> Array:
+def bar_end_displacement(loads: ArrayLike, stiffness: float, limit: float) -> Floats:
     """End displacement of a bar on a frictional foundation over a load history.
 
     A bar of stiffness EA lies on a foundation that resists slip with at most q per
@@ -564,7 +564,7 @@ def rotating_load(
 @_within_range
 def flat_punch_pressure(
     x: ArrayLike, force: float, half_width: float, mu: float = 0.0, beta: float = 0.0
-) -> Array:
+) -> Floats:
     """Pressure under a flat rigid punch that does not tilt, [J85, ch. 2].
 
     At rest without friction `p = P/(π sqrt(a² - x²))`. Sliding towards -x with the

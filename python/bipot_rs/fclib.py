@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.validation import Array, floats
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import floats
 from bipot_rs.contact.global_problem import GlobalProblem
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
@@ -64,10 +65,10 @@ class Vectors(NamedTuple):
         λ, the file's ``l``, ``(p,)``: the amounts of rigid motions. ``None`` without.
     """
 
-    u: Array
-    r: Array
-    v: Array | None = None
-    multiplier: Array | None = None
+    u: Floats
+    r: Floats
+    v: Floats | None = None
+    multiplier: Floats | None = None
 
 
 def require() -> None:
@@ -358,7 +359,7 @@ class _File:
         """A vector of integers."""
         return self._vector(name, self._data(name, "iu", "integers"))
 
-    def floats(self, name: str, length: int | None = None) -> Array:
+    def floats(self, name: str, length: int | None = None) -> Floats:
         """A vector of finite numbers."""
         found = self._vector(name, self._data(name, "iuf", "real numbers"))
         if length is not None and len(found) != length:
@@ -374,7 +375,7 @@ class _File:
             )
         return numbers
 
-    def friction(self, name: str, length: int) -> Array:
+    def friction(self, name: str, length: int) -> Floats:
         """Friction coefficients."""
         mu = self.floats(name, length)
         if (mu < 0).any():
@@ -491,7 +492,9 @@ def _opened(path: Path_) -> Iterator[_File]:
             raise ValueError(f"{name} is damaged: {error}") from None
 
 
-def _read_local(file: _File) -> tuple[Array, Array, Any, tuple[Array, Array] | None]:
+def _read_local(
+    file: _File,
+) -> tuple[Floats, Floats, Any, tuple[Floats, Floats] | None]:
     group = "/fclib_local"
     file.expect(group, ("spacedim", "W", "vectors"), ("V", "R", "info"))
     size, d = _sizes(file)
@@ -521,7 +524,7 @@ def _read_local(file: _File) -> tuple[Array, Array, Any, tuple[Array, Array] | N
     return q, mu, W, (V, s) if count else None
 
 
-def _read_global(file: _File) -> tuple[Any, Any, Array, Array, Array]:
+def _read_global(file: _File) -> tuple[Any, Any, Floats, Floats, Floats]:
     group = "/fclib_global"
     file.expect(group, ("spacedim", "M", "H", "vectors"), ("G", "info"))
     size, d = _sizes(file)
@@ -600,7 +603,7 @@ def _stored(
         multiplier = None if count is None else known.rigid_motion
         known = Vectors(known.relative_displacement, known.reaction, v, multiplier)
 
-    def vector(name: str, value: ArrayLike | None, length: int | None) -> Array | None:
+    def vector(name: str, value: ArrayLike | None, length: int | None) -> Floats | None:
         if value is None:
             return None
         if length is None:

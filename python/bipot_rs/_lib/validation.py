@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib import sparse_structure
 from bipot_rs._lib.messages import counted
-
-Array = NDArray[np.float64]
+from bipot_rs._lib.types import Floats, Ints
 
 R = TypeVar("R")
 S = TypeVar("S")
@@ -27,7 +26,7 @@ _REAL = numbers.Real
 
 
 # Row pointers, columns and values of a matrix by rows.
-Parts = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]], Array]
+Parts = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]], Floats]
 
 
 class Csr(NamedTuple):
@@ -46,7 +45,7 @@ def floats(
     shape: tuple[int, ...] | None = None,
     finite: bool = True,
     copy: bool = True,
-) -> Array:
+) -> Floats:
     """``value`` as a C-ordered array of float64, by default one of our own."""
     try:
         found = np.asarray(value)
@@ -174,7 +173,7 @@ _LEAST, _MOST = 1e-75, 1e75
 RATIO = 1e6
 
 
-def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> Array:
+def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> Floats:
     """Friction coefficients ``(n_c,)``, or in space one a tangent, ``(n_c, 2)``.
 
     Those of one contact are within ``ratio`` of each other, or both zero.
@@ -197,7 +196,7 @@ def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> 
     return found
 
 
-def by_contact(what: str, value: ArrayLike, contacts: int) -> Array:
+def by_contact(what: str, value: ArrayLike, contacts: int) -> Floats:
     """A number, the same for all contacts, or one each ``(n_c,)``."""
     found = floats(what, value)
     if found.ndim == 0:
@@ -209,12 +208,12 @@ def by_contact(what: str, value: ArrayLike, contacts: int) -> Array:
     return found
 
 
-def coulomb(mu: ArrayLike, contacts: int) -> Array:
+def coulomb(mu: ArrayLike, contacts: int) -> Floats:
     """Friction coefficients ``(n_c,)``, where one a contact is all that is understood."""
     return friction(mu, contacts, 2)
 
 
-def _two_coefficients(mu: Array, ratio: float) -> None:
+def _two_coefficients(mu: Floats, ratio: float) -> None:
     least, most = mu.min(axis=1), mu.max(axis=1)
     apart = least != most
     for wrong, expected in (
@@ -238,7 +237,7 @@ def _two_coefficients(mu: Array, ratio: float) -> None:
             )
 
 
-def indices(what: str, value: ArrayLike | None, limit: int) -> NDArray[np.int64]:
+def indices(what: str, value: ArrayLike | None, limit: int) -> Ints:
     """Distinct indices below ``limit``."""
     found = np.asarray([] if value is None else value)
     if found.dtype == np.bool_:
@@ -300,7 +299,7 @@ def shown(value: Any) -> str:
     return text if len(text) <= 80 else f"{text[:76]} ..."
 
 
-def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Array) -> int:
+def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Floats) -> int:
     """``d`` from the rows of ``B``, or from ``dim`` where there are no contacts."""
     if dim is not None and (not isinstance(dim, _REAL) or dim not in (2, 3)):
         raise ValueError(f"dim is {shown(dim)}, expected 2 or 3")
@@ -335,7 +334,7 @@ def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Array) -> int:
 
 def contact_array(
     what: str, value: ArrayLike | None, contacts: int, d: int
-) -> Array | None:
+) -> Floats | None:
     """An optional array of one row a contact."""
     return None if value is None else floats(what, value, shape=(contacts, d))
 
@@ -344,7 +343,7 @@ def contact_array(
 _TILT = 1e-6
 
 
-def frames(value: ArrayLike | None, contacts: int, d: int) -> Array | None:
+def frames(value: ArrayLike | None, contacts: int, d: int) -> Floats | None:
     """Optional local bases ``(n_c, d, d)``, orthonormal to 1e-6, of either hand."""
     if value is None:
         return None
@@ -380,7 +379,7 @@ def matrices(K: Any, B: Any) -> tuple[Csr, Csr]:
     return stiffness, contact
 
 
-def areas(area: ArrayLike | None, contacts: int) -> Array | None:
+def areas(area: ArrayLike | None, contacts: int) -> Floats | None:
     """Tributary areas, ``(n_c,)``, all positive."""
     if area is None:
         return None
@@ -393,7 +392,7 @@ def areas(area: ArrayLike | None, contacts: int) -> Array | None:
     return found
 
 
-def places(coordinates: ArrayLike | None, n: int) -> Array | None:
+def places(coordinates: ArrayLike | None, n: int) -> Floats | None:
     """Places of degrees of freedom as the core takes them, three coordinates each."""
     if coordinates is None:
         return None
@@ -409,10 +408,10 @@ def places(coordinates: ArrayLike | None, n: int) -> Array | None:
 
 def loads(
     load: ArrayLike | None, prescribed: ArrayLike | None, n: int, fixed: int
-) -> list[tuple[Array, Array]]:
+) -> list[tuple[Floats, Floats]]:
     """Total load and prescribed displacement of each step."""
 
-    def rows(what: str, value: ArrayLike | None, length: int) -> Array:
+    def rows(what: str, value: ArrayLike | None, length: int) -> Floats:
         if value is None:
             return np.zeros((1, length))
         found = floats(what, value)
@@ -448,7 +447,7 @@ def together(
     ]
 
 
-def gap(value: ArrayLike, contacts: int, d: int, what: str = "gap") -> Array:
+def gap(value: ArrayLike, contacts: int, d: int, what: str = "gap") -> Floats:
     """Gaps of contacts ``(n_c,)``, or by component ``(n_c, d)``, as the latter."""
     found = floats(what, value)
     if found.shape not in ((contacts,), (contacts, d)):
@@ -458,7 +457,7 @@ def gap(value: ArrayLike, contacts: int, d: int, what: str = "gap") -> Array:
     return found if found.ndim == 2 else by_component(found, d)
 
 
-def gaps(value: ArrayLike, contacts: int, d: int) -> Array:
+def gaps(value: ArrayLike, contacts: int, d: int) -> Floats:
     """Gaps of each step, ``(steps, n_c)`` or ``(steps, n_c, d)``, as the latter.
 
     Of one step also ``(n_c,)``.
@@ -474,7 +473,7 @@ def gaps(value: ArrayLike, contacts: int, d: int) -> Array:
     return found if found.ndim == 3 else by_component(found, d)
 
 
-def by_component(normal: Array, d: int) -> Array:
+def by_component(normal: Floats, d: int) -> Floats:
     """Gaps of all components ``(..., d)`` from those along the normals ``(...)``."""
     whole = np.zeros((*normal.shape, d))
     whole[..., 0] = normal

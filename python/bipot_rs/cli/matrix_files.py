@@ -34,11 +34,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.byte_order import unmarked, without
 from bipot_rs._lib.messages import counted, printable
 from bipot_rs._lib.strict_numbers import real, whole
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import csr
 from bipot_rs.contact import dof_order
 from bipot_rs.contact.frames import frames
@@ -46,8 +46,6 @@ from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.files import csv_tables
 from bipot_rs.files.csv_tables import Table
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Name = str | os.PathLike[str]
 
 _AXES = ("x", "y", "z")
@@ -569,7 +567,7 @@ def _listed(
     nodes: Ints,
     listed: tuple[Ints, Floats],
     dim: int,
-    has: NDArray[np.bool_] | None = None,
+    has: Bools | None = None,
 ) -> Floats:
     place = {int(label): row for row, label in enumerate(listed[0])}
     found = np.zeros((len(nodes), dim))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Floats
 from bipot_rs.cli.progress import settled
 from bipot_rs.contact.remarks import NEVER_CLOSED
 from bipot_rs.contact.result import Step
@@ -62,7 +62,7 @@ def forces(model: Any, step: Step) -> dict[str, float | None]:
 
 
 def of_surfaces(
-    step: Step, frame: Array, mu: Array, group: Any, names: Sequence[str]
+    step: Step, frame: Floats, mu: Floats, group: Any, names: Sequence[str]
 ) -> dict[str, float | None]:
     """`forces` of surfaces by name, ``group (n_c,)`` the number of that of each contact."""
     found: dict[str, float | None] = {}

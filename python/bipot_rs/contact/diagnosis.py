@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Floats
 from bipot_rs.contact.elliptic_friction import dissipation, largest, limit, resisting
 from bipot_rs.contact.result import Outcome, Solution
 
@@ -57,15 +57,15 @@ class Tried:
 
     method: str
     max_seconds: float | None
-    mu: Array
-    W: Callable[[], Array | None]
-    modes: Callable[[], Array]
+    mu: Floats
+    W: Callable[[], Floats | None]
+    modes: Callable[[], Floats]
     several: Callable[[Solution], bool]
     condition: Callable[[], float] = lambda: 0.0
-    points: Array | None = None
+    points: Floats | None = None
 
 
-def diagnose(tried: Tried, solution: Solution, v: Array) -> str:
+def diagnose(tried: Tried, solution: Solution, v: Floats) -> str:
     """What became of a solve that is no answer; ``v (n_c, d)`` is that of the step."""
     # Where numbers near the ends of doubles are the fault, words are wanted too.
     with np.errstate(all="ignore"):
@@ -85,7 +85,7 @@ class Finding:
     certain: bool = False
 
 
-def _sentence(tried: Tried, solution: Solution, v: Array) -> str:
+def _sentence(tried: Tried, solution: Solution, v: Floats) -> str:
     if solution.outcome is Outcome.NO_EQUILIBRIUM:
         return _contradiction(tried, solution, v)
     W = tried.W() if 0 < v.size <= _DENSE else None
@@ -122,7 +122,7 @@ def _cut_short(solution: Solution) -> bool:
     return gain is None or gain < _FALLING
 
 
-def _contradiction(tried: Tried, solution: Solution, v: Array) -> str:
+def _contradiction(tried: Tried, solution: Solution, v: Floats) -> str:
     """Which contacts have no answer, where no motion of bodies is to blame."""
     if not len(v):
         return ""
@@ -173,7 +173,7 @@ def _ending(tried: Tried, solution: Solution) -> str:
     return f"{spent} came to a stand ({judged})"
 
 
-def _scale(W: Array | None, v: Array, r: Array) -> Array:
+def _scale(W: Floats | None, v: Floats, r: Floats) -> Floats:
     """Displacement per force of each contact, that makes r and v comparable."""
     if W is not None:
         d = v.shape[1]
@@ -184,7 +184,7 @@ def _scale(W: Array | None, v: Array, r: Array) -> Array:
     return np.full(len(v), np.abs(v).max(initial=0.0) / force if force > 0 else 1.0)
 
 
-def misses(r: Array, v: Array, mu: Array, scale: Array) -> Array:
+def misses(r: Floats, v: Floats, mu: Floats, scale: Floats) -> Floats:
     """By how much each contact misses each part of the law (6), (8e), ``(4, n_c)``.
 
     As displacements beside ``√scale``: penetration or pull, force on an open contact,
@@ -208,7 +208,7 @@ def misses(r: Array, v: Array, mu: Array, scale: Array) -> Array:
     )
 
 
-def _worst(tried: Tried, r: Array, v: Array, scale: Array) -> str:
+def _worst(tried: Tried, r: Floats, v: Floats, scale: Floats) -> str:
     missed = misses(r, v, tried.mu, scale)
     if not missed.size or not np.isfinite(missed).all():
         return ""
@@ -236,7 +236,7 @@ def _name(tried: Tried, i: int) -> str:
 
 
 def _findings(
-    tried: Tried, solution: Solution, v: Array, W: Array | None
+    tried: Tried, solution: Solution, v: Floats, W: Floats | None
 ) -> Iterator[Finding]:
     """What is found wrong with the problem, the surest alone."""
     soft = False
@@ -266,7 +266,7 @@ def _findings(
         yield Finding("several answers near by", "smaller load steps, or another start")
 
 
-def _scaled(W: Array, contacts: int) -> tuple[Array, Array]:
+def _scaled(W: Floats, contacts: int) -> tuple[Floats, Floats]:
     """``W`` with the mean diagonal of each contact 1, symmetric, and the scale's root."""
     d = len(W) // contacts
     trace = np.abs(W.diagonal().reshape(-1, d).mean(axis=1))
@@ -276,7 +276,7 @@ def _scaled(W: Array, contacts: int) -> tuple[Array, Array]:
     return np.asarray((scaled + scaled.T) / 2, np.float64), root
 
 
-def _out_of_range(W: Array, v: Array) -> Finding | None:
+def _out_of_range(W: Floats, v: Floats) -> Finding | None:
     """Where numbers near the ends of doubles have lost their digits."""
     softest = float(np.abs(W).max(initial=0.0))
     if softest == 0:
@@ -292,7 +292,9 @@ def _out_of_range(W: Array, v: Array) -> Finding | None:
     return None
 
 
-def _indefinite(tried: Tried, W: Array, scaled: Array, modes: Array) -> Finding | None:
+def _indefinite(
+    tried: Tried, W: Floats, scaled: Floats, modes: Floats
+) -> Finding | None:
     """Where ``rᵀ W r < 0`` for reactions in balance, which no elastic body gives."""
     if not np.isfinite(scaled).all():
         return None
@@ -331,7 +333,7 @@ def _indefinite(tried: Tried, W: Array, scaled: Array, modes: Array) -> Finding 
     )
 
 
-def _rounding_of_slip(tried: Tried, W: Array, r: Array, v: Array) -> Finding | None:
+def _rounding_of_slip(tried: Tried, W: Floats, r: Floats, v: Floats) -> Finding | None:
     """Where all that is left of the law is ``μ`` times the rounding of ``v_t``."""
     # The rounding of rigid motions is not known here.
     most = largest(tried.mu)
@@ -358,7 +360,7 @@ def _rounding_of_slip(tried: Tried, W: Array, r: Array, v: Array) -> Finding | N
 
 
 def _of_compliance(
-    tried: Tried, solution: Solution, W: Array, scaled: Array, modes: Array
+    tried: Tried, solution: Solution, W: Floats, scaled: Floats, modes: Floats
 ) -> Iterator[Finding]:
     d = len(W) // len(tried.mu)
     wedged = _wedged(W, tried.mu, d)
@@ -406,7 +408,7 @@ def _of_compliance(
             yield Finding(f"{cause} than all others", "a support for it")
 
 
-def _wedged(W: Array, mu: Array, d: int) -> NDArray[np.intp]:
+def _wedged(W: Floats, mu: Floats, d: int) -> NDArray[np.intp]:
     """Contacts that alone can jam or have several answers: ``‖D W_nt‖ ≥ W_nn``."""
     blocks = W.reshape(len(mu), d, len(mu), d)[
         np.arange(len(mu)), :, np.arange(len(mu))
@@ -444,8 +446,8 @@ def _cures(
     tried: Tried,
     solution: Solution,
     causes: list[Finding],
-    v: Array,
-    scale: Array,
+    v: Floats,
+    scale: Floats,
 ) -> Iterator[str]:
     yield from (finding.cure for finding in causes if finding.cure)
     if not any(finding.alone for finding in causes):

@@ -18,12 +18,10 @@ from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.validation import Array, Parts
-
-Ints = NDArray[np.int64]
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.validation import Parts
 
 # The two orders: all components of a node, then those of the next; or all u_x, then all
 # u_y. Each with the words for it.
@@ -116,7 +114,7 @@ def node_of(order: str, n: int, d: int) -> Ints:
 
 
 def fit(
-    parts: Parts, component: Ints, node: Ints, places: Array | None = None
+    parts: Parts, component: Ints, node: Ints, places: Floats | None = None
 ) -> Fit | None:
     """How well rigid motions of this order are those of K.
 
@@ -178,7 +176,7 @@ def fit(
 
 
 def of_order(
-    parts: Parts, order: str, d: int, nodes: Array | None = None
+    parts: Parts, order: str, d: int, nodes: Floats | None = None
 ) -> Fit | None:
     """`fit` in one of `ORDERS`, of the places of nodes in their rows ``(n / d, d)``."""
     n = len(parts[0]) - 1
@@ -187,7 +185,7 @@ def of_order(
     return fit(parts, components(order, n, d), node, places)
 
 
-def _of_unit_size(places: Array, known: NDArray[np.bool_]) -> Array:
+def _of_unit_size(places: Floats, known: Bools) -> Floats:
     """Places about their middle, the longest side of their box 1: turning is the same."""
     if not known.any():
         return places
@@ -196,14 +194,14 @@ def _of_unit_size(places: Array, known: NDArray[np.bool_]) -> Array:
     return np.asarray((places - (low + high) / 2) / (side or 1.0), np.float64)
 
 
-def _typical(left: Array, wrong: NDArray[np.bool_]) -> float:
+def _typical(left: Floats, wrong: Bools) -> float:
     """The median of what is wrong, or else the largest of all."""
     if wrong.any():
         return float(np.median(left[wrong]))
     return float(left.max(initial=0.0))
 
 
-def fitting(parts: Parts, d: int, nodes: Array | None = None) -> list[str]:
+def fitting(parts: Parts, d: int, nodes: Floats | None = None) -> list[str]:
     """The orders of `ORDERS` that K allows, where it decides."""
     n = len(parts[0]) - 1
     if n % d or not n:
@@ -212,7 +210,7 @@ def fitting(parts: Parts, d: int, nodes: Array | None = None) -> list[str]:
     return [order for order, how in found if how is not None and how.fits]
 
 
-def told_by(coordinates: Array, d: int) -> str | None:
+def told_by(coordinates: Floats, d: int) -> str | None:
     """The order of `ORDERS` that places of degrees of freedom ``(n, d)`` show, if any."""
     n = len(coordinates)
     if n % d or not n:
@@ -226,7 +224,7 @@ def told_by(coordinates: Array, d: int) -> str | None:
 
 
 def unlike(
-    stiffness: Parts, contact: Parts, coordinates: Array | None, d: int
+    stiffness: Parts, contact: Parts, coordinates: Floats | None, d: int
 ) -> str | None:
     """What is wrong with the order of the degrees of freedom of arrays, in a sentence.
 
@@ -251,7 +249,7 @@ def unlike(
 
 
 def _unlike_places(
-    stiffness: Parts, order: str, coordinates: Array, d: int
+    stiffness: Parts, order: str, coordinates: Floats, d: int
 ) -> str | None:
     n = len(coordinates)
     nodes = coordinates[::d] if order == "node" else coordinates[: n // d]
@@ -324,9 +322,7 @@ def _slice(parts: Parts, pointers: Ints, first: int, last: int) -> Any:
     return csr_array((parts[2][inside], parts[1][inside], start), shape=shape)
 
 
-def _sums(
-    parts: Parts, pointers: Ints, first: int, last: int
-) -> tuple[Array, NDArray[np.bool_]]:
+def _sums(parts: Parts, pointers: Ints, first: int, last: int) -> tuple[Floats, Bools]:
     """The sum of each row over its size, and whether its diagonal is all it has."""
     K = _slice(parts, pointers, first, last)
     ones = np.ones(K.shape[1])
@@ -343,9 +339,9 @@ def _rows(
     last: int,
     d: int,
     component: Ints,
-    places: Array | None,
-    free: NDArray[np.bool_],
-) -> tuple[Ints, Array, NDArray[np.bool_], Array]:
+    places: Floats | None,
+    free: Bools,
+) -> tuple[Ints, Floats, Bools, Floats]:
     """Which rows are ``free`` of supports, and what rigid motions leave of them.
 
     Their numbers, what a translation leaves, whether all components are there, and what a
@@ -365,7 +361,7 @@ def _rows(
         x = np.where(np.isfinite(places), places, 0.0)
         here = x[first:last]
 
-        def turning(of: int, axis: int) -> tuple[Array, Array]:
+        def turning(of: int, axis: int) -> tuple[Floats, Floats]:
             """``Σ K (x_j - x_i)`` over a component, and the size of that sum."""
             at = unit[:, of] * x[:, axis]
             own = here[:, axis]

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Floats
 
 
-def isotropic(mu: Array, d: int) -> tuple[Array, Array]:
+def isotropic(mu: Floats, d: int) -> tuple[Floats, Floats]:
     """Factors of the components, ``(n_c, d)``, that make the law Coulomb's, and its mu.
 
     With ``r = T r̃``, ``ṽ = T v`` and ``T = diag(1, D)`` the law between ``r̃`` and ``ṽ`` has
@@ -25,19 +25,19 @@ def isotropic(mu: Array, d: int) -> tuple[Array, Array]:
     return by, slides.astype(np.float64)
 
 
-def largest(mu: Array) -> Array:
+def largest(mu: Floats) -> Floats:
     """The larger coefficient of each contact, ``(n_c,)``."""
     return mu if mu.ndim == 1 else np.asarray(mu.max(axis=1), np.float64)
 
 
-def dissipation(mu: Array, v_t: Array) -> Array:
+def dissipation(mu: Floats, v_t: Floats) -> Floats:
     """``‖D v_t‖``, friction's work by unit pressure, of each contact ``(n_c,)``."""
     if mu.ndim == 1:
         return np.asarray(mu * np.linalg.norm(v_t, axis=1), np.float64)
     return np.asarray(np.linalg.norm(mu * v_t, axis=1), np.float64)
 
 
-def resisting(mu: Array, v_t: Array) -> Array:
+def resisting(mu: Floats, v_t: Floats) -> Floats:
     """``D² v_t / ‖D v_t‖``, minus friction at unit pressure; zero without slip."""
     size = np.linalg.norm(v_t, axis=1)
     unit = v_t / np.where(size > 0, size, 1.0)[:, None]
@@ -47,7 +47,7 @@ def resisting(mu: Array, v_t: Array) -> Array:
     return np.asarray(mu**2 * unit / np.where(steep > 0, steep, 1.0)[:, None])
 
 
-def limit(mu: Array, r_t: Array) -> Array:
+def limit(mu: Floats, r_t: Floats) -> Floats:
     """The most that friction can be along ``r_t`` at unit pressure, ``(n_c,)``."""
     if mu.ndim == 1:
         return mu

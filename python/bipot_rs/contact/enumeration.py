@@ -6,11 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Floats
 from bipot_rs.contact.result import Solution
-
-Array = NDArray[np.float64]
 
 # Answers whose relative displacements differ by less, beside the largest one in
 # sight, are one: they are solved to 1e-12, and may lose some digits to condition.
@@ -46,9 +44,9 @@ class Answers(Sequence[Solution]):
 
 
 def search(
-    solve: Callable[[Array | None], Solution],
-    size: Array,
-    mu: Array,
+    solve: Callable[[Floats | None], Solution],
+    size: Floats,
+    mu: Floats,
     dim: int,
     restarts: int,
     seed: int,
@@ -87,8 +85,8 @@ def _same(one: Solution, other: Solution, moved: float) -> bool:
 
 
 def _starts(
-    rng: np.random.Generator, size: Array, mu: Array, dim: int, restarts: int
-) -> Iterator[Array | None]:
+    rng: np.random.Generator, size: Floats, mu: Floats, dim: int, restarts: int
+) -> Iterator[Floats | None]:
     """Nothing, all pressed and sticking, all sliding one way, then random ones."""
     yield None
     limits = (size * mu.T).T.reshape(len(size), -1)

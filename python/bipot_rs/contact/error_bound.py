@@ -6,10 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from bipot_rs._lib.types import Floats
 
 _REASONS = {
     "held by contact": "bodies are held by contact alone: friction feels their rigid "
@@ -91,7 +88,7 @@ class ErrorBound:
         the coarser one.
     """
 
-    constitutive: Array
+    constitutive: Floats
     total: float
     share: float | None
     kind: str
@@ -100,14 +97,14 @@ class ErrorBound:
     energy: float | None = None
     relative: float | None = None
     alone_within: float | None = None
-    reaction: Array | None = None
-    relative_displacement: Array | None = None
-    traction: Array | None = None
+    reaction: Floats | None = None
+    relative_displacement: Floats | None = None
+    traction: Floats | None = None
     contraction: float | None = None
     energy_by_gap: float | None = None
 
 
-def from_core(raw: Mapping[str, Any], area: Array | None = None) -> ErrorBound:
+def from_core(raw: Mapping[str, Any], area: Floats | None = None) -> ErrorBound:
     """Of what the core says of a point."""
     gap = raw["gap"]
     known = {
@@ -137,7 +134,7 @@ def from_core(raw: Mapping[str, Any], area: Array | None = None) -> ErrorBound:
     )
 
 
-def without(reason: str, gap: Array) -> ErrorBound:
+def without(reason: str, gap: Floats) -> ErrorBound:
     """Nothing but the gap."""
     return ErrorBound(
         constitutive=gap,

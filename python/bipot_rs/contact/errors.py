@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+from bipot_rs._lib.types import Floats
 
+if TYPE_CHECKING:
     from bipot_rs.contact.result import Result
 
 
@@ -34,7 +33,7 @@ class BipotError(Exception):
         self,
         message: str,
         result: Result | None = None,
-        direction: NDArray[np.float64] | None = None,
+        direction: Floats | None = None,
     ) -> None:
         super().__init__(message)
         self.result = result

@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.existence_by_friction import holds
-
-Array = NDArray[np.float64]
 
 # A motion, or a reaction, is refused only where balance would take reactions this much
 # larger than the loads: the rounding of such a balance is no answer to the judge (13).
@@ -56,11 +54,11 @@ class Existence:
 
     verdict: Literal["guaranteed", "none", "unknown"]
     reason: str
-    motion: Array | None = None
-    displacement: Array | None = None
-    inside: Array | None = None
-    pressure: Array | None = None
-    overlap: Array | None = None
+    motion: Floats | None = None
+    displacement: Floats | None = None
+    inside: Floats | None = None
+    pressure: Floats | None = None
+    overlap: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -72,15 +70,15 @@ class _Scaled:
     them.
     """
 
-    W: Array
-    q: Array
-    R: Array
-    motions: Array
-    e: Array
-    mu: Array
-    kept: NDArray[np.bool_]
-    normal: NDArray[np.bool_]
-    scale: Array
+    W: Floats
+    q: Floats
+    R: Floats
+    motions: Floats
+    e: Floats
+    mu: Floats
+    kept: Bools
+    normal: Bools
+    scale: Floats
 
     @property
     def size(self) -> float:
@@ -88,7 +86,7 @@ class _Scaled:
         return float(np.abs(self.q).max(initial=0.0))
 
 
-def proves_none(motion: Array, mu: Array, e: Array, amounts: Array) -> bool:
+def proves_none(motion: Floats, mu: Floats, e: Floats, amounts: Floats) -> bool:
     """Whether ``motion = R amounts (n_c, d)`` lies in the dual cones and loads work on it.
 
     To rounding: reactions of a billion times the loads would be needed to stop it.
@@ -100,7 +98,7 @@ def proves_none(motion: Array, mu: Array, e: Array, amounts: Array) -> bool:
 
 
 def judge(
-    W: Array, q: Array, mu: Array, rigid: tuple[Array, Array] | None
+    W: Floats, q: Floats, mu: Floats, rigid: tuple[Floats, Floats] | None
 ) -> Existence:
     """The verdict on ``v = W r + R a + q``, loads being balanced by some reaction.
 
@@ -111,7 +109,7 @@ def judge(
     """
     p = _scaled(W, q, mu, rigid)
     symmetric = np.abs(p.W - p.W.T).max(initial=0.0) <= 1e-8
-    inside: Array | None = None
+    inside: Floats | None = None
     if not _definite(p.W):
         overlap = _overlap(p)
         if overlap is not None:
@@ -130,7 +128,7 @@ def judge(
                 reason="no displacement was found that opens every contact by more than "
                 "mu times its slip",
             )
-    pressure: Array | None = None
+    pressure: Floats | None = None
     reason = "supports hold every body"
     if p.R.shape[1]:
         reason = "normal reactions alone can balance the loads"
@@ -168,12 +166,12 @@ def judge(
 
 
 def _scaled(
-    W: Array, q: Array, mu: Array, rigid: tuple[Array, Array] | None
+    W: Floats, q: Floats, mu: Floats, rigid: tuple[Floats, Floats] | None
 ) -> _Scaled:
     contacts, d = q.shape
     matters = np.ones((contacts, d), bool)
     matters[:, 1:] = (mu > 0)[:, None]
-    kept: NDArray[np.bool_] = matters.ravel()
+    kept: Bools = matters.ravel()
     stiff = np.diag(W).reshape(contacts, d).mean(axis=1)
     # A contact that nothing moves gets the scale of the others.
     usual = float(np.median(stiff[stiff > 0])) if (stiff > 0).any() else 1.0
@@ -199,7 +197,7 @@ def _scaled(
     )
 
 
-def _definite(W: Array) -> bool:
+def _definite(W: Floats) -> bool:
     """Whether the symmetric part of ``W`` is positive definite, rounding subtracted."""
     diagonal = np.diag(W)
     if not (diagonal > 0).all():
@@ -215,12 +213,12 @@ def _definite(W: Array) -> bool:
     return True
 
 
-def _semidefinite(W: Array) -> bool:
+def _semidefinite(W: Floats) -> bool:
     values = np.linalg.eigvalsh((W + W.T) / 2)
     return bool(values.min(initial=0.0) >= -1e-10 * np.abs(values).max(initial=0.0))
 
 
-def _overlap(p: _Scaled) -> Array | None:
+def _overlap(p: _Scaled) -> Floats | None:
     """``λ >= 0`` with ``λ·W_n = 0``, ``λ·R_n = 0``, ``λ·q_n < 0``: then ``λ·v_n < 0``."""
     from scipy.optimize import nnls
 
@@ -240,7 +238,7 @@ def _overlap(p: _Scaled) -> Array | None:
     return np.asarray(amounts * p.scale / np.max(amounts * p.scale))
 
 
-def _inside(p: _Scaled) -> Array | None:
+def _inside(p: _Scaled) -> Floats | None:
     """A displacement within reach with ``v_n > mu |v_t|`` at every contact.
 
     By a linear programme with a polygon inside each disc; the point found is then held to
@@ -285,7 +283,7 @@ def _inside(p: _Scaled) -> Array | None:
     return np.asarray(v * size / p.scale[:, None], np.float64)
 
 
-def _balanced(p: _Scaled) -> tuple[Array | None, Array | None]:
+def _balanced(p: _Scaled) -> tuple[Floats | None, Floats | None]:
     """Normal reactions that balance the loads; else the motion that they do not stop.
 
     Neither, where such reactions would be larger than any that count as an answer.
@@ -308,7 +306,7 @@ def _balanced(p: _Scaled) -> tuple[Array | None, Array | None]:
     return None, rest
 
 
-def dense(W: Any) -> Array:
+def dense(W: Any) -> Floats:
     """``W`` as a dense array."""
     whole = W.toarray() if hasattr(W, "toarray") else W
     return np.asarray(whole, np.float64)

@@ -6,9 +6,8 @@ The theorems are proved in ``docs/paper/6-contact-principles.md``.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bipot_rs._lib.types import Floats
 
 # Tangents that a lift moves by less are still, and so are normals of a sliding; rigid
 # motions have length 1.
@@ -21,7 +20,7 @@ _BALANCED = 1e-10
 _FACETS = 32
 
 
-def holds(normal: Array, tangents: Array, e: Array, mu: Array, d: int) -> bool:
+def holds(normal: Floats, tangents: Floats, e: Floats, mu: Floats, d: int) -> bool:
     """Whether every sliding costs more than the loads give.
 
     Rigid motions must be slidings, that move no contact along its normal, and lifts, that
@@ -63,7 +62,9 @@ def holds(normal: Array, tangents: Array, e: Array, mu: Array, d: int) -> bool:
     return _shared(press, load, moves, pull, mu) or _limit(press, load, moves, pull, mu)
 
 
-def _limit(press: Array, load: Array, moves: Array, pull: Array, mu: Array) -> bool:
+def _limit(
+    press: Floats, load: Floats, moves: Floats, pull: Floats, mu: Floats
+) -> bool:
     """Whether the pull is below the least friction of all pressures in balance.
 
     For one sliding or for translations, in which all contacts slide alike.
@@ -89,7 +90,9 @@ def _limit(press: Array, load: Array, moves: Array, pull: Array, mu: Array) -> b
     return least.fun is not None and bool(drawn < (1 - _MARGIN) * least.fun)
 
 
-def _shared(press: Array, load: Array, moves: Array, pull: Array, mu: Array) -> bool:
+def _shared(
+    press: Floats, load: Floats, moves: Floats, pull: Floats, mu: Floats
+) -> bool:
     """Whether friction in proportion to pressure balances the pull, whatever the pressures.
 
     Forces ``r_n,i g_i`` with ``‖g_i‖ < μ_i`` that work on slidings as a fixed matrix ``Y``
@@ -143,14 +146,14 @@ def _shared(press: Array, load: Array, moves: Array, pull: Array, mu: Array) -> 
     return bool((np.linalg.norm(g, axis=1) <= (1 - _MARGIN) * mu[rubbing]).all())
 
 
-def _within(columns: Array, load: Array) -> bool:
+def _within(columns: Floats, load: Floats) -> bool:
     """Whether amounts that are not negative of the columns make the load."""
     from scipy.optimize import nnls
 
     return bool(np.linalg.norm(columns @ nnls(columns, load)[0] - load) <= _BALANCED)
 
 
-def _null_space(A: Array) -> Array:
+def _null_space(A: Floats) -> Floats:
     """Orthonormal columns of the null space of a matrix of the size of 1."""
     _, values, rows = np.linalg.svd(A)
     rank = int((values > _FLAT).sum())

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.validation import Array, floats
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import floats
 
 
-def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Array:
+def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Floats:
     """Orthonormal bases with rows n, t1[, t2], from normals ``(n_c, d)``.
 
     The tangents are the coordinate axes, in their order, made orthogonal to the
@@ -44,7 +45,7 @@ def frames(normals: ArrayLike, axis: ArrayLike | None = None) -> Array:
     return frame
 
 
-def _along(frame: Array, axis: ArrayLike) -> None:
+def _along(frame: Floats, axis: ArrayLike) -> None:
     """Fill tangents in behind the normals: the first along ``axis``."""
     if frame.shape[1] != 3:
         raise ValueError("axis was given, in the plane there is one tangent")

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.validation import RATIO, Array, csr, floats, friction
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import RATIO, csr, floats, friction
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.result import Solution
@@ -143,7 +144,7 @@ class GlobalProblem:
         """η of (13) at the reactions ``r (n_c, d)``, as `ReducedProblem.residual`."""
         return self.reduced().residual(r, a)
 
-    def velocity(self, solution: Solution | ArrayLike) -> Array:
+    def velocity(self, solution: Solution | ArrayLike) -> Floats:
         """``v = M⁻¹ (H r + f)``, ``(n,)``.
 
         Parameters
@@ -176,7 +177,9 @@ class GlobalProblem:
 class _Symmetric:
     """Condensed as any stiffness is."""
 
-    def __init__(self, mass: Any, contact: Any, f: Array, w: Array, mu: Array) -> None:
+    def __init__(
+        self, mass: Any, contact: Any, f: Floats, w: Floats, mu: Floats
+    ) -> None:
         self._f = f
         try:
             self._problem = ContactProblem(
@@ -191,16 +194,18 @@ class _Symmetric:
     def reduced(self) -> ReducedProblem:
         return self._problem.reduced(self._f)
 
-    def velocity(self, r: Array, amounts: Array) -> Array:
+    def velocity(self, r: Floats, amounts: Floats) -> Floats:
         state = self._f, np.empty(0), r, amounts
-        u: Array = self._problem._core.displacements([state])[0]
+        u: Floats = self._problem._core.displacements([state])[0]
         return u
 
 
 class _Lu:
     """Factored as it is, by SuperLU."""
 
-    def __init__(self, mass: Any, contact: Any, f: Array, w: Array, mu: Array) -> None:
+    def __init__(
+        self, mass: Any, contact: Any, f: Floats, w: Floats, mu: Floats
+    ) -> None:
         from scipy.sparse.linalg import splu
 
         self._contact, self._f, self._w, self._mu = contact, f, w, mu
@@ -236,7 +241,7 @@ class _Lu:
         free = rows @ self._factor.solve(self._f)
         return ReducedProblem(W, free.reshape(self._w.shape) + self._w, self._mu)
 
-    def velocity(self, r: Array, _: Array) -> Array:
+    def velocity(self, r: Floats, _: Floats) -> Floats:
         right = self._contact @ r.ravel() + self._f
         return np.asarray(self._factor.solve(right), np.float64)
 

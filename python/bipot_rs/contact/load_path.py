@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from bipot_rs import _core
 from bipot_rs._lib.messages import body_of, counted
-from bipot_rs._lib.validation import Array, by_component
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import by_component
 from bipot_rs.contact import rigid_motions as motion
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.contact.error_bound import ErrorBound, from_core, without
@@ -53,7 +54,7 @@ class Following:
         self,
         core: _core.Condensed,
         contacts: Contacts,
-        mu: Array,
+        mu: Floats,
         shape: tuple[int, int],
         settings: Settings,
         start: Result | Step | None,
@@ -91,7 +92,9 @@ class Following:
             # The inverse of W was made in a step before, and counted as its work.
             self._core.make_inverse()
 
-    def advance(self, load: Array, prescribed: Array, gap: Array | None = None) -> Step:
+    def advance(
+        self, load: Floats, prescribed: Floats, gap: Floats | None = None
+    ) -> Step:
         """Take one step; raise what ends the path.
 
         ``gap (n_c, d)`` are the gaps of the step; without them, the problem's.
@@ -102,7 +105,9 @@ class Following:
             raise self.ended(error) from None
         return self._add(step)
 
-    def attempt(self, load: Array, prescribed: Array, gap: Array | None = None) -> Step:
+    def attempt(
+        self, load: Floats, prescribed: Floats, gap: Floats | None = None
+    ) -> Step:
         """Try a step, which is none of the path's before it is accepted.
 
         Raises
@@ -120,9 +125,9 @@ class Following:
     def _made(
         self,
         raw: dict[str, Any],
-        load: Array,
-        prescribed: Array,
-        gap: Array | None = None,
+        load: Floats,
+        prescribed: Floats,
+        gap: Floats | None = None,
     ) -> Step:
         """A step that the core has tried."""
         area = self._contacts["area"]
@@ -216,7 +221,7 @@ class Following:
             return self.result(False, str(failed))
         return self.result()
 
-    def _tried(self, core: _core.Condensed, load: Array, prescribed: Array) -> Tried:
+    def _tried(self, core: _core.Condensed, load: Floats, prescribed: Floats) -> Tried:
         before = self._last
 
         def several(step: Solution) -> bool:
@@ -267,11 +272,11 @@ class _StepProblem:
     """The problem of one step, for what is found out of its solution when asked for."""
 
     core: _core.Condensed
-    load: Array
-    prescribed: Array
-    before: Array | None
+    load: Floats
+    prescribed: Floats
+    before: Floats | None
     tried: Tried
-    area: Array | None
+    area: Floats | None
     known: Known | None = None
 
     def unique(self, step: Solution, /) -> str:
@@ -327,7 +332,7 @@ def state(start: Result | Step | None, contacts: int, d: int) -> Step | None:
 
 def _start(
     step: Step | None, motions: int
-) -> tuple[Array, Array, NDArray[np.int8], Array] | None:
+) -> tuple[Floats, Floats, NDArray[np.int8], Floats] | None:
     if step is None:
         return None
     rigid = np.empty(0) if step.rigid_motion is None else step.rigid_motion
@@ -340,7 +345,7 @@ def _start(
 
 def _working_set(
     step: Step | None,
-) -> tuple[NDArray[np.int64], Array, bool] | None:
+) -> tuple[Ints, Floats, bool] | None:
     """The set that a step was found with, from which the next one goes on."""
     if step is None or step.working_set is None:
         return None
@@ -348,7 +353,7 @@ def _working_set(
     return step.working_set, motion, bool(step.stats.get("bytes_beside_W", 0))
 
 
-def _set_fields(raw: tuple[NDArray[np.int64], Array] | None) -> dict[str, Any]:
+def _set_fields(raw: tuple[Ints, Floats] | None) -> dict[str, Any]:
     if raw is None:
         return {}
     members, motion = raw
@@ -368,13 +373,13 @@ class _Recovery:
 
     core: _core.Condensed
     seconds: dict[str, float]
-    gap: Array
+    gap: Floats
 
     def at_hand(self) -> bool:
         """Whether the problem keeps the factor that this takes."""
         return bool(self.core.stats["factor_kept"])
 
-    def __call__(self, steps: Sequence[Step]) -> Array:
+    def __call__(self, steps: Sequence[Step]) -> Floats:
         began = time.perf_counter()
         none = np.empty(0)
         states, confirmed = [], []
@@ -392,7 +397,7 @@ class _Recovery:
         return u
 
 
-def _compliance(core: _core.Condensed) -> Array | None:
+def _compliance(core: _core.Condensed) -> Floats | None:
     if core.stats["working_set"] is not None:
         return None  # a look is not worth condensing onto all candidates
     return core.compliance()

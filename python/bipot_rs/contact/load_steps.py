@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.validation import Array, floats, together
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import floats, together
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
 from bipot_rs._lib.validation import loads as steps_of
 from bipot_rs.contact.result import Result, Step
 
 T = TypeVar("T")
-Loads = tuple[Array, Array]
+Loads = tuple[Floats, Floats]
 # Total load, prescribed displacements, and gaps where they are not the problem's.
-Totals = tuple[Array, Array, Array | None]
+Totals = tuple[Floats, Floats, Floats | None]
 
 
 class Held(Protocol):
@@ -28,10 +29,10 @@ class Held(Protocol):
     def stiffness(self, K: Any) -> Any:
         """K of which they are held."""
 
-    def load(self, force: Array) -> Array:
+    def load(self, force: Floats) -> Floats:
         """Forces without what holds them."""
 
-    def prescribed(self, values: Array) -> None:
+    def prescribed(self, values: Floats) -> None:
         """Refuse displacements that they cannot have."""
 
 
@@ -58,7 +59,7 @@ class Loading:
     contacts: int
     d: int
     loads: list[Loads] | None = None
-    gaps: Array | None = None
+    gaps: Floats | None = None
     held: Held | None = None
 
     @classmethod
@@ -104,7 +105,7 @@ class Loading:
             )
         return _kept(self.held, steps[0])
 
-    def gap(self, value: ArrayLike) -> Array:
+    def gap(self, value: ArrayLike) -> Floats:
         """Gaps of one step by component, ``(n_c, d)``."""
         return gap_of_step(value, self.contacts, self.d)
 
@@ -136,7 +137,7 @@ class Loading:
         forces = (
             loads if loads is not None else [_kept(self.held, one) for one in forces]
         )
-        offsets: list[Array] | None = None
+        offsets: list[Floats] | None = None
         if gap is not None:
             offsets = list(gaps_of_steps(gap, self.contacts, self.d))
         elif gaps is not None:
@@ -257,14 +258,14 @@ def _same_path(
     start: Result | Step,
     first: int,
     loads: list[Loads] | None,
-    gaps: Array | None,
+    gaps: Floats | None,
 ) -> None:
     """Refuse a start that another path has led to."""
     last = reached(start)
     if not first or last is None:
         return
     behind = first - 1
-    own: dict[str, Array | None] = {}
+    own: dict[str, Floats | None] = {}
     if loads is not None:
         own["load"], own["prescribed"] = loads[min(behind, len(loads) - 1)]
     if gaps is not None:
@@ -277,7 +278,7 @@ def _same_path(
         )
 
 
-def differing(step: Step, totals: Mapping[str, Array | None]) -> str | None:
+def differing(step: Step, totals: Mapping[str, Floats | None]) -> str | None:
     """Which of these totals is another than that of a step, as far as the step knows.
 
     Files keep no loads; gaps they do, of paths that have any.

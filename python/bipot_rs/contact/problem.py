@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs import _core
 from bipot_rs._lib.messages import body_of, counted
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import (
     RATIO,
-    Array,
     Csr,
     Parts,
     areas,
@@ -281,7 +281,7 @@ class ContactProblem:
         )
 
     @property
-    def compliance(self) -> Array:
+    def compliance(self) -> Floats:
         """The compliance ``W`` of (3), dense, ``(d n_c, d n_c)``, of all contacts.
 
         With bodies held by contact alone it is ``B_c (S + α R Rᵀ)⁻¹ B_cᵀ`` with their
@@ -742,7 +742,7 @@ class ContactProblem:
         return Csr(matrix, stiffness.shape, parts), Known(self._digits, off)
 
     def _looked_at(
-        self, stiffness: Csr, gap: Array
+        self, stiffness: Csr, gap: Floats
     ) -> tuple[tuple[str, ...], remarks.Strength | None]:
         """Sentences on what was given, and how stiff the bodies are where it is known."""
         places, d = self._where, self._shape[2]
@@ -808,7 +808,7 @@ class ContactProblem:
     def _following(
         self,
         core: _core.Condensed,
-        mu: Array,
+        mu: Floats,
         chosen: Settings,
         start: Result | Step | None,
     ) -> Following:
@@ -826,7 +826,7 @@ class ContactProblem:
         )
 
 
-def _of_components(given: Any, found: Array | None, d: int) -> Array | None:
+def _of_components(given: Any, found: Floats | None, d: int) -> Floats | None:
     """Places ``(n, d)`` of degrees of freedom, of those the core takes; None if unknown."""
     if found is None or (d == 3 and np.shape(given)[1] == 2):
         return None

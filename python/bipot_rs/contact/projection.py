@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs import _core
-from bipot_rs._lib.validation import Array, floats, friction
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import floats, friction
 
 
 def project(
     tau: ArrayLike, mu: ArrayLike, base: ArrayLike | None = None
-) -> tuple[Array, NDArray[np.int8]]:
+) -> tuple[Floats, NDArray[np.int8]]:
     """Project onto Coulomb's cone or an elliptic one, contact by contact, in parallel.
 
     Parameters

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 from bipot_rs import _core
 from bipot_rs._lib import validation
 from bipot_rs._lib.messages import counted, meant
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import (
     RATIO,
-    Array,
     csr,
     floats,
     friction,
@@ -383,7 +383,7 @@ class ReducedProblem:
         )
 
 
-def _again(W: Any, q: Array, mu: Array, rigid: Any) -> ReducedProblem:
+def _again(W: Any, q: Floats, mu: Floats, rigid: Any) -> ReducedProblem:
     """The same problem in another process."""
     return ReducedProblem(W, q, mu, rigid=rigid)
 
@@ -414,7 +414,7 @@ class _ReducedInquiry:
         return diagnose(self.tried, solution, solution.relative_displacement)
 
 
-_Part = tuple[list[int], Array, tuple[list[int], list[int]] | None]
+_Part = tuple[list[int], Floats, tuple[list[int], list[int]] | None]
 
 
 def _islands(W: Any, contacts: int, d: int) -> list[_Part]:
@@ -489,7 +489,7 @@ def solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def opening(raw: dict[str, Any], mu: Array) -> Array:
+def opening(raw: dict[str, Any], mu: Floats) -> Floats:
     """By how much of its slip a contact opens on the free rigid_motions.
 
     A proof lies in the dual cone; what an iteration ran away along is a displacement.

@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.validation import Array, Csr
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import Csr
 from bipot_rs.contact import dof_order
 from bipot_rs.contact.result import Step
-
-Ints = NDArray[np.int64]
 
 # Of the size of the problem: what meshing programs and their files round.
 _ROUNDING = 1e-9
@@ -61,16 +60,16 @@ class Strength:
     """
 
     body: Ints
-    force: Array
+    force: Floats
 
 
 def at_start(
     contact: Csr,
-    gap: Array,
+    gap: Floats,
     *,
-    points: Array | None,
-    places: Array | None,
-    outward: Array | None,
+    points: Floats | None,
+    places: Floats | None,
+    outward: Floats | None,
 ) -> Iterator[str]:
     """What the arrays say before any load.
 
@@ -91,7 +90,7 @@ def at_start(
 
 
 def _penetrating(
-    gap: Array, points: Array | None, places: Array | None
+    gap: Floats, points: Floats | None, places: Floats | None
 ) -> Iterator[str]:
     known = points if places is None else places
     size = (
@@ -119,7 +118,7 @@ def _penetrating(
     )
 
 
-def surfaces(stiffness: Csr, places: Array, d: int) -> Array | None:
+def surfaces(stiffness: Csr, places: Floats, d: int) -> Floats | None:
     """Forces ``(n,)`` that point outwards at the surface of the bodies, zero within.
 
     Zero too where a support was written into K. None where the order of the degrees of
@@ -143,7 +142,7 @@ def surfaces(stiffness: Csr, places: Array, d: int) -> Array | None:
 
 
 def _into(
-    contact: Csr, gap: Array, outward: Array, places: Array | None
+    contact: Csr, gap: Floats, outward: Floats, places: Floats | None
 ) -> Iterator[str]:
     """Normals that do not point into the body whose surface has the contact."""
     d = gap.shape[1]
@@ -174,7 +173,7 @@ def _into(
         )
 
 
-def strength(stiffness: Csr, places: Array, d: int) -> Strength | None:
+def strength(stiffness: Csr, places: Floats, d: int) -> Strength | None:
     """How stiff each body is, as far as places and K tell."""
     from scipy.sparse.csgraph import connected_components
 
@@ -249,7 +248,7 @@ def _overloaded(steps: Sequence[Step], known: Strength) -> Iterator[str]:
         )
 
 
-def _beyond(steps: Sequence[Step], x: Array) -> Iterator[str]:
+def _beyond(steps: Sequence[Step], x: Floats) -> Iterator[str]:
     size = float(np.ptp(x, axis=0).max()) if len(x) else 0.0
     moved = max(float(np.abs(step.slip).max(initial=0.0)) for step in steps)
     if size > 0 and moved > _FAR * size:
@@ -260,5 +259,5 @@ def _beyond(steps: Sequence[Step], x: Array) -> Iterator[str]:
         )
 
 
-def _place(x: Array) -> str:
+def _place(x: Floats) -> str:
     return f"({', '.join(f'{c:.4g}' for c in x)})"

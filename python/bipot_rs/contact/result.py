@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact import error_bound, summary
 from bipot_rs.contact.error_bound import ErrorBound
 from bipot_rs.files import export
-
-Array = NDArray[np.float64]
 
 
 class Status(IntEnum):
@@ -112,18 +111,18 @@ class Solution:
         asymmetric one, its transpose; 0 for neither.
     """
 
-    reaction: Array
-    relative_displacement: Array
+    reaction: Floats
+    relative_displacement: Floats
     status: NDArray[np.int8]
     outcome: Outcome
     residual: float
     tolerance: float
     iterations: int
     work: float
-    rigid_motion: Array | None = None
-    free_motion: Array | None = None
-    history: Array = field(default_factory=lambda: np.empty((0, 2)))
-    bipotential_gap: Array = field(default_factory=lambda: np.empty(0))
+    rigid_motion: Floats | None = None
+    free_motion: Floats | None = None
+    history: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    bipotential_gap: Floats = field(default_factory=lambda: np.empty(0))
     seconds: float = 0.0
     stats: Mapping[str, int] = field(default_factory=dict)
     _problem: Inquiry | None = None
@@ -256,7 +255,7 @@ class Solution:
 class Recovery(Protocol):
     """Displacements of steps, from their reactions."""
 
-    def __call__(self, steps: Sequence[Step], /) -> Array:
+    def __call__(self, steps: Sequence[Step], /) -> Floats:
         """Find them, a row each."""
 
     def at_hand(self) -> bool:
@@ -293,17 +292,17 @@ class Step(Solution):
         from which the next step begins; else ``None``.
     """
 
-    slip: Array
-    load: Array | None = None
-    prescribed: Array | None = None
-    traction: Array | None = None
+    slip: Floats
+    load: Floats | None = None
+    prescribed: Floats | None = None
+    traction: Floats | None = None
     s: float | None = None
     ahead: float | None = None
-    gap: Array | None = None
-    working_set: NDArray[np.int64] | None = None
-    working_motion: Array | None = None
+    gap: Floats | None = None
+    working_set: Ints | None = None
+    working_motion: Floats | None = None
     _recover: Recovery | None = None
-    _kept: dict[str, Array] = field(default_factory=dict)
+    _kept: dict[str, Floats] = field(default_factory=dict)
 
     @property
     def dissipation(self) -> float:
@@ -317,7 +316,7 @@ class Step(Solution):
         return -float(np.sum(self.reaction[:, 1:] * self.slip))
 
     @property
-    def displacement(self) -> Array:
+    def displacement(self) -> Floats:
         """Displacement of all degrees of freedom, ``(n,)``, computed when first asked for.
 
         Raises
@@ -454,24 +453,24 @@ class Result(Sequence[Step]):
         return np.stack([np.asarray(getattr(step, name), dtype) for step in self.steps])
 
     @property
-    def reaction(self) -> Array:
+    def reaction(self) -> Floats:
         """Nodal contact forces, ``(steps, n_c, d)``."""
         return self._stack("reaction", (0, *self._shape))
 
     @property
-    def traction(self) -> Array | None:
+    def traction(self) -> Floats | None:
         """``reaction / area``, ``(steps, n_c, d)``; ``None`` without areas."""
         if self.contacts.get("area") is None:
             return None
         return self._stack("traction", (0, *self._shape))
 
     @property
-    def relative_displacement(self) -> Array:
+    def relative_displacement(self) -> Floats:
         """Total relative displacement ``B u + gap``, ``(steps, n_c, d)``."""
         return self._stack("relative_displacement", (0, *self._shape))
 
     @property
-    def slip(self) -> Array:
+    def slip(self) -> Floats:
         """Slip increment of each step, ``(steps, n_c, d - 1)``."""
         contacts, d = self._shape
         return self._stack("slip", (0, contacts, max(d - 1, 0)))
@@ -482,18 +481,18 @@ class Result(Sequence[Step]):
         return self._stack("status", (0, self._shape[0]), np.int8)
 
     @property
-    def displacement(self) -> Array:
+    def displacement(self) -> Floats:
         """Displacement of all degrees of freedom, ``(steps, n)``, computed when asked for."""
         recover(self.steps)
         return self._stack("displacement", (0, 0))
 
     @property
-    def dissipation(self) -> Array:
+    def dissipation(self) -> Floats:
         """`Step.dissipation`, friction's work over each step, ``(steps,)``."""
         return self._stack("dissipation", (0,))
 
     @property
-    def resultant(self) -> Array:
+    def resultant(self) -> Floats:
         """Sum of the contact forces on the bodies that have the contacts, ``(steps, d)``.
 
         In global components where the frames of the contacts are known. Otherwise the
@@ -502,7 +501,7 @@ class Result(Sequence[Step]):
         """
         return self.resultants(np.zeros(self._shape[0], np.int64))[:, 0]
 
-    def resultants(self, group: NDArray[np.integer[Any]]) -> Array:
+    def resultants(self, group: NDArray[np.integer[Any]]) -> Floats:
         """`resultant` of each group of contacts, ``(steps, groups, d)``.
 
         Parameters
@@ -537,12 +536,12 @@ class Result(Sequence[Step]):
         return np.stack([force[:, number == g].sum(axis=1) for g in groups], axis=1)
 
     @property
-    def work(self) -> Array:
+    def work(self) -> Floats:
         """Cost of each step in products with ``W``, ``(steps,)``."""
         return self._stack("work", (0,))
 
     @property
-    def s(self) -> Array | None:
+    def s(self) -> Floats | None:
         """Where on the path each step ends, ``(steps,)``; ``None`` where steps were given."""
         if not self.steps or any(step.s is None for step in self.steps):
             return None
@@ -554,17 +553,17 @@ class Result(Sequence[Step]):
         return tuple(step.error for step in self.steps)
 
     @property
-    def residual(self) -> Array:
+    def residual(self) -> Floats:
         """η of each step, ``(steps,)``."""
         return self._stack("residual", (0,))
 
     @property
-    def iterations(self) -> NDArray[np.int64]:
+    def iterations(self) -> Ints:
         """Iterations of each step, ``(steps,)``."""
         return self._stack("iterations", (0,), np.int64)
 
     @property
-    def converged(self) -> NDArray[np.bool_]:
+    def converged(self) -> Bools:
         """Whether each step is an answer, ``(steps,)``."""
         return self._stack("converged", (0,), np.bool_)
 

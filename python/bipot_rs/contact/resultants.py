@@ -11,11 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.elliptic_friction import dissipation, largest, limit
-
-Floats = NDArray[np.float64]
 
 # Normals of one plane, from places that files write with seven digits.
 _FLAT = 1e-6
@@ -65,7 +63,7 @@ def is_curved(normal: Floats) -> bool:
 
 
 def resultants(
-    reaction: Floats, frame: Floats, mu: Floats, group: NDArray[np.int64], count: int
+    reaction: Floats, frame: Floats, mu: Floats, group: Ints, count: int
 ) -> list[Resultant]:
     """Forces on each contact surface.
 

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bipot_rs._lib.validation import Array
-
-Ints = NDArray[np.int64]
+from bipot_rs._lib.types import Floats, Ints
 
 # Of a degree of freedom: 0, 1, 2 is a displacement along x, y, z, and 3, 4, 5 a rotation
 # about them.
@@ -15,7 +12,7 @@ ABOUT = 3
 UNKNOWN = -1
 
 
-def directions(places: Array, d: int) -> Ints:
+def directions(places: Floats, d: int) -> Ints:
     """Direction of each degree of freedom, ``(n,)``, or `UNKNOWN`.
 
     Degrees of freedom at one place are, in ascending order, the displacements of a node
@@ -67,7 +64,7 @@ def _nodes(dofs: Ints, d: int) -> list[Ints]:
     return []
 
 
-def motions(direction: Ints, places: Array, d: int) -> tuple[Array, Array]:
+def motions(direction: Ints, places: Floats, d: int) -> tuple[Floats, Floats]:
     """Rigid motions of one body and how much each degree of freedom moves at the most.
 
     Translations of size 1, and rotations about the mean place that move no node by more
@@ -89,7 +86,7 @@ def axes_of(d: int) -> range:
     return range(2, 3) if d == 2 else range(3)
 
 
-def amounts(direction: Ints, arm: Array, d: int) -> list[tuple[int, Ints, Array]]:
+def amounts(direction: Ints, arm: Floats, d: int) -> list[tuple[int, Ints, Floats]]:
     """Nonzeros of rigid motions: number of the motion, which rows, and how much.
 
     Parameters

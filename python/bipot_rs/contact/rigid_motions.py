@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import body_of
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Floats
 from bipot_rs.contact.elliptic_friction import dissipation
 
 # Coordinates below this, relative to the body, are zero: what rounding leaves of them.
@@ -23,7 +23,7 @@ _FAR = 2.0
 _WORTH = 1e-4
 
 
-def at_contacts(modes: Array, amounts: Array, d: int) -> Array:
+def at_contacts(modes: Floats, amounts: Floats, d: int) -> Floats:
     """Motion of each contact ``(n_c, d)``, the largest of length 1.
 
     ``modes (k, d n_c)`` are the rigid motions, normal first; ``amounts (k,)`` of them.
@@ -34,10 +34,10 @@ def at_contacts(modes: Array, amounts: Array, d: int) -> Array:
 
 
 def left_free(
-    fields: Array,
+    fields: Floats,
     bodies: Sequence[int],
     dofs: Sequence[int],
-    frame: Array | None,
+    frame: Floats | None,
     names: Mapping[str, int] | None = None,
 ) -> tuple[str, ...]:
     """Name rigid motions, body by body.
@@ -67,11 +67,11 @@ def left_free(
 
 
 def describe(
-    direction: Array,
-    mu: Array,
+    direction: Floats,
+    mu: Floats,
     *,
-    points: Array | None = None,
-    frame: Array | None = None,
+    points: Floats | None = None,
+    frame: Floats | None = None,
     bodies: Sequence[tuple[str, ...]] | None = None,
 ) -> str:
     """Say how contacts move.
@@ -112,14 +112,14 @@ def describe(
     return "; ".join(said)
 
 
-def _sliding(v: Array, mu: Array) -> Array:
+def _sliding(v: Floats, mu: Floats) -> Floats:
     """The motion whose ``v + mu |v_t| n`` is given, as in (9)."""
     slid = v.copy()
     slid[:, 0] -= dissipation(mu, v[:, 1:])
     return slid
 
 
-def _rigid(fields: Sequence[Array], points: Array, frame: Array) -> str | None:
+def _rigid(fields: Sequence[Floats], points: Floats, frame: Floats) -> str | None:
     """Words of the first of the fields that is a rigid motion."""
     for field in fields:
         size = np.linalg.norm(field)
@@ -130,7 +130,7 @@ def _rigid(fields: Sequence[Array], points: Array, frame: Array) -> str | None:
     return None
 
 
-def _fit(field: Array, points: Array) -> tuple[Array, Array, Array, float]:
+def _fit(field: Floats, points: Floats) -> tuple[Floats, Floats, Floats, float]:
     """``v(x) = t + ω × (x - c)`` of least squares: t, ω, c and what it misses by.
 
     In the plane ω has one component, in space three.
@@ -150,7 +150,7 @@ def _fit(field: Array, points: Array) -> tuple[Array, Array, Array, float]:
     return x[:d], x[d:] / reach, centre, misfit
 
 
-def _named(shift: Array, turn: Array, centre: Array, reach: float) -> str:
+def _named(shift: Floats, turn: Floats, centre: Floats, reach: float) -> str:
     """Words of ``v(x) = t + ω × (x - c)``; ``reach`` is the size of where it is seen."""
     d, rate = len(centre), float(np.linalg.norm(turn))
     axes = ", ".join("xyz"[:d])
@@ -164,7 +164,7 @@ def _named(shift: Array, turn: Array, centre: Array, reach: float) -> str:
     return turning
 
 
-def _turning(shift: Array, turn: Array, centre: Array, reach: float) -> str:
+def _turning(shift: Floats, turn: Floats, centre: Floats, reach: float) -> str:
     """Words of the axis."""
     rate = float(np.linalg.norm(turn))
     if len(centre) == 2:
@@ -178,7 +178,7 @@ def _turning(shift: Array, turn: Array, centre: Array, reach: float) -> str:
     return f"screw motion about {axis}, advancing by {advance:.4g} a radian"
 
 
-def _numbers(values: Array, unit: bool = False, *, size: float = 0.0) -> str:
+def _numbers(values: Floats, unit: bool = False, *, size: float = 0.0) -> str:
     """``(0.8, 0.6)``; of length 1 if asked, without the rounding of zeros.
 
     Of places, ``size`` is that of the body: all of them may be roundings of zero.
@@ -189,7 +189,7 @@ def _numbers(values: Array, unit: bool = False, *, size: float = 0.0) -> str:
     return f"({', '.join(shown)})"
 
 
-def _most_moved(field: Array, contacts: NDArray[np.intp], count: int) -> str:
+def _most_moved(field: Floats, contacts: NDArray[np.intp], count: int) -> str:
     """Contacts and directions, where no rigid motion can be told."""
     axes = ", ".join(("n", "t1", "t2")[: field.shape[1]])
     length = np.linalg.norm(field, axis=1)
@@ -209,7 +209,7 @@ def _list(contacts: NDArray[np.intp]) -> str:
     return f"contact{'s' if len(contacts) > 1 else ''} {shown}{more}"
 
 
-def name_all(fields: Array, axes: tuple[str, ...], whose: str) -> list[str]:
+def name_all(fields: Floats, axes: tuple[str, ...], whose: str) -> list[str]:
     """Words for a space of motions, ``fields (k, n_c, d)``.
 
     Translations that lie in it are named by their axis; the rest turn.

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Floats
 
-def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
+
+def distances(points: Floats) -> Floats:
     """Of each of several places the distance to the nearest other one, ``(m,)``.
 
     >>> distances(np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]]))
@@ -26,7 +28,7 @@ def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def farthest(
-    steps: Sequence[Any], apart: NDArray[np.float64], at: NDArray[np.integer[Any]]
+    steps: Sequence[Any], apart: Floats, at: NDArray[np.integer[Any]]
 ) -> tuple[int, int, float]:
     """Where a pressed contact has gone farthest along, relative to ``apart (m,)``.
 

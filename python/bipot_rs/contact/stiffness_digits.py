@@ -32,11 +32,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lsqr
 
 from bipot_rs._lib.messages import body_of
-from bipot_rs._lib.validation import Array, Csr, Parts, csr, number
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import Csr, Parts, csr, number
 from bipot_rs.contact.rigid_geometry import (
     ABOUT,
     UNKNOWN,
-    Ints,
     amounts,
     axes_of,
     directions,
@@ -104,7 +104,7 @@ class Digits:
     """
 
     rtol: float
-    places: Array
+    places: Floats
     d: int
     bodies: Mapping[str, int] | None = None
 
@@ -135,7 +135,7 @@ class Digits:
         values = rows.restore()
         return csr("K", _whole(K.shape, rows.i, rows.j, values)).parts, off
 
-    def amplification(self, parts: Parts, u: Array) -> float:
+    def amplification(self, parts: Parts, u: Floats) -> float:
         """How much of the energy of a displacement entries of K can change, over ``rtol``.
 
         ``Σ |e_i| |k_ij| |e_j|`` over ``uᵀ K u``. Rigid motions are free to the last digit,
@@ -161,7 +161,7 @@ class Digits:
         return max(1.0, changed / energy)
 
     def _deviation(
-        self, K: Any, direction: Ints, u: Array, first: int, last: int
+        self, K: Any, direction: Ints, u: Floats, first: int, last: int
     ) -> float:
         """``Σ |e_i| |k_ij| |e_j|`` of some rows."""
         d = self.d
@@ -213,7 +213,7 @@ class Digits:
 
 def checked(
     rtol: Any,
-    places: Array | None,
+    places: Floats | None,
     d: int,
     bodies: Mapping[str, int] | None,
 ) -> Digits:
@@ -312,7 +312,7 @@ class _Rows:
         self.held = held
         return max(used, self._leave(held, off, forces))
 
-    def _misplaced(self, turned: Any, off: Array) -> ValueError:
+    def _misplaced(self, turned: Any, off: Floats) -> ValueError:
         typical = float(np.median(off[turned]))
         remedy = (
             "The coordinates are not those of the degrees of freedom of K: another "
@@ -332,7 +332,7 @@ class _Rows:
             f"{int(np.argmax(turned))}. {remedy}"
         )
 
-    def _leave(self, held: Any, off: Array, forces: Array) -> float:
+    def _leave(self, held: Any, off: Floats, forces: Floats) -> float:
         """Take the rows that supports hold out, but for motions that they leave free."""
         at, d, m = self.digits.places, self.digits.d, self.m
         _, label = connected_components(self.K, directed=False)
@@ -366,7 +366,7 @@ class _Rows:
         self.A = sparse.csr_array(left @ self.A)
         return used
 
-    def _about(self, rows: Ints, dofs: Ints) -> Array:
+    def _about(self, rows: Ints, dofs: Ints) -> Floats:
         """Of each row, rigid motions about the middle of the body by those about its place."""
         at, d, m = self.digits.places, self.digits.d, self.m
         centre = at[dofs].mean(axis=0)
@@ -384,11 +384,11 @@ class _Rows:
         self,
         dofs: Ints,
         rows: Ints,
-        Z: Array,
-        moved: Array,
-        off: Array,
-        forces: Array,
-    ) -> tuple[Array, float]:
+        Z: Floats,
+        moved: Floats,
+        off: Floats,
+        forces: Floats,
+    ) -> tuple[Floats, float]:
         """Combinations of rigid motions that supports leave free, ``(m, free)``.
 
         And how far these are off, at the most.
@@ -417,7 +417,7 @@ class _Rows:
             raise self._refusal(dofs, off, float(held.min()))
         return left, float(resistance[free].max(initial=0.0))
 
-    def _stiff(self, dofs: Ints, free: Array, off: Array) -> bool:
+    def _stiff(self, dofs: Ints, free: Floats, off: Floats) -> bool:
         """Whether a body is held beyond doubt, whatever errors its entries have."""
         # All degrees of freedom, prescribed ones too: it is K that is to resist.
         if len(dofs) > DENSE:
@@ -435,7 +435,7 @@ class _Rows:
             return False
         return True
 
-    def _refusal(self, dofs: Ints, off: Array, least: float) -> ValueError:
+    def _refusal(self, dofs: Ints, off: Floats, least: float) -> ValueError:
         rtol = self.digits.rtol
         over = off[dofs] > SLACK * rtol
         typical = float(np.median(off[dofs][over]))
@@ -454,7 +454,7 @@ class _Rows:
             f"{remedy}; if supports or springs within K do this, leave stiffness_rtol out"
         )
 
-    def restore(self) -> Array:
+    def restore(self) -> Floats:
         """Entries of the lower triangle, the nearest for which ``A`` gives zero.
 
         Raises
@@ -497,7 +497,7 @@ class _Rows:
         return np.asarray(best, np.float64)
 
 
-def _complement(resisted: Array, moved: Array) -> Array:
+def _complement(resisted: Floats, moved: Floats) -> Floats:
     """Motions at right angles to those that are resisted, ``(m, free)``.
 
     What is resisted is a combination of how the held degrees of freedom move, rows of
@@ -511,7 +511,7 @@ def _complement(resisted: Array, moved: Array) -> Array:
     return np.asarray(turned[len(resisted) :].T, np.float64)
 
 
-def _least_change(G: Any, left: Array, reduction: float) -> Array:
+def _least_change(G: Any, left: Floats, reduction: float) -> Floats:
     """Least x with ``G x = left`` but for this part of it, by least squares (LSQR).
 
     ``G Gᵀ``, whose diagonal is one, is singular, as ``Zᵀ K Z`` is symmetric whatever K
@@ -528,7 +528,7 @@ def _least_change(G: Any, left: Array, reduction: float) -> Array:
     return np.asarray(found[0], np.float64)
 
 
-def _whole(shape: tuple[int, int], i: Ints, j: Ints, values: Array) -> Any:
+def _whole(shape: tuple[int, int], i: Ints, j: Ints, values: Floats) -> Any:
     """The matrix with this lower triangle, by rows."""
     apart = i != j
     row = np.concatenate([i, j[apart]])

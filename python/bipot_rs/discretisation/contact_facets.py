@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.discretisation.simplices import Simplices
 from bipot_rs.fem.assembly import Model
 from bipot_rs.fem.contact import both
-from bipot_rs.mesh.elements import Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -166,9 +165,7 @@ def contact_facets(model: Model, bodies: Sequence[Simplices]) -> ContactFacets:
     )
 
 
-def prescribed_facets(
-    model: Model, bodies: Sequence[Simplices]
-) -> list[NDArray[np.bool_]]:
+def prescribed_facets(model: Model, bodies: Sequence[Simplices]) -> list[Bools]:
     """Components prescribed on whole facets of each body, ``(facets, d)``."""
     dim = model.dim
     names = [body.name for body in model.bodies]

@@ -15,10 +15,9 @@ of the two cells is taken.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.discretisation.simplices import Simplices, pairs
-from bipot_rs.mesh.elements import Floats
 
 
 def moments(
@@ -26,7 +25,7 @@ def moments(
     stress: Floats,
     body_force: Floats,
     given: Floats,
-    known: NDArray[np.bool_],
+    known: Bools,
 ) -> Floats:
     """Moments ``∫_F φ_i t_F`` of tractions that obey (P), ``(facets, d nodes, d)``.
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg, sparse
 
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.result import Result, Step
@@ -38,7 +39,6 @@ from bipot_rs.discretisation.simplices import (
 )
 from bipot_rs.fem.assembly import Model
 from bipot_rs.fem.materials import Material
-from bipot_rs.mesh.elements import Floats, Ints
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Plane
 from bipot_rs.scene.case import Case

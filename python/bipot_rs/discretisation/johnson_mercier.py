@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from bipot_rs.mesh.elements import Floats
+from bipot_rs._lib.types import Floats
 
 
 def stress(edges: Floats, gradients: Floats, moments: Floats) -> Floats:

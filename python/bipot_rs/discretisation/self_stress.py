@@ -19,13 +19,12 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.discretisation import johnson_mercier
 from bipot_rs.discretisation.simplices import Simplices, elastic, error_energy, pairs
 from bipot_rs.fem.materials import Material
-from bipot_rs.mesh.elements import Floats, Ints
 
 # The energy is asked for two digits: it is done when as many steps as `_LAST` together
 # gain less than this.
@@ -49,9 +48,7 @@ class SelfStress:
         Components of facets that may change, ``(facets, d)``.
     """
 
-    def __init__(
-        self, cells: Simplices, material: Material, free: NDArray[np.bool_]
-    ) -> None:
+    def __init__(self, cells: Simplices, material: Material, free: Bools) -> None:
         self.cells, self.material = cells, material
         functions = _Functions(cells, free)
         energy = _energy_matrices(cells, material)
@@ -157,7 +154,7 @@ class _Functions:
     nodes by component; ring r of a facet is opposite to its node r.
     """
 
-    def __init__(self, cells: Simplices, free: NDArray[np.bool_]) -> None:
+    def __init__(self, cells: Simplices, free: Bools) -> None:
         self.cells = cells
         dim, facets, x = cells.dim, cells.facets, cells.points[cells.facets]
         ends = list(combinations(range(dim), 2))
@@ -219,7 +216,7 @@ class _Functions:
             passed[:, r] = sense[:, None, None, None] * field
         return passed
 
-    def _forbid(self, forbidden: NDArray[np.bool_]) -> None:
+    def _forbid(self, forbidden: Bools) -> None:
         """Leave of each ring what all its facets outside let pass."""
         bounded = np.flatnonzero(forbidden.any(axis=1))
         if not bounded.size:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.fem.body import Body
 from bipot_rs.fem.materials import Material
-from bipot_rs.mesh.elements import Floats, Ints
 
 
 def pairs(dim: int) -> list[tuple[int, int]]:
@@ -55,7 +54,7 @@ class Simplices:
     edges: Floats
     volume: Floats
     area: Floats
-    outside: NDArray[np.bool_]
+    outside: Bools
 
     @property
     def dim(self) -> int:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from bipot_rs._lib.messages import counted
+from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.frames import frames
 from bipot_rs.contact.problem import ContactProblem
@@ -47,7 +48,7 @@ from bipot_rs.fem.stress_recovery import (
     von_mises,
 )
 from bipot_rs.mesh.boxes import FACES, box
-from bipot_rs.mesh.elements import Floats, Ints, second_order
+from bipot_rs.mesh.elements import second_order
 from bipot_rs.mesh.quality import check_mesh
 from bipot_rs.mesh.readers import read_mesh, read_meshes
 from bipot_rs.obstacle.motion import Motion
@@ -614,7 +615,7 @@ def _inclined(
     bodies: Sequence[Body],
     offset: Sequence[int],
     mirrors: Sequence[tuple[Symmetry, tuple[int | None, Floats]]],
-    fixed: NDArray[np.bool_],
+    fixed: Bools,
 ) -> Planes | None:
     """Planes of symmetry that no axis is normal to."""
     groups = []

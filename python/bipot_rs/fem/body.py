@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import instead
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.materials import Elastic, Material
 from bipot_rs.mesh.elements import (
     KINDS,
-    Floats,
-    Ints,
     Kind,
     cell_nodes,
     cross,

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.fem.body import Body, Box
 from bipot_rs.fem.elasticity import surface_stiffness
 from bipot_rs.fem.materials import Material
-from bipot_rs.mesh.elements import KINDS, Floats, Ints, facet_nodes
+from bipot_rs.mesh.elements import KINDS, facet_nodes
 
 # Nodes of one plane as files write them, with seven digits.
 _FLAT = 1e-6

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import RATIO, floats, friction, number, shown
 from bipot_rs.contact.frames import frames
 from bipot_rs.fem.body import Body, Box, Quadrature
-from bipot_rs.mesh.elements import Floats, Ints
 from bipot_rs.mortar.facet_mesh import turned_outward
 from bipot_rs.mortar.pairs import METHODS, Pairs, pairs, rigid_pairs
 from bipot_rs.obstacle.motion import Motion

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from bipot_rs._lib.types import Ints
 from bipot_rs.fem.assembly import Model
-from bipot_rs.mesh.elements import Ints
 
 # By dimension and the number of nodes, with how many of these are corners. Behind the
 # corners come the middles of the edges, in their order, and the middle of the facet.

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.body import Body, Box, Field, Quadrature
 from bipot_rs.fem.materials import Elastic, Material, Orthotropic
 from bipot_rs.mesh.boxes import FACES, box
-from bipot_rs.mesh.elements import Floats, Ints, inverse, jacobian, reference
+from bipot_rs.mesh.elements import inverse, jacobian, reference
 
 __all__ = [
     "FACES",

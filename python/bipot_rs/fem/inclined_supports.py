@@ -17,10 +17,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from bipot_rs.mesh.elements import Floats, Ints
+from bipot_rs._lib.types import Bools, Floats, Ints
 
 # Of unit normals, which files know to seven digits: what is left of one beside others of
 # the same plane, or beside what supports prescribe, is rounding.
@@ -74,7 +73,7 @@ class Planes:
         found.sort_indices()
         return found
 
-    def tangents(self, frame: Floats, first: Ints, within: NDArray[np.bool_]) -> Floats:
+    def tangents(self, frame: Floats, first: Ints, within: Bools) -> Floats:
         """Frames ``(n_c, 3, 3)`` whose last tangent is normal to the one plane of a node.
 
         Parameters
@@ -150,7 +149,7 @@ class HeldNodes:
 
 def planes(
     groups: Iterable[tuple[Ints, Floats]],
-    fixed: NDArray[np.bool_],
+    fixed: Bools,
     dim: int,
 ) -> Planes | None:
     """Nodes held to planes, as one; None without any.

@@ -10,17 +10,16 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.validation import Array, floats
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.validation import floats
 from bipot_rs.contact import rigid_motions
 from bipot_rs.fem.assembly import Model
 from bipot_rs.fem.boundary import Spring, spring_stiffness
 from bipot_rs.fem.contact import body_index, outward
 from bipot_rs.obstacle.protocol import length, place
-
-Ints = NDArray[np.int64]
 
 # Of the size of the model: what meshing programs and their files round.
 _ROUNDING = 1e-9
@@ -144,7 +143,7 @@ def _without_friction(model: Model, prescribed: ArrayLike | None) -> Iterator[st
             )
 
 
-def _slides(model: Model, prescribed: ArrayLike | None) -> NDArray[np.bool_]:
+def _slides(model: Model, prescribed: ArrayLike | None) -> Bools:
     """Which contact nodes are moved along their obstacles by what is prescribed.
 
     Where that is zero, as on a plane of symmetry, a support takes what friction would.
@@ -161,7 +160,7 @@ def _slides(model: Model, prescribed: ArrayLike | None) -> NDArray[np.bool_]:
     return np.asarray(found, np.bool_)
 
 
-def _rubs(model: Model) -> NDArray[np.bool_]:
+def _rubs(model: Model) -> Bools:
     """Which contact nodes have friction."""
     largest = model.mu if model.mu.ndim == 1 else model.mu.max(axis=1)
     return largest > 0
@@ -218,7 +217,7 @@ def _units(model: Model) -> Iterator[str]:
         )
 
 
-def _overloaded(model: Model, load: Array) -> Iterator[str]:
+def _overloaded(model: Model, load: Floats) -> Iterator[str]:
     """Loads beside which a body is soft, as a Young's modulus in GPa with loads in MPa.
 
     The sum of the sizes of all nodal forces of a load step over the largest section of
@@ -294,7 +293,7 @@ def unsupported(model: Model) -> list[str]:
     return [model.bodies[b].name for b in _bare(model)]
 
 
-def _supporting(model: Model, modes: Array) -> list[Array]:
+def _supporting(model: Model, modes: Floats) -> list[Floats]:
     """What rigid motions do to supports and springs, a row each."""
     found = [modes[model.fixed]]
     if model.inclined is not None:
@@ -316,7 +315,7 @@ def _bare(model: Model) -> list[int]:
     ]
 
 
-def _sprung(model: Model, spring: Spring, modes: Array) -> Array:
+def _sprung(model: Model, spring: Spring, modes: Floats) -> Floats:
     """What rigid motions do to a spring, of size 1 as supports and contacts are."""
     b = body_index(model.bodies, spring.body)
     body = model.bodies[b]
@@ -328,7 +327,7 @@ def _sprung(model: Model, spring: Spring, modes: Array) -> Array:
     return forces / largest if largest else 0.0 * forces
 
 
-def _modes(model: Model) -> tuple[Array, Ints]:
+def _modes(model: Model) -> tuple[Floats, Ints]:
     """Rigid motions of every body ``(n, m)``, of one size, and whose they are."""
     d, found, owner = model.dim, [], []
     for b, body in enumerate(model.bodies):
@@ -360,7 +359,7 @@ def _meeting(model: Model) -> list[list[int]]:
     return sorted(sorted(one) for one in sets)
 
 
-def _said(model: Model, members: list[int], modes: Array, free: Array) -> list[str]:
+def _said(model: Model, members: list[int], modes: Floats, free: Floats) -> list[str]:
     """Words for a space of motions: translations along axes first, then the rest.
 
     Of each body by itself, and then of all together.

@@ -12,11 +12,10 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats, number
-
-Floats: TypeAlias = NDArray[np.float64]
 
 # Pairs of axes in the order of Poisson's ratios and shear moduli.
 _PAIRS = ((0, 1), (0, 2), (1, 2))

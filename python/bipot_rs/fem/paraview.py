@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Floats
 from bipot_rs.contact.result import Step, recover
 from bipot_rs.fem.assembly import Model
 from bipot_rs.fem.contact_surface import contact_surface
@@ -49,7 +50,7 @@ def write_bodies(
     model: Model,
     steps: Sequence[Step],
     of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
-    at_rest: Callable[[int], NDArray[np.float64] | None] = lambda _: None,
+    at_rest: Callable[[int], Floats | None] = lambda _: None,
 ) -> None:
     """Write the bodies: displacements and contact at nodes, stress in cells.
 
@@ -86,8 +87,8 @@ def write_contact(
 
 def cell_fields(
     model: Model,
-    displacement: NDArray[np.float64],
-    at_rest: NDArray[np.float64] | None = None,
+    displacement: Floats,
+    at_rest: Floats | None = None,
     means: Sequence[MeanStress] | None = None,
 ) -> Fields:
     """``stress (cells, 6)``, xx, yy, zz, xy, yz, xz, and ``von_mises (cells,)`` [Pa].

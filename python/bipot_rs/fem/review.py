@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Floats
 from bipot_rs.contact.result import Step
 from bipot_rs.contact.slip_check import distances, farthest
 from bipot_rs.fem.assembly import Model
@@ -91,7 +91,7 @@ def _large(model: Model, steps: Sequence[Step]) -> Iterator[str]:
     yield from (told for _, told in worst.values())
 
 
-def _sizes(gradient: Array) -> Iterator[tuple[str, Array]]:
+def _sizes(gradient: Floats) -> Iterator[tuple[str, Floats]]:
     """Angle of rotation and largest principal strain of gradients ``(k, a, cells)``."""
     turned = 0.5 * (gradient - gradient.swapaxes(0, 1))
     strain = 0.5 * (gradient + gradient.swapaxes(0, 1))
@@ -159,7 +159,7 @@ def _gone(model: Model, last: Step) -> Iterator[str]:
             )
 
 
-def across(points: Array, apart: Array) -> float:
+def across(points: Floats, apart: Floats) -> float:
     """How many nodes a zone of places ``(m, d)`` is across where it is narrowest.
 
     Its extent over the mean distance ``apart`` of nodes, in space along the narrower

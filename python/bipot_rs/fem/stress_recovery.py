@@ -16,11 +16,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.body import Body, Field
 from bipot_rs.fem.elasticity import distinct_cells
 from bipot_rs.fem.materials import Elastic
-from bipot_rs.mesh.elements import Floats, inverse, jacobian, reference
+from bipot_rs.mesh.elements import inverse, jacobian, reference
 
 # The six components of a symmetric tensor as VTK orders them: xx, yy, zz, xy, yz, xz.
 ROWS, COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)

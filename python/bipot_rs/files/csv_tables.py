@@ -12,13 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted, printable
 from bipot_rs._lib.strict_numbers import real, whole
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from bipot_rs._lib.types import Floats, Ints
 
 
 class Table:

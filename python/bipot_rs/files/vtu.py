@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Floats
+
 # Numbers of the kinds of cells in VTK.
 KINDS = {
     "vertex": 1,
@@ -56,7 +58,7 @@ class Grid:
 
     def __init__(
         self,
-        points: NDArray[np.float64],
+        points: Floats,
         cells: Sequence[tuple[str, NDArray[np.integer[Any]]]],
     ) -> None:
         for kind, _ in cells:

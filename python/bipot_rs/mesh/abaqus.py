@@ -17,13 +17,10 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.byte_order import without
 from bipot_rs._lib.strict_numbers import real, whole
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from bipot_rs._lib.types import Floats, Ints
 
 S = TypeVar("S")
 T = TypeVar("T")

@@ -9,21 +9,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.optional import missing
+from bipot_rs._lib.types import Floats, Ints
 
 try:
     import skfem
     from skfem.quadrature import get_quadrature
 except ModuleNotFoundError as error:
     raise missing(error, "finite elements", "skfem", "fem") from None
-
-Floats: TypeAlias = NDArray[np.float64]
-Ints: TypeAlias = NDArray[np.int64]
 
 
 @dataclass(repr=False)

@@ -5,17 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted
-from bipot_rs.mesh.elements import (
-    KINDS,
-    Floats,
-    cell_nodes,
-    inverse,
-    jacobian,
-    reference,
-)
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs.mesh.elements import KINDS, cell_nodes, inverse, jacobian, reference
 
 # Volume over the cube of the longest side, below which rounding makes the sign.
 _FLAT = 1e-12
@@ -64,7 +57,7 @@ def check_mesh(mesh: Any, what: str = "mesh") -> None:
     _close(mesh, what)
 
 
-def _cells(mesh: Any, nodes: NDArray[np.int64], what: str) -> None:
+def _cells(mesh: Any, nodes: Ints, what: str) -> None:
     kind = KINDS[type(mesh)]
     x = np.asarray(mesh.p.T[nodes])
     _, slopes, weights = reference(kind.scalar, kind.order)

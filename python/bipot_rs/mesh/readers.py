@@ -28,9 +28,10 @@ import numpy as np
 
 from bipot_rs._lib.byte_order import unmarked, without
 from bipot_rs._lib.messages import counted
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.mesh import abaqus
 from bipot_rs.mesh import gmsh as gmsh_groups
-from bipot_rs.mesh.elements import OF_VTK, Floats, Ints, facet_nodes, make_mesh
+from bipot_rs.mesh.elements import OF_VTK, facet_nodes, make_mesh
 from bipot_rs.mesh.quality import check_mesh
 
 # Corners of cells that may be facets, with the dimension these have.

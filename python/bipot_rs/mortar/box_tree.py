@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bipot_rs._lib.validation import Array
-
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from bipot_rs._lib.types import Bools, Floats, Ints
 
 # Children of a node, and pairs that are compared at once: some ten megabytes.
 WIDTH, AT_ONCE = 8, 2**17
 
 
-def along_curve(places: Array) -> Ints:
+def along_curve(places: Floats) -> Ints:
     """Order of places ``(n, d)`` along Morton's curve: neighbours in it lie together."""
     low = places.min(axis=0)
     wide = float(np.ptp(places, axis=0).max())
@@ -81,7 +77,7 @@ def descend(
 class BoxTree:
     """Boxes ``low <= x <= high``, ``(n, d)`` each, in groups that do not meet, ``(n,)``."""
 
-    def __init__(self, low: Array, high: Array, group: Ints) -> None:
+    def __init__(self, low: Floats, high: Floats, group: Ints) -> None:
         curve = along_curve((low + high) / 2)
         self._order = curve[np.argsort(group[curve], kind="stable")]
         low, high = (bound[self._order] for bound in _within(low, high, group))
@@ -93,7 +89,7 @@ class BoxTree:
             self._levels.append((low, high))
 
     def overlapping(
-        self, low: Array, high: Array, group: Ints
+        self, low: Floats, high: Floats, group: Ints
     ) -> Iterator[tuple[Ints, Ints]]:
         """Numbers of boxes given and of own ones that share more than their borders.
 
@@ -110,10 +106,10 @@ class BoxTree:
             yield query, self._order[box]
 
 
-def _within(low: Array, high: Array, group: Ints) -> tuple[Array, Array]:
+def _within(low: Floats, high: Floats, group: Ints) -> tuple[Floats, Floats]:
     """Boxes with their group as one more place, where only those of one group meet."""
     return np.column_stack([low, group - 0.25]), np.column_stack([high, group + 0.25])
 
 
-def _overlap(low: Array, high: Array, other_low: Array, other_high: Array) -> Bools:
+def _overlap(low: Floats, high: Floats, other_low: Floats, other_high: Floats) -> Bools:
     return np.asarray(((high > other_low) & (other_high > low)).all(axis=1))

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Floats, Ints
 
 # Of the size of a polygon times the length of an edge: on that edge, but for rounding.
 _ON = 1e-14
 
 
-def clip(subject: Array, by: Array) -> Array:
+def clip(subject: Floats, by: Floats) -> Floats:
     """Intersections of convex polygons, one each of two lists.
 
     Sutherland and Hodgman: one edge of ``by`` after the other cuts off what lies on its
@@ -41,7 +40,7 @@ def clip(subject: Array, by: Array) -> Array:
     return polygon
 
 
-def _half(polygon: Array, height: Array) -> Array:
+def _half(polygon: Floats, height: Floats) -> Floats:
     """Part of each polygon where the height at the corners is not negative."""
     inside = height >= 0
     following = np.roll(height, -1, axis=1)
@@ -62,7 +61,7 @@ def _half(polygon: Array, height: Array) -> Array:
     return np.asarray(result)
 
 
-def triangles(polygons: Array) -> tuple[Array, NDArray[np.int64]]:
+def triangles(polygons: Floats) -> tuple[Floats, Ints]:
     """Triangles from the first corner of each polygon, those of no area left out.
 
     Returns
@@ -79,7 +78,7 @@ def triangles(polygons: Array) -> tuple[Array, NDArray[np.int64]]:
     return corners[owner, which], owner.astype(np.int64)
 
 
-def triangle_rule(degree: int) -> tuple[Array, Array]:
+def triangle_rule(degree: int) -> tuple[Floats, Floats]:
     """Points ``(q, 2)`` and weights ``(q,)`` on the reference triangle, exact to ``degree``.
 
     Gauss and Jacobi on the square that is folded into the triangle; the weights sum up

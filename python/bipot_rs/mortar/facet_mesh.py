@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from bipot_rs._lib.validation import Array, floats
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import floats
 from bipot_rs.contact.frames import frames
 from bipot_rs.mortar.shape_functions import CORNER_SHAPES, Kind, kind_of, skewness
-
-Ints = NDArray[np.int64]
 
 # Facets meet that look at each other within 60 degrees: cosine of their normals.
 _FACING = -0.5
@@ -43,13 +42,13 @@ class Surface:
     """
 
     name: str
-    points: Array
+    points: Floats
     facets: Ints
     kind: Kind
-    normals: Array
-    size: Array
-    centre: Array
-    radius: Array
+    normals: Floats
+    size: Floats
+    centre: Floats
+    radius: Floats
 
     @property
     def dim(self) -> int:
@@ -61,15 +60,15 @@ class Surface:
         """Nodes at the corners, ``(m, c)``."""
         return self.facets[:, : self.kind.corners]
 
-    def places(self) -> Array:
+    def places(self) -> Floats:
         """Corners from the centre of each facet, ``(m, c, d)``."""
         return np.asarray(self.points[self.corners] - self.centre[:, None])
 
-    def bases(self) -> Array:
+    def bases(self) -> Floats:
         """Two axes in the plane of each facet, ``(m, d - 1, d)``, about the normal."""
         return bases(self.normals)
 
-    def whole(self) -> Array:
+    def whole(self) -> Floats:
         """∫ N_i over each facet in its plane, ``(m, c)``, N those of the corners."""
         if self.dim == 2:
             return np.repeat(self.size[:, None] / 2, 2, axis=1)
@@ -89,7 +88,7 @@ class Surface:
         (a, b), (c, d) = np.einsum("kqc,mcd->kdmq", slopes, flat)
         return np.asarray((a * d - b * c) @ shapes)
 
-    def node_normals(self) -> Array:
+    def node_normals(self) -> Floats:
         """Outward normals by area at the nodes, ``(n, d)``; zero off the corners."""
         total = np.zeros_like(self.points)
         weighted = self.whole()[:, :, None] * self.normals[:, None]
@@ -100,7 +99,7 @@ class Surface:
         return np.where(np.abs(total) <= small, 0.0, total)
 
 
-def bases(normals: Array) -> Array:
+def bases(normals: Floats) -> Floats:
     """Axes orthogonal to unit normals, ``(m, d - 1, d)``, right-handed with them."""
     first = frames(normals)[:, 1]
     if normals.shape[1] == 2:
@@ -154,7 +153,7 @@ def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
     return found
 
 
-def turned_outward(points: Array, facets: Ints, normals: Array) -> Ints:
+def turned_outward(points: Floats, facets: Ints, normals: Floats) -> Ints:
     """Facets with those turned around whose normals look away from ``normals (m, d)``."""
     kind = kind_of("facets", points.shape[1], facets.shape[1])
     own, _ = _normals("facets", points[facets[:, : kind.corners]])
@@ -189,7 +188,7 @@ def _facets(name: str, facets: ArrayLike, nodes: int) -> Ints:
     return np.array(found, dtype=np.int64)
 
 
-def _normals(name: str, places: Array) -> tuple[Array, Array]:
+def _normals(name: str, places: Floats) -> tuple[Floats, Floats]:
     """Unit normals and sizes of facets, from corners ``(m, c, d)``."""
     if places.shape[2] == 2:
         along = places[:, 1] - places[:, 0]
@@ -256,9 +255,9 @@ def _turned(name: str, corners: Ints) -> None:
 
 
 def candidates(
-    places: Array,
-    radius: Array,
-    normals: Array,
+    places: Floats,
+    radius: Floats,
+    normals: Floats,
     other: Surface,
     distance: float = np.inf,
 ) -> tuple[Ints, Ints]:
@@ -301,7 +300,7 @@ def candidates(
 
 
 def _along(
-    places: Array, wide: Array, normals: Array, centres: Array, distance: float
+    places: Floats, wide: Floats, normals: Floats, centres: Floats, distance: float
 ) -> tuple[Ints, Ints]:
     """Pairs of a cylinder along a normal and a centre, among them all that lie in it.
 

@@ -48,10 +48,11 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.validation import Array, floats
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import floats
 from bipot_rs.mortar.box_tree import BoxTree
 from bipot_rs.mortar.clipping import clip, triangle_rule, triangles
-from bipot_rs.mortar.facet_mesh import Ints, Surface, bases, candidates
+from bipot_rs.mortar.facet_mesh import Surface, bases, candidates
 from bipot_rs.mortar.polygon_integrals import polygon_integrals
 from bipot_rs.mortar.shape_functions import (
     CORNER_SHAPES,
@@ -61,7 +62,7 @@ from bipot_rs.mortar.shape_functions import (
     skewness,
 )
 
-Places = Callable[[Array], Any]
+Places = Callable[[Floats], Any]
 
 # Covered part of a node's area below which it has no contact of its own; mean square of
 # dual functions above which they are given up on a facet.
@@ -93,8 +94,8 @@ class Overlaps:
 
     slave: Ints
     master: Ints
-    polygons: Array
-    opposite: Array | None
+    polygons: Floats
+    opposite: Floats | None
 
 
 @dataclass(frozen=True)
@@ -114,10 +115,10 @@ class Integrals:
     """
 
     overlaps: Overlaps
-    mass: Array
-    own: Array
-    coupling: Array
-    clearance: Array
+    mass: Floats
+    own: Floats
+    coupling: Floats
+    clearance: Floats
 
 
 @dataclass(frozen=True)
@@ -137,10 +138,10 @@ class Weights:
     """
 
     node: Ints
-    area: Array
+    area: Floats
     slave: Any
     master: Any
-    clearance: Array
+    clearance: Floats
 
 
 def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
@@ -178,7 +179,7 @@ def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
     return Overlaps(s[kept], m[kept], polygons[kept], theirs[kept])
 
 
-def _apart(slave: Surface, s: Ints, master: Surface, m: Ints) -> Array:
+def _apart(slave: Surface, s: Ints, master: Surface, m: Ints) -> Floats:
     """How far facets are apart at the least, along the normals of the slave's."""
     between = master.points[master.corners[m]] - slave.centre[s][:, None]
     theirs = np.einsum("pd,pcd->pc", slave.normals[s], between)
@@ -193,9 +194,9 @@ def _one_layer(
     s: Ints,
     master: Surface,
     m: Ints,
-    ours: Array,
-    theirs: Array,
-    least: Array,
+    ours: Floats,
+    theirs: Floats,
+    least: Floats,
 ) -> None:
     """Refuse facets of the master one behind the other.
 
@@ -235,7 +236,7 @@ def _one_layer(
             )
 
 
-def _side_by_side(s: Ints, theirs: Array) -> Iterator[tuple[Ints, Ints]]:
+def _side_by_side(s: Ints, theirs: Floats) -> Iterator[tuple[Ints, Ints]]:
     """Places ``(one, other)``, the second the lower, of intersections with one facet.
 
     Those among them whose boxes overlap. Where a facet has few intersections, all of its
@@ -269,13 +270,13 @@ def whole(slave: Surface) -> Overlaps:
     return Overlaps(s, none, flat, None)
 
 
-def _areas(polygons: Array) -> Array:
+def _areas(polygons: Floats) -> Floats:
     x, y = polygons[..., 0], polygons[..., 1]
     following = np.roll(polygons, -1, axis=1)
     return np.asarray((x * following[..., 1] - y * following[..., 0]).sum(axis=1) / 2)
 
 
-def _folded(slave: Surface, s: Ints, master: Surface, m: Ints, theirs: Array) -> None:
+def _folded(slave: Surface, s: Ints, master: Surface, m: Ints, theirs: Floats) -> None:
     bad = skewness(theirs) >= 1
     if bad.any():
         at = int(np.argmax(bad))
@@ -318,7 +319,7 @@ def integrate(
     if slave.dim == 3:
         _resultants(slave, over, master, mass, own, coupling)
 
-    def by_facet(values: Array) -> Array:
+    def by_facet(values: Floats) -> Floats:
         total = np.zeros((len(slave.facets), *values.shape[1:]))
         np.add.at(total, over.slave, values)
         return total
@@ -332,9 +333,9 @@ def _resultants(
     slave: Surface,
     over: Overlaps,
     master: Surface | None,
-    mass: Array,
-    own: Array,
-    coupling: Array,
+    mass: Floats,
+    own: Floats,
+    coupling: Floats,
 ) -> None:
     """Sums over rows and columns as they are exactly, where rules are not exact.
 
@@ -353,7 +354,7 @@ def _resultants(
         return
     size, corners = _areas(over.polygons), flat[over.slave]
 
-    def exact(kind: Kind, corners: Array) -> Array:
+    def exact(kind: Kind, corners: Floats) -> Floats:
         return polygon_integrals(kind, corners, over.polygons)
 
     rows = mass.sum(axis=2)
@@ -369,14 +370,14 @@ def _resultants(
         _correct(coupling, rows, columns, size)
 
 
-def _correct(blocks: Array, rows: Array, columns: Array, size: Array) -> None:
+def _correct(blocks: Floats, rows: Floats, columns: Floats, size: Floats) -> None:
     """Change matrices ``(k, i, j)`` in place to the sums given, all of the same total."""
     lacks = (rows - blocks.sum(axis=2)) / size[:, None]
     other = (columns - blocks.sum(axis=1)) / size[:, None]
     blocks += lacks[:, :, None] * columns[:, None] + rows[:, :, None] * other[:, None]
 
 
-def _values(function: Places, places: Array) -> Array:
+def _values(function: Places, places: Floats) -> Floats:
     flat = places.reshape(-1, places.shape[-1])
     found = floats("the gap at the places", function(flat))
     if found.shape not in ((), (1,), (len(flat),)):
@@ -388,7 +389,7 @@ def _values(function: Places, places: Array) -> Array:
 
 def _points(
     slave: Surface, over: Overlaps, master: Surface | None, function: bool
-) -> Iterator[tuple[Ints, Array, Array | None, Array]]:
+) -> Iterator[tuple[Ints, Floats, Floats | None, Floats]]:
     """Points of Gauss, a number of intersections at a time.
 
     Yields
@@ -414,7 +415,7 @@ def _points(
 
 def _segment(
     slave: Surface, over: Overlaps, part: Ints, degree: int
-) -> tuple[Ints, Array, Array | None, Array]:
+) -> tuple[Ints, Floats, Floats | None, Floats]:
     x, w = np.polynomial.legendre.leggauss(degree // 2 + 1)
     low, high = over.polygons[part].T[..., None]
     xi = low + (high - low) * (1 + x) / 2
@@ -428,7 +429,7 @@ def _segment(
     return part, xi[..., None], eta[..., None], weight
 
 
-def _turn(slave: Surface, over: Overlaps, part: Ints) -> Array:
+def _turn(slave: Surface, over: Overlaps, part: Ints) -> Floats:
     """Length of each slave segment, along the axis of its plane."""
     facet = over.slave[part]
     along = (
@@ -440,7 +441,7 @@ def _turn(slave: Surface, over: Overlaps, part: Ints) -> Array:
 
 def _triangles(
     slave: Surface, over: Overlaps, part: Ints, degree: int
-) -> tuple[Ints, Array, Array | None, Array]:
+) -> tuple[Ints, Floats, Floats | None, Floats]:
     corners, owner = triangles(over.polygons[part])
     part = part[owner]
     x, w = triangle_rule(degree)
@@ -471,7 +472,7 @@ def _degree(slave: Surface, over: Overlaps, master: Surface | None) -> Ints:
     return degree
 
 
-def _beyond(skew: Array) -> Ints:
+def _beyond(skew: Floats) -> Ints:
     """What non-parallelograms take beyond the degree of parallelograms."""
     # Shape functions have their nearest singularity at about 1/skew half widths from the
     # centre: the remainder falls by that much a degree.
@@ -493,7 +494,7 @@ def weights(slave: Surface, found: Integrals, master: Surface | None) -> Weights
     number = np.full(nodes, -1)
     number[contacts] = np.arange(len(contacts))
 
-    def assemble(facet: Ints, blocks: Array, columns: Ints, width: int) -> Any:
+    def assemble(facet: Ints, blocks: Floats, columns: Ints, width: int) -> Any:
         row = np.broadcast_to(number[corners[facet]][:, :, None], blocks.shape)
         column = np.broadcast_to(columns[:, None], blocks.shape)
         # ψ of nodes without a contact is zero.
@@ -521,7 +522,7 @@ def weights(slave: Surface, found: Integrals, master: Surface | None) -> Weights
     )
 
 
-def _kept(slave: Surface, covered: Array) -> Any:
+def _kept(slave: Surface, covered: Floats) -> Any:
     """Nodes that have a contact, ``(n,)``."""
     corners, nodes = slave.corners.ravel(), len(slave.points)
     part = np.bincount(corners, covered.ravel(), minlength=nodes)
@@ -532,7 +533,7 @@ def _kept(slave: Surface, covered: Array) -> Any:
     return kept
 
 
-def _dual(mass: Array, covered: Array, kept: Any) -> tuple[Array, Array]:
+def _dual(mass: Floats, covered: Floats, kept: Any) -> tuple[Floats, Floats]:
     """ψ = dual N on each facet, ``(m, c, c)``, and ∫ ψ_i, ``(m, c)``.
 
     Parameters

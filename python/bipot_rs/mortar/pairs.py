@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.validation import Array, floats, number, shown
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import floats, number, shown
 from bipot_rs.contact.frames import frames
-from bipot_rs.mortar.facet_mesh import Ints, Surface, bases, candidates, surface
+from bipot_rs.mortar.facet_mesh import Surface, bases, candidates, surface
 from bipot_rs.mortar.integrals import Weights, integrate, overlaps, weights, whole
 from bipot_rs.mortar.shape_functions import reference
 
@@ -51,10 +52,10 @@ class Pairs:
     """
 
     B: Any = field(repr=False)
-    gap: Array
-    area: Array
-    points: Array = field(repr=False)
-    frame: Array = field(repr=False)
+    gap: Floats
+    area: Floats
+    points: Floats = field(repr=False)
+    frame: Floats = field(repr=False)
     node: Ints = field(repr=False)
     slave: Any = field(repr=False)
     master: Any = field(repr=False)
@@ -74,7 +75,7 @@ def pairs(
     *,
     method: str = "mortar",
     distance: float | None = None,
-    clearance: ArrayLike | Callable[[Array], ArrayLike] = 0.0,
+    clearance: ArrayLike | Callable[[Floats], ArrayLike] = 0.0,
     axis: ArrayLike | None = None,
     dofs_slave: ArrayLike | None = None,
     dofs_master: ArrayLike | None = None,
@@ -176,9 +177,9 @@ def pairs(
 def rigid_pairs(
     points: ArrayLike,
     facets: ArrayLike,
-    gap: Callable[[Array], ArrayLike],
+    gap: Callable[[Floats], ArrayLike],
     *,
-    normal: ArrayLike | Callable[[Array], ArrayLike] | None = None,
+    normal: ArrayLike | Callable[[Floats], ArrayLike] | None = None,
     axis: ArrayLike | None = None,
     dofs: ArrayLike | None = None,
     n: int | None = None,
@@ -224,7 +225,7 @@ def rigid_pairs(
     return _assembled(found, frames(normals, axis), slave, None, 0.0, columns)
 
 
-def _clearance(value: ArrayLike, nodes: int) -> Array:
+def _clearance(value: ArrayLike, nodes: int) -> Floats:
     found = floats("clearance", value)
     if found.shape not in ((), (nodes,)):
         raise ValueError(
@@ -257,7 +258,7 @@ def _own_dofs(slave: Surface, ours: Ints, master: Surface, theirs: Ints) -> None
         )
 
 
-def _normals(slave: Surface, node: Ints) -> Array:
+def _normals(slave: Surface, node: Ints) -> Floats:
     """From the obstacle towards the slave, at its nodes."""
     normals = -slave.node_normals()[node]
     size = np.bincount(
@@ -320,7 +321,7 @@ def _nodes(
     slave: Surface,
     master: Surface,
     limit: float,
-    clearance: Callable[[Array], ArrayLike] | None,
+    clearance: Callable[[Floats], ArrayLike] | None,
 ) -> Weights:
     """Each slave node on the master facet that its normal meets first."""
     from scipy import sparse
@@ -422,10 +423,10 @@ def _dofs(what: str, value: Any, shape: tuple[int, int], n: int) -> Ints:
 
 def _assembled(
     found: Weights,
-    frame: Array,
+    frame: Floats,
     slave: Surface,
     master: Surface | None,
-    clearance: Array | float,
+    clearance: Floats | float,
     columns: tuple[Ints, Ints, int],
 ) -> Pairs:
     """Components along the frames, and the gap of the places."""
@@ -451,7 +452,7 @@ def _assembled(
     )
 
 
-def expand(weights: Any, frame: Array, dofs: Ints, n: int) -> Any:
+def expand(weights: Any, frame: Floats, dofs: Ints, n: int) -> Any:
     """Blocks ``w_ij frame_i`` of weights ``(n_c, nodes)``, CSR ``(d n_c, n)``."""
     from scipy import sparse
 

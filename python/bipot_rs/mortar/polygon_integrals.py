@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Floats
 from bipot_rs.mortar.shape_functions import Kind, affine, reference, skewness
 
 
-def polygon_integrals(kind: Kind, corners: Array, polygons: Array) -> Array:
+def polygon_integrals(kind: Kind, corners: Floats, polygons: Floats) -> Floats:
     """∫ φ_j dA over polygons, ``(k, nodes)``.
 
     Parameters
@@ -45,7 +45,7 @@ def polygon_integrals(kind: Kind, corners: Array, polygons: Array) -> Array:
     return found
 
 
-def _boundary(kind: Kind, corners: Array, polygons: Array, n: int) -> Array:
+def _boundary(kind: Kind, corners: Floats, polygons: Floats, n: int) -> Floats:
     t, weight = np.polynomial.legendre.leggauss(n)
     edge = np.roll(polygons, -1, axis=1) - polygons
     places = polygons[:, :, None] + (1 + t)[:, None] / 2 * edge[:, :, None]
@@ -70,7 +70,7 @@ def _boundary(kind: Kind, corners: Array, polygons: Array, n: int) -> Array:
     )
 
 
-def _coefficients(kind: Kind, most: int) -> Array:
+def _coefficients(kind: Kind, most: int) -> Floats:
     """Shape functions in the monomials ξᵖ ηᑫ, ``((most + 1)², nodes)``."""
     line = np.linspace(-1, 1, most + 1)
     grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Floats
 
 # Corners of the quadrilateral, and the middles of its edges.
 _XI = np.array([-1.0, 1.0, 1.0, -1.0, 0.0, 1.0, 0.0, -1.0])
@@ -42,40 +42,40 @@ class Kind:
     nodes: int
     corners: int
     degree: int
-    shapes: Callable[[Array], Array]
+    shapes: Callable[[Floats], Floats]
     mirror: tuple[int, ...]
 
 
-def _line2(x: Array) -> Array:
+def _line2(x: Floats) -> Floats:
     return np.concatenate([1 - x, x], axis=-1)
 
 
-def _line3(x: Array) -> Array:
+def _line3(x: Floats) -> Floats:
     return np.concatenate(
         [(1 - x) * (1 - 2 * x), x * (2 * x - 1), 4 * x * (1 - x)], axis=-1
     )
 
 
-def _barycentric(x: Array) -> tuple[Array, Array, Array]:
+def _barycentric(x: Floats) -> tuple[Floats, Floats, Floats]:
     return 1 - x[..., 0] - x[..., 1], x[..., 0], x[..., 1]
 
 
-def _tri3(x: Array) -> Array:
+def _tri3(x: Floats) -> Floats:
     return np.stack(_barycentric(x), axis=-1)
 
 
-def _tri6(x: Array) -> Array:
+def _tri6(x: Floats) -> Floats:
     a, b, c = _barycentric(x)
     corners = [p * (2 * p - 1) for p in (a, b, c)]
     return np.stack([*corners, 4 * a * b, 4 * b * c, 4 * c * a], axis=-1)
 
 
-def _quad4(x: Array) -> Array:
+def _quad4(x: Floats) -> Floats:
     p, q = x[..., :1] * _XI[:4], x[..., 1:] * _ETA[:4]
     return np.asarray((1 + p) * (1 + q) / 4)
 
 
-def _quad8(x: Array) -> Array:
+def _quad8(x: Floats) -> Floats:
     xi, eta = x[..., :1], x[..., 1:]
     p, q = xi * _XI[:4], eta * _ETA[:4]
     corners = (1 + p) * (1 + q) * (p + q - 1) / 4
@@ -85,10 +85,10 @@ def _quad8(x: Array) -> Array:
     return np.concatenate([corners, *middles], axis=-1)
 
 
-def _quad9(x: Array) -> Array:
+def _quad9(x: Floats) -> Floats:
     xi, eta = x[..., 0], x[..., 1]
 
-    def line(t: Array) -> list[Array]:
+    def line(t: Floats) -> list[Floats]:
         return [t * (t - 1) / 2, 1 - t * t, t * (t + 1) / 2]
 
     p, q = line(xi), line(eta)
@@ -118,10 +118,10 @@ KINDS: dict[tuple[int, int], Kind] = {
 }
 # Shape functions of the corners alone, by their number: what places and multipliers
 # are interpolated with.
-CORNER_SHAPES: dict[int, Callable[[Array], Array]] = {2: _line2, 3: _tri3, 4: _quad4}
+CORNER_SHAPES: dict[int, Callable[[Floats], Floats]] = {2: _line2, 3: _tri3, 4: _quad4}
 
 
-def reference(corners: Array, x: Array) -> Array:
+def reference(corners: Floats, x: Floats) -> Floats:
     """Reference coordinates ``(m, q, 2)`` of places in the planes of plane facets.
 
     Of a quadrilateral, in coordinates (X, Y) of its mean edges, ``ξ + α ξη = X`` and
@@ -149,13 +149,13 @@ def reference(corners: Array, x: Array) -> Array:
     return np.stack([xi, Y / (1 + beta * xi)], axis=-1)
 
 
-def skewness(corners: Array) -> Array:
+def skewness(corners: Floats) -> Floats:
     """|α| + |β| of plane quadrilaterals ``(m, 4, 2)``: 0 for parallelograms, < 1 if convex."""
     _, _, skew = _bilinear(corners)
     return np.asarray(np.abs(skew).sum(axis=0))
 
 
-def affine(corners: Array, x: Array) -> tuple[Array, Array, Array]:
+def affine(corners: Floats, x: Floats) -> tuple[Floats, Floats, Floats]:
     """Coordinates of mean edges of quadrilaterals ``(m, 4, 2)``.
 
     Returns
@@ -169,7 +169,7 @@ def affine(corners: Array, x: Array) -> tuple[Array, Array, Array]:
     return np.asarray(a * d - b * c), _components(edges, x), skew
 
 
-def _bilinear(corners: Array) -> tuple[Array, Array, Array]:
+def _bilinear(corners: Floats) -> tuple[Floats, Floats, Floats]:
     """Centre, mean half edges ``(m, 2, 2)``, and (α, β) ``(2, m)``."""
     weights = np.stack([_XI[:4], _ETA[:4], _XI[:4] * _ETA[:4]]) / 4
     centre = corners.mean(axis=1)
@@ -179,7 +179,7 @@ def _bilinear(corners: Array) -> tuple[Array, Array, Array]:
     return centre, edges, np.moveaxis(skew, -1, 0)
 
 
-def _components(edges: Array, x: Array) -> Array:
+def _components(edges: Floats, x: Floats) -> Floats:
     """Components of ``x (m, q, 2)`` along two edges ``(m, 2, 2)``."""
     (a, b), (c, d) = np.moveaxis(edges, 0, -1)
     determinant = (a * d - b * c)[:, None]

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bipot_rs._lib.validation import Array
-from bipot_rs.mortar.box_tree import Bools, along_curve, descend, starts
-
-Ints = NDArray[np.int64]
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs.mortar.box_tree import along_curve, descend, starts
 
 # Of distances and sizes: above what rounding makes of a bound, in some ten operations.
 _ROUNDING = 1e-12
@@ -24,7 +21,7 @@ class FacetTree:
     them, thicker than that, would tell none of them apart.
     """
 
-    def __init__(self, corners: Array, normals: Array) -> None:
+    def __init__(self, corners: Floats, normals: Floats) -> None:
         self._order = along_curve(corners.mean(axis=1))
         corners, normals = corners[self._order], normals[self._order]
         self._size = float(np.ptp(corners.reshape(-1, corners.shape[2]), axis=0).max())
@@ -35,7 +32,7 @@ class FacetTree:
             first = first[starts(len(first))]
             self._levels.append(_cylinders(corners, normals, first))
 
-    def nearer(self, x: Array, best: Array) -> Iterator[tuple[Ints, Ints]]:
+    def nearer(self, x: Floats, best: Floats) -> Iterator[tuple[Ints, Ints]]:
         """Points and facets that may be nearer to them than ``best (n,)``.
 
         A portion at a time, ascending by point, then by facet. The caller lowers
@@ -43,7 +40,7 @@ class FacetTree:
         """
         slack = _ROUNDING * self._size
 
-        def within(least: Array, point: Ints) -> Bools:
+        def within(least: Floats, point: Ints) -> Bools:
             return np.asarray(least <= best[point] * (1 + _ROUNDING) + slack)
 
         def near(level: int, point: Ints, node: Ints) -> Bools:
@@ -63,7 +60,7 @@ class FacetTree:
             yield point[order], facet[order]
 
 
-def _cylinders(corners: Array, normals: Array, first: Ints) -> Array:
+def _cylinders(corners: Floats, normals: Floats, first: Ints) -> Floats:
     """Rows of centre, axis, radius and half height of facets from each ``first`` on."""
     count = np.diff(np.append(first, len(corners)))
     node = np.repeat(np.arange(len(first)), count)
@@ -89,7 +86,7 @@ def _cylinders(corners: Array, normals: Array, first: Ints) -> Array:
     return np.column_stack([centre, axis, radius, half])
 
 
-def _bounds(x: Array, cylinders: Array) -> Array:
+def _bounds(x: Floats, cylinders: Floats) -> Floats:
     """Distances of places ``(p, d)`` to cylinders, one each."""
     d = x.shape[1]
     way = x - cylinders[:, :d]

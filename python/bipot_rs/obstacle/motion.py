@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.validation import Array, floats
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import floats
 from bipot_rs.obstacle.protocol import directed
 
 # In radians: beyond it, degrees are meant more likely than so many turns.
@@ -63,10 +64,10 @@ class Motion:
     about: ArrayLike | None = None
     axis: ArrayLike | None = None
     degrees: bool = field(default=False, kw_only=True)
-    _shift: Array = field(init=False, repr=False, compare=False)
-    _angle: Array = field(init=False, repr=False, compare=False)
-    _pole: Array = field(init=False, repr=False, compare=False)
-    _turn: Array = field(init=False, repr=False, compare=False)
+    _shift: Floats = field(init=False, repr=False, compare=False)
+    _angle: Floats = field(init=False, repr=False, compare=False)
+    _pole: Floats = field(init=False, repr=False, compare=False)
+    _turn: Floats = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         shift = None
@@ -112,7 +113,7 @@ class Motion:
             turn=turn,
         )
 
-    def _radians(self, rotation: Array) -> Array:
+    def _radians(self, rotation: Floats) -> Floats:
         if not isinstance(self.degrees, bool):
             raise TypeError(f"degrees is {self.degrees!r}, expected True or False")
         if self.degrees:
@@ -127,7 +128,7 @@ class Motion:
             )
         return rotation
 
-    def _keep(self, **arrays: Array) -> None:
+    def _keep(self, **arrays: Floats) -> None:
         for name, array in arrays.items():
             array.flags.writeable = False
             object.__setattr__(self, f"_{name}", array)
@@ -142,7 +143,7 @@ class Motion:
         """Load steps."""
         return len(self._angle) - 1
 
-    def forwards(self, directions: Array, state: int) -> Array:
+    def forwards(self, directions: Floats, state: int) -> Floats:
         """Directions ``(n, d)`` of the obstacle, as they stand in ``state``.
 
         State 0 is the start, state k the end of load step k - 1.
@@ -151,12 +152,12 @@ class Motion:
         # Not turned at all, they keep their bits.
         return directions if angle == 0 else directions @ self._matrix(angle).T
 
-    def backwards(self, directions: Array, state: int) -> Array:
+    def backwards(self, directions: Floats, state: int) -> Floats:
         """Directions ``(n, d)`` as seen by the obstacle, the inverse of `forwards`."""
         angle = self._angle[state]
         return directions if angle == 0 else directions @ self._matrix(angle)
 
-    def back(self, points: Array, state: int) -> Array:
+    def back(self, points: Floats, state: int) -> Floats:
         """Places ``(n, d)`` as seen by the obstacle, which thinks itself at the start."""
         moved, angle = points - self._shift[state], self._angle[state]
         if angle == 0:
@@ -165,7 +166,7 @@ class Motion:
             self._pole + (moved - self._pole) @ self._matrix(angle), np.float64
         )
 
-    def drag(self, foot: Array, state: int) -> Array:
+    def drag(self, foot: Floats, state: int) -> Floats:
         """How far the obstacle carries what rests on it, ``(n, d)`` [m].
 
         The displacement from the state before of the material points that pass under
@@ -182,13 +183,13 @@ class Motion:
         arm = (foot - poles).mean(axis=0)
         return np.asarray(whole + turned * self._cross(arm), np.float64)
 
-    def _cross(self, arm: Array) -> Any:
+    def _cross(self, arm: Floats) -> Any:
         """``e × arm``."""
         if self.dim == 2:
             return np.column_stack([-arm[:, 1], arm[:, 0]])
         return np.cross(self._turn, arm)
 
-    def _matrix(self, angle: float) -> Array:
+    def _matrix(self, angle: float) -> Floats:
         """Rotation by Rodrigues' formula, ``R = I + sin θ E + (1 - cos θ) E²``."""
         E = self._cross(np.eye(self.dim)).T
         # 1 - cos θ, which loses digits at small angles.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bipot_rs._lib.validation import Array, floats
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import floats
 
 
 class Closest(NamedTuple):
@@ -23,9 +23,9 @@ class Closest(NamedTuple):
         The closest points, ``(n, d)`` [m]: ``point - distance * normal``.
     """
 
-    distance: Array
-    normal: Array
-    foot: Array
+    distance: Floats
+    normal: Floats
+    foot: Floats
 
 
 class Obstacle(Protocol):
@@ -35,11 +35,11 @@ class Obstacle(Protocol):
     def dim(self) -> int | None:
         """2 or 3; ``None`` for one that is known by a formula for both."""
 
-    def closest(self, points: Array, /) -> Closest:
+    def closest(self, points: Floats, /) -> Closest:
         """The closest points to ``points (n, d)``."""
 
 
-def taken(points: object, dim: int | None) -> Array:
+def taken(points: object, dim: int | None) -> Floats:
     """Points ``(n, d)`` that an obstacle is asked about."""
     found = floats("points", points, ndim=2, copy=False)
     if found.shape[1] not in ((2, 3) if dim is None else (dim,)):
@@ -48,7 +48,7 @@ def taken(points: object, dim: int | None) -> Array:
     return found
 
 
-def directed(what: str, value: object, dim: int | None = None) -> Array:
+def directed(what: str, value: object, dim: int | None = None) -> Floats:
     """A direction, of length 1."""
     found = floats(what, value, ndim=1)
     if len(found) not in ((2, 3) if dim is None else (dim,)):
@@ -62,11 +62,11 @@ def directed(what: str, value: object, dim: int | None = None) -> Array:
     return np.asarray(found / np.linalg.norm(found), np.float64)
 
 
-def length(values: NDArray[np.float64]) -> Array:
+def length(values: Floats) -> Floats:
     """Lengths of vectors ``(..., d)``."""
     return np.asarray(np.linalg.norm(values, axis=-1), np.float64)
 
 
-def place(x: Array) -> str:
+def place(x: Floats) -> str:
     """A point in words."""
     return "(" + ", ".join(f"{c:g}" for c in x) + ")"

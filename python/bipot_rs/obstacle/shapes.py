@@ -21,7 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.validation import Array, callback, floats, number, shown
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import callback, floats, number, shown
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Closest, Obstacle, directed, length, place, taken
 from bipot_rs.obstacle.triangulated import Surface
@@ -70,7 +71,7 @@ class Plane:
         """2 or 3."""
         return len(np.asarray(self.normal))
 
-    def closest(self, points: Array, /) -> Closest:
+    def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`."""
         x = taken(points, self.dim)
         n = directed("normal of the plane", self.normal)
@@ -109,7 +110,7 @@ class Sphere:
         """2 or 3."""
         return len(np.asarray(self.centre))
 
-    def closest(self, points: Array, /) -> Closest:
+    def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; `ValueError` for a point at the centre."""
         x = taken(points, self.dim)
         arm = x - np.asarray(self.centre, np.float64)
@@ -158,7 +159,7 @@ class Cylinder:
         """2 or 3."""
         return len(np.asarray(self.point))
 
-    def closest(self, points: Array, /) -> Closest:
+    def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; `ValueError` for a point on the axis."""
         x = taken(points, self.dim)
         arm = x - np.asarray(self.point, np.float64)
@@ -190,8 +191,8 @@ class Distance:
     ``x - d ∇d`` the function is zero to 1e-6 of the extent of the points.
     """
 
-    function: Callable[[Array], ArrayLike]
-    gradient: Callable[[Array], ArrayLike] | None = None
+    function: Callable[[Floats], ArrayLike]
+    gradient: Callable[[Floats], ArrayLike] | None = None
     step: float | None = None
 
     def __post_init__(self) -> None:
@@ -211,7 +212,7 @@ class Distance:
         """Known by the function alone."""
         return
 
-    def closest(self, points: Array, /) -> Closest:
+    def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; `ValueError` where the function is no distance."""
         x = taken(points, None)
         distance = self._at(x)
@@ -248,10 +249,10 @@ class Distance:
             )
         return Closest(distance, normal, foot)
 
-    def _at(self, x: Array) -> Array:
+    def _at(self, x: Floats) -> Floats:
         return floats("distance", self.function(x), shape=(len(x),))
 
-    def _finest(self, x: Array, step: float, least: float) -> Array:
+    def _finest(self, x: Floats, step: float, least: float) -> Floats:
         """Differences by a step, by smaller ones where these are no gradient of length 1."""
         slope = self._slope(x, step)
         off = np.abs(length(slope) - 1)
@@ -266,7 +267,7 @@ class Distance:
             again = again[(off[again] > _FINE) & (better | (off[again] > _UNIT))]
         return slope
 
-    def _slope(self, x: Array, step: float) -> Array:
+    def _slope(self, x: Floats, step: float) -> Floats:
         # On a grid on which places and steps add up exactly: what is rounded away would
         # be divided by the step.
         largest = float(np.abs(x).max(initial=0.0)) + 2 * step
@@ -304,11 +305,11 @@ class Union:
         """2 or 3, or ``None`` where none of them tells."""
         return next((one.dim for one in self.obstacles if one.dim is not None), None)
 
-    def closest(self, points: Array, /) -> Closest:
+    def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; of two at one distance, the first."""
         return self._nearest([ask(one, points) for one in self.obstacles])
 
-    def facing(self, points: Array, outward: Array) -> Closest:
+    def facing(self, points: Floats, outward: Floats) -> Closest:
         """As `Surface.facing`."""
         return self._nearest([ask(one, points, outward) for one in self.obstacles])
 
@@ -331,7 +332,7 @@ _TOLD = 1e-6
 _NEARLY = 0.1
 
 
-def ask(obstacle: Obstacle, points: Array, outward: Array | None = None) -> Closest:
+def ask(obstacle: Obstacle, points: Floats, outward: Floats | None = None) -> Closest:
     """The closest points of an obstacle, checked where it is not one of this package.
 
     With ``outward (n, d)``, directions out of the body there, `Surface.facing`.
@@ -387,7 +388,7 @@ def ask(obstacle: Obstacle, points: Array, outward: Array | None = None) -> Clos
     return found
 
 
-def _answer(what: str, obstacle: Obstacle, points: Array) -> Closest:
+def _answer(what: str, obstacle: Obstacle, points: Floats) -> Closest:
     """What an obstacle says, of the right shapes and of numbers."""
     found = obstacle.closest(points)
     try:
@@ -426,16 +427,16 @@ class Approach(NamedTuple):
         been carried since the start.
     """
 
-    normal: Array
-    distance: Array
-    drag: Array
+    normal: Floats
+    distance: Floats
+    drag: Floats
 
 
 def approach(
     obstacle: Obstacle,
     motion: Motion | None,
-    points: Array,
-    outward: Array | None = None,
+    points: Floats,
+    outward: Floats | None = None,
 ) -> Approach:
     """Follow an obstacle past ``points (n, d)``, which stay where they are.
 
@@ -467,7 +468,9 @@ def approach(
     return Approach(normal, distance, drag)
 
 
-def onwards(obstacle: Obstacle, motion: Motion, points: Array) -> tuple[Array, Array]:
+def onwards(
+    obstacle: Obstacle, motion: Motion, points: Floats
+) -> tuple[Floats, Floats]:
     """Distances at the last of two states of a motion, and the drag since the first.
 
     Returns
@@ -483,10 +486,10 @@ def onwards(obstacle: Obstacle, motion: Motion, points: Array) -> tuple[Array, A
 def _seen(
     obstacle: Obstacle,
     motion: Motion | None,
-    points: Array,
+    points: Floats,
     state: int,
-    outward: Array | None = None,
-) -> tuple[Array, Array, Array]:
+    outward: Floats | None = None,
+) -> tuple[Floats, Floats, Floats]:
     """Distances, normals and feet of points, of the obstacle as it stands in a state."""
     seen = points if motion is None else motion.back(points, state)
     if outward is not None and motion is not None:
@@ -503,7 +506,7 @@ def _radius(what: str, radius: float) -> None:
         )
 
 
-def _round(x: Array, arm: Array, radius: float, inside: bool, centre: str) -> Closest:
+def _round(x: Floats, arm: Floats, radius: float, inside: bool, centre: str) -> Closest:
     """Closest points of what lies at one distance from a centre or an axis."""
     far = length(arm)
     lost = far <= _CENTRE * radius

@@ -13,14 +13,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted
-from bipot_rs._lib.validation import Array, floats
+from bipot_rs._lib.types import Bools, Floats, Ints
+from bipot_rs._lib.validation import floats
 from bipot_rs.obstacle.facet_tree import FacetTree
 from bipot_rs.obstacle.protocol import Closest, length, place, taken
-
-Ints = NDArray[np.int64]
 
 # A facet thinner than this share of its longest edge has no normal.
 _THIN = 1e-12
@@ -161,12 +160,12 @@ class Surface:
         """Whether it has no border."""
         return not self._border.any()
 
-    def closest(self, points: Array, /) -> Closest:
+    def closest(self, points: Floats, /) -> Closest:
         """As `Obstacle`; of two places at one distance either may be taken."""
         x = taken(points, self.dim)
         return self._signed(x, *self._located(x))
 
-    def _located(self, x: Array) -> tuple[Array, Ints, Ints]:
+    def _located(self, x: Floats) -> tuple[Floats, Ints, Ints]:
         """As `_search`, of any number of points."""
         foot = np.empty_like(x)
         facet = np.empty(len(x), np.int64)
@@ -175,7 +174,7 @@ class Surface:
             foot[at], facet[at], part[at] = self._search(x[at])
         return foot, facet, part
 
-    def facing(self, points: Array, outward: Array) -> Closest:
+    def facing(self, points: Floats, outward: Floats) -> Closest:
         """As `closest`, for nodes of bodies with the directions ``outward (n, d)`` there.
 
         On an edge or a corner, and on a sheet of two sides, a surface has many normals: a
@@ -205,13 +204,13 @@ class Surface:
                     normal[k] = _nearest_in_cone(normals, -outward[k], normal[k])
         return found._replace(normal=normal)
 
-    def _edges_of(self, corners: Array) -> Iterator[tuple[Array, Array]]:
+    def _edges_of(self, corners: Floats) -> Iterator[tuple[Floats, Floats]]:
         """Ends of the edges of facets ``(k, d, d)``; of segments, each end twice."""
         for k in range(self.dim):
             far = (k + 1) % 3 if self.dim == 3 else k
             yield corners[:, k], corners[:, far]
 
-    def _touching(self, places: Array) -> tuple[Ints, Ints]:
+    def _touching(self, places: Floats) -> tuple[Ints, Ints]:
         """Places and facets that they are on, in pairs, ascending by place."""
         slack = _RIM * self._size
         point, facet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
@@ -226,7 +225,7 @@ class Surface:
         order = np.argsort(p[on], kind="stable")
         return p[on][order], f[on][order]
 
-    def _signed(self, x: Array, foot: Array, facet: Ints, part: Ints) -> Closest:
+    def _signed(self, x: Floats, foot: Floats, facet: Ints, part: Ints) -> Closest:
         """Distances with their sign, and the normals: along the way to the foot."""
         pseudo = self._pseudo[facet, part]
         way = x - foot
@@ -251,12 +250,12 @@ class Surface:
         normal = np.where(none, self._normal[facet], normal)
         return Closest(sign * far, normal, foot)
 
-    def _portions(self, x: Array | Ints) -> Iterator[slice]:
+    def _portions(self, x: Floats | Ints) -> Iterator[slice]:
         """Points in their order, as many as are compared at once."""
         for first in range(0, len(x), _AT_ONCE):
             yield slice(first, first + _AT_ONCE)
 
-    def _search(self, x: Array) -> tuple[Array, Ints, Ints]:
+    def _search(self, x: Floats) -> tuple[Floats, Ints, Ints]:
         """Closest points, the facets they are on, and which part of them."""
         foot = np.empty_like(x)
         facet = np.zeros(len(x), np.int64)
@@ -376,7 +375,7 @@ class Surface:
             )
 
 
-def _normals(x: Array) -> Array:
+def _normals(x: Floats) -> Floats:
     """Unit normals of facets with corners ``(k, d, d)``."""
     sides = np.roll(x, -1, axis=1) - x
     longest = length(sides).max(axis=1)
@@ -395,15 +394,15 @@ def _normals(x: Array) -> Array:
 
 
 def _sums(
-    to: Ints, values: Array, outwards: Array, count: int
-) -> tuple[Array, NDArray[np.bool_]]:
+    to: Ints, values: Floats, outwards: Floats, count: int
+) -> tuple[Floats, Bools]:
     """Sums of vectors by where they belong, of length 1, and where they cancel.
 
     There, at the rim of a sheet of two sides, the sum of ``outwards`` takes their place;
     where that cancels too, between the two sides, zero.
     """
 
-    def summed(vectors: Array) -> Array:
+    def summed(vectors: Floats) -> Floats:
         columns = [np.bincount(to, column, minlength=count) for column in vectors.T]
         total = np.stack(columns, axis=1).astype(np.float64)
         size = np.bincount(to, length(vectors), minlength=count)
@@ -416,7 +415,7 @@ def _sums(
     return np.where(sheet, summed(outwards), normals), sheet.ravel()
 
 
-def _units(vectors: Array) -> Array:
+def _units(vectors: Floats) -> Floats:
     """Vectors ``(..., d)`` of length 1, those of length zero as they are."""
     size = length(vectors)[..., None]
     return np.asarray(
@@ -424,7 +423,7 @@ def _units(vectors: Array) -> Array:
     )
 
 
-def _nearest_in_cone(normals: Array, direction: Array, otherwise: Array) -> Array:
+def _nearest_in_cone(normals: Floats, direction: Floats, otherwise: Floats) -> Floats:
     """The unit vector, nearest to a direction, of those that normals ``(k, d)`` span."""
     from scipy.optimize import nnls
 
@@ -437,7 +436,7 @@ def _nearest_in_cone(normals: Array, direction: Array, otherwise: Array) -> Arra
     return np.asarray(found / size, np.float64)
 
 
-def _joined(x: Array) -> Ints:
+def _joined(x: Floats) -> Ints:
     """For each place the first of those that numbers of 32 bits take for it."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -464,7 +463,7 @@ def _once(facets: Ints) -> Ints:
     return facets[np.sort(kept)]
 
 
-def _levels(x: Array) -> list[tuple[Ints, Any, float]]:
+def _levels(x: Floats) -> list[tuple[Ints, Any, float]]:
     """Facets by size, each factor of two a tree of their middles with their reach.
 
     With one tree for all a single large facet would have every small one looked at.
@@ -481,7 +480,7 @@ def _levels(x: Array) -> list[tuple[Ints, Any, float]]:
     return levels
 
 
-def _closest_on(x: Array, corners: Array) -> tuple[Array, Ints]:
+def _closest_on(x: Floats, corners: Floats) -> tuple[Floats, Ints]:
     """Closest points of facets ``(p, d, d)`` to points ``(p, d)``, and their parts."""
     if x.shape[1] == 2:
         y, t = _on_segment(x, corners[:, 0], corners[:, 1])
@@ -514,7 +513,7 @@ def _closest_on(x: Array, corners: Array) -> tuple[Array, Ints]:
     return np.asarray(y, np.float64), part
 
 
-def _on_segment(x: Array, a: Array, b: Array) -> tuple[Array, Array]:
+def _on_segment(x: Floats, a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Closest points of segments, and where along them from 0 to 1."""
     way = b - a
     size = _dot(way, way)
@@ -524,5 +523,5 @@ def _on_segment(x: Array, a: Array, b: Array) -> tuple[Array, Array]:
     return np.where((t >= 1)[:, None], b, y), t
 
 
-def _dot(a: Array, b: Array) -> Array:
+def _dot(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.einsum("nd,nd->n", a, b), np.float64)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.validation import Array, floats
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import floats
 
 Ints = NDArray[np.intp]
 
@@ -41,13 +42,13 @@ class Places:
     """
 
     order: Ints
-    s: Array
-    towards: Array
+    s: Floats
+    towards: Floats
     name: str
     once: bool = True
 
 
-def places(x: Array, along: ArrayLike | str | None) -> Places:
+def places(x: Floats, along: ArrayLike | str | None) -> Places:
     """Places of contacts ``x (n_c, d)``.
 
     Parameters
@@ -83,7 +84,7 @@ def places(x: Array, along: ArrayLike | str | None) -> Places:
     return _arc(x) if direction is None else _projected(x, direction)
 
 
-def _unit(along: ArrayLike, d: int) -> Array:
+def _unit(along: ArrayLike, d: int) -> Floats:
     direction = floats("along", along, shape=(d,))
     length = float(np.linalg.norm(direction))
     if length == 0:
@@ -91,12 +92,12 @@ def _unit(along: ArrayLike, d: int) -> Array:
     return direction / length
 
 
-def _straight(x: Array) -> Array | None:
+def _straight(x: Floats) -> Floats | None:
     """Direction of a straight line, upwards along the axis nearest to it."""
     off = x - x.mean(axis=0)
     main = np.linalg.svd(off, full_matrices=False)[2]
     length = np.ptp(off @ main[0])
-    axes: Array = np.eye(x.shape[1])
+    axes: Floats = np.eye(x.shape[1])
     if length == 0:
         return np.asarray(axes[0])
     if len(main) > 1 and np.ptp(off @ main[-1]) > _STRAIGHT * length:
@@ -109,7 +110,7 @@ def _straight(x: Array) -> Array | None:
     return np.asarray(axis if near else direction)
 
 
-def _projected(x: Array, direction: Array) -> Places:
+def _projected(x: Floats, direction: Floats) -> Places:
     s = x @ direction
     order = np.argsort(s, kind="stable")
     way = np.linalg.norm(np.diff(x[order], axis=0), axis=1).sum()
@@ -118,14 +119,14 @@ def _projected(x: Array, direction: Array) -> Places:
     return Places(order, s[order], towards, _name(direction), once)
 
 
-def _name(direction: Array) -> str:
+def _name(direction: Floats) -> str:
     axis = int(np.argmax(direction))
     if direction[axis] == 1:
         return "xyz"[axis]
     return f"along ({', '.join(f'{c:.2g}' for c in direction)})"
 
 
-def _arc(x: Array) -> Places:
+def _arc(x: Floats) -> Places:
     """Along a chain: from an end to the other, or once around."""
     if len(x) < 2:
         return _projected(x, np.eye(x.shape[1])[0])
@@ -149,7 +150,7 @@ def _arc(x: Array) -> Places:
     return Places(order, s, _tangents(x[order]), name)
 
 
-def _around(x: Array, order: Ints, axis: int) -> tuple[Ints, str]:
+def _around(x: Floats, order: Ints, axis: int) -> tuple[Ints, str]:
     """A ring from its largest coordinate counter-clockwise, and from where that is seen."""
     ring = x[order] - x.mean(axis=0)
     a, b = ring, np.roll(ring, -1, axis=0)
@@ -169,7 +170,7 @@ def _around(x: Array, order: Ints, axis: int) -> tuple[Ints, str]:
     return np.append(np.roll(order, -first), order[first]), seen
 
 
-def _tangents(x: Array) -> Array:
+def _tangents(x: Floats) -> Floats:
     """Unit vectors along a chain: of the chord from the one before to the one behind."""
     chord = np.gradient(x, axis=0)
     if len(x) > 2 and (x[0] == x[-1]).all():
@@ -178,7 +179,7 @@ def _tangents(x: Array) -> Array:
     return np.asarray(chord / np.where(length > 0, length, 1.0))
 
 
-def _chain(x: Array) -> Ints:
+def _chain(x: Floats) -> Ints:
     """Points of a curve from one end to the other.
 
     The shortest tree that connects points of a curve, close enough to each other, is the
@@ -195,7 +196,7 @@ def _chain(x: Array) -> Ints:
     return np.array(_walk(links, _end(links)))
 
 
-def _tree(x: Array) -> list[list[int]]:
+def _tree(x: Floats) -> list[list[int]]:
     """Neighbours of each point in the shortest tree, by Prim."""
     links: list[list[int]] = [[] for _ in x]
     left = np.ones(len(x), dtype=np.bool_)
@@ -227,7 +228,7 @@ def _walk(links: Sequence[Sequence[int]], start: int) -> list[int]:
         order.append(ahead[0])
 
 
-def _greedy(x: Array, links: Sequence[Sequence[int]]) -> Ints:
+def _greedy(x: Floats, links: Sequence[Sequence[int]]) -> Ints:
     """Each the nearest of the rest: where a curve turns sharper than its points tell."""
     ends = [k for k, near in enumerate(links) if len(near) == 1]
     far = np.linalg.norm(x[ends] - x.mean(axis=0), axis=1)
@@ -240,7 +241,7 @@ def _greedy(x: Array, links: Sequence[Sequence[int]]) -> Ints:
     return np.array(order)
 
 
-def common(x: Array, parts: Sequence[Ints], along: Any) -> list[Places]:
+def common(x: Floats, parts: Sequence[Ints], along: Any) -> list[Places]:
     """Places of several lines of contacts, the same along each.
 
     Where they differ in direction, the arc of each.

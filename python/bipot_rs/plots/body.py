@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.validation import Array, floats, number
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import floats, number
 from bipot_rs.plots import style
 from bipot_rs.plots.boundary_facets import corners_of, deformed_nodes, skin
 from bipot_rs.plots.data import model_of, number_of, one_step, said_of, units_of
@@ -141,10 +142,10 @@ def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
     return model, case
 
 
-def _at_rest(case: Any, result: Any, found: Any, step: int) -> Array | None:
+def _at_rest(case: Any, result: Any, found: Any, step: int) -> Floats | None:
     """What initial strains of a case add to the stress of a step."""
     place = number_of(result, step)
-    whole: Array | None
+    whole: Floats | None
     if getattr(found, "s", None) is not None:
         whole = case.stress_at_rest(found)
     elif place is not None:
@@ -159,7 +160,7 @@ def _at_rest(case: Any, result: Any, found: Any, step: int) -> Array | None:
     return whole
 
 
-def _plane(model: Model, places: Array, stress: Array, ax: Any) -> Any:
+def _plane(model: Model, places: Floats, stress: Floats, ax: Any) -> Any:
     from matplotlib.collections import LineCollection, PolyCollection
 
     corners = [c for cells in model.cells for c in places[corners_of(*cells)[1]]]
@@ -179,7 +180,7 @@ def _plane(model: Model, places: Array, stress: Array, ax: Any) -> Any:
     return image
 
 
-def _space(model: Model, places: Array, stress: Array, ax: Any) -> Any:
+def _space(model: Model, places: Floats, stress: Floats, ax: Any) -> Any:
 
     parts = skin(model.cells)
     polygons = [polygon for facets, _ in parts for polygon in places[facets]]
@@ -187,7 +188,7 @@ def _space(model: Model, places: Array, stress: Array, ax: Any) -> Any:
 
 
 def facets_in_space(
-    polygons: list[Array], values: Array, ax: Any, **colours: Any
+    polygons: list[Floats], values: Floats, ax: Any, **colours: Any
 ) -> Any:
     """Polygons in space, each in the colour of its value."""
     from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
@@ -203,7 +204,7 @@ def facets_in_space(
     return image
 
 
-def box_in_space(places: Array, ax: Any, zoom: float = 0.82) -> None:
+def box_in_space(places: Floats, ax: Any, zoom: float = 0.82) -> None:
     """Limits of axes in space, one length the same along all three."""
     low, high = places.min(axis=0), places.max(axis=0)
     # What is flat still has to be seen.
@@ -228,8 +229,8 @@ def box_in_space(places: Array, ax: Any, zoom: float = 0.82) -> None:
 
 
 def _forces(
-    model: Model, places: Array, reaction: Array, near: float | None, ax: Any
-) -> tuple[Array, float]:
+    model: Model, places: Floats, reaction: Floats, near: float | None, ax: Any
+) -> tuple[Floats, float]:
     """Draw arrows of forces; where they begin, ``(arrows, d)``, and the largest force."""
     force = np.einsum("ck,ckd->cd", reaction, model.frame)
     size = np.linalg.norm(force, axis=1)
@@ -262,7 +263,7 @@ def _forces(
     return np.asarray(at - arrows), largest
 
 
-def _obstacles(model: Model, found: Any, scale: float, ax: Any) -> Array:
+def _obstacles(model: Model, found: Any, scale: float, ax: Any) -> Floats:
     """Draw the rigid obstacles as contacts see them; corners of the bands, ``(k, 2)``."""
     from matplotlib.collections import PolyCollection
 
@@ -297,9 +298,9 @@ def _obstacles(model: Model, found: Any, scale: float, ax: Any) -> Array:
 
 def _limits(
     model: Model,
-    places: Array,
-    tails: Array,
-    bands: Array,
+    places: Floats,
+    tails: Floats,
+    bands: Floats,
     near: float | None,
     ax: Any,
 ) -> None:

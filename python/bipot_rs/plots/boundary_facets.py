@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.plots.style import round_number
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Facets by the corners of a cell of VTK.
 _FACETS: dict[str, list[tuple[int, ...]]] = {

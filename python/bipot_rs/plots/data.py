@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.messages import meant
-from bipot_rs._lib.validation import Array, floats
+from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.validation import floats
 from bipot_rs.contact.result import Result, Solution, Step
 from bipot_rs.scene.units import inconsistent
 
@@ -41,14 +42,14 @@ class Contacts:
         Which load step it is, ``"load step 3 of 8"``; empty where there is but one.
     """
 
-    x: Array
-    frame: Array | None
-    area: Array | None
-    mu: Array | None
-    reaction: Array
+    x: Floats
+    frame: Floats | None
+    area: Floats | None
+    mu: Floats | None
+    reaction: Floats
     status: NDArray[np.integer[Any]]
-    gap: Array
-    slip: Array
+    gap: Floats
+    slip: Floats
     units: Mapping[str, str]
     surface: NDArray[np.integer[Any]] | None = None
     names: Sequence[str] = ()
@@ -75,14 +76,14 @@ class Contacts:
         return replace(self, **cut)
 
     @property
-    def traction(self) -> Array:
+    def traction(self) -> Floats:
         """``reaction / area``, or the reaction itself where no areas are known."""
         if self.area is None:
             return self.reaction
         return np.asarray(self.reaction / self.area[:, None])
 
     @property
-    def has_frame(self) -> Array:
+    def has_frame(self) -> Floats:
         """The frames; a `ValueError` says how to give them."""
         if self.frame is None:
             raise ValueError(
@@ -91,7 +92,7 @@ class Contacts:
             )
         return self.frame
 
-    def vectors(self, tangential: Array) -> Array:
+    def vectors(self, tangential: Floats) -> Floats:
         """Tangential vectors ``(n_c, d - 1)`` in global components, ``(n_c, d)``."""
         found = np.einsum("ck,ckd->cd", tangential, self.has_frame[:, 1:])
         return np.asarray(found, np.float64)
@@ -235,7 +236,7 @@ def look(
     return seen if where is None else seen.part(selection(where, n, known))
 
 
-def surface_of(known: Mapping[str, Any], contacts: int) -> NDArray[np.int64] | None:
+def surface_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
     """Number of the surface of each contact, ``(n_c,)``, where it is known."""
     given = known.get("surface")
     if given is None:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.mesh.elements import Floats, Ints
 from bipot_rs.plots.boundary_facets import skin
 
 # A mesh has the least error for its size when all elements have about the same: below a

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Floats
 from bipot_rs.contact.elliptic_friction import dissipation
 from bipot_rs.contact.result import Status
 from bipot_rs.plots import style
@@ -130,7 +130,7 @@ def _mark(one: Places) -> dict[str, Any]:
     return {"marker": "o", "ms": 3} if len(one.s) <= _MARKERS else {}
 
 
-def _component(seen: Contacts, tangential: Array, one: Places) -> Array:
+def _component(seen: Contacts, tangential: Floats, one: Places) -> Floats:
     """The part of tangential vectors ``(n_c, d - 1)`` along a line, ``(m,)``.
 
     In the plane the whole of it, positive the way that places grow; t1 points either way.
@@ -145,9 +145,9 @@ def _component(seen: Contacts, tangential: Array, one: Places) -> Array:
     return np.asarray(np.einsum("mk,mk->m", own, along), np.float64)
 
 
-def _limit(seen: Contacts, one: Places) -> Array:
+def _limit(seen: Contacts, one: Places) -> Floats:
     """Friction by unit pressure along a line, ``(m,)``."""
-    mu: Array = np.asarray(seen.mu, np.float64)[one.order]
+    mu: Floats = np.asarray(seen.mu, np.float64)[one.order]
     if mu.ndim == 1:
         return mu
     # The most that an ellipse's points reach along the line.
@@ -216,7 +216,7 @@ def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
     return ax
 
 
-def closed_slip(seen: Contacts) -> Array:
+def closed_slip(seen: Contacts) -> Floats:
     """Slip of the step where contact slips, ``(n_c, d - 1)``; zero elsewhere.
 
     What sticks has that of the residual, and what is open moves, but on nothing.
@@ -263,7 +263,7 @@ def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any
     return ax
 
 
-def _edges(s: Array) -> Array:
+def _edges(s: Floats) -> Floats:
     """Ends of the stretches of nodes: the middles between a node and the next."""
     if len(s) == 1:
         return np.array([s[0] - 0.5, s[0] + 0.5])
@@ -293,7 +293,7 @@ def _strips(
 
 
 def _strip(
-    ax: Any, s: Array, status: NDArray[np.integer[Any]], rows: tuple[float, float]
+    ax: Any, s: Floats, status: NDArray[np.integer[Any]], rows: tuple[float, float]
 ) -> None:
     from matplotlib.collections import PolyCollection
 

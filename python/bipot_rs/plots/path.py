@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.validation import Array, floats
+from bipot_rs._lib.types import Floats
+from bipot_rs._lib.validation import floats
 from bipot_rs.contact.elliptic_friction import dissipation as by_pressure
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.resultants import held, is_curved
@@ -74,9 +75,9 @@ def resultants(
 
 
 def draw_resultants(
-    reaction: Array,
-    frame: Array | None,
-    mu: Array | None,
+    reaction: Floats,
+    frame: Floats | None,
+    mu: Floats | None,
     parts: Sequence[tuple[str, NDArray[np.intp]]],
     units: Mapping[str, str],
     ax: Any,
@@ -114,9 +115,9 @@ def draw_resultants(
 
 
 def _of_surface(
-    reaction: Array,
-    frame: Array | None,
-    mu: Array | None,
+    reaction: Floats,
+    frame: Floats | None,
+    mu: Floats | None,
     ax: Any,
     colour: str | None,
 ) -> None:
@@ -340,7 +341,7 @@ def _style(steps: int) -> dict[str, Any]:
 
 def _chosen(
     path: Result, where: ArrayLike | str | None, known: Mapping[str, Any]
-) -> tuple[Any, Array | None, Array | None]:
+) -> tuple[Any, Floats | None, Floats | None]:
     """Which contacts are drawn, their frames and their friction coefficients."""
     n, d = path[0].reaction.shape
     chosen = selection(where, n, known)
@@ -354,7 +355,7 @@ def _chosen(
 
 def _forces(
     path: Result, where: ArrayLike | str | None, contacts: Given | None
-) -> tuple[Array, Array, Array | None, Array]:
+) -> tuple[Floats, Floats, Floats | None, Floats]:
     """Normal and tangential force ``(steps,)``, friction's limit, and the line of the drag.
 
     The line is a unit vector, global where frames are known, else along t1, t2.
@@ -364,8 +365,8 @@ def _forces(
 
 
 def sums(
-    reaction: Array, frame: Array | None, mu: Array | None
-) -> tuple[Array, Array, Array | None, Array]:
+    reaction: Floats, frame: Floats | None, mu: Floats | None
+) -> tuple[Floats, Floats, Floats | None, Floats]:
     """As `_forces`, of reactions ``(steps, n_c, d)``; no limit where normals differ."""
     parallel = True
     if frame is None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.plots import style
 from bipot_rs.plots.body import box_in_space
@@ -17,7 +18,6 @@ from bipot_rs.plots.line import draw_tractions
 from bipot_rs.plots.path import draw_resultants, draw_shares
 from bipot_rs.plots.surface import draw_map, draw_status, is_plane
 
-Floats = NDArray[np.float64]
 Arrays = Mapping[str, NDArray[Any]]
 
 # Surfaces that have maps of their own; more are drawn together.

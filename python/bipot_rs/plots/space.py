@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Floats
 from bipot_rs.files.export import library
 from bipot_rs.plots import style
 from bipot_rs.plots.body import box_in_space, facets_in_space
@@ -88,7 +88,7 @@ def surface3d(
 
 def _values(
     seen: Contacts, quantity: str
-) -> tuple[Array, str, str | None, tuple[float, float]]:
+) -> tuple[Floats, str, str | None, tuple[float, float]]:
     if quantity == "status":
         return seen.status.astype(float), "status", None, (0.0, 2.0)
     values, name, unit = values_of(seen, quantity)
@@ -103,7 +103,7 @@ def _polygons(model: Model) -> list[Any]:
     return [corners_of(*facet)[1] for facet in facets]
 
 
-def _zones(status: Array, parts: list[Any]) -> list[Array]:
+def _zones(status: Floats, parts: list[Any]) -> list[Floats]:
     """Status of each facet: the median of its corners, in the order open, slip, stick."""
     return [np.median(status[corners], axis=1).round() for corners in parts]
 
@@ -149,7 +149,7 @@ def _matplotlib(
     return ax
 
 
-def _slip(model: Model, seen: Contacts, places: Array, ax: Any) -> None:
+def _slip(model: Model, seen: Contacts, places: Floats, ax: Any) -> None:
     vectors = seen.vectors(closed_slip(seen))
     size = np.linalg.norm(vectors, axis=1)
     largest = float(size.max(initial=0.0))

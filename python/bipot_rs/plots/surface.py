@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.result import Result, Status
 from bipot_rs.plots import style
 from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection, steps_of
@@ -99,7 +99,7 @@ def surface_map(
 
 
 def draw_map(
-    seen: Contacts, quantity: str, ax: Any, vector: Array | None = None
+    seen: Contacts, quantity: str, ax: Any, vector: Floats | None = None
 ) -> Any:
     """`surface_map` on axes that are there."""
     uv, names = _plane(seen)
@@ -129,7 +129,7 @@ def draw_map(
     return ax
 
 
-def values_of(seen: Contacts, quantity: str) -> tuple[Array, str, str | None]:
+def values_of(seen: Contacts, quantity: str) -> tuple[Floats, str, str | None]:
     """What `QUANTITIES` names, ``(n_c,)``, with its name and unit."""
     name, kind = QUANTITIES[quantity]
     unit = seen.units.get("length")
@@ -141,7 +141,7 @@ def values_of(seen: Contacts, quantity: str) -> tuple[Array, str, str | None]:
     # Of what touches, the gap is rounding.
     width = float(np.ptp(seen.x, axis=0).max())
     apart = (seen.status == Status.OPEN) & (np.abs(seen.gap) > _TOUCHES * width)
-    values: dict[str, Array] = {
+    values: dict[str, Floats] = {
         "pressure": seen.traction[:, 0],
         "shear": np.linalg.norm(seen.traction[:, 1:], axis=1),
         "slip": np.linalg.norm(closed_slip(seen), axis=1),
@@ -150,7 +150,7 @@ def values_of(seen: Contacts, quantity: str) -> tuple[Array, str, str | None]:
     return values[quantity], name, unit
 
 
-def span(values: Array, quantity: str) -> tuple[float, float, str]:
+def span(values: Floats, quantity: str) -> tuple[float, float, str]:
     """Least and largest value that have colours, and whether others have more."""
     low = float(min(values.min(), 0.0)) if quantity == "gap" else 0.0
     high = float(np.percentile(values, _SPAN))
@@ -298,7 +298,7 @@ def is_plane(seen: Contacts) -> bool:
     return bool(widths[-1] <= _PLANE * widths[0]) if len(widths) == 3 else True
 
 
-def _line(uv: Array) -> bool:
+def _line(uv: Floats) -> bool:
     """Whether places on a plane lie on one line, or are fewer than three."""
     if len(uv) < 3:
         return True
@@ -306,7 +306,7 @@ def _line(uv: Array) -> bool:
     return bool(narrow <= _PLANE * wide)
 
 
-def _plane(seen: Contacts) -> tuple[Array, list[str]]:
+def _plane(seen: Contacts) -> tuple[Floats, list[str]]:
     """Coordinates ``(n_c, 2)`` on the plane of the contacts, and what they are."""
     x = seen.x
     if x.shape[1] != 3:
@@ -322,7 +322,7 @@ def _plane(seen: Contacts) -> tuple[Array, list[str]]:
     return x @ axes.T, names
 
 
-def _tangents(seen: Contacts) -> tuple[Array, list[str]]:
+def _tangents(seen: Contacts) -> tuple[Floats, list[str]]:
     """Axes ``(2, 3)`` on the plane of the contacts, and their names.
 
     Those of the contacts where these are the same: else, as of a roller over a plane,
@@ -347,7 +347,7 @@ def _tangents(seen: Contacts) -> tuple[Array, list[str]]:
     return axes, names
 
 
-def _mean_tangents(frame: Array, normal: Array) -> Array:
+def _mean_tangents(frame: Floats, normal: Floats) -> Floats:
     """The mean t1 made to lie in a plane, and what is at right angles to it, as t2 is."""
     first, second = frame[:, 1:].mean(axis=0)
     first = first - (first @ normal) * normal
@@ -363,7 +363,7 @@ def _mean_tangents(frame: Array, normal: Array) -> Array:
 
 
 def _finish(
-    seen: Contacts, uv: Array, names: list[str], ax: Any, margin: float = 0.0
+    seen: Contacts, uv: Floats, names: list[str], ax: Any, margin: float = 0.0
 ) -> None:
     unit = seen.units.get("length")
     around = margin * np.ptp(uv, axis=0).max()
@@ -377,11 +377,11 @@ def _finish(
 
 def _arrows(
     seen: Contacts,
-    uv: Array,
-    vector: Array,
+    uv: Floats,
+    vector: Floats,
     ax: Any,
     *,
-    values: Array | None = None,
+    values: Floats | None = None,
     **look: Any,
 ) -> Any:
     """Arrows of tangential vectors, on a few contacts, the longest as wide as a square."""
@@ -397,7 +397,7 @@ def _arrows(
     if values is None:
         flat = flat / np.linalg.norm(flat, axis=1, keepdims=True)
         scale = 1 / (0.8 * across)
-        colours: tuple[Array, ...] = ()
+        colours: tuple[Floats, ...] = ()
     else:
         scale = largest / (1.6 * across)
         colours = (values[chosen],)
@@ -415,7 +415,7 @@ def _arrows(
     )
 
 
-def _areas(uv: Array, area: Array | None) -> Array:
+def _areas(uv: Floats, area: Floats | None) -> Floats:
     """Areas of the nodes, or what one has of the rectangle that holds all."""
     if area is not None:
         return area
@@ -423,7 +423,7 @@ def _areas(uv: Array, area: Array | None) -> Array:
     return np.full(len(uv), 4.0 * whole / len(uv))
 
 
-def _joined(uv: Array, area: Array | None) -> tuple[Any, NDArray[np.bool_]]:
+def _joined(uv: Floats, area: Floats | None) -> tuple[Any, Bools]:
     """Delaunay triangles of nodes not on one line, and which of them bridge a hole."""
     from scipy.spatial import Delaunay
 
@@ -442,7 +442,7 @@ def _joined(uv: Array, area: Array | None) -> tuple[Any, NDArray[np.bool_]]:
     return found, longest
 
 
-def _triangles(uv: Array, area: Array | None) -> Any:
+def _triangles(uv: Floats, area: Floats | None) -> Any:
     """What `_joined` finds, for matplotlib, without what bridges a hole."""
     from matplotlib.tri import Triangulation
 
@@ -450,9 +450,7 @@ def _triangles(uv: Array, area: Array | None) -> Any:
     return Triangulation(uv[:, 0], uv[:, 1], found.simplices, bridges)
 
 
-def _thin(
-    uv: Array, wanted: NDArray[np.bool_], values: Array | None
-) -> NDArray[np.intp]:
+def _thin(uv: Floats, wanted: Bools, values: Floats | None) -> NDArray[np.intp]:
     """One contact of those wanted in each of about 14 × 14 squares.
 
     The one of the largest value; without values the one nearest the middle, whose arrow

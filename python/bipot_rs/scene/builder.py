@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bipot_rs._lib import toml_text
 from bipot_rs._lib.messages import counted, later
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.errors import BipotError
 from bipot_rs.contact.result import Result, Step
 from bipot_rs.fem.contact_surface import surface_labels
@@ -26,9 +26,6 @@ from bipot_rs.scene.case import Case
 from bipot_rs.scene.library import SceneError, folder_of, text
 from bipot_rs.scene.reading import assemble, checked, parsed, put
 from bipot_rs.scene.schema.root import Scene
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _UNITS = ("length", "force", "stress")
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bipot_rs._lib.messages import counted, instead
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.errors import FloatingBodyError
 from bipot_rs.contact.load_steps import Totals, differing, reached
 from bipot_rs.contact.problem import ContactProblem
@@ -23,9 +24,6 @@ from bipot_rs.scene.schema.load import Pressure
 from bipot_rs.scene.schema.path import LoadPath
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import Varying
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

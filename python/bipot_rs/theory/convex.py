@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs._lib.validation import Array
+from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.projection import project
 
 # A condition on sums of a few numbers, each rounded, is held to a few units of
@@ -21,38 +21,38 @@ from bipot_rs.contact.projection import project
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 
 
-def dot(x: Array, y: Array) -> Array:
+def dot(x: Floats, y: Floats) -> Floats:
     """``x·y`` along the last axis."""
     return np.asarray(np.einsum("...i,...i->...", x, y))
 
 
-def length(x: Array) -> Array:
+def length(x: Floats) -> Floats:
     """Euclidean norm along the last axis."""
     return np.asarray(np.linalg.norm(x, axis=-1))
 
 
-def direction(x: Array) -> Array:
+def direction(x: Floats) -> Floats:
     """``x/|x|`` along the last axis, zero where ``x`` is."""
     size = length(x)[..., None]
     return np.asarray(np.divide(x, size, out=np.zeros_like(x), where=size > 0))
 
 
-def within(lack: Array, size: Array) -> NDArray[np.bool_]:
+def within(lack: Floats, size: Floats) -> Bools:
     """Whether ``lack <= 0`` up to the rounding of terms of the given size."""
     return np.asarray(lack <= ROUNDING * size)
 
 
-def indicator(inside: NDArray[Any]) -> Array:
+def indicator(inside: NDArray[Any]) -> Floats:
     """``Ψ``: 0 where the condition holds, ``+inf`` elsewhere."""
     return np.where(inside, 0.0, np.inf)
 
 
-def support_ball(x: Array, radius: Array) -> Array:
+def support_ball(x: Floats, radius: Floats) -> Floats:
     """``sup { x·y : |y| <= radius } = radius |x|``, the conjugate of the ball's indicator."""
     return np.asarray(radius * length(x))
 
 
-def project_ball(x: Array, radius: Array) -> Array:
+def project_ball(x: Floats, radius: Floats) -> Floats:
     """Nearest point of the ball ``|y| <= radius``, ``radius >= 0``."""
     size = length(x)
     outside = size > radius
@@ -60,7 +60,7 @@ def project_ball(x: Array, radius: Array) -> Array:
     return np.asarray(x * ratio[..., None])
 
 
-def shrink(x: Array, weight: Array) -> Array:
+def shrink(x: Floats, weight: Floats) -> Floats:
     """Proximal point of ``weight |·|``, ``weight >= 0``: each vector shorter by the weight.
 
     By Moreau's decomposition the rest of the projection onto the ball of that radius;
@@ -72,7 +72,7 @@ def shrink(x: Array, weight: Array) -> Array:
     return np.asarray(x * ratio[..., None])
 
 
-def project_cone(height: Array, radial: Array, slope: Any) -> tuple[Array, Array]:
+def project_cone(height: Floats, radial: Floats, slope: Any) -> tuple[Floats, Floats]:
     """Nearest point of the cone ``|radial| <= slope height`` in any dimension.
 
     Rotation about the axis leaves the cone as it is, so that the problem is that of the
@@ -100,8 +100,8 @@ def project_cone(height: Array, radial: Array, slope: Any) -> tuple[Array, Array
 
 
 def conjugate_prox(
-    prox: Callable[[Array, float], Array], x: Array, r: float = 1.0
-) -> Array:
+    prox: Callable[[Floats, float], Floats], x: Floats, r: float = 1.0
+) -> Floats:
     """Proximal point of ``r F*`` from that of ``F``, by Moreau's decomposition.
 
     ``prox(x, r F*) = x - r prox(x/r, F/r)``; ``prox(x, s)`` gives the proximal point of

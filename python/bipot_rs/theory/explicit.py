@@ -10,14 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import coulomb
 from bipot_rs._lib.validation import loads as steps_of
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.projection import project
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,9 +32,9 @@ class ExplicitPath:
         rounding, in the implicit scheme.
     """
 
-    reaction: Array
-    relative_displacement: Array
-    excess: Array
+    reaction: Floats
+    relative_displacement: Floats
+    excess: Floats
 
 
 def explicit_path(
@@ -99,7 +98,7 @@ def explicit_path(
     )
 
 
-def _step(W: Array, dq: Array, t: Array, v: Array, mu: Array) -> Array:
+def _step(W: Floats, dq: Floats, t: Floats, v: Floats, mu: Floats) -> Floats:
     """``Δt`` of a step from ``t``, ``v`` that the free displacement ``dq`` makes."""
     contacts, d = t.shape
     drag = np.linalg.norm(t[:, 1:], axis=1)
@@ -122,15 +121,15 @@ def _step(W: Array, dq: Array, t: Array, v: Array, mu: Array) -> Array:
 
 
 def _rates(
-    W: Array,
-    dq: Array,
-    t: Array,
-    v: Array,
-    mu: Array,
-    closed: NDArray[np.bool_],
-    slides: NDArray[np.bool_],
-    m: Array,
-) -> tuple[Array, Array]:
+    W: Floats,
+    dq: Floats,
+    t: Floats,
+    v: Floats,
+    mu: Floats,
+    closed: Bools,
+    slides: Bools,
+    m: Floats,
+) -> tuple[Floats, Floats]:
     """The linear problem of given statuses: ``Δt`` and ``λ``."""
     contacts, d = t.shape
     size = contacts * d

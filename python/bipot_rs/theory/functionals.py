@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bipot_rs._lib.types import Bools, Floats
 from bipot_rs._lib.validation import csr, floats, integer, number
 from bipot_rs.contact.elliptic_friction import isotropic
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.result import Result
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,7 +115,7 @@ class Functionals:
         moved = np.zeros(len(fixed))
         if prescribed is not None:
             moved = floats("prescribed", prescribed, shape=moved.shape)
-        gap: Array = problem._given[1]
+        gap: Floats = problem._given[1]
         # Relative displacements are differences of displacements, the start's too,
         # which set the size of their rounding.
         self._reach = np.abs(gap).max(initial=0.0)
@@ -204,7 +203,7 @@ class Functionals:
                 )
         return cls(problem, K, step.load, step.prescribed, start=start, slack=slack)
 
-    def relative_displacement(self, du: ArrayLike) -> Array:
+    def relative_displacement(self, du: ArrayLike) -> Floats:
         """``v = B du + offset``, ``(n_c, d)``: gap at the end and slip of the step."""
         return self._relative(self._admissible(du)) + self.offset
 
@@ -214,7 +213,7 @@ class Functionals:
 
     def elastic_answer(
         self, dr: ArrayLike, at_supports: ArrayLike | None = None
-    ) -> Array | None:
+    ) -> Floats | None:
         """``w`` with ``K w = load + Bᵀ dr`` at free degrees of freedom, ``(n,)``.
 
         The stresses of ``w`` are the statically admissible ones (20) that belong to
@@ -273,7 +272,7 @@ class Functionals:
         support = self._stiffness @ w - self.load - self._contact.T @ reaction.ravel()
         return self._energy(w) - float(support[self._fixed] @ self.prescribed)
 
-    def bipotential(self, du: ArrayLike, dr: ArrayLike) -> Array:
+    def bipotential(self, du: ArrayLike, dr: ArrayLike) -> Floats:
         """(54) of each contact, ``b(-B du, dr)``, ``(n_c,)``, infinite off its domain.
 
         As printed, without the constant of `start_work`. Where the offset has a tangential
@@ -353,7 +352,7 @@ class Functionals:
         friction = self._friction(self._admissible(du), reaction)
         return self.complementary(reaction, at_supports) + work + friction
 
-    def _admissible(self, du: ArrayLike) -> Array:
+    def _admissible(self, du: ArrayLike) -> Floats:
         u = floats("du", du, shape=(self._stiffness.shape[0],), copy=False)
         lack = np.abs(u[self._fixed] - self.prescribed)
         size = np.abs(u).max(initial=0.0) + np.abs(self.prescribed).max(initial=0.0)
@@ -366,7 +365,7 @@ class Functionals:
             )
         return u
 
-    def _answers(self, w: Array, reaction: Array) -> None:
+    def _answers(self, w: Floats, reaction: Floats) -> None:
         """Refuse a ``K`` that the problem was not made with, or has been updated from."""
         force = self.load + self._contact.T @ reaction.ravel()
         free = np.ones(len(w), bool)
@@ -380,21 +379,21 @@ class Functionals:
                 f"equilibrium by {lack}, of forces up to {terms.max()}"
             )
 
-    def _relative(self, u: Array) -> Array:
+    def _relative(self, u: Floats) -> Floats:
         return np.asarray(self._contact @ u, np.float64).reshape(self._shape)
 
-    def _energy(self, u: Array) -> float:
+    def _energy(self, u: Floats) -> float:
         return 0.5 * float(u @ (self._stiffness @ u))
 
-    def _friction(self, u: Array, reaction: Array) -> float:
+    def _friction(self, u: Floats, reaction: Floats) -> float:
         slip = self._slip(self._relative(u) + self.offset)
         return float(np.sum(self._mu * (self._before + reaction)[:, 0] * slip))
 
-    def _slip(self, v: Array) -> Array:
+    def _slip(self, v: Floats) -> Floats:
         # In the components in which friction is Coulomb's.
         return np.asarray(np.linalg.norm((self._by * v)[:, 1:], axis=1))
 
-    def _beyond(self, r: Array) -> NDArray[np.bool_]:
+    def _beyond(self, r: Floats) -> Bools:
         """Contacts whose reaction is outside its cone, by more than the slack."""
         force = np.abs(r).max(initial=0.0) + np.abs(self._before).max(initial=0.0)
         shear = np.linalg.norm((r / self._by)[:, 1:], axis=1)
@@ -402,7 +401,7 @@ class Functionals:
         limit = self._mu * np.maximum(r[:, 0], 0.0) + slack / self._by.min(axis=1)
         return np.asarray((r[:, 0] < -slack) | (shear > limit))
 
-    def _finite(self, moved: Array, reaction: Array) -> Array:
+    def _finite(self, moved: Floats, reaction: Floats) -> Floats:
         slip = self._slip(moved + self.offset)
         r_n = self._before[:, 0] + reaction[:, 0]
         at_start = self._before * moved + reaction * self.offset

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import coulomb, csr, floats, integer, number
-
-Array = NDArray[np.float64]
 
 # Halvings of a step of Newton's method before rounding is all that is left to gain.
 _HALVINGS = 30
@@ -46,10 +45,10 @@ class HardeningBars:
         A wrong argument, named.
     """
 
-    stiffness: Array
-    hardening: Array
-    limit: Array
-    plastic: Array
+    stiffness: Floats
+    hardening: Floats
+    limit: Floats
+    plastic: Floats
 
     def __post_init__(self) -> None:
         k = floats("stiffness", self.stiffness, ndim=1)
@@ -59,7 +58,7 @@ class HardeningBars:
                 raise ValueError(f"{name} is {value}, expected positive numbers")
             object.__setattr__(self, name, value)
 
-    def potential(self, e: Array) -> Array:
+    def potential(self, e: Floats) -> Floats:
         """``V`` of each bar at elongations ``e`` [work]."""
         p = self.yielded(e)
         spent = np.where(
@@ -67,28 +66,28 @@ class HardeningBars:
         )
         return 0.5 * self.stiffness * (e - p) ** 2 + 0.5 * self.hardening * p**2 + spent
 
-    def force(self, e: Array) -> Array:
+    def force(self, e: Floats) -> Floats:
         """``N = ∂V``, (38a) [force]."""
         return self.stiffness * (e - self.yielded(e))
 
-    def tangent(self, e: Array) -> Array:
+    def tangent(self, e: Floats) -> Floats:
         """A derivative of ``N``: ``k``, or ``k h/(k + h)`` where the bar yields."""
         k, h = self.stiffness, self.hardening
         return np.where(self.yielded(e) == self.plastic, k, k * h / (k + h))
 
-    def dual(self, N: Array) -> Array:
+    def dual(self, N: Floats) -> Floats:
         """``W`` of each bar [work]; ``V(e) + W(N) >= N e``, with equality on the law."""
         over = np.maximum(np.abs(N - self.hardening * self.plastic) - self._limit(), 0)
         stored = N * self.plastic - 0.5 * self.hardening * self.plastic**2
         return 0.5 * N**2 / self.stiffness + stored + 0.5 * over**2 / self.hardening
 
-    def yielded(self, e: Array) -> Array:
+    def yielded(self, e: Floats) -> Floats:
         """``p`` at the end of the step, the history that the next one starts from."""
         trial = self.stiffness * (e - self.plastic) - self.hardening * self.plastic
         over = np.maximum(np.abs(trial) - self._limit(), 0.0)
         return self.plastic + np.sign(trial) * over / (self.stiffness + self.hardening)
 
-    def _limit(self) -> Array:
+    def _limit(self) -> Floats:
         # Infinity less infinity is nothing to compute with.
         return np.minimum(self.limit, np.finfo(float).max)
 
@@ -109,11 +108,11 @@ class Displaced:
         the stresses that carry them.
     """
 
-    displacement: Array
-    force: Array
-    reaction: Array
+    displacement: Floats
+    force: Floats
+    reaction: Floats
     converged: bool
-    bifunctional: Array
+    bifunctional: Floats
 
 
 class Truss:
@@ -169,7 +168,7 @@ class Truss:
         # quickly, and cost Newton's matrix one digit.
         self._rho = 10 * float(np.trace(elastic)) / n
 
-    def relative_displacement(self, u: Array) -> Array:
+    def relative_displacement(self, u: Floats) -> Floats:
         """``v = B u + gap``, ``(n_c, d)``."""
         return np.asarray((self._B @ u).reshape(self._gap.shape) + self._gap)
 
@@ -222,7 +221,7 @@ class Truss:
             bifunctional=np.array(history),
         )
 
-    def bifunctional(self, u: Array, r: Array) -> float:
+    def bifunctional(self, u: Floats, r: Floats) -> float:
         """``B`` (23) at ``u`` and the reactions nearest to ``r`` that obey the cone.
 
         ``Σ V(C u) + W(N) - N·C u + Σ r·ṽ`` with the forces ``N`` of the bars that are in
@@ -242,7 +241,7 @@ class Truss:
         slip = np.linalg.norm(v[:, 1:], axis=1)
         return body + float(np.sum(held * v) + np.sum(limit * slip))
 
-    def _tresca(self, u: Array, r: Array, s: Array) -> tuple[Array, Array]:
+    def _tresca(self, u: Floats, r: Floats, s: Floats) -> tuple[Floats, Floats]:
         """(37): the least of a convex function, by multipliers [dSF91, IV]."""
         for _ in range(_MULTIPLIERS):
             u = self._newton(u, self._load, (r, s))
@@ -252,7 +251,7 @@ class Truss:
                 break
         return u, r
 
-    def _held(self, r: Array, u: Array, s: Array) -> tuple[Array, Array]:
+    def _held(self, r: Floats, u: Floats, s: Floats) -> tuple[Floats, Floats]:
         """Projection of ``r - rho v`` onto ``r_n >= 0``, ``‖r_t‖ <= s``, and its derivative."""
         x = r - self._rho * self.relative_displacement(u)
         contacts, d = x.shape
@@ -270,7 +269,9 @@ class Truss:
             slope[i, 1:, 1:] = across
         return out, slope
 
-    def _newton(self, u: Array, load: Array, held: tuple[Array, Array] | None) -> Array:
+    def _newton(
+        self, u: Floats, load: Floats, held: tuple[Floats, Floats] | None
+    ) -> Floats:
         """The least of ``Σ V(C u) - load·u``, with contacts augmented where ``held``.
 
         A convex function with a piecewise linear derivative: Newton's method with a line
@@ -279,7 +280,7 @@ class Truss:
         C, B, rho = self._C, self._B, self._rho
         contacts, d = self._gap.shape
 
-        def parts(at: Array) -> tuple[float, Array, Array]:
+        def parts(at: Floats) -> tuple[float, Floats, Floats]:
             e = C @ at
             N = self.bars.force(e)
             value = float(self.bars.potential(e).sum() - load @ at)
@@ -315,7 +316,7 @@ class Truss:
             value, slope, size = new
         return u
 
-    def _reach(self, held: tuple[Array, Array], u: Array, r: Array) -> Array:
+    def _reach(self, held: tuple[Floats, Floats], u: Floats, r: Floats) -> Floats:
         """``2 x - r`` with ``x`` before projection: ``r·(2 x - r)`` is ``2ρ`` of the energy.
 
         The Moreau envelope of the support function: ``‖x‖² - ‖x - r‖² = r·(2 x - r)``.

@@ -17,13 +17,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import coulomb, floats, number
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.theory.convex import direction
-
-Array = NDArray[np.float64]
 
 
 class Verdict(NamedTuple):
@@ -38,8 +37,8 @@ class Verdict(NamedTuple):
         The test field that does it, ``(n_c, d)``.
     """
 
-    residual: Array
-    worst: Array
+    residual: Floats
+    worst: Floats
 
     @property
     def total(self) -> float:
@@ -207,17 +206,17 @@ class Response:
         )
         self.offset = zero if offset is None else floats("offset", offset, shape=shape)
         W = problem.W.toarray() if hasattr(problem.W, "toarray") else problem.W
-        self._W: Array = np.asarray(W, np.float64)
+        self._W: Floats = np.asarray(W, np.float64)
         size = self._W.shape[0]
         self._R, self._e = np.empty((size, 0)), np.empty(0)
         if problem.rigid is not None:
             self._R, self._e = problem.rigid
         self.monotonicity = _least(self._W)
-        self._inverse: Array | None = None
+        self._inverse: Floats | None = None
         self.inverse_monotonicity: float | None = None
         self._invert()
 
-    def displacement(self, dt: ArrayLike, rigid: ArrayLike | None = None) -> Array:
+    def displacement(self, dt: ArrayLike, rigid: ArrayLike | None = None) -> Floats:
         """``E(Δt) = Δû``, (73a), ``(n_c, d)``.
 
         A body that contact alone holds is not placed by its reactions: the amounts
@@ -241,7 +240,7 @@ class Response:
             np.asarray(moved.reshape(self.offset.shape) + self.problem.q) - self.offset
         )
 
-    def traction(self, du: ArrayLike) -> Array:
+    def traction(self, du: ArrayLike) -> Floats:
         """``E⁻¹(Δu) = Δt̂``, (73b), ``(n_c, d)``: in balance, rigid motions or not.
 
         Raises
@@ -353,7 +352,7 @@ def inequality_78(response: Response, dt: ArrayLike, size: float) -> Verdict:
 _ROUNDING = 1e-8
 
 
-def _pair(t: ArrayLike, v: ArrayLike, mu: ArrayLike) -> tuple[Array, Array, Array]:
+def _pair(t: ArrayLike, v: ArrayLike, mu: ArrayLike) -> tuple[Floats, Floats, Floats]:
     force = floats("t", t, ndim=2)
     if force.shape[1] not in (2, 3):
         raise ValueError(f"t has shape {force.shape}, expected (n_c, 2) or (n_c, 3)")
@@ -371,7 +370,7 @@ def _bound(what: str, value: float, least: float, of: str) -> float:
     return size
 
 
-def _in_cone(t: Array, mu: Array) -> None:
+def _in_cone(t: Floats, mu: Floats) -> None:
     largest = np.linalg.norm(t, axis=1).max(initial=0.0)
     over = np.linalg.norm(t[:, 1:], axis=1) - mu * np.maximum(t[:, 0], 0.0)
     lack = np.maximum(over, -t[:, 0])
@@ -383,7 +382,7 @@ def _in_cone(t: Array, mu: Array) -> None:
         )
 
 
-def _least(A: Array) -> float:
+def _least(A: Floats) -> float:
     if not len(A):
         return 0.0
     return float(np.linalg.eigvalsh((A + A.T) / 2)[0])

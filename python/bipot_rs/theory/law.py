@@ -20,9 +20,10 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from bipot_rs._lib.validation import Array, by_contact, floats, integer, number
+from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.validation import by_contact, floats, integer, number
 from bipot_rs.contact.projection import project
 from bipot_rs.contact.result import Result
 from bipot_rs.theory.convex import (
@@ -38,7 +39,7 @@ from bipot_rs.theory.materials import Coulomb, Start, gap
 
 def normal_and_gap(
     body: ArrayLike, obstacle: ArrayLike, normal: ArrayLike | None = None
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Normal and initial gap of pairs of points, (48).
 
     Parameters
@@ -92,19 +93,19 @@ def normal_and_gap(
 class _Pair(NamedTuple):
     """The state at the end of the step; displacements are forces, times rho."""
 
-    r: Array
-    r_n: Array
-    r_t: Array
-    v_n: Array
-    v_t: Array
-    mu: Array
+    r: Floats
+    r_n: Floats
+    r_t: Floats
+    v_n: Floats
+    v_t: Floats
+    mu: Floats
 
     @property
-    def limit(self) -> Array:
+    def limit(self) -> Floats:
         return np.asarray(self.mu * np.maximum(self.r_n, 0.0))
 
     @property
-    def corrected(self) -> Array:
+    def corrected(self) -> Floats:
         """``ρ ṽ``, (9)."""
         return np.column_stack([self.v_n + self.mu * length(self.v_t), self.v_t])
 
@@ -117,23 +118,23 @@ def _pair(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> _Pair:
     return _Pair(r, r[:, 0], r[:, 1:], v_n, step[:, None] * moved[:, 1:], law.mu)
 
 
-def _steps(law: Coulomb, rho: ArrayLike) -> Array:
+def _steps(law: Coulomb, rho: ArrayLike) -> Floats:
     found = by_contact("rho", rho, len(law.mu))
     if not (found > 0).all():
         raise ValueError(f"rho is {float(found.min())}, expected positive numbers")
     return found
 
 
-def _worst(*parts: Array) -> Array:
+def _worst(*parts: Floats) -> Floats:
     """The largest of several lacks, none of them below zero."""
     return np.asarray(np.maximum.reduce([np.zeros_like(parts[0]), *parts]))
 
 
-def _least(*cases: Array) -> Array:
+def _least(*cases: Floats) -> Floats:
     return np.asarray(np.minimum.reduce(cases))
 
 
-def by_case(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+def by_case(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
     """Signorini's and Coulomb's law status by status, (47) and (50): as in textbooks.
 
     Open: no reaction and no penetration. Stick: no relative displacement, reaction in
@@ -148,7 +149,7 @@ def by_case(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array
     return _least(opened, stuck, slid)
 
 
-def in_rates(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+def in_rates(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
     """(51) at the end of the step, the rate of slip being ``Δu_t`` over any time.
 
     ``t_n ∈ -∂Ψ(u_n + h₀ >= 0)`` and ``t_t ∈ -μ t_n ∂|u̇_t|`` as fixed points of the
@@ -162,7 +163,7 @@ def in_rates(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Arra
 
 def by_displacements(
     law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike
-) -> Array:
+) -> Floats:
     """(55): ``Δt`` in the subdifferential of ``b`` by ``-Δu``, set by set.
 
     (55a): ``-Δt_n - t_n⁰`` is 0 where open and not positive where closed. (55b):
@@ -179,7 +180,7 @@ def by_displacements(
     return _worst(_least(opened, closed), _least(along, still))
 
 
-def _to_normals(p: _Pair, w: Array) -> Array:
+def _to_normals(p: _Pair, w: Floats) -> Floats:
     """How far ``(t, w)`` is from the normals ``w ∈ ∂Ψ_{K_μ}(t)``, (56).
 
     Inside the cone there is no normal but 0, on its surface the ray of
@@ -203,13 +204,13 @@ def _to_normals(p: _Pair, w: Array) -> Array:
     return _least(inside, surface, vertex)
 
 
-def by_normals(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+def by_normals(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
     """(57) with (56): ``-(Δu_n + u_n⁰ + h₀ + μ|Δu_t|, Δu_t)`` is normal to ``ΔK_μ`` at Δt."""
     p = _pair(law, du, dt, rho)
     return _to_normals(p, -p.corrected)
 
 
-def polar_lack(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+def polar_lack(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
     """``(μ|Δv_t| + Δv_n)₊`` with Δv from (57): what misses the polar cone of (58).
 
     Necessary, not sufficient; with (57) it is `penetration`.
@@ -219,12 +220,12 @@ def polar_lack(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Ar
     return _worst(p.mu * length(w[:, 1:]) + w[:, 0])
 
 
-def penetration(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+def penetration(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
     """``(Δu_n + u_n⁰ + h₀)₋`` of (59): necessary, not sufficient."""
     return _worst(-_pair(law, du, dt, rho).v_n)
 
 
-def by_sliding(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+def by_sliding(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
     """The sliding rule (60), with the multiplier at work at the limit only.
 
     At the vertex (59) alone. Else closed, ``Δu_t = -Δλ t_t/|t_t|``, ``Δλ >= 0``, and
@@ -244,7 +245,7 @@ def by_sliding(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Ar
 
 def by_sliding_normal(
     law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike
-) -> Array:
+) -> Floats:
     """(61), with its sign: where closed, ``(-μ|Δu_t|, -Δu_t)`` is normal to ``ΔK_μ`` at Δt.
 
     At the vertex (59) alone.
@@ -255,7 +256,7 @@ def by_sliding_normal(
     return _least(vertex, _worst(np.abs(p.v_n), -p.r_n, _to_normals(p, w)))
 
 
-def by_reactions(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+def by_reactions(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
     """(63): ``Δu`` in normal cones of the half-line of ``t_n`` and of the disc of ``t_t``.
 
     The disc is ``ΔK_μ(Δt_n)`` of (76), held while the normal is taken: the form of an
@@ -276,7 +277,9 @@ def by_reactions(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> 
     return _worst(normal, _least(inside, border, point))
 
 
-def by_bipotential(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+def by_bipotential(
+    law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike
+) -> Floats:
     """(8) with (54): ``b(-Δu, Δt) + Δu·Δt = 0``, an energy, as a force.
 
     The gap is taken at the nearest admissible pair, and how far that is counts. Divided
@@ -296,7 +299,7 @@ def by_bipotential(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -
     return _worst(lack, value)
 
 
-def by_projection(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+def by_projection(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
     """(79): ``|Δt - proj(Δt - ρ (Δu + (u_n⁰ + h₀ + μ|Δu_t|) n), ΔK_μ)|``, our (11).
 
     Call it F. For ``t`` in the cone and ``v_n >= 0``, ``F² <= ρ t·ṽ <= F (ρ|ṽ| + |t| + F)``:
@@ -310,7 +313,7 @@ def by_projection(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) ->
 
 def by_two_projections(
     law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike
-) -> Array:
+) -> Floats:
     """(82) onto the half-line ``[-t_n⁰, ∞[`` and (83) onto the disc ``ΔK_μ(Δt_n)``."""
     p = _pair(law, du, dt, rho)
     normal = np.abs(p.r_n - np.maximum(p.r_n - p.v_n, 0.0))
@@ -318,7 +321,7 @@ def by_two_projections(
     return _worst(normal, tangent)
 
 
-Form = Callable[[Coulomb, ArrayLike, ArrayLike, ArrayLike], Array]
+Form = Callable[[Coulomb, ArrayLike, ArrayLike, ArrayLike], Floats]
 
 FORMS: Mapping[str, Form] = MappingProxyType(
     {
@@ -337,7 +340,7 @@ FORMS: Mapping[str, Form] = MappingProxyType(
 """Every form of the whole law, by its number in [dSF91]."""
 
 
-def size(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
+def size(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Floats:
     """What residuals of a pair are small against, ``(n_c,)`` [N].
 
     The terms of reactions and of displacements times ρ, start state included: rounding
@@ -353,7 +356,7 @@ def size(law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike) -> Array:
 
 def verdicts(
     law: Coulomb, du: ArrayLike, dt: ArrayLike, rho: ArrayLike, tol: float = 1e-9
-) -> dict[str, NDArray[np.bool_]]:
+) -> dict[str, Bools]:
     """Whether each contact is on the law, by each of `FORMS`.
 
     ``tol`` is relative to `size`.
@@ -365,7 +368,7 @@ def verdicts(
     return {name: form(law, du, dt, rho) <= limit for name, form in FORMS.items()}
 
 
-def step_of(result: Result, k: int) -> tuple[Coulomb, Array, Array]:
+def step_of(result: Result, k: int) -> tuple[Coulomb, Floats, Floats]:
     """Law with its start state, and the increments, of one step of a solved path.
 
     Parameters

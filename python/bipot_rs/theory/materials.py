@@ -18,9 +18,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from bipot_rs._lib.validation import Array, by_contact, coulomb, floats, positive
+from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.validation import by_contact, coulomb, floats, positive
 from bipot_rs.contact.projection import project
 from bipot_rs.theory.convex import (
     dot,
@@ -36,15 +37,15 @@ from bipot_rs.theory.convex import (
 class ExplicitMaterial(Protocol):
     """Two conjugate potentials, (3)–(7)."""
 
-    def energy(self, x: ArrayLike, /) -> Array:
+    def energy(self, x: ArrayLike, /) -> Floats:
         """``V(x)``, ``+inf`` outside its domain."""
         ...
 
-    def complementary_energy(self, y: ArrayLike, /) -> Array:
+    def complementary_energy(self, y: ArrayLike, /) -> Floats:
         """``W(y) = sup_x [x·y - V(x)]``, ``+inf`` outside its domain."""
         ...
 
-    def prox(self, predictor: ArrayLike, r: ArrayLike, /) -> Array:
+    def prox(self, predictor: ArrayLike, r: ArrayLike, /) -> Floats:
         """The ``y`` that minimises ``r W(y) + ½|y - predictor|²``, (40)."""
         ...
 
@@ -53,19 +54,19 @@ class ExplicitMaterial(Protocol):
 class ImplicitMaterial(Protocol):
     """A bipotential and its partial conjugates, (8)–(18)."""
 
-    def bipotential(self, x: ArrayLike, y: ArrayLike, /) -> Array:
+    def bipotential(self, x: ArrayLike, y: ArrayLike, /) -> Floats:
         """``b(x, y)``, ``+inf`` outside its domain."""
         ...
 
-    def left_dual(self, z: ArrayLike, y: ArrayLike, /) -> Array:
+    def left_dual(self, z: ArrayLike, y: ArrayLike, /) -> Floats:
         """``b_l*(z, y) = sup_x [z·x - b(x, y)]``, (14); ``-inf`` where b(·, y) has no domain."""
         ...
 
-    def right_dual(self, x: ArrayLike, u: ArrayLike, /) -> Array:
+    def right_dual(self, x: ArrayLike, u: ArrayLike, /) -> Floats:
         """``b_r*(x, u) = sup_y [u·y - b(x, y)]``, (17); ``-inf`` where b(x, ·) has no domain."""
         ...
 
-    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike, /) -> Array:
+    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike, /) -> Floats:
         """The ``y`` that minimises ``r b(x, y) + ½|y - predictor|²``, (44).
 
         Terms in ``x`` alone do not move it: it is given for every ``x``, also where
@@ -86,26 +87,26 @@ class Separable:
 
     explicit: ExplicitMaterial
 
-    def bipotential(self, x: ArrayLike, y: ArrayLike) -> Array:
+    def bipotential(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """``V(x) + W(y)``."""
         return self.explicit.energy(x) + self.explicit.complementary_energy(y)
 
-    def left_dual(self, z: ArrayLike, y: ArrayLike) -> Array:
+    def left_dual(self, z: ArrayLike, y: ArrayLike) -> Floats:
         """``W(z) - W(y)``."""
         return _less(
             self.explicit.complementary_energy(z), self.explicit.complementary_energy(y)
         )
 
-    def right_dual(self, x: ArrayLike, u: ArrayLike) -> Array:
+    def right_dual(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``V(u) - V(x)``."""
         return _less(self.explicit.energy(u), self.explicit.energy(x))
 
-    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Array:  # noqa: ARG002 - V(x) does not move it
+    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Floats:  # noqa: ARG002 - V(x) does not move it
         """That of ``r W``, whatever ``x``."""
         return self.explicit.prox(predictor, r)
 
 
-def _less(value: Array, taken: Array) -> Array:
+def _less(value: Floats, taken: Floats) -> Floats:
     """``value - taken``, ``-inf`` where ``taken`` is ``+inf``: a supremum of nothing."""
     nothing = np.isposinf(taken)
     return np.where(nothing, -np.inf, value - np.where(nothing, 0.0, taken))
@@ -116,18 +117,18 @@ def implicit(material: Material) -> ImplicitMaterial:
     return Separable(material) if isinstance(material, ExplicitMaterial) else material
 
 
-def fenchel_gap(material: ExplicitMaterial, x: ArrayLike, y: ArrayLike) -> Array:
+def fenchel_gap(material: ExplicitMaterial, x: ArrayLike, y: ArrayLike) -> Floats:
     """``V(x) + W(y) - x·y >= 0``, zero on the law alone, (3) and (5)."""
     return gap(Separable(material), x, y)
 
 
-def gap(material: Material, x: ArrayLike, y: ArrayLike) -> Array:
+def gap(material: Material, x: ArrayLike, y: ArrayLike) -> Floats:
     """``b(x, y) - x·y >= 0``, zero on the law alone, (8) and (11)."""
     work = dot(floats("x", x), floats("y", y))
     return implicit(material).bipotential(x, y) - work
 
 
-def left_gap(material: Material, x: ArrayLike, y: ArrayLike) -> Array:
+def left_gap(material: Material, x: ArrayLike, y: ArrayLike) -> Floats:
     """By how much ``y`` is no subgradient of ``b(·, y)`` at ``x``, (13a).
 
     ``b(x, y) + b_l*(y, y) - x·y``: Fenchel's inequality for the first argument, never
@@ -137,7 +138,7 @@ def left_gap(material: Material, x: ArrayLike, y: ArrayLike) -> Array:
     return _sum(gap(material, x, y), material.left_dual(y, y))
 
 
-def right_gap(material: Material, x: ArrayLike, y: ArrayLike) -> Array:
+def right_gap(material: Material, x: ArrayLike, y: ArrayLike) -> Floats:
     """By how much ``x`` is no subgradient of ``b(x, ·)`` at ``y``, (13b).
 
     ``b(x, y) + b_r*(x, x) - x·y``, as in `left_gap`.
@@ -146,7 +147,7 @@ def right_gap(material: Material, x: ArrayLike, y: ArrayLike) -> Array:
     return _sum(gap(material, x, y), material.right_dual(x, x))
 
 
-def _sum(lack: Array, dual: Array) -> Array:
+def _sum(lack: Floats, dual: Floats) -> Floats:
     """``lack + dual``, ``+inf`` where the first is, whatever the second."""
     inside = np.isfinite(lack)
     return np.where(inside, lack + np.where(inside, dual, 0.0), np.inf)
@@ -154,11 +155,11 @@ def _sum(lack: Array, dual: Array) -> Array:
 
 def uzawa(
     material: Material,
-    strain: Callable[[Array], Array],
+    strain: Callable[[Floats], Floats],
     start: ArrayLike,
     r: ArrayLike,
     iterations: int,
-) -> Array:
+) -> Floats:
     """Uzawa's iterates of a structure and a material, (41)–(42) and (45)–(46).
 
     Predictor ``y + r x``, corrector ``prox(·, r b(x, ·))``, with ``x`` the strain that
@@ -201,11 +202,11 @@ def uzawa(
     return np.array(found)
 
 
-def _predictor(y: Array, r: Array, x: Array) -> Array:
+def _predictor(y: Floats, r: Floats, x: Floats) -> Floats:
     return y + (r[..., None] if r.ndim else r) * x
 
 
-def positive_step(r: ArrayLike) -> Array:
+def positive_step(r: ArrayLike) -> Floats:
     """A coefficient of (39)–(46): positive numbers."""
     step = floats("r", r)
     if not (step > 0).all():
@@ -224,7 +225,7 @@ class LinearElastic:
         stresses are ``(..., m)``.
     """
 
-    stiffness: Array
+    stiffness: Floats
 
     def __init__(self, stiffness: ArrayLike) -> None:
         found = floats("stiffness", stiffness, ndim=2)
@@ -244,37 +245,37 @@ class LinearElastic:
             )
         object.__setattr__(self, "stiffness", found)
 
-    def _vectors(self, what: str, value: ArrayLike) -> Array:
+    def _vectors(self, what: str, value: ArrayLike) -> Floats:
         found = floats(what, value)
         m = len(self.stiffness)
         if found.ndim == 0 or found.shape[-1] != m:
             raise ValueError(f"{what} has shape {found.shape}, expected (..., {m})")
         return found
 
-    def stress(self, x: ArrayLike) -> Array:
+    def stress(self, x: ArrayLike) -> Floats:
         """``y = D x``, (4)."""
         return self._vectors("x", x) @ self.stiffness
 
-    def strain(self, y: ArrayLike) -> Array:
+    def strain(self, y: ArrayLike) -> Floats:
         """``x = D⁻¹ y``, (4)."""
         return _solved(self.stiffness, self._vectors("y", y))
 
-    def energy(self, x: ArrayLike) -> Array:
+    def energy(self, x: ArrayLike) -> Floats:
         """``½ x·D x``."""
         return 0.5 * dot(self._vectors("x", x), self.stress(x))
 
-    def complementary_energy(self, y: ArrayLike) -> Array:
+    def complementary_energy(self, y: ArrayLike) -> Floats:
         """``½ y·D⁻¹ y``."""
         return 0.5 * dot(self._vectors("y", y), self.strain(y))
 
-    def prox(self, predictor: ArrayLike, r: ArrayLike) -> Array:
+    def prox(self, predictor: ArrayLike, r: ArrayLike) -> Floats:
         """``(D + r I) y = D ŷ``, which is (40) without the inverse of ``D``."""
         step = floats("r", r, shape=())
         shifted = self.stiffness + positive_step(step) * np.eye(len(self.stiffness))
         return _solved(shifted, self.stress(self._vectors("predictor", predictor)))
 
 
-def _solved(matrix: Array, vectors: Array) -> Array:
+def _solved(matrix: Floats, vectors: Floats) -> Floats:
     flat = vectors.reshape(-1, vectors.shape[-1])
     return np.asarray(np.linalg.solve(matrix, flat.T).T.reshape(vectors.shape))
 
@@ -296,9 +297,9 @@ class Start:
         ``h₀ (n_c,)``, initial gap, open when positive [m].
     """
 
-    reaction: Array
-    displacement: Array
-    gap: Array
+    reaction: Floats
+    displacement: Floats
+    gap: Floats
 
     def __init__(
         self, reaction: ArrayLike, displacement: ArrayLike, gap: ArrayLike
@@ -322,34 +323,34 @@ class Start:
         return cls(rest, rest, height)
 
     @property
-    def opening(self) -> Array:
+    def opening(self) -> Floats:
         """``u_n⁰ + h₀ (n_c,)`` [m]."""
         return np.asarray(self.displacement[:, 0] + self.gap)
 
     @property
-    def product(self) -> Array:
+    def product(self) -> Floats:
         """``t_n⁰ (u_n⁰ + h₀) (n_c,)`` [J]: zero from a state that is complementary."""
         return np.asarray(self.reaction[:, 0] * self.opening)
 
-    def vectors(self, what: str, value: ArrayLike) -> Array:
+    def vectors(self, what: str, value: ArrayLike) -> Floats:
         """An increment of one row a contact."""
         return floats(what, value, shape=self.reaction.shape)
 
-    def total_reaction(self, dt: Array) -> Array:
+    def total_reaction(self, dt: Floats) -> Floats:
         """``t = t⁰ + Δt``."""
         return np.asarray(self.reaction + dt)
 
-    def separated(self, du: Array) -> NDArray[np.bool_]:
+    def separated(self, du: Floats) -> Bools:
         """``Δu_n + u_n⁰ + h₀ >= 0``, (59), to rounding of its terms."""
         terms = np.abs(du[:, 0]) + np.abs(self.displacement[:, 0]) + np.abs(self.gap)
         return within(-(du[:, 0] + self.opening), terms)
 
-    def pressed(self, dt: Array) -> NDArray[np.bool_]:
+    def pressed(self, dt: Floats) -> Bools:
         """``t_n⁰ + Δt_n >= 0``, (66), to rounding of its terms."""
         terms = np.abs(self.reaction[:, 0]) + np.abs(dt[:, 0])
         return within(-self.total_reaction(dt)[:, 0], terms)
 
-    def held(self, dt: Array, limit: Array, size: Array) -> NDArray[np.bool_]:
+    def held(self, dt: Floats, limit: Floats, size: Floats) -> Bools:
         """``|t_t⁰ + Δt_t| <= limit``, the disc of (76), to rounding.
 
         ``size`` is that of the terms of ``limit``.
@@ -376,7 +377,7 @@ class Tresca:
         State at the start of the step.
     """
 
-    limit: Array
+    limit: Floats
     start: Start
 
     def __init__(self, limit: ArrayLike, start: Start) -> None:
@@ -389,20 +390,20 @@ class Tresca:
         object.__setattr__(self, "limit", found)
         object.__setattr__(self, "start", start)
 
-    def energy(self, x: ArrayLike) -> Array:
+    def energy(self, x: ArrayLike) -> Floats:
         """``V(-Δu)`` of each contact ``(n_c,)`` [J]."""
         du = -self.start.vectors("x", x)
         work = dot(self.start.reaction, du) + support_ball(du[:, 1:], self.limit)
         return work + indicator(self.start.separated(du))
 
-    def complementary_energy(self, y: ArrayLike) -> Array:
+    def complementary_energy(self, y: ArrayLike) -> Floats:
         """``W(Δt)`` of each contact ``(n_c,)`` [J]."""
         dt = self.start.vectors("y", y)
         t_n = self.start.total_reaction(dt)[:, 0]
         inside = self.start.pressed(dt) & self.start.held(dt, self.limit, self.limit)
         return np.asarray(t_n * self.start.opening + indicator(inside))
 
-    def prox(self, predictor: ArrayLike, r: ArrayLike) -> Array:
+    def prox(self, predictor: ArrayLike, r: ArrayLike) -> Floats:
         """(40): ``t_n`` onto the half-line, ``t_t`` onto the disc of radius ``s``."""
         t = self.start.total_reaction(self.start.vectors("predictor", predictor))
         t_n = np.maximum(t[:, 0] - positive_step(r) * self.start.opening, 0.0)
@@ -435,14 +436,14 @@ class Coulomb:
         State at the start of the step.
     """
 
-    mu: Array
+    mu: Floats
     start: Start
 
     def __init__(self, mu: ArrayLike, start: Start) -> None:
         object.__setattr__(self, "mu", coulomb(mu, len(start.gap)))
         object.__setattr__(self, "start", start)
 
-    def admissible(self, dt: ArrayLike) -> NDArray[np.bool_]:
+    def admissible(self, dt: ArrayLike) -> Bools:
         """``Δt ∈ ΔK_μ``, (53), with ``t_n >= 0``, which (53) implies for μ > 0 alone."""
         increment = self.start.vectors("dt", dt)
         t_n = self.start.total_reaction(increment)[:, 0]
@@ -450,7 +451,7 @@ class Coulomb:
         held = self.start.held(increment, self.mu * t_n, self.mu * size)
         return self.start.pressed(increment) & held
 
-    def bipotential(self, x: ArrayLike, y: ArrayLike) -> Array:
+    def bipotential(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """``b(-Δu, Δt)`` of each contact ``(n_c,)`` [J]."""
         du, dt = -self.start.vectors("x", x), self.start.vectors("y", y)
         t_n = self.start.total_reaction(dt)[:, 0]
@@ -459,7 +460,7 @@ class Coulomb:
         inside = self.admissible(dt) & self.start.separated(du)
         return work + lost + indicator(inside)
 
-    def left_dual(self, z: ArrayLike, y: ArrayLike) -> Array:
+    def left_dual(self, z: ArrayLike, y: ArrayLike) -> Floats:
         """``b_l*(Δt̄, Δt)``, (62) with the disc of ``Δt``'s own pressure.
 
         ``(Δt̄_n - Δt_n)(u_n⁰ + h₀) + Ψ(t_n⁰ + Δt̄_n >= 0) + Ψ(|t_t⁰ + Δt̄_t| <= μ t_n)
@@ -473,7 +474,7 @@ class Coulomb:
         value = (bar[:, 0] - dt[:, 0]) * self.start.opening + indicator(inside)
         return _less(value, indicator(self.admissible(dt)))
 
-    def right_dual(self, x: ArrayLike, u: ArrayLike) -> Array:
+    def right_dual(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``b_r*(-Δu, -Δw)`` of each contact [J].
 
         ``t⁰·(Δw - Δu) + Ψ(Δw_n + u_n⁰ + h₀ + μ|Δu_t| >= μ|Δw_t|)
@@ -488,7 +489,7 @@ class Coulomb:
         value = dot(self.start.reaction, dw - du) + indicator(inside)
         return _less(value, indicator(self.start.separated(du)))
 
-    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Array:
+    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Floats:
         """(44): the projection of ``ŷ - r (u_n⁰ + h₀ + μ|Δu_t|) n`` onto ``ΔK_μ``.
 
         With ``ŷ = Δt - r Δu`` it is the corrector of (79).
@@ -505,7 +506,7 @@ class Coulomb:
         return Tresca(self.mu * np.maximum(t[:, 0], 0.0), self.start)
 
 
-def elastic_strain(compliance: ArrayLike, free: ArrayLike) -> Callable[[Array], Any]:
+def elastic_strain(compliance: ArrayLike, free: ArrayLike) -> Callable[[Floats], Any]:
     """The structure of `uzawa` for contact: ``Δt ↦ x = -(W Δt + Δq)``, (73a).
 
     Parameters
@@ -518,7 +519,7 @@ def elastic_strain(compliance: ArrayLike, free: ArrayLike) -> Callable[[Array], 
     rest = floats("free", free, ndim=2)
     W = floats("compliance", compliance, shape=(rest.size, rest.size))
 
-    def strain(dt: Array) -> Array:
+    def strain(dt: Floats) -> Floats:
         return np.asarray(-(W @ dt.ravel()).reshape(rest.shape) - rest)
 
     return strain

@@ -31,9 +31,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from bipot_rs._lib.validation import Array, floats, number
+from bipot_rs._lib.types import Bools, Floats
+from bipot_rs._lib.validation import floats, number
 from bipot_rs.theory.convex import direction, indicator, length, project_cone, within
 from bipot_rs.theory.materials import positive_step
 
@@ -44,7 +45,7 @@ _WEIGHT = np.array([1.0, 1.0, 1.0, *3 * [math.sqrt(2)]])
 _UNIT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def mandel(tensor: ArrayLike) -> Array:
+def mandel(tensor: ArrayLike) -> Floats:
     """Symmetric tensors ``(..., 3, 3)`` as vectors ``(..., 6)``: xx, yy, zz, √2(yz, xz, xy).
 
     The upper triangle is read.
@@ -55,7 +56,7 @@ def mandel(tensor: ArrayLike) -> Array:
     return np.asarray(found[..., _ROWS, _COLUMNS] * _WEIGHT)
 
 
-def tensor(vector: ArrayLike) -> Array:
+def tensor(vector: ArrayLike) -> Floats:
     """The tensors ``(..., 3, 3)`` of vectors ``(..., 6)``."""
     found = _vectors("vector", vector) / _WEIGHT
     full = np.empty((*found.shape[:-1], 3, 3))
@@ -64,20 +65,20 @@ def tensor(vector: ArrayLike) -> Array:
     return full
 
 
-def _vectors(what: str, value: ArrayLike) -> Array:
+def _vectors(what: str, value: ArrayLike) -> Floats:
     found = floats(what, value)
     if found.ndim == 0 or found.shape[-1] != 6:
         raise ValueError(f"{what} has shape {found.shape}, expected (..., 6)")
     return found
 
 
-def _stress(y: Array) -> tuple[Array, Array]:
+def _stress(y: Floats) -> tuple[Floats, Floats]:
     """Mean stress and deviator."""
     mean = y @ _UNIT / 3
     return mean, y - mean[..., None] * _UNIT
 
 
-def _strain(x: Array) -> tuple[Array, Array]:
+def _strain(x: Floats) -> tuple[Floats, Floats]:
     """Volume strain and deviator."""
     volume = x @ _UNIT
     return volume, x - volume[..., None] / 3 * _UNIT
@@ -148,17 +149,17 @@ class DruckerPrager:
         """Whether the flow is normal to the criterion: an explicit material."""
         return self.dilatancy == self.friction
 
-    def criterion(self, y: ArrayLike) -> Array:
+    def criterion(self, y: ArrayLike) -> Floats:
         """``|s| - α (a - σ_m)``, not positive where the stress is borne [Pa]."""
         mean, deviator = _stress(_vectors("y", y))
         return np.asarray(length(deviator) - self.friction * (self.apex - mean))
 
-    def plastic_potential(self, y: ArrayLike) -> Array:
+    def plastic_potential(self, y: ArrayLike) -> Floats:
         """``|s| + β σ_m`` [Pa]: the flow is normal to its surfaces, not the criterion's."""
         mean, deviator = _stress(_vectors("y", y))
         return np.asarray(length(deviator) + self.dilatancy * mean)
 
-    def flow(self, y: ArrayLike) -> Array:
+    def flow(self, y: ArrayLike) -> Floats:
         """Gradient of the plastic potential, ``s/|s| + β I/3``: the flow but for λ.
 
         At ``s = 0`` only the volume part is left.
@@ -166,17 +167,17 @@ class DruckerPrager:
         _, deviator = _stress(_vectors("y", y))
         return np.asarray(direction(deviator) + self.dilatancy / 3 * _UNIT)
 
-    def _bears(self, y: Array) -> NDArray[np.bool_]:
+    def _bears(self, y: Floats) -> Bools:
         mean, deviator = _stress(y)
         size = length(y) + self.friction * (self.apex + length(y))
         return within(length(deviator) - self.friction * (self.apex - mean), size)
 
-    def _dilates(self, x: Array) -> NDArray[np.bool_]:
+    def _dilates(self, x: Floats) -> Bools:
         volume, deviator = _strain(x)
         size = (1 + self.dilatancy) * length(x)
         return within(self.dilatancy * length(deviator) - volume, size)
 
-    def bipotential(self, x: ArrayLike, y: ArrayLike) -> Array:
+    def bipotential(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """``b(ε, σ)`` [J/m³]."""
         strain, stress = _vectors("x", x), _vectors("y", y)
         (volume, e), (mean, _) = _strain(strain), _stress(stress)
@@ -184,7 +185,7 @@ class DruckerPrager:
         value = self.apex * volume + excess * (self.apex - mean) * length(e)
         return value + indicator(self._bears(stress) & self._dilates(strain))
 
-    def left_dual(self, z: ArrayLike, y: ArrayLike) -> Array:
+    def left_dual(self, z: ArrayLike, y: ArrayLike) -> Floats:
         """``Ψ(σ̄_m <= a) + Ψ(|s̄| <= β(a - σ̄_m) + (α - β)(a - σ_m)) - Ψ(σ borne)``, (14).
 
         As a set of ``σ̄`` through ``σ``: below the surface of the plastic potential, cut
@@ -199,7 +200,7 @@ class DruckerPrager:
         value = indicator(inside & within(bar_mean - self.apex, size))
         return np.where(self._bears(stress), value, -np.inf)
 
-    def right_dual(self, x: ArrayLike, u: ArrayLike) -> Array:
+    def right_dual(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``a (η_v - ε_v) + Ψ(η_v >= α|η_e| - (α - β)|e|) - Ψ(ε_v >= β|e|)``, (17)."""
         strain, other = _vectors("x", x), _vectors("u", u)
         (volume, e), (eta_v, eta_e) = _strain(strain), _strain(other)
@@ -209,7 +210,7 @@ class DruckerPrager:
         value = self.apex * (eta_v - volume) + indicator(within(lack, size))
         return np.where(self._dilates(strain), value, -np.inf)
 
-    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Array:
+    def prox_at(self, predictor: ArrayLike, x: ArrayLike, r: ArrayLike) -> Floats:
         """(44): the projection of ``σ̂ + r (α - β)|e| I/3`` onto the criterion's cone.
 
         ``b(ε, ·)`` is linear in its domain, and ``I/3`` the gradient of ``σ_m``.

@@ -7,12 +7,12 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
+from bipot_rs._lib.types import Floats
 from bipot_rs.scene.schema.mesh import Within
 from bipot_rs.scene.schema.table import (
     KIND,
     Component,
     Components,
-    Floats,
     Table,
     Varying,
     Vector,

@@ -12,7 +12,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
-from bipot_rs.scene.schema.table import KIND, MOST, Floats, Range, Table, Vector, wrap
+from bipot_rs._lib.types import Floats
+from bipot_rs.scene.schema.table import KIND, MOST, Range, Table, Vector, wrap
 
 _DIM = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 

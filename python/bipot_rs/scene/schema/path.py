@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
-from bipot_rs.scene.schema.table import KIND, MOST, Floats, Table, wrap
+from bipot_rs._lib.types import Floats
+from bipot_rs.scene.schema.table import KIND, MOST, Table, wrap
 
 
 class Amplitude(Table):

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-Floats = NDArray[np.float64]
 AXES = ("x", "y", "z")
 # Cells along an axis, and load steps: more are a slip of the pen.
 MOST = 1_000_000
