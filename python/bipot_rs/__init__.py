@@ -10,38 +10,48 @@ discretisation, with a residual that proves it::
 `ContactProblem`, `solve`, `ReducedProblem` and `project` are the ways in;
 `Result` and `Solution` what comes out; `pairs` makes B for surfaces whose meshes do not
 match; `fclib` reads and writes the problems of that collection; `plots` draws results.
-Bodies described by name are a `Model`. Only NumPy is imported here, SciPy and the rest by
-the functions that need them; `plots` and `Model` are loaded when they are first used.
+Bodies described by name are a `Model`. Every name is imported when it is first used: the
+package itself imports nothing, arrays need NumPy and SciPy, and the rest its extras.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import bipot_rs.early  # noqa: F401
-from bipot_rs import _core, fclib
-from bipot_rs._lib.optional import missing
-from bipot_rs._lib.versions import show_versions, versions
-from bipot_rs.contact.enumeration import Answers
-from bipot_rs.contact.error_bound import ErrorBound
-from bipot_rs.contact.errors import (
-    BipotError,
-    FloatingBodyError,
-    NoEquilibriumError,
-    NotConvergedError,
-)
-from bipot_rs.contact.existence import Existence
-from bipot_rs.contact.one_call import solve
-from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.projection import project
-from bipot_rs.contact.reduced import ReducedProblem
-from bipot_rs.contact.result import Outcome, Result, Solution, Status, Step, load
+from bipot_rs._lib.lazy import lazily
 
 if TYPE_CHECKING:
-    from bipot_rs import plots
+    from bipot_rs import analytic as analytic
+    from bipot_rs import discretisation as discretisation
+    from bipot_rs import fclib, plots
+    from bipot_rs import fem as fem
+    from bipot_rs import obstacle as obstacle
+    from bipot_rs import scene as scene
+    from bipot_rs import theory as theory
+    from bipot_rs._lib.versions import __version__ as __version__
+    from bipot_rs._lib.versions import show_versions, versions
+    from bipot_rs.contact.enumeration import Answers
+    from bipot_rs.contact.error_bound import ErrorBound
+    from bipot_rs.contact.errors import (
+        BipotError,
+        FloatingBodyError,
+        NoEquilibriumError,
+        NotConvergedError,
+    )
+    from bipot_rs.contact.existence import Existence
+    from bipot_rs.contact.one_call import solve
+    from bipot_rs.contact.problem import ContactProblem
+    from bipot_rs.contact.projection import project
+    from bipot_rs.contact.reduced import ReducedProblem
+    from bipot_rs.contact.result import Outcome, Result, Solution, Status, Step, load
+    from bipot_rs.fem import inspection as inspection
+    from bipot_rs.fem import paraview as paraview
+    from bipot_rs.fem import review as review
     from bipot_rs.mortar.pairs import Pairs, pairs, rigid_pairs
+    from bipot_rs.scene import builder as model  # noqa: F401
     from bipot_rs.scene.builder import Model as Model
     from bipot_rs.scene.builder import ModelResult as ModelResult
 
+# `Model` and the modules that need scikit-fem and pydantic are not here: a star would
+# import them.
 __all__ = [
     "Answers",
     "BipotError",
@@ -69,41 +79,41 @@ __all__ = [
     "versions",
 ]
 
-__version__ = _core.version
-
-# Loaded by who asks for it. What needs scikit-fem and pydantic is not in __all__, for a
-# star would ask for it.
-_LAZY = {
-    "Model": "bipot_rs.scene.builder",
-    "ModelResult": "bipot_rs.scene.builder",
-    "Pairs": "bipot_rs.mortar.pairs",
-    "pairs": "bipot_rs.mortar.pairs",
-    "rigid_pairs": "bipot_rs.mortar.pairs",
-}
-# Modules that are attributes without being loaded before.
-_MODULES = {
-    **{name: f"bipot_rs.{name}" for name in ("analytic", "discretisation", "fem")},
-    **{name: f"bipot_rs.{name}" for name in ("obstacle", "plots", "scene", "theory")},
-    "inspection": "bipot_rs.fem.inspection",
-    "model": "bipot_rs.scene.builder",
-    "paraview": "bipot_rs.fem.paraview",
-    "review": "bipot_rs.fem.review",
-}
-
-
-def __getattr__(name: str) -> Any:
-    module = _MODULES.get(name) or _LAZY.get(name)
-    if module is None:
-        raise AttributeError(f"module 'bipot_rs' has no attribute {name!r}")
-    try:
-        found = import_module(module)
-    except ModuleNotFoundError as error:
-        library = error.name or ""
-        raise missing(
-            error, f"bipot_rs.{name} and what uses it", library, "cli"
-        ) from None
-    return found if name in _MODULES else getattr(found, name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY, *_MODULES})
+__getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "bipot_rs._lib.versions": ("__version__", "show_versions", "versions"),
+        "bipot_rs.contact.enumeration": ("Answers",),
+        "bipot_rs.contact.error_bound": ("ErrorBound",),
+        "bipot_rs.contact.errors": (
+            "BipotError",
+            "FloatingBodyError",
+            "NoEquilibriumError",
+            "NotConvergedError",
+        ),
+        "bipot_rs.contact.existence": ("Existence",),
+        "bipot_rs.contact.one_call": ("solve",),
+        "bipot_rs.contact.problem": ("ContactProblem",),
+        "bipot_rs.contact.projection": ("project",),
+        "bipot_rs.contact.reduced": ("ReducedProblem",),
+        "bipot_rs.contact.result": (
+            *("Outcome", "Result", "Solution", "Status", "Step", "load"),
+        ),
+        "bipot_rs.mortar.pairs": ("Pairs", "pairs", "rigid_pairs"),
+        "bipot_rs.scene.builder": ("Model", "ModelResult"),
+    },
+    {
+        "analytic": "bipot_rs.analytic",
+        "discretisation": "bipot_rs.discretisation",
+        "fclib": "bipot_rs.fclib",
+        "fem": "bipot_rs.fem",
+        "inspection": "bipot_rs.fem.inspection",
+        "model": "bipot_rs.scene.builder",
+        "obstacle": "bipot_rs.obstacle",
+        "paraview": "bipot_rs.fem.paraview",
+        "plots": "bipot_rs.plots",
+        "review": "bipot_rs.fem.review",
+        "scene": "bipot_rs.scene",
+        "theory": "bipot_rs.theory",
+    },
+)

@@ -30,8 +30,8 @@ class Finder:
             os.kill(os.getpid(), {number})
 sys.meta_path.insert(0, Finder())
 sys.argv = ["bipot", *sys.argv[1:]]
-from bipot_rs.cli import app
-sys.exit(app())
+from bipot_rs.__main__ import main
+sys.exit(main())
 """
 
 
@@ -101,7 +101,7 @@ def bipot_with(
 
         setattr(module, name, faulty)
         sys.argv = ["bipot", *arguments]
-        return int(bipot_rs.cli.app() or 0)
+        return int(bipot_rs.cli.app.app() or 0)
 
     return forked(work, cwd=cwd, seconds=60)
 

@@ -31,7 +31,7 @@ def bipot(
 
     def run(*arguments: str) -> tuple[int, str, str]:
         # Not at the top: most tests need no command.
-        from bipot_rs.cli import app
+        from bipot_rs.cli.app import app
 
         status = app.app(list(arguments)) or 0
         return status, *capsys.readouterr()

@@ -294,7 +294,7 @@ def test_interrupt_keeps_the_complete_steps(tmp_path: Path) -> None:
 def test_help_is_quick_to_import(tmp_path: Path) -> None:
     """Neither numbers nor pictures are loaded to print a help text."""
     code = (
-        "import sys; from bipot_rs.cli import app; app(['--help']); "
+        "import sys; from bipot_rs.cli.app import app; app(['--help']); "
         "print(sorted({'scipy', 'skfem', 'matplotlib', 'h5py', 'meshio', 'pydantic'}"
         " & set(sys.modules)), file=sys.stderr)"
     )
@@ -311,7 +311,7 @@ def test_a_run_has_what_it_needs_before_its_phases(tmp_path: Path) -> None:
     code = """
 import sys
 from contextlib import contextmanager
-from bipot_rs.cli import app
+from bipot_rs.cli.app import app
 from bipot_rs.running.job import Job
 phase, ours = Job._phase, ("bipot_rs", "skfem", "scipy", "h5py")
 @contextmanager

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import bipot_rs as bp
-from bipot_rs.cli import app
+from bipot_rs.cli.app import app
 from bipot_rs.cli.commands import check as checking
 from bipot_rs.cli.exit_codes import FAULT
 from faulty_scenes import FLOOR, Faulty, block, faulty, late, pair

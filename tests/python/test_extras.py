@@ -78,7 +78,7 @@ def test_arrays_need_none_of_them(tmp_path: Path) -> None:
             "import bipot_rs; bipot_rs.scene",
             "bipot_rs.scene and what uses it need pydantic",
         ),
-        ("typer", "import bipot_rs.cli", "commands need typer"),
+        ("typer", "import bipot_rs.cli.app", "commands need typer"),
         ("typer", "import runpy; runpy.run_module('bipot_rs')", "commands need typer"),
     ],
 )

@@ -142,7 +142,7 @@ def test_cores_as_the_core_counts_them(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_run_tells_it_before_the_first_step(
     tmp_path: Any, monkeypatch: Any, capsys: Any
 ) -> None:
-    from bipot_rs.cli import app
+    from bipot_rs.cli.app import app
 
     monkeypatch.chdir(tmp_path)
     assert app.app(["run", "sheared_cube", "--set", "mesh.n=3"]) == 0

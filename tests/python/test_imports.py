@@ -16,7 +16,7 @@ K, B = 2 * np.eye(3), np.eye(3)
 result = bp.solve(K, B, [-1.0, 0.2, 0.0], gap=[0.0], mu=0.3)
 assert result.success
 """
-COMMAND = "from bipot_rs.cli import app; assert app({!r}) in (0, None)"
+COMMAND = "from bipot_rs.cli.app import app; assert app({!r}) in (0, None)"
 RUN = ["run", "two_blocks", "--set", "mesh.n=2", "--json"]
 
 

@@ -157,9 +157,9 @@ def test_the_package_as_a_library_leaves_signals_alone(tmp_path: Path) -> None:
     code = """
 import signal
 before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
-import bipot_rs.cli
+import bipot_rs.cli.app
 try:
-    bipot_rs.cli.app(["scenes"])
+    bipot_rs.cli.app.app(["scenes"])
 finally:
     after = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
     print(before == after)

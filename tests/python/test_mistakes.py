@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from bipot_rs._lib.messages import meant, nearest
-from bipot_rs.cli import app, cost_forecast
+from bipot_rs.cli.app import app, cost_forecast
 from bipot_rs.scene import read
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from bipot_rs.cli import app
+from bipot_rs.cli.app import app
 from bipot_rs.cli.commands.sweep import rows, spaced, values
 from bipot_rs.cli.commands.sweep import write as write_table
 from bipot_rs.cli.worker_pool import Workers

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
+from bipot_rs._lib.optional import missing
+
 
 def lazily(
-    package: str, names: Mapping[str, Sequence[str]]
+    package: str,
+    names: Mapping[str, Sequence[str]],
+    modules: Mapping[str, str] | None = None,
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """``__getattr__`` and ``__dir__`` of a package.
 
@@ -18,15 +23,29 @@ def lazily(
         ``__name__`` of the package.
     names
         For each module, by its absolute name, the names that the package takes from it.
+    modules
+        Attributes that are modules, with their absolute names.
     """
-    places = {name: module for module, all_ in names.items() for name in all_}
+    places = {name: module for module, own in names.items() for name in own}
+    whole = dict(modules or {})
 
     def getattr_(name: str) -> Any:
-        if name not in places:
+        module = whole.get(name) or places.get(name)
+        if module is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(places[name]), name)
+        try:
+            found = import_module(module)
+        except ModuleNotFoundError as error:
+            if "pip install" in str(error):
+                raise
+            what = f"{package}.{name} and what uses it"
+            raise missing(error, what, error.name or "", "cli") from None
+        value = found if name in whole else getattr(found, name)
+        # The next access does not come here.
+        setattr(sys.modules[package], name, value)
+        return value
 
     def dir_() -> list[str]:
-        return sorted(places)
+        return sorted({*places, *whole})
 
     return getattr_, dir_

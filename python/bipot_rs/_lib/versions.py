@@ -9,6 +9,8 @@ from pathlib import Path
 
 from bipot_rs import _core
 
+__version__ = _core.version
+
 # What an extra brings, by the name of its distribution.
 _NEEDED = ("numpy", "scipy")
 _OPTIONAL = (
