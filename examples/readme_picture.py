@@ -1,7 +1,7 @@
 """Draws docs/sheared_cube.png, the picture of the README.
 
 It is what `bipot run sheared_cube --plot` writes: the shipped scene, solved, and
-drawn by `bipot_rs.plot`.
+drawn by `bipot_rs.plots.run_figure`.
 """
 
 import subprocess

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from bipot_rs import analytic, fem
+from bipot_rs.fem.body import Box
 from studies.exact import SLIP, STICK, Array, Case
 from studies.measure import Answer
 
@@ -27,7 +28,7 @@ def on_plane(
     name: str = "block",
     mu: float = MU,
     height: float = 0.0,
-    within: fem.Box | None = None,
+    within: Box | None = None,
 ) -> fem.Contact:
     """Contact of a body's lower face with the plane at a height."""
     up = np.eye(dim)[-1]

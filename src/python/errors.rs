@@ -67,7 +67,7 @@ impl From<Panicked> for PyErr {
     }
 }
 
-/// An exception of `bipot_rs.errors`, which is Python because it carries a result.
+/// An exception of `bipot_rs.contact.errors`, which is Python because it carries a result.
 fn ours(name: &str, text: String) -> PyErr {
     Python::attach(|py| {
         let made = PyModule::import(py, "bipot_rs.contact.errors")

@@ -149,7 +149,7 @@ pub(super) fn settings(
 }
 
 /// What a solver returns, in the caller's variables, as a dictionary for
-/// `bipot_rs.result.Solution`.
+/// `bipot_rs.contact.result.Solution`.
 pub(super) fn solution_dict<'py, const D: usize>(
     py: Python<'py>,
     solution: &Solution<D>,

@@ -33,7 +33,7 @@ def bipot(
         # Not at the top: most tests need no command.
         from bipot_rs.cli.app import app
 
-        status = app.app(list(arguments)) or 0
+        status = app(list(arguments)) or 0
         return status, *capsys.readouterr()
 
     return run

@@ -312,7 +312,7 @@ def test_a_run_has_what_it_needs_before_its_phases(tmp_path: Path) -> None:
 import sys
 from contextlib import contextmanager
 from bipot_rs.cli.app import app
-from bipot_rs.running.job import Job
+from bipot_rs.cli.commands.run import Job
 phase, ours = Job._phase, ("bipot_rs", "skfem", "scipy", "h5py")
 @contextmanager
 def watched(self, name):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import bipot_rs as bp
+from bipot_rs.files import export
 from bipot_rs.plots.error_map import error_map
 from test_cli import FILES, LAST_LINE, bipot, lines
 
@@ -56,11 +57,11 @@ def test_json_and_resume(tmp_path: Path) -> None:
     assert all(0 < step["error"] < 1 for step in steps)
     # The first step alone, as an interrupted run leaves it; the rest is found again.
     whole = tmp_path / "a" / "result.h5"
-    contacts, records, attributes = bp.result.export.read_result(whole)
+    contacts, records, attributes = export.read_result(whole)
     attributes = {
         k: v for k, v in attributes.items() if k not in ("complete", "version")
     }
-    bp.result.export.write_result(
+    export.write_result(
         whole, contacts, records[:1], complete=False, attributes=attributes
     )
     bipot(

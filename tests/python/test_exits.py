@@ -185,7 +185,7 @@ def test_a_fault_of_the_program_is_a_sentence(
         assert "ZeroDivisionError" in json.loads(out)["message"]
     monkeypatch.setenv("BIPOT_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
-        app.app([command, *name])
+        app([command, *name])
 
 
 def test_displacements_that_cannot_be_found(

@@ -72,14 +72,22 @@ def test_arrays_need_none_of_them(tmp_path: Path) -> None:
     [
         ("h5py", "import bipot_rs; bipot_rs.load('x.h5')", "files need h5py"),
         ("h5py", "import bipot_rs; bipot_rs.fclib.read('x')", "files need h5py"),
-        ("skfem", "import bipot_rs.fem", "finite elements need scikit-fem"),
+        (
+            "skfem",
+            "import bipot_rs; bipot_rs.fem.box",
+            "finite elements need scikit-fem",
+        ),
         (
             "pydantic",
-            "import bipot_rs; bipot_rs.scene",
-            "bipot_rs.scene and what uses it need pydantic",
+            "import bipot_rs; bipot_rs.scene.read",
+            "bipot_rs.scene.read and what uses it need pydantic",
         ),
         ("typer", "import bipot_rs.cli.app", "commands need typer"),
-        ("typer", "import runpy; runpy.run_module('bipot_rs')", "commands need typer"),
+        (
+            "typer",
+            "import runpy; runpy.run_module('bipot_rs', run_name='__main__')",
+            "commands need typer",
+        ),
     ],
 )
 def test_what_to_install_is_said(

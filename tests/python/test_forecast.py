@@ -145,7 +145,7 @@ def test_a_run_tells_it_before_the_first_step(
     from bipot_rs.cli.app import app
 
     monkeypatch.chdir(tmp_path)
-    assert app.app(["run", "sheared_cube", "--set", "mesh.n=3"]) == 0
+    assert app(["run", "sheared_cube", "--set", "mesh.n=3"]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "Cube pressed onto a rigid plane, then sheared"
     assert [line.split()[0] for line in lines[1:6]] == [
@@ -153,7 +153,7 @@ def test_a_run_tells_it_before_the_first_step(
     ]
     assert lines[6].startswith("load step 1 of 2")
     # A program that reads lines of JSON is told nothing else.
-    assert app.app(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
+    assert app(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
     assert capsys.readouterr().err == ""
 
 

@@ -66,10 +66,12 @@ def test_loads_only_what_it_uses(
 
 def test_modules_are_attributes_of_the_package(tmp_path: Path) -> None:
     code = (
-        "import bipot_rs as bp\nfound = bp.{0}\nassert found.__name__ == 'bipot_rs.{0}'"
+        "import bipot_rs as bp\nfound = bp.{0}\nassert found.__name__ == 'bipot_rs.{1}'"
     )
-    for name in ("fem", "model", "obstacle", "scene", "theory"):
-        loaded(code.format(name), tmp_path)
+    for name in ("fem", "obstacle", "scene", "theory"):
+        loaded(code.format(name, name), tmp_path)
+    loaded(code.format("model", "scene.builder"), tmp_path)
+    loaded(code.format("paraview", "fem.paraview"), tmp_path)
 
 
 def test_few_contacts_are_paired_without_a_tree(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def hit(
     [
         ("bipot_rs.files.export:require", INT),
         ("bipot_rs.scene.reading:read", TERM),
-        ("bipot_rs.scene.reading:bodies", INT),
+        ("bipot_rs.scene.build:bodies", INT),
         ("bipot_rs.scene.reading:assemble", TERM),
         ("bipot_rs._core:Condensed", INT),
         ("bipot_rs._core:Path", TERM),
@@ -99,7 +99,7 @@ def test_an_earlier_result_gives_way_to_load_steps_only(tmp_path: Path) -> None:
     whole = bipot(*RUN, cwd=tmp_path)
     assert whole.returncode == 0
     before = (tmp_path / "here" / "result.h5").read_bytes()
-    run = bipot_with(hit(INT), "bipot_rs.scene.reading:bodies", *RUN, cwd=tmp_path)
+    run = bipot_with(hit(INT), "bipot_rs.scene.build:bodies", *RUN, cwd=tmp_path)
     assert run.returncode == 130
     assert "is as it was" in json.loads(run.stdout)["message"]
     assert (tmp_path / "here" / "result.h5").read_bytes() == before
@@ -129,13 +129,13 @@ def test_an_interrupt_that_python_cannot_raise(tmp_path: Path) -> None:
             os.kill(os.getpid(), INT)
 
     run = bipot_with(
-        lambda *_: Hit(), "bipot_rs.scene.reading:bodies", *RUN, cwd=tmp_path
+        lambda *_: Hit(), "bipot_rs.scene.build:bodies", *RUN, cwd=tmp_path
     )
     assert (run.returncode, run.stderr) == (130, "")
     assert left(tmp_path) == (False, 0)
 
 
-@pytest.mark.parametrize("module", ["numpy", "bipot_rs._core"])
+@pytest.mark.parametrize("module", ["typer", "bipot_rs._core"])
 def test_while_the_package_loads(module: str, tmp_path: Path) -> None:
     run = bipot_hit_at_import(INT, module, *RUN, cwd=tmp_path)
     assert (run.returncode, run.stderr, run.stdout) == (130, "", "")
@@ -143,7 +143,8 @@ def test_while_the_package_loads(module: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("module", "number"), [("h5py", TERM), ("skfem", INT), ("pydantic", INT)]
+    ("module", "number"),
+    [("numpy", INT), ("h5py", TERM), ("skfem", INT), ("pydantic", INT)],
 )
 def test_while_libraries_load(
     module: str, number: signal.Signals, tmp_path: Path

@@ -245,7 +245,7 @@ def solved(name: str, n: int) -> bp.Result:
     return problem.solve(case.load, case.prescribed, tol=1e-13)
 
 
-def common_step(step: bp.result.Step) -> float:
+def common_step(step: bp.Step) -> float:
     """One rho for all contacts: the largest force over the largest displacement."""
     forces = np.linalg.norm(step.reaction, axis=1).max()
     return float(forces / np.linalg.norm(step.relative_displacement, axis=1).max())
@@ -271,7 +271,7 @@ def test_every_step_of_the_scenes(name: str, n: int, found: set[int]) -> None:
 
 
 def left_of_the_law(
-    step: bp.result.Step, law: materials.Coulomb, du: Array, dt: Array
+    step: bp.Step, law: materials.Coulomb, du: Array, dt: Array
 ) -> float:
     """Energy of a contact that the answer may miss the law by.
 

@@ -200,7 +200,7 @@ def test_python_layers(repository: Path) -> None:
         ),
         ("analytic.py", "def f():\n    import bipot_rs.scene.case", "analytic is not"),
         (
-            "mesh/boxes.py",
+            "mesh/elements.py",
             "import bipot_rs.mesh.readers",
             "No folder has a cycle BROKEN",
         ),

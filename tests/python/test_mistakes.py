@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from bipot_rs._lib.messages import meant, nearest
-from bipot_rs.cli.app import app, cost_forecast
+from bipot_rs.cli import cost_forecast
+from bipot_rs.cli.app import app
 from bipot_rs.scene import read
 
 
@@ -19,7 +20,7 @@ def said(
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: str) -> str:
-        assert app.app(list(arguments)) == 2
+        assert app(list(arguments)) == 2
         captured = capsys.readouterr()
         assert captured.out == ""
         assert captured.err.startswith("bipot: ")
@@ -104,7 +105,7 @@ def test_command_line(
     Path("mine.toml").write_text("")
     if "--json" in arguments:
         # The sentence is then the message of the last line, and nothing is complained.
-        assert app.app(list(arguments)) == 2
+        assert app(list(arguments)) == 2
         assert sentence in request.getfixturevalue("capsys").readouterr().out
         return
     told = said(*arguments)

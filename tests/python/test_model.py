@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bipot_rs as bp
-import bipot_rs.scene.builder
 from bipot_rs import fem, scene
 from bipot_rs._lib import toml_text
+from bipot_rs.scene import builder
 from bipot_rs.scene.schema import Scene
 from children import bipot
 
@@ -413,8 +413,6 @@ def test_tol_of_the_mesh_is_refused() -> None:
 
 
 def test_the_examples_of_the_docstrings() -> None:
-    failed, tried = doctest.testmod(
-        bipot_rs.model, optionflags=doctest.NORMALIZE_WHITESPACE
-    )
+    failed, tried = doctest.testmod(builder, optionflags=doctest.NORMALIZE_WHITESPACE)
     assert tried >= 10
     assert failed == 0

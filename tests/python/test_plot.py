@@ -153,7 +153,7 @@ def test_no_steps(tmp_path: Path) -> None:
 
 def test_pyplot_stays_out(tmp_path: Path) -> None:
     code = (
-        "import sys, numpy as np; from bipot_rs.plot import tractions; "
+        "import sys, numpy as np; from bipot_rs.plots.run_figure import tractions; "
         "x = np.array([[0.0, 0.0], [1.0, 0.0]]); "
         "f = np.broadcast_to(np.eye(2)[::-1], (2, 2, 2)); "
         "c = {'x': x, 'area': np.ones(2), 'mu': np.ones(2), 'frame': f}; "

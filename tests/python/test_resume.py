@@ -272,7 +272,7 @@ def test_files_that_cannot_be_resumed(broken: Path) -> None:
     assert "nothing to resume" in refusal()
 
 
-@pytest.mark.parametrize("place", ["scene.reading:bodies", "scene.reading:assemble"])
+@pytest.mark.parametrize("place", ["scene.build:bodies", "scene.reading:assemble"])
 def test_a_file_without_contacts_is_resumed(
     place: str, whole: Path, tmp_path: Path
 ) -> None:

@@ -75,7 +75,7 @@ def test_a_count_taken_for_a_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert app.app(["sweep", "sheared_cube", "--range", "mesh.n=4:9:4"]) == 2
+    assert app(["sweep", "sheared_cube", "--range", "mesh.n=4:9:4"]) == 2
     told = capsys.readouterr().err
     assert "--range mesh.n=4:9:4: is 4 values, 4, 5.66667, 7.33333, 9" in told
     assert "mesh.n takes whole numbers: the third number is how many values" in told
@@ -104,7 +104,7 @@ def test_a_damaged_table_is_told_by_name(
     path.write_text(spoil(path.read_text()))
     command = [*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--resume"]
     for arguments in (command, ["info", "here"]):
-        assert app.app(list(arguments)) == 2
+        assert app(list(arguments)) == 2
         captured = capsys.readouterr()
         assert "here/sweep.csv" in captured.err
         assert why in captured.err
@@ -143,7 +143,7 @@ def test_rows_are_those_of_single_runs(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     command = (*SWEEP, "--set", "contact.0.mu=0.2,0.9,-1", "--jobs", "2", "--json")
-    assert app.app(list(command)) == 2
+    assert app(list(command)) == 2
     *told, last = map(json.loads, capsys.readouterr().out.splitlines())
     assert (last["rows"], last["solved"]) == (3, 2)
     assert sorted(one["row"] for one in told) == [0, 1, 2]
@@ -152,7 +152,7 @@ def test_rows_are_those_of_single_runs(
     assert "contact.0.mu: should be greater than or equal to 0" in found[2]["message"]
     for one in found[:2]:
         mu = f"contact.0.mu={one['contact.0.mu']}"
-        app.app(["run", "sheared_cube", "--set", "mesh.n=3", "--set", mu, "--json"])
+        app(["run", "sheared_cube", "--set", "mesh.n=3", "--set", mu, "--json"])
         step = json.loads(capsys.readouterr().out.splitlines()[1])
         for name in ("open", "slip", "stick"):
             assert int(one[name]) == step[name]
@@ -174,7 +174,7 @@ def test_mistakes_of_all_rows_are_told_before_any_work(
         (["--resume"], "nothing to resume"),
         (["--set", "contact.0.mu"], "should be KEY=V1,V2"),
     ):
-        assert app.app([*SWEEP, *more]) == 2
+        assert app([*SWEEP, *more]) == 2
         captured = capsys.readouterr()
         assert message in captured.err
         assert captured.out == ""
@@ -278,8 +278,8 @@ def test_rows_of_another_sweep_are_kept(
     monkeypatch.chdir(tmp_path)
     two = (*SWEEP, "--set", "contact.0.mu=0.2,0.3", "--out", "here", "--jobs", "1")
     one = (*SWEEP, "--set", "contact.0.mu=0.4", "--out", "here", "--jobs", "1")
-    assert app.app(list(two)) == 0
+    assert app(list(two)) == 0
     before = (tmp_path / "here" / "sweep.csv").read_bytes()
-    assert app.app([*one, "--resume"]) == 0
+    assert app([*one, "--resume"]) == 0
     assert (tmp_path / "here" / "sweep-before.csv").read_bytes() == before
     assert [row["contact.0.mu"] for row in table(tmp_path / "here")] == ["0.4"]

@@ -134,7 +134,7 @@ class Model:
         Whose stiffness is in K.
     moving : (steps, n_c, d) or None
         Gaps of each load step by component, where obstacles move; `gaps` gives them.
-    inclined : bipot_rs.bodies.inclined.Planes or None
+    inclined : bipot_rs.fem.inclined_supports.Planes or None
         Planes of symmetry that no axis is normal to. K, B and all loads made here know
         them, and so does `problem`; a `ContactProblem` made otherwise is to be given
         ``inclined.within @ f`` of a load f.
@@ -399,7 +399,7 @@ class Model:
         strain
             What the body would do if nothing held it: a tensor ``(d, d)`` or ``(3, 3)``,
             a function of the places, `thermal`, or a mapping of volumes of the body to
-            these (`bipot_rs.bodies.stress`). `stress` takes it as ``initial``.
+            these (`bipot_rs.fem.stress_recovery`). `stress` takes it as ``initial``.
         """
         index = body_index(self.bodies, body)
         return self._at(index, initial_forces(self.bodies[index], strain))
@@ -480,7 +480,7 @@ def build(
         Prescribed displacements; their values are those of `Model.prescribed`.
     symmetries
         Planes that cut the bodies in two alike halves, of which the bodies are one, in
-        any direction (`bipot_rs.bodies.inclined`).
+        any direction (`bipot_rs.fem.inclined_supports`).
     springs
         Elastic foundations.
 

@@ -37,7 +37,7 @@ corners, exact for straight edges with nodes in their middles.
 Integrals are exact in the plane, and in space for triangles and parallelograms. In other
 quadrilaterals N is not a polynomial of places: the order is raised with their skewness,
 and what is left, about 1e-8, is taken out of the resultants ∫ φ_j of each intersection
-(`bipot_rs.facing.skewed`), so that forces and the patch test do not have it.
+(`bipot_rs.mortar.polygon_integrals`), so that forces and the patch test do not have it.
 """
 
 from __future__ import annotations

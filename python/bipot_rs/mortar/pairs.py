@@ -1,7 +1,7 @@
 """Contacts of surfaces whose meshes do not match, from plain arrays.
 
 B of (2), gaps and areas for any finite-element program: by mortar integrals
-(`bipot_rs.facing.mortar`), or node by node. Only NumPy and SciPy are needed.
+(`bipot_rs.mortar.integrals`), or node by node. Only NumPy and SciPy are needed.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ def rigid_pairs(
 
     One contact a corner of the facets, with the area ``∫ N`` of its corner function,
     positive on second-order facets too, and displacements and gaps in the mean over the
-    dual functions of `bipot_rs.facing.mortar`. So a constant pressure gives the nodal forces
+    dual functions of `bipot_rs.mortar.integrals`. So a constant pressure gives the nodal forces
     that belong to it, on facets of every kind.
 
     Parameters

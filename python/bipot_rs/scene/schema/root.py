@@ -33,7 +33,7 @@ _CARRIES = {
 class Units(Table):
     """Names of units, for pictures and exported problems; nothing is converted.
 
-    Stress must be force / length², as far as the names are known (`bipot_rs.units`).
+    Stress must be force / length², as far as the names are known (`bipot_rs.scene.units`).
     """
 
     length: str = ""
