@@ -151,7 +151,10 @@ def _defined(text: str) -> set[str]:
 def lint(package: Path, settings: Path) -> subprocess.CompletedProcess[str]:
     """import-linter on the package in a folder, by the contracts of pyproject.toml."""
     return subprocess.run(
-        ["lint-imports", "--config", settings, "--no-cache"],
+        [
+            Path(sys.executable).with_name("lint-imports"),
+            *("--config", settings, "--no-cache"),
+        ],
         env=os.environ | {"PYTHONPATH": str(package)},
         capture_output=True,
         text=True,
@@ -234,6 +237,19 @@ def test_names_come_from_where_they_are_defined(python_tree: dict[str, str]) -> 
     assert borrowed(python_tree) == []
     planted = {"a": "from bipot_rs.b import f", "b": "from bipot_rs.c import f"}
     assert borrowed(planted) == ["a: f is not defined in b"]
+
+
+def test_the_picture_of_the_layers(
+    repository: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(repository / "docs"))
+    import draw_architecture
+
+    arrows = draw_architecture.arrows(draw_architecture.layers())
+    # More are no order that a reader can keep in mind.
+    assert 30 < len(arrows) <= 60
+    found = draw_architecture.PICTURE.read_text(encoding="utf-8")
+    assert found == draw_architecture.picture(), "run docs/draw_architecture.py"
 
 
 def test_the_top_of_the_package(repository: Path) -> None:
