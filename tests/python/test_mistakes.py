@@ -155,14 +155,16 @@ def test_without_the_library_for_files(
 
 
 def test_mistakes_are_told_together(said: Any) -> None:
-    """Unknown keys do not hide what else is wrong."""
-    told = said(*RUN, "--set", "mesh.m=3", "--set", "contact.0.on=cube.botom")
+    """Of tables first, and where those can be read, of what they say of each other."""
+    told = said(*RUN, "--set", "mesh.m=3", "--set", "contact.0.mu=-1")
     assert told.count("\n") == 2
     assert "mesh.m: unknown key" in told
+    assert "contact.0.mu: should be greater than or equal to 0" in told
+    unknown = ("contact.0.on=cube.botom", "contact.0.against=nothing")
+    told = said(*RUN, *(word for s in unknown for word in ("--set", s)))
     assert "there is no 'cube.botom'" in told
-
-
-UNKNOWN = "contact.0.on: there is no 'cube.botom'"
+    told = said(*RUN, "--set", "material.steel.young=1e99")
+    assert "material.steel.young: is 1e+99, expected zero or a size" in told
 
 
 @pytest.mark.parametrize(
@@ -174,7 +176,6 @@ UNKNOWN = "contact.0.on: there is no 'cube.botom'"
         ("contact.0.plane.normal=[0]", "contact.0.plane.normal: "),
         ("material.steel=7", "material.steel: should be a table"),
         ("material.steel.poisson=0.5", "material.steel.poisson: "),
-        ("material.steel.young=1e99", "material.steel.young: is 1e+99, expected zero"),
         ("body.cube.x=[]", "body.cube.x"),
         ("mesh.n=0", "mesh.n: "),
         ("support=1", "support: "),
@@ -184,45 +185,8 @@ UNKNOWN = "contact.0.on: there is no 'cube.botom'"
         ("path.amplitude.shear=true", "path.amplitude.shear"),
     ],
 )
-def test_values_do_not_hide_names(said: Any, setting: str, mistake: str) -> None:
-    """One round tells of a value and of a name, and nothing that is not so."""
-
-    def mistakes(*settings: str) -> list[str]:
-        told = said(*RUN, *(word for s in settings for word in ("--set", s)))
-        head, _, rest = told.partition(" mistakes:\n")
-        return (rest or head.removeprefix("scene 'sheared_cube': ")).split("\n  ")
-
-    alone = mistakes(setting)
-    assert any(mistake in line for line in alone), alone
-    both = mistakes(setting, "contact.0.on=cube.botom")
-    more = [line for line in both if line.strip() not in map(str.strip, alone)]
-    assert len(more) == 1, both
-    assert UNKNOWN in more[0]
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        ["|x=1"],
-        ["contact.0.agianst=3"],
-        ['contact.0.pairing="nodes"', "contact.0.against=5"],
-        ["contact.0.axis=[1.0, 0.0, 0.0]", "contact.0.mu=[0.3]"],
-        ["path.amplitud=3"],
-        ["pth=3"],
-        ["mesh.n=-1", "path.steps=1000000"],
-    ],
-)
-def test_stand_ins_make_no_mistakes_up(said: Any, settings: list[str]) -> None:
-    """Keys that go together with a wrong one are not told as wrong."""
-    told = said(*RUN, *(word for s in settings for word in ("--set", s)))
-    assert "mistakes" not in told
-
-
-def test_what_stand_ins_leave_is_in_range(said: Any) -> None:
-    told = said(*RUN, "--set", "mesh.m=1", "--set", "material.steel.young=1e99")
-    assert "mesh.m: unknown key" in told
-    assert "material.steel.young: is 1e+99" in told
-    assert "2 mistakes" in told
+def test_a_wrong_value_has_its_place(said: Any, setting: str, mistake: str) -> None:
+    assert mistake in said(*RUN, "--set", setting)
 
 
 @pytest.mark.parametrize(

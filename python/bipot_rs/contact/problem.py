@@ -6,14 +6,14 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs import _core
 from bipot_rs._lib.messages import body_of, counted
-from bipot_rs._lib.types import Floats
+from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import (
     RATIO,
     Csr,
@@ -48,6 +48,20 @@ from bipot_rs.contact.step_control import follow, increments
 
 if TYPE_CHECKING:
     from bipot_rs.contact.stiffness_digits import Digits
+
+
+class _Given(NamedTuple):
+    """What `_core.Condensed` takes of a problem after the stiffness, in its order."""
+
+    contact: Parts
+    gap: Floats
+    mu: Floats
+    fixed: Ints
+    num_threads: int | None
+    coordinates: Floats | None
+    loads: Any
+    memory_limit: int | None
+    working_set: bool | None
 
 
 class ContactProblem:
@@ -116,9 +130,6 @@ class ContactProblem:
     bodies
         Names of the bodies, each with its first degree of freedom, by which messages
         then call them: ``{"upper": 0, "lower": 240}``.
-    held
-        What every load must know of nodes that planes across the axes hold; `fem.Model`
-        gives it.
     stiffness_rtol
         Relative error of the entries of ``K``, where another program has written it with
         six to twelve digits: 1e-8 for eight. Its rigid motions, which ``coordinates``
@@ -168,6 +179,9 @@ class ContactProblem:
     array([   0., 1500.])
     """
 
+    # Nodes that planes across the axes hold: every load must know of them.
+    _held: Held | None = None
+
     def __init__(
         self,
         K: Any,
@@ -188,7 +202,6 @@ class ContactProblem:
         gaps: ArrayLike | None = None,
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
         bodies: Mapping[str, int] | None = None,
-        held: Held | None = None,
         stiffness_rtol: float | None = None,
     ) -> None:
         stiffness, contact = matrices(K, B)
@@ -217,12 +230,12 @@ class ContactProblem:
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
         self._loading = Loading.of(
-            *(n, len(self._fixed), contacts, d, loads, gaps), held=held
+            *(n, len(self._fixed), contacts, d, loads, gaps), held=self._held
         )
         self._bodies = _named(bodies, n)
         self._where = _of_components(coordinates, places(coordinates, n), d)
         # Planes across the axes leave K without the rigid motions of its nodes.
-        self._in_planes = held is not None
+        self._in_planes = self._held is not None
         self._contact = contact
         limit = memory_limit
         if limit is not None:
@@ -235,7 +248,7 @@ class ContactProblem:
             from bipot_rs.contact.stiffness_digits import checked
 
             self._digits = checked(stiffness_rtol, at, d, self._bodies)
-        self._given = (
+        self._given = _Given(
             contact.parts,
             whole,
             coefficients,
@@ -251,6 +264,16 @@ class ContactProblem:
         self._remarks, self._strength = self._looked_at(restored, whole)
         self._condense(restored.parts, None, on_forecast)
         self._known = known
+
+    @classmethod
+    def _on_inclined_supports(
+        cls, held: Held | None, K: Any, B: Any, **given: Any
+    ) -> ContactProblem:
+        """The problem of these arguments, with nodes held by planes across the axes."""
+        problem = cls.__new__(cls)
+        problem._held = held
+        problem.__init__(K, B, **given)  # type: ignore[misc]
+        return problem
 
     def __getstate__(self) -> dict[str, Any]:
         # What it was made of and not what came of it: the factor may be a hundred
@@ -726,7 +749,7 @@ class ContactProblem:
 
             stiffness = csr("K", self._loading.held.stiffness(csr_array(K)))
         restored, known = self._with_digits(stiffness)
-        found = self._looked_at(restored, self._given[1])
+        found = self._looked_at(restored, self._given.gap)
         self._condense(restored.parts, self._core)
         self._known = known
         self._remarks, self._strength = found

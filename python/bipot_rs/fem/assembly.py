@@ -285,7 +285,13 @@ class Model:
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
     ) -> ContactProblem:
         """Condense: the contact problem of these arrays, its obstacles moving as asked."""
-        return ContactProblem(
+        held = (
+            None
+            if self.inclined is None
+            else HeldNodes(self.inclined, self.fixed, self.nodes)
+        )
+        return ContactProblem._on_inclined_supports(
+            held,
             self.K,
             self.B,
             gap=self.gap,
@@ -299,9 +305,6 @@ class Model:
             num_threads=num_threads,
             gaps=self.moving,
             on_forecast=on_forecast,
-            held=None
-            if self.inclined is None
-            else HeldNodes(self.inclined, self.fixed, self.nodes),
             bodies=dict(
                 zip((body.name for body in self.bodies), self.offset, strict=True)
             ),

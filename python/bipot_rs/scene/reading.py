@@ -35,7 +35,6 @@ from bipot_rs.scene.library import SceneError, folder_of, shipped, text
 from bipot_rs.scene.schema.consistency import inconsistencies, out_of_range
 from bipot_rs.scene.schema.root import Scene, Solver
 from bipot_rs.scene.schema.table import KIND
-from bipot_rs.scene.stand_ins import others, places
 from bipot_rs.scene.suggestions import instead, standing
 
 __all__ = [
@@ -106,15 +105,11 @@ def checked(
     except ValidationError as error:
         known = standing(Scene, table)
         found += [_mistake(e, known, table) for e in error.errors()]
-        found += [*others(table, places(error)), *_settings(table)]
-        raise SceneError(name, found) from None
-    extreme = out_of_range(scene)
-    if extreme:
-        found += [sentence for _, sentence in extreme]
-        found += others(table, [place for place, _ in extreme])
         found += _settings(table)
-        raise SceneError(name, found)
-    found += [*inconsistencies(scene), *_settings(table)]
+        raise SceneError(name, found) from None
+    # What the tables say of each other is asked of numbers that can be reckoned with.
+    found += list(out_of_range(scene)) or inconsistencies(scene)
+    found += _settings(table)
     if found:
         raise SceneError(name, found)
     return scene.beside(folder)

@@ -115,7 +115,7 @@ class Functionals:
         moved = np.zeros(len(fixed))
         if prescribed is not None:
             moved = floats("prescribed", prescribed, shape=moved.shape)
-        gap: Floats = problem._given[1]
+        gap: Floats = problem._given.gap
         # Relative displacements are differences of displacements, the start's too,
         # which set the size of their rounding.
         self._reach = np.abs(gap).max(initial=0.0)
@@ -192,7 +192,7 @@ class Functionals:
                     reaction=before.reaction, displacement=u0, load=before.load
                 )
             else:
-                gap = problem._given[1].copy()
+                gap = problem._given.gap.copy()
                 moved = (_matrix(problem) @ u0).reshape(gap.shape)
                 gap[:, 1:] = -moved[:, 1:]
                 start = State(
@@ -413,5 +413,5 @@ def _matrix(problem: ContactProblem) -> Any:
     from scipy.sparse import csr_array
 
     n, contacts, d = problem._shape
-    first, columns, values = problem._given[0]
+    first, columns, values = problem._given.contact
     return csr_array((values, columns, first), shape=(contacts * d, n))

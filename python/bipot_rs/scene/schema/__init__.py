@@ -6,8 +6,6 @@ itself is said by `inconsistencies`.
 
 from bipot_rs.scene.schema.consistency import (
     Known,
-    Unknown,
-    Unused,
     inconsistencies,
     out_of_range,
 )
@@ -54,8 +52,6 @@ __all__ = [
     "Touch",
     "Traction",
     "Units",
-    "Unknown",
-    "Unused",
     "Varying",
     "Within",
     "inconsistencies",

@@ -21,18 +21,6 @@ from bipot_rs.scene.schema.table import AXES, LARGEST, Components
 from bipot_rs.scene.units import inconsistent
 
 
-class Unknown(str):
-    """A sentence about a name that nothing makes: so whatever else stands beside it."""
-
-    __slots__ = ()
-
-
-class Unused(str):
-    """A sentence about what no other table uses."""
-
-    __slots__ = ()
-
-
 @dataclass(frozen=True)
 class Known:
     """What is known of a body: of a mesh from a file, nothing before it is read.
@@ -103,7 +91,7 @@ def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
             if material not in scene.material:
                 place = f"body.{name}.material{end}"
                 table = f"[material.{material}] makes it"
-                yield Unknown(f"{place}: {_unknown(material, scene.material, table)}")
+                yield f"{place}: {_unknown(material, scene.material, table)}"
         if isinstance(block.material, dict):
             yield from _volumes(f"body.{name}.material", block, known[name])
         own = _box if block.mesh is None else _of_file
@@ -122,7 +110,7 @@ def _volumes(place: str, block: Block, known: Known) -> Iterator[str]:
                 "a box names no volume" if block.mesh is None else "its file names none"
             )
             said = f"{place}: there is no volume {volume!r}"
-            yield Unknown(said + instead(volume, known.volumes, why))
+            yield said + instead(volume, known.volumes, why)
 
 
 def _box(name: str, block: Block, scene: Scene) -> Iterator[str]:
@@ -205,7 +193,7 @@ def _surfaces(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
             yield from _surface(known, f"{kind}.{i}.on", entry.on)
     for i, force in enumerate(scene.body_force):
         if force.on not in scene.body:
-            yield Unknown(f"body_force.{i}.on: {_unknown(force.on, scene.body)}")
+            yield f"body_force.{i}.on: {_unknown(force.on, scene.body)}"
 
 
 def _surface(known: Mapping[str, Known], path: str, on: str) -> Iterator[str]:
@@ -216,7 +204,7 @@ def _surface(known: Mapping[str, Known], path: str, on: str) -> Iterator[str]:
         if owners:
             meant = " or ".join(f"{name}.{on}" for name in owners)
             told = f"there is no body {on!r}, did you mean {meant}?"
-        yield Unknown(f"{path}: {told}")
+        yield f"{path}: {told}"
         return
     names = known[body].surfaces
     if names is None:
@@ -225,7 +213,7 @@ def _surface(known: Mapping[str, Known], path: str, on: str) -> Iterator[str]:
     elif not dot or face not in names:
         table = f"[body.{body}.surface.NAME] makes one, by place and direction"
         told = _unknown(on, [f"{body}.{name}" for name in names], table)
-        yield Unknown(f"{path}: {told}")
+        yield f"{path}: {told}"
 
 
 def _components(scene: Scene, dim: int | None) -> Iterator[str]:
@@ -267,10 +255,10 @@ def _strains(
         body, _, volume = strain.on.partition(".")
         names = None if body not in known else known[body].volumes
         if body not in known:
-            yield Unknown(f"{place}.on: {_unknown(body, list(known))}")
+            yield f"{place}.on: {_unknown(body, list(known))}"
         elif volume and names is not None and volume not in names:
             told = f"{_unknown(volume, names)} of the volumes of body {body!r}"
-            yield Unknown(f"{place}.on: {told}")
+            yield f"{place}.on: {told}"
         heat = strain.expansion is not None, strain.temperature is not None
         if any(heat) == (strain.tensor is not None) or any(heat) != all(heat):
             yield f"{place}: needs expansion and temperature, or tensor"
@@ -300,7 +288,7 @@ def _contacts(
         if (contact.plane is None) == (contact.against is None):
             yield f"{place}: needs plane or against, one of them"
         if contact.obstacle is not None and contact.obstacle not in scene.obstacle:
-            yield Unknown(f"{place}.against: {_no_obstacle(contact.obstacle, scene)}")
+            yield f"{place}.against: {_no_obstacle(contact.obstacle, scene)}"
         if contact.other is not None:
             yield from _surface(known, f"{place}.against", contact.other)
             if contact.other.partition(".")[0] == contact.on.partition(".")[0]:
@@ -345,7 +333,7 @@ def _obstacles(scene: Scene, dim: int | None) -> Iterator[str]:
         if "." in name:
             yield f"{place}: a name has no dot, which parts a body from its surface"
         elif name not in used:
-            yield Unused(f"{place}: no contact is against it")
+            yield f"{place}: no contact is against it"
         shapes = ("plane", "sphere", "cylinder", "surface")
         if sum(getattr(rigid, shape) is not None for shape in shapes) != 1:
             yield f"{place}: needs one of {', '.join(shapes)}"
@@ -402,15 +390,12 @@ def _elliptic(
         )
 
 
-def out_of_range(scene: Scene) -> list[tuple[tuple[str | int, ...], str]]:
-    """Numbers that arithmetic cannot be trusted with: their places, and what is said."""
-    found = []
+def out_of_range(scene: Scene) -> Iterator[str]:
+    """Sentences about numbers that arithmetic cannot be trusted with."""
     for place, value in _numbers(scene.model_dump(by_alias=True, exclude={"solver"})):
         if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
             expected = f"zero or a size from {1 / LARGEST:g} to {LARGEST:g}"
-            said = f"{'.'.join(map(str, place))}: is {value:g}, expected {expected}"
-            found.append((place, said))
-    return found
+            yield f"{'.'.join(map(str, place))}: is {value:g}, expected {expected}"
 
 
 def _numbers(
@@ -450,11 +435,11 @@ def _path(scene: Scene) -> Iterator[str]:
         if number.amplitude is not None and number.amplitude not in path.amplitude:
             table = f"path.amplitude.{number.amplitude} = [1.0] makes it"
             told = _unknown(number.amplitude, path.amplitude, table)
-            yield Unknown(f"{place}.amplitude: {told}")
+            yield f"{place}.amplitude: {told}"
     if path.parameter is not None and path.parameter not in path.amplitude:
         table = f"path.amplitude.{path.parameter} = [1.0] makes it"
         told = _unknown(path.parameter, path.amplitude, table)
-        yield Unknown(f"path.parameter: {told}")
+        yield f"path.parameter: {told}"
     for name, amplitude in path.amplitude.items():
         place = f"path.amplitude.{name}"
         if (amplitude.table is None) == (amplitude.wave is None):
@@ -471,7 +456,7 @@ def _path(scene: Scene) -> Iterator[str]:
                 f"{counted(count, 'step')}"
             )
         if name not in used:
-            yield Unused(f"{place}: nothing uses it")
+            yield f"{place}: nothing uses it"
     automatic = path.increments
     if automatic is not None and not (
         automatic.smallest
