@@ -12,17 +12,19 @@
 //! equations of `docs/theory.md`, which also fixes signs and units.
 //!
 //! The layers, each using only those before it: [`error`], [`panics`], [`threads`],
-//! [`linalg`] (knows no mechanics), [`law`] (one contact), [`problem`] (all
-//! contacts, no algorithm), [`solver`] (algorithms on the reduced problem),
-//! [`stepping`] (the load path), [`working_set`] (the load path where far more
-//! contacts are candidates than close), and `python` behind the feature of that name.
+//! [`linalg`] (knows no mechanics), [`law`] (one contact), [`reduced`] (all contacts
+//! in the reactions alone, no algorithm), [`condensation`] (from bodies to that and
+//! back), [`solver`] (algorithms on the reduced problem), [`stepping`] (the load path),
+//! [`working_set`] (the load path where far more contacts are candidates than close),
+//! and `python` behind the feature of that name.
 
+pub mod condensation;
 pub mod error;
 pub mod law;
 pub mod linalg;
 pub mod panics;
 mod per_process;
-pub mod problem;
+pub mod reduced;
 pub mod solver;
 pub mod stepping;
 pub mod threads;

@@ -3,14 +3,14 @@
 
 use std::sync::atomic::AtomicBool;
 
+use crate::condensation::bodies::Loaded;
+use crate::condensation::body::DIGITS;
+use crate::condensation::condense::Condensed;
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::problem::balance;
-use crate::problem::bodies::Loaded;
-use crate::problem::body::DIGITS;
-use crate::problem::condense::Condensed;
-use crate::problem::reduced::Reduced;
-use crate::problem::residual::scaled_imbalance;
+use crate::reduced::balance;
+use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::scaled_imbalance;
 use crate::solver::refine::{Point, forward_change};
 use crate::solver::{self, Outcome, Settings, Solution, Start};
 

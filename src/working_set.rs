@@ -6,10 +6,11 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use crate::condensation::bodies::Loaded;
+use crate::condensation::candidates::{Candidates, View};
+use crate::condensation::problem::Problem;
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::problem::bodies::Loaded;
-use crate::problem::candidates::{Candidates, Problem, View};
 use crate::solver::{Outcome, Settings, Solution};
 use crate::stepping::{LoadPath, State, Step};
 

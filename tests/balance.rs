@@ -9,9 +9,9 @@
 use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
-use bipot_rs::problem::balance::{Balance, balance};
-use bipot_rs::problem::compliance::Compliance;
-use bipot_rs::problem::reduced::{Reduced, Rigid};
+use bipot_rs::reduced::balance::{Balance, balance};
+use bipot_rs::reduced::compliance::Compliance;
+use bipot_rs::reduced::reduced::{Reduced, Rigid};
 use bipot_rs::solver::{Outcome, Settings, Start, solve};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 

@@ -10,8 +10,8 @@ use bipot_rs::Error;
 use bipot_rs::law::bipotential::{gap, law_step};
 use bipot_rs::law::cone::{Status, project};
 use bipot_rs::law::elliptic::{project_elliptic, project_elliptic_increment};
-use bipot_rs::problem::compliance::Compliance;
-use bipot_rs::problem::stretch::Stretch;
+use bipot_rs::reduced::compliance::Compliance;
+use bipot_rs::reduced::elliptic_scaling::Stretch;
 use proptest::prelude::*;
 
 const EPS: f64 = f64::EPSILON;

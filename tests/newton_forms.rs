@@ -11,9 +11,9 @@ use std::sync::atomic::AtomicBool;
 
 use bipot_rs::law::cone::Status;
 use bipot_rs::linalg::small::Vector;
-use bipot_rs::problem::compliance::Compliance;
-use bipot_rs::problem::reduced::Reduced;
-use bipot_rs::problem::residual::scaled_imbalance;
+use bipot_rs::reduced::compliance::Compliance;
+use bipot_rs::reduced::reduced::Reduced;
+use bipot_rs::reduced::residual::scaled_imbalance;
 use bipot_rs::solver::compliance_form::{ComplianceForm, Solved};
 use bipot_rs::solver::linearisation::{Linearisation, factorisation_cost};
 use bipot_rs::solver::stiffness_form::StiffnessForm;

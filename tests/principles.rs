@@ -13,8 +13,8 @@ use bipot_rs::error::Error;
 use bipot_rs::law::cone::{Status, project};
 use bipot_rs::law::frozen::Frozen;
 use bipot_rs::linalg::dense::symmetric_eigen;
-use bipot_rs::problem::compliance::Compliance;
-use bipot_rs::problem::reduced::Reduced;
+use bipot_rs::reduced::compliance::Compliance;
+use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::solver::convex::{Least, Point, least};
 use bipot_rs::solver::monitor::{Monitor, Progress};
 use bipot_rs::solver::{

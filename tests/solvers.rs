@@ -11,9 +11,9 @@ use std::sync::atomic::AtomicBool;
 
 use bipot_rs::error::Error;
 use bipot_rs::law::cone::Status;
-use bipot_rs::problem::compliance::{Compliance, Part};
-use bipot_rs::problem::reduced::{Reduced, Rigid};
-use bipot_rs::problem::residual::Certificate;
+use bipot_rs::reduced::compliance::{Compliance, Part};
+use bipot_rs::reduced::reduced::{Reduced, Rigid};
+use bipot_rs::reduced::residual::Certificate;
 use bipot_rs::solver::monitor::Progress;
 use bipot_rs::solver::{Method, Outcome, Settings, Start, solve, solve_watched};
 use cases::{Case, compliance, difference};

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::problem::stretch::{Friction, Stretch};
+use crate::reduced::elliptic_scaling::{Friction, Stretch};
 
 /// A C-contiguous vector of `f64`.
 pub(super) type Vector<'py> = PyReadonlyArray1<'py, f64>;

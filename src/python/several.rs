@@ -3,8 +3,8 @@
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::condensation::problem::Problem;
 use crate::error::Error;
-use crate::problem::candidates::Problem;
 use crate::python::arrays::{Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::solver::solution_dict;

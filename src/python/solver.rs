@@ -14,12 +14,12 @@ use crate::law::cone::Status;
 use crate::law::{cone, elliptic};
 use crate::linalg::blocks::Blocks;
 use crate::panics::caught;
-use crate::problem::compliance::{self, Compliance, Part};
-use crate::problem::reduced::{Reduced as Problem, Rigid};
-use crate::problem::residual::{Certificate, best_motion};
-use crate::problem::stretch::{Stretch, over, times};
 use crate::python::arrays::{self, Coefficients, Matrix, Vector};
 use crate::python::interrupt;
+use crate::reduced::compliance::{self, Compliance, Part};
+use crate::reduced::elliptic_scaling::{Stretch, over, times};
+use crate::reduced::reduced::{Reduced as Problem, Rigid};
+use crate::reduced::residual::{Certificate, best_motion};
 use crate::solver::monitor::Progress;
 use crate::solver::{self, Method, Settings, Solution, Start};
 

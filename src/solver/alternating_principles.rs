@@ -6,7 +6,7 @@
 
 use crate::error::Error;
 use crate::law::frozen::Frozen;
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 use crate::solver::convex::{Least, enough, iterate, least};
 use crate::solver::monitor::Monitor;
 use crate::solver::{Outcome, Start};

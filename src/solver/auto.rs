@@ -15,7 +15,7 @@
 //! Without the rule of `GAIN` one floating body in four hundred is not solved.
 
 use crate::error::Error;
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 use crate::solver::enumerate;
 use crate::solver::gauss_seidel::{Point, Sweeper};
 use crate::solver::interior;

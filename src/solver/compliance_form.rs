@@ -17,9 +17,9 @@ use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse_lu::SparseLu;
-use crate::problem::compliance::Whole;
-use crate::problem::memory;
-use crate::problem::reduced::Reduced;
+use crate::reduced::compliance::Whole;
+use crate::reduced::memory;
+use crate::reduced::reduced::Reduced;
 use crate::solver::linearisation::{Linearisation, factorisation_cost};
 
 /// Unknowns above which GMRES with the contacts' blocks comes before an LU:

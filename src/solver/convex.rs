@@ -8,8 +8,8 @@
 use crate::error::Error;
 use crate::law::cone::project;
 use crate::law::frozen::Frozen;
-use crate::problem::reduced::Reduced;
-use crate::problem::residual::{merit, residual};
+use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::{merit, residual};
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::newton::{self, End, Near};
 use crate::solver::uzawa::{self, Burst};

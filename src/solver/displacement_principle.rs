@@ -7,7 +7,7 @@
 
 use crate::error::Error;
 use crate::law::frozen::Frozen;
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 use crate::solver::convex::iterate_frozen;
 use crate::solver::monitor::Monitor;
 use crate::solver::{Outcome, Start};

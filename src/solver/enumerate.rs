@@ -24,9 +24,9 @@ use crate::error::Error;
 use crate::linalg::below::Below;
 use crate::linalg::dense;
 use crate::linalg::small::norm;
-use crate::problem::compliance::Compliance;
-use crate::problem::reduced::{Reduced, Rigid};
-use crate::problem::residual::Certificate;
+use crate::reduced::compliance::Compliance;
+use crate::reduced::reduced::{Reduced, Rigid};
+use crate::reduced::residual::Certificate;
 use crate::solver::farkas::Inequalities;
 
 /// Up to this many contacts, 4¹² leaves, all answers take seconds.

@@ -12,8 +12,8 @@ use crate::error::Error;
 use crate::law::bipotential::law_step;
 use crate::law::one_node::{self, Habit};
 use crate::linalg::small::{Block, Vector};
-use crate::problem::reduced::Reduced;
-use crate::problem::residual::scaled_imbalance;
+use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::scaled_imbalance;
 use crate::solver::anderson::Anderson;
 use crate::solver::linearisation::Linearisation;
 use crate::solver::monitor::{Monitor, Verdict};
@@ -202,7 +202,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     #[must_use]
     pub fn residual(&self, point: &Point<D>) -> f64 {
         let a = self.rigid_motion(point);
-        crate::problem::residual::residual(self.problem, &point.r, &self.total(point), &a)
+        crate::reduced::residual::residual(self.problem, &point.r, &self.total(point), &a)
     }
 
     fn scaled_change(&self, point: &Point<D>, before: &[[f64; D]]) -> Vec<f64> {

@@ -14,7 +14,7 @@ use crate::law::cone::Status;
 use crate::linalg::lu::Lu;
 use crate::linalg::signs::signs;
 use crate::linalg::small::{Block, Vector, norm, tangential_norm};
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 
 /// An answer this near to a border between statuses, beside the largest
 /// `r̂ − v̂`, is on it.

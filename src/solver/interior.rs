@@ -21,9 +21,9 @@ use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
 use crate::linalg::sparse_lu::SparseLu;
-use crate::problem::memory;
-use crate::problem::reduced::Reduced;
-use crate::problem::residual::{residual, scaled_imbalance};
+use crate::reduced::memory;
+use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::{residual, scaled_imbalance};
 use crate::solver::compliance_form::sparse_cost;
 use crate::solver::linearisation::{factorisation_cost, movable};
 use crate::solver::monitor::{Monitor, Verdict};
@@ -187,7 +187,11 @@ fn follow<const D: usize>(
             way = way.plus(&bend, 1.0);
         }
         let rim = longest(&at.z, &way.z).min(longest(&at.s, &way.s));
-        let most = if astray > ASTRAY { NEARER / astray } else { 1.0 };
+        let most = if astray > ASTRAY {
+            NEARER / astray
+        } else {
+            1.0
+        };
         let next = at.moved(&way, change, (SHORTEST * rim).min(most));
         before = Some(std::mem::replace(&mut at, next));
     }

@@ -4,7 +4,7 @@ use crate::law::alart_curnier::{Linearised, linearised};
 use crate::law::cone::Status;
 use crate::law::frozen::Frozen;
 use crate::linalg::small::{Block, Vector};
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 
 /// A factorisation of order `n` does `n/3` times the operations of a product of
 /// that order, from the cache, which is about ten times faster a piece.

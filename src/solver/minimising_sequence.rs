@@ -14,7 +14,7 @@
 
 use crate::error::Error;
 use crate::law::bipotential::gap;
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 use crate::solver::convex::{Least, Point, iterate, least};
 use crate::solver::monitor::Monitor;
 use crate::solver::{Outcome, Start, displacement_principle, stress_principle};

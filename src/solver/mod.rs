@@ -34,10 +34,10 @@ use std::time::Instant;
 
 use crate::error::Error;
 use crate::law::cone::project;
-use crate::problem::balance::{self, Balance};
-use crate::problem::overlap::overlap;
-use crate::problem::reduced::Reduced;
-use crate::problem::residual::{Certificate, residual};
+use crate::reduced::balance::{self, Balance};
+use crate::reduced::overlap::overlap;
+use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::{Certificate, residual};
 use crate::solver::monitor::{Monitor, Progress};
 use crate::solver::solution::finish;
 pub use crate::solver::solution::{Outcome, Solution};

@@ -6,8 +6,8 @@ use std::time::Instant;
 use crate::error::Error;
 use crate::law::cone::project;
 use crate::linalg::small::{norm, tangential_norm};
-use crate::problem::reduced::Reduced;
-use crate::problem::residual::{self, Certificate};
+use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::{self, Certificate};
 use crate::solver::{Outcome, Settings};
 
 /// Iterations without a better point after which a solver has stalled.

@@ -20,7 +20,7 @@ use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::dense::{self, Op};
 use crate::linalg::signs::signs;
 use crate::linalg::small::{dot_long, norm};
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 
 /// Weights of contacts, one each.
 #[derive(Clone, Debug)]

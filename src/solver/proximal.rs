@@ -8,8 +8,8 @@
 //! rises, at each failure in a row by more, where it does not.
 
 use crate::error::Error;
-use crate::problem::reduced::Reduced;
-use crate::problem::residual::merit;
+use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::merit;
 use crate::solver::Outcome;
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::newton::{self, End, Near};

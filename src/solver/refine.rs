@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::linalg::small::norm;
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 use crate::solver::anderson::Anderson;
 use crate::solver::linearisation::Linearisation;
 use crate::solver::newton;

@@ -14,7 +14,7 @@ use crate::law::cone::Status;
 use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::Vector;
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 use crate::solver::compliance_form::Solved;
 use crate::solver::linearisation::{Linearisation, factorisation_cost};
 

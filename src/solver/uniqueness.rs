@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::linalg::below::{self, Lower};
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 use crate::solver::enumerate;
 use crate::solver::index::index;
 use crate::solver::monotony::{Known, Monotony, Units, Weights};

@@ -14,8 +14,8 @@ use crate::error::Error;
 use crate::law::bipotential::{corrected, law_step};
 use crate::law::frozen::Frozen;
 use crate::linalg::small::{dot, minus_scaled, tangential_norm};
-use crate::problem::reduced::Reduced;
-use crate::problem::residual::scaled_imbalance;
+use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::scaled_imbalance;
 use crate::solver::monitor::{Monitor, Verdict};
 use crate::solver::{Outcome, Start};
 

@@ -21,7 +21,8 @@ RUST = (
     "threads",
     "linalg",
     "law",
-    "problem",
+    "reduced",
+    "condensation",
     "solver",
     "stepping",
     "working_set",
@@ -47,18 +48,23 @@ RUST_SIBLINGS = {
         "alart_curnier bipotential elliptic one_node",
         "face frozen",
     ),
-    "problem": (
-        "forecast",
-        "border memory patterns sparse stats stretch",
-        "island null_space rigid_motions",
+    "reduced": (
+        "elliptic_scaling memory validate",
+        "island",
         "compliance",
         "reduced",
         "residual",
-        "balance body overlap",
+        "balance overlap",
+    ),
+    "condensation": (
+        "forecast pattern_cache sparse stats",
+        "null_space rigid_motions",
+        "body",
         "analysed surface",
         "assemble bodies",
         "condense",
         "candidates",
+        "problem",
     ),
     "solver": (
         "anderson farkas index linearisation monitor monotony",
@@ -261,7 +267,7 @@ def test_the_top_of_the_package(repository: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "text", "said"),
     [
-        ("law/cone.rs", "use crate::problem::condense::f;", "law may not use problem"),
+        ("law/cone.rs", "use crate::reduced::residual::f;", "law may not use reduced"),
         (
             "law/cone.rs",
             "fn f() { crate::solver::g(); }",
@@ -270,8 +276,8 @@ def test_the_top_of_the_package(repository: Path) -> None:
         ("law/cone.rs", "use super::one_node::f;", "cone may not use one_node"),
         (
             "law/cone.rs",
-            "use crate::{error::Error,\n  problem::{a as b, c}};",
-            "law may not use problem",
+            "use crate::{error::Error,\n  reduced::{a as b, c}};",
+            "law may not use reduced",
         ),
         ("linalg/csc.rs", "use super::super::law::cone;", "linalg may not use law"),
         (
@@ -331,9 +337,9 @@ def test_rust_paths_are_resolved() -> None:
 
 @pytest.mark.parametrize("word", RUST_NAMES)
 def test_rust_names_see_a_violation(word: str) -> None:
-    tree = {"problem/condense.rs": f"let x = {word} ::f();", "law/a.rs": f"// {word}"}
+    tree = {"reduced/island.rs": f"let x = {word} ::f();", "law/a.rs": f"// {word}"}
     assert naming_violations(tree, word, RUST_NAMES[word]) == [
-        f"problem/condense.rs: {word}"
+        f"reduced/island.rs: {word}"
     ]
 
 

@@ -7,7 +7,7 @@ use crate::law::face::{Face, Place};
 use crate::linalg::below::{Below, Ellipsoid, gamma};
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::small::{norm, tangential_norm};
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 use crate::solver::contraction::contraction;
 use crate::solver::monotony::{
     Known, Monotony, Ties, Units, Weights, least_ratio, product, scaled_entry,

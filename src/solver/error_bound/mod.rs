@@ -25,7 +25,7 @@ use crate::law::face::Face;
 use crate::linalg::below::gamma;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::small::dot;
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 use crate::solver::error_bound::island::{Candidate, Island};
 use crate::solver::monotony::{Monotony, Touching, Units};
 

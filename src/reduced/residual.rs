@@ -9,7 +9,7 @@ use crate::law::bipotential;
 use crate::law::cone::{Status, derivative};
 use crate::linalg::least_squares;
 use crate::linalg::small::{Vector, length, norm, tangential_norm};
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 
 /// A rounding floor above this is not convergence.
 pub const WORST_FLOOR: f64 = 1e-6;

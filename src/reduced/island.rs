@@ -17,8 +17,8 @@ use crate::linalg::blocks::Blocks;
 use crate::linalg::dense;
 use crate::linalg::exact::{self, Sum};
 use crate::linalg::small::{Block, Vector, dot_long};
-use crate::problem::memory;
-use crate::problem::stretch::Stretch;
+use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::memory;
 
 /// Below this many rows a product is not worth a second thread.
 pub(super) const PARALLEL_ROWS: usize = 768;

@@ -9,9 +9,9 @@ use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
+use crate::condensation::sparse::Owned;
 use crate::linalg::jacobi::{combine, orthogonalise};
 use crate::linalg::small::{dot_long, norm};
-use crate::problem::sparse::Owned;
 
 /// `|K z|`, of a rigid motion of size 1, over the sum of sizes of a row, in ε. Assembled
 /// stiffnesses of first and second order, flat ones too, leave 1.2 at the most, and more

@@ -3,8 +3,8 @@
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::small::{length, norm};
-use crate::problem::border::{check_finite, check_friction, check_length};
-use crate::problem::compliance::Compliance;
+use crate::reduced::compliance::Compliance;
+use crate::reduced::validate::{check_finite, check_friction, check_length};
 
 /// Bodies held by contact alone: `v = W r + R a + q` with `Rᵀ r + e = 0`.
 #[derive(Clone, Debug, Default)]

@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use crate::condensation::rigid_motions::Geometry;
+use crate::condensation::sparse::Owned;
 use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::exact::{self, Sum};
@@ -11,8 +13,6 @@ use crate::linalg::multifrontal::Factor;
 use crate::linalg::signs::signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::symbolic::{Counts, Symbolic};
-use crate::problem::rigid_motions::Geometry;
-use crate::problem::sparse::Owned;
 
 /// Where `W` may be off by more than so many ε it has lost the digits that the judge
 /// asks for: steps are then taken with `v` from `K`.

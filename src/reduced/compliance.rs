@@ -15,9 +15,9 @@ use crate::linalg::blocks::Blocks;
 use crate::linalg::exact::Sum;
 use crate::linalg::small::Block;
 use crate::linalg::sparse_lu::Analysis;
-use crate::problem::island::PARALLEL_ROWS;
-pub use crate::problem::island::{Island, Part};
-use crate::problem::stretch::Stretch;
+use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::island::PARALLEL_ROWS;
+pub use crate::reduced::island::{Island, Part};
 
 /// First block of each row, columns, and entries.
 pub type BlockRows = (Vec<usize>, Vec<usize>, Vec<f64>);

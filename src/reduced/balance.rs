@@ -16,8 +16,8 @@ use crate::linalg::exact::Sum;
 use crate::linalg::nonnegative::{add, shortest};
 use crate::linalg::small::{dot_long, norm, tangential_norm};
 use crate::linalg::union::Union;
-use crate::problem::reduced::Reduced;
-use crate::problem::residual::WORST_FLOOR;
+use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::WORST_FLOOR;
 
 /// What the cone programme says.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
+use crate::condensation::body::Body;
+use crate::condensation::sparse::{Owned, Rows};
 use crate::linalg::exact::Sum;
 use crate::linalg::reach::Reach;
 use crate::linalg::small::dot_long;
-use crate::problem::body::Body;
-use crate::problem::sparse::{Owned, Rows};
-use crate::problem::stretch::Stretch;
+use crate::reduced::elliptic_scaling::Stretch;
 
 /// A row of `B` restricted to a body: its local degrees of freedom, and values.
 #[derive(Clone, Debug)]

@@ -10,6 +10,7 @@ use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
+use crate::condensation::sparse::Owned;
 use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::exact;
@@ -18,7 +19,6 @@ use crate::linalg::multifrontal::Factor;
 use crate::linalg::signs::signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::symbolic::Symbolic;
-use crate::problem::sparse::Owned;
 
 /// The shift of inverse iteration, relative to the diagonal of `K`: far above
 /// rounding, far below what is stiff. Where rounding leaves more, it is raised.

@@ -12,22 +12,22 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use crate::condensation::analysed::Analysed;
+use crate::condensation::assemble::{Source, assemble, bytes_beside};
+use crate::condensation::bodies::{Bodies, Loaded, Loads, Supports, forecast, needed};
+use crate::condensation::forecast::Notice;
+use crate::condensation::pattern_cache::{self, Asked};
+use crate::condensation::rigid_motions::Geometry;
+use crate::condensation::sparse::{self, Owned, Rows};
+use crate::condensation::stats::Stats;
+use crate::condensation::surface::{Share, Surface};
 use crate::error::Error;
 use crate::linalg::csc::Symmetric;
-use crate::problem::analysed::Analysed;
-use crate::problem::assemble::{Source, assemble, bytes_beside};
-use crate::problem::bodies::{Bodies, Loaded, Loads, Supports, forecast, needed};
-use crate::problem::border::{check_finite, check_friction, check_length};
-use crate::problem::compliance::Compliance;
-use crate::problem::forecast::Notice;
-use crate::problem::memory::Budget;
-use crate::problem::patterns::{self, Asked};
-use crate::problem::reduced::{Reduced, Rigid};
-use crate::problem::rigid_motions::Geometry;
-use crate::problem::sparse::{self, Owned, Rows};
-use crate::problem::stats::Stats;
-use crate::problem::stretch::Stretch;
-use crate::problem::surface::{Share, Surface};
+use crate::reduced::compliance::Compliance;
+use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::memory::Budget;
+use crate::reduced::reduced::{Reduced, Rigid};
+use crate::reduced::validate::{check_finite, check_friction, check_length};
 
 /// Bodies of a problem up to which patterns are looked up: many are small, and ordered
 /// sooner than found among one another.
@@ -155,7 +155,7 @@ pub type Whereabouts = (Option<Vec<Vec<[f64; 3]>>>, Option<Arc<Geometry>>);
 /// of problems that this process has met, and theirs are kept for problems to come.
 ///
 /// # Errors
-/// As [`patterns::limit`], and as [`Analysed::new`], of the first body that fails.
+/// As [`pattern_cache::limit`], and as [`Analysed::new`], of the first body that fails.
 pub fn analyse(
     parts: Vec<(Vec<usize>, Owned)>,
     kept: Vec<Vec<usize>>,
@@ -167,7 +167,7 @@ pub fn analyse(
         Some(places) => places.into_iter().map(Some).collect(),
         None => vec![None; parts.len()],
     };
-    let few = patterns::limit()? > 0 && parts.len() <= FEW;
+    let few = pattern_cache::limit()? > 0 && parts.len() <= FEW;
     let all = parts.iter().zip(&kept).zip(&places);
     let known: Vec<_> = all
         .map(|(((_, stiffness), kept), places)| {
@@ -301,7 +301,7 @@ impl<const D: usize> Condensed<D> {
     /// The same contacts with other gaps, one a contact and finite: [`Problem::with_gap`]
     /// sees to that.
     ///
-    /// [`Problem::with_gap`]: crate::problem::candidates::Problem::with_gap
+    /// [`Problem::with_gap`]: crate::condensation::problem::Problem::with_gap
     #[must_use]
     pub(crate) fn with_gap(&self, gap: Vec<[f64; D]>) -> Self {
         Self {

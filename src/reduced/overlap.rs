@@ -1,7 +1,7 @@
 //! Contacts that contradict each other: walls that overlap, whatever the bodies do.
 
 use crate::linalg::small::tangential_norm;
-use crate::problem::reduced::Reduced;
+use crate::reduced::reduced::Reduced;
 
 /// Whether the normal reactions at which an iteration ended prove that contacts
 /// contradict each other: they push against one another and nothing else,

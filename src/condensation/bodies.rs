@@ -5,15 +5,15 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use crate::condensation::analysed::Analysed;
+use crate::condensation::body::{Body, Left};
+use crate::condensation::forecast::Forecast;
+use crate::condensation::sparse::Owned;
+use crate::condensation::stats::Stats;
+use crate::condensation::surface::Surface;
 use crate::error::Error;
-use crate::problem::analysed::Analysed;
-use crate::problem::body::{Body, Left};
-use crate::problem::border::{check_finite, check_length};
-use crate::problem::forecast::Forecast;
-use crate::problem::memory::Budget;
-use crate::problem::sparse::Owned;
-use crate::problem::stats::Stats;
-use crate::problem::surface::Surface;
+use crate::reduced::memory::Budget;
+use crate::reduced::validate::{check_finite, check_length};
 
 /// Work below which a body is left to one thread, and bodies share the threads
 /// [flop]; above it one body has them all, and the memory.

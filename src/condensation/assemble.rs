@@ -4,15 +4,15 @@ use std::borrow::Cow;
 
 use rayon::prelude::*;
 
+use crate::condensation::body::Body;
+use crate::condensation::surface::{Share, Surface};
 use crate::error::Error;
 use crate::linalg::blocks::Blocks;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::small::Block;
 use crate::linalg::union::Union;
-use crate::problem::body::Body;
-use crate::problem::compliance::{Compliance, Part, is_sparse};
-use crate::problem::memory::Budget;
-use crate::problem::surface::{Share, Surface};
+use crate::reduced::compliance::{Compliance, Part, is_sparse};
+use crate::reduced::memory::Budget;
 
 /// Where bodies come from: new ones give their inverses away, others have none.
 #[derive(Debug)]

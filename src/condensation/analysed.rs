@@ -5,6 +5,13 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use crate::condensation::body::{Body, DIGITS};
+use crate::condensation::null_space::{
+    Block, Verdict, Weights, part, softest, softest_interior, softest_of_all,
+};
+use crate::condensation::pattern_cache::Asked;
+use crate::condensation::rigid_motions::Geometry;
+use crate::condensation::sparse::Owned;
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::csc::Symmetric;
@@ -13,13 +20,6 @@ use crate::linalg::jacobi::{combine, orthogonalise};
 use crate::linalg::multifrontal::{Factor, Schur};
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::symbolic::{Counts, Options, Symbolic};
-use crate::problem::body::{Body, DIGITS};
-use crate::problem::null_space::{
-    Block, Verdict, Weights, part, softest, softest_interior, softest_of_all,
-};
-use crate::problem::patterns::Asked;
-use crate::problem::rigid_motions::Geometry;
-use crate::problem::sparse::Owned;
 
 /// A pivot above this, relative to the diagonal of `K`, leaves no doubt that a
 /// matrix is definite; below it the softest motions are looked at. Where the contact

@@ -1,0 +1,262 @@
+//! A contact problem, posed on all contacts or on those that may close.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use crate::condensation::bodies::{Bodies, Loaded};
+use crate::condensation::body::DIGITS;
+use crate::condensation::candidates::{Candidates, seeds};
+use crate::condensation::condense::{Condensed, Sorted};
+use crate::condensation::stats::Stats;
+use crate::condensation::surface::Surface;
+use crate::error::Error;
+use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::validate::{check_finite, check_friction, check_length};
+
+/// Relative displacements by `W` and by `u` may differ by this share of the largest
+/// motion of a contact: `W` may have lost [`DIGITS`] before
+/// it is mended, 2e-11 of it, and a path adds these up.
+const CONFIRMED: f64 = 1e-8;
+
+/// What is lost is estimated to this factor.
+const ALLOWED: f64 = 8.0;
+
+/// A contact problem, `W` of all contacts formed or not.
+#[derive(Debug)]
+pub enum Problem<const D: usize> {
+    Whole(Condensed<D>),
+    Growing {
+        candidates: Arc<Candidates<D>>,
+        mu: Vec<f64>,
+    },
+}
+
+impl<const D: usize> Problem<D> {
+    /// Condenses onto all contacts, or onto few where far more are candidates than
+    /// touch. `grow` says which, `None` leaves it to the gaps; `before` is a problem
+    /// of which analyses may be used again.
+    ///
+    /// # Errors
+    /// As [`Condensed::new`].
+    pub fn new(
+        sorted: Sorted<D>,
+        grow: Option<bool>,
+        before: Option<&Self>,
+        stop: &AtomicBool,
+    ) -> Result<Self, Error> {
+        let before = before.map(|problem| &**problem.bodies());
+        let all_known = sorted.supports.known.is_some();
+        if grow != Some(false)
+            && !all_known
+            && let Some(seeds) = seeds(&sorted.surface, grow == Some(true))
+        {
+            match Candidates::new(sorted.clone(), seeds, before, stop) {
+                // The few do not hold the body; all of them may.
+                Err(Error::FloatingBody { .. }) => {}
+                made => {
+                    return Ok(Self::Growing {
+                        candidates: Arc::new(made?),
+                        mu: sorted.mu,
+                    });
+                }
+            }
+        }
+        Condensed::new(sorted, before, stop).map(Self::Whole)
+    }
+
+    #[must_use]
+    pub fn bodies(&self) -> &Arc<Bodies> {
+        match self {
+            Self::Whole(problem) => problem.bodies(),
+            Self::Growing { candidates, .. } => &candidates.bodies,
+        }
+    }
+
+    #[must_use]
+    pub fn surface(&self) -> &Surface<D> {
+        match self {
+            Self::Whole(problem) => problem.surface(),
+            Self::Growing { candidates, .. } => &candidates.surface,
+        }
+    }
+
+    #[must_use]
+    pub fn contacts(&self) -> usize {
+        self.surface().contacts()
+    }
+
+    #[must_use]
+    pub fn mu(&self) -> &[f64] {
+        match self {
+            Self::Whole(problem) => problem.mu(),
+            Self::Growing { mu, .. } => mu,
+        }
+    }
+
+    #[must_use]
+    pub fn stats(&self) -> &Stats {
+        match self {
+            Self::Whole(problem) => problem.stats(),
+            Self::Growing { candidates, .. } => &candidates.stats,
+        }
+    }
+
+    /// Bytes that the compliance formed so far holds.
+    #[must_use]
+    pub fn bytes_compliance(&self) -> usize {
+        match self {
+            Self::Whole(problem) => problem.compliance().bytes(),
+            Self::Growing { candidates, .. } => candidates
+                .whole
+                .get()
+                .map_or(0, |problem| problem.compliance().bytes()),
+        }
+    }
+
+    /// With `W` of all contacts, formed now where it was not.
+    ///
+    /// # Errors
+    /// As [`Condensed::new`].
+    pub fn whole(&self, stop: &AtomicBool) -> Result<Condensed<D>, Error> {
+        match self {
+            Self::Whole(problem) => Ok(problem.clone()),
+            Self::Growing { candidates, mu } => candidates
+                .whole(stop)?
+                .with_gap(candidates.surface.gap.clone())
+                .with_mu(mu.clone()),
+        }
+    }
+
+    /// The same bodies and contacts with other friction coefficients.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Friction`].
+    pub fn with_mu(&self, mu: Vec<f64>) -> Result<Self, Error> {
+        check_friction(&mu, self.contacts())?;
+        Ok(match self {
+            Self::Whole(problem) => Self::Whole(problem.with_mu(mu)?),
+            Self::Growing { candidates, .. } => Self::Growing {
+                candidates: Arc::clone(candidates),
+                mu,
+            },
+        })
+    }
+
+    /// The same bodies and contacts with other gaps, of which those to begin with stay.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`].
+    pub fn with_gap(&self, gap: Vec<[f64; D]>) -> Result<Self, Error> {
+        check_length("gap", gap.len(), self.contacts())?;
+        check_finite("gap", gap.as_flattened())?;
+        Ok(match self {
+            Self::Whole(problem) => Self::Whole(problem.with_gap(gap)),
+            Self::Growing { candidates, mu } => Self::Growing {
+                candidates: Arc::new(candidates.with_gap(gap)),
+                mu: mu.clone(),
+            },
+        })
+    }
+
+    /// The same contacts in stretched variables, on the same bodies.
+    ///
+    /// # Errors
+    /// As [`Condensed::stretched`].
+    pub fn stretched(&self, stretch: &Stretch) -> Result<Self, Error> {
+        Ok(match self {
+            Self::Whole(problem) => Self::Whole(problem.stretched(stretch)?),
+            Self::Growing { candidates, mu } => Self::Growing {
+                candidates: Arc::new(candidates.stretched(stretch)),
+                mu: mu.clone(),
+            },
+        })
+    }
+
+    /// What the rigid motions are at all contacts, `B R`.
+    ///
+    /// # Errors
+    /// None that a motion of its own can cause.
+    pub fn modes(&self) -> Result<Vec<Vec<[f64; D]>>, Error> {
+        let candidates = match self {
+            Self::Whole(problem) => return Ok(problem.modes()),
+            Self::Growing { candidates, .. } => candidates,
+        };
+        let count = candidates.bodies.motions().len();
+        let of_motion = |k| {
+            let mut amounts = vec![0.0; count];
+            amounts[k] = 1.0;
+            candidates.motion(&amounts)
+        };
+        (0..count).map(of_motion).collect()
+    }
+
+    /// As [`Bodies::displacements`].
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NotFinite`], [`Error::FactorDropped`].
+    pub fn displacements(&self, states: &[Loaded<'_, D>]) -> Result<Vec<Vec<f64>>, Error> {
+        self.bodies().displacements(self.surface(), states)
+    }
+
+    /// Whether `B u + gap` is `v` at the displacements `u` of a state.
+    ///
+    /// # Errors
+    /// [`Error::NotConfirmed`] at the contact where it is furthest from it; as
+    /// [`Problem::displacements`].
+    pub fn confirm(
+        &self,
+        state: &Loaded<'_, D>,
+        u: &[f64],
+        held_to: &Confirmed<D>,
+    ) -> Result<(), Error> {
+        let Confirmed { v, gap, slip } = held_to;
+        let bodies = self.bodies();
+        let moved = self.surface().product(&bodies.list, bodies.fixed(), u);
+        let length = |a: &[f64; D]| a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let all = moved.iter().chain(v).chain(gap).chain(slip);
+        let size = all.map(length).fold(0.0, f64::max);
+        let off = (0..v.len()).map(|i| {
+            let off: [f64; D] = std::array::from_fn(|k| moved[i][k] + gap[i][k] - v[i][k]);
+            (i, length(&off))
+        });
+        let Some((contact, off)) = off.max_by(|a, b| a.1.total_cmp(&b.1)) else {
+            return Ok(());
+        };
+        // Where all contacts stick, `v` is the rounding of what loads make of the bodies.
+        let explained = |u: &[f64]| {
+            let farthest = u.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+            off <= CONFIRMED * size + ALLOWED * DIGITS * f64::EPSILON * farthest
+        };
+        if explained(u) {
+            return Ok(());
+        }
+        // And where the bodies hardly move at all, of what loads alone would make of them.
+        let nothing = vec![[0.0; D]; v.len()];
+        let alone = Loaded {
+            reaction: &nothing,
+            ..*state
+        };
+        if explained(&self.bodies().displacement(self.surface(), alone)?) {
+            return Ok(());
+        }
+        Err(Error::NotConfirmed { contact, off, size })
+    }
+
+    /// As [`Bodies::relative_displacement`].
+    ///
+    /// # Errors
+    /// The same.
+    pub fn relative_displacement(&self, state: Loaded<'_, D>) -> Result<Vec<[f64; D]>, Error> {
+        self.bodies().relative_displacement(self.surface(), state)
+    }
+}
+
+/// What `B u + gap` is held to.
+#[derive(Clone, Debug)]
+pub struct Confirmed<const D: usize> {
+    pub v: Vec<[f64; D]>,
+    pub gap: Vec<[f64; D]>,
+    /// What the step added to the tangential parts of `v`, and nothing along the normal:
+    /// rounding of what was before it stays.
+    pub slip: Vec<[f64; D]>,
+}
