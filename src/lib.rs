@@ -14,9 +14,10 @@
 //! The layers, each using only those before it: [`error`], [`panics`], [`threads`],
 //! [`linalg`] (knows no mechanics), [`law`] (one contact), [`reduced`] (all contacts
 //! in the reactions alone, no algorithm), [`condensation`] (from bodies to that and
-//! back), [`solver`] (algorithms on the reduced problem), [`stepping`] (the load path),
-//! [`working_set`] (the load path where far more contacts are candidates than close),
-//! and `python` behind the feature of that name.
+//! back), [`solver`] (algorithms on the reduced problem), [`proof`] (what is proved of
+//! their answers), [`stepping`] (the load path), [`working_set`] (the load path where
+//! far more contacts are candidates than close), and `python` behind the feature of
+//! that name.
 
 pub mod condensation;
 pub mod error;
@@ -24,6 +25,7 @@ pub mod law;
 pub mod linalg;
 pub mod panics;
 mod per_process;
+pub mod proof;
 pub mod reduced;
 pub mod solver;
 pub mod stepping;

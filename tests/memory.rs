@@ -20,9 +20,9 @@ use bipot_rs::linalg::csc::Symmetric;
 use bipot_rs::linalg::dense::{cholesky, invert_from_cholesky};
 use bipot_rs::linalg::multifrontal::{Factor, Schur};
 use bipot_rs::linalg::symbolic::{Counts, Options, Symbolic};
+use bipot_rs::proof::uniqueness::{MOST_BYTES, Unique, assess, bytes};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::{Reduced, Rigid};
-use bipot_rs::solver::uniqueness::{MOST_BYTES, Unique, assess, bytes};
 use bodies::Make;
 
 /// The system's allocator, with what is held and the most that was.

@@ -7,10 +7,10 @@ use std::borrow::Cow;
 use std::sync::atomic::AtomicBool;
 
 use bipot_rs::error::Error;
+use bipot_rs::proof::uniqueness::{Unique, assess, assess_plane};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::{Reduced, Rigid};
 use bipot_rs::solver::enumerate::{Enumeration, answers};
-use bipot_rs::solver::uniqueness::{Unique, assess, assess_plane};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 /// `W`, `q`, `μ` and rigid motions of a plane problem.

@@ -4,10 +4,10 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::condensation::problem::Problem;
+use crate::proof::error_bound::{Bound, Kind, Prepared, Reason};
 use crate::python::arrays::{self, Matrix, Vector};
 use crate::python::{interrupt, problem, solver};
 use crate::reduced::elliptic_scaling::over;
-use crate::solver::error_bound::{Bound, Kind, Prepared, Reason};
 use crate::stepping::{increment, reduced_step};
 
 type Dicts<'py> = Vec<Told<'py>>;

@@ -5,12 +5,12 @@ use pyo3::types::PyDict;
 
 use crate::condensation::problem::Problem;
 use crate::error::Error;
+use crate::proof::uniqueness;
 use crate::python::arrays::{Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::solver::solution_dict;
 use crate::python::{problem, solver};
 use crate::solver::enumerate;
-use crate::solver::uniqueness;
 use crate::solver::{Settings, judged};
 use crate::stepping::reduced_step;
 

@@ -7,11 +7,11 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::linalg::below::{self, Lower};
+use crate::proof::fixed_point_index::index;
+use crate::proof::monotonicity::{Known, Monotonicity, Units, Weights};
+use crate::proof::weights;
 use crate::reduced::reduced::Reduced;
 use crate::solver::enumerate;
-use crate::solver::index::index;
-use crate::solver::monotony::{Known, Monotony, Units, Weights};
-use crate::solver::weights;
 
 /// What is known of the number of answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,35 +136,35 @@ fn assess_island<const D: usize>(
     stop: &AtomicBool,
 ) -> Result<Unique, Error> {
     let units = Units::of(problem);
-    let Ok(monotony) = Monotony::new(problem, &units, nodes.clone()) else {
+    let Ok(monotonicity) = Monotonicity::new(problem, &units, nodes.clone()) else {
         return Ok(Unique::Unknown);
     };
-    let (kept, n) = (monotony.all(), monotony.order());
-    let (half, error) = monotony.symmetric_part(&kept);
+    let (kept, n) = (monotonicity.all(), monotonicity.order());
+    let (half, error) = monotonicity.symmetric_part(&kept);
     let Some(lower) = Lower::new(half, n, error, stop)? else {
         return Ok(Unique::Unknown);
     };
-    if monotony.mu.iter().all(|&mu| mu == 0.0) {
+    if monotonicity.mu.iter().all(|&mu| mu == 0.0) {
         return Ok(Unique::Proved);
     }
-    let known = vec![Known::Nothing; monotony.mu.len()];
+    let known = vec![Known::Nothing; monotonicity.mu.len()];
     let monotone = |weights: &Weights| {
-        let (form, error) = monotony.form(&kept, weights, &known);
+        let (form, error) = monotonicity.form(&kept, weights, &known);
         below::is_definite(form, n, error, stop)
     };
-    let common = weights::common(&monotony, &lower);
+    let common = weights::common(&monotonicity, &lower);
     drop(lower);
     // Its least eigenvalue is 1 − κ, and κ is estimated from below.
-    let hopeless = monotony.symmetric && common.kappa() >= 1.0;
+    let hopeless = monotonicity.symmetric && common.kappa() >= 1.0;
     if !hopeless && monotone(&common.weights)? {
         return Ok(Unique::Proved);
     }
-    if let Some(refined) = weights::refined(&monotony, &common, stop)?
+    if let Some(refined) = weights::refined(&monotonicity, &common, stop)?
         && monotone(&refined)?
     {
         return Ok(Unique::Proved);
     }
-    drop(monotony);
+    drop(monotonicity);
     let index = index(problem, nodes, r, v, stop)?;
     Ok(if index == Some(-1.0) {
         Unique::OthersExist

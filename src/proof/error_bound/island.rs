@@ -7,12 +7,12 @@ use crate::law::face::{Face, Place};
 use crate::linalg::below::{Below, Ellipsoid, gamma};
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::small::{norm, tangential_norm};
-use crate::reduced::reduced::Reduced;
-use crate::solver::contraction::contraction;
-use crate::solver::monotony::{
-    Known, Monotony, Ties, Units, Weights, least_ratio, product, scaled_entry,
+use crate::proof::contraction::contraction;
+use crate::proof::monotonicity::{
+    Known, Monotonicity, Ties, Units, Weights, least_ratio, product, scaled_entry,
 };
-use crate::solver::weights::{self, Common};
+use crate::proof::weights::{self, Common};
+use crate::reduced::reduced::Reduced;
 
 /// An energy below this, in scaled variables, may have lost terms to underflow.
 const LEAST_ENERGY: f64 = 1e-280;
@@ -23,7 +23,7 @@ const LARGEST_OF_BALLS: usize = 1000;
 /// An island with what is proved of its `W`.
 #[derive(Debug)]
 pub(super) struct Island<const D: usize> {
-    pub(super) monotony: Monotony<D>,
+    pub(super) monotonicity: Monotonicity<D>,
     /// Below the symmetric part of `W`, which is `half`.
     pub(super) of_w: Below,
     /// `|d_j| ≤ width · ‖d‖`.
@@ -80,21 +80,21 @@ impl<const D: usize> Island<D> {
     pub(super) fn new(
         problem: &Reduced<D>,
         units: &Units,
-        monotony: Monotony<D>,
+        monotonicity: Monotonicity<D>,
         stop: &AtomicBool,
     ) -> Result<Option<Self>, Error> {
-        let all = monotony.all();
-        let (half, error) = monotony.symmetric_part(&all);
+        let all = monotonicity.all();
+        let (half, error) = monotonicity.symmetric_part(&all);
         let Some(of_w) = Below::new(half.clone(), all.len(), error, stop)? else {
             return Ok(None);
         };
-        let common = weights::common(&monotony, of_w.lower());
-        let refined = weights::refined(&monotony, &common, stop)?;
-        let contraction = contraction(&monotony, &common, stop)?;
-        let mut rows = Vec::with_capacity(D * monotony.nodes.len() * all.len());
-        for position in monotony.nodes.clone() {
+        let common = weights::common(&monotonicity, of_w.lower());
+        let refined = weights::refined(&monotonicity, &common, stop)?;
+        let contraction = contraction(&monotonicity, &common, stop)?;
+        let mut rows = Vec::with_capacity(D * monotonicity.nodes.len() * all.len());
+        for position in monotonicity.nodes.clone() {
             for k in 0..D {
-                let pushed = monotony.components.iter();
+                let pushed = monotonicity.components.iter();
                 rows.extend(pushed.map(|&c| scaled_entry(problem, units, (position, k), c)));
             }
         }
@@ -107,15 +107,15 @@ impl<const D: usize> Island<D> {
             contraction,
             global: None,
             rows,
-            monotony,
+            monotonicity,
         };
-        let known = vec![Known::Nothing; island.monotony.mu.len()];
+        let known = vec![Known::Nothing; island.monotonicity.mu.len()];
         let tried: Vec<Weights> = island.tried().cloned().collect();
         for weights in tried {
             island.global =
                 island.certificate(Ties::none(all.clone()), &weights, known.clone(), stop)?;
             if let Some(certificate) = &mut island.global {
-                certificate.widths = widths(&island.rows, &island.monotony, certificate);
+                certificate.widths = widths(&island.rows, &island.monotonicity, certificate);
                 break;
             }
         }
@@ -131,9 +131,10 @@ impl<const D: usize> Island<D> {
     /// A contact with a reaction where the law leaves none.
     pub(super) fn impossible(&self, r: &[[f64; D]]) -> Option<usize> {
         let carried = |&position: &usize| {
-            (0..D).any(|k| self.monotony.unknown(position, k).is_none() && r[position][k] != 0.0)
+            (0..D)
+                .any(|k| self.monotonicity.unknown(position, k).is_none() && r[position][k] != 0.0)
         };
-        self.monotony.nodes.clone().find(carried)
+        self.monotonicity.nodes.clone().find(carried)
     }
 
     pub(super) fn certificate(
@@ -144,11 +145,11 @@ impl<const D: usize> Island<D> {
         stop: &AtomicBool,
     ) -> Result<Option<Certificate<D>>, Error> {
         let all = ties.unknowns();
-        let (form, error) = ties.compress(self.monotony.form(&all, weights, &known));
+        let (form, error) = ties.compress(self.monotonicity.form(&all, weights, &known));
         let Some(below) = Below::new(form.clone(), ties.len(), error, stop)? else {
             return Ok(None);
         };
-        let (half, of_half) = ties.compress(self.monotony.symmetric_part(&all));
+        let (half, of_half) = ties.compress(self.monotonicity.symmetric_part(&all));
         let ratio = least_ratio((&form, error), below.lower(), (&half, of_half), stop)?;
         Ok(ratio.map(|alpha| Certificate {
             normal: weights.normal.clone(),
@@ -200,9 +201,9 @@ impl<const D: usize> Island<D> {
         known: &[Known<D>],
         candidate: &Candidate<D>,
     ) -> (Vec<f64>, Vec<f64>) {
-        let first = self.monotony.nodes.start;
+        let first = self.monotonicity.nodes.start;
         let of = |(&unknown, tied): (&usize, &Option<(usize, f64)>)| {
-            let (contact, k) = self.monotony.contact(unknown);
+            let (contact, k) = self.monotonicity.contact(unknown);
             let at = first + contact;
             let (v, dv) = (&candidate.v[at], &candidate.dv[at]);
             let (face, p) = (&candidate.faces[at], normal[contact]);
@@ -211,7 +212,7 @@ impl<const D: usize> Island<D> {
             }
             let (e, error) = match known[contact] {
                 Known::Sticks => Face::misfit_held(v, dv, p),
-                _ => face.misfit(v, dv, p, self.monotony.mu[contact]),
+                _ => face.misfit(v, dv, p, self.monotonicity.mu[contact]),
             };
             (e[k], error[k])
         };
@@ -227,7 +228,7 @@ impl<const D: usize> Island<D> {
 
     /// Values of the unknowns kept, and what they carry along, among zeros.
     pub(super) fn spread(&self, ties: &Ties, values: &[f64]) -> Vec<f64> {
-        let mut whole = vec![0.0; self.monotony.order()];
+        let mut whole = vec![0.0; self.monotonicity.order()];
         for ((&unknown, tied), &value) in ties.kept.iter().zip(&ties.tied).zip(values) {
             whole[unknown] = value;
             if let Some((other, factor)) = *tied {
@@ -246,7 +247,7 @@ impl<const D: usize> Island<D> {
     /// `√(rᵀ W r)`, from below.
     pub(super) fn least_size(&self, r: &[[f64; D]]) -> f64 {
         let x: Vec<f64> = self
-            .monotony
+            .monotonicity
             .components
             .iter()
             .map(|&(i, k)| r[i][k])
@@ -268,7 +269,7 @@ impl<const D: usize> Island<D> {
 
     /// `‖r − r̂‖` in the norm of `W`, from above.
     pub(super) fn off(&self, candidate: &Candidate<D>) -> f64 {
-        let components = &self.monotony.components;
+        let components = &self.monotonicity.components;
         let off: Vec<f64> = components
             .iter()
             .map(|&(i, k)| candidate.off[i][k])
@@ -292,11 +293,11 @@ impl<const D: usize> Island<D> {
         ellipsoid: &Ellipsoid,
         ball: f64,
     ) -> Found<D> {
-        let nodes = self.monotony.nodes.clone();
+        let nodes = self.monotonicity.nodes.clone();
         let centre = self.spread(&certificate.ties, &ellipsoid.centre);
         let radius = ellipsoid.radius;
         let width = self.spread(&certificate.ties, &certificate.widths.reaction);
-        let n = self.monotony.order();
+        let n = self.monotonicity.order();
         let room = 1.0 + gamma(n);
         let mut reaction = vec![[0.0; D]; nodes.len()];
         let mut displacement = reaction.clone();
@@ -313,7 +314,7 @@ impl<const D: usize> Island<D> {
                         + moved.abs()
                         + gamma(n) * norm(row) * norm(&centre)
                         + radius * along);
-                let Some(unknown) = self.monotony.unknown(position, k) else {
+                let Some(unknown) = self.monotonicity.unknown(position, k) else {
                     continue; // zero, as in every answer
                 };
                 let off = candidate.off[position][k].abs() + candidate.faces[position].moved;
@@ -340,7 +341,7 @@ impl<const D: usize> Island<D> {
     /// than `R`, the variational inequality on the ball and on cones that know this (zero,
     /// the ray, or all of space where `v = 0`), which has a solution since that is compact,
     /// has it inside the ball, and so is an answer; two of them in the ball would
-    /// contradict the monotony.
+    /// contradict the monotonicity.
     ///
     /// The ball is around the candidate. It is wide enough for one around `r` that holds
     /// the answer, and has the radius `least` or more, to lie within.
@@ -353,14 +354,14 @@ impl<const D: usize> Island<D> {
     ) -> Result<Option<Found<D>>, Error> {
         /// Radii to try, in lengths of `e`; larger ones know less.
         const RADII: [f64; 5] = [3.0, 12.0, 50.0, 200.0, 1000.0];
-        let n = self.monotony.order();
-        if !self.monotony.symmetric || n > LARGEST_OF_BALLS {
+        let n = self.monotonicity.order();
+        if !self.monotonicity.symmetric || n > LARGEST_OF_BALLS {
             return Ok(None);
         }
         for candidate in candidates {
             for weights in self.tried() {
-                let nothing = vec![Known::Nothing; self.monotony.mu.len()];
-                let all = Ties::none(self.monotony.all());
+                let nothing = vec![Known::Nothing; self.monotonicity.mu.len()];
+                let all = Ties::none(self.monotonicity.all());
                 let (e, error) = self.misfit(&all, &weights.normal, &nothing, candidate);
                 let length = 2.0 * self.of_w.ellipsoid(&e, &error).radius;
                 let off = self.off(candidate);
@@ -392,7 +393,7 @@ impl<const D: usize> Island<D> {
                     }
                 }
                 let mut certificate = best.0;
-                certificate.widths = widths(&self.rows, &self.monotony, &certificate);
+                certificate.widths = widths(&self.rows, &self.monotonicity, &certificate);
                 let ellipsoid = self.ellipsoid(&certificate, candidate);
                 let found = self.found(&certificate, candidate, given, &ellipsoid, ball);
                 return Ok(Some(found));
@@ -409,13 +410,13 @@ impl<const D: usize> Island<D> {
         candidate: &Candidate<D>,
         stop: &AtomicBool,
     ) -> Result<Option<(Certificate<D>, f64)>, Error> {
-        let n = self.monotony.order();
+        let n = self.monotonicity.order();
         let room = 1.0 + gamma(D);
         let entry = |i: usize, j: usize| self.half[j * n + i];
-        let mut known = vec![Known::Nothing; self.monotony.mu.len()];
+        let mut known = vec![Known::Nothing; self.monotonicity.mu.len()];
         let mut ties = Ties::default();
-        for (contact, position) in self.monotony.nodes.clone().enumerate() {
-            let at = |k: usize| self.monotony.unknown(position, k);
+        for (contact, position) in self.monotonicity.nodes.clone().enumerate() {
+            let at = |k: usize| self.monotonicity.unknown(position, k);
             let (v, dv) = (&candidate.v[position], &candidate.dv[position]);
             let lift = at(0).map_or(0.0, |i| entry(i, i).sqrt()) * radius * room;
             let open = candidate.faces[position].place == Place::Apex && v[0] - dv[0] > lift;
@@ -423,7 +424,7 @@ impl<const D: usize> Island<D> {
                 continue;
             }
             let face = &candidate.faces[position];
-            let mu = self.monotony.mu[contact];
+            let mu = self.monotonicity.mu[contact];
             let tangents: Vec<usize> = (1..D).filter_map(at).collect();
             if face.place == Place::Inside && mu > 0.0 {
                 let mut lengths = [0.0; D];
@@ -490,14 +491,14 @@ impl<const D: usize> Island<D> {
     /// that penetrate, by `λ`, at the least energy, `½ λᵀ W⁻¹ λ`.
     pub(super) fn energy_by_gap(&self, candidate: &Candidate<D>) -> Option<f64> {
         let contraction = self.contraction?;
-        let mut lift = vec![0.0; self.monotony.order()];
+        let mut lift = vec![0.0; self.monotonicity.order()];
         let mut gaps = 0.0;
-        for (contact, position) in self.monotony.nodes.clone().enumerate() {
+        for (contact, position) in self.monotonicity.nodes.clone().enumerate() {
             let (v, dv) = (&candidate.v[position], &candidate.dv[position]);
             let face = &candidate.faces[position];
-            let mu = self.monotony.mu[contact];
+            let mu = self.monotonicity.mu[contact];
             let raised = (dv[0] - v[0]).max(0.0);
-            if let Some(unknown) = self.monotony.unknown(position, 0) {
+            if let Some(unknown) = self.monotonicity.unknown(position, 0) {
                 lift[unknown] = raised;
             }
             let r = &face.reaction;
@@ -519,7 +520,7 @@ impl<const D: usize> Island<D> {
         }
         let half = 0.5 * self.of_w.length(&lift).powi(2);
         let missing = (half + gaps) * (1.0 + gamma(lift.len()));
-        let nodes = self.monotony.nodes.clone();
+        let nodes = self.monotonicity.nodes.clone();
         let pressed = candidate.faces[nodes].iter().any(|f| f.reaction[0] != 0.0);
         // Products of two small numbers: their sum is no longer one from above.
         if missing < LEAST_ENERGY && (pressed || lift.iter().any(|&l| l != 0.0)) {
@@ -532,16 +533,16 @@ impl<const D: usize> Island<D> {
 /// Widths of the unit ellipsoid of a certificate, along its unknowns and along rows.
 fn widths<const D: usize>(
     rows: &[f64],
-    monotony: &Monotony<D>,
+    monotonicity: &Monotonicity<D>,
     certificate: &Certificate<D>,
 ) -> Widths {
-    let count = D * monotony.nodes.len();
+    let count = D * monotonicity.nodes.len();
     let mut displacement = vec![0.0; count];
     let Ties { kept, tied } = &certificate.ties;
     if !kept.is_empty() {
         let mut along = Vec::with_capacity(count * kept.len());
         let mut errors = Vec::with_capacity(count);
-        for row in rows.chunks_exact(monotony.order()) {
+        for row in rows.chunks_exact(monotonicity.order()) {
             let mut rounding = 0.0;
             for (&unknown, tied) in kept.iter().zip(tied) {
                 let other = tied.map_or(0.0, |(other, factor)| factor * row[other]);

@@ -1,7 +1,7 @@
 //! How far a point is from the answer, proved: the error bound of chapter 9 of
 //! `docs/paper`.
 //!
-//! Where `A` of [`monotony`](crate::solver::monotony) is positive definite there is exactly
+//! Where `A` of [`monotonicity`](crate::proof::monotonicity) is positive definite there is exactly
 //! one answer `r*`. For `r̂ ∈ K_μ` and `y ∈ K*_μ` orthogonal to it, `e = y − V(r̂)` and
 //! `d = r̂ − r*` satisfy
 //!
@@ -25,9 +25,9 @@ use crate::law::face::Face;
 use crate::linalg::below::gamma;
 use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::small::dot;
+use crate::proof::error_bound::island::{Candidate, Island};
+use crate::proof::monotonicity::{Monotonicity, Touching, Units};
 use crate::reduced::reduced::Reduced;
-use crate::solver::error_bound::island::{Candidate, Island};
-use crate::solver::monotony::{Monotony, Touching, Units};
 
 /// Unknowns of an island above which nothing is proved: some ten dense matrices of
 /// that order are made.
@@ -225,18 +225,18 @@ impl<const D: usize> Prepared<D> {
                 return Ok(Err(Reason::TooLarge { unknowns }));
             }
             let first = caller[island.nodes.start];
-            let monotony = match Monotony::new(problem, units, island.nodes.clone()) {
-                Ok(monotony) => monotony,
+            let monotonicity = match Monotonicity::new(problem, units, island.nodes.clone()) {
+                Ok(monotonicity) => monotonicity,
                 Err(Touching(position)) => {
                     let contact = caller[position];
                     return Ok(Err(Reason::Touching { contact }));
                 }
             };
-            if let Some(position) = monotony.led_tangent() {
+            if let Some(position) = monotonicity.led_tangent() {
                 let contact = caller[position];
                 return Ok(Err(Reason::Led { contact }));
             }
-            match Island::new(problem, units, monotony, stop)? {
+            match Island::new(problem, units, monotonicity, stop)? {
                 Some(island) => islands.push(island),
                 None => return Ok(Err(Reason::NotDefinite { contact: first })),
             }
@@ -265,7 +265,7 @@ impl<const D: usize> Prepared<D> {
         let plain = r;
         let r = scaled(plain, &self.units.to_r);
         for island in islands {
-            let nodes = island.monotony.nodes.clone();
+            let nodes = island.monotonicity.nodes.clone();
             if !(within_range(&plain[nodes.clone()]) && within_range(&r[nodes])) {
                 return Ok(bound.none(Reason::Range));
             }
@@ -307,7 +307,7 @@ impl<const D: usize> Prepared<D> {
                     bound.kind = Kind::Local;
                     found = island.local_bound(&candidates, &given, least, stop)?;
                 }
-                let nodes = island.monotony.nodes.clone();
+                let nodes = island.monotonicity.nodes.clone();
                 let Some(found) = found else {
                     let contact = caller[nodes.start];
                     return Ok(bound.none(Reason::Friction { contact }));
@@ -324,7 +324,7 @@ impl<const D: usize> Prepared<D> {
         }
         if !(energy <= bound.alone_within) {
             let contact = islands.iter().find(|island| island.global.is_none());
-            let contact = contact.map_or(0, |island| caller[island.monotony.nodes.start]);
+            let contact = contact.map_or(0, |island| caller[island.monotonicity.nodes.start]);
             return Ok(bound.none(Reason::Friction { contact }));
         }
         let (mut by_gap, mut size) = (Some(0.0_f64), 0.0_f64);
@@ -439,9 +439,9 @@ impl<const D: usize> Prepared<D> {
         mut point: Vec<[f64; D]>,
     ) -> Candidate<D> {
         for island in islands {
-            for position in island.monotony.nodes.clone() {
+            for position in island.monotonicity.nodes.clone() {
                 // Nothing moves its normal: it stays open.
-                if island.monotony.unknown(position, 0).is_none() {
+                if island.monotonicity.unknown(position, 0).is_none() {
                     point[position] = [0.0; D];
                 }
             }

@@ -1,4 +1,4 @@
-//! Weights that make the matrix `A` of [`monotony`](crate::solver::monotony) as definite
+//! Weights that make the matrix `A` of [`monotonicity`](crate::proof::monotonicity) as definite
 //! as may be.
 //!
 //! Any weights are right: what follows from them is proved afterwards. For `p = 1` and
@@ -22,7 +22,7 @@ use crate::error::Error;
 use crate::linalg::below::Lower;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::small::dot_long;
-use crate::solver::monotony::{Known, Monotony, Weights, largest, product};
+use crate::proof::monotonicity::{Known, Monotonicity, Weights, largest, product};
 
 /// Below this κ a bound gains less from other weights than they cost.
 const GOOD: f64 = 0.5;
@@ -53,9 +53,9 @@ impl Common {
 
 /// The best common θ, of scaled variables or of the caller's, with `p = 1`; `lower` is below the symmetric part of `W`.
 #[must_use]
-pub fn common<const D: usize>(monotony: &Monotony<D>, lower: &Lower) -> Common {
-    let of_shapes = monotony.shapes.each_ref();
-    let [scaled, plain] = of_shapes.map(|shape| of_shape(monotony, lower, shape));
+pub fn common<const D: usize>(monotonicity: &Monotonicity<D>, lower: &Lower) -> Common {
+    let of_shapes = monotonicity.shapes.each_ref();
+    let [scaled, plain] = of_shapes.map(|shape| of_shape(monotonicity, lower, shape));
     if plain.kappa() < scaled.kappa() {
         plain
     } else {
@@ -63,14 +63,18 @@ pub fn common<const D: usize>(monotony: &Monotony<D>, lower: &Lower) -> Common {
     }
 }
 
-fn of_shape<const D: usize>(monotony: &Monotony<D>, lower: &Lower, shape: &[f64]) -> Common {
-    let contacts = monotony.mu.len();
-    let n = monotony.order();
-    let (half, _) = monotony.symmetric_part(&monotony.all());
+fn of_shape<const D: usize>(
+    monotonicity: &Monotonicity<D>,
+    lower: &Lower,
+    shape: &[f64],
+) -> Common {
+    let contacts = monotonicity.mu.len();
+    let n = monotonicity.order();
+    let (half, _) = monotonicity.symmetric_part(&monotonicity.all());
     let root = |normal: bool| -> Vec<f64> {
         let of = |unknown: usize| {
-            let (contact, k) = monotony.contact(unknown);
-            let (mu, shape) = (monotony.mu[contact], shape[contact]);
+            let (contact, k) = monotonicity.contact(unknown);
+            let (mu, shape) = (monotonicity.mu[contact], shape[contact]);
             match (k == 0, normal) {
                 (true, true) => (mu / shape).sqrt(),
                 (false, false) => (mu * shape).sqrt(),
@@ -119,14 +123,14 @@ fn of_shape<const D: usize>(monotony: &Monotony<D>, lower: &Lower, shape: &[f64]
 /// # Errors
 /// [`Error::Interrupted`].
 pub fn refined<const D: usize>(
-    monotony: &Monotony<D>,
+    monotonicity: &Monotonicity<D>,
     start: &Common,
     stop: &AtomicBool,
 ) -> Result<Option<Weights>, Error> {
-    if start.kappa() < GOOD || monotony.order() > MOST_UNKNOWNS {
+    if start.kappa() < GOOD || monotonicity.order() > MOST_UNKNOWNS {
         return Ok(None);
     }
-    let mut search = Search::new(monotony);
+    let mut search = Search::new(monotonicity);
     let mut weights = start.weights.clone();
     // 1 − κ is the least eigenvalue at the start.
     let mut least = 1.0 - start.kappa();
@@ -190,7 +194,7 @@ fn towards(weights: &Weights, step: &Step, share: f64) -> Weights {
 }
 
 struct Search<'a, const D: usize> {
-    monotony: &'a Monotony<D>,
+    monotonicity: &'a Monotonicity<D>,
     kept: Vec<usize>,
     known: Vec<Known<D>>,
     half: Vec<f64>,
@@ -204,12 +208,12 @@ struct Centre {
 }
 
 impl<'a, const D: usize> Search<'a, D> {
-    fn new(monotony: &'a Monotony<D>) -> Self {
-        let kept = monotony.all();
-        let (half, _) = monotony.symmetric_part(&kept);
+    fn new(monotonicity: &'a Monotonicity<D>) -> Self {
+        let kept = monotonicity.all();
+        let (half, _) = monotonicity.symmetric_part(&kept);
         Self {
-            monotony,
-            known: vec![Known::Nothing; monotony.mu.len()],
+            monotonicity,
+            known: vec![Known::Nothing; monotonicity.mu.len()],
             kept,
             half,
         }
@@ -222,7 +226,7 @@ impl<'a, const D: usize> Search<'a, D> {
         stop: &AtomicBool,
     ) -> Result<Option<Centre>, Error> {
         let n = self.kept.len();
-        let (mut a, _) = self.monotony.form(&self.kept, weights, &self.known);
+        let (mut a, _) = self.monotonicity.form(&self.kept, weights, &self.known);
         for (a, w) in a.iter_mut().zip(&self.half) {
             *a -= sigma * w;
         }
@@ -262,11 +266,11 @@ impl<'a, const D: usize> Search<'a, D> {
             0.0,
         );
         let column = |a: &'_ [f64], j: usize| -> Vec<f64> { a[j * n..(j + 1) * n].to_vec() };
-        let contacts = self.monotony.mu.len();
+        let contacts = self.monotonicity.mu.len();
         let (mut normal, mut theta) = (vec![0.0; contacts], vec![0.0; contacts]);
         let mut against = vec![0.0; contacts];
         for j in 0..n {
-            let (contact, k) = self.monotony.contact(j);
+            let (contact, k) = self.monotonicity.contact(j);
             let w = column(&moved, j);
             if k == 0 {
                 let x = column(&inverse, j);
@@ -278,7 +282,7 @@ impl<'a, const D: usize> Search<'a, D> {
         }
         for contact in 0..contacts {
             let ratio = theta[contact] / against[contact];
-            theta[contact] = if self.monotony.mu[contact] > 0.0 && ratio > 0.0 {
+            theta[contact] = if self.monotonicity.mu[contact] > 0.0 && ratio > 0.0 {
                 (0.5 * ratio.ln() - weights.theta[contact].ln())
                     .clamp(-2.0 * LONGEST, 2.0 * LONGEST)
             } else {

@@ -6,8 +6,8 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::below::{self, gamma};
 use crate::linalg::small::norm;
-use crate::solver::monotony::Monotony;
-use crate::solver::weights::Common;
+use crate::proof::monotonicity::Monotonicity;
+use crate::proof::weights::Common;
 
 /// An upper bound of `L` that is certain, where it is below 1 and `W` symmetric.
 ///
@@ -17,23 +17,23 @@ use crate::solver::weights::Common;
 /// # Errors
 /// [`Error::Interrupted`].
 pub fn contraction<const D: usize>(
-    monotony: &Monotony<D>,
+    monotonicity: &Monotonicity<D>,
     common: &Common,
     stop: &AtomicBool,
 ) -> Result<Option<f64>, Error> {
     /// Above what was estimated; the last ones for clustered eigenvalues.
     const ABOVE: [f64; 3] = [1.02, 1.1, 1.5];
-    if !monotony.symmetric {
+    if !monotonicity.symmetric {
         return Ok(None);
     }
-    let n = monotony.order();
-    let (half, _) = monotony.symmetric_part(&monotony.all());
+    let n = monotonicity.order();
+    let (half, _) = monotonicity.symmetric_part(&monotonicity.all());
     let friction = |unknown: usize| {
-        let (contact, k) = monotony.contact(unknown);
-        let (mu, shape) = (monotony.mu[contact], common.shape[contact]);
+        let (contact, k) = monotonicity.contact(unknown);
+        let (mu, shape) = (monotonicity.mu[contact], common.shape[contact]);
         if k == 0 { mu / shape } else { mu * shape }
     };
-    let tangents: Vec<usize> = (0..n).filter(|&i| monotony.contact(i).1 > 0).collect();
+    let tangents: Vec<usize> = (0..n).filter(|&i| monotonicity.contact(i).1 > 0).collect();
     if tangents.is_empty() || common.alpha == 0.0 {
         // Without friction nothing couples the two principles.
         return Ok(tangents.is_empty().then_some(0.0));
@@ -70,7 +70,7 @@ pub fn contraction<const D: usize>(
         let share = alpha / (least * least);
         let mut rest = half.clone();
         let mut largest = 0.0_f64;
-        for i in (0..n).filter(|&i| monotony.contact(i).1 == 0) {
+        for i in (0..n).filter(|&i| monotonicity.contact(i).1 == 0) {
             let loss = share * friction(i);
             rest[i * (n + 1)] -= loss;
             largest = largest.max(loss);

@@ -1,4 +1,4 @@
-//! Monotony of `r ↦ V`, which proves that there is one answer and bounds how far it is.
+//! Monotonicity of `r ↦ V`, which proves that there is one answer and bounds how far it is.
 //!
 //! With weights `p_i`, `θ_i > 0`, `S = diag(p on n, 1 on t)`, `V = (p v_n + μ‖v_t‖, v_t)`,
 //! `d = r − r'` and `w = W d`, the triangle inequality and Young's give
@@ -172,7 +172,7 @@ impl Units {
 
 /// `Ŵ` on the components that friction can act on, exactly.
 #[derive(Clone, Debug)]
-pub struct Monotony<const D: usize> {
+pub struct Monotonicity<const D: usize> {
     pub nodes: Range<usize>,
     /// Position and component of each unknown.
     pub components: Vec<(usize, usize)>,
@@ -193,7 +193,7 @@ pub struct Monotony<const D: usize> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Touching(pub usize);
 
-impl<const D: usize> Monotony<D> {
+impl<const D: usize> Monotonicity<D> {
     /// Left out are tangents without friction, whose reaction is zero; contacts that
     /// stay open since nothing moves their normals; and tangents that nothing moves,
     /// on which `V` depends by a constant.
