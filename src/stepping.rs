@@ -11,7 +11,7 @@ use crate::law::cone::Status;
 use crate::reduced::balance;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
-use crate::solver::refine::{Point, forward_change};
+use crate::solver::newton::refine::{Point, forward_change};
 use crate::solver::{self, Outcome, Settings, Solution, Start};
 
 /// What a step leaves behind.
@@ -92,7 +92,7 @@ pub fn reduced_step<'a, const D: usize>(
 
 /// How far the rounding of the entries of `K` may have moved the reactions and the
 /// relative displacements of a step, relative to them; of a problem that keeps its
-/// digits, nothing. `before` is as in [`forward_error`](crate::solver::refine::forward_error).
+/// digits, nothing. `before` is as in [`forward_error`](crate::solver::newton::refine::forward_error).
 ///
 /// # Errors
 /// Wrong loads, [`Error::Interrupted`].

@@ -15,12 +15,12 @@ use bipot_rs::law::frozen::Frozen;
 use bipot_rs::linalg::dense::symmetric_eigen;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
-use bipot_rs::solver::convex::{Least, Point, least};
 use bipot_rs::solver::monitor::{Monitor, Progress};
-use bipot_rs::solver::{
-    Method, Outcome, Settings, Solution, Start, alternating_principles, displacement_principle,
-    enumerate, minimising_sequence, solve, stress_principle,
+use bipot_rs::solver::principles::convex::{Least, Point, least};
+use bipot_rs::solver::principles::{
+    alternating_principles, displacement_principle, minimising_sequence, stress_principle,
 };
+use bipot_rs::solver::{Method, Outcome, Settings, Solution, Start, enumerate, solve};
 use cases::{Case, compliance, difference};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 

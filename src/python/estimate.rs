@@ -7,7 +7,7 @@ use crate::python::arrays::{self, Matrix, Vector};
 use crate::python::{interrupt, problem, solver};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
-use crate::solver::refine::{Point, forward_error};
+use crate::solver::newton::refine::{Point, forward_error};
 use crate::stepping::{evaluate, reduced_step, stiffness_rounding};
 use crate::working_set;
 

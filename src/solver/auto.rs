@@ -20,9 +20,10 @@ use crate::solver::enumerate;
 use crate::solver::gauss_seidel::{Point, Sweeper};
 use crate::solver::interior;
 use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::newton::{self, End};
+use crate::solver::newton::newton::{self, End};
+use crate::solver::outcome::Outcome;
 use crate::solver::proximal::{self, Attempt};
-use crate::solver::{Outcome, Start};
+use crate::solver::settings::Start;
 
 /// Sweeps before Newton is tried, at first and at least.
 const FIRST_SWEEPS: usize = 5;

@@ -15,9 +15,10 @@ use crate::linalg::small::{Block, Vector};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
 use crate::solver::anderson::Anderson;
-use crate::solver::linearisation::Linearisation;
 use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::{Outcome, Start};
+use crate::solver::newton::linearisation::Linearisation;
+use crate::solver::outcome::Outcome;
+use crate::solver::settings::Start;
 
 /// The proximal parameter, in scaled variables. Smaller values tie the rigid
 /// motions so stiffly that a sweep hardly moves them; larger ones leave the

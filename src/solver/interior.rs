@@ -24,10 +24,10 @@ use crate::linalg::sparse_lu::SparseLu;
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{residual, scaled_imbalance};
-use crate::solver::compliance_form::sparse_cost;
-use crate::solver::linearisation::{factorisation_cost, movable};
 use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::newton::End;
+use crate::solver::newton::compliance_form::sparse_cost;
+use crate::solver::newton::linearisation::{factorisation_cost, movable};
+use crate::solver::newton::newton::End;
 
 /// `θ` and the first `z = s`, in units of `e`, of each further attempt: what comes to a
 /// stand on one path passes on another. Paths that begin far inside turn less often.

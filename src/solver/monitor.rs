@@ -8,7 +8,8 @@ use crate::law::cone::project;
 use crate::linalg::small::{norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{self, Certificate};
-use crate::solver::{Outcome, Settings};
+use crate::solver::outcome::Outcome;
+use crate::solver::settings::Settings;
 
 /// Iterations without a better point after which a solver has stalled.
 const PATIENCE: usize = 5000;

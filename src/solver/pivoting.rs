@@ -27,10 +27,11 @@ use crate::law::cone::Status;
 use crate::linalg::small::{Block, Vector, dot, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
-use crate::solver::compliance_form::ComplianceForm;
-use crate::solver::linearisation::{Linearisation, movable};
 use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::{Outcome, Start};
+use crate::solver::newton::compliance_form::ComplianceForm;
+use crate::solver::newton::linearisation::{Linearisation, movable};
+use crate::solver::outcome::Outcome;
+use crate::solver::settings::Start;
 
 /// Corners of a polygon that knows no direction.
 const CORNERS: usize = 8;

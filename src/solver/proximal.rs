@@ -10,9 +10,9 @@
 use crate::error::Error;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::merit;
-use crate::solver::Outcome;
 use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::newton::{self, End, Near};
+use crate::solver::newton::newton::{self, End, Near};
+use crate::solver::outcome::Outcome;
 
 /// `α` at first, in units of a contact's own compliance; each further attempt takes
 /// the next. With one value alone 2 of 150 assemblies of rigid bodies are not solved.

@@ -7,33 +7,10 @@ use crate::law::bipotential;
 use crate::law::cone::Status;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::Certificate;
-use crate::solver::Settings;
 use crate::solver::monitor::Monitor;
-use crate::solver::refine;
-
-/// Why a solver stopped.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Outcome {
-    Converged,
-    #[default]
-    Stalled,
-    IterationLimit,
-    TimeLimit,
-    NoEquilibrium,
-}
-
-impl Outcome {
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Converged => "converged",
-            Self::Stalled => "stalled",
-            Self::IterationLimit => "iteration_limit",
-            Self::TimeLimit => "time_limit",
-            Self::NoEquilibrium => "no_equilibrium",
-        }
-    }
-}
+use crate::solver::newton::refine;
+use crate::solver::outcome::Outcome;
+use crate::solver::settings::Settings;
 
 /// The answer of a solver, or the best it reached, in the caller's numbering.
 #[derive(Clone, Debug, Default)]

@@ -17,7 +17,8 @@ use crate::linalg::small::{dot, minus_scaled, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
 use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::{Outcome, Start};
+use crate::solver::outcome::Outcome;
+use crate::solver::settings::Start;
 
 /// Above this ratio a step is cut, below the other the next one grows.
 const CUT_ABOVE: f64 = 0.9;

@@ -109,8 +109,8 @@ def tree_violations(
     `tree` maps file names below `src` to their text, `layers` are from the one
     that knows nobody to the one that may know all, and so are the `siblings` of
     each layer that is a folder; those named in one string do not know each
-    other. A folder's `mod.rs` and its files may use each other: what the files
-    share is declared there, and it chooses among them.
+    other. A folder's `mod.rs` may use its files, they may not use it. Of a folder
+    within a folder, `linalg/sparse`, the order may be left open.
     """
     modules = {module(file) for file in tree}
     found = []
@@ -121,13 +121,15 @@ def tree_violations(
         if here[0] not in layers:
             found.append(f"{file}: layer {here[0]} is not declared")
             continue
-        declared = {
-            name: rank
-            for rank, names in enumerate(siblings.get(here[0], ()))
-            for name in names.split()
-        }
-        if len(here) > 1 and here[1] not in declared:
-            found.append(f"{file}: not declared among the files of {here[0]}")
+        orders = {}
+        for depth in range(1, len(here)):
+            folder = "/".join(here[:depth])
+            if depth == 1 or folder in siblings:
+                orders[here[:depth]] = _ranks(siblings.get(folder, ()))
+        unplaced = [f for f, ranks in orders.items() if here[len(f)] not in ranks]
+        if unplaced:
+            folder = "/".join(unplaced[0])
+            found.append(f"{file}: not declared among the files of {folder}")
             continue
         for line, path in uses(file, text):
             where = f"{file}:{line}: {'::'.join(path)}"
@@ -135,12 +137,22 @@ def tree_violations(
                 found.append(f"{where}: name the module it lives in")
             elif layers.index(path[0]) > layers.index(here[0]):
                 found.append(f"{where}: {here[0]} may not use {path[0]}")
-            elif path[0] == here[0] and path[:2] in modules and len(here) > 1:
-                other = path[1]
+            elif around := [f for f in orders if path[: len(f)] == f]:
+                # The innermost folder that both are in.
+                depth = len(around[-1])
+                if len(path) == depth or path[: depth + 1] not in modules:
+                    found.append(f"{where}: name the module it lives in")
+                    continue
+                own, other = here[depth], path[depth]
+                ranks = orders[around[-1]]
                 # An undeclared file is reported in its own turn.
-                if other != here[1] and declared.get(other, -1) >= declared[here[1]]:
-                    found.append(f"{where}: {here[1]} may not use {other}")
+                if other != own and ranks.get(other, -1) >= ranks[own]:
+                    found.append(f"{where}: {own} may not use {other}")
     return found
+
+
+def _ranks(order: tuple[str, ...]) -> dict[str, int]:
+    return {name: rank for rank, names in enumerate(order) for name in names.split()}
 
 
 def naming_violations(

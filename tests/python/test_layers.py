@@ -68,16 +68,25 @@ RUST_SIBLINGS = {
         "problem",
     ),
     "solver": (
-        "anderson farkas linearisation monitor",
-        "enumerate",
+        "anderson farkas outcome settings",
+        "enumerate monitor",
+        "newton uzawa",
+        "gauss_seidel interior pivoting principles proximal",
+        "auto solution",
+        "fallback",
+        "solve",
+    ),
+    "solver/newton": (
+        "linearisation",
         "compliance_form",
         "stiffness_form",
-        "gauss_seidel newton uzawa",
-        "convex interior pivoting proximal",
-        "displacement_principle stress_principle alternating_principles",
+        "newton",
+        "refine",
+    ),
+    "solver/principles": (
+        "convex",
+        "alternating_principles displacement_principle stress_principle",
         "minimising_sequence",
-        "auto refine",
-        "solution",
     ),
     "proof": (
         "fixed_point_index monotonicity",
@@ -295,12 +304,30 @@ def test_the_top_of_the_package(repository: Path) -> None:
         ("law/cone.rs", "use super::frame::f;", "cone may not use frame"),
         ("error.rs", "use crate::threads::pool;", "error may not use threads"),
         ("law/cone.rs", "use crate::Status;", "name the module it lives in"),
+        ("law/cone.rs", "use super::project;", "name the module it lives in"),
+        ("law/cone.rs", "use crate::law;", "name the module it lives in"),
+        (
+            "solver/newton/newton.rs",
+            "use crate::solver::newton::refine::f;",
+            "newton may not use refine",
+        ),
+        (
+            "solver/newton/newton.rs",
+            "use crate::solver::solve::f;",
+            "newton may not use solve",
+        ),
         ("law/helpers.rs", "", "not declared among the files of law"),
+        (
+            "solver/newton/helpers.rs",
+            "",
+            "not declared among the files of solver/newton",
+        ),
         ("extra.rs", "", "layer extra is not declared"),
     ],
 )
 def test_rust_layers_see_a_violation(file: str, text: str, said: str) -> None:
     tree = {f"law/{name}.rs": "" for name in ("one_node", "cone", "frame", "mod")}
+    tree |= {"solver/newton/refine.rs": "", "solver/solve.rs": ""}
     found = tree_violations(tree | {file: text}, RUST, RUST_SIBLINGS)
     assert found
     assert all(f.startswith(file) and f.endswith(said) for f in found)

@@ -15,8 +15,8 @@ use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::Vector;
 use crate::reduced::reduced::Reduced;
-use crate::solver::compliance_form::Solved;
-use crate::solver::linearisation::{Linearisation, factorisation_cost};
+use crate::solver::newton::compliance_form::Solved;
+use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
 
 /// Unknowns of one contact: components `from..D` of `dv̂`.
 #[derive(Clone, Copy, Debug)]

@@ -11,9 +11,10 @@ use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{merit, residual};
 use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::newton::{self, End, Near};
+use crate::solver::newton::newton::{self, End, Near};
+use crate::solver::outcome::Outcome;
+use crate::solver::settings::Start;
 use crate::solver::uzawa::{self, Burst};
-use crate::solver::{Outcome, Start};
 
 /// Steps with momentum after a Newton that stalled, at first; doubled at each next one.
 const FIRST_BURST: usize = 20;

@@ -12,11 +12,12 @@ use crate::law::frozen::Frozen;
 use crate::linalg::small::{length, norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{merit, residual, scaled_imbalance};
-use crate::solver::compliance_form::{self, ComplianceForm, Solved};
-use crate::solver::linearisation::{Linearisation, factorisation_cost, inversion_cost};
 use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::stiffness_form::StiffnessForm;
-use crate::solver::{Outcome, Start};
+use crate::solver::newton::compliance_form::{self, ComplianceForm, Solved};
+use crate::solver::newton::linearisation::{Linearisation, factorisation_cost, inversion_cost};
+use crate::solver::newton::stiffness_form::StiffnessForm;
+use crate::solver::outcome::Outcome;
+use crate::solver::settings::Start;
 
 /// Newton steps at the most.
 const MOST_STEPS: usize = 40;

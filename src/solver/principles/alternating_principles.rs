@@ -7,9 +7,10 @@
 use crate::error::Error;
 use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
-use crate::solver::convex::{Least, enough, iterate, least};
 use crate::solver::monitor::Monitor;
-use crate::solver::{Outcome, Start};
+use crate::solver::outcome::Outcome;
+use crate::solver::principles::convex::{Least, enough, iterate, least};
+use crate::solver::settings::Start;
 
 /// The laws of contact, tangential reactions frozen at those of `r`.
 #[must_use]

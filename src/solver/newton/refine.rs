@@ -8,8 +8,8 @@ use crate::error::Error;
 use crate::linalg::small::norm;
 use crate::reduced::reduced::Reduced;
 use crate::solver::anderson::Anderson;
-use crate::solver::linearisation::Linearisation;
-use crate::solver::newton;
+use crate::solver::newton::linearisation::Linearisation;
+use crate::solver::newton::newton;
 
 /// A step of an iterative solution leaves less than this of what it corrects.
 const FORCING: f64 = 1e-4;

@@ -8,9 +8,10 @@
 use crate::error::Error;
 use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
-use crate::solver::convex::iterate_frozen;
 use crate::solver::monitor::Monitor;
-use crate::solver::{Outcome, Start};
+use crate::solver::outcome::Outcome;
+use crate::solver::principles::convex::iterate_frozen;
+use crate::solver::settings::Start;
 
 /// The laws of a pass, friction limits frozen at the pressures of `r`.
 #[must_use]

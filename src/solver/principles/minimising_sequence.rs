@@ -15,9 +15,12 @@
 use crate::error::Error;
 use crate::law::bipotential::gap;
 use crate::reduced::reduced::Reduced;
-use crate::solver::convex::{Least, Point, iterate, least};
 use crate::solver::monitor::Monitor;
-use crate::solver::{Outcome, Start, displacement_principle, stress_principle};
+use crate::solver::outcome::Outcome;
+use crate::solver::principles::convex::{Least, Point, iterate, least};
+use crate::solver::principles::displacement_principle;
+use crate::solver::principles::stress_principle;
+use crate::solver::settings::Start;
 
 /// What a step may leave of its own merit, beside the square of what the whole
 /// misses: `B` is of second order in that, and a step solved to first order could

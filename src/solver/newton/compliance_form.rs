@@ -20,7 +20,7 @@ use crate::linalg::sparse_lu::SparseLu;
 use crate::reduced::compliance::Whole;
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
-use crate::solver::linearisation::{Linearisation, factorisation_cost};
+use crate::solver::newton::linearisation::{Linearisation, factorisation_cost};
 
 /// Unknowns above which GMRES with the contacts' blocks comes before an LU:
 /// measured, it takes as long at 700 and half as long at 1300, on cubes pressed

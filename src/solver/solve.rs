@@ -1,0 +1,173 @@
+//! Chooses the method and puts together what it found.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::error::Error;
+use crate::law::cone::project;
+use crate::reduced::balance::{self, Balance};
+use crate::reduced::overlap::overlap;
+use crate::reduced::reduced::Reduced;
+use crate::reduced::residual::residual;
+use crate::solver::auto;
+use crate::solver::enumerate;
+use crate::solver::fallback::{confirm, exhaust, hides, last_resort};
+use crate::solver::gauss_seidel;
+use crate::solver::monitor::{Monitor, Progress};
+use crate::solver::newton::newton;
+use crate::solver::outcome::Outcome;
+use crate::solver::pivoting;
+use crate::solver::principles::alternating_principles;
+use crate::solver::principles::displacement_principle;
+use crate::solver::principles::minimising_sequence;
+use crate::solver::principles::stress_principle;
+use crate::solver::settings::{Method, Settings, Start};
+use crate::solver::solution::{Solution, finish};
+use crate::solver::uzawa::{self, Variant};
+
+/// Solves the reduced problem.
+///
+/// Not converged is an outcome, not an error: the best point seen comes back.
+///
+/// # Errors
+/// [`Error::Setting`] for settings out of range, [`Error::NotHeld`] where contact alone
+/// holds a body and the method cannot balance it, [`Error::Interrupted`] when `stop` is
+/// raised.
+pub fn solve<const D: usize>(
+    problem: &Reduced<D>,
+    settings: &Settings,
+    start: &Start<D>,
+    stop: &AtomicBool,
+) -> Result<Solution<D>, Error> {
+    solve_watched(problem, settings, start, stop, &Progress::default())
+}
+
+/// [`solve`], while another thread may read how far it is.
+///
+/// # Errors
+/// As [`solve`].
+pub fn solve_watched<const D: usize>(
+    problem: &Reduced<D>,
+    settings: &Settings,
+    start: &Start<D>,
+    stop: &AtomicBool,
+    progress: &Progress,
+) -> Result<Solution<D>, Error> {
+    settings.validate()?;
+    if !problem.rigid.modes.is_empty() && !settings.method.balances() {
+        return Err(Error::NotHeld {
+            method: settings.method.name(),
+        });
+    }
+    let mut monitor = Monitor::new(problem, settings, stop, progress);
+    if problem.contradiction.is_some() {
+        return Ok(finish(problem, settings, monitor, Outcome::NoEquilibrium));
+    }
+    if let Balance::Impossible { motion } = balance::balance(problem, stop) {
+        let mut nothing = finish(problem, settings, monitor, Outcome::NoEquilibrium);
+        nothing.free_motion = motion;
+        return Ok(nothing);
+    }
+    let opening = bilateral_start(problem, start, &mut monitor)?;
+    let start = opening.as_ref().unwrap_or(start);
+    let outcome = match settings.method {
+        Method::Auto => auto::run(problem, start, &mut monitor)?,
+        Method::GaussSeidel => gauss_seidel::run(problem, start, &mut monitor)?,
+        Method::Newton => newton::alone(problem, start, &mut monitor)?,
+        Method::Nesterov => uzawa::run(problem, Variant::Momentum, start, &mut monitor)?,
+        Method::Uzawa => uzawa::run(problem, Variant::OneProjection, start, &mut monitor)?,
+        Method::UzawaTwoProjection => {
+            uzawa::run(problem, Variant::TwoProjections, start, &mut monitor)?
+        }
+        Method::DisplacementPrinciple => displacement_principle::run(problem, start, &mut monitor)?,
+        Method::AlternatingPrinciples => alternating_principles::run(problem, start, &mut monitor)?,
+        Method::StressPrinciple => stress_principle::run(problem, start, &mut monitor)?,
+        Method::MinimisingSequence => minimising_sequence::run(problem, start, &mut monitor)?,
+        Method::Pivoting => pivoting::run(problem, start, &mut monitor)?,
+    };
+    let furthest = monitor.furthest_rigid().to_vec();
+    let mut solution = finish(problem, settings, monitor, outcome);
+    if solution.outcome == Outcome::NoEquilibrium {
+        // No method says so but by exhausting the statuses.
+        solution.statuses_tried = enumerate::statuses(&problem.mu);
+    }
+    if solution.outcome == Outcome::Converged && hides(problem, settings.tol) {
+        confirm(problem, &mut solution, stop)?;
+    }
+    // What only rounding has let pass may be reactions that have grown until they drown
+    // the walls between which they grew.
+    let doubted = match solution.outcome {
+        Outcome::Converged => solution.residual > settings.tol,
+        outcome => matches!(outcome, Outcome::Stalled | Outcome::IterationLimit),
+    };
+    if doubted && overlap(problem, &problem.compliance.gather(&solution.reaction)) {
+        solution.outcome = Outcome::NoEquilibrium;
+    }
+    if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
+        exhaust(problem, settings, &mut solution, stop)?;
+    }
+    if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {
+        last_resort(problem, settings, &mut solution, |slow| {
+            solve_watched(problem, slow, &Start::default(), stop, progress)
+        })?;
+    }
+    let open = !matches!(
+        solution.outcome,
+        Outcome::Converged | Outcome::NoEquilibrium
+    );
+    if open && !furthest.is_empty() {
+        let r = problem.compliance.gather(&solution.reaction);
+        solution.free_motion = balance::runaway(problem, &r, &furthest).unwrap_or_default();
+    }
+    Ok(solution)
+}
+
+/// A bilateral start with a larger residual than this leaves most of the load
+/// unbalanced; the cold start has 1.
+const TRUSTED_START: f64 = 0.5;
+
+/// Where bodies held by contact alone start when nothing else is given: no
+/// iteration knows as much of their whole balance of forces as the bilateral
+/// solution, unless most of that came from contacts that pull.
+fn bilateral_start<const D: usize>(
+    problem: &Reduced<D>,
+    start: &Start<D>,
+    monitor: &mut Monitor<D>,
+) -> Result<Option<Start<D>>, Error> {
+    if problem.rigid.modes.is_empty() || !start.reaction.is_empty() {
+        return Ok(None);
+    }
+    let Some(held) = newton::held_at(problem, |_| true, monitor)? else {
+        return Ok(None);
+    };
+    let (mut reaction, rigid) = (held.r, held.rigid);
+    for (r, &mu) in reaction.iter_mut().zip(&problem.mu) {
+        *r = project(r, mu).0; // contacts that would pull start open
+    }
+    let v = problem.relative_displacement(&reaction, &rigid);
+    monitor.count(1.0);
+    let trusted = residual(problem, &reaction, &v, &rigid) <= TRUSTED_START;
+    Ok(trusted.then(|| Start {
+        reaction,
+        rigid,
+        closed: start.closed.clone(),
+    }))
+}
+
+/// A point that is known already, judged as any other; its work is that of judging.
+///
+/// # Errors
+/// [`Error::Interrupted`].
+pub fn judged<const D: usize>(
+    problem: &Reduced<D>,
+    settings: &Settings,
+    r: &[[f64; D]],
+    a: &[f64],
+    stop: &AtomicBool,
+) -> Result<Solution<D>, Error> {
+    let progress = Progress::default();
+    let mut monitor = Monitor::new(problem, settings, stop, &progress);
+    let v = problem.relative_displacement(r, a);
+    monitor.count(1.0);
+    monitor.look(r, &v, a, false)?;
+    Ok(finish(problem, settings, monitor, Outcome::Stalled))
+}
