@@ -15,22 +15,20 @@
 //! [`linalg`] (knows no mechanics), [`law`] (one contact), [`reduced`] (all contacts
 //! in the reactions alone, no algorithm), [`condensation`] (from bodies to that and
 //! back), [`solver`] (algorithms on the reduced problem), [`proof`] (what is proved of
-//! their answers), [`stepping`] (the load path), [`working_set`] (the load path where
-//! far more contacts are candidates than close), and `python` behind the feature of
-//! that name.
+//! their answers), [`path`] (steps of load, also where far more contacts are candidates
+//! than close), and `python` behind the feature of that name.
 
 pub mod condensation;
 pub mod error;
 pub mod law;
 pub mod linalg;
 pub mod panics;
+pub mod path;
 mod per_process;
 pub mod proof;
 pub mod reduced;
 pub mod solver;
-pub mod stepping;
 pub mod threads;
-pub mod working_set;
 
 #[cfg(feature = "python")]
 mod python;

@@ -4,11 +4,11 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::condensation::problem::Problem;
+use crate::path::stepping::{increment, reduced_step};
 use crate::proof::error_bound::{Bound, Kind, Prepared, Reason};
 use crate::python::arrays::{self, Matrix, Vector};
 use crate::python::{interrupt, problem, solver};
 use crate::reduced::elliptic_scaling::over;
-use crate::stepping::{increment, reduced_step};
 
 type Dicts<'py> = Vec<Told<'py>>;
 type Told<'py> = pyo3::Bound<'py, PyDict>;

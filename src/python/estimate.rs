@@ -3,13 +3,13 @@
 use pyo3::prelude::*;
 
 use crate::error::Error;
+use crate::path::stepping::{evaluate, reduced_step, stiffness_rounding};
+use crate::path::working_set;
 use crate::python::arrays::{self, Matrix, Vector};
 use crate::python::{interrupt, problem, solver};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
 use crate::solver::newton::refine::{Point, forward_error};
-use crate::stepping::{evaluate, reduced_step, stiffness_rounding};
-use crate::working_set;
 
 type Estimate = Option<(f64, f64)>;
 

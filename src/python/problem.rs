@@ -17,14 +17,14 @@ use crate::condensation::sparse::Rows;
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::linalg::csc::Symmetric;
+use crate::path::stepping::{State, Step};
+use crate::path::working_set;
 use crate::python::arrays::{self, Coefficients, Indices, Matrix, Vector};
 use crate::python::interrupt;
 use crate::python::solver::{settings, solution_dict};
 use crate::reduced::elliptic_scaling::{Stretch, over, times};
 use crate::reduced::memory::{self, Budget};
 use crate::solver::{Outcome, Settings};
-use crate::stepping::{State, Step};
-use crate::working_set;
 
 /// Row pointers, column indices and values of a matrix in CSR form.
 type Csr<'py> = (Indices<'py>, Indices<'py>, Vector<'py>);

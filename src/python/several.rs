@@ -5,6 +5,7 @@ use pyo3::types::PyDict;
 
 use crate::condensation::problem::Problem;
 use crate::error::Error;
+use crate::path::stepping::reduced_step;
 use crate::proof::uniqueness;
 use crate::python::arrays::{Matrix, Vector};
 use crate::python::interrupt;
@@ -12,7 +13,6 @@ use crate::python::solver::solution_dict;
 use crate::python::{problem, solver};
 use crate::solver::enumerate;
 use crate::solver::{Settings, judged};
-use crate::stepping::reduced_step;
 
 /// The answers, and whether there is no other.
 type Answers<'py> = (Vec<Bound<'py, PyDict>>, bool);

@@ -25,8 +25,7 @@ RUST = (
     "condensation",
     "solver",
     "proof",
-    "stepping",
-    "working_set",
+    "path",
     "python",
 )
 # Within a folder likewise; those named together do not know each other.
@@ -94,6 +93,7 @@ RUST_SIBLINGS = {
         "contraction uniqueness",
         "error_bound",
     ),
+    "path": ("stepping", "working_set"),
     "python": (
         "errors arrays heap interrupt",
         "solver",
@@ -335,7 +335,7 @@ def test_rust_layers_see_a_violation(file: str, text: str, said: str) -> None:
 
 def test_rust_layers_let_pass_what_is_allowed() -> None:
     tree = {
-        "lib.rs": "pub use crate::stepping::LoadPath;",
+        "lib.rs": "pub use crate::path::stepping::LoadPath;",
         "law/mod.rs": "pub mod cone; pub mod one_node; use crate::law::cone::project;",
         "law/cone.rs": """
             //! See [`solve`](crate::solver::solve), and "crate::solver".

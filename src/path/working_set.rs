@@ -11,8 +11,8 @@ use crate::condensation::candidates::{Candidates, View};
 use crate::condensation::problem::Problem;
 use crate::error::Error;
 use crate::law::cone::Status;
+use crate::path::stepping::{LoadPath, State, Step};
 use crate::solver::{Outcome, Settings, Solution};
-use crate::stepping::{LoadPath, State, Step};
 
 /// Contacts that may be added at once, however few there are.
 const AT_ONCE: usize = 256;
