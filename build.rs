@@ -1,4 +1,4 @@
-//! Tells the linker to hand METIS's two calls about signals to `linalg/ordering.rs`.
+//! Tells the linker to hand METIS's two calls about signals to `linalg/sparse/ordering.rs`.
 //!
 //! While it works, METIS answers SIGTERM with a jump back into itself, whichever
 //! thread the signal meets: a process that is asked to end then crashes. Only with the

@@ -17,10 +17,10 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use bipot_rs::linalg::csc::Symmetric;
 use bipot_rs::linalg::dense::{Op, cholesky, invert_from_cholesky, matmul};
-use bipot_rs::linalg::multifrontal::{Factor, Schur};
-use bipot_rs::linalg::symbolic::{Options, Symbolic};
+use bipot_rs::linalg::sparse::csc::Symmetric;
+use bipot_rs::linalg::sparse::multifrontal::{Factor, Schur};
+use bipot_rs::linalg::sparse::symbolic::{Options, Symbolic};
 use bodies::Make;
 
 /// Smallest of some repetitions: what the machine can do when left alone.

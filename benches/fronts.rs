@@ -13,10 +13,10 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use bipot_rs::linalg::csc::Symmetric;
 use bipot_rs::linalg::dense::{Op, matmul};
-use bipot_rs::linalg::multifrontal::Factor;
-use bipot_rs::linalg::symbolic::{Options, Symbolic};
+use bipot_rs::linalg::sparse::csc::Symmetric;
+use bipot_rs::linalg::sparse::multifrontal::Factor;
+use bipot_rs::linalg::sparse::symbolic::{Options, Symbolic};
 
 /// Least seconds of one call in batches of some milliseconds.
 fn seconds(mut work: impl FnMut()) -> f64 {

@@ -18,10 +18,10 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use bipot_rs::error::Error;
-use bipot_rs::linalg::csc::Symmetric;
 use bipot_rs::linalg::dense::{self, Op};
-use bipot_rs::linalg::multifrontal::Factor;
-use bipot_rs::linalg::symbolic::{Options, Symbolic};
+use bipot_rs::linalg::sparse::csc::Symmetric;
+use bipot_rs::linalg::sparse::multifrontal::Factor;
+use bipot_rs::linalg::sparse::symbolic::{Options, Symbolic};
 use bodies::{Body, Make};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 

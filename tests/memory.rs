@@ -16,10 +16,10 @@ use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use bipot_rs::linalg::csc::Symmetric;
 use bipot_rs::linalg::dense::{cholesky, invert_from_cholesky};
-use bipot_rs::linalg::multifrontal::{Factor, Schur};
-use bipot_rs::linalg::symbolic::{Counts, Options, Symbolic};
+use bipot_rs::linalg::sparse::csc::Symmetric;
+use bipot_rs::linalg::sparse::multifrontal::{Factor, Schur};
+use bipot_rs::linalg::sparse::symbolic::{Counts, Options, Symbolic};
 use bipot_rs::proof::uniqueness::{MOST_BYTES, Unique, assess, bytes};
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::{Reduced, Rigid};

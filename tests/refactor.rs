@@ -13,11 +13,11 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use bipot_rs::error::Error;
-use bipot_rs::linalg::csc::Symmetric;
 use bipot_rs::linalg::dense::{cholesky, invert_from_cholesky};
-use bipot_rs::linalg::multifrontal::{Factor, Schur};
-use bipot_rs::linalg::reach::Reach;
-use bipot_rs::linalg::symbolic::{Options, Symbolic};
+use bipot_rs::linalg::sparse::csc::Symmetric;
+use bipot_rs::linalg::sparse::multifrontal::{Factor, Schur};
+use bipot_rs::linalg::sparse::reach::Reach;
+use bipot_rs::linalg::sparse::symbolic::{Options, Symbolic};
 use bodies::{Body, Make};
 
 static GO: AtomicBool = AtomicBool::new(false);

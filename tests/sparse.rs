@@ -6,11 +6,11 @@ use std::sync::atomic::AtomicBool;
 
 use bipot_rs::condensation::sparse::free_part;
 use bipot_rs::error::Error;
-use bipot_rs::linalg::blocks::Blocks;
-use bipot_rs::linalg::csc::{Symmetric, Symmetry};
 use bipot_rs::linalg::lu::Lu;
 use bipot_rs::linalg::small::{Block, norm};
-use bipot_rs::linalg::sparse_lu::{Analysis, SparseLu};
+use bipot_rs::linalg::sparse::blocks::Blocks;
+use bipot_rs::linalg::sparse::csc::{Symmetric, Symmetry};
+use bipot_rs::linalg::sparse::sparse_lu::{Analysis, SparseLu};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 /// Pairs of rows and columns of a matrix, in any order.

@@ -14,12 +14,12 @@ use crate::condensation::rigid_motions::Geometry;
 use crate::condensation::sparse::Owned;
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
-use crate::linalg::csc::Symmetric;
 use crate::linalg::dense;
 use crate::linalg::jacobi::{combine, orthogonalise};
-use crate::linalg::multifrontal::{Factor, Schur};
 use crate::linalg::small::{dot_long, norm};
-use crate::linalg::symbolic::{Counts, Options, Symbolic};
+use crate::linalg::sparse::csc::Symmetric;
+use crate::linalg::sparse::multifrontal::{Factor, Schur};
+use crate::linalg::sparse::symbolic::{Counts, Options, Symbolic};
 
 /// A pivot above this, relative to the diagonal of `K`, leaves no doubt that a
 /// matrix is definite; below it the softest motions are looked at. Where the contact

@@ -9,10 +9,10 @@ use crate::condensation::sparse::Owned;
 use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::exact::{self, Sum};
-use crate::linalg::multifrontal::Factor;
 use crate::linalg::signs::signs;
 use crate::linalg::small::{dot_long, norm};
-use crate::linalg::symbolic::{Counts, Symbolic};
+use crate::linalg::sparse::multifrontal::Factor;
+use crate::linalg::sparse::symbolic::{Counts, Symbolic};
 
 /// Where `W` may be off by more than so many ε it has lost the digits that the judge
 /// asks for: steps are then taken with `v` from `K`.

@@ -22,7 +22,7 @@ use crate::condensation::sparse::{self, Owned, Rows};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::{Share, Surface};
 use crate::error::Error;
-use crate::linalg::csc::Symmetric;
+use crate::linalg::sparse::csc::Symmetric;
 use crate::reduced::compliance::Compliance;
 use crate::reduced::elliptic_scaling::Stretch;
 use crate::reduced::memory::Budget;

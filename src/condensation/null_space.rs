@@ -15,10 +15,10 @@ use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::exact;
 use crate::linalg::jacobi::combine;
-use crate::linalg::multifrontal::Factor;
 use crate::linalg::signs::signs;
 use crate::linalg::small::{dot_long, norm};
-use crate::linalg::symbolic::Symbolic;
+use crate::linalg::sparse::multifrontal::Factor;
+use crate::linalg::sparse::symbolic::Symbolic;
 
 /// The shift of inverse iteration, relative to the diagonal of `K`: far above
 /// rounding, far below what is stiff. Where rounding leaves more, it is raised.

@@ -8,8 +8,8 @@
 use std::sync::Arc;
 
 use crate::error::Error;
-use crate::linalg::csc::Symmetric;
-use crate::linalg::symbolic::Symbolic;
+use crate::linalg::sparse::csc::Symmetric;
+use crate::linalg::sparse::symbolic::Symbolic;
 use crate::per_process::PerProcess;
 
 /// Where the bound is read from [MB]; 0 keeps nothing.

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use crate::error::Error;
-use crate::linalg::csc::{Symmetric, Symmetry, mix};
 use crate::linalg::exact::Sum;
+use crate::linalg::sparse::csc::{Symmetric, Symmetry, mix};
 
 /// A borrowed matrix by rows; indices need not be sorted.
 #[derive(Clone, Copy, Debug)]

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use crate::condensation::body::Body;
 use crate::condensation::sparse::{Owned, Rows};
 use crate::linalg::exact::Sum;
-use crate::linalg::reach::Reach;
 use crate::linalg::small::dot_long;
+use crate::linalg::sparse::reach::Reach;
 use crate::reduced::elliptic_scaling::Stretch;
 
 /// A row of `B` restricted to a body: its local degrees of freedom, and values.

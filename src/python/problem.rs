@@ -16,7 +16,7 @@ use crate::condensation::problem::{Confirmed, Problem};
 use crate::condensation::sparse::Rows;
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::linalg::csc::Symmetric;
+use crate::linalg::sparse::csc::Symmetric;
 use crate::path::stepping::{State, Step};
 use crate::path::working_set;
 use crate::python::arrays::{self, Coefficients, Indices, Matrix, Vector};

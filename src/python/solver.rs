@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::error::Error;
 use crate::law::cone::Status;
 use crate::law::{cone, elliptic};
-use crate::linalg::blocks::Blocks;
+use crate::linalg::sparse::blocks::Blocks;
 use crate::panics::caught;
 use crate::python::arrays::{self, Coefficients, Matrix, Vector};
 use crate::python::interrupt;

@@ -11,10 +11,10 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::linalg::blocks::Blocks;
 use crate::linalg::exact::Sum;
 use crate::linalg::small::Block;
-use crate::linalg::sparse_lu::Analysis;
+use crate::linalg::sparse::blocks::Blocks;
+use crate::linalg::sparse::sparse_lu::Analysis;
 use crate::reduced::elliptic_scaling::Stretch;
 use crate::reduced::island::PARALLEL_ROWS;
 pub use crate::reduced::island::{Island, Part};

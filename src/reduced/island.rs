@@ -13,10 +13,10 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 use crate::linalg::binary::{exponent, times_two_to};
-use crate::linalg::blocks::Blocks;
 use crate::linalg::dense;
 use crate::linalg::exact::{self, Sum};
 use crate::linalg::small::{Block, Vector, dot_long};
+use crate::linalg::sparse::blocks::Blocks;
 use crate::reduced::elliptic_scaling::Stretch;
 use crate::reduced::memory;
 

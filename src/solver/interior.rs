@@ -20,7 +20,7 @@ use crate::law::second_order::{self, NesterovTodd, longest_step, product, quotie
 use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
-use crate::linalg::sparse_lu::SparseLu;
+use crate::linalg::sparse::sparse_lu::SparseLu;
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{residual, scaled_imbalance};

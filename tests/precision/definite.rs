@@ -1,7 +1,7 @@
 //! Which matrices are refused, and by what name: beside minors in whole numbers.
 
 use bipot_rs::error::Error;
-use bipot_rs::linalg::csc::Symmetry;
+use bipot_rs::linalg::sparse::csc::Symmetry;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 use crate::judge::factor;

@@ -17,8 +17,8 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, LazyLock};
 
 use bipot_rs::error::Error;
-use bipot_rs::linalg::multifrontal::Factor;
-use bipot_rs::linalg::symbolic::{Options, Symbolic};
+use bipot_rs::linalg::sparse::multifrontal::Factor;
+use bipot_rs::linalg::sparse::symbolic::{Options, Symbolic};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 

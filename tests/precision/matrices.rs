@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use bipot_rs::linalg::csc::Symmetric;
+use bipot_rs::linalg::sparse::csc::Symmetric;
 use rand::{RngExt, rngs::StdRng};
 
 /// A symmetric matrix by columns, both triangles stored.

@@ -16,7 +16,7 @@ use crate::linalg::gmres;
 use crate::linalg::lu::Lu;
 use crate::linalg::pages;
 use crate::linalg::small::{Block, Vector};
-use crate::linalg::sparse_lu::SparseLu;
+use crate::linalg::sparse::sparse_lu::SparseLu;
 use crate::reduced::compliance::Whole;
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;

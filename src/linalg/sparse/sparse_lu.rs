@@ -9,11 +9,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::linalg::blocks::Blocks;
-use crate::linalg::csc::Symmetric;
 use crate::linalg::dense;
 use crate::linalg::lu;
-use crate::linalg::symbolic::{Counts, Front, Options, Symbolic};
+use crate::linalg::sparse::blocks::Blocks;
+use crate::linalg::sparse::csc::Symmetric;
+use crate::linalg::sparse::symbolic::{Counts, Front, Options, Symbolic};
 
 /// Columns that a thread works on together.
 const TILE: usize = 64;

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use crate::linalg::symbolic::{Front, Task};
-use crate::linalg::tree::flops_of;
+use crate::linalg::sparse::symbolic::{Front, Task};
+use crate::linalg::sparse::tree::flops_of;
 
 /// Work of a subtree that one thread does alone [flop]: some milliseconds, far
 /// above the cost of handing it out. Where all there is is little more than that,

@@ -16,15 +16,15 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::linalg::csc::Symmetric;
-use crate::linalg::ordering::{Graph, by_coordinates, by_metis};
 use crate::linalg::packed::{Packed, Panel, Run};
 use crate::linalg::pages::zeros;
-use crate::linalg::quotient::Quotient;
-use crate::linalg::symbolic::layout::Layout;
-use crate::linalg::symbolic::pattern::Pattern;
-use crate::linalg::symbolic::tasks::Tasks;
-use crate::linalg::tree::{Tree, flops_of};
+use crate::linalg::sparse::csc::Symmetric;
+use crate::linalg::sparse::ordering::{Graph, by_coordinates, by_metis};
+use crate::linalg::sparse::quotient::Quotient;
+use crate::linalg::sparse::symbolic::layout::Layout;
+use crate::linalg::sparse::symbolic::pattern::Pattern;
+use crate::linalg::sparse::symbolic::tasks::Tasks;
+use crate::linalg::sparse::tree::{Tree, flops_of};
 
 /// Work a node up to which METIS is not asked where coordinates have given an order
 /// [flop]: it takes some 10 µs a node, and half of so much work takes no longer.

@@ -14,14 +14,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use crate::error::Error;
-use crate::linalg::csc::{Symmetric, narrow};
 use crate::linalg::dense::{factor_panel, mirror_upper, rank_update};
 use crate::linalg::packed::{Packed, Run, add_to_panel, add_to_update, segments};
 use crate::linalg::pages::{release, zeros};
-use crate::linalg::region::{End, Left, Piece, Region};
-use crate::linalg::sweep::{Columns, Forward};
-use crate::linalg::symbolic::{Front, Symbolic, Task};
-use crate::linalg::walk::{inner, lock, upwards};
+use crate::linalg::sparse::csc::{Symmetric, narrow};
+use crate::linalg::sparse::region::{End, Left, Piece, Region};
+use crate::linalg::sparse::sweep::{Columns, Forward};
+use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
+use crate::linalg::sparse::walk::{inner, lock, upwards};
 
 /// Roundings that a pivot may be off by, against its diagonal in K, for each
 /// unknown eliminated before it. The stiffness of a free motion sums to nothing
@@ -39,7 +39,7 @@ pub struct Schur {
 impl Schur {
     /// Eliminates all but the kept unknowns of `k` as [`Factor::new`] does, to
     /// the same bits, but holds the factor of each front only while it is made:
-    /// [`Counts::bytes_peak_dropped`](crate::linalg::symbolic::Counts) in place
+    /// [`Counts::bytes_peak_dropped`](crate::linalg::sparse::symbolic::Counts) in place
     /// of `bytes_peak`.
     ///
     /// `loads`, columns of length `n` one after another, are condensed on the

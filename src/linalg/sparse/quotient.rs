@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::linalg::csc::{mix, narrow};
+use crate::linalg::sparse::csc::{mix, narrow};
 
 /// A vertex joined to more than this many times `√N` others is ordered last:
 /// dissection cannot separate anything around it.

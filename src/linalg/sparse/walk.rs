@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::Scope;
 
-use crate::linalg::symbolic::{Symbolic, Task};
+use crate::linalg::sparse::symbolic::{Symbolic, Task};
 
 /// Does `work` on every task after its children; where it returns false, not on
 /// those above.

@@ -4,9 +4,9 @@
 //! small fronts are merged into their parents at the price of some zeros,
 //! because products of a few columns run far below the machine's rate.
 
-use crate::linalg::csc::narrow;
 use crate::linalg::packed::Packed;
-use crate::linalg::quotient::Quotient;
+use crate::linalg::sparse::csc::narrow;
+use crate::linalg::sparse::quotient::Quotient;
 
 /// Merge while the front has at most so many pivots and, of the entries of its
 /// columns, less than this part is zero.

@@ -9,8 +9,8 @@ use std::sync::{Arc, Mutex};
 
 use crate::linalg::dense::{backward, forward};
 use crate::linalg::packed::{Segment, segments};
-use crate::linalg::symbolic::{Front, Symbolic, Task};
-use crate::linalg::walk::{inner, lock};
+use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
+use crate::linalg::sparse::walk::{inner, lock};
 
 /// Columns by tasks: of each task the rows of its pivots, one column after
 /// another, in elimination numbering; the rows of the kept unknowns last.

@@ -4,8 +4,8 @@
 use rayon::prelude::*;
 
 use crate::linalg::dense::forward;
-use crate::linalg::multifrontal::Factor;
-use crate::linalg::symbolic::{Front, Symbolic};
+use crate::linalg::sparse::multifrontal::Factor;
+use crate::linalg::sparse::symbolic::{Front, Symbolic};
 
 /// Columns that a thread takes together. Fewer are filled up with zeros: products of
 /// another width may sum in another order, and what a column becomes would depend on

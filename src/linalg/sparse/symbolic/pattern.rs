@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use crate::linalg::csc::{Symmetric, narrow};
+use crate::linalg::sparse::csc::{Symmetric, narrow};
 
 /// The pattern with both triangles: K's own, unless rounding has cancelled an
 /// entry on one side only.

@@ -4,12 +4,12 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::linalg::csc::{Symmetric, narrow};
 use crate::linalg::packed::{Panel, Run};
-use crate::linalg::quotient::Quotient;
-use crate::linalg::symbolic::Front;
-use crate::linalg::symbolic::pattern::Pattern;
-use crate::linalg::tree::Tree;
+use crate::linalg::sparse::csc::{Symmetric, narrow};
+use crate::linalg::sparse::quotient::Quotient;
+use crate::linalg::sparse::symbolic::Front;
+use crate::linalg::sparse::symbolic::pattern::Pattern;
+use crate::linalg::sparse::tree::Tree;
 
 /// Fronts, rows and numbering, as they are built.
 pub(super) struct Layout<'a> {

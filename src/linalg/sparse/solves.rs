@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 
-use crate::linalg::multifrontal::Factor;
-use crate::linalg::sweep::{Backward, Columns, Forward};
-use crate::linalg::symbolic::Front;
-use crate::linalg::walk::{downwards, upwards};
+use crate::linalg::sparse::multifrontal::Factor;
+use crate::linalg::sparse::sweep::{Backward, Columns, Forward};
+use crate::linalg::sparse::symbolic::Front;
+use crate::linalg::sparse::walk::{downwards, upwards};
 
 /// Columns that pass the factor together: enough for the rate of a product,
 /// few enough that what waits on the tree is small beside the factor.
