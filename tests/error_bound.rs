@@ -2,7 +2,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use bipot_rs::linalg::below::{Below, is_definite};
+use bipot_rs::linalg::verified_cholesky::{Below, is_definite};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 /// `G Gᵀ + ridge`, column by column.

@@ -11,7 +11,7 @@ use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
 use bipot_rs::error::Error;
-use bipot_rs::linalg::exact::{Sum, dot};
+use bipot_rs::linalg::compensated::{Sum, dot};
 use bipot_rs::linalg::gmres::{self, Found};
 use bipot_rs::linalg::lu::Lu;
 use bipot_rs::linalg::small::norm;

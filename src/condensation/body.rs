@@ -7,9 +7,9 @@ use rayon::prelude::*;
 use crate::condensation::rigid_motions::Geometry;
 use crate::condensation::sparse::Owned;
 use crate::error::Error;
+use crate::linalg::compensated::{self, Sum};
 use crate::linalg::dense;
-use crate::linalg::exact::{self, Sum};
-use crate::linalg::signs::signs;
+use crate::linalg::random_signs::signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::{Counts, Symbolic};
@@ -255,7 +255,7 @@ impl Body {
         }
         let own: Vec<f64> = self.dofs.iter().map(|&i| load[i]).collect();
         let of_motion = |motion: &Vec<f64>| {
-            let work = exact::dot(motion, &own).value();
+            let work = compensated::dot(motion, &own).value();
             let terms: f64 = motion.iter().zip(&own).map(|(m, f)| (m * f).abs()).sum();
             // Loads that balance one another leave only their rounding.
             if work.abs() <= 16.0 * f64::EPSILON * terms {

@@ -12,10 +12,10 @@ use rayon::prelude::*;
 
 use crate::condensation::sparse::Owned;
 use crate::error::Error;
+use crate::linalg::compensated;
 use crate::linalg::dense;
-use crate::linalg::exact;
 use crate::linalg::jacobi::combine;
-use crate::linalg::signs::signs;
+use crate::linalg::random_signs::signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::Symbolic;
@@ -428,7 +428,7 @@ pub(super) fn part(
         let mut energies = vec![0.0; width * width];
         for i in 0..width {
             for j in 0..=i {
-                let value = -exact::dot(&block[i], &images[j]).value();
+                let value = -compensated::dot(&block[i], &images[j]).value();
                 energies[j * width + i] = value;
                 energies[i * width + j] = value;
             }
@@ -494,7 +494,7 @@ pub(super) fn part(
 
 /// `xᵀ K x`.
 fn energy(k: &Owned, x: &[f64]) -> f64 {
-    -exact::dot(x, &k.residual(x, &vec![0.0; x.len()])).value()
+    -compensated::dot(x, &k.residual(x, &vec![0.0; x.len()])).value()
 }
 
 /// An energy `xᵀ K x` over what rounding of K may make of it.

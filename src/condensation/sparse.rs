@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use crate::error::Error;
-use crate::linalg::exact::Sum;
+use crate::linalg::compensated::Sum;
 use crate::linalg::sparse::csc::{Symmetric, Symmetry, mix};
 
 /// A borrowed matrix by rows; indices need not be sorted.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::condensation::body::Body;
 use crate::condensation::sparse::{Owned, Rows};
-use crate::linalg::exact::Sum;
+use crate::linalg::compensated::Sum;
 use crate::linalg::small::dot_long;
 use crate::linalg::sparse::reach::Reach;
 use crate::reduced::elliptic_scaling::Stretch;

@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 use crate::law::cone::Status;
 use crate::law::sliding::Sliding;
-use crate::linalg::binary::{exponent, times_two_to};
+use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::Block;
 
 /// What a contact did before, which decides between solutions where there are several.

@@ -4,8 +4,8 @@
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
-use crate::linalg::below::{self, gamma};
 use crate::linalg::small::norm;
+use crate::linalg::verified_cholesky::{self, gamma};
 use crate::proof::monotonicity::Monotonicity;
 use crate::proof::weights::Common;
 
@@ -56,7 +56,7 @@ pub fn contraction<const D: usize>(
             rest[i * (m + 1)] += c;
         }
         let error = of_rough + 2.0 * f64::EPSILON * c;
-        if below::is_definite(rest, m, error, stop)? {
+        if verified_cholesky::is_definite(rest, m, error, stop)? {
             alpha = Some(c);
             break;
         }
@@ -76,7 +76,7 @@ pub fn contraction<const D: usize>(
             largest = largest.max(loss);
         }
         let error = gamma(0) * (largest + norm(&half));
-        if below::is_definite(rest, n, error, stop)? {
+        if verified_cholesky::is_definite(rest, n, error, stop)? {
             return Ok(Some(least * (1.0 + gamma(0))));
         }
     }

@@ -12,7 +12,7 @@ use crate::error::Error;
 use crate::law::alart_curnier::linearised;
 use crate::law::cone::Status;
 use crate::linalg::lu::Lu;
-use crate::linalg::signs::signs;
+use crate::linalg::random_signs::signs;
 use crate::linalg::small::{Block, Vector, norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 

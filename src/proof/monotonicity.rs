@@ -15,11 +15,11 @@ use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
-use crate::linalg::below::{self, Lower, gamma};
-use crate::linalg::binary::{exponent, times_two_to};
 use crate::linalg::dense::{self, Op};
-use crate::linalg::signs::signs;
+use crate::linalg::power_of_two::{exponent, times_two_to};
+use crate::linalg::random_signs::signs;
 use crate::linalg::small::{dot_long, norm};
+use crate::linalg::verified_cholesky::{self, Lower, gamma};
 use crate::reduced::reduced::Reduced;
 
 /// Weights of contacts, one each.
@@ -418,7 +418,7 @@ pub fn least_ratio(
         // L Lᵀ itself lies lower than A.
         let sizes = norm(form) + alpha * norm(half);
         let room = error + alpha * of_half + lower.lowered() + 4.0 * f64::EPSILON * sizes;
-        if below::is_definite(rest, m, room, stop)? {
+        if verified_cholesky::is_definite(rest, m, room, stop)? {
             return Ok(Some(alpha));
         }
     }

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
-use crate::linalg::below::{self, Lower};
+use crate::linalg::verified_cholesky::{self, Lower};
 use crate::proof::fixed_point_index::index;
 use crate::proof::monotonicity::{Known, Monotonicity, Units, Weights};
 use crate::proof::weights;
@@ -150,7 +150,7 @@ fn assess_island<const D: usize>(
     let known = vec![Known::Nothing; monotonicity.mu.len()];
     let monotone = |weights: &Weights| {
         let (form, error) = monotonicity.form(&kept, weights, &known);
-        below::is_definite(form, n, error, stop)
+        verified_cholesky::is_definite(form, n, error, stop)
     };
     let common = weights::common(&monotonicity, &lower);
     drop(lower);

@@ -19,9 +19,9 @@
 use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
-use crate::linalg::below::Lower;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::small::dot_long;
+use crate::linalg::verified_cholesky::Lower;
 use crate::proof::monotonicity::{Known, Monotonicity, Weights, largest, product};
 
 /// Below this κ a bound gains less from other weights than they cost.

@@ -7,12 +7,12 @@
 
 mod arrays;
 mod bound;
+mod enumeration;
 mod errors;
 mod estimate;
 mod heap;
 mod interrupt;
 mod problem;
-mod several;
 mod solver;
 
 use pyo3::prelude::*;
@@ -22,13 +22,13 @@ mod _core {
     #[pymodule_export]
     use super::bound::{error_bound_of_step, error_bounds};
     #[pymodule_export]
+    use super::enumeration::{answers, assess, assess_step};
+    #[pymodule_export]
     use super::estimate::{forward_errors, forward_errors_of_step};
     #[pymodule_export]
     use super::heap::keep_heap;
     #[pymodule_export]
     use super::problem::{Condensed, Path, follow};
-    #[pymodule_export]
-    use super::several::{answers, assess, assess_step};
     #[pymodule_export]
     use super::solver::{Reduced, is_sparse, project, threads};
 

@@ -12,7 +12,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::linalg::exact::Sum;
+use crate::linalg::compensated::Sum;
 use crate::linalg::nonnegative::{add, shortest};
 use crate::linalg::small::{dot_long, norm, tangential_norm};
 use crate::linalg::union::Union;

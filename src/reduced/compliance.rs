@@ -11,7 +11,7 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::linalg::exact::Sum;
+use crate::linalg::compensated::Sum;
 use crate::linalg::small::Block;
 use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::sparse_lu::Analysis;

@@ -12,9 +12,9 @@ use std::sync::atomic::AtomicBool;
 use rayon::prelude::*;
 
 use crate::error::Error;
-use crate::linalg::binary::{exponent, times_two_to};
+use crate::linalg::compensated::{self, Sum};
 use crate::linalg::dense;
-use crate::linalg::exact::{self, Sum};
+use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::{Block, Vector, dot_long};
 use crate::linalg::sparse::blocks::Blocks;
 use crate::reduced::elliptic_scaling::Stretch;
@@ -233,7 +233,7 @@ impl<'a, const D: usize> Island<'a, D> {
     #[must_use]
     pub fn exact_row(&self, contact: usize, k: usize, r: &[[f64; D]]) -> Sum {
         match &self.part {
-            Part::Dense(matrix) => exact::dot(self.row(matrix, contact, k), r.as_flattened()),
+            Part::Dense(matrix) => compensated::dot(self.row(matrix, contact, k), r.as_flattened()),
             Part::Sparse(blocks) => {
                 let mut sum = Sum::default();
                 for (j, block) in blocks.in_row(contact) {

@@ -1,7 +1,7 @@
 //! The reduced problem (5), `v = W r + R a + q`, checked once and scaled once.
 
 use crate::error::Error;
-use crate::linalg::binary::{exponent, times_two_to};
+use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::{length, norm};
 use crate::reduced::compliance::Compliance;
 use crate::reduced::validate::{check_finite, check_friction, check_length};

@@ -21,9 +21,9 @@ use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
-use crate::linalg::below::Below;
 use crate::linalg::dense;
 use crate::linalg::small::norm;
+use crate::linalg::verified_cholesky::Below;
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::residual::Certificate;

@@ -31,18 +31,18 @@ RUST = (
 # Within a folder likewise; those named together do not know each other.
 RUST_SIBLINGS = {
     "linalg": (
-        "binary exact packed pages signs small union",
+        "compensated packed pages power_of_two random_signs small union",
         "dense gmres jacobi least_squares",
-        "below lu nonnegative",
+        "lu nonnegative verified_cholesky",
         "sparse",
     ),
     "linalg/sparse": (
         "blocks csc ordering",
-        "quotient",
+        "supervariables",
         "tree",
         "symbolic",
-        "sparse_lu walk",
-        "region sweep",
+        "sparse_lu task_tree",
+        "arena tree_solves",
         "multifrontal",
         "reach solves",
     ),
@@ -101,7 +101,7 @@ RUST_SIBLINGS = {
         "errors arrays heap interrupt",
         "solver",
         "problem",
-        "several",
+        "enumeration",
         "bound estimate",
     ),
 }
@@ -114,7 +114,7 @@ RUST_NAMES = {
     "numpy": ("python/",),
     "unsafe": (
         *("linalg/dense/kernels.rs", "linalg/pages.rs"),
-        *("linalg/sparse/ordering.rs", "linalg/sparse/region.rs"),
+        *("linalg/sparse/ordering.rs", "linalg/sparse/arena.rs"),
     ),
 }
 # Library, and the only modules that may name it.

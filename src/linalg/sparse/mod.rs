@@ -1,15 +1,15 @@
 //! Sparse matrices: analysis, partial factorisation, solves.
 
+mod arena;
 pub mod blocks;
 pub mod csc;
 pub mod multifrontal;
 mod ordering;
-mod quotient;
 pub mod reach;
-mod region;
 mod solves;
 pub mod sparse_lu;
-mod sweep;
+mod supervariables;
 pub mod symbolic;
+mod task_tree;
 mod tree;
-mod walk;
+mod tree_solves;

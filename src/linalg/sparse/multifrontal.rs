@@ -17,11 +17,11 @@ use crate::error::Error;
 use crate::linalg::dense::{factor_panel, mirror_upper, rank_update};
 use crate::linalg::packed::{Packed, Run, add_to_panel, add_to_update, segments};
 use crate::linalg::pages::{release, zeros};
+use crate::linalg::sparse::arena::{End, Left, Piece, Region};
 use crate::linalg::sparse::csc::{Symmetric, narrow};
-use crate::linalg::sparse::region::{End, Left, Piece, Region};
-use crate::linalg::sparse::sweep::{Columns, Forward};
 use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
-use crate::linalg::sparse::walk::{inner, lock, upwards};
+use crate::linalg::sparse::task_tree::{inner, lock, upwards};
+use crate::linalg::sparse::tree_solves::{Columns, Forward};
 
 /// Roundings that a pivot may be off by, against its diagonal in K, for each
 /// unknown eliminated before it. The stiffness of a free motion sums to nothing

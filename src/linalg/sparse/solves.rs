@@ -3,9 +3,9 @@
 use rayon::prelude::*;
 
 use crate::linalg::sparse::multifrontal::Factor;
-use crate::linalg::sparse::sweep::{Backward, Columns, Forward};
 use crate::linalg::sparse::symbolic::Front;
-use crate::linalg::sparse::walk::{downwards, upwards};
+use crate::linalg::sparse::task_tree::{downwards, upwards};
+use crate::linalg::sparse::tree_solves::{Backward, Columns, Forward};
 
 /// Columns that pass the factor together: enough for the rate of a product,
 /// few enough that what waits on the tree is small beside the factor.

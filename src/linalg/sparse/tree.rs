@@ -6,7 +6,7 @@
 
 use crate::linalg::packed::Packed;
 use crate::linalg::sparse::csc::narrow;
-use crate::linalg::sparse::quotient::Quotient;
+use crate::linalg::sparse::supervariables::Quotient;
 
 /// Merge while the front has at most so many pivots and, of the entries of its
 /// columns, less than this part is zero.

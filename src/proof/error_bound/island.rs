@@ -4,9 +4,9 @@ use std::sync::atomic::AtomicBool;
 
 use crate::error::Error;
 use crate::law::face::{Face, Place};
-use crate::linalg::below::{Below, Ellipsoid, gamma};
-use crate::linalg::binary::{exponent, times_two_to};
+use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::{norm, tangential_norm};
+use crate::linalg::verified_cholesky::{Below, Ellipsoid, gamma};
 use crate::proof::contraction::contraction;
 use crate::proof::monotonicity::{
     Known, Monotonicity, Ties, Units, Weights, least_ratio, product, scaled_entry,

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::linalg::packed::{Panel, Run};
 use crate::linalg::sparse::csc::{Symmetric, narrow};
-use crate::linalg::sparse::quotient::Quotient;
+use crate::linalg::sparse::supervariables::Quotient;
 use crate::linalg::sparse::symbolic::Front;
 use crate::linalg::sparse::symbolic::pattern::Pattern;
 use crate::linalg::sparse::tree::Tree;

@@ -20,7 +20,7 @@ use crate::linalg::packed::{Packed, Panel, Run};
 use crate::linalg::pages::zeros;
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::ordering::{Graph, by_coordinates, by_metis};
-use crate::linalg::sparse::quotient::Quotient;
+use crate::linalg::sparse::supervariables::Quotient;
 use crate::linalg::sparse::symbolic::layout::Layout;
 use crate::linalg::sparse::symbolic::pattern::Pattern;
 use crate::linalg::sparse::symbolic::tasks::Tasks;

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex};
 use crate::linalg::dense::{backward, forward};
 use crate::linalg::packed::{Segment, segments};
 use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
-use crate::linalg::sparse::walk::{inner, lock};
+use crate::linalg::sparse::task_tree::{inner, lock};
 
 /// Columns by tasks: of each task the rows of its pivots, one column after
 /// another, in elimination numbering; the rows of the kept unknowns last.

@@ -10,7 +10,7 @@ use std::ops::{Deref, DerefMut, Range};
 use std::sync::Mutex;
 
 use crate::linalg::pages::{release, zeros};
-use crate::linalg::sparse::walk::lock;
+use crate::linalg::sparse::task_tree::lock;
 
 /// Which end of a region a piece is taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
