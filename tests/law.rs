@@ -6,7 +6,6 @@
 
 use bipot_rs::law::bipotential::{StartState, corrected, gap, law_step};
 use bipot_rs::law::cone::{Status, derivative, project, project_dual, project_increment};
-use bipot_rs::law::frame::from_normal;
 use bipot_rs::law::one_node::{self, Habit};
 use bipot_rs::law::second_order::{self, NesterovTodd};
 use bipot_rs::linalg::small::{Block, Vector, tangential_norm};
@@ -348,29 +347,6 @@ fn a_closed_node_stays_on_its_branch() {
     assert!(norm(&minus(&r, &[1.0, 2.0])) <= 16.0 * EPS);
     let (r, status) = one_node::solve(&w, &q, 3.0, Habit::None).unwrap();
     assert_eq!((r, status), ([0.0; 2], Status::Open));
-}
-
-#[test]
-fn frames_are_orthonormal_and_exact_on_axes() {
-    assert_eq!(
-        from_normal(&[0.0, 0.0, 1.0]).unwrap(),
-        [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
-    );
-    assert_eq!(
-        from_normal(&[0.0, -1.0]).unwrap(),
-        [[0.0, -1.0], [1.0, 0.0]]
-    );
-    let n = [0.48, -0.6, 0.64];
-    let frame = from_normal(&n).unwrap();
-    for i in 0..3 {
-        for j in 0..3 {
-            let expected = if i == j { 1.0 } else { 0.0 };
-            assert!((dot(&frame[i], &frame[j]) - expected).abs() <= 4.0 * EPS);
-        }
-    }
-    for bad in [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [f64::NAN, 0.0, 1.0]] {
-        assert!(from_normal(&bad).is_err());
-    }
 }
 
 /// A point inside the second-order cone, as near to its rim as `1 − share`.

@@ -5,7 +5,6 @@ pub mod bipotential;
 pub mod cone;
 pub mod elliptic;
 pub mod face;
-pub mod frame;
 pub mod frozen;
 pub mod one_node;
 pub mod second_order;

@@ -47,7 +47,7 @@ RUST_SIBLINGS = {
         "reach solves",
     ),
     "law": (
-        "frame cone second_order sliding",
+        "cone second_order sliding",
         "alart_curnier bipotential elliptic one_node",
         "face frozen",
     ),
@@ -304,7 +304,7 @@ def test_the_top_of_the_package(repository: Path) -> None:
             "mod tests { use super::super::one_node::f; }",
             "cone may not use one_node",
         ),
-        ("law/cone.rs", "use super::frame::f;", "cone may not use frame"),
+        ("law/cone.rs", "use super::sliding::f;", "cone may not use sliding"),
         ("error.rs", "use crate::threads::pool;", "error may not use threads"),
         ("law/cone.rs", "use crate::Status;", "name the module it lives in"),
         ("law/cone.rs", "use super::project;", "name the module it lives in"),
@@ -329,7 +329,7 @@ def test_the_top_of_the_package(repository: Path) -> None:
     ],
 )
 def test_rust_layers_see_a_violation(file: str, text: str, said: str) -> None:
-    tree = {f"law/{name}.rs": "" for name in ("one_node", "cone", "frame", "mod")}
+    tree = {f"law/{name}.rs": "" for name in ("one_node", "cone", "sliding", "mod")}
     tree |= {"solver/newton/refine.rs": "", "solver/solve.rs": ""}
     found = tree_violations(tree | {file: text}, RUST, RUST_SIBLINGS)
     assert found
