@@ -110,6 +110,9 @@ def test_the_sheet_gives_the_table(repository: Path) -> None:
     assert rows
     for row in rows:
         assert "| " + " | ".join(beside.cells(row)) + " |" in page
+    first = (repository / "README.md").read_text(encoding="utf-8")
+    assert beside.short(rows) in first
+    assert len(first.splitlines()) <= 150
 
 
 @pytest.fixture(scope="module")
