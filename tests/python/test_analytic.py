@@ -3,15 +3,15 @@
 import csv
 import math
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from bipot_rs import analytic
+from places import REFERENCE
 
-DATA = Path(__file__).parent / "data_reference"
+DATA = REFERENCE
 # The tables print 12 significant digits.
 PRINTED = 1e-11
 

@@ -1,0 +1,229 @@
+"""P1–P5: published problems."""
+
+import csv
+import json
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+import bipot_rs as bp
+from bipot_rs import fem, scene
+from bodies import block, uniform_shear
+from cases_plane import SIZES, line
+from cases_space import SIZES as SIZES_SPACE
+from cases_space import sphere
+from places import REFERENCE
+from verification import Row, exact, near, same
+
+Array = NDArray[np.float64]
+DATA = REFERENCE
+PLATE = "SSNV128 of code_aster"
+NAFEMS = "NAFEMS, Konter 2006"
+PAD = "SSNV503 of code_aster"
+
+
+@cache
+def plate(n: int, steps: int = 5) -> tuple[fem.Model, Array, Any]:
+    """The scene `raous_plate`: model, last load, result; contacts by their place."""
+    read = scene.read("raous_plate", [f"mesh.n={n}", f"path.steps={steps}"])
+    case = scene.assemble(read, scene.bodies(read))
+    assert case.load is not None
+    result = case.model.problem().solve(case.load, case.prescribed, tol=1e-12)
+    return case.model, case.load[-1], result
+
+
+def along(model: fem.Model, values: Array) -> Array:
+    """Values of the contacts from x = 0 on."""
+    return values[np.argsort(model.points[:, 0])]
+
+
+def points_of_the_plate() -> tuple[list[str], Array, Array, Array]:
+    """Names, places, published u_x and that of an independent program on 32² cells."""
+    with (DATA / "ssnv128_published.csv").open() as file:
+        rows = list(csv.reader(file))[1:]
+    numbers = np.array([[float(row[k]) for k in (1, 2, 4)] for row in rows])
+    return [row[0] for row in rows], *numbers.T
+
+
+def shift(n: int, at: Array) -> Array:
+    """u_x of the contact line at nodes."""
+    model, _, result = plate(n)
+    x = model.points[:, 0]
+    nearest = [int(np.argmin(np.abs(x - place))) for place in at]
+    np.testing.assert_allclose(x[nearest], at, atol=1e-12)
+    return np.asarray(result.displacement[-1][model.contact_dofs[nearest, 0]])
+
+
+def contact_line() -> tuple[Array, list[str]]:
+    """(u_x, u_y, r_n, r_t) and statuses of an independent program on 16² cells."""
+    with (DATA / "ssnv128_contact_line_16.csv").open() as file:
+        rows = list(csv.reader(file))[1:]
+    return np.array([[float(x) for x in row[1:5]] for row in rows]), [
+        r[-1] for r in rows
+    ]
+
+
+def p1() -> list[Row]:
+    """Plate of Raous, Chabrand and Lebon."""
+    names, at, published, independent = points_of_the_plate()
+    rows = [
+        # The tolerance that code_aster quotes it with; E looks read off a curve.
+        near(f"u_x at {name}, 64² cells [m]", PLATE, want, got, 0.05)
+        for name, want, got in zip(names, published, shift(64, at), strict=True)
+    ]
+    # Five digits are printed.
+    on_32 = near(
+        "u_x at A–E, 32² cells [m]",
+        "independent program",
+        independent,
+        shift(32, at),
+        1.8e-5,
+    )
+    line_16, statuses = contact_line()
+    model, load, result = plate(16)
+    u, r = result.displacement[-1], along(model, result.reaction[-1])
+    u_x = u[along(model, model.contact_dofs[:, 0])]
+    balance = (model.K @ u - load - model.B.T @ result.reaction[-1].ravel())[1::2]
+    got = [bp.Status(int(s)).name.lower() for s in along(model, result.status[-1])]
+    source = "independent program"
+    others = [
+        exact(f"r in {word}", "5 steps", r, along(m, other.reaction[-1]), 1e-9)
+        for steps, word in ((1, "1 step"), (20, "20 steps"))
+        for m, _, other in [plate(16, steps)]
+    ]
+    return [
+        *rows,
+        on_32,
+        near("contact line, 16² cells, u_x [m]", source, line_16[:, 0], u_x, 1e-6),
+        near("contact line, 16² cells, r [N/m]", source, line_16[:, 2:], r, 1e-6),
+        same(
+            "its statuses", source, " ".join(counted(statuses)), " ".join(counted(got))
+        ),
+        near("sum of r_n [N/m]", source, 1.89514798e6, r[:, 0].sum(), 1e-8),
+        near(
+            "force at the held corner [N/m]", source, 1.04852021e5, balance.sum(), 1e-8
+        ),
+        exact(
+            "sum of r_n and force at the corner [N/m]",
+            "statics",
+            2e6,
+            r[:, 0].sum() + balance.sum(),
+            1e-10,
+        ),
+        *others,
+    ]
+
+
+def counted(names: list[str]) -> list[str]:
+    """Runs of equal names, as "2 open", "10 slip"."""
+    runs: list[tuple[str, int]] = []
+    for name in names:
+        last, count = runs.pop() if runs and runs[-1][0] == name else (name, 0)
+        runs.append((last, count + 1))
+    return [f"{count} {name}" for name, count in runs]
+
+
+def p2() -> list[Row]:
+    """Steel cylinder on an aluminium block, half-planes of both; N and mm."""
+    profile, width = line(SIZES[-1], (210e3, 70e3), 50.0, 35e3)
+    _, peak = profile.on_axis(0)
+    return [
+        near("half-width [mm]", NAFEMS, 6.21, width, 2e-3),
+        near("peak pressure [MPa]", NAFEMS, 3585.37, peak, 2e-3),
+    ]
+
+
+def pad(pull: float) -> tuple[Array, Array, float]:
+    """Reactions, slips and mean u_t of the two sprung nodes; N and mm."""
+    body = block((40.0, 20.0), (8, 4), 2.1e5, 0.0)
+    ends = np.flatnonzero(np.isin(body.points[:, 0], [0.0, 40.0]))
+    normal, aside = (
+        body.basis.nodal_dofs[k][body.nodes_where(1, 0.0)][ends] for k in (1, 0)
+    )
+    springs = np.zeros(body.K.shape[0])
+    springs[normal], springs[aside] = 0.005, 2.0
+    K = sparse.csr_array(body.K + sparse.diags_array(springs))
+    pressure = 12000 / 40
+    path = [uniform_shear(body, pressure, [s]) for s in (0.0, pull / 40)]
+    result: Any = bp.solve(
+        K, body.B, np.array(path), gap=body.gap + 2.0, mu=0.3, tol=1e-13
+    )
+    mean = float(result.displacement[-1][aside].mean())
+    return result.reaction[-1], result.slip[-1], mean
+
+
+def p3() -> list[Row]:
+    """Sliding pad, within 1 % of the limit."""
+    stick, still, _ = pad(3564.0)
+    slip, _, moved = pad(3636.0)
+    # The weak springs carry 2 · 0.005 · 2 N of the 12000, so that friction is 0.006 N
+    # less than the source's.
+    limit = 0.3 * (12000 - 0.02)
+    return [
+        exact("sum of r_t under 3564 N [N]", PAD, -3564.0, stick[:, 1].sum(), 1e-10),
+        exact("its slip [mm]", PAD, np.zeros(len(still)), still[:, 0], 1e-10, size=9.0),
+        near("sum of r_t under 3636 N [N]", PAD, -3600.0, slip[:, 1].sum(), 1e-5),
+        exact(
+            "the same, less the weak springs",
+            "statics",
+            -limit,
+            slip[:, 1].sum(),
+            1e-10,
+        ),
+        near("slip [mm]", PAD, 9.0, moved, 1e-3),
+        exact(
+            "the same, less the weak springs",
+            "statics",
+            (3636 - limit) / 4,
+            moved,
+            1e-9,
+        ),
+    ]
+
+
+def p4() -> list[Row]:
+    """Sphere on a rigid plane, ANSYS VM63."""
+    profile, _, force, radius = sphere(SIZES_SPACE[-1])
+    source = "Hertz with the data of ANSYS VM63"
+    _, peak = profile.on_axis(0)
+    return [
+        near("force for 0.12742 mm [N]", source, 60 * np.pi, force, 2e-3),
+        near("contact radius [mm]", source, 1.009635, radius, 5e-3),
+        near("peak pressure [MPa]", source, 88.2904, peak, 2e-3),
+    ]
+
+
+P5 = (
+    "fc3d_example1",
+    "fc2d_slider_crank_singular",
+    "fc2d_11_contacts",
+    "fc3d_confeti_4_contacts",
+)
+
+
+def p5() -> list[Row]:
+    """Problems of Siconos."""
+    rows = []
+    for name in P5:
+        data = json.loads((DATA / f"{name}.json").read_text())
+        shape = data["nc"], data["dim"]
+        q = np.array(data["q"]).reshape(shape)
+        problem = bp.ReducedProblem(np.array(data["W"]), q, np.array(data["mu"]))
+        solution = problem.solve(tol=1e-12)
+        v = np.array(data["u_checked"]).reshape(shape)
+        size = float(np.abs(q).max())
+        rows.append(
+            exact(
+                f"v of `{name}`",
+                "Siconos; independent Gauss–Seidel",
+                *(v, solution.relative_displacement, 1e-9),
+                size=size,
+            )
+        )
+    return rows
+
+
+CASES = {"p1": p1, "p2": p2, "p3": p3, "p4": p4, "p5": p5}

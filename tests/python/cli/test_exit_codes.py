@@ -1,0 +1,223 @@
+"""Every exit of every command is a sentence and, with --json, a line."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import bipot_rs as bp
+from bipot_rs.cli.app import app
+from bipot_rs.cli.commands import check as checking
+from bipot_rs.cli.exit_codes import FAULT
+from faulty_scenes import FLOOR, Faulty, block, faulty, late, pair
+from rollers import roller
+
+Bipot = Callable[..., tuple[int, str, str]]
+
+# What each command makes of a scene; those that take settings, and those with --json.
+COMMANDS: dict[str, Callable[[Faulty, list[str]], list[str]]] = {
+    "run": lambda scene, given: ["run", scene.name, *given],
+    "check": lambda scene, given: ["check", scene.name, *given],
+    "sweep": lambda scene, given: [
+        *("sweep", scene.name, *given, "--jobs", "1"),
+        *("--range", "solver.tol=1e-8:1e-8:1"),
+    ],
+    "info": lambda scene, _: ["info", scene.name],
+    "scenes": lambda scene, _: ["scenes", scene.name],
+    "plot": lambda scene, given: ["plot", scene.name, "--scene", scene.name, *given],
+    "new": lambda scene, _: ["new", scene.name],
+    "fclib": lambda scene, _: ["fclib", scene.name],
+    "solve": lambda scene, _: [
+        *("solve", "--stiffness", scene.name, "--contacts", scene.name),
+    ],
+}
+JSON = ("run", "check", "sweep", "info", "fclib", "solve")
+# They read the file whatever stands in it, or take no settings.
+MAY_PASS = ("info", "scenes", "new")
+# What only the solution shows, a check does not know.
+SOLVED_ONLY = ("pulled_away", "pushed_along_ice", "out_of_iterations")
+
+
+def said(command: list[str], status: int, out: str, err: str) -> str:
+    """The sentence of an exit that is no success, checked."""
+    assert status in (0, 1, 2, 3), (command, status, out, err)
+    assert "Traceback" not in out + err
+    assert "fault of bipot" not in out + err
+    if "--json" not in command:
+        if status == 0:
+            return ""
+        # Of a sweep the rows that fail are told with its table.
+        first = [*err.splitlines(), *(["bipot: " + out] if "\nrow 1: " in out else [])]
+        assert any(one.startswith("bipot: ") and len(one) > 20 for one in first), (
+            command
+        )
+        return err
+    lines = [json.loads(one) for one in out.splitlines()]
+    assert lines, command
+    if status:
+        assert len(lines[-1]["message"]) > 10
+        assert not lines[-1].get("ok", False)
+        assert not lines[-1].get("success", False)
+    return str(lines[-1].get("message", ""))
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", COMMANDS)
+def test_all_commands_over_all_faulty_scenes(
+    name: str, bipot: Bipot, tmp_path: Path
+) -> None:
+    count = 0
+    for scene in faulty(tmp_path, roller()):
+        given = [word for setting in scene.settings for word in ("--set", setting)]
+        if name == "sweep" and any("=" not in setting for setting in scene.settings):
+            given = []
+        command = COMMANDS[name](scene, given)
+        statuses = set()
+        for more in ([], ["--json"]) if name in JSON else ([],):
+            status, out, err = bipot(*command, *more)
+            said([*command, *more], status, out, err)
+            statuses.add(status)
+        assert len(statuses) == 1, command
+        (status,) = statuses
+        if name in ("run", "check"):
+            known = name == "run" or scene.name.removesuffix(".toml") not in SOLVED_ONLY
+            assert status == (scene.status if known else 0), (command, out, err)
+        elif name not in MAY_PASS and name != "sweep":
+            assert status == 2, command
+        count += 1
+    assert count > 70
+
+
+@pytest.mark.parametrize(
+    ("name", "model"),
+    [(name, model) for name, model, status in late() if status == 1],
+    ids=[name for name, _, status in late() if status == 1],
+)
+def test_check_of_what_floats(name: str, model: bp.Model, bipot: Bipot) -> None:
+    """The sentence of a run, with the counts that there are."""
+    model.to_toml("it.toml")
+    status, out, err = bipot("check", "it.toml")
+    found = json.loads(bipot("check", "it.toml", "--json")[1])
+    ran = json.loads(bipot("run", "it.toml", "--json")[1].splitlines()[-1])
+    assert found["dofs"] == ran["dofs"] > 0
+    assert found["contacts"] == ran["contacts"] > 0
+    assert (found["steps"], found["bodies"]) == (1, len(model.to_dict()["body"]))
+    if name in SOLVED_ONLY:
+        assert (status, found["ok"]) == (0, True)
+        return
+    assert (status, found["ok"]) == (1, False)
+    assert f"{found['dofs']} degrees of freedom" in out
+    assert found["message"] in err
+    assert found["message"] == ran["message"].partition(" (load steps")[0]
+    assert found["message"] not in found["remarks"]
+    assert "nothing holds" in found["message"]
+
+
+@pytest.mark.parametrize("pairing", ["match", "mortar", "nodes"])
+def test_check_of_two_bodies_is_no_chance(pairing: str, bipot: Bipot) -> None:
+    """Whatever the mesh, of which the core makes its order."""
+    for cells in (2, 3, 4, 7) if pairing != "match" else (2,):
+        pair(pairing, cells=cells).to_toml("it.toml")
+        status, _, err = bipot("check", "it.toml")
+        assert status == 1
+        assert "nothing holds bodies 'block' and 'base'" in err
+
+
+@pytest.mark.parametrize("command", list(COMMANDS))
+def test_wrong_arguments(command: str, bipot: Bipot) -> None:
+    for arguments in ([command, "--bogus"], [command, "a", "b", "c", "--bogus"]):
+        status, out, err = bipot(*arguments)
+        assert (status, out) == (2, "")
+        assert err.startswith("bipot: ")
+        status, out, err = bipot(*arguments, "--json")
+        assert (status, err == "") == (2, command != "fclib")
+        (last,) = map(json.loads, out.splitlines())
+        assert last["message"]
+        assert last["success"] is False
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("fclib", "it.hdf5", "--method", "magic"),
+        ("fclib", "it.hdf5", "--tol", "-1"),
+        ("solve", "--stiffness", "K.mtx", "--contacts", "c.csv", "--method", "magic"),
+        ("sweep", "two_blocks"),
+        ("sweep", "two_blocks", "--range", "a=1:2"),
+        ("run", "two_blocks", "--tol", "much"),
+    ],
+)
+def test_wrong_settings(arguments: tuple[str, ...], bipot: Bipot) -> None:
+    status, out, err = bipot(*arguments, "--json")
+    assert (status, err == "") == (2, arguments[0] != "fclib")
+    assert json.loads(out.splitlines()[-1])["message"]
+
+
+@pytest.mark.parametrize("command", ["run", "check", "info", "scenes", "schema"])
+def test_a_fault_of_the_program_is_a_sentence(
+    command: str, bipot: Bipot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And no answer that does not exist, which Python's own status 1 would say."""
+
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("division\nby zero")
+
+    places = {
+        "run": "bipot_rs.scene.reading.read",
+        "check": "bipot_rs.cli.commands.check.check",
+        "info": "bipot_rs.cli.commands.info.info",
+        "scenes": "bipot_rs.scene.library.shipped",
+        "schema": "bipot_rs.cli.commands.schema.schema",
+    }
+    monkeypatch.setattr(places[command], broken)
+    name = [] if command in ("scenes", "schema") else ["two_blocks"]
+    status, out, err = bipot(command, *name)
+    assert (status, out) == (FAULT, "")
+    assert err == (
+        "bipot: this is a fault of bipot, ZeroDivisionError: division by zero; please "
+        "report it with what BIPOT_TRACEBACK=1 shows\n"
+    )
+    if name:
+        status, out, err = bipot(command, *name, "--json")
+        assert (status, err) == (FAULT, "")
+        assert "ZeroDivisionError" in json.loads(out)["message"]
+    monkeypatch.setenv("BIPOT_TRACEBACK", "1")
+    with pytest.raises(ZeroDivisionError):
+        app([command, *name])
+
+
+def test_displacements_that_cannot_be_found(
+    bipot: Bipot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The steps before are kept, and the status says that it has not converged."""
+    from bipot_rs.contact import load_path
+
+    m = block()
+    m.support("block.top", x=m.times(0.01, "go"), y=-0.1)
+    m.contact("block.bottom", plane=FLOOR, mu=0.3)
+    m.path(go=[0.0, 1.0, 2.0])
+    m.to_toml("it.toml")
+    found = load_path._Recovery.__call__
+
+    def lost(self: Any, steps: Any) -> Any:
+        if any(step.prescribed.max() > 0.015 for step in steps):
+            raise bp.NotConvergedError("the compliance W has too few digits")
+        return found(self, steps)
+
+    monkeypatch.setattr(load_path._Recovery, "__call__", lost)
+    status, out, err = bipot("run", "it.toml", "--json")
+    assert (status, err) == (3, "")
+    last = json.loads(out.splitlines()[-1])
+    assert last["message"] == (
+        "load step 3: the compliance W has too few digits (load steps in out/it: 2)"
+    )
+    kept = bp.load("out/it/result.h5")
+    assert (len(kept), kept.success) == (2, False)
+
+
+def test_checking_keeps_its_figures() -> None:
+    found = checking.check("two_blocks", ["mesh.n=2"])
+    assert found["floating"] is None
+    assert found["forecast"]["seconds"] >= 0

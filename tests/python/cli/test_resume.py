@@ -1,0 +1,293 @@
+"""Paths that are left off and taken up again: the same bits as in one go."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bars import bar_problem, pulled
+from bipot_rs.scene import assemble, bodies, read
+from children import bipot, bipot_with
+from comparisons import content
+
+# Enough contacts for the inverse of W, which a path makes once.
+SCENE = ("run", "cyclic_cube", "--set", "mesh.n=6", "--set", "path.steps=9")
+FIELDS = (
+    *("reaction", "relative_displacement", "slip", "status", "residual", "tolerance"),
+    *("iterations", "work", "bipotential_gap", "displacement"),
+)
+
+
+def same(one: Any, other: Any) -> bool:
+    """Every field of two paths, to the bit."""
+    return len(one) == len(other) and all(
+        np.asarray(getattr(a, name)).tobytes() == np.asarray(getattr(b, name)).tobytes()
+        for a, b in zip(one, other, strict=True)
+        for name in FIELDS
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("cyclic_cube", ["mesh.n=6", "path.steps=9"]),
+        ("two_blocks", ["mesh.n=4"]),
+    ],
+)
+def test_from_python_through_a_file(
+    name: str, settings: list[str], tmp_path: Path
+) -> None:
+    scene = read(name, settings)
+    case = assemble(scene, bodies(scene))
+    steps = len(case.parameter)
+
+    def solve(first: int, end: int, start: Any = None) -> Any:
+        load = None if case.load is None else case.load[first:end]
+        moved = case.prescribed[first:end]
+        return case.model.problem().solve(load, moved, tol=1e-12, start=start)
+
+    whole = solve(0, steps)
+    for k in {1, steps // 2, steps - 1}:
+        part = solve(0, k)
+        part.save(tmp_path / "part.h5")
+        assert same(solve(k, steps, bp.load(tmp_path / "part.h5")), whole[k:])
+        assert same(solve(k, steps, part), whole[k:])
+    with pytest.raises(
+        TypeError, match="start is a tuple, expected a Result or one of"
+    ):
+        case.solve(start=whole[:1], first=1)
+
+
+def test_from_the_result_of_an_error(tmp_path: Path) -> None:
+    problem, load = bar_problem(12)
+    path = pulled(load, 30 * np.sin(0.6 * np.arange(9)))
+    whole = problem.solve(path)
+    # As many iterations as the first three steps take, and one of the others more.
+    limit = int(whole.iterations[:3].max())
+    assert whole.iterations[3:].max() > limit
+    with pytest.raises(bp.NotConvergedError) as stopped:
+        problem.solve(path, max_iterations=limit)
+    reached = stopped.value.result
+    assert 3 <= len(reached) < 9
+    reached.save(tmp_path / "reached.h5")
+    k = len(reached)
+    assert same(reached, whole[:k])
+    assert same(problem.solve(path[k:], start=reached), whole[k:])
+    again = bp.load(tmp_path / "reached.h5")
+    assert same(bar_problem(12)[0].solve(path[k:], start=again), whole[k:])
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run without interruption."""
+    cwd = tmp_path_factory.mktemp("whole")
+    assert bipot(*SCENE, "--out", "here", cwd=cwd).returncode == 0
+    return cwd / "here"
+
+
+@pytest.fixture
+def broken(tmp_path: Path) -> Path:
+    """The same, interrupted after four load steps."""
+    assert interrupted(4, cwd=tmp_path).returncode == 130
+    return tmp_path / "here"
+
+
+def interrupted(after: int, *more: str, cwd: Path) -> Any:
+    def fault(step: int, *_: object) -> None:
+        if step == after:
+            raise KeyboardInterrupt
+
+    return bipot_with(
+        fault, "bipot_rs.cli.report:row", *SCENE, "--out", "here", *more, cwd=cwd
+    )
+
+
+def test_resumed_twice_to_the_same_files(whole: Path, broken: Path) -> None:
+    cwd = broken.parent
+    assert interrupted(7, "--resume", cwd=cwd).returncode == 130
+    run = bipot(*SCENE, "--out", "here", "--resume", "--json", cwd=cwd)
+    assert run.returncode == 0, run.stderr
+    *told, last = map(json.loads, run.stdout.splitlines())
+    assert [line["step"] for line in told] == [7, 8]
+    assert (last["steps"], last["message"]) == (9, "solved")
+    assert content(broken / "result.h5") == content(whole / "result.h5")
+    names = sorted(path.name for path in whole.iterdir())
+    assert sorted(path.name for path in broken.iterdir()) == names
+    for name in names:
+        if name.endswith((".vtu", ".pvd")):
+            assert (broken / name).read_bytes() == (whole / name).read_bytes()
+
+    def columns(folder: Path) -> list[list[str]]:
+        lines = (folder / "steps.csv").read_text().splitlines()
+        return [line.split(",")[:-1] for line in lines]  # the last is seconds
+
+    assert columns(broken) == columns(whole)
+
+
+def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) -> None:
+    """What the set was goes along: contacts that have opened again are still in it."""
+    m = bp.Model("A block pressed onto a ball")
+    m.material("soft", young=1.0, poisson=0.3)
+    m.body(
+        "block",
+        material="soft",
+        cell="quadrilateral",
+        x={"from": -1.0, "to": 1.0, "cells": 320},
+        y={"from": 0.0, "to": 0.2, "cells": 4},
+    )
+    m.obstacle(
+        "ball",
+        cylinder={"point": [-0.2, -4.0], "radius": 4.0},
+        move={"x": m.times(0.4, "way")},
+    )
+    m.support("block.top", x=0, y=-2e-3)
+    m.contact("block.bottom", against="ball", mu=0.3)
+    m.path(way=[0.0, 0.4, 0.8, 1.0])
+    m.to_toml(tmp_path / "ball.toml")
+    scene = ("run", "ball.toml", "--out")
+    assert bipot(*scene, "whole", cwd=tmp_path).returncode == 0
+
+    def fault(step: int, *_: object) -> None:
+        if step == 2:
+            raise KeyboardInterrupt
+
+    row = "bipot_rs.cli.report:row"
+    assert bipot_with(fault, row, *scene, "here", cwd=tmp_path).returncode == 130
+    assert bipot(*scene, "here", "--resume", cwd=tmp_path).returncode == 0
+    found, expected = (content(tmp_path / at / "result.h5") for at in ("here", "whole"))
+    assert found == expected
+    steps = bp.load(tmp_path / "whole" / "result.h5").steps
+    grown = steps[1].working_set
+    assert grown is not None
+    # More than the set to begin with of a path that goes on from its state alone.
+    assert len(grown) > (steps[1].status > 0).sum() + 12
+    case = m.assemble()
+    assert case.problem().stats["working_set"] is not None
+
+
+def test_problems_of_a_resumed_path(broken: Path) -> None:
+    run = bipot(*SCENE, "--out", "here", "--resume", "--fclib", cwd=broken.parent)
+    assert run.returncode == 0, run.stderr
+    files = sorted(broken.glob("problem-*.hdf5"))
+    assert len(files) == 9
+    for path, step in zip(files, bp.load(broken / "result.h5"), strict=True):
+        problem = bp.fclib.read(path)
+        assert isinstance(problem, bp.ReducedProblem)
+        # The scene's tolerance, and the rounding of W made anew.
+        assert problem.residual(step.reaction) <= 1.01 * step.tolerance + 1e-14
+    again = bipot(*SCENE, "--out", "here", "--resume", "--fclib", cwd=broken.parent)
+    assert again.returncode == 0
+    assert "without --resume" in again.stderr
+
+
+def test_who_begins_anew_is_told_what_there_is(broken: Path) -> None:
+    looked = bipot("info", "here", cwd=broken.parent)
+    assert "4 load steps of 9, every residual" in looked.stdout
+    assert "load step 4 of 9: open" in looked.stdout
+    again = bipot(*SCENE, "--out", "here", cwd=broken.parent)
+    assert again.returncode == 0
+    assert "4 load steps of this very run, which was left off: --resume" in again.stderr
+    # Whole it is now; and of other settings nothing can be gone on with.
+    for more in ([], ["--tol", "1e-9"]):
+        quiet = bipot(*SCENE, *more, "--out", "here", cwd=broken.parent)
+        assert quiet.returncode == 0
+        assert "left off" not in quiet.stderr
+
+
+def test_who_goes_on_is_told_behind_what(broken: Path) -> None:
+    run = bipot(*SCENE, "--out", "here", "--resume", cwd=broken.parent)
+    assert run.returncode == 0
+    assert "going on behind 4 load steps" in run.stderr
+    looked = bipot("info", "here", cwd=broken.parent)
+    assert "9 load steps, every residual" in looked.stdout
+
+
+def test_complete_is_complete(whole: Path) -> None:
+    before = (whole / "result.h5").read_bytes()
+    run = bipot(*SCENE, "--out", "here", "--resume", cwd=whole.parent)
+    assert run.returncode == 0
+    assert "complete already" in run.stderr
+    assert (whole / "result.h5").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--set", "contact.0.mu=0.31"], "of another scene, or of other settings"),
+        (["--tol", "1e-9"], "solved to tol 1e-12, this run asks for 1e-09"),
+        (["--method", "uzawa"], "method 'auto', this run asks for 'uzawa'"),
+    ],
+)
+def test_another_run_is_refused(arguments: list[str], words: str, broken: Path) -> None:
+    before = (broken / "result.h5").read_bytes()
+    run = bipot(
+        *SCENE, "--out", "here", "--resume", "--json", *arguments, cwd=broken.parent
+    )
+    assert run.returncode == 2
+    (last,) = map(json.loads, run.stdout.splitlines())
+    assert words in last["message"]
+    assert "\n" not in last["message"]
+    assert (broken / "result.h5").read_bytes() == before
+
+
+def test_files_that_cannot_be_resumed(broken: Path) -> None:
+    def refusal() -> str:
+        run = bipot(*SCENE, "--out", "here", "--resume", cwd=broken.parent)
+        assert (run.returncode, run.stdout, run.stderr.count("\n")) == (2, "", 1)
+        return run.stderr
+
+    file = broken / "result.h5"
+    kept = broken / "kept.h5"
+    shutil.copy(file, kept)
+    with h5py.File(file, "r+") as damaged:
+        damaged.attrs["package"] = "0.0.1"
+    # Whatever writes behind the seal of the file breaks it.
+    assert "checksum" in refusal() or "its end is missing" in refusal()
+    bp.load(kept).save(file)
+    assert "does not say of which scene" in refusal()
+    file.write_bytes(b"nothing of the kind")
+    assert "cannot be read" in refusal()
+    file.unlink()
+    assert "nothing to resume" in refusal()
+
+
+@pytest.mark.parametrize("place", ["scene.build:bodies", "scene.reading:assemble"])
+def test_a_file_without_contacts_is_resumed(
+    place: str, whole: Path, tmp_path: Path
+) -> None:
+    """Interrupted before assembly there is a result of no steps, and no contacts."""
+
+    def fault(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    begun = bipot_with(
+        fault, f"bipot_rs.{place}", *SCENE, "--out", "here", cwd=tmp_path
+    )
+    assert begun.returncode == 130
+    file = tmp_path / "here" / "result.h5"
+    assert len(bp.load(file)) == 0
+    run = bipot(*SCENE, "--out", "here", "--resume", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert content(file) == content(whole / "result.h5")
+
+
+def test_an_older_version_or_other_contacts(broken: Path) -> None:
+    file = broken / "result.h5"
+    for change, words in (
+        (lambda f: f.attrs.update(package="0.0.1"), "version 0.0.1 of this package"),
+        (lambda f: f["contacts/gap"].write_direct(np.full(49, 1.0)), "another gap"),
+    ):
+        kept = file.read_bytes()
+        with h5py.File(file, "r+") as altered:
+            # As a file without a seal, which others may write.
+            del altered.attrs["sealed"]
+            change(altered)
+        run = bipot(*SCENE, "--out", "here", "--resume", cwd=broken.parent)
+        assert run.returncode == 2
+        assert words in run.stderr
+        file.write_bytes(kept)

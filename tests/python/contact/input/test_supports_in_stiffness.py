@@ -1,0 +1,126 @@
+"""Supports written into K, or degrees of freedom taken out: what went wrong, and the remedy."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import bipot_rs as bp
+from bipot_rs import fem
+from orders import body
+
+
+@pytest.fixture
+def block() -> dict[str, Any]:
+    one = body("quadrilateral", 2)
+    model = fem.build(
+        [one],
+        [fem.Contact("a", "bottom", 0.3, plane=([0, 0], [0, 1]))],
+        [fem.Support("a", "top", (0, 1))],
+    )
+    return {"model": model, "K": model.K, "B": model.B, "fixed": model.fixed}
+
+
+def enforced(K: Any, held: Any) -> Any:
+    """As ``skfem.enforce(K, D=held)``: rows of the identity, columns as they were."""
+    free = np.ones(K.shape[0])
+    free[held] = 0.0
+    return (sparse.diags_array(free) @ K + sparse.diags_array(1 - free)).tocsr()
+
+
+def test_enforced(block: dict[str, Any]) -> None:
+    K = enforced(block["K"], block["fixed"])
+    count, first = len(block["fixed"]), block["fixed"][0]
+    told: dict[str, Any] = {"gap": block["model"].gap, "mu": 0.3}
+    for matrix, words in ((K, ("rows", "columns")), (K.T.tocsr(), ("columns", "rows"))):
+        with pytest.raises(ValueError, match="stiffness K is not symmetric") as failed:
+            bp.ContactProblem(matrix, block["B"], **told)
+        said = str(failed.value)
+        assert (
+            f"; {count} {words[0]} of K, first {first}, hold the diagonal alone" in said
+        )
+        assert f"and the {words[1]} more: supports were written into K" in said
+        assert (
+            "as by skfem.enforce; expected K as it was assembled, with fixed=" in said
+        )
+    # One of them, and an asymmetry of another kind.
+    with pytest.raises(ValueError, match=r"; 1 row of K, first 3, holds the diagonal"):
+        bp.ContactProblem(enforced(block["K"], [3]), block["B"], **told)
+    lower = sparse.tril(block["K"]).tocsr()
+    with pytest.raises(ValueError, match="holds its lower triangle alone"):
+        bp.ContactProblem(lower, block["B"], **told)
+    other = block["K"].copy()
+    other[0, 1] *= 2
+    with pytest.raises(ValueError, match="is not symmetric") as failed:
+        bp.ContactProblem(other, block["B"], **told)
+    assert "skfem" not in str(failed.value)
+
+
+def test_condensed(block: dict[str, Any]) -> None:
+    n = block["K"].shape[0]
+    kept = np.setdiff1d(np.arange(n), block["fixed"])
+    K = block["K"][kept][:, kept]
+    told: dict[str, Any] = {"gap": block["model"].gap, "mu": 0.3}
+    with pytest.raises(
+        ValueError, match=r"expected 40 columns, as many as K"
+    ) as failed:
+        bp.ContactProblem(K, block["B"], **told)
+    said = str(failed.value)
+    assert (
+        "were degrees of freedom taken out of K, as by skfem.condense, and not out of B?"
+        in said
+    )
+    assert (
+        "Give both whole, and fixed= for the degrees of freedom that are held" in said
+    )
+    with pytest.raises(
+        ValueError, match=r"taken out of B, as by skfem.condense, and not out of K"
+    ):
+        bp.ContactProblem(block["K"], block["B"][:, kept], **told)
+    # What these functions return, given as it is.
+    for pair in (
+        (K, np.zeros(len(kept)), np.zeros(n), kept),
+        (block["K"], np.zeros(n)),
+    ):
+        with pytest.raises(
+            TypeError, match=f"K is a tuple of {len(pair)} that begins with"
+        ):
+            bp.ContactProblem(pair, block["B"], **told)
+    whole = bp.ContactProblem(block["K"], block["B"], **told, fixed=block["fixed"])
+    with pytest.raises(
+        ValueError, match=r"K has shape \(40, 40\), expected \(50, 50\): whole"
+    ):
+        whole.update(K)
+    # Both condensed is a problem like any other, and the same.
+    load = np.zeros(n)
+    load[1::2] = -1.0
+    one = whole.solve(load)
+    other = bp.ContactProblem(K, block["B"][:, kept], **told).solve(load[kept])
+    assert np.allclose(one.reaction, other.reaction, rtol=0, atol=1e-9)
+
+
+def test_condensed_in_a_file(block: dict[str, Any], bipot: Any) -> None:
+    from pathlib import Path
+
+    from scipy.io import mmwrite
+
+    kept = np.setdiff1d(np.arange(50), block["fixed"])
+    K = block["K"]
+    places = block["model"].nodes.tolist()
+    rows = "".join(f"{k},{x!r},{y!r}\n" for k, (x, y) in enumerate(places))
+    Path("nodes.csv").write_text("node,x,y\n" + rows)
+    Path("contacts.csv").write_text("node,nx,ny,mu\n0,0,1,0.3\n")
+    command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
+    mmwrite("K.mtx", sparse.coo_matrix(K[kept][:, kept]), symmetry="symmetric")
+    status, _, err = bipot(*command, "--nodes", "nodes.csv")
+    assert status == 2
+    assert (
+        "K.mtx has 40 rows, expected 2 for each of the 25 nodes of nodes.csv: were"
+        in err
+    )
+    assert "Give the whole stiffness, and --fixed" in err
+    mmwrite("K.mtx", sparse.coo_matrix(enforced(K, block["fixed"])), precision=17)
+    status, _, err = bipot(*command, "--nodes", "nodes.csv")
+    assert status == 2
+    assert "supports were written into K, as by skfem.enforce" in err

@@ -1,0 +1,143 @@
+"""The oracle is itself judged: by closed forms, and its two routes by each other."""
+
+import csv
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from conditions import violation
+from oracle import OPEN, SLIP, STICK, Problem, answers
+from places import REFERENCE
+from smoothing import follow
+
+Array = NDArray[np.float64]
+DATA = REFERENCE
+# Dense solves of a dozen unknowns, condition below 1e3: rounding times condition.
+ROUNDING = 1e-12
+
+
+def random_problem(seed: int, contacts: int, dim: int) -> Problem:
+    """W positive definite, pressed in the mean; statuses of all three kinds occur."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(contacts * dim, contacts * dim))
+    q = rng.normal(size=(contacts, dim))
+    q[:, 0] -= 1
+    return Problem(root @ root.T + 0.3 * np.eye(contacts * dim), q, 0.4)
+
+
+def test_violation_sees_each_condition() -> None:
+    r, v = np.array([[1.0, -0.5]]), np.array([[0.0, 2.0]])
+    assert violation(r, v, 0.5) == 0
+    for wrong_r, wrong_v in [
+        (-r, v),  # tension
+        (r, np.array([[-1.0, 2.0]])),  # penetration
+        (r, np.array([[1.0, 2.0]])),  # force at a distance
+        (np.array([[1.0, -0.6]]), v),  # beyond the cone
+        (np.array([[1.0, -0.4]]), v),  # slip below the limit
+        (np.array([[1.0, 0.5]]), v),  # slip along the force
+    ]:
+        assert violation(wrong_r, wrong_v, 0.5) > 0.04
+    turned = np.array([[0.0, 1.0, 1.0]])  # slip not opposite to the reaction
+    assert violation(np.array([[1.0, -0.5, 0.0]]), turned, 0.5) > 0.04
+
+
+def test_enumeration_finds_every_listed_branch() -> None:
+    listed: dict[tuple[float, float], list[list[float]]] = {}
+    with (DATA / "one_contact_branches.csv").open() as file:
+        for row in csv.DictReader(file):
+            values = [float(row[name]) for name in ("r_n", "r_t", "u_n", "u_t")]
+            key = float(row["mu"]), float(row["f_t"])
+            listed.setdefault(key, []).append(values)
+    W = np.linalg.inv([[2.0, 0.5], [0.5, 1.0]])
+    for (mu, f_t), rows in listed.items():
+        problem = Problem(W, (W @ [-1.0, f_t])[None], mu)
+        found = sorted([*x.r[0], *x.v[0]] for x in answers(problem))
+        assert len(found) == len(rows)
+        for got, want in zip(found, sorted(rows), strict=True):
+            # Twelve digits are printed.
+            assert got == pytest.approx(want, rel=1e-11, abs=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("W", "r", "v"),
+    [
+        (
+            [[1.0, 0, 0], [0, 2, 0], [0, 0, 5]],
+            [1, -0.38002548, -0.12482241],
+            [0, 0.83994904, 0.27588797],
+        ),
+        (
+            [[1.0, 0.2, -0.1], [0.2, 2, 0.5], [-0.1, 0.5, 5]],
+            [1.07652377, -0.42297689, -0.08071613],
+            [0, 0.92899290, 0.17727851],
+        ),
+    ],
+)
+def test_slip_of_an_anisotropic_contact(
+    W: list[list[float]], r: list[float], v: list[float]
+) -> None:
+    problem = Problem(np.array(W), np.array([[-1.0, 1.6, 0.9]]), 0.4)
+    (only,) = answers(problem)
+    assert only.status == (SLIP,)
+    # Eight decimals are printed.
+    np.testing.assert_allclose(only.r[0], r, atol=1e-8)
+    np.testing.assert_allclose(only.v[0], v, atol=1e-8)
+    np.testing.assert_allclose(follow(problem).r, only.r, rtol=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ("contacts", "dim", "seeds"), [(1, 2, 20), (3, 2, 10), (1, 3, 20), (2, 3, 3)]
+)
+def test_both_routes_agree(contacts: int, dim: int, seeds: int) -> None:
+    seen: set[int] = set()
+    for seed in range(seeds):
+        problem = random_problem(seed, contacts, dim)
+        found = list(answers(problem))
+        # The number of answers is odd: the map has degree one.
+        assert len(found) % 2 == 1
+        one = follow(problem)
+        near = min(np.abs(one.r - x.r).max() for x in found)
+        assert near <= ROUNDING * problem.force
+        seen.update(one.status)
+    assert seen == {OPEN, SLIP, STICK}
+
+
+def test_many_contacts() -> None:
+    for seed in range(3):
+        problem = random_problem(seed, 25, 3)
+        one = follow(problem)
+        assert violation(one.r, one.v, problem.mu) <= ROUNDING
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_answer_keeps_its_units(dim: int) -> None:
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(2 * dim, 2 * dim))
+    W, q = root @ root.T + 0.3 * np.eye(2 * dim), rng.normal(size=(2, dim)) - 0.5
+    s, c = 1e-6, 1e9
+    one, other = follow(Problem(W, q, 0.4)), follow(Problem(W * s / c, q * s, 0.4))
+    np.testing.assert_allclose(other.r, one.r * c, rtol=1e-10, atol=ROUNDING * c)
+    np.testing.assert_allclose(other.v, one.v * s, rtol=1e-10, atol=ROUNDING * s)
+
+
+def test_body_held_by_contact_alone() -> None:
+    # A rigid bar on two supports, a quarter from the left: 3 to 1, by moments.
+    at = np.array([0.0, 1.0])
+    R = np.array([[1.0, 0.0, at[0]], [0, 1, 0], [1, 0, at[1]], [0, 1, 0]])
+    e = np.array([-4.0, 0.8, -1.0])  # weight 4, 0.8 along the supports, moment
+    problem = Problem(np.eye(4) * 1e-2, np.zeros((2, 2)), 0.5, (R, e))
+    one = follow(problem)
+    np.testing.assert_allclose(one.r[:, 0], [3, 1], rtol=ROUNDING)
+    assert one.r[:, 1].sum() == pytest.approx(-0.8, rel=ROUNDING)
+    assert any(np.allclose(x.r, one.r, rtol=1e-10) for x in answers(problem))
+
+
+def test_nothing_is_found_where_there_is_no_answer() -> None:
+    # The same bar pushed beyond the limit: 2.1 > 0.5 · 4.
+    R = np.array([[1.0, 0.0, 0.0], [0, 1, 0], [1, 0, 1], [0, 1, 0]])
+    e = np.array([-4.0, 2.1, -1.0])
+    problem = Problem(np.eye(4) * 1e-2, np.zeros((2, 2)), 0.5, (R, e))
+    assert list(answers(problem)) == []
+    with pytest.raises(AssertionError, match="no answer"):
+        follow(problem)

@@ -1,0 +1,306 @@
+"""Answers known from elsewhere. Ids: A have closed forms, P are published problems."""
+
+import csv
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import bipot_rs as bp
+from bars import BAR, bar_problem, lost, pulled
+from bipot_rs import analytic
+from bodies import block, uniform_shear
+from conditions import violation
+from contacts import SMALL, TOL, one_node
+from places import REFERENCE
+
+Array = NDArray[np.float64]
+DATA = REFERENCE
+SLIP, STICK = bp.Status.SLIP, bp.Status.STICK
+
+# --- A: closed forms ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.5, -0.9, 0.999])
+def test_a1_sheared_patch_in_the_plane(ratio: float) -> None:
+    young, pressure, mu = 10.0, 2.0, 0.35
+    shear = ratio * mu * pressure
+    body = block((3, 1), (6, 4), young, 0.0)
+    load = uniform_shear(body, pressure, [shear])
+    result: Any = bp.solve(
+        body.K, body.B, load, gap=body.gap, mu=mu, area=body.area, tol=TOL
+    )
+    # Held by contact alone. Condition of the block about 1e2 times η.
+    np.testing.assert_allclose(result.traction[0, :, 0], pressure, rtol=1e-9)
+    np.testing.assert_allclose(result.traction[0, :, 1], -shear, atol=1e-9 * pressure)
+    assert np.all(result.status[0] == STICK)
+    u = result.displacement[0][body.basis.nodal_dofs]
+    u_x, u_y = analytic.sheared_patch(body.basis.mesh.p[1], pressure, shear, young)
+    np.testing.assert_allclose(u, [u_x, u_y], atol=1e-9 * pressure / young)
+
+
+def test_a1_sheared_patch_numbers() -> None:
+    body = block((3, 1), (3, 3), 10.0, 0.0)
+    load = uniform_shear(body, 2.0, [0.6])
+    result = bp.solve(body.K, body.B, load, gap=body.gap, mu=0.4, tol=TOL)
+    expected = [[1, -0.3], [2, -0.6], [2, -0.6], [1, -0.3]]
+    np.testing.assert_allclose(result.reaction[0], expected, atol=1e-9)
+    top = body.nodes_where(1, 1.0)
+    u = result.displacement[0][body.basis.nodal_dofs][:, top]
+    np.testing.assert_allclose(u, [[0.12] * 4, [-0.2] * 4], atol=1e-9)
+
+
+def test_a1_sheared_patch_in_space() -> None:
+    young, pressure, mu, shear = 10.0, 2.0, 0.4, [0.45, -0.6]  # 0.75 of 0.8
+    body = block((2, 1, 1.5), (3, 2, 2), young, 0.0)
+    load = uniform_shear(body, pressure, shear)
+    result: Any = bp.solve(
+        body.K, body.B, load, gap=body.gap, mu=mu, area=body.area, tol=TOL
+    )
+    expected = np.broadcast_to([pressure, 0.6 - 1.05, 0.6], (12, 3))
+    np.testing.assert_allclose(result.traction[0], expected, atol=1e-9 * pressure)
+    assert np.all(result.status[0] == STICK)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a1_no_equilibrium_beyond_the_limit(dim: int) -> None:
+    body = block((2, 1, 1)[:dim], (2, 2, 2)[:dim], 10.0, 0.0)
+    load = uniform_shear(body, 2.0, [1.01 * 0.4 * 2.0, 0.0][: dim - 1])
+    with pytest.raises(bp.BipotError):
+        bp.solve(body.K, body.B, load, gap=body.gap, mu=0.4)
+
+
+def listed_branches() -> dict[tuple[float, float], list[tuple[str, list[float]]]]:
+    listed: dict[tuple[float, float], list[tuple[str, list[float]]]] = {}
+    with (DATA / "one_contact_branches.csv").open() as file:
+        for row in csv.DictReader(file):
+            values = [float(row[name]) for name in ("u_n", "u_t", "r_n", "r_t")]
+            key = float(row["mu"]), float(row["f_t"])
+            listed.setdefault(key, []).append((row["status"].rstrip("+-"), values))
+    return listed
+
+
+@pytest.mark.parametrize("method", ["auto", "gauss_seidel"])
+@pytest.mark.parametrize(("mu", "f_t"), sorted(listed_branches()))
+def test_a3_one_contact(mu: float, f_t: float, method: str) -> None:
+    result = one_node([-1.0, f_t], mu, method=method)
+    got = [*result.displacement[0], *result.reaction[0, 0]]
+    branches = listed_branches()[mu, f_t]
+    # Sizes reach 10; at μ = 10 the slip row has k_t - μ k_c = -4: still well conditioned.
+    near = [s for s, row in branches if np.allclose(got, row, rtol=1e-9, atol=1e-9)]
+    assert near, (got, branches)
+    status = bp.Status(result.status[0, 0]).name.lower()
+    # Without friction a pressed contact is free to slide, whether it does or not.
+    assert status == ("slip" if mu == 0 and "open" not in near else near[0])
+
+
+def test_a3_value_below_the_threshold() -> None:
+    for method in ("auto", "gauss_seidel", "uzawa"):
+        result = one_node([-1.0, 1.5], 0.3, method=method)
+        # Twelve digits are printed.
+        assert result.displacement[0, 1] == pytest.approx(1.043478260870, rel=1e-10)
+        np.testing.assert_allclose(
+            result.reaction[0, 0], [1.521739130435, -0.456521739130], rtol=1e-10
+        )
+
+
+def test_a4_wedged_at_zero_load() -> None:
+    result = one_node([[-1, 8], [0, 0]], 3.0)
+    np.testing.assert_allclose(result.reaction[:, 0], [[2, -6], [1, 2]], atol=SMALL)
+    np.testing.assert_allclose(result.displacement, [[0, 2], [0, 2]], atol=SMALL)
+    assert result.status[1, 0] == STICK
+    # Along a finer unloading path the wedge stays.
+    path = np.outer(np.linspace(1, 0, 9), [-1, 8])
+    np.testing.assert_allclose(one_node(path, 3.0).reaction[-1, 0], [1, 2], atol=SMALL)
+
+
+def test_a4_relaxed_below_the_threshold() -> None:
+    result = one_node([[-1, 8], [0, 0]], 1.5)
+    np.testing.assert_allclose(result.reaction[1, 0], 0, atol=SMALL)
+    np.testing.assert_allclose(result.displacement[1], 0, atol=SMALL)
+
+
+@pytest.mark.parametrize(
+    ("path", "u_t", "r_t"),
+    [
+        ([[-1, 0], [-1, 0.4]], 0.0, -0.4),
+        ([[-0.25, 0.1], [-0.5, 0.2], [-1, 0.4]], 0.0, -0.4),
+        ([[0, 0.4], [-1, 0.4]], 0.4, 0.0),
+    ],
+)
+def test_a5_path_dependence(path: list[list[float]], u_t: float, r_t: float) -> None:
+    result = one_node(path, 0.5, stiffness=np.eye(2))
+    np.testing.assert_allclose(result.displacement[-1], [0, u_t], atol=SMALL)
+    np.testing.assert_allclose(result.reaction[-1, 0], [1, r_t], atol=SMALL)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("share", [0.5, 0.99, 0.999999])
+def test_a6_block_on_an_incline_holds(share: float, dim: int) -> None:
+    mu, weight, young = 0.6, 7.0, 1e3
+    slope = math.atan(share * mu)
+    along, down = weight * math.sin(slope), weight * math.cos(slope)
+    # tan(slope) < width/height: no tipping. In space the fall line is askew.
+    body = block((3, 2, 1)[:dim] if dim == 3 else (3, 1), (4, 3, 2)[:dim], young, 0.3)
+    direction = [1.0] if dim == 2 else [0.8, -0.6]
+    load = body.weight([*(along * x for x in direction), -down])
+    result = bp.solve(body.K, body.B, load, gap=body.gap, mu=mu, tol=TOL)
+    total = result.reaction[0].sum(axis=0)
+    # Balance is part of η, here with the condition of the rigid motions, about 10.
+    np.testing.assert_allclose(
+        total, [down, *(-along * x for x in direction)], atol=1e-10 * weight
+    )
+    r, v = result.reaction[0], result.relative_displacement[0]
+    assert violation(r, v, mu, result.displacement[0]) <= 1e-9
+
+
+def test_a6_smallest_force_that_holds() -> None:
+    mu, weight, slope = 0.3, 7.0, math.radians(30)
+    s, c = math.sin(slope), math.cos(slope)
+    least = weight * (s - mu * c) / (c + mu * s)
+    body = block((3, 1), (3, 2), 1e3, 0.0)
+
+    def push(force: float) -> Array:
+        # Horizontal, as a body force: up the slope and into it.
+        return body.weight([weight * s - force * c, -(weight * c + force * s)])
+
+    force = least * (1 + 1e-6)
+    result = bp.solve(body.K, body.B, push(force), gap=body.gap, mu=mu, tol=TOL)
+    pressed = result.reaction[0, :, 0].sum()
+    assert pressed == pytest.approx(weight * c + force * s, rel=1e-10)
+    with pytest.raises(bp.NoEquilibriumError):
+        bp.solve(body.K, body.B, push(least * (1 - 1e-6)), gap=body.gap, mu=mu)
+
+
+def test_a11_bar_table() -> None:
+    rows = np.loadtxt(DATA / "bar_cyclic.csv", delimiter=",", skiprows=1)
+    problem, load = bar_problem()
+    result = problem.solve(pulled(load, rows[:, 0]), tol=1e-13)
+    # Compliance of the chain 1e-3, forces of 30: η gives 1e-14 m a step; the table is
+    # printed to ten digits of 0.009.
+    np.testing.assert_allclose(result.displacement[:, -1], rows[:, 1], atol=1e-12)
+    # Steps 12 to 60 are one full cycle from 30 to 30.
+    cycle = lost(result)[12:].sum()
+    exact = analytic.bar_cycle_dissipation(30.0, **BAR, element=0.05)
+    assert cycle == pytest.approx(exact, rel=1e-10)
+    assert exact == pytest.approx(0.36125, rel=1e-14)
+
+
+def test_a11_bar_monotone() -> None:
+    problem, load = bar_problem()
+    ends = np.arange(1, 17) * 2.5  # multiples of q h: nodal values are the continuum's
+    result = problem.solve(pulled(load, ends), tol=1e-13)
+    exact = analytic.bar_end_displacement(ends, **BAR)
+    np.testing.assert_allclose(result.displacement[:, -1], exact, rtol=1e-10)
+    # Between multiples the deviation is at most q h²/(4 EA).
+    odd = problem.solve(pulled(load, ends - 0.9), tol=1e-13).displacement[:, -1]
+    bound = 50 * 0.05**2 / 4e3
+    assert np.abs(odd - analytic.bar_end_displacement(ends - 0.9, **BAR)).max() <= bound
+    # The slipped length is P/q: its nodes, from the end, and no other.
+    assert np.flatnonzero(np.abs(result.displacement[11, 1::2]) > 1e-12)[0] == 8
+
+
+def test_a11_bar_cycles_do_not_drift() -> None:
+    problem, load = bar_problem()
+    ends = np.array([30.0] + [-30.0, 30.0] * 20)
+    result = problem.solve(pulled(load, ends), tol=1e-13)
+    np.testing.assert_allclose(
+        result.displacement[:, -1], 0.009 * np.sign(ends), rtol=1e-10
+    )
+    per_cycle = lost(result)[1:].reshape(20, 2).sum(axis=1)
+    np.testing.assert_allclose(per_cycle, 0.36125, rtol=1e-10)
+
+
+def test_h22_rotating_load_step_by_step() -> None:
+    k, limit, force, turns = 2.0, 0.5, 0.8, 3
+    errors = []
+    for steps in (8, 16, 32, 64, 128, 256, 512):
+        angle = np.arange(1, turns * steps + 1) * 2 * math.pi / steps
+        load = np.column_stack(
+            [np.full_like(angle, -1.0), force * np.cos(angle), force * np.sin(angle)]
+        )
+        result = one_node(load, 0.5, stiffness=np.diag([3.0, k, k]))
+        radius, loss = analytic.rotating_load(k, force, limit, steps)
+        last = np.linalg.norm(result.displacement[-steps:, 1:], axis=1)
+        # The transient shrinks by a fixed factor a radian, below 1e-7 after two turns
+        # and below rounding of the table only at the end: compared at its last step.
+        assert last[-1] == pytest.approx(radius, rel=1e-8)
+        assert lost(result)[-steps:].sum() == pytest.approx(loss, rel=1e-5)
+        errors.append(abs(last[-1] - analytic.rotating_load(k, force, limit)[0]))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    # First order: the error is -μN D/(2k) + O(D²), so the order tends to 1 like D.
+    assert np.all(np.diff(np.abs(orders - 1)) < 0)
+    assert orders[-1] == pytest.approx(1, abs=0.01)
+
+
+@pytest.mark.parametrize("method", ["auto", "gauss_seidel", "uzawa"])
+@pytest.mark.parametrize(
+    ("W", "r", "v"),
+    [
+        (
+            [[1.0, 0, 0], [0, 2, 0], [0, 0, 5]],
+            [1, -0.38002548, -0.12482241],
+            [0, 0.83994904, 0.27588797],
+        ),
+        (
+            [[1.0, 0.2, -0.1], [0.2, 2, 0.5], [-0.1, 0.5, 5]],
+            [1.07652377, -0.42297689, -0.08071613],
+            [0, 0.92899290, 0.17727851],
+        ),
+    ],
+)
+def test_a14_anisotropic_slip(
+    W: list[list[float]], r: list[float], v: list[float], method: str
+) -> None:
+    reduced = bp.ReducedProblem(np.array(W), np.array([[-1.0, 1.6, 0.9]]), 0.4)
+    solution = reduced.solve(method=method, tol=TOL)
+    assert solution.converged
+    assert solution.status[0] == SLIP
+    # Eight decimals are printed.
+    np.testing.assert_allclose(solution.reaction[0], r, atol=1e-8)
+    np.testing.assert_allclose(solution.relative_displacement[0], v, atol=1e-8)
+    # The slip is not along the trial force: a radial return misses by percents.
+    trial = np.array([1.6, 0.9]) / math.hypot(1.6, 0.9)
+    slip = solution.relative_displacement[0, 1:]
+    assert abs(slip @ trial) < 0.999 * np.linalg.norm(slip)
+
+
+# --- P: published problems ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["auto", "gauss_seidel"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "fc2d_11_contacts",
+        "fc2d_slider_crank_singular",
+        "fc3d_confeti_4_contacts",
+        "fc3d_example1",
+    ],
+)
+def test_p5_published_problems(name: str, method: str) -> None:
+    data = json.loads((DATA / f"{name}.json").read_text())
+    shape = data["nc"], data["dim"]
+    W, mu = np.array(data["W"]), np.array(data["mu"])
+    q = np.array(data["q"]).reshape(shape)
+    reduced = bp.ReducedProblem(W, q, mu)
+    solution = reduced.solve(method=method, tol=1e-12)
+    assert solution.outcome == "converged" or str(solution.outcome) == "converged"
+    assert reduced.residual(solution.reaction) <= solution.tolerance
+    v = np.array(data["u_checked"]).reshape(shape)
+    size = np.abs(v).max()
+    # v is W r + q, however W is conditioned: η of r times the sizes it sums.
+    np.testing.assert_allclose(solution.relative_displacement, v, atol=1e-8 * size)
+    # Compared with the law itself; the inputs are printed to six to sixteen digits.
+    r = solution.reaction
+    assert violation(r, (W @ r.ravel()).reshape(shape) + q, mu, q) <= 1e-9
+    if name == "fc3d_example1":
+        exact = [1.0, *(-0.1 * np.array([1, 3]) / math.sqrt(10))]
+        np.testing.assert_allclose(r, np.tile(exact, (3, 1)), atol=1e-11)
+    if data["rank"] == W.shape[0] and name != "fc3d_confeti_4_contacts":
+        r_checked = np.array(data["r_checked"]).reshape(shape)
+        # Checked to 3e-14 in η, condition of W below 1e5.
+        np.testing.assert_allclose(r, r_checked, atol=1e-7 * np.abs(r).max())

@@ -1,0 +1,345 @@
+"""What is said of arrays: penetration, normals, units, contacts that never close."""
+
+import json
+import pickle
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+
+import bipot_rs as bp
+from bipot_rs import fem
+from bipot_rs import obstacle as ob
+from orders import CELLS, body, by_component
+
+YOUNG = 210e3
+
+
+def given(
+    one: fem.Body, contact: fem.Contact, supports: Any = (), *others: fem.Body
+) -> tuple[fem.Model, dict[str, Any]]:
+    model = fem.build([one, *others], [contact], supports)
+    return model, {
+        "gap": model.gap,
+        "mu": model.mu,
+        "fixed": model.fixed,
+        "points": model.points,
+        "coordinates": np.repeat(model.nodes, model.dim, axis=0),
+    }
+
+
+def floor(d: int, height: float = 0.0, *, pairing: str = "match") -> fem.Contact:
+    normal = np.eye(d)[d - 1]
+    plane = (height * normal).tolist(), normal
+    return fem.Contact("a", "bottom", 0.3, plane=plane, pairing=pairing)
+
+
+def pairing_of(cell: str, order: int) -> str:
+    """Corners of faces of six nodes carry nothing of a constant pressure."""
+    return "mortar" if (cell, order) == ("tetrahedron", 2) else "match"
+
+
+def held(d: int) -> list[fem.Support]:
+    return [fem.Support("a", "top", tuple(range(d)))]
+
+
+def turned_round(B: Any, d: int, contacts: Any = slice(None)) -> Any:
+    sign = np.ones(B.shape[0])
+    sign[d * np.arange(B.shape[0] // d)[contacts]] = -1.0
+    return sparse.csr_array(sparse.diags_array(sign) @ B)
+
+
+@pytest.mark.parametrize(("cell", "d", "order"), CELLS)
+def test_normals(cell: str, d: int, order: int) -> None:
+    one = body(cell, d, order, cells=2)
+    for supports in (held(d), []):
+        model, options = given(one, floor(d, pairing=pairing_of(cell, order)), supports)
+        count = len(model.gap)
+        load = -np.tile(np.eye(d)[d - 1], len(model.nodes)) * 1e-3
+        result = bp.solve(model.K, model.B, load, **options)
+        assert result.remarks == ()
+        assert "remark" not in str(result)
+        wrong = turned_round(model.B, d)
+        problem = bp.ContactProblem(model.K, wrong, **options)
+        (said,) = problem._remarks
+        # In corners what is outwards lies between three faces, of areas 1 to 2.
+        least = count if (cell, d) != ("tetrahedron", 3) else count - 4
+        told = re.fullmatch(
+            rf"the normals of (\d+) of the {count} contacts point out of the body, first at "
+            r"contact \d+: a normal is from the obstacle towards the body, and B gives the "
+            r"displacement of the body minus that of the obstacle",
+            said,
+        )
+        assert told is not None
+        assert least <= int(told[1]) <= count
+        assert said in str(problem)
+        if supports:
+            result = problem.solve(load)
+            assert result.remarks[0] == said
+            assert result.remarks[1].startswith("no contact closes in any load step")
+            assert said in str(result)
+            assert result.success
+        (first, *_) = bp.ContactProblem(
+            model.K, turned_round(model.B, d, [1]), **options
+        )._remarks
+        assert first.startswith(f"the normals of 1 of the {count} contacts")
+        assert "first at contact 1:" in first
+    # In the other order of components, too.
+    turned = by_component(model.n, d)
+    options["coordinates"] = np.tile(model.nodes, (d, 1))
+    options["fixed"] = np.flatnonzero(np.isin(turned, model.fixed))
+    K = model.K[turned][:, turned]
+    assert bp.ContactProblem(K, model.B[:, turned], **options)._remarks == ()
+    (first,) = bp.ContactProblem(K, wrong[:, turned], **options)._remarks
+    assert first == said
+
+
+def any_face(seed: int) -> None:
+    """Some normals of a body of any shape and direction are turned round: just these."""
+    rng = np.random.default_rng(seed)
+    cell, d, order = CELLS[seed % len(CELLS)]
+    one = body(cell, d, order, cells=3, aspect=10 ** rng.uniform(-1.5, 1.5))
+    turn = np.linalg.qr(rng.normal(size=(d, d)))[0]
+    rotation = np.kron(np.eye(len(one.points)), turn)
+    K = sparse.csr_array(rotation @ fem.stiffness(one).toarray() @ rotation.T)
+    K = (K + K.T) / 2 * 10 ** rng.uniform(-6, 12)
+    x = (one.points @ turn.T + rng.normal(size=d)) * 10 ** rng.uniform(-6, 6)
+    name = ["left", "right", "bottom", "top", "front", "back"][rng.integers(2 * d)]
+    at = one.nodes(name)
+    axis = {"left": 0, "right": 0, "bottom": d - 1, "top": d - 1}.get(name, 1)
+    # Along the edges of a face what is outwards lies between two or three of them; and
+    # corners of faces of six nodes carry nothing of a constant pressure.
+    low, high = one.points.min(axis=0), one.points.max(axis=0)
+    other = np.delete(np.arange(d), axis)
+    within = (
+        (one.points[at][:, other] > low[other] + 1e-9)
+        & (one.points[at][:, other] < high[other] - 1e-9)
+    ).all(axis=1)
+    if (cell, order) == ("tetrahedron", 2):
+        load = fem.build([one], []).traction("a", name, np.eye(d)[axis])
+        within &= load.reshape(-1, d)[at, axis] > 1e-9 * load.max()
+    at = at[within]
+    inwards = turn[:, axis] * (1 if name in ("left", "bottom", "front") else -1)
+    frame = fem.frames(np.tile(inwards, (len(at), 1)))
+    rows = np.arange(d * len(at)).reshape(-1, d, 1) + np.zeros((1, 1, d), int)
+    columns = (d * at[:, None] + np.arange(d))[:, None] + np.zeros((1, d, 1), int)
+    B = sparse.csr_array(
+        (frame.ravel(), (rows.ravel(), columns.ravel())), (d * len(at), x.size)
+    )
+    wrong = rng.random(len(at)) < rng.choice([0.0, 0.3, 1.0])
+    problem = bp.ContactProblem(
+        K,
+        turned_round(B, d, wrong),
+        gap=np.zeros(len(at)),
+        mu=0.3,
+        coordinates=np.repeat(x, d, axis=0),
+    )
+    told = [said for said in problem._remarks if "normals" in said]
+    assert len(told) == wrong.any()
+    for said in told:
+        count = f"of {wrong.sum()} of the {len(at)} contact"
+        assert count in said
+        assert f"first at contact {np.argmax(wrong)}:" in said
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_normals_of_any_face(seed: int) -> None:
+    any_face(seed)
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("seed", range(16, 216))
+def test_normals_of_many_faces(seed: int) -> None:
+    any_face(seed)
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.3, 2.0])
+@pytest.mark.parametrize("at", [0.0, 0.5, 1.0])
+def test_a_ball_beside_an_edge_is_none(radius: float, at: float) -> None:
+    one = body("hexahedron", 3, cells=6)
+    ball = ob.Sphere([at, 0.5, 1 + radius], radius)
+    contact = fem.Contact("a", "top", 0.1, obstacle=ball)
+    model, options = given(one, contact, [fem.Support("a", "bottom", (0, 1, 2))])
+    assert bp.ContactProblem(model.K, model.B, **options)._remarks == ()
+    (said,) = bp.ContactProblem(model.K, turned_round(model.B, 3), **options)._remarks
+    assert "point out of the body" in said
+
+
+def ring(cells: int, layers: int, thickness: float) -> fem.Body:
+    """A coarse ring: at its hole the neighbours of a node lie towards the middle."""
+    grid = [np.linspace(0, 1, layers + 1), np.linspace(0, 1, cells + 1)]
+    mesh = fem.box(grid, "quadrilateral")
+    angle = 0.5 * np.pi * mesh.p[1]
+    radius = 1.0 + thickness * mesh.p[0]
+    places = np.stack([radius * np.cos(angle), radius * np.sin(angle)])
+    return fem.Body("a", replace(mesh, doflocs=places), fem.Material(YOUNG, 0.3))
+
+
+@pytest.mark.parametrize("thickness", [0.01, 0.3, 2.0])
+def test_normals_in_a_coarse_hole(thickness: float) -> None:
+    one = ring(4, 2, thickness)
+    hole = fem.Contact("a", "left", 0.1, obstacle=ob.Cylinder([0, 0], 0.99))
+    model, options = given(one, hole)
+    assert bp.ContactProblem(model.K, model.B, **options)._remarks == ()
+    wrong = turned_round(model.B, 2)
+    (said,) = bp.ContactProblem(model.K, wrong, **options)._remarks
+    # At the ends of the arc the surface turns: what is outwards there is between two.
+    assert re.match("the normals of [35] of the 5 contacts point out", said)
+
+
+@pytest.mark.parametrize("pairing", ["match", "mortar"])
+def test_normals_of_pairs(pairing: str) -> None:
+    grid = np.linspace(0, 1, 4)
+    bodies = [
+        fem.Body(
+            name,
+            fem.box([grid, low + grid], "quadrilateral"),
+            fem.Material(young, 0.3),
+        )
+        for name, low, young in (("a", 0.0, 1.0), ("b", -1.0, 1e4))
+    ]
+    pair = fem.Contact("a", "bottom", 0.3, against=("b", "top"), pairing=pairing)
+    model, options = given(bodies[0], pair, held(2), bodies[1])
+    assert bp.ContactProblem(model.K, model.B, **options)._remarks == ()
+    # Both roles exchanged it is the same; the normal alone, it is not.
+    both = bp.ContactProblem(model.K, -model.B, **options)._remarks
+    assert ["point out of the body" in said for said in both] == [True]
+    (said,) = bp.ContactProblem(model.K, turned_round(model.B, 2), **options)._remarks
+    assert "the normals of 4 of the 4 contacts" in said
+
+
+def test_penetration() -> None:
+    model, options = given(body("quadrilateral", 2), floor(2, 0.01), held(2))
+    result = bp.solve(model.K, model.B, **options)
+    (said,) = result.remarks
+    assert said == (
+        "5 of the 5 contacts start inside what they may touch, the deepest, contact 0 at "
+        "(0, 0), by 0.01, 1 % of the size of the model: the first step presses them out; "
+        "right for an interference fit, else gap has the wrong sign, it is open when "
+        "positive"
+    )
+    # Without places; rounding is none; and of a problem whose gaps tell its size.
+    eye: dict[str, Any] = {"mu": 0.3}
+    plain = bp.ContactProblem(np.eye(4), np.eye(4), gap=[-1e-6, 2e-6], **eye)
+    assert plain._remarks[0].startswith("1 of the 2 contacts start inside")
+    assert "contact 0, by 1e-06: the first" in plain._remarks[0]
+    for gap in ([-1e-16, 1.0], [0.0, 0.0]):
+        assert bp.ContactProblem(np.eye(4), np.eye(4), gap=gap, **eye)._remarks == ()
+
+
+@pytest.mark.parametrize(("cell", "d", "order"), CELLS)
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_loads_mixed_in_units(cell: str, d: int, order: int, size: float) -> None:
+    """Of a bar, what strains it by 1 is Young's modulus times its section."""
+    grid = np.linspace(0, size, 3)
+    mesh = fem.box([grid] * d, cell)
+    mesh = fem.second_order(mesh) if order == 2 else mesh
+    for poisson in (0.0, 0.45):
+        one = fem.Body("a", mesh, fem.Material(YOUNG, poisson))
+        contact = floor(d, pairing=pairing_of(cell, order))
+        model, options = given(one, contact, held(d))
+        problem = bp.ContactProblem(model.K, model.B, **options)
+        unit = model.traction("a", "right", np.eye(d)[0])
+        strength = problem._strength
+        assert strength is not None
+        share = np.abs(unit).sum() / strength.force[0]
+        # E over 2.5 G: from 2 to 3.
+        assert share * YOUNG == pytest.approx(2 * (1 + poisson) / 2.5, rel=1e-9)
+        assert problem.solve(0.01 * YOUNG * unit).remarks[:0] == ()
+        calm = problem.solve(0.01 * YOUNG * unit).remarks
+        loud = problem.solve(np.outer([0.01, 10.0], YOUNG * unit)).remarks
+        assert not any("units" in said for said in calm)
+        (said,) = (said for said in loud if "units" in said)
+        assert said.startswith(
+            "units may be mixed: the loads of the body of degree of freedom 0 would strain it "
+            "by "
+        )
+
+
+def test_of_two_bodies_the_soft_one_counts() -> None:
+    grid = np.linspace(0, 1, 4)
+    soft, stiff = (
+        fem.Body(
+            name, fem.box([grid, low + grid], "triangle"), fem.Material(young, 0.3)
+        )
+        for name, low, young in (("a", 0.0, 1.0), ("b", -1.0, 1e6))
+    )
+    pair = fem.Contact("a", "bottom", 0.3, against=("b", "top"))
+    supports = [*held(2), fem.Support("b", "bottom", (0, 1))]
+    model, options = given(soft, pair, supports, stiff)
+    problem = bp.ContactProblem(model.K, model.B, **options)
+    assert problem.solve(model.traction("b", "right", [1.0, 0.0])).remarks == ()
+    (said,) = problem.solve(model.traction("a", "right", [1.0, 0.0])).remarks
+    assert "degree of freedom 0" in said
+
+
+def test_contacts_that_slide_beyond_all_of_them() -> None:
+    """Places of the contacts alone, in metres where displacements are in millimetres."""
+    K, B = np.diag([1e3, 1.0, 1e3, 1.0]), np.eye(4)
+    points = np.array([[0.0, 0.0], [0.1, 0.0]])
+    load = np.array([-1.0, 5.0, -1.0, 5.0])
+    problem = bp.ContactProblem(K, B, gap=[0.0, 0.0], mu=0.1, points=points)
+    (said,) = problem.solve(load).remarks
+    assert said.startswith(
+        "units may be mixed: contacts slide by up to 4.9 in a load step"
+    )
+    assert problem.solve(1e-3 * load).remarks == ()
+
+
+def test_kept_in_files_and_between_processes(tmp_path: Path) -> None:
+    K = np.eye(2)
+    result = bp.solve(K, np.eye(2), [[1.0, 0.0]], gap=[-0.1], mu=0.3)
+    assert len(result.remarks) == 2
+    result.save(tmp_path / "one.h5")
+    assert bp.load(tmp_path / "one.h5").remarks == result.remarks
+    assert pickle.loads(pickle.dumps(result)).remarks == result.remarks
+    problem = bp.ContactProblem(K, np.eye(2), gap=[-0.1], mu=0.3)
+    again = pickle.loads(pickle.dumps(problem))
+    assert again.solve([1.0, 0.0]).remarks == result.remarks
+    several = problem.solve_many([{"load": [1.0, 0.0]}])
+    assert several[0].remarks == result.remarks
+    followed = problem.follow([1.0, 0.0])
+    assert followed.remarks == result.remarks
+
+
+def test_of_a_model_those_of_the_answer_too() -> None:
+    side = {"from": 0.0, "to": 1.0, "cells": 4}
+    m = bp.Model("Sheared far")
+    m.material("soft", young=1.0, poisson=0.3)
+    m.body("block", material="soft", cell="quadrilateral", x=side, y=side)
+    m.support("block.top", x=0.3, y=-0.05)
+    m.contact("block.bottom", plane={"point": [0, 0.05], "normal": [0, 1]}, mu=2.0)
+    result = m.solve()
+    assert result.remarks == tuple(result.remarks())
+    assert result.remarks[0].startswith("5 of the 5 contacts start inside")
+    assert any(one.startswith("rotations") for one in result.remarks)
+
+
+def test_of_files(bipot: Any) -> None:
+    """`bipot solve` says them, and with --json has them in its last line."""
+    one = body("quadrilateral", 2)
+    from scipy.io import mmwrite
+
+    K = fem.stiffness(one) + sparse.diags_array(
+        1e9 * np.isin(np.arange(one.points.size) // 2, one.nodes("top"))
+    )
+    mmwrite("K.mtx", sparse.coo_matrix(K), symmetry="symmetric", precision=17)
+    rows = "".join(f"{k},{x!r},{y!r}\n" for k, (x, y) in enumerate(one.points.tolist()))
+    Path("nodes.csv").write_text("node,x,y\n" + rows)
+    at: NDArray[np.int64] = one.nodes("bottom")
+    Path("contacts.csv").write_text(
+        "node,nx,ny,mu\n" + "".join(f"{k},0,-1,0.3\n" for k in at)
+    )
+    Path("load.csv").write_text("node,fx,fy\n" + "".join(f"{k},0,-1\n" for k in at))
+    command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
+    command += ["--nodes", "nodes.csv", "--load", "load.csv"]
+    status, out, _ = bipot(*command)
+    assert status == 0
+    assert "remark: the normals of 5 of the 5 contacts point out of the body" in out
+    last = json.loads(bipot(*command, "--json")[1].splitlines()[-1])
+    assert last["remarks"][0] in out

@@ -1,0 +1,157 @@
+"""Files that begin with a byte-order mark are read as those without."""
+
+import ast
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.io import mmwrite
+
+import bipot_rs as bp
+from bipot_rs import fem
+from bipot_rs._lib.byte_order import MARK, unmarked
+from matrix_and_tables import written
+
+meshio = pytest.importorskip("meshio")
+
+
+def mark(path: Path) -> None:
+    path.write_bytes(MARK + path.read_bytes())
+
+
+@pytest.mark.parametrize("template", ["mesh", "block"])
+def test_scenes_and_their_meshes(template: str, bipot: Any) -> None:
+    assert bipot("new", "mine", "--template", template)[0] == 0
+    before = json.loads(bipot("check", "mine.toml", "--json")[1])
+    told = bipot("info", "mine.toml")[1]
+    for file in Path().iterdir():
+        mark(file)
+    assert json.loads(bipot("check", "mine.toml", "--json")[1]) == before
+    assert bipot("info", "mine.toml")[1] == told
+    text = Path("mine.toml").read_text(encoding="utf-8")
+    assert text.startswith("\ufeff")
+    assert bp.Model.from_toml(text) == bp.Model.from_toml("mine.toml")
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".vtu", ".inp"])
+def test_meshes(suffix: str, tmp_path: Path) -> None:
+    if suffix == ".inp":
+        path = tmp_path / "a.inp"
+        path.write_text(
+            "*NODE\n1, 0, 0\n2, 1, 0\n3, 0, 1\n*ELEMENT, TYPE=CPE3, ELSET=all\n"
+            "1, 1, 2, 3\n** größer\n",
+            encoding="utf-8",
+        )
+    else:
+        path = tmp_path / f"a{suffix}"
+        points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+        mesh = meshio.Mesh(points, [("triangle", np.array([[0, 1, 2], [1, 3, 2]]))])
+        if suffix == ".msh":
+            meshio.gmsh.write(path, mesh, fmt_version="2.2", binary=False)
+        else:
+            meshio.vtu.write(path, mesh, binary=False)
+    before = fem.read_mesh(path)
+    mark(path)
+    after = fem.read_mesh(path)
+    assert np.array_equal(after.p, before.p)
+    assert np.array_equal(after.t, before.t)
+    # In another encoding than its mark says, with a mark all the same.
+    if suffix == ".inp":
+        path.write_bytes(path.read_bytes().replace("ö".encode(), b"\xf6"))
+        assert np.array_equal(fem.read_mesh(path).p, before.p)
+    # What goes wrong has the name that was asked for.
+    path.write_bytes(path.read_bytes()[: len(path.read_bytes()) // 2])
+    with pytest.raises(ValueError, match=str(path)):
+        fem.read_mesh(path)
+
+
+def test_surfaces_of_obstacles(tmp_path: Path) -> None:
+    from bipot_rs.mesh.readers import read_cells
+
+    path = tmp_path / "a.stl"
+    path.write_text(
+        "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n"
+        "vertex 0 1 0\nendloop\nendfacet\nendsolid a\n"
+    )
+    places, ((kind, cells),) = read_cells(path)
+    mark(path)
+    again, ((same, others),) = read_cells(path)
+    assert kind == same
+    assert np.array_equal(places, again)
+    assert np.array_equal(cells, others)
+
+
+@pytest.mark.parametrize("form", ["market", "both"])
+def test_files_of_another_program(form: str, tmp_path: Path, bipot: Any) -> None:
+    command, _ = written(tmp_path, "block", form=form)
+    assert bipot(*command)[0] == 0
+    before = bp.load(Path("out/K/result.h5"))
+    for file in tmp_path.iterdir():
+        if file.is_file():
+            mark(file)
+    if form == "market":
+        assert "a matrix of Matrix Market, 50 × 50" in bipot("info", "K.mtx")[1]
+    shutil.rmtree("out")
+    status, _, err = bipot(*command)
+    assert status == 0, err
+    after = bp.load(Path("out/K/result.h5"))
+    assert after.reaction.tobytes() == before.reaction.tobytes()
+
+
+def test_tables_of_sweeps(bipot: Any) -> None:
+    sweep = (
+        "sweep",
+        "pressed_block",
+        "--set",
+        "mesh.n=2",
+        "--set",
+        "contact.0.mu=0.1,0.2",
+    )
+    assert bipot(*sweep, "--jobs", "1")[0] == 0
+    told = bipot("info", "out/pressed_block-sweep")[1]
+    table = Path("out/pressed_block-sweep/sweep.csv")
+    mark(table)
+    assert bipot("info", "out/pressed_block-sweep")[1] == told
+    status, _, err = bipot(*sweep, "--jobs", "1", "--resume")
+    assert status == 0
+    assert "2 rows of 2 are done already" in err
+
+
+def test_copies_do_not_stay(tmp_path: Path) -> None:
+    path = tmp_path / "K.mtx"
+    mmwrite(path, sparse.identity(2, format="coo"))
+    with unmarked(path) as source:
+        assert source == path
+    content = path.read_bytes()
+    mark(path)
+    with unmarked(path) as source:
+        assert source != path
+        assert source.name == path.name
+        assert source.read_bytes() == content
+    assert not source.parent.exists()
+
+
+def test_no_text_is_read_in_another_way(repository: Path) -> None:
+    """What reads a text leaves the mark out; of files of the package there is none."""
+    own = {"new.py", "versions.py", "cost_forecast.py"}
+    found = []
+    for file in (repository / "python" / "bipot_rs").rglob("*.py"):
+        if file.name in own:
+            continue
+        for node in ast.walk(ast.parse(file.read_text())):
+            if not isinstance(node, ast.Call) or not isinstance(
+                node.func, ast.Attribute
+            ):
+                continue
+            given = {k.arg: getattr(k.value, "value", None) for k in node.keywords}
+            mode = [a.value for a in node.args if isinstance(a, ast.Constant)]
+            reads = node.func.attr == "read_text" or (
+                node.func.attr == "open" and "encoding" in given and "w" not in mode
+            )
+            if reads and given.get("encoding") != "utf-8-sig":
+                found.append(f"{file.name}:{node.lineno}")
+    assert found == []

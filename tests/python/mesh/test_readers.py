@@ -1,0 +1,594 @@
+"""Meshes from files: what gmsh wrote, what a person wrote, and what is no mesh."""
+
+import sys
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+import skfem
+
+import places
+from bipot_rs import fem
+from bipot_rs.fem.elasticity import vtk_cells
+from bipot_rs.files.vtu import Grid
+from bipot_rs.mesh import elements
+
+DATA = places.DATA / "meshes"
+# By file the element, of a box 2 x 1 (x 1) in two volumes.
+BOXES = {
+    "triangle.msh": skfem.MeshTri1,
+    "quad.msh": skfem.MeshQuad1,
+    "quad8.msh": elements.MeshQuadS2,
+    "quad9.msh": skfem.MeshQuad2,
+    "tetra.msh": skfem.MeshTet1,
+    "tetra10.msh": skfem.MeshTet2,
+    "hexahedron.msh": skfem.MeshHex1,
+    "hexahedron20.msh": elements.MeshHexS2,
+    "hexahedron27.msh": skfem.MeshHex2,
+    "tetra.inp": skfem.MeshTet1,
+    "tetra10.inp": skfem.MeshTet2,
+    "hexahedron20.inp": elements.MeshHexS2,
+    "triangle6.inp": skfem.MeshTri2,
+}
+STEEL = fem.Material(210e9, 0.3)
+
+
+@pytest.mark.parametrize("name", BOXES)
+def test_box(name: str) -> None:
+    mesh = fem.read_mesh(DATA / name)
+    assert type(mesh) is BOXES[name]
+    body = fem.Body("it", mesh, STEEL)
+    volume = body.volume()
+    # Digits of the file, 16, over some hundred cells.
+    assert volume.weights.sum() == pytest.approx(2.0, rel=1e-13)
+    for x, word in ((0.5, "left"), (1.5, "right")):
+        weights = volume.weights[body.volume_cells(word)]
+        assert weights.sum() == pytest.approx(1.0, rel=1e-13)
+        places = volume.places[0][body.volume_cells(word)]
+        assert np.abs(places - x).max() <= 0.5 + 1e-15
+    up = np.eye(body.dim)[-1]
+    for at, word, sign in ((0.0, "base", -1.0), (1.0, "top", 1.0)):
+        surface = body.surface(word)
+        assert surface.weights.sum() == pytest.approx(2.0, rel=1e-13)
+        np.testing.assert_allclose(surface.places[-1], at, atol=1e-14)
+        normals = np.moveaxis(np.asarray(surface.normals), 0, -1)
+        np.testing.assert_allclose(normals - sign * up, 0.0, atol=1e-13)
+    # Between the volumes there is no outward normal.
+    assert "middle" not in mesh.boundaries
+    np.testing.assert_array_equal(np.unique(body.cells), np.arange(len(body.points)))
+
+
+@pytest.mark.parametrize(
+    "name", [n for n, kind in BOXES.items() if elements.KINDS[kind].degree == 2]
+)
+def test_nodes_of_second_order_stand_where_they_should(name: str) -> None:
+    """On a straight box they are the means of corners, whatever order a file has."""
+    mesh = fem.read_mesh(DATA / name)
+    kind = elements.KINDS[type(mesh)]
+    first = next(
+        k.mesh
+        for k in elements.KINDS.values()
+        if k.shape == kind.shape and k.degree == 1
+    )
+    corners = mesh.p[:, : mesh.t.max() + 1]
+    # Triangles and tetrahedra of first order sort their corners.
+    straight = elements.second_order(
+        first(corners, mesh.t), serendipity=not kind.lumps or kind.vtk == "quad8"
+    )
+    if kind.shape in ("triangle", "tetrahedron"):
+        straight = type(mesh)(straight.p, straight.t)
+        np.testing.assert_allclose(
+            np.unique(mesh.p.round(12), axis=1), np.unique(straight.p.round(12), axis=1)
+        )
+    else:
+        np.testing.assert_allclose(mesh.p, straight.p, atol=1e-14)
+    # The mapping of each cell is linear then.
+    body = fem.Body("it", mesh, STEEL)
+    _, slopes, _ = elements.reference(kind.scalar, kind.order)
+    jacobian = elements.jacobian(body.points[body.cells], slopes)
+    np.testing.assert_allclose(jacobian - jacobian[:1], 0.0, atol=1e-13)
+
+
+def test_curved_border_of_a_disk() -> None:
+    mesh = fem.read_mesh(DATA / "disk.msh")
+    assert list(mesh.subdomains) == ["physical 7"]
+    assert not mesh.boundaries
+    facets = fem.surface(mesh, normal=(0.0, 1.0), angle=45.0)
+    mesh = fem.with_surfaces(mesh, {"all": mesh.boundary_facets(), "up": facets})
+    body = fem.Body("it", mesh, STEEL)
+    sides = len(mesh.boundary_facets())
+    # Parabolas through arcs of 2π/sides: off by h⁴, with a constant below 1/10.
+    assert abs(body.volume().weights.sum() - np.pi) < 0.1 * (2 * np.pi / sides) ** 4
+    border = body.surface("all")
+    assert border.weights.sum() == pytest.approx(2 * np.pi, rel=1e-3)
+    radial = np.einsum("dpq,dpq->pq", border.places, border.normals)
+    np.testing.assert_allclose(radial, 1.0, atol=1e-2)
+    up = body.surface("up")
+    assert 0.0 < up.weights.sum() < np.pi
+    assert up.places[1].min() > 0.5
+
+
+def test_bodies_of_one_file() -> None:
+    path = DATA / "two_bodies.msh"
+    with pytest.raises(ValueError, match=r"several kinds, 22 .*'lower' \(triangle\)"):
+        fem.read_mesh(path)
+    meshes = fem.read_meshes(path)
+    assert {n: type(m) for n, m in meshes.items()} == {
+        "lower": skfem.MeshTri1,
+        "upper": skfem.MeshQuad1,
+    }
+    assert set(meshes["lower"].boundaries) == {"base", "lower top"}
+    assert set(meshes["upper"].boundaries) == {"load", "upper bottom"}
+    with pytest.raises(ValueError, match="no volume 'base'; it names 'lower', 'upper'"):
+        fem.read_mesh(path, "base")
+    body = fem.Body("upper", meshes["upper"], STEEL)
+    with pytest.raises(
+        ValueError, match="'upper' has no surface 'base', expected one of load, upper"
+    ):
+        body.facets("base")
+
+
+@pytest.mark.parametrize("bare", ["", "_bare"])
+@pytest.mark.parametrize("form", ["22", "41", "41_binary"])
+def test_groups_of_gmsh(form: str, bare: str) -> None:
+    """Entities in several groups, turned around in some, one name for lines and a face."""
+    mesh = fem.read_mesh(DATA / f"groups{form}{bare}.msh")
+    words = ["base", "side", "round", "left", "all", "base"]
+    if bare:
+        words = [f"physical {k}" for k in range(1, 7)]
+    body = fem.Body("it", mesh, STEEL)
+    assert set(mesh.boundaries) == set(words[:3])
+    assert set(mesh.subdomains) == set(words[3:])
+    # By group the length or the area, and the mean place.
+    exact = [(2, (1, 0)), (1, (2, 0.5)), (3, (4 / 3, 5 / 6))]
+    exact += [(1, (0.5, 0.5)), (2, (1, 0.5)), (1, (1.5, 0.5))]
+    for k, (name, (size, middle)) in enumerate(zip(words, exact, strict=True)):
+        points = body.surface(name) if k < 3 else body.volume()
+        own = slice(None) if k < 3 else body.volume_cells(name)
+        weights = points.weights[own]
+        assert weights.sum() == pytest.approx(size, rel=1e-13)
+        found = np.einsum("dpq,pq->d", points.places[:, own], weights) / size
+        np.testing.assert_allclose(found, middle, rtol=0, atol=1e-13)
+
+
+def test_damaged_groups_of_gmsh(tmp_path: Path) -> None:
+    text = (DATA / "groups41.msh").read_text()
+    path = tmp_path / "it.msh"
+    path.write_text(text.replace('2 5 "all"', '2 "all"'))
+    with pytest.raises(ValueError, match=r"it\.msh .*"):
+        fem.read_mesh(path)
+
+
+def test_a_block_from_a_file_pressed_on_a_plane() -> None:
+    """Uniaxial stress: p/E of shortening, and the pressure on the plane."""
+    body = fem.Body("block", fem.read_mesh(DATA / "hexahedron27.msh"), STEEL)
+    contact = fem.Contact("block", "base", 0.2, plane=((0, 0, 0), (0, 0, 1)))
+    mesh = body.mesh
+    sides = {
+        "x": fem.surface(mesh, within={0: (0, 0)}),
+        "y": fem.surface(mesh, normal=(0, -1, 0)),
+    }
+    body = fem.Body("block", fem.with_surfaces(mesh, sides), STEEL)
+    planes = [fem.Symmetry("block", name) for name in sides]
+    smooth = fem.Contact("block", "base", 0.0, plane=contact.plane)
+    model = fem.build([body], [smooth], symmetries=planes)
+    result = model.problem().solve(
+        model.pressure("block", "top", 1e6), model.prescribed([])
+    )
+    np.testing.assert_allclose(result.traction[0, :, 0], 1e6, rtol=1e-9)
+    u = model.displacement_of("block", result.displacement[0])
+    x = body.points
+    strain = -1e6 / STEEL.young * np.array([-0.3, -0.3, 1.0])
+    np.testing.assert_allclose(u, x * strain, atol=1e-9 * 1e6 / STEEL.young)
+
+
+def vtu(path: Path, points: object, cells: object, **fields: object) -> Path:
+    path.write_bytes(Grid(np.asarray(points, float), cells).file({}, fields))
+    return path
+
+
+@pytest.mark.parametrize("name", BOXES)
+def test_vtu(name: str, tmp_path: Path) -> None:
+    """What we write of a mesh is read as the mesh, its data of cells as names."""
+    body = fem.Body("it", fem.read_mesh(DATA / name), STEEL)
+    kind, cells = vtk_cells(body)
+    tag = np.full(len(cells), 3)
+    tag[body.volume_cells("right")] = 8
+    points = np.zeros((len(body.points), 3))
+    points[:, : body.dim] = body.points
+    path = vtu(tmp_path / "it.vtu", points, [(kind, cells)], tag=tag)
+    mesh = fem.read_mesh(path)
+    assert type(mesh) is type(body.mesh)
+    assert set(mesh.subdomains) == {"tag 3", "tag 8"}
+    back = fem.Body("it", mesh, STEEL)
+    np.testing.assert_array_equal(
+        back.points[back.cells].mean(axis=1), body.points[body.cells].mean(axis=1)
+    )
+    np.testing.assert_array_equal(mesh.subdomains["tag 8"], body.volume_cells("right"))
+
+
+INP = """*HEADING
+two squares above each other, lines by hand
+** a comment, with a comma
+*Node, nset=ALL
+1, 0., 0.
+2, 1., 0.
+3, 1., 1.
+4, 0., 1.
+5, 1., 2.
+6, 0, 2.
+99, 50., 50.
+*ELEMENT, TYPE=CPE4, ELSET=Low
+7, 1, 2, 3, 4
+*ELEMENT, type=CPE4R,
+ elset=High
+8, 4, 3,
+5, 6
+*NSET, NSET=floor, GENERATE
+1, 2, 1
+*NSET, NSET=Corner
+6
+*ELSET, ELSET=both
+LOW, high
+*SURFACE, NAME=roof, TYPE=ELEMENT
+high, S3
+*SURFACE, NAME=SIDE
+7, S2
+8, S2
+*SURFACE, NAME=around
+Both
+*SURFACE, NAME=ground, TYPE=NODE
+FLOOR
+*STEP
+"""
+
+
+def test_inp_by_hand(tmp_path: Path) -> None:
+    path = tmp_path / "squares.inp"
+    path.write_text(INP)
+    mesh = fem.read_mesh(path)
+    assert type(mesh) is skfem.MeshQuad1
+    assert mesh.p.shape == (2, 6)  # node 99 is of no cell
+    cells = {
+        name: mesh.p[1, mesh.t[:, c]].mean() for name, c in mesh.subdomains.items()
+    }
+    assert cells == {"Low": 0.5, "High": 1.5, "both": 1.0}
+    middles = {
+        name: np.unique(mesh.p[:, mesh.facets[:, f]].mean(axis=1).T, axis=0).tolist()
+        for name, f in mesh.boundaries.items()
+    }
+    assert middles == {
+        "ALL": sorted([[0.5, 0], [1, 0.5], [0, 0.5], [1, 1.5], [0, 1.5], [0.5, 2]]),
+        "around": sorted([[0.5, 0], [1, 0.5], [0, 0.5], [1, 1.5], [0, 1.5], [0.5, 2]]),
+        "floor": [[0.5, 0.0]],
+        "ground": [[0.5, 0.0]],
+        "roof": [[0.5, 2.0]],
+        "SIDE": [[1.0, 0.5], [1.0, 1.5]],
+    }
+    high = fem.read_mesh(path, "High")
+    assert high.p.shape == (2, 4)
+    assert set(high.boundaries) == {"ALL", "around", "roof", "SIDE"}
+
+
+FACES = {
+    "C3D4": ("tetra", [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]),
+    "C3D8": (
+        "hexahedron",
+        [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))],
+    ),
+}
+# Middles of the faces S1, S2, … in the manuals of Abaqus and CalculiX.
+MIDDLES = {
+    "C3D4": np.array([(1, 1, 0), (1, 0, 1), (1, 1, 1), (0, 1, 1)]) / 3,
+    "C3D8": np.array([(1, 1, 0), (1, 1, 2), (1, 0, 1), (2, 1, 1), (1, 2, 1), (0, 1, 1)])
+    / 2,
+}
+
+
+@pytest.mark.parametrize("kind", FACES)
+def test_faces_of_inp(kind: str, tmp_path: Path) -> None:
+    _, corners = FACES[kind]
+    lines = [
+        "*NODE",
+        *(f"{k}, {x}, {y}, {z}" for k, (x, y, z) in enumerate(corners, 1)),
+    ]
+    lines += [f"*ELEMENT, TYPE={kind}", ", ".join(map(str, range(1, len(corners) + 2)))]
+    lines[-1] = "1, " + ", ".join(map(str, range(1, len(corners) + 1)))
+    for k in range(len(MIDDLES[kind])):
+        lines += [f"*SURFACE, NAME=F{k}", f"1, S{k + 1}"]
+    path = tmp_path / "one.inp"
+    path.write_text("\n".join(lines))
+    mesh = fem.read_mesh(path)
+    for k, middle in enumerate(MIDDLES[kind]):
+        (facet,) = mesh.boundaries[f"F{k}"]
+        found = mesh.p[:, mesh.facets[:, facet]].mean(axis=1)
+        np.testing.assert_allclose(found, middle, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("TYPE=CPE4", "TYPE=CAX4", "line 12: has cells of type CAX4, which is axisymm"),
+        ("TYPE=CPE4", "TYPE=DC2D4", "line 12: has cells of type DC2D4, expected C3D4"),
+        ("7, 1, 2, 3, 4", "7, 1, 2, 3", "line 13: ends a cell of type CPE4 early"),
+        ("7, 1, 2, 3, 4", "7, 1, 2, 3, 44", "line 12: has cells of node 44"),
+        ("8, 4, 3,", "7, 4, 3,", "has cell 7, which was there before"),
+        ("3, 1., 1.", "3, 1., one", "line 7: is '1., one', expected coordinates"),
+        ("3, 1., 1.", "2, 1., 1.", "line 7: has node 2, which was there before"),
+        ("LOW, high", "LOW, hi", "line 23: names a set 'hi' that is not known"),
+        ("7, S2", "7, S5", "line 27: has face S5 of a quad, expected S1 to S4"),
+        ("*STEP", "*INCLUDE, INPUT=x", "line 33: includes another file"),
+        ("*STEP", "*NGEN\n1, 3, 1", "line 33: has \\*NGEN, which makes or moves nodes"),
+        (
+            "*STEP",
+            "*SYSTEM\n1., 0., 0.",
+            "line 33: has \\*SYSTEM, which makes or moves",
+        ),
+        ("*STEP", "*NODE, INPUT=x", "line 33: reads another file"),
+        ("*STEP", "*PART, NAME=a\n*PART, NAME=b", "line 34: has a second part"),
+        ("CPE4", "S4", "has shells and no solids"),
+        ("3, 1., 1.", "3, nan, 1.", "has a place that is no number: a node of cell 0"),
+        ("5, 6\n", "3, 4\n", "cell"),
+        ("1, 2, 1\n", "1, 2, 0\n", "line 19: generates 1, 2, 0, expected first, last"),
+        ("1, 2, 1\n", "2, 1\n", "line 19: generates 2, 1, expected first, last"),
+        ("1, 2, 1\n", "2\n", "line 19: generates 2, expected first, last and step"),
+        ("3, 1., 1.", "3, 1_0., 1.", "line 7: is '1_0., 1.', expected coordinates"),
+        ("7, 1, 2, 3, 4", "7, 1, 2, 3, 0_4", "line 13: .*expected whole numbers"),
+    ],
+)
+def test_inp_refuses(old: str, new: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "squares.inp"
+    assert old in INP
+    path.write_text(INP.replace(old, new))
+    with pytest.raises(ValueError, match=said):
+        fem.read_mesh(path)
+
+
+ASSEMBLY = """*PART, NAME=Plate
+*NODE
+1, 0., 0.
+2, 1., 0.
+3, 1., 1.
+4, 0., 1.
+*ELEMENT, TYPE=CPE4, ELSET=Set-1
+1, 1, 2, 3, 4
+*NSET, NSET=SET-1
+1, 2
+*NSET, NSET=alike
+3, 4
+*SURFACE, NAME=face
+Set-1, S1
+*END PART
+*ASSEMBLY, NAME=all
+*INSTANCE, NAME=Plate-1, PART=Plate
+*END INSTANCE
+*NSET, NSET=Set-1, INSTANCE=Plate-1
+2, 3
+*NSET, NSET=alike, INSTANCE=Plate-1
+4, 3
+*ELSET, ELSET=cells, INSTANCE=Plate-1
+1
+*NSET, NSET=same, INSTANCE=Plate-1
+Plate-1.set-1
+*SURFACE, NAME=face
+cells, S3
+*SURFACE, NAME=other
+Plate-1.Set-1, S4
+*END ASSEMBLY
+"""
+
+
+def test_one_name_in_part_and_assembly(tmp_path: Path) -> None:
+    path = tmp_path / "plate.inp"
+    path.write_text(ASSEMBLY)
+    mesh = fem.read_mesh(path)
+    middles = {
+        name: mesh.p[:, mesh.facets[:, f]].mean(axis=1).T.tolist()
+        for name, f in mesh.boundaries.items()
+    }
+    assert middles == {
+        "Set-1": [[1.0, 0.5]],
+        "Plate-1.Set-1": [[0.5, 0.0]],
+        "alike": [[0.5, 1.0]],
+        "same": [[0.5, 0.0]],
+        "face": [[0.5, 1.0]],
+        "Plate-1.face": [[0.5, 0.0]],
+        "other": [[0.0, 0.5]],
+    }
+    assert set(mesh.subdomains) == {"Set-1", "cells"}
+
+
+def test_files_that_are_no_mesh(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"none\.msh is not there"):
+        fem.read_mesh(tmp_path / "none.msh")
+    (tmp_path / "mesh.stl").write_text("solid")
+    with pytest.raises(ValueError, match=r"kind \.stl, expected one of \.msh, \.inp"):
+        fem.read_mesh(tmp_path / "mesh.stl")
+    (tmp_path / "dir.msh").mkdir()
+    with pytest.raises(OSError, match=r"dir\.msh"):
+        fem.read_mesh(tmp_path / "dir.msh")
+    for suffix in ("msh", "inp", "vtu"):
+        path = tmp_path / f"empty.{suffix}"
+        path.write_bytes(b"")
+        with pytest.raises(ValueError, match="is empty"):
+            fem.read_mesh(path)
+        path.write_bytes(b"hello\n" * 3)
+        with pytest.raises(ValueError, match=path.name):
+            fem.read_mesh(path)
+
+
+@pytest.mark.parametrize("name", ["tetra.msh", "quad.msh", "quad9.msh", "quad8.msh"])
+def test_files_cut_off(name: str, tmp_path: Path) -> None:
+    whole = (DATA / name).read_bytes()
+    path = tmp_path / name
+    for share in (0.3, 0.6, 0.9):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(ValueError, match=rf"{name} is cut off: it has no \$EndEl"):
+            fem.read_mesh(path)
+    # Its end is there, but not all that comes before.
+    end = whole.index(b"$EndElements")
+    path.write_bytes(whole[: end - 200] + whole[end:])
+    with pytest.raises(ValueError, match=name):
+        fem.read_mesh(path)
+
+
+def test_vtu_refuses(tmp_path: Path) -> None:
+    square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]]
+    path = tmp_path / "it.vtu"
+    vtu(path, square, [("vertex", np.array([[0], [1]]))])
+    with pytest.raises(ValueError, match="no cells of a body: 2 of kind vertex"):
+        fem.read_mesh(path)
+    bent = np.array(square)
+    bent[2, 2] = 0.3
+    vtu(path, bent, [("triangle", np.array([[0, 1, 2], [0, 2, 3]]))])
+    with pytest.raises(ValueError, match="two dimensions in no plane"):
+        fem.read_mesh(path)
+    vtu(path, np.array(square)[:, [2, 0, 1]], [("quad", np.array([[0, 1, 2, 3]]))])
+    with pytest.raises(ValueError, match=r"the plane x = const.* three dimensions$"):
+        fem.read_mesh(path)
+    # Of gmsh it may be that volumes were not written.
+    flat = np.array(square)[:, [2, 0, 1]]
+    meshio.Mesh(flat, [("quad", np.array([[0, 1, 2, 3]]))]).write(
+        tmp_path / "it.msh", file_format="gmsh22"
+    )
+    volumes = r"volumes need a physical group, for gmsh writes nothing else"
+    with pytest.raises(ValueError, match=f"the plane x = const.*{volumes}"):
+        fem.read_mesh(tmp_path / "it.msh")
+    with pytest.raises(ValueError, match=f"no volume 'pad'.*{volumes}"):
+        fem.read_mesh(tmp_path / "it.msh", "pad")
+    vtu(path, square, [("quad", np.array([[0, 1, 2, 3], [1, 2, 3, 0]]))])
+    with pytest.raises(ValueError, match="1 cell twice"):
+        fem.read_mesh(path)
+    lost = np.array(square)
+    lost[1] = np.nan
+    vtu(path, lost, [("quad", np.array([[0, 1, 2, 3]]))])
+    with pytest.raises(ValueError, match="no number"):
+        fem.read_mesh(path)
+    wedge = np.vstack([square[:3], np.add(square[:3], (0, 0, 1))])
+    meshio.Mesh(wedge, [("wedge", np.arange(6)[None])]).write(path)
+    with pytest.raises(
+        ValueError, match="cells of kind wedge, expected one of triangle"
+    ):
+        fem.read_mesh(path)
+    vtu(path, square, [("quad", np.array([[0, 1, 2, 3]]))])
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(ValueError, match="cut off"):
+        fem.read_mesh(path)
+
+
+def test_cells_that_share_corners_but_not_the_middle(tmp_path: Path) -> None:
+    points = [(0, 0), (1, 0), (0, 1), (1, 1), (0.5, 0), (0.5, 0.5), (0, 0.5)]
+    points += [(1, 0.5), (0.5, 1), (0.5, 0.5)]
+    cells = np.array([[0, 1, 2, 4, 5, 6], [1, 3, 2, 7, 8, 9]])
+    path = vtu(tmp_path / "it.vtu", [(*p, 0.0) for p in points], [("triangle6", cells)])
+    with pytest.raises(ValueError, match=r"at \(0\.5, 0\.5\) between corners"):
+        fem.read_mesh(path)
+    cells[1, 5] = 5
+    mesh = fem.read_mesh(vtu(path, [(*p, 0.0) for p in points], [("triangle6", cells)]))
+    assert mesh.p.shape == (2, 9)
+
+
+def test_surface_by_geometry() -> None:
+    mesh = fem.box([np.linspace(0, 2, 5)] * 3, "hexahedron")
+    for name, normal, within in (
+        ("left", (-3, 0, 0), {0: (0, 0)}),
+        ("top", (0, 0, 1), {2: (2, np.inf)}),
+        ("front", (0, -1, 0.1), {1: (-np.inf, 0)}),
+    ):
+        facets = np.sort(mesh.boundaries[name])
+        np.testing.assert_array_equal(fem.surface(mesh, normal=normal), facets)
+        np.testing.assert_array_equal(fem.surface(mesh, within=within), facets)
+    part = fem.surface(mesh, within={0: (0, 1)}, normal=(0, 0, 1))
+    assert len(part) == 8
+    with pytest.raises(ValueError, match=r"no facet .*x from 0 to 2"):
+        fem.surface(mesh, within={0: (3, 4)})
+    with pytest.raises(ValueError, match="needs within or normal"):
+        fem.surface(mesh)
+    with pytest.raises(ValueError, match="a range that ascends"):
+        fem.surface(mesh, within={0: (1, 0)})
+    with pytest.raises(ValueError, match="axis 3"):
+        fem.surface(mesh, within={3: (1, 2)})
+
+
+@pytest.mark.parametrize(
+    "name", ["tetra.inp", "triangle6.inp", "quad8.msh", "triangle.msh"]
+)
+def test_damaged_text_is_refused_in_words(name: str, tmp_path: Path) -> None:
+    """Cut, doubled or changed at random: a mesh, or a ValueError, and nothing else."""
+    random = np.random.default_rng(len(name))
+    whole = (DATA / name).read_bytes()
+    path = tmp_path / name
+    said = []
+    for _ in range(25):
+        text = bytearray(whole)
+        at, size = random.integers(len(text)), random.integers(1, 40)
+        match random.integers(3):
+            case 0:
+                del text[at : at + size]
+            case 1:
+                text[at:at] = text[at : at + size]
+            case _:
+                text[at] = ord(random.choice(list("0179.,*-x\n")))
+        path.write_bytes(text)
+        try:
+            fem.read_mesh(path)
+        except ValueError as error:
+            said.append(str(error))
+    assert said
+    assert all(name in message for message in said)
+
+
+def test_cells_of_no_group_among_others() -> None:
+    """What gmsh saves with Mesh.SaveAll in version 4.1, and meshio does not take."""
+    with pytest.raises(
+        ValueError, match="no physical group are among the others, save"
+    ):
+        fem.read_mesh(DATA / "save_all.msh")
+
+
+def test_tags_of_lines_are_surfaces(tmp_path: Path) -> None:
+    points = [(0, 0, 3), (1, 0, 3), (2, 0, 3), (0, 1, 3), (1, 1, 3), (2, 1, 3)]
+    cells = [
+        ("quad", np.array([[0, 1, 4, 3], [1, 2, 5, 4]])),
+        ("line", np.array([[0, 1], [1, 2], [4, 5], [1, 4]])),
+    ]
+    path = tmp_path / "it.vtu"
+    tags = [np.array([1, 1]), np.array([5, 5, 6, 6])]
+    meshio.Mesh(points, cells, cell_data={"tag": tags}).write(path)
+    mesh = fem.read_mesh(path)
+    assert mesh.p.shape == (2, 6)
+    middle = {
+        name: sorted(mesh.p[:, mesh.facets[:, facets]].mean(axis=1).T.tolist())
+        for name, facets in mesh.boundaries.items()
+    }
+    # The line between the two cells is no surface of the body.
+    assert middle == {"tag 5": [[0.5, 0.0], [1.5, 0.0]], "tag 6": [[1.5, 1.0]]}
+    assert set(mesh.subdomains) == {"tag 1"}
+
+
+def test_without_meshio(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "meshio", None)
+    with pytest.raises(ModuleNotFoundError, match=r"pip install 'bipot-rs\[fem\]'"):
+        fem.read_mesh(DATA / "quad.msh")
+    assert fem.read_mesh(DATA / "tetra.inp").t.shape[1] == 200
+
+
+def test_cells_of_a_node_that_is_not_there(tmp_path: Path) -> None:
+    """Its number within the range of the others: meshio takes the last node instead."""
+    lines = (DATA / "quad8.msh").read_text().splitlines()
+    at = lines.index("$Nodes") + 3
+    assert lines[at : at + 2] == ["1", "0 0 0"]
+    lines[at] = "500"
+    path = tmp_path / "lost.msh"
+    path.write_text("\n".join(lines))
+    with pytest.raises(
+        ValueError, match=r"lost\.msh has a .* of a node that is not in"
+    ):
+        fem.read_mesh(path)
+    # Beyond their range.
+    path.write_text(
+        (DATA / "triangle.msh").read_text().replace("\n$EndEl", "9\n$EndEl")
+    )
+    with pytest.raises(ValueError, match=r"lost\.msh"):
+        fem.read_mesh(path)

@@ -1,0 +1,424 @@
+"""Pictures of several surfaces, of curved ones, and of the bodies by what has them."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+import places
+from bipot_rs import fem, plots
+from bipot_rs.plots import style as canvas
+from bipot_rs.plots.data import look
+from layout import overlaps
+
+UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
+
+
+def clamp() -> bp.Model:
+    """A pad between a floor and a die that comes down, pulled out."""
+    made = bp.Model(title="Clamp", units=UNITS)
+    made.material("steel", young=210e3, poisson=0.3)
+    size = {"x": {"from": 0.0, "to": 20.0, "cells": 8}}
+    size["y"] = {"from": 0.0, "to": 10.0, "cells": 4}
+    made.body("pad", material="steel", cell="quadrilateral", **size)
+    down = {"point": [0.0, 10.0], "normal": [0.0, -1.0]}
+    made.obstacle("die", plane=down, move={"y": -0.02})
+    floor = {"point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    made.contact("pad.bottom", plane=floor, mu=0.3)
+    made.contact("pad.top", against="die", mu=0.2)
+    made.traction("pad.right", x=made.times(60.0, "pull"))
+    made.path(steps=3, pull=[0.2, 0.6, 1.0])
+    return made
+
+
+@pytest.fixture(scope="module")
+def clamped() -> Any:
+    return clamp().solve()
+
+
+@pytest.fixture(scope="module")
+def ring() -> bp.Result:
+    """A disc pushed to one side and turned in a tight ring, on springs of its own."""
+    count = 24
+    angle = np.random.default_rng(3).permutation(np.arange(count)) * 2 * np.pi / count
+    out = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    frame = fem.frames(-out)
+    turned = np.stack([-out[:, 1], out[:, 0]], axis=1)
+    load = np.zeros((2, count, 2))
+    # Pressed, and turned against the clock so that all slips: r = -load of unit springs.
+    load[:, :, 0] = -(1 + 0.5 * out[:, 0])
+    load[:, :, 1] = np.einsum("ij,ij->i", turned, frame[:, 1]) * [[0.1], [0.9]]
+    return bp.solve(
+        np.eye(2 * count),
+        np.eye(2 * count),
+        load.reshape(2, -1),
+        gap=np.zeros(count),
+        mu=0.3,
+        points=3 * out,
+        frame=frame,
+    )
+
+
+def labels(ax: Any) -> list[str]:
+    return [t.get_text() for t in ax.get_legend().get_texts() if t.get_text().strip()]
+
+
+def of_colour(ax: Any, k: int, style: str) -> Any:
+    """The lines of a surface of one style."""
+    return [
+        line.get_data()
+        for line in ax.get_lines()
+        if line.get_color() == canvas.cycle(k) and line.get_linestyle() == style
+    ]
+
+
+def test_each_surface_has_its_lines(clamped: Any) -> None:
+    ax = plots.tractions(clamped)
+    assert labels(ax)[:2] == ["pad.bottom", "pad.top"]
+    assert ax.get_xlabel() == "x [mm]"
+    for k, name in enumerate(("pad.bottom", "pad.top")):
+        own = clamped.contacts_of(name)
+        x = clamped.contacts["x"][own, 0]
+        order = own[np.argsort(x)]
+        (solid, *_), (dashed, *_) = (of_colour(ax, k, ls) for ls in ("-", "--"))
+        np.testing.assert_array_equal(solid[0], np.sort(x))
+        np.testing.assert_array_equal(solid[1], clamped.traction[-1][order, 0])
+        # On both the pull acts along x, friction against it.
+        t1 = clamped.contacts["frame"][order, 1, 0]
+        np.testing.assert_array_equal(dashed[1], clamped.traction[-1][order, 1] * t1)
+    assert overlaps(ax.figure) == []
+    with_one = plots.tractions(clamped, where="pad.top")
+    assert "pad.top" not in labels(with_one)
+    (pressure,) = (
+        line for line in with_one.get_lines() if line.get_label() == "pressure"
+    )
+    assert len(pressure.get_xdata()) == 9
+
+
+@pytest.mark.parametrize(
+    "draw", [plots.slip, plots.status_map, plots.resultants, plots.deformed]
+)
+def test_pictures_of_two_surfaces_can_be_read(
+    clamped: Any, draw: Callable[..., Any]
+) -> None:
+    ax = draw(clamped)
+    assert overlaps(ax.figure) == []
+    if draw is not plots.deformed:
+        said = [t.get_text() for t in ax.texts]
+        told = said if draw is plots.status_map else labels(ax)
+        assert {"pad.bottom", "pad.top"} <= set(told)
+
+
+def test_zones_of_two_surfaces_are_apart(clamped: Any) -> None:
+    from matplotlib.collections import QuadMesh
+
+    ax = plots.status_map(clamped)
+    low, high = (it for it in ax.collections if isinstance(it, QuadMesh))
+    for image, name in ((low, "pad.bottom"), (high, "pad.top")):
+        own = clamped.contacts_of(name)
+        order = own[np.argsort(clamped.contacts["x"][own, 0])]
+        np.testing.assert_array_equal(image.get_array(), clamped.status[:, order])
+    ends = [np.asarray(image.get_coordinates())[..., 1] for image in (low, high)]
+    assert ends[0].max() < ends[1].min()
+
+
+def test_forces_of_two_surfaces_are_not_summed(clamped: Any) -> None:
+    """A clamp presses from both sides: together nothing, of each its own."""
+    ax = plots.resultants(clamped)
+    for k, name in enumerate(("pad.bottom", "pad.top")):
+        own = clamped.contacts_of(name)
+        ((_, press),) = of_colour(ax, k, "-")
+        total = clamped.reaction[:, own, 0].sum(axis=1)
+        np.testing.assert_allclose(press, total, rtol=1e-12)
+        assert (press > 1000).all()
+    # The loop of both is the pull: 60 MPa on a height of 10 mm, of unit thickness.
+    loop = plots.force_displacement(clamped).get_lines()[0]
+    # Equilibrium to the residual of 1e-12 of forces of 1e4 N.
+    np.testing.assert_allclose(loop.get_ydata(), [120, 360, 600], rtol=1e-8)
+
+
+def test_a_surface_is_asked_for_by_its_name(clamped: Any) -> None:
+    seen = look(clamped, where="pad.top")
+    np.testing.assert_array_equal(
+        seen.x, clamped.contacts["x"][clamped.contacts_of("pad.top")]
+    )
+    with pytest.raises(ValueError, match=r"no contact on 'pad.tob'.*mean 'pad.top'"):
+        plots.tractions(clamped, where="pad.tob")
+    plain = bp.solve(np.eye(2), np.eye(2), [-1.0, 0], gap=[0], mu=0.3, points=[[0, 0]])
+    with pytest.raises(ValueError, match="surfaces of the contacts are not known"):
+        plots.tractions(plain, where="pad.top")
+
+
+def test_surfaces_are_kept_in_a_file(clamped: Any, tmp_path: Path) -> None:
+    clamped.save(tmp_path / "a.h5")
+    again = bp.load(tmp_path / "a.h5")
+    assert list(again.contacts["surface_names"]) == ["pad.bottom", "pad.top"]
+    assert labels(plots.tractions(again))[:2] == ["pad.bottom", "pad.top"]
+
+
+def test_a_curved_surface_is_told_by_sums_that_mean_something(ring: Any) -> None:
+    """All slip around: friction is used up, and no force along x or y is friction's."""
+    assert (ring.status[-1] == bp.Status.SLIP).all()
+    ax = plots.resultants(ring)
+    drawn = {line.get_label(): line.get_ydata() for line in ax.get_lines()}
+    reaction = ring.reaction
+    np.testing.assert_allclose(drawn["Σ normal"], reaction[..., 0].sum(axis=1))
+    np.testing.assert_allclose(
+        drawn["Σ |tangential|"], np.abs(reaction[..., 1]).sum(axis=1)
+    )
+    assert drawn["Σ |tangential|"][-1] == pytest.approx(0.3 * drawn["Σ normal"][-1])
+    # The same sums in another order.
+    np.testing.assert_allclose(drawn["force x"], ring.resultant[:, 0], rtol=1e-13)
+    size = np.abs(ring.resultant).max()
+    np.testing.assert_allclose(
+        drawn["force y"], ring.resultant[:, 1], atol=1e-13 * size
+    )
+    # Normals cancel: all of the force drives the loop, and no sum limits it.
+    loop = plots.force_displacement(ring)
+    assert loop.get_lines()[0].get_label() == "force"
+    assert loop.get_legend() is None
+    main = np.linalg.svd(ring.resultant, full_matrices=False)[2][0]
+    np.testing.assert_allclose(
+        np.abs(loop.get_lines()[0].get_ydata()), np.abs(ring.resultant @ main)
+    )
+
+
+def test_shear_around_a_ring_has_one_sign(ring: Any) -> None:
+    """Tangents of the frames turn over twice on the way around; the picture does not."""
+    t1 = ring.contacts["frame"][:, 1]
+    x = ring.contacts["x"]
+    around = np.sign(x[:, 0] * t1[:, 1] - x[:, 1] * t1[:, 0])
+    assert set(around) == {-1.0, 1.0}
+    ax = plots.tractions(ring, units=UNITS)
+    assert ax.get_xlabel() == "arc length from largest x, counter-clockwise [mm]"
+    drawn = {line.get_label(): line.get_ydata() for line in ax.get_lines()}
+    # The disc turns against the clock, friction on it with the clock.
+    np.testing.assert_allclose(drawn["tangential"], -0.3 * drawn["normal"], rtol=1e-9)
+    assert drawn["normal"][0] == drawn["normal"][-1] == drawn["normal"].max()
+
+
+def test_which_step_is_drawn_is_told(clamped: Any) -> None:
+    for step, said in ((0, "load step 1 of 3"), (-1, "load step 3 of 3")):
+        for draw in (plots.tractions, plots.slip, plots.status_map):
+            legend = draw(clamped, step=step).get_legend()
+            assert legend.get_title().get_text() == said
+        title = plots.deformed(clamped, step=step).get_title("left")
+        assert title.endswith(said)
+    # Of one step alone there is nothing to tell apart.
+    alone = plots.tractions(clamped[0], contacts=clamped.contacts)
+    assert alone.get_legend().get_title().get_text() == ""
+
+
+def warm() -> bp.Model:
+    """A bar held at one end that grows by heat against a wall."""
+    made = bp.Model(title="Bar", units=UNITS)
+    made.material("steel", young=210e3, poisson=0.3)
+    size = {"x": {"from": 0.0, "to": 10.0, "cells": 4}}
+    size["y"] = {"from": 0.0, "to": 2.0, "cells": 2}
+    made.body("bar", material="steel", cell="quadrilateral", plane="stress", **size)
+    made.symmetry("bar.left")
+    made.symmetry("bar.bottom")
+    made.strain("bar", expansion=1e-5, temperature=made.times(100.0, "heat"))
+    wall = {"point": [10.0, 0.0], "normal": [-1.0, 0.0]}
+    made.contact("bar.right", plane=wall, mu=0.0)
+    made.path(steps=2, heat=[0.5, 1.0])
+    return made
+
+
+def test_bodies_come_from_whatever_has_them() -> None:
+    """Held from both ends at 100 K, E α T = 210 MPa; the displacements alone say else."""
+    made = warm()
+    result = made.solve()
+    case = made.assemble()
+    expected = {-1: 210.0, 0: 105.0}
+    for step, stress in expected.items():
+        for given in (made, case, result, result.case.model):
+            ax = plots.deformed(given, result, step=step)
+            from matplotlib.collections import PolyCollection
+
+            cells, *_ = (c for c in ax.collections if type(c) is PolyCollection)
+            # The residual 1e-12 of the scene, condensed.
+            np.testing.assert_allclose(cells.get_array(), stress, rtol=1e-9)
+    loaded = plots.deformed(result)
+    assert loaded.get_title("left").endswith("load step 2 of 2")
+    with pytest.raises(TypeError, match="model is a int, expected a Model, a Case"):
+        plots.deformed(3, result)
+    with pytest.raises(ValueError, match="initial strains act"):
+        plots.deformed(case, result[0])
+    with pytest.raises(TypeError, match="result is a Case, expected"):
+        plots.deformed(case)
+
+
+def test_margins_are_as_wide_as_arrows(clamped: Any) -> None:
+    from matplotlib.collections import PolyCollection
+    from matplotlib.quiver import Quiver
+
+    ax = plots.deformed(clamped)
+    (arrows,) = (it for it in ax.collections if isinstance(it, Quiver))
+    tails = arrows.XY - np.stack([arrows.U, arrows.V], axis=1)
+    parts = [c for c in ax.collections if type(c) is PolyCollection]
+    places = [path.vertices for part in parts for path in part.get_paths()]
+    nodes = [clamped.case.model.nodes, *places]
+    drawn = np.concatenate([tails, *nodes])
+    low, high = np.transpose([ax.get_xlim(), ax.get_ylim()])
+    margin = 0.03 * np.ptp(drawn, axis=0).max()
+    np.testing.assert_allclose(low, drawn.min(axis=0) - margin, rtol=1e-12)
+    np.testing.assert_allclose(high, drawn.max(axis=0) + margin, rtol=1e-12)
+    # The figure has the form of what it shows, but for labels.
+    wide, tall = ax.figure.get_size_inches()
+    assert tall < wide
+
+
+@pytest.mark.parametrize("height", [0.05, 0.4, 3.0])
+def test_short_axes_of_space_can_be_read(height: float) -> None:
+    body = fem.Body(
+        "it",
+        fem.box([np.linspace(0, 2, 4)] * 2 + [np.linspace(0, height, 3)], "hexahedron"),
+        fem.Material(10.0, 0.3),
+    )
+    floor = fem.Contact("it", "bottom", 0.3, ([0, 0, 0], [0, 0, 1]))
+    model = fem.build([body], [floor], [fem.Support("it", "top", [0, 1, 2])])
+    result = model.problem().solve(
+        prescribed=model.prescribed([[0, 0, -0.01 * height]])
+    )
+    for ax in (
+        plots.deformed(model, result, scale=1.0),
+        plots.surface3d(model, result, "gap", bodies=False, units=UNITS),
+    ):
+        assert overlaps(ax.figure) == []
+
+
+def test_where_nothing_can_be_told_that_is_said() -> None:
+    u, v = np.meshgrid(np.arange(4.0), np.arange(4.0))
+    x = np.stack([u.ravel(), v.ravel(), 0 * u.ravel()], axis=1)
+    n = len(x)
+    frame = fem.frames(np.tile([0.0, 0, 1], (n, 1)))
+    for load, quantity, said in (
+        ([-1.0, 0.0, 0.0], "gap", "all contacts are closed"),
+        ([-1.0, 0.1, 0.0], "slip", "no slip in the step"),
+        ([1.0, 0.0, 0.0], "pressure", "all contacts are open"),
+    ):
+        result = bp.solve(
+            *(np.eye(3 * n), np.eye(3 * n), np.tile(load, n)),
+            gap=np.zeros(n),
+            mu=0.3,
+            points=x,
+            frame=frame,
+            area=np.ones(n),
+        )
+        ax = plots.surface_map(result, quantity)
+        assert [t.get_text() for t in ax.texts] == [said]
+        assert not ax.child_axes
+
+
+def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
+    clamp().to_toml("clamp.toml")
+    setting = ("--set", "contact.1.mu=0.25")
+    assert bipot("run", "clamp.toml", *setting, "--json")[0] == 0
+    folder = "out/clamp"
+    drawn = set()
+    for more in (
+        (),
+        ("--contact", "pad.top"),
+        ("--along", "y"),
+        ("--along", "arc", "--contact", "pad.bottom"),
+        ("--kind", "slip", "--contact", "pad.top"),
+        ("--kind", "resultants", "--contact", "pad.top"),
+        ("--kind", "deformed"),
+    ):
+        status, out, err = bipot("plot", folder, *more, "--out", "a.png")
+        assert (status, out, err) == (0, "a.png\n", "")
+        drawn.add(Path("a.png").read_bytes())
+    assert len(drawn) == 7
+    for more, said in (
+        (("--contact", "pad.tob"), "there is no contact on 'pad.tob', expected one of"),
+        (("--along", "w"), "--along is 'w', expected x, y, z or arc"),
+        (("--kind", "resultants", "--along", "x"), "--along does not go with --kind"),
+        (
+            ("--kind", "slip", "--scene", "x.toml"),
+            "go with --kind deformed, pressure_3d",
+        ),
+        (("--kind", "deformed", "--contact", "pad.top"), "--contact does not go with"),
+        # By itself it knows what was set; with another scene that is to be told.
+        (
+            ("--kind", "deformed", "--scene", "clamp.toml"),
+            "is of another scene than 'clamp.toml' as it is now, or of other settings",
+        ),
+    ):
+        status, out, err = bipot("plot", folder, *more)
+        assert (status, out) == (2, "")
+        assert said in " ".join(err.split())
+    Path("clamp.toml").rename("moved.toml")
+    status, _, err = bipot("plot", folder, "--kind", "deformed")
+    assert status == 2
+    assert "give it by --scene" in err
+    moved = ("--scene", "moved.toml", *setting)
+    assert bipot("plot", folder, "--kind", "deformed", *moved)[0] == 0
+
+
+def test_of_arrays_there_are_neither_bodies_nor_surfaces(bipot: Any) -> None:
+    bp.solve(np.eye(2), np.eye(2), [-1.0, 0], gap=[0], mu=0.3).save("a.h5")
+    for more, said in (
+        (("--kind", "deformed"), "a.h5 is not the result of a scene, whose mesh"),
+        (("--contact", "a.b"), "--contact is 'a.b', but a.h5 does not tell surfaces"),
+    ):
+        status, out, err = bipot("plot", "a.h5", *more)
+        assert (status, out) == (2, "")
+        assert said in " ".join(err.split())
+
+
+def test_the_table_of_a_curved_surface_has_its_force(bipot: Any) -> None:
+    scene = places.ROOT / "examples" / "scenes" / "rolling_cylinder.toml"
+    assert bipot("run", str(scene), "--set", "mesh.n=2", "--json")[0] == 0
+    text = Path("out/rolling_cylinder/steps.csv").read_text().splitlines()
+    row = dict(zip(text[0].split(","), text[-1].split(","), strict=True))
+    result = bp.load("out/rolling_cylinder/result.h5")
+    for k, axis in enumerate("xy"):
+        told = float(row[f"force_{axis} of block.track"])
+        # Summed in another order.
+        assert told == pytest.approx(result.resultant[-1, k], rel=1e-12)
+    size = np.abs(result.reaction[-1, :, 1]).sum()
+    assert float(row["tangential_force of block.track"]) == pytest.approx(size)
+
+
+def test_a_sweep_names_what_is_used_of_friction(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from bipot_rs.cli.commands.sweep import _print
+
+    row = {"outcome": "solved", "friction_used of a.flat": 0.5}
+    _print(["mu"], {0: row}, "")
+    assert "Ft/(μFn)" in capsys.readouterr().out
+    both = row | {"friction_used of a.round": 0.25, "force_x of a.round": 1.0}
+    _print(["mu"], {0: both}, "")
+    heads = capsys.readouterr().out
+    assert "Ft/(μFn)" in heads
+    assert "Σ|rt|/(Σμrn)" in heads
+
+
+def test_surfaces_off_one_plane_are_drawn_in_space(bipot: Any) -> None:
+    """And what says so says it in the words of the command line."""
+    m = bp.Model("A block in a corner")
+    m.material("soft", young=1.0, poisson=0.3)
+    side = {"from": 0.0, "to": 1.0, "cells": 3}
+    m.body("block", material="soft", cell="hexahedron", x=side, y=side, z=side)
+    floor = {"point": [0, 0, 0], "normal": [0, 0, 1]}
+    wall = {"point": [0, 0, 0], "normal": [1, 0, 0]}
+    m.support("block.top", x=0, y=0, z=-1e-3)
+    m.contact("block.bottom", plane=floor, mu=0.3)
+    m.contact("block.left", plane=wall, mu=0.3)
+    m.to_toml("corner.toml")
+    assert bipot("run", "corner.toml", "--json")[0] == 0
+    status, _, err = bipot("plot", "out/corner", "--kind", "pressure_map")
+    assert status == 2
+    assert (
+        "choose those of one by --contact (there are block.bottom, block.left), or draw "
+        "them in space by --kind pressure_3d" in " ".join(err.split())
+    )
+    chosen = ("--kind", "pressure_map", "--contact", "block.bottom")
+    assert bipot("plot", "out/corner", *chosen)[0] == 0
+    assert bipot("plot", "out/corner", "--kind", "pressure_3d")[0] == 0
+    assert Path("out/corner/pressure_3d.png").stat().st_size > 10_000

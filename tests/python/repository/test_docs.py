@@ -1,0 +1,447 @@
+"""What the documents show works when pasted, and what they point to exists."""
+
+import contextlib
+import doctest
+import importlib
+import io
+import os
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+import skfem
+from skfem.models.elasticity import linear_elasticity
+
+import bipot_rs as bp
+from bipot_rs import fem
+from bipot_rs.cli.app import app
+from places import ROOT
+
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("*/README.md")]
+)
+MESHES = sorted(ROOT.glob("docs/**/*.msh"))
+BLOCK = re.compile(
+    r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL
+)
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)|<img[^>]* src=\"([^\"]+)\"")
+
+
+class Block(NamedTuple):
+    """Python of a page, from its line on, and what the page says that it prints."""
+
+    line: int
+    text: str
+    shown: str | None
+
+
+def blocks(text: str) -> list[Block]:
+    """Every Python block, with the block of text right after it."""
+    return [
+        Block(text.count("\n", 0, m.start(1)) + 1, m[1], m[2])
+        for m in BLOCK.finditer(text)
+    ]
+
+
+def same(printed: str, shown: str) -> bool:
+    """Whether words agree, and numbers to the digits that are shown.
+
+    Two units in the last place: half a one from rounding what is shown, the rest for
+    a machine that adds in another order. ``...`` stands for anything.
+    """
+    gaps = [
+        rf"({NUMBER.pattern})" if n % 2 else _words(part)
+        for n, part in enumerate(_parts(shown))
+    ]
+    found = re.fullmatch("".join(gaps), " ".join(printed.split()), re.DOTALL)
+    return found is not None and all(
+        abs(float(there) - float(here)) <= 2 * _unit(here)
+        for there, here in zip(found.groups(), _parts(shown)[1::2], strict=True)
+    )
+
+
+def _parts(shown: str) -> list[str]:
+    """Words and numbers in turn, words first."""
+    text, parts, last = " ".join(shown.split()), [], 0
+    for number in NUMBER.finditer(text):
+        parts += [text[last : number.start()], number[0]]
+        last = number.end()
+    return [*parts, text[last:]]
+
+
+def _words(part: str) -> str:
+    # Just three dots: more of them in a row are what the page shows.
+    split = re.split(r"(?<!\.)(\.{3})(?!\.)", part)
+    return "".join(".*" if word == "..." else re.escape(word) for word in split)
+
+
+def _unit(number: str) -> float:
+    """One in the last place that a number shows."""
+    digits, _, power = number.lower().partition("e")
+    places = len(digits.partition(".")[2])
+    return float(10 ** (int(power or 0) - places)) if places or power else 0.0
+
+
+def anchors(text: str) -> set[str]:
+    """Names that a heading can be linked by."""
+    heads = re.findall(r"^#+ +(.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in heads}
+
+
+def broken_links(page: Path) -> list[str]:
+    """Links of a page to files, or to headings of this page, that are not there."""
+    text = page.read_text(encoding="utf-8")
+    prose = re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL)
+    found = []
+    for match in LINK.finditer(prose):
+        target = match[1] or match[2]
+        if re.match(r"[a-z]+:", target):
+            continue  # the web is not asked: it answers differently every day
+        file, _, anchor = target.partition("#")
+        there = (page.parent / file) if file else page
+        if not there.exists() or (
+            anchor
+            and there.suffix == ".md"
+            and anchor not in anchors(there.read_text(encoding="utf-8"))
+        ):
+            found.append(target)
+    return found
+
+
+def run(page: Path) -> dict[str, Any]:
+    """Execute the Python blocks of a page one after the other; what they define."""
+    space: dict[str, Any] = {"__name__": "__main__"}
+    for line, text, shown in blocks(page.read_text(encoding="utf-8")):
+        # Padded, so that a traceback points at the line of the page.
+        code = compile("\n" * (line - 1) + text, str(page), "exec")
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            exec(code, space)
+        if shown is not None:
+            assert same(printed.getvalue(), shown), f"line {line}: {printed.getvalue()}"
+    return space
+
+
+def with_meshes(page: Path, folder: Path) -> None:
+    """Meshes that pages read, where a reader in the folder of the page has them."""
+    for mesh in MESHES:
+        there = Path(os.path.normpath(folder / os.path.relpath(mesh, page.parent)))
+        if there.is_relative_to(folder):
+            there.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(mesh, there)
+
+
+@pytest.mark.parametrize(
+    "page",
+    [p for p in PAGES if blocks(p.read_text(encoding="utf-8"))],
+    ids=lambda p: p.relative_to(ROOT).as_posix(),
+)
+def test_python_blocks_run(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_meshes(page, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    run(page)
+
+
+def test_the_mesh_of_the_tutorial_is_that_of_its_geometry(tmp_path: Path) -> None:
+    """What the page tells gmsh gives the names, and the bodies, of the file beside it."""
+    gmsh = pytest.importorskip("gmsh", exc_type=ImportError)
+    page = ROOT / "docs" / "tutorials" / "from-gmsh.md"
+    (geometry,) = re.findall(
+        r"^```c\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
+    source, made = tmp_path / "it.geo", tmp_path / "it.msh"
+    source.write_text(geometry)
+    # Its own thread of signals is not wanted beside that of pytest.
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(source))
+        gmsh.model.mesh.generate(2)
+        gmsh.write(str(made))
+    finally:
+        gmsh.finalize()
+    theirs, ours = (
+        fem.read_meshes(made),
+        fem.read_meshes(page.parent / "pad_on_block.msh"),
+    )
+    assert set(theirs) == set(ours) == {"pad", "block"}
+    for name, mesh in ours.items():
+        other = theirs[name]
+        assert set(other.boundaries) == set(mesh.boundaries)
+        # Written with 16 digits; versions of gmsh may place nodes within differently.
+        assert np.ptp(other.p, axis=1) == pytest.approx(
+            np.ptp(mesh.p, axis=1), rel=1e-9
+        )
+        for side, facets in mesh.boundaries.items():
+            x, y = (
+                m.p[:, np.unique(m.facets[:, f])]
+                for m, f in ((mesh, facets), (other, other.boundaries[side]))
+            )
+            size = np.ptp(x, axis=1).max()
+            assert np.abs(x.min(axis=1) - y.min(axis=1)).max() <= 1e-9 * size
+            assert np.abs(x.max(axis=1) - y.max(axis=1)).max() <= 1e-9 * size
+
+
+SCENES = [
+    (page, text)
+    for page in PAGES
+    for text in re.findall(r"^```toml\n(.*?)^```", page.read_text("utf-8"), re.M | re.S)
+]
+
+
+@pytest.mark.parametrize(
+    ("page", "scene"), SCENES, ids=[page.stem for page, _ in SCENES]
+)
+def test_scenes_of_pages_are_solved(page: Path, scene: str, tmp_path: Path) -> None:
+    file = tmp_path / f"{page.stem}.toml"
+    file.write_text(scene, encoding="utf-8")
+    settings = ["--set", "mesh.n=4", "--set", "contact.0.mu=0.2"]
+    assert app(["run", str(file), *settings, "--out", str(tmp_path / "out")]) in (
+        0,
+        None,
+    )
+    result = bp.load(tmp_path / "out" / "result.h5")
+    assert result.success
+    assert bp.Status.SLIP in result.status[-1]
+
+
+def test_readme_example_is_right(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its stiffness is scikit-fem's, and its answer obeys statics and the law."""
+    with_meshes(ROOT / "README.md", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    space = run(ROOT / "README.md")
+    n, K, result = space["n"], space["K"], space["result"]
+    mesh = skfem.MeshQuad.init_tensor(*2 * [np.linspace(0, 1, n + 1)])
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad1()), intorder=2)
+    reference = linear_elasticity(space["lam"], space["G"]).assemble(basis)
+    # Its numbers: all u_x row by row from the base up, then all u_y.
+    column, row = np.rint(mesh.p * n).astype(int)
+    node = row * (n + 1) + column
+    ours = np.empty(reference.shape[0], dtype=int)
+    ours[basis.nodal_dofs] = [node, node + node.size]
+    # Sums of few terms of the size of the largest: a few units of rounding.
+    assert abs(K.tocsr()[ours][:, ours] - reference).max() <= 1e-14 * abs(K).max()
+
+    assert result.success
+    u, r = result.displacement[1], result.reaction[1].ravel()
+    out_of_balance = K @ u - space["B"].T @ r
+    out_of_balance[space["top"]] = 0.0  # the support's reactions
+    # A backward stable solve leaves a few ε n of the largest stiffness times u.
+    size = abs(K).max() * np.abs(u).max()
+    assert np.abs(out_of_balance).max() <= 1e-12 * size
+    v = result.relative_displacement[1].ravel()
+    assert np.abs(space["B"] @ u - v).max() <= 1e-12 * np.abs(u).max()
+
+    force = result.reaction.sum(axis=1)
+    # The first step is symmetric; the second is pulled to +x, held back to -x.
+    assert force[0, 0] > 0
+    assert abs(force[0, 1]) <= 1e-9 * force[0, 0]  # tol = 1e-10 a node, 41 nodes
+    assert -0.3 * force[1, 0] < force[1, 1] < 0
+    assert {int(s) for s in result.status[1]} == {bp.Status.SLIP, bp.Status.STICK}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_links_resolve(page: Path) -> None:
+    assert broken_links(page) == []
+
+
+def test_broken_links_are_seen(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# A head: one\n[a](#a-head-one) [b](#two) [c](gone.md) [d](page.md)\n"
+        '`[e](gone.md)`\n<img width=3 src="gone.png"> [f](https://example.org)\n'
+    )
+    assert broken_links(page) == ["#two", "gone.md", "gone.png"]
+
+
+@pytest.mark.parametrize(
+    ("printed", "shown", "expected"),
+    [
+        ("a  1.2501\n", "a 1.25", True),
+        ("a 1.28", "a 1.25", False),
+        ("b 1.25", "a 1.25", False),
+        ("3 steps", "3 steps", True),
+        ("4 steps", "3 steps", False),
+        ("1.3e-13 left", "... left", True),
+        ("....~##.. 2", "....~##.. 2", True),
+        ("...~~##.. 2", "....~##.. 2", False),
+        ("1.25 and more", "1.25", False),
+        ("[-0.3 2e-05]", "[-0.3 2e-05]", True),
+        ("[ 0.3 2e-05]", "[-0.3 2e-05]", False),
+    ],
+)
+def test_what_is_shown_is_compared(printed: str, shown: str, expected: bool) -> None:
+    assert same(printed, shown) is expected
+
+
+def test_a_wrong_output_is_seen(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("```python\nprint(1 / 3)\n```\n\n```text\n0.34\n```\n")
+    assert run(page)
+    page.write_text("```python\nprint(1 / 3)\n```\n\n```text\n0.36\n```\n")
+    with pytest.raises(AssertionError, match=r"line 2: 0\.333"):
+        run(page)
+
+
+TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def in_toctrees(docs: Path) -> list[str]:
+    """Every page that a page lists, as a path below the folder without its ending."""
+    found = []
+    for page in sorted(docs.rglob("*.md")):
+        for tree in TOCTREE.findall(page.read_text(encoding="utf-8")):
+            lines = [line.strip() for line in tree.splitlines()]
+            names = [line for line in lines if line and not line.startswith(":")]
+            # `Title <name>`, or the name alone.
+            names = [re.sub(r".*<(.*)>", r"\1", name) for name in names]
+            paths = [(page.parent / name).relative_to(docs) for name in names]
+            found += [path.as_posix() for path in paths]
+    return found
+
+
+def test_every_page_is_in_one_toctree() -> None:
+    pages = [
+        p.relative_to(ROOT / "docs").with_suffix("").as_posix()
+        for p in (ROOT / "docs").rglob("*.md")
+    ]
+    assert sorted([*in_toctrees(ROOT / "docs"), "index"]) == sorted(pages)
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    """Documented on one page, and listed on the first one of the reference."""
+    pages = {p.stem: p.read_text("utf-8") for p in (ROOT / "docs/api").glob("*.md")}
+    index = pages.pop("index")
+    rest = "\n".join(pages.values())
+    documented = re.findall(r"auto(?:class|function|exception):: (\S+)", rest)
+    for name in set(bp.__all__) - {"fclib", "plots"}:
+        assert documented.count(name) == 1, name
+        assert re.search(rf"^   {name}$", index, re.MULTILINE), name
+    assert "automodule:: bipot_rs.fclib" in rest
+    # Of modules that are not loaded with the package each name has its place, too,
+    # unless the page takes them all as they come.
+    assert re.search(r"automodule:: bipot_rs.obstacle\n```", rest)
+    for module in (fem, bp.plots):
+        names = set(module.__all__) - {"FACES"}
+        (page,) = (
+            text
+            for text in pages.values()
+            if f"automodule:: {module.__name__}\n" in text
+        )
+        assert names <= set(re.findall(r"auto(?:class|function):: (\S+)", page))
+
+
+def _sites_links() -> Any:
+    sys.path.insert(0, str(ROOT / "docs" / "_extensions"))
+    try:
+        return importlib.import_module("outside_links")
+    finally:
+        del sys.path[0]
+
+
+def test_links_of_the_site_stay_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sphinx is not needed for what its extension makes of links."""
+    for name in ("sphinx", "sphinx.application"):
+        monkeypatch.setitem(sys.modules, name, io)
+    monkeypatch.setattr(io, "Sphinx", None, raising=False)
+    rewrite = _sites_links().rewrite
+    text = (
+        "[a](../CHANGELOG.md) [b](../tests/x.py) ![c](../benches/c.png) [d](api/d.md#e)\n"
+        '[f](https://example.org) <img width="3" src="g.png">\n'
+        "```python\n[h](../tests/x.py)\n```\n"
+    )
+    assert rewrite(text, "docs/p.md", "docs/p.md") == (
+        "[a](changelog.md) b ![c](../benches/c.png) [d](api/d.md#e)\n"
+        '[f](https://example.org) <img width="3" src="g.png">\n'
+        "```python\n[h](../tests/x.py)\n```\n"
+    )
+    assert rewrite("![c](c.png) [i](#j)", "benches/README.md", "docs/b.md") == (
+        "![c](../benches/c.png) [i](#j)"
+    )
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "_lib.versions",
+        "contact.enumeration",
+        "contact.error_bound",
+        "contact.errors",
+        "contact.existence",
+        "contact.global_problem",
+        "contact.one_call",
+        "contact.problem",
+        "contact.projection",
+        "contact.reduced",
+        "contact.result",
+        "fclib",
+        "obstacle.motion",
+    ],
+)
+def test_examples_of_docstrings(
+    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = doctest.testmod(importlib.import_module(f"bipot_rs.{module}"))
+    assert found.failed == 0
+    assert found.attempted or module[8:] not in ("projection", "one_call", "problem")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_commands_exist(page: Path) -> None:
+    """`make X` in a document is a target of the Makefile."""
+    for target in re.findall(
+        r"(?:^|`)make ([a-z-]+)", page.read_text(encoding="utf-8"), re.M
+    ):
+        done = subprocess.run(
+            ["make", "--question", "--always-make", "--dry-run", target],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert "No rule" not in done.stderr, done.stderr
+
+
+def test_a_missing_command_is_seen() -> None:
+    done = subprocess.run(
+        ["make", "--dry-run", "no-such-target"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "No rule" in done.stderr
+
+
+def rows(heading: str) -> list[list[str]]:
+    """Cells of the table rows below a heading of the README, without its head."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    section = text.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+    lines = [line for line in section.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+
+
+def test_accuracy_is_what_the_readme_says() -> None:
+    """Every bound of the table holds, and every case of the script has one."""
+    cases = runpy.run_path(str(ROOT / "examples" / "accuracy.py"))["CASES"]
+    bounds = {name: float(bound) for name, bound in rows("How right")}
+    assert set(bounds) == set(cases)
+    found = {name: case() for name, case in cases.items()}
+    assert {n: e for n, e in found.items() if not e <= bounds[n]} == {}
+
+
+def test_picture_is_small(repository: Path) -> None:
+    picture = repository / "docs" / "sheared_cube.png"
+    assert 10_000 < picture.stat().st_size < 300_000

@@ -1,0 +1,168 @@
+"""Scenes whose load steps are divided as they need it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+from bipot_rs.discretisation import discretisation_error
+from bipot_rs.scene import assemble, bodies, read
+from bipot_rs.scene.schema import Amplitude
+from children import bipot, bipot_with
+from comparisons import bits, content
+
+SLIDING = ("mesh.n=4", "path.automatic={slip = 0.004, first = 0.5}")
+
+
+def made(name: str, *settings: str) -> Any:
+    scene = read(name, settings)
+    return assemble(scene, bodies(scene))
+
+
+def test_without_need_the_steps_are_those_given() -> None:
+    plain = made("two_blocks", "mesh.n=4")
+    automatic = made("two_blocks", "mesh.n=4", "path.automatic=true").solve()
+    np.testing.assert_array_equal(automatic.s, [1.0, 2.0])
+    assert bits(automatic, plain.solve())
+
+
+def test_sliding_divides_load_steps() -> None:
+    case = made("two_blocks", *SLIDING)
+    result = case.solve()
+    assert {1.0, 2.0} <= set(result.s.tolist())
+    assert len(result) > 3
+    slips = np.linalg.norm(result.slip, axis=2)[result.status == bp.Status.SLIP]
+    assert slips.max() <= 0.004
+    # The same load points, given as load steps.
+    at = case.sampled(result.s)
+    assert bits(result, case.problem().solve(at.load, at.prescribed, tol=1e-12))
+    for k, step in enumerate(result):
+        assert case.step_parameter(k, step) == at.parameter[k]
+    # Linear: pressed from 0 to 0.1 in the first load step, then sheared.
+    np.testing.assert_allclose(at.parameter, np.maximum(result.s - 1, 0), rtol=1e-15)
+    half = case.sampled([0.5]).prescribed[0]
+    np.testing.assert_array_equal(half, case.prescribed[0] / 2)
+
+
+@pytest.mark.parametrize(
+    "amplitude",
+    [
+        Amplitude(table=[0.25, -1.0, 3.0]),
+        Amplitude(wave="ramp"),
+        Amplitude(wave="sine", period=7.0),
+    ],
+    ids=str,
+)
+def test_amplitudes_between_load_steps(amplitude: Amplitude) -> None:
+    ends = amplitude.values(3)
+    at = amplitude.at(np.arange(1.0, 4.0), 3)
+    assert at.tobytes() == ends.tobytes()
+    # From the unloaded bodies in a straight line.
+    first = amplitude.at(np.array([0.0, 0.25, 0.5]), 3)
+    np.testing.assert_allclose(first, ends[0] * np.array([0.0, 0.25, 0.5]), rtol=1e-15)
+    t = np.linspace(1.0, 3.0, 9)
+    exact = {
+        "ramp": t / 3,
+        "sine": np.sin(2 * np.pi * (t - 1) / 7),
+        None: np.interp(t, [1, 2, 3], ends),
+    }[amplitude.wave]
+    np.testing.assert_allclose(amplitude.at(t, 3), exact, rtol=1e-15, atol=1e-15)
+
+
+def test_a_limit_is_told_with_what_was_reached(tmp_path: Path) -> None:
+    """A block pressed by 1 and towed by 1.2 (t - 1), against friction of 0.5."""
+    limit = 0.5 / 1.2
+    (tmp_path / "towed.toml").write_text("""
+[material.soft]
+young = 10.0
+poisson = 0.0
+[body.block]
+material = "soft"
+cell = "quadrilateral"
+x = [0.0, 1.0, 2.0]
+y = [0.0, 1.0]
+[[pressure]]
+on = "block.top"
+value = 1.0
+[[body_force]]
+on = "block"
+x = { value = 1.2, amplitude = "tow" }
+[[contact]]
+on = "block.bottom"
+plane = { point = [0.0, 0.0], normal = [0.0, 1.0] }
+mu = 0.5
+[path]
+parameter = "tow"
+amplitude = { tow = [0.0, 1.0] }
+automatic = { smallest = 1e-4 }
+""")
+    run = bipot("run", "towed.toml", "--json", cwd=tmp_path)
+    assert run.returncode == 1
+    *steps, last = map(json.loads, run.stdout.splitlines())
+    # To within the floor, and what tol lets pass.
+    assert limit - 1e-4 <= steps[-1]["load"] <= limit + 1e-9
+    assert "the path ends at s = 1.416" in last["message"]
+    kept = bp.load(tmp_path / "out" / "towed" / "result.h5")
+    assert not kept.success
+    assert kept.s is not None
+    assert len(kept) == len(steps)
+    text = bipot("run", "towed.toml", cwd=tmp_path).stderr
+    assert "step 2: load 0.25, " in text
+
+
+def test_resumed_to_the_same_files(tmp_path: Path) -> None:
+    command = ["run", "two_blocks", "--out", "here"]
+    for setting in SLIDING:
+        command += ["--set", setting]
+
+    def fault(step: int, *_: object) -> None:
+        if step == 2:
+            raise KeyboardInterrupt
+
+    assert bipot(*command, cwd=tmp_path).returncode == 0
+    whole = content(tmp_path / "here" / "result.h5")
+    broken = bipot_with(fault, "bipot_rs.cli.report:row", *command, cwd=tmp_path)
+    assert broken.returncode == 130
+    run = bipot(*command, "--resume", "--json", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout.splitlines()[0])["step"] == 2
+    assert content(tmp_path / "here" / "result.h5") == whole
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("{smallest = 0.5, largest = 0.25}", "path.automatic: needs smallest <= first"),
+        ("{first = 2.0}", "path.automatic.first: should be less than or equal to 1"),
+        ("{slip = 0.0}", "path.automatic.slip: should be greater than 0"),
+        ("{step = 1}", "path.automatic.step: unknown key"),
+        ("3", "path.automatic: should be a table"),
+    ],
+)
+def test_mistakes(setting: str, words: str) -> None:
+    with pytest.raises(ValueError, match="automatic") as refused:
+        read("two_blocks", [f"path.automatic={setting}"])
+    assert words in str(refused.value)
+
+
+def test_the_error_of_the_mesh(tmp_path: Path) -> None:
+    """Of steps in between, that of the same load points; by the command too."""
+    p1 = (*SLIDING, "mesh.element=P1", "mesh.n=2")
+    case = made("two_blocks", *p1)
+    result = case.solve()
+    at = case.sampled(result.s)
+    fixed = at.problem().solve(at.load, at.prescribed, tol=1e-12)
+    found = [discretisation_error(case, result, k) for k in range(len(result))]
+    for k, error in enumerate(found):
+        other = discretisation_error(at, fixed, k)
+        assert error.cells.tobytes() == other.cells.tobytes()
+    command = ["run", "two_blocks", "--error", "--json"]
+    for setting in p1:
+        command += ["--set", setting]
+    run = bipot(*command, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    *steps, _ = map(json.loads, run.stdout.splitlines())
+    assert [step["error"] for step in steps] == [error.relative for error in found]

@@ -1,0 +1,537 @@
+"""What scenes name besides boxes and planes: files, obstacles that move, springs, strains."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+import places
+from bipot_rs import fem, scene
+from bipot_rs.discretisation import Estimator
+from bipot_rs.mesh.elements import KINDS
+from bipot_rs.scene.case import motion_of
+from children import bipot, bipot_with
+from comparisons import bits, content
+from faulty_scenes import PARTS
+from models_and_arrays import datasets, of_arrays
+from rollers import block, roller
+from spheres import icosphere
+
+MESHES = places.DATA / "meshes"
+EXAMPLES = places.ROOT / "examples" / "scenes"
+# Residuals of 1e-12, times the condition of small elastic bodies, 1e3.
+SOLVED = 1e-9
+
+
+def of_file() -> bp.Model:
+    """Halves of steel and brass out of a file of gmsh, on a floor."""
+    m = bp.Model("Halves")
+    m.material("steel", young=210e3, poisson=0.3)
+    m.material("brass", young=100e3, poisson=0.35)
+    m.body(
+        "part",
+        mesh={"file": MESHES / "quad.msh"},
+        material={"left": "steel", "right": "brass"},
+        surface={"side": {"within": {"x": [0.0, 0.0]}, "normal": [-1, 0]}},
+    )
+    m.support("part.side", x=0.0)
+    m.traction("part.top", y=m.times(-10.0, "press"), x=m.times(3.0, "press"))
+    m.strain("part.right", tensor=[[1e-4, 0], [0, 0]], amplitude="press")
+    m.contact("part.base", plane={"point": [0, 0], "normal": [0, 1]}, mu=0.2)
+    m.path(press=[0.5, 1.0])
+    return m
+
+
+def mortar() -> bp.Model:
+    """Two blocks of meshes that do not match, one of second order."""
+    m = block(4, order=2)
+    m.body(
+        "punch",
+        material="soft",
+        cell="triangle",
+        x=np.linspace(-0.3, 0.4, 4),
+        y=[0.0, 0.5, 1.0],
+    )
+    m.support("punch.top", x=m.times(0.02, "drag"), y=-0.02)
+    m.contact("punch.bottom", against="block.top", pairing="mortar", mu=0.4)
+    m.path(drag=[0.0, 1.0])
+    return m
+
+
+@pytest.mark.parametrize("made", [roller, of_file, mortar], ids=lambda f: f.__name__)
+def test_three_ways_to_the_same_bits(made: Any, tmp_path: Path) -> None:
+    m = made()
+    (tmp_path / "there").mkdir()
+    m.to_toml(tmp_path / "there" / "it.toml")
+    run = bipot("run", "there/it.toml", "--out", "here", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    by_toml = datasets(tmp_path / "here" / "result.h5")
+    result = m.solve()
+    assert result.reaction.any()
+    assert result.displacement.any()  # which saves them
+    result.save(tmp_path / "python.h5")
+    by_python = datasets(tmp_path / "python.h5")
+    case = m.assemble()
+    model = case.model
+    problem = of_arrays(model)
+    raw = problem.solve(case.load, case.prescribed, gap=case.gaps, tol=1e-12)
+    assert raw.displacement.any()
+    raw.save(tmp_path / "arrays.h5")
+    by_arrays = datasets(tmp_path / "arrays.h5")
+    for name, content_of in by_toml.items():
+        assert by_python[name] == content_of, name
+        # Arrays know no parameter of the path, and no names of surfaces.
+        if not name.endswith("/load") and not name.startswith("contacts/surface"):
+            assert by_arrays[name] == content_of, name
+
+
+def test_the_obstacle_is_that_of_the_library() -> None:
+    from bipot_rs import obstacle as ob
+
+    case = roller().assemble()
+    way, press = np.array([0.0, 1.0, 0.5]), np.array([1.0, 1.0, 0.5])
+    motion = ob.Motion(
+        np.column_stack([0.15 * way, -0.02 * press]),
+        np.deg2rad(-4.0 * way),
+        about=[-0.1, 1.0],
+    )
+    disc = ob.Cylinder([-0.1, 1.0], 1.0)
+    contact = fem.Contact("block", "top", 0.3, obstacle=disc, motion=motion)
+    ground = fem.Support("block", "bottom", (0, 1))
+    model = fem.build(case.model.bodies, [contact], [ground])
+    assert model.gaps(3).tobytes() == case.gaps.tobytes()
+    assert model.frame.tobytes() == case.model.frame.tobytes()
+
+
+def test_automatic_steps_without_need_are_those_given() -> None:
+    assert bits(roller(automatic=True).solve(), roller().solve())
+
+
+def test_automatic_steps_of_an_obstacle() -> None:
+    """Divided by slip; the same as those load points given, and as functions of s alone."""
+    m = roller(automatic={"slip": 0.004, "first": 0.5})
+    result = m.solve()
+    assert len(result) > 4
+    case = m.assemble()
+    at = case.sampled(result.s)
+    assert bits(
+        result,
+        at.problem().solve(at.load, at.prescribed, gap=at.gaps, tol=1e-12),
+    )
+    # At the ends of load steps, to the bit what load steps have.
+    whole = np.isin(result.s, [1.0, 2.0, 3.0])
+    assert at.gaps[whole].tobytes() == case.gaps.tobytes()
+    # A translation alone is linear between: so are the gaps of a flat.
+    m = block()
+    m.obstacle("flat", plane={"point": [0, 0.1], "normal": [0, -1]})
+    m = m.with_(**{"obstacle.flat.move": {"x": 0.02, "y": -0.12}})
+    m.contact("block.top", against="flat", mu=0.2)
+    m.path(steps=1, automatic={"first": 0.25})
+    case = m.assemble()
+    quarter = case.sampled([0.25]).gaps[0]
+    np.testing.assert_allclose(quarter[:, 0], 0.1 - 0.03, rtol=1e-13)
+    np.testing.assert_allclose(np.abs(quarter[:, 1]), 0.005, rtol=1e-13)
+
+
+def test_automatic_steps_of_an_obstacle_by_mortar() -> None:
+    """Divided, the same as those load points given; undivided, as load steps."""
+    changes = {"contact.0.pairing": "mortar", "body.block.order": 2}
+    whole = roller(automatic=True).with_(**changes)
+    assert bits(whole.solve(), roller().with_(**changes).solve())
+    result = roller(automatic={"slip": 0.004}).with_(**changes).solve()
+    assert len(result) > 3
+    at = result.case.sampled(result.s)
+    again = at.problem().solve(at.load, at.prescribed, gap=at.gaps, tol=1e-12)
+    assert bits(result, again)
+
+
+def test_a_moving_obstacle_is_resumed_to_the_same_files(tmp_path: Path) -> None:
+    for automatic in (None, {"slip": 0.004}):
+        where = tmp_path / str(automatic is None)
+        where.mkdir()
+        m = roller(automatic=automatic)
+        m.to_toml(where / "it.toml")
+        command = ["run", "it.toml", "--out", "here"]
+        assert bipot(*command, cwd=where).returncode == 0
+        whole = content(where / "here" / "result.h5")
+
+        def fault(step: int, *_: object) -> None:
+            if step == 2:
+                raise KeyboardInterrupt
+
+        broken = bipot_with(fault, "bipot_rs.cli.report:row", *command, cwd=where)
+        assert broken.returncode == 130
+        run = bipot(*command, "--resume", "--json", cwd=where)
+        assert run.returncode == 0, run.stderr
+        assert json.loads(run.stdout.splitlines()[0])["step"] == 2
+        assert content(where / "here" / "result.h5") == whole
+        # And in Python.
+        read = bp.load(where / "here" / "result.h5")
+        part = bp.ModelResult(read, m.assemble())
+        part.steps = part.steps[:2]
+        rest = m.solve(start=part)
+        assert rest.reaction.tobytes() == read.reaction[2:].tobytes()
+
+
+def test_another_mesh_in_the_file_is_not_resumed(tmp_path: Path) -> None:
+    here = tmp_path / "quad.msh"
+    here.write_bytes((MESHES / "quad.msh").read_bytes())
+    m = of_file().with_(**{"body.part.mesh": str(here)})
+    m.to_toml(tmp_path / "it.toml")
+    assert bipot("run", "it.toml", cwd=tmp_path).returncode == 0
+    here.write_bytes(here.read_bytes() + b"\n")
+    run = bipot("run", "it.toml", "--resume", cwd=tmp_path)
+    assert run.returncode == 2
+    assert "of another scene" in run.stderr
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_spheres_and_files_are_one_shape(dim: int, tmp_path: Path) -> None:
+    """A ball by its numbers and by facets of size h, to h²; turned by nothing."""
+    meshio = pytest.importorskip("meshio")
+    centre = [0.05] * (dim - 1) + [0.98]
+    m = block(4, dim)
+    m.obstacle("ball", sphere={"centre": centre, "radius": 1.0})
+    m.contact("block.top", against="ball", mu=0.3)
+    exact = m.solve().contact_force("block.top")[0]
+    if dim == 2:
+        return
+    x, faces = icosphere(5)
+    meshio.Mesh(x + centre, [("triangle", faces)]).write(tmp_path / "ball.stl")
+    table = m.to_dict() | {
+        "obstacle": {"ball": {"surface": str(tmp_path / "ball.stl")}}
+    }
+    m._table = table
+    found = m.solve().contact_force("block.top")[0]
+    np.testing.assert_allclose(found, exact, rtol=0, atol=0.1 * np.abs(exact).max())
+
+
+def test_inside_of_a_bore() -> None:
+    """A block in a tight bore is pressed by it from all sides alike."""
+    m = bp.Model()
+    m.material("soft", young=1000.0, poisson=0.3)
+    side = [-0.5, 0.0, 0.5]
+    m.body("block", material="soft", cell="quadrilateral", x=side, y=side)
+    radius = 0.999 * np.sqrt(0.5)
+    m.obstacle("bore", cylinder={"point": [0, 0], "radius": radius}, inside=True)
+    for name in ("left", "right", "bottom", "top"):
+        m.contact(f"block.{name}", against="bore", mu=0.0)
+    m.symmetry("block.left")
+    (said,) = [r for r in m.check() if "start inside" in r][:1]
+    assert "the deepest by 0.000707107 at" in said
+
+
+def test_surfaces_by_geometry() -> None:
+    """As the box names them; and parts of them."""
+    m = block(
+        4,
+        surface={
+            "up": {"normal": [0, 1]},
+            "right half": {"within": {"x": [0, 0.5], "y": [0, 0]}},
+        },
+    )
+    m.pressure("block.up", 2.0)
+    m.pressure("block.right half", 2.0)
+    m.contact("block.left", plane={"point": [-0.5, 0], "normal": [1, 0]}, mu=0.1)
+    case = m.assemble()
+    (body,) = case.model.bodies
+    np.testing.assert_array_equal(np.sort(body.facets("up")), body.facets("top"))
+    assert -case.load[0].sum() == pytest.approx(2.0 * 1.5, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("settings", "kinds"),
+    [
+        ({}, ("quadrilateral", 1)),
+        ({"body.block.order": 2}, ("quadrilateral", 2)),
+        ({"mesh.element": "P2"}, ("triangle", 2)),
+        ({"mesh.element": "Q2"}, ("quadrilateral", 2)),
+        ({"mesh.element": "P1", "body.block.order": 2}, ("triangle", 1)),
+    ],
+)
+def test_orders(settings: dict[str, Any], kinds: tuple[str, int]) -> None:
+    m = block().with_(**settings)
+    m.contact("block.top", plane={"point": [0, 0], "normal": [0, -1]}, mu=0.1)
+    (body,) = scene.bodies(m.scene)
+    assert (body.kind.shape, body.kind.degree) == kinds
+
+
+@pytest.mark.parametrize(
+    ("file", "order", "degree"),
+    [
+        ("quad.msh", None, 1),
+        ("quad.msh", 2, 2),
+        ("quad9.msh", None, 2),
+        ("quad9.msh", 1, 1),
+        ("quad8.msh", 1, 1),
+        ("tetra10.msh", 1, 1),
+    ],
+)
+def test_orders_of_files(file: str, order: int | None, degree: int) -> None:
+    """Of straight cells the area is the same; so are the names and what they name."""
+    m = of_file()
+    mesh = {"file": str(MESHES / file)} | ({"order": order} if order else {})
+    m._table["body"]["part"] = {"mesh": mesh, "material": "steel"}
+    for kind in ("support", "traction", "strain", "contact"):
+        m._table.pop(kind)
+    m.contact("part.base", plane={"point": [0, 0], "normal": [0, 1]}, mu=0.2)
+    if "tetra" in file:
+        m._table["contact"][0]["plane"] = {"point": [0, 0, 0], "normal": [0, 0, 1]}
+    m._table.pop("path")
+    (body,) = scene.bodies(m.scene)
+    own = fem.Body("it", fem.read_mesh(MESHES / file), fem.Material(1.0, 0.0))
+    assert KINDS[type(body.mesh)].degree == degree
+    assert body.volume().weights.sum() == pytest.approx(own.volume().weights.sum())
+    assert set(body.mesh.boundaries) == set(own.mesh.boundaries)
+    for name in own.mesh.boundaries:
+        both = [b.surface(name).weights.sum() for b in (body, own)]
+        assert both[0] == pytest.approx(both[1], rel=1e-13)
+
+
+def test_orthotropic_by_equal_numbers_is_isotropic() -> None:
+    results = []
+    for material in (
+        {"young": 1000.0, "poisson": 0.3},
+        {"young": [1000.0] * 3, "poisson": [0.3] * 3, "shear": [1000.0 / 2.6] * 3},
+    ):
+        m = block(3, 3)
+        m._table["material"]["soft"] = material
+        m.pressure("block.left", 20.0)
+        m.contact(
+            "block.top", plane={"point": [0, 0, -0.01], "normal": [0, 0, -1]}, mu=0.3
+        )
+        results.append(m.solve().reaction)
+    np.testing.assert_allclose(
+        results[0], results[1], rtol=0, atol=SOLVED * np.abs(results[0]).max()
+    )
+
+
+def test_springs() -> None:
+    """A block between a wall that comes and springs k: the force is that of both in row."""
+    m = bp.Model()
+    m.material("soft", young=1000.0, poisson=0.0)
+    side = np.linspace(0, 1, 4)
+    m.body("block", material="soft", cell="quadrilateral", x=side, y=side)
+    m.spring("block.left", normal=500.0)
+    m.symmetry("block.bottom")
+    m.obstacle("wall", plane={"point": [1, 0], "normal": [-1, 0]}, move={"x": -0.03})
+    m.contact("block.right", against="wall", mu=0.0)
+    # Springs hold it: nothing is to be said.
+    assert m.check() == []
+    force = m.solve().contact_force("block.right")
+    np.testing.assert_allclose(force, [[-0.03 / (1 / 1000 + 1 / 500), 0]], atol=1e-8)
+
+
+def test_heat_by_volume_and_tensor() -> None:
+    """Heat is a tensor of equal numbers; that of all volumes that of the body."""
+    found = []
+    for tables in (
+        [{"on": "part", "expansion": 1e-5, "temperature": 50.0}],
+        [{"on": "part", "tensor": np.diag([5e-4] * 3)}],
+        [
+            {"on": "part.left", "expansion": [1e-5] * 3, "temperature": 50.0},
+            {"on": "part.right", "tensor": np.diag([5e-4] * 3)},
+        ],
+    ):
+        m = of_file()
+        m._table.pop("strain")
+        for table in tables:
+            m.strain(**table)
+        found.append(m.solve().reaction)
+    for other in found[1:]:
+        np.testing.assert_allclose(
+            other, found[0], rtol=0, atol=SOLVED * np.abs(found[0]).max()
+        )
+
+
+@pytest.mark.parametrize(("changes", "words"), PARTS, ids=lambda v: str(v)[:40])
+def test_mistakes(changes: dict[str, Any], words: str) -> None:
+    m = roller().with_(**changes)
+    with pytest.raises(ValueError) as refused:
+        m.assemble()
+    assert words in str(refused.value)
+
+
+def test_mistakes_of_files_are_all_told(tmp_path: Path) -> None:
+    m = of_file()
+    m.body("gone", mesh=tmp_path / "gone.msh", material="steel")
+    m.body(
+        "other", mesh={"file": MESHES / "quad.msh", "group": "middle"}, material="steel"
+    )
+    m.to_toml(tmp_path / "it.toml")
+    run = bipot("check", "it.toml", cwd=tmp_path)
+    assert run.returncode == 2
+    assert "2 mistakes" in run.stderr
+    assert (
+        f"body.gone.mesh: the mesh {tmp_path / 'gone.msh'} is not there" in run.stderr
+    )
+    assert "body.other.mesh: the mesh " in run.stderr
+    assert "has no volume 'middle'; it names 'left', 'right'" in run.stderr
+    m = of_file()
+    m.support("part.bse", y=0.0)
+    m.contact("part.base", plane={"point": [0, 0, 0], "normal": [0, 0, 1]}, mu=0.2)
+    m.strain("part.middle", tensor=[[1, 0], [0, 1]])
+    with pytest.raises(scene.SceneError) as refused:
+        m.assemble()
+    places = [problem.partition(":")[0] for problem in refused.value.problems]
+    assert places == [
+        *("support.1.on", "strain.1.on"),
+        *("contact.1.plane.point", "contact.1.plane.normal"),
+    ]
+    m = of_file()
+    m._table["body"]["part"]["surface"] = {"base": {"normal": [0, 1]}}
+    with pytest.raises(ValueError, match=r"body\.part\.surface\.base: the mesh names"):
+        m.assemble()
+    m._table["body"]["part"]["surface"] = {"side": {"within": {"x": [7, 8]}}}
+    with pytest.raises(ValueError, match=r"body\.part\.surface\.side: no facet"):
+        m.assemble()
+    m._table["body"]["part"] |= {"surface": {}, "material": {"left": "steel"}}
+    with pytest.raises(ValueError, match=r"body\.part\.material: material of body"):
+        m.assemble()
+    m = block()
+    m.obstacle("die", surface=tmp_path / "die.stl")
+    m.contact("block.top", against="die", mu=0.1)
+    with pytest.raises(ValueError, match=r"obstacle\.die: there is no file"):
+        m.assemble()
+
+
+def test_files_beside_the_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "quad.msh").write_bytes((MESHES / "quad.msh").read_bytes())
+    monkeypatch.chdir(tmp_path / "deep")
+    m = of_file().with_(**{"body.part.mesh": "quad.msh"})
+    by_cwd = m.solve().reaction
+    m.to_toml(tmp_path / "it.toml")
+    monkeypatch.chdir("/")
+    read = bp.Model.from_toml(tmp_path / "it.toml")
+    assert read.to_dict()["body"]["part"]["mesh"] == "deep/quad.msh"
+    assert read.solve().reaction.tobytes() == by_cwd.tobytes()
+
+
+def test_what_the_error_of_the_mesh_refuses() -> None:
+    """Each in a sentence; what moves flat is known, and proved."""
+    p1 = {"mesh.element": "P1"}
+    heated = block().with_(**p1)
+    heated.strain("block", expansion=1e-5, temperature=10.0)
+    heated.contact("block.top", plane={"point": [0, 0], "normal": [0, -1]}, mu=0.0)
+    with pytest.raises(ValueError, match="the case has initial strains"):
+        Estimator(heated.assemble())
+    for model, words in (
+        (mortar(), "paired by 'mortar'"),
+        (
+            of_file().with_(
+                **{"strain": [], "body.part.mesh": str(MESHES / "triangle.msh")}
+            ),
+            "several materials",
+        ),
+    ):
+        with pytest.raises(ValueError, match=words):
+            Estimator(model.assemble())
+    sprung = block().with_(**p1)
+    sprung.spring("block.left", normal=1.0)
+    sprung.contact("block.top", plane={"point": [0, 0], "normal": [0, -1]}, mu=0.0)
+    with pytest.raises(ValueError, match="springs"):
+        Estimator(sprung.assemble())
+    round_ = roller(mu=0.0).with_(**p1)
+    with pytest.raises(ValueError, match="is curved"):
+        Estimator(round_.assemble())
+    flat = block(6).with_(**p1)
+    flat.obstacle("flat", plane={"point": [0, 0], "normal": [0, -1]}, move={"y": -0.01})
+    flat.contact("block.top", against="flat", mu=0.0)
+    result = flat.solve()
+    error = Estimator(result.case).error(result, 0)
+    assert error.kind == "guaranteed bound"
+    # The same block pressed by moving its ground up.
+    other = block(6).with_(**p1)
+    other._table["support"] = [{"on": "block.bottom", "x": 0.0, "y": 0.01}]
+    other.contact("block.top", plane={"point": [0, 0], "normal": [0, -1]}, mu=0.0)
+    same = other.solve()
+    assert Estimator(same.case).error(same, 0).total == pytest.approx(error.total)
+
+
+def test_remarks_through_a_scene(tmp_path: Path) -> None:
+    """Each exact, by `bipot check`, in Python, and before a run."""
+    m = bp.Model("Two blocks", units=("mm", "N", "MPa"))
+    m.material("steel", young=210e9, poisson=0.3)
+    side = [0.0, 10.0, 20.0]
+    m.body("low", material="steel", cell="quadrilateral", x=side, y=[-20.0, -10.0, 0.0])
+    m.body("high", material="steel", cell="quadrilateral", x=side, y=[-0.5, 9.5, 19.5])
+    m.support("low.bottom", x=0.0, y=0.0)
+    m.support("low.left", y=0.002, within={"y": [-10.0, 0.0]})
+    m.support("low.right", x=0.001, within={"y": [-10.0, 0.0]})
+    wall = {"point": [-1.0, 0.0], "normal": [1.0, 0.0]}
+    m.contact("high.bottom", against="low.top", mu=0.0)
+    m.contact("low.left", plane=wall, mu=0.5)
+    m.contact("low.top", plane={"point": [0, -30], "normal": [0, 1]}, mu=0.1)
+    assert m.check() == [
+        (
+            "3 of the 3 nodes of surface 'bottom' of body 'high' start inside what they may "
+            "touch, the deepest by 0.5 at (0, -0.5), 1.3 % of the size of the model: the "
+            "first step presses them out; right for an interference fit, else move the body "
+            "or add a clearance"
+        ),
+        (
+            "surface 'top' of body 'low' faces away from what it may touch, at all of its 3 "
+            "nodes: is the normal of the obstacle towards the body, and the surface the one "
+            "that meets it?"
+        ),
+        (
+            "2 of the 3 nodes of surface 'left' of body 'low' have no friction, mu = 0: "
+            "supports prescribe their tangential displacement, which leaves friction "
+            "nothing to decide"
+        ),
+        (
+            "1 of the 3 nodes of surface 'top' of body 'low' have no friction, mu = 0: "
+            "supports prescribe their tangential displacement, which leaves friction "
+            "nothing to decide"
+        ),
+        (
+            "nothing holds bodies 'low' and 'high' against translation along x of body "
+            "'high': add a support, or friction or a contact that stops it"
+        ),
+        *(
+            f"units may be mixed: Young's modulus 2.1e+11 of body {name!r} looks like Pa, "
+            "and lengths then in m, but the model is 39.5 across; lengths in mm need MPa"
+            for name in ("low", "high")
+        ),
+        (
+            "surface 'left' of body 'low' may never touch: its nearest node, at (0, -20), "
+            "stays 1 away, and supports move by 0.002 at the most"
+        ),
+        (
+            "surface 'top' of body 'low' may never touch: its nearest node, at (0, 0), "
+            "stays 30 away, and supports move by 0.002 at the most"
+        ),
+    ]
+    m.to_toml(tmp_path / "it.toml")
+    told = json.loads(bipot("check", "it.toml", "--json", cwd=tmp_path).stdout)
+    assert told["remarks"] == m.check()
+    run = bipot("run", "it.toml", cwd=tmp_path)
+    for remark in m.check():
+        assert f"  remark    {remark}\n" in run.stderr
+
+
+def test_a_roller_turns_about_its_own_middle() -> None:
+    """Where nothing else is said: about the origin it would sweep through the body."""
+    m = bp.Model("roller")
+    m.path(way=[0.5, 1.0])
+    m.obstacle(
+        "roller",
+        cylinder={"point": [16.0, 23.0], "radius": 2.0},
+        turn={"angle": m.times(90.0, "way")},
+    )
+    side = [0.0, 1.0]
+    m.material("steel", young=1.0, poisson=0.3)
+    m.body("block", material="steel", cell="quadrilateral", x=side, y=side)
+    m.support("block.bottom", x=0, y=0)
+    m.contact("block.top", against="roller", mu=0.3)
+    found = motion_of(m.scene.obstacle["roller"], m.scene.path, np.array([1.0, 2.0]))
+    assert found is not None
+    assert np.asarray(found.about).tolist() == [16.0, 23.0]
+    assert found.degrees
+    assert np.asarray(found.rotation).tolist() == [45.0, 90.0]

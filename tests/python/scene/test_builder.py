@@ -1,0 +1,391 @@
+"""One model, three ways in: Python, TOML and arrays give the same bits."""
+
+import doctest
+import pickle
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import bipot_rs as bp
+from bipot_rs import scene
+from bipot_rs._lib import toml_text
+from bipot_rs.scene import builder
+from bipot_rs.scene.schema import Scene
+from children import bipot
+from models_and_arrays import datasets, of_arrays
+
+
+def blocks(n: int = 3, **path: Any) -> bp.Model:
+    """A stiff block on a soft one, in every kind of value that Python has for it."""
+    m = bp.Model("Round on flat", units=("mm", "N", "MPa"), n=n)
+    m.material("steel", young=210e3, poisson=np.float64(0.3))
+    m.material("polymer", young=2100, poisson=0.4)
+    x = np.linspace(-2.0, 2.0, 2 * n + 1)
+    down = {"from": 0.0, "to": -2.0, "cells": "n"}
+    m.body("upper", material="steel", cell="quadrilateral", x=x, y=(0, 0.5, 2))
+    m.body("lower", material="polymer", cell="quadrilateral", x=x.tolist(), y=down)
+    m.support("lower.bottom", x=0, y=0)
+    m.support("upper.top", x=m.times(0.004, "shear"), y=-0.02)
+    m.pressure("upper.right", m.times(5.0, "shear"))
+    m.body_force("lower", y=-0.1)
+    m.contact(
+        "upper.bottom",
+        against="lower.top",
+        mu=0.3,
+        clearance={"radius": 100},
+        within={"x": (-2, 1.5)},
+    )
+    m.path(parameter="shear", **({"shear": [0.0, 1.0]} | path))
+    return m
+
+
+def test_units_of_a_model_are_those_of_its_result(tmp_path: Path) -> None:
+    result = blocks().solve()
+    assert result.units == {"length": "mm", "force": "N", "stress": "MPa"}
+    result.save(tmp_path / "units.h5")
+    assert bp.load(tmp_path / "units.h5").units == result.units
+
+
+def test_three_ways_to_the_same_bits(tmp_path: Path) -> None:
+    m = blocks()
+    m.to_toml(tmp_path / "blocks.toml")
+    run = bipot("run", "blocks.toml", "--out", "here", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    by_toml = datasets(tmp_path / "here" / "result.h5")
+    assert len(by_toml) >= 6 + 2 * 8
+    units = {"length": "mm", "force": "N", "stress": "MPa"}
+    assert bp.load(tmp_path / "here" / "result.h5").units == units
+
+    result = m.solve()
+    assert result.displacement.any()  # which saves them
+    result.save(tmp_path / "python.h5")
+    by_python = datasets(tmp_path / "python.h5")
+
+    case = m.assemble()
+    model = case.model
+    problem = of_arrays(model)
+    raw = problem.solve(case.load, case.prescribed, tol=1e-12)
+    assert raw.displacement.any()
+    raw.save(tmp_path / "arrays.h5")
+    by_arrays = datasets(tmp_path / "arrays.h5")
+    # Arrays know no parameter of the path, they count load steps.
+    assert by_toml["steps/0001/load"] != by_arrays["steps/0001/load"]
+    for name, content in by_toml.items():
+        assert by_python[name] == content, name
+        # Nor names of surfaces.
+        if not name.endswith("/load") and not name.startswith("contacts/surface"):
+            assert by_arrays[name] == content, name
+
+
+def test_automatic_steps_likewise(tmp_path: Path) -> None:
+    m = blocks(automatic={"slip": 4e-4})
+    m.to_toml(tmp_path / "blocks.toml")
+    run = bipot("run", "blocks.toml", "--out", "here", cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    result = m.solve()
+    assert len(result) > 2
+    read = bp.load(tmp_path / "here" / "result.h5")
+    assert read.reaction.tobytes() == result.reaction.tobytes()
+    assert read.s is not None
+    assert result.s is not None
+    assert read.s.tobytes() == result.s.tobytes()
+    rest = m.solve(start=read[1])
+    assert rest.reaction.tobytes() == result.reaction[2:].tobytes()
+
+
+def test_forces_balance() -> None:
+    """Supports, loads and contacts on each body, by names."""
+    m = blocks()
+    result = m.solve(tol=1e-13)
+    np.testing.assert_array_equal(result.parameter, [0.0, 1.0])
+    through = result.contact_force("upper.bottom")
+    held = {on: result.support_force(on) for on in ("upper.top", "lower.bottom")}
+    pressed = np.array([[0.0, 0.0], [-5.0 * 2.0, 0.0]])
+    weight = np.array([0.0, -0.1 * 4.0 * 2.0])
+    # Sums of K u, of the size of K times u: ε times some of them.
+    size = 210e3 * 0.02
+    np.testing.assert_allclose(
+        through + held["upper.top"] + pressed, 0, atol=1e-11 * size
+    )
+    np.testing.assert_allclose(
+        -through + held["lower.bottom"] + weight, 0, atol=1e-11 * size
+    )
+    assert (through[:, 1] > 0).all()
+    assert (np.abs(through[:, 0]) <= 0.3 * through[:, 1] * (1 + 1e-9)).all()
+
+
+def test_names_of_contacts() -> None:
+    m = blocks()
+    (name,) = m.contacts
+    assert name == "upper.bottom"
+    result = m.solve()
+    np.testing.assert_array_equal(
+        result.contacts_of("upper.bottom"), np.arange(result.reaction.shape[1])
+    )
+    with pytest.raises(ValueError, match=r"no contact on 'upper.top', expected one of"):
+        result.contact_force("upper.top")
+    with pytest.raises(ValueError, match=r"expected one of lower\.bottom"):
+        result.support_force("upper.bottom")
+
+
+def test_several_contacts_of_one_surface() -> None:
+    """Left and right halves on two planes: one name, and both tables."""
+    m = bp.Model.from_toml("pressed_block").with_(**{"mesh.n": 4})
+    table = m.to_dict()
+    m = m.with_(**{"contact.0.within": {"x": [0.0, 15.0]}})
+    more = table["contact"][0] | {"within": {"x": [16.0, 40.0]}, "mu": 0.5}
+    m.contact(more.pop("on"), **more)
+    case = m.assemble()
+    assert sorted(set(case.model.group.tolist())) == [0, 1]
+    np.testing.assert_array_equal(case.contacts_of("block.bottom"), np.arange(5))
+
+
+def test_a_result_keeps_its_names_through_a_pickle() -> None:
+    result = blocks().solve()
+    assert result.displacement.any()
+    again = pickle.loads(pickle.dumps(result))
+    for name in ("upper.top", "lower.bottom"):
+        assert (
+            again.support_force(name).tobytes() == result.support_force(name).tobytes()
+        )
+
+
+@pytest.mark.parametrize("name", scene.shipped())
+def test_shipped_scenes_there_and_back(name: str) -> None:
+    m = bp.Model.from_toml(name)
+    again = bp.Model.from_toml(m.to_toml())
+    assert again == m
+    assert again.scene == scene.read(name)
+    assert again.to_dict() == tomllib.loads(scene.text(name))
+
+
+def test_changes_are_those_of_the_command_line() -> None:
+    m = bp.Model.from_toml("cattaneo_mindlin")
+    changed = m.with_(**{"mesh.n": 24, "contact.0.mu": 0.5, "solver.tol": 1e-9})
+    asked = ["mesh.n=24", "contact.0.mu=0.5", "solver.tol=1e-9"]
+    assert changed.scene == scene.read("cattaneo_mindlin", asked)
+    assert m == bp.Model.from_toml("cattaneo_mindlin")
+    with pytest.raises(ValueError, match="contact has entries 0 to 0"):
+        m.with_(**{"contact.1.mu": 0.5})
+
+
+PLAIN = st.one_of(
+    st.booleans(),
+    st.integers(),
+    st.floats(allow_nan=False),
+    st.text(st.characters(exclude_categories=["Cs"])),
+)
+KEYS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
+ANY = st.recursive(
+    PLAIN,
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(KEYS, inner, max_size=3)
+    ),
+    max_leaves=12,
+)
+
+
+def same(one: Any, other: Any) -> bool:
+    """Equal, and of the same types: 1, 1.0 and true are three things."""
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, dict):
+        return list(one) == list(other) and all(same(one[k], other[k]) for k in one)
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(same, one, other))
+    return bool(one == other)
+
+
+@given(st.dictionaries(KEYS, ANY, max_size=5))
+@settings(max_examples=120, deadline=None)
+def test_any_table_there_and_back(table: dict[str, Any]) -> None:
+    back = tomllib.loads(toml_text.text(table))
+    # Plain values come first, their order and that of the others is kept.
+    assert back.keys() == table.keys()
+    assert all(same(back[key], table[key]) for key in table)
+
+
+SIZES = st.floats(1e-3, 1e6)
+NAMES = st.text(
+    st.characters(exclude_categories=["Cs"], exclude_characters=".\n"), min_size=1
+)
+
+
+@given(
+    st.lists(NAMES, min_size=1, max_size=3, unique=True),
+    st.dictionaries(
+        NAMES,
+        st.tuples(SIZES, st.sampled_from([-0.9, -0.1, 0.0, 0.1, 1 / 3, 0.499])),
+        min_size=1,
+    ),
+    st.lists(
+        st.floats(-1e6, 1e6).filter(lambda v: v == 0 or abs(v) > 1e-50), min_size=1
+    ),
+    st.integers(1, 5),
+)
+@settings(max_examples=40, deadline=None)
+def test_random_models_there_and_back(
+    bodies: list[str], materials: Any, factors: list[float], n: int
+) -> None:
+    m = bp.Model('A "model" of\tmany\\names', n=n)
+    for name, (young, poisson) in materials.items():
+        m.material(name, young=young, poisson=poisson)
+    side = {"from": 0.0, "to": 1.0, "cells": "n"}
+    for name in bodies:
+        material = next(iter(materials))
+        m.body(name, material=material, cell="triangle", x=side, y=[0.0, 0.1, 1.0])
+        m.support(f"{name}.top", x=m.times(0.1, "moved"), within={"y": [0.0, 1.0]})
+        m.contact(f"{name}.bottom", plane={"point": [0, 0], "normal": [0, 1]}, mu=0.1)
+    m.path(moved=factors)
+    again = bp.Model.from_toml(m.to_toml())
+    assert again == m
+    assert again.scene == m.scene
+
+
+@pytest.mark.parametrize(
+    ("key", "said"),
+    [
+        ("contact.\u00b2.mu", "contact has entries 0 to 0: contact.0 is the first"),
+        ("contact.\u0663.mu", "contact has entries 0 to 0: contact.0 is the first"),
+        (
+            "contact." + "9" * 5000 + ".mu",
+            "contact has entries 0 to 0: contact.0 is the first",
+        ),
+        ("contact.1.mu", "contact has entries 0 to 0"),
+        ("spring.0.normal", "spring has no entries"),
+    ],
+)
+def test_numbers_of_entries_that_are_none(key: str, said: str) -> None:
+    m = bp.Model.from_toml("pressed_block")
+    m._table["spring"] = []
+    with pytest.raises(scene.SceneError) as refused:
+        m.with_(**{key: 0.5})
+    assert refused.value.problems == [f"{key}: {said}"]
+
+
+def test_text_that_no_file_holds(tmp_path: Path) -> None:
+    """Half of a surrogate pair, as file names of other systems leave in strings."""
+    half = "caf\udce9"
+    m = blocks()
+    m._table["title"] = half
+    for path in (None, tmp_path / "scene.toml"):
+        with pytest.raises(ValueError, match="half of a surrogate pair"):
+            m.to_toml(path)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(scene.SceneError, match="half of a surrogate pair"):
+        bp.Model.from_toml(f'title = "{half}"\n[mesh]\n')
+    with pytest.raises(scene.SceneError, match="half of a surrogate pair"):
+        scene.read("pressed_block", [f"title={half}"])
+
+
+def test_mistakes_are_those_of_the_file(tmp_path: Path) -> None:
+    m = blocks()
+    m.material("wood", young=-1.0, poisson=0.7)
+    m.support("upper.top", w=3)
+    m.contact("upper.bottom", mu="much")
+    m.traction("upper.top", y=m.times("x", "shear"))
+    m.to_toml(tmp_path / "wrong.toml")
+    with pytest.raises(ValueError, match="has 5 mistakes") as of_model:
+        m.solve()
+    with pytest.raises(ValueError) as of_file:
+        scene.read(str(tmp_path / "wrong.toml"))
+    assert of_model.value.problems == of_file.value.problems
+    assert any(p.startswith("support.2.w: unknown") for p in of_model.value.problems)
+    # What no table shows by itself, likewise.
+    m = blocks()
+    m.contact("upper.under", plane={"point": [0, 0, 0], "normal": [0, 0]}, mu=0.1)
+    m.body("a.b", material="tin", cell="triangle", x=[0, 1], y=[1, 0])
+    m.to_toml(tmp_path / "wrong.toml")
+    with pytest.raises(ValueError) as of_model:
+        m.assemble()
+    with pytest.raises(ValueError) as of_file:
+        scene.read(str(tmp_path / "wrong.toml"))
+    assert of_model.value.problems == of_file.value.problems
+    assert len(of_model.value.problems) == 6
+
+
+def test_what_is_wrong_at_once() -> None:
+    m = blocks()
+    with pytest.raises(ValueError, match="body 'upper' is there already"):
+        m.body("upper", material="steel")
+    with pytest.raises(ValueError, match="expected names for length, force, stress"):
+        bp.Model(units="mm")
+    m.support("upper.top", x=object())
+    with pytest.raises(TypeError, match=r"support\.2\.x is a object, expected a table"):
+        m.to_toml()
+    with pytest.raises(ValueError, match="is neither a file nor one of"):
+        bp.Model.from_toml("nowhere.toml")
+    with pytest.raises(ValueError, match="is not TOML"):
+        bp.Model.from_toml("a = 1\nb = \n")
+
+
+def test_what_was_reached_has_names_and_goes_on(tmp_path: Path) -> None:
+    """Left off by too few iterations, through a file, and by pieces."""
+    m = blocks(shear=[0.0, 0.5, 1.0])
+    whole = m.solve()
+    with pytest.raises(bp.NotConvergedError) as stopped:
+        m.solve(max_iterations=1, method="uzawa")
+    assert stopped.value.result.contact_force("upper.bottom").shape == (0, 2)
+
+    class Stopped(Exception):
+        pass
+
+    def stop(k: int, step: Any) -> None:
+        steps.append(step)
+        if k == 0:
+            raise Stopped
+
+    steps: list[Any] = []
+    with pytest.raises(Stopped):
+        m.solve(on_step=stop)
+    whole[0].displacement  # noqa: B018 - kept by the step, and so in the file
+    part = bp.ModelResult(whole, whole.case)
+    part.steps = part.steps[:1]
+    part.save(tmp_path / "part.h5")
+    rest = m.solve(start=bp.load(tmp_path / "part.h5"))
+    assert rest.reaction.tobytes() == whole.reaction[1:].tobytes()
+    assert rest.parameter.tolist() == [0.5, 1.0]
+    assert len(m.solve(start=rest)) == 0
+    # Left off a second time, the file says how many steps came before its own.
+    part = bp.ModelResult(rest, rest.case, 1)
+    rest[0].displacement  # noqa: B018
+    part.steps = part.steps[:1]
+    part.save(tmp_path / "again.h5")
+    last = m.solve(start=bp.load(tmp_path / "again.h5"))
+    assert last.reaction.tobytes() == whole.reaction[2:].tobytes()
+    with pytest.raises(ValueError, match=r"start has 3 steps, and this path 2"):
+        blocks().solve(start=whole)
+    with pytest.raises(TypeError, match="start is a Step, expected a Result"):
+        m.solve(start=whole[0])
+
+
+def test_a_start_from_another_path_is_refused() -> None:
+    one, other = blocks(), blocks(shear=[0.0, 0.5])
+    whole = other.solve()
+    with pytest.raises(ValueError, match=r"another (load|prescribed) than load step 2"):
+        one.solve(start=whole)
+
+
+def test_the_schema_of_the_scene_is_json() -> None:
+    told = Scene.model_json_schema(by_alias=True)
+    assert {"body", "contact", "path"} <= told["properties"].keys()
+    assert "automatic" in told["$defs"]["LoadPath"]["properties"]
+
+
+def test_tol_of_the_mesh_is_refused() -> None:
+    m = blocks()
+    m.solver(tol="discretisation")
+    with pytest.raises(ValueError, match="depends on the mesh: expected a number"):
+        m.solve()
+    assert m.solve(tol=1e-8).success
+
+
+def test_the_examples_of_the_docstrings() -> None:
+    failed, tried = doctest.testmod(builder, optionflags=doctest.NORMALIZE_WHITESPACE)
+    assert tried >= 10
+    assert failed == 0

@@ -1,0 +1,147 @@
+"""The scenes of examples/scenes: each shows a part of what scenes can say, and is right."""
+
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bipot_rs as bp
+import places
+from bipot_rs import analytic
+from bipot_rs.fem.stress_recovery import von_mises
+
+SCENES = places.ROOT / "examples" / "scenes"
+# Residuals of 1e-12, times the condition of small elastic bodies, 1e3.
+SOLVED = 1e-9
+
+
+def model(name: str, **changes: Any) -> bp.Model:
+    return bp.Model.from_toml(SCENES / f"{name}.toml").with_(**changes)
+
+
+@cache
+def solved(name: str) -> Any:
+    return model(name).solve()
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda p: p.stem)
+def test_they_are_solved_and_nothing_is_remarked(path: Path) -> None:
+    m = bp.Model.from_toml(path)
+    assert m.check() == []
+    assert solved(path.stem).success
+    # Each says how it is run.
+    assert f"bipot run {path.name}" in path.read_text()
+
+
+def test_heated_bar() -> None:
+    """Uniform: a stress of E (gap/L - α ΔT) along the bar, where that is below zero."""
+    result = solved("heated_bar")
+    heat = 100 * np.array([0.25, 0.5, 0.75, 1.0, 0.5])
+    pressure = 210e3 * np.maximum(1.2e-5 * heat - 0.05 / 100, 0)
+    force = result.contact_force("bar.right")
+    np.testing.assert_allclose(
+        force[:, 0], -50 * pressure, atol=SOLVED * force.max() + SOLVED * 7350
+    )
+    case = result.case
+    u = result[3].displacement.reshape(-1, 2)
+    x = case.model.nodes
+    # Across, heat and the pressure both widen it.
+    wider = 1.2e-5 * 100 + 0.3 * pressure[3] / 210e3
+    np.testing.assert_allclose(u[:, 0], 5e-4 * x[:, 0], rtol=0, atol=SOLVED * 0.05)
+    np.testing.assert_allclose(u[:, 1], wider * x[:, 1], rtol=0, atol=SOLVED * 0.05)
+    for k in (0, 3, 4):
+        # Of the displacement alone the stress would be that of no heat.
+        from bipot_rs.fem.paraview import cell_fields
+
+        fields = cell_fields(case.model, result[k].displacement, case.stress_at_rest(k))
+        expected = np.zeros((3, 3))
+        expected[0, 0] = -pressure[k]
+        size = 210e3 * 1.2e-3
+        np.testing.assert_allclose(
+            fields["stress"],
+            np.tile(expected[(0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)], (40, 1)),
+            rtol=0,
+            atol=SOLVED * size,
+        )
+        np.testing.assert_allclose(
+            fields["von_mises"], von_mises(expected), rtol=0, atol=SOLVED * size
+        )
+
+
+def test_blocks_not_matching() -> None:
+    """A uniform pressure passes; half a symmetric pair, the tops widen alike."""
+    result = solved("blocks_not_matching")
+    np.testing.assert_allclose(result.traction[0, :, 0], 100, rtol=SOLVED)
+    np.testing.assert_allclose(result.traction[0, :, 1], 0, atol=100 * SOLVED)
+    # Plane strain, -100 along y: u = (ν (1 + ν) p x, -(1 - ν²) p (y + 10))/E.
+    x = result.case.model.nodes
+    u = result[0].displacement.reshape(-1, 2)
+    exact = 100 / 210e3 * np.column_stack([0.39 * x[:, 0], -0.91 * (x[:, 1] + 10)])
+    np.testing.assert_allclose(u, exact, rtol=0, atol=SOLVED * np.abs(exact).max())
+    through = result.contact_force("upper.bottom")
+    # Pulled by 1200 N at the end, of which the plane of symmetry holds the rest.
+    held = result.support_force("lower.bottom")
+    np.testing.assert_allclose(held[:, 1], 2000, rtol=SOLVED)
+    assert through[2, 0] < 0.9 * through[1, 0] < 0
+    assert (result.status[2] == bp.Status.SLIP).any()
+
+
+def test_rolling_and_sliding() -> None:
+    """Rolling takes a part of the friction that sliding as far takes whole."""
+    rolled = solved("rolling_cylinder").contact_force("block.track")
+    slid = model("rolling_cylinder", **{"obstacle.roller.turn.angle": 0.0}).solve()
+    force = slid.contact_force("block.track")
+    assert (np.abs(rolled[:, 0]) < 0.3 * 0.3 * -rolled[:, 1]).all()
+    # Slid by 2 mm, a hundred times what sticks by elasticity. Normals lean by up to 3 mm
+    # over 10 mm: the part of the pressure along x is left by what is symmetric to it.
+    closed = slid.status[-1] != bp.Status.OPEN
+    assert (slid.status[-1][closed] == bp.Status.SLIP).all()
+    shear = np.abs(slid.reaction[-1][:, 1]).sum()
+    assert shear == pytest.approx(0.3 * slid.reaction[-1][:, 0].sum(), rel=SOLVED)
+    assert force[-1, 0] > 0  # it drags the block along
+
+
+def test_gmsh_two_bodies() -> None:
+    """Two bodies of one file, balanced; the disc is dragged to slide, there and back."""
+    result = solved("gmsh_two_bodies")
+    through = result.contact_force("disc.arc")
+    for name, sign in (("disc.top", 1), ("block.base", -1)):
+        held = result.support_force(name)
+        np.testing.assert_allclose(
+            held + sign * through, 0, atol=SOLVED * np.abs(through).max()
+        )
+    ratio = through[:, 0] / through[:, 1]
+    assert ratio[3] == pytest.approx(-0.2, rel=0.01)
+    assert ratio[4] == pytest.approx(0.2, rel=0.01)
+    # Of a cylinder on a plane, as analytic.hertz_line: the width of contact by the force.
+    e_star = analytic.contact_modulus(210e3, 0.3, 110e3, 0.34)
+    half, peak = analytic.hertz_line(through[1, 1], 10.0, e_star)
+    x = result.case.model.points[:, 0]
+    closed = x[result.status[1] != bp.Status.OPEN]
+    # To a cell on either side.
+    assert np.abs(closed).max() == pytest.approx(half, abs=0.2)
+    assert result.traction[1, :, 0].max() == pytest.approx(peak, rel=0.1)
+
+
+def test_the_mesh_is_made_by_its_script(tmp_path: Path) -> None:
+    """The file is what its script makes, cell by cell but for rounding."""
+    pytest.importorskip("gmsh")
+    script = tmp_path / "disc_on_block.py"
+    script.write_text((SCENES / script.name).read_text())
+    subprocess.run([sys.executable, str(script)], check=True, cwd=tmp_path)
+    from bipot_rs import fem
+
+    for group in ("disc", "block"):
+        mine = fem.read_mesh(tmp_path / "disc_on_block.msh", group)
+        kept = fem.read_mesh(SCENES / "disc_on_block.msh", group)
+        assert set(mine.boundaries) == set(kept.boundaries)
+        # Another version of gmsh may mesh otherwise; the area is the same to h².
+        areas = [
+            fem.Body("it", m, fem.Material(1.0, 0.0)).volume().weights.sum()
+            for m in (mine, kept)
+        ]
+        assert areas[0] == pytest.approx(areas[1], rel=1e-3)

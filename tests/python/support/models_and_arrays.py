@@ -1,0 +1,37 @@
+"""A model, and the same problem from arrays alone."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+import bipot_rs as bp
+from bipot_rs import fem
+
+
+def of_arrays(model: fem.Model) -> bp.ContactProblem:
+    """The problem of a model's arrays, handed in as another program would."""
+    return bp.ContactProblem(
+        model.K,
+        model.B,
+        gap=model.gap,
+        mu=model.mu,
+        fixed=model.fixed,
+        area=model.area,
+        points=model.points,
+        frame=model.frame,
+        coordinates=np.repeat(model.nodes, model.dim, axis=0),
+    )
+
+
+def datasets(path: Path) -> dict[str, Any]:
+    found = {}
+
+    def take(name: str, node: Any) -> None:
+        if isinstance(node, h5py.Dataset):
+            found[name] = (node.dtype.str, node.shape, node[()].tobytes())
+
+    with h5py.File(path) as file:
+        file.visititems(take)
+    return found
