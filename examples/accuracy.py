@@ -36,7 +36,7 @@ def floor(mu: float) -> fem.Contact:
 def sheared_patch() -> float:
     """Uniform stress in a block that friction alone holds."""
     pressure, shear = 2.0, 0.6
-    model = fem.build([block(nu=0.0)], [floor(mu=0.5)])
+    model = fem.assemble([block(nu=0.0)], [floor(mu=0.5)])
     load = (
         model.traction("block", "top", [shear, -pressure])
         + model.traction("block", "right", [0.0, shear])
@@ -51,7 +51,7 @@ def sheared_patch() -> float:
 
 def oedometer(nu: float) -> float:
     """Uniaxial strain between smooth side walls."""
-    model = fem.build(
+    model = fem.assemble(
         [block(nu)],
         [floor(mu=0.5)],
         [fem.Support("block", side, [0]) for side in ("left", "right")],

@@ -65,7 +65,7 @@ def cycle() -> Made:
     return solved("cyclic_cube", f"support.0.x.value={FAR}")
 
 
-def middle_line(model: fem.Model) -> Any:
+def middle_line(model: fem.Assembly) -> Any:
     """Contacts of a cube's bottom that lie on the line along x nearest to its middle."""
     y = model.points[:, 1]
     nearest = y[np.argmin(np.abs(y - y.mean()))]

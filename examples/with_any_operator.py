@@ -27,7 +27,7 @@ def between(x: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return edge, (x - edges[edge]) / (edges[edge + 1] - edges[edge])
 
 
-def solve() -> tuple[bp.Result, fem.Model]:
+def solve() -> tuple[bp.Result, fem.Assembly]:
     """Press the upper block by 0.01, then drag it by 0.004."""
     upper, lower = block("upper", 10, (0.0, 2.0)), block("lower", 14, (-2.0, 0.0))
     supports = [
@@ -35,7 +35,7 @@ def solve() -> tuple[bp.Result, fem.Model]:
         fem.Support("upper", "top", [0, 1]),
     ]
     # K of both bodies, and where their degrees of freedom begin; no contacts yet.
-    model = fem.build([upper, lower], [], supports)
+    model = fem.assemble([upper, lower], [], supports)
 
     def along(body: fem.Body, surface: str) -> np.ndarray:
         nodes = body.nodes(surface)

@@ -30,7 +30,7 @@ def write(folder: Path, n: int = 8) -> None:
     """The files of a block on a rigid floor, pressed by its top, held at its left."""
     grid = [np.linspace(0.0, size, n + 1) for size in (WIDTH, HEIGHT)]
     body = fem.Body("block", fem.box(grid, "quadrilateral"), fem.Material(210e3, 0.3))
-    model = fem.build([body], [])
+    model = fem.assemble([body], [])
     mmwrite(folder / "K.mtx", model.K, symmetry="symmetric", precision=17)
     label = np.arange(len(model.nodes)) + 1
     (folder / "nodes.inp").write_text(

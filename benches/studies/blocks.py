@@ -36,7 +36,7 @@ def on_plane(
 
 
 def case(
-    model: fem.Model, load: Array | None = None, prescribed: Array | None = None
+    model: fem.Assembly, load: Array | None = None, prescribed: Array | None = None
 ) -> Case:
     """The arrays of a model under one load."""
     gap = np.zeros((len(model.gap), model.dim))
@@ -62,7 +62,7 @@ def pressed(
 ) -> Case:
     """A block held at its top, which is pressed and pushed aside: stick, slip, open."""
     dim = len(axes)
-    model = fem.build(
+    model = fem.assemble(
         [body(axes, nu, young)],
         [on_plane(dim, mu=mu)],
         [fem.Support("block", "top", range(dim))],
@@ -102,7 +102,7 @@ def column(
     walls = [
         fem.Support(name, side, (0,)) for name in names for side in ("left", "right")
     ]
-    model = fem.build(bodies, contacts, walls)
+    model = fem.assemble(bodies, contacts, walls)
     load = model.traction(names[-1], "top", [0.0, -1.0])
 
     u, below = np.zeros((len(model.nodes), 2)), 0.0
@@ -118,7 +118,7 @@ def column(
     return merged(model, whole, answer) if bonded else (whole, answer)
 
 
-def merged(model: fem.Model, whole: Case, answer: Answer) -> tuple[Case, Answer]:
+def merged(model: fem.Assembly, whole: Case, answer: Answer) -> tuple[Case, Answer]:
     """The same with nodes at the same place made one."""
     _, first, node = np.unique(
         model.nodes, axis=0, return_index=True, return_inverse=True
@@ -156,7 +156,7 @@ def sheared(
     ``σ_nn = -pressure`` on top, ``σ_nt = shear`` on top and on the faces across x.
     """
     dim = len(axes)
-    model = fem.build([body(axes, 0.0)], [on_plane(dim)], [])
+    model = fem.assemble([body(axes, 0.0)], [on_plane(dim)], [])
     x, up = np.eye(dim)[[0, -1]]
     load = model.traction("block", "top", shear * x - pressure * up)
     load += model.traction("block", "right", shear * up)

@@ -52,7 +52,7 @@ def closing(gap: float, *, measured: bool = False) -> tuple[Case, Answer]:
     """
     young, nu, line = 1.0, 0.3, np.linspace(0, 1, 5)
     height = 1.0 - gap if measured else 1.0
-    model = fem.build(
+    model = fem.assemble(
         [blocks.body([line, 1 + line], nu, young)],
         [blocks.on_plane(2, height=height)],
         [

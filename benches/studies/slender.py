@@ -28,7 +28,7 @@ def beam(length: float, young: float) -> Case:
     """Two cells high, 32 long. The clamped end sinks, so that friction holds the other."""
     lines = [np.linspace(0, length, 33), np.linspace(0, 1, 3)]
     end = {0: (0.8 * length, length)}
-    model = fem.build(
+    model = fem.assemble(
         [blocks.body(lines, 0.3, young)],
         [blocks.on_plane(2, within=end)],
         [fem.Support("block", "left", (0, 1))],

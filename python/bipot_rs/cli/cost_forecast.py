@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bipot_rs._lib.messages import counted
-from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.body import Body
 from bipot_rs.scene.schema.root import Scene
 
@@ -60,7 +60,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 
 
-def sizes(model: Model, steps: int) -> list[str]:
+def sizes(model: Assembly, steps: int) -> list[str]:
     """Bodies and contacts of a model, a line each kind."""
     bodies = ", ".join(
         f"{body.name} ({counted(len(body.points), 'node')}, "

@@ -305,6 +305,11 @@ class Step(Solution):
     _kept: dict[str, Floats] = field(default_factory=dict)
 
     @property
+    def path_parameter(self) -> float | None:
+        """`s`: where on a path of automatic steps this one ends."""
+        return self.s
+
+    @property
     def dissipation(self) -> float:
         """Work that friction took over the step, ``-Σ r_t · slip``, in force times length.
 
@@ -508,7 +513,7 @@ class Result(Sequence[Step]):
         ----------
         group
             Number of the group of each contact, ``(n_c,)`` integers from 0, such as
-            ``fem.Model.group``.
+            ``fem.Assembly.group``.
 
         Raises
         ------
@@ -683,7 +688,7 @@ def _written() -> list[str]:
     return [name for name in names if name not in _NOT_WRITTEN]
 
 
-def load(path: str | os.PathLike[str]) -> Result:
+def load_result(path: str | os.PathLike[str]) -> Result:
     """Read a result that `Result.save` or the command line wrote.
 
     Raises
@@ -820,3 +825,7 @@ def _from_record(
     kept = {"u": record["displacement"]} if "displacement" in record else {}
     traction = None if area is None else known["reaction"] / area[:, None]
     return Step(**known, traction=traction, _kept=kept, _known=asked)
+
+
+# The promised name before it.
+load = load_result

@@ -10,7 +10,7 @@ import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.discretisation.simplices import Simplices
-from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.contact import both
 
 
@@ -84,7 +84,7 @@ class ContactFacets:
         return found
 
 
-def contact_facets(model: Model, bodies: Sequence[Simplices]) -> ContactFacets:
+def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacets:
     """Facets of contact of a model.
 
     Raises
@@ -165,7 +165,7 @@ def contact_facets(model: Model, bodies: Sequence[Simplices]) -> ContactFacets:
     )
 
 
-def prescribed_facets(model: Model, bodies: Sequence[Simplices]) -> list[Bools]:
+def prescribed_facets(model: Assembly, bodies: Sequence[Simplices]) -> list[Bools]:
     """Components prescribed on whole facets of each body, ``(facets, d)``."""
     dim = model.dim
     names = [body.name for body in model.bodies]
@@ -191,7 +191,7 @@ def _side(parts: Sequence[tuple[int, Ints, Ints]], dim: int) -> Side:
     )
 
 
-def _curvature(model: Model, edges: Ints) -> Floats:
+def _curvature(model: Assembly, edges: Ints) -> Floats:
     found = np.zeros(len(edges))
     for group, contact in enumerate(model.contacts):
         if not callable(contact.clearance):

@@ -37,7 +37,7 @@ from bipot_rs.discretisation.simplices import (
     simplices,
     strain,
 )
-from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.materials import Material
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Plane
@@ -484,7 +484,7 @@ def _flat(obstacle: Obstacle | None) -> bool:
 class _Elastic:
     """The bodies without their contacts, factored."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Assembly) -> None:
         self.model = model
         self.motions = _free_motions(model)
         pins: Ints = np.zeros(0, np.int64)
@@ -526,7 +526,7 @@ class _Elastic:
         return found
 
 
-def _free_motions(model: Model) -> Floats:
+def _free_motions(model: Assembly) -> Floats:
     """Rigid motions of single bodies that their supports leave free, ``(n, k)``."""
     found = []
     ends = np.append(model.offset, model.n)

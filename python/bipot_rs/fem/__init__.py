@@ -6,7 +6,7 @@ from bipot_rs._lib.lazy import lazily
 
 if TYPE_CHECKING:
     from bipot_rs.contact.frames import frames
-    from bipot_rs.fem.assembly import Model, Support, build
+    from bipot_rs.fem.assembly import Assembly, Model, Support, assemble, build
     from bipot_rs.fem.body import Body
     from bipot_rs.fem.boundary import Spring, Symmetry, surface, with_surfaces
     from bipot_rs.fem.contact import Contact
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FACES",
+    "Assembly",
     "Body",
     "Contact",
     "Material",
@@ -28,6 +29,7 @@ __all__ = [
     "Spring",
     "Support",
     "Symmetry",
+    "assemble",
     "box",
     "build",
     "check_mesh",
@@ -48,8 +50,10 @@ __getattr__, __dir__ = lazily(
     {
         "bipot_rs.contact.frames": ("frames",),
         "bipot_rs.fem.assembly": (
+            "Assembly",
             "Model",
             "Support",
+            "assemble",
             "build",
         ),
         "bipot_rs.fem.body": ("Body",),

@@ -55,16 +55,16 @@ from bipot_rs.obstacle.motion import Motion
 
 __all__ = [
     "FACES",
+    "Assembly",
     "Body",
     "Contact",
     "Material",
-    "Model",
     "Orthotropic",
     "Spring",
     "Support",
     "Symmetry",
+    "assemble",
     "box",
-    "build",
     "check_mesh",
     "frames",
     "read_mesh",
@@ -94,7 +94,7 @@ class Support:
 
 
 @dataclass(frozen=True)
-class Model:
+class Assembly:
     """What (1) and (2) need, and how it maps back to the bodies.
 
     Attributes
@@ -465,14 +465,14 @@ class Model:
         return at[self.fixed]
 
 
-def build(
+def assemble(
     bodies: Sequence[Body],
     contacts: Sequence[Contact],
     supports: Sequence[Support] = (),
     *,
     symmetries: Sequence[Symmetry] = (),
     springs: Sequence[Spring] = (),
-) -> Model:
+) -> Assembly:
     """Assemble K, B and the contact data of elastic bodies.
 
     Parameters
@@ -480,7 +480,7 @@ def build(
     bodies, contacts
         What meets.
     supports
-        Prescribed displacements; their values are those of `Model.prescribed`.
+        Prescribed displacements; their values are those of `Assembly.prescribed`.
     symmetries
         Planes that cut the bodies in two alike halves, of which the bodies are one, in
         any direction (`bipot_rs.fem.inclined_supports`).
@@ -569,7 +569,7 @@ def build(
     # Rounding of a normal is no way to slip.
     mu[(left <= _NO_WAY * whole).all(axis=1)] = 0.0
 
-    return Model(
+    return Assembly(
         bodies=tuple(bodies),
         supports=tuple(supports),
         contacts=tuple(contacts),
@@ -654,3 +654,8 @@ def _stacked(blocks: Sequence[Any]) -> Any:
         ),
         shape=(int(ends[-1]), int(ends[-1])),
     )
+
+
+# The names before 0.2, which go on working.
+Model = Assembly
+build = assemble

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from bipot_rs._lib.types import Ints
-from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.assembly import Assembly
 
 # By dimension and the number of nodes, with how many of these are corners. Behind the
 # corners come the middles of the edges, in their order, and the middle of the facet.
@@ -22,7 +22,7 @@ _KINDS = {
 }
 
 
-def surface_names(model: Model) -> list[str]:
+def surface_names(model: Assembly) -> list[str]:
     """Contact surfaces by name, ``"body.surface"``, those of one name numbered."""
     plain = [f"{contact.body}.{contact.surface}" for contact in model.contacts]
     return [
@@ -31,7 +31,7 @@ def surface_names(model: Model) -> list[str]:
     ]
 
 
-def surface_labels(model: Model) -> dict[str, Any]:
+def surface_labels(model: Assembly) -> dict[str, Any]:
     """Which surface each contact is of, as a result keeps it.
 
     Returns
@@ -45,7 +45,7 @@ def surface_labels(model: Model) -> dict[str, Any]:
     }
 
 
-def contact_surface(model: Model) -> list[tuple[str, Ints]]:
+def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
     """Facets all of whose nodes are contacts, as cells over the contacts.
 
     Returns

@@ -16,7 +16,7 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact import rigid_motions
-from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.boundary import Spring, spring_stiffness
 from bipot_rs.fem.contact import body_index, outward
 from bipot_rs.obstacle.protocol import length, place
@@ -38,7 +38,7 @@ _SOFT = 0.05
 
 
 def inspect(
-    model: Model,
+    model: Assembly,
     *,
     load: ArrayLike | None = None,
     prescribed: ArrayLike | None = None,
@@ -49,7 +49,7 @@ def inspect(
     Parameters
     ----------
     model
-        As `fem.build` makes it.
+        As `fem.assemble` makes it.
     load, prescribed
         As `ContactProblem.solve` takes them; without them nothing is said of contacts
         that never close, and any prescribed displacement is taken for one that moves.
@@ -79,22 +79,22 @@ def inspect(
     return found
 
 
-def _size(model: Model) -> float:
+def _size(model: Assembly) -> float:
     return float(np.ptp(model.nodes, axis=0).max())
 
 
-def _named(model: Model, group: int) -> str:
+def _named(model: Assembly, group: int) -> str:
     contact = model.contacts[group]
     return f"surface {contact.surface!r} of body {contact.body!r}"
 
 
-def _groups(model: Model) -> Iterator[tuple[int, Ints]]:
+def _groups(model: Assembly) -> Iterator[tuple[int, Ints]]:
     """Each contact with its nodes among all contact nodes."""
     for group in range(len(model.contacts)):
         yield group, np.flatnonzero(model.group == group).astype(np.int64)
 
 
-def _penetrating(model: Model) -> Iterator[str]:
+def _penetrating(model: Assembly) -> Iterator[str]:
     size = _size(model)
     for group, at in _groups(model):
         inside = at[model.gap[at] < -_ROUNDING * size]
@@ -110,7 +110,7 @@ def _penetrating(model: Model) -> Iterator[str]:
             )
 
 
-def _facing_away(model: Model) -> Iterator[str]:
+def _facing_away(model: Assembly) -> Iterator[str]:
     # Two bodies that face the same way are no model at all.
     for group, at in _groups(model):
         contact = model.contacts[group]
@@ -129,7 +129,7 @@ def _facing_away(model: Model) -> Iterator[str]:
             )
 
 
-def _without_friction(model: Model, prescribed: ArrayLike | None) -> Iterator[str]:
+def _without_friction(model: Assembly, prescribed: ArrayLike | None) -> Iterator[str]:
     lost_ones = ~_rubs(model) & _slides(model, prescribed)
     for group, at in _groups(model):
         if not np.any(np.asarray(model.contacts[group].mu) > 0):
@@ -143,7 +143,7 @@ def _without_friction(model: Model, prescribed: ArrayLike | None) -> Iterator[st
             )
 
 
-def _slides(model: Model, prescribed: ArrayLike | None) -> Bools:
+def _slides(model: Assembly, prescribed: ArrayLike | None) -> Bools:
     """Which contact nodes are moved along their obstacles by what is prescribed.
 
     Where that is zero, as on a plane of symmetry, a support takes what friction would.
@@ -160,14 +160,14 @@ def _slides(model: Model, prescribed: ArrayLike | None) -> Bools:
     return np.asarray(found, np.bool_)
 
 
-def _rubs(model: Model) -> Bools:
+def _rubs(model: Assembly) -> Bools:
     """Which contact nodes have friction."""
     largest = model.mu if model.mu.ndim == 1 else model.mu.max(axis=1)
     return largest > 0
 
 
 def _far(
-    model: Model, load: ArrayLike | None, prescribed: ArrayLike | None
+    model: Assembly, load: ArrayLike | None, prescribed: ArrayLike | None
 ) -> Iterator[str]:
     size = _size(model)
     moved = 0.0
@@ -193,7 +193,7 @@ def _far(
             )
 
 
-def _units(model: Model) -> Iterator[str]:
+def _units(model: Assembly) -> Iterator[str]:
     """Young's modulus in Pa with lengths in mm, or in MPa with lengths in m.
 
     A heuristic: solids have moduli from 1e6 Pa to 1e12 Pa, 1 MPa to 1e6 MPa, and parts
@@ -217,7 +217,7 @@ def _units(model: Model) -> Iterator[str]:
         )
 
 
-def _overloaded(model: Model, load: Floats) -> Iterator[str]:
+def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
     """Loads beside which a body is soft, as a Young's modulus in GPa with loads in MPa.
 
     The sum of the sizes of all nodal forces of a load step over the largest section of
@@ -245,7 +245,7 @@ def _stiffest(material: Any) -> float | None:
     return None if young is None else float(np.max(young))
 
 
-def unheld(model: Model, *, rough: bool = False) -> Iterator[str]:
+def unheld(model: Assembly, *, rough: bool = False) -> Iterator[str]:
     """Rigid motions that neither supports nor contacts feel.
 
     Motions of bodies that meet each other are looked at together. Contact is taken to
@@ -288,12 +288,12 @@ def unheld(model: Model, *, rough: bool = False) -> Iterator[str]:
             )
 
 
-def unsupported(model: Model) -> list[str]:
+def unsupported(model: Assembly) -> list[str]:
     """Names of the bodies without any support or spring, which contact alone can hold."""
     return [model.bodies[b].name for b in _bare(model)]
 
 
-def _supporting(model: Model, modes: Floats) -> list[Floats]:
+def _supporting(model: Assembly, modes: Floats) -> list[Floats]:
     """What rigid motions do to supports and springs, a row each."""
     found = [modes[model.fixed]]
     if model.inclined is not None:
@@ -301,7 +301,7 @@ def _supporting(model: Model, modes: Floats) -> list[Floats]:
     return [*found, *(_sprung(model, spring, modes) for spring in model.springs)]
 
 
-def _bare(model: Model) -> list[int]:
+def _bare(model: Assembly) -> list[int]:
     held = np.zeros(model.n, np.bool_)
     held[model.fixed] = True
     if model.inclined is not None:
@@ -315,7 +315,7 @@ def _bare(model: Model) -> list[int]:
     ]
 
 
-def _sprung(model: Model, spring: Spring, modes: Floats) -> Floats:
+def _sprung(model: Assembly, spring: Spring, modes: Floats) -> Floats:
     """What rigid motions do to a spring, of size 1 as supports and contacts are."""
     b = body_index(model.bodies, spring.body)
     body = model.bodies[b]
@@ -327,7 +327,7 @@ def _sprung(model: Model, spring: Spring, modes: Floats) -> Floats:
     return forces / largest if largest else 0.0 * forces
 
 
-def _modes(model: Model) -> tuple[Floats, Ints]:
+def _modes(model: Assembly) -> tuple[Floats, Ints]:
     """Rigid motions of every body ``(n, m)``, of one size, and whose they are."""
     d, found, owner = model.dim, [], []
     for b, body in enumerate(model.bodies):
@@ -346,7 +346,7 @@ def _modes(model: Model) -> tuple[Floats, Ints]:
     return np.column_stack(found), np.array(owner, dtype=np.int64)
 
 
-def _meeting(model: Model) -> list[list[int]]:
+def _meeting(model: Assembly) -> list[list[int]]:
     """Bodies that contacts between them put together."""
     index = {body.name: b for b, body in enumerate(model.bodies)}
     sets = [{b} for b in range(len(model.bodies))]
@@ -359,7 +359,9 @@ def _meeting(model: Model) -> list[list[int]]:
     return sorted(sorted(one) for one in sets)
 
 
-def _said(model: Model, members: list[int], modes: Floats, free: Floats) -> list[str]:
+def _said(
+    model: Assembly, members: list[int], modes: Floats, free: Floats
+) -> list[str]:
     """Words for a space of motions: translations along axes first, then the rest.
 
     Of each body by itself, and then of all together.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.result import Step, recover
-from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.contact_surface import contact_surface
 from bipot_rs.fem.stress_recovery import COLUMNS, ROWS, MeanStress, von_mises
 from bipot_rs.files.export import indexed, write_series
@@ -19,7 +19,7 @@ from bipot_rs.files.export import indexed, write_series
 Fields = dict[str, NDArray[Any]]
 
 
-def write(path: str | os.PathLike[str], model: Model, steps: Sequence[Step]) -> None:
+def write(path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]) -> None:
     """Write ``DIR/NAME.pvd``, the bodies, and ``DIR/NAME_contact.pvd``, where they touch.
 
     Parameters
@@ -47,7 +47,7 @@ def write(path: str | os.PathLike[str], model: Model, steps: Sequence[Step]) -> 
 
 def write_bodies(
     path: str | os.PathLike[str],
-    model: Model,
+    model: Assembly,
     steps: Sequence[Step],
     of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
     at_rest: Callable[[int], Floats | None] = lambda _: None,
@@ -78,7 +78,7 @@ def write_bodies(
 
 
 def write_contact(
-    path: str | os.PathLike[str], model: Model, steps: Sequence[Step]
+    path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]
 ) -> None:
     """Write the surface of contact, with `contact_fields` at its nodes."""
     cells = contact_surface(model)
@@ -86,7 +86,7 @@ def write_contact(
 
 
 def cell_fields(
-    model: Model,
+    model: Assembly,
     displacement: Floats,
     at_rest: Floats | None = None,
     means: Sequence[MeanStress] | None = None,
@@ -111,7 +111,7 @@ def cell_fields(
     return {"stress": tensors[:, ROWS, COLUMNS], "von_mises": von_mises(tensors)}
 
 
-def contact_fields(model: Model, step: Step) -> Fields:
+def contact_fields(model: Assembly, step: Step) -> Fields:
     """Fields at the contacts, vectors in global components, on the body that has them.
 
     Returns

@@ -12,7 +12,7 @@ import numpy as np
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.result import Step
 from bipot_rs.contact.slip_check import distances, farthest
-from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import unsupported
 from bipot_rs.fem.stress_recovery import MeanStress
 from bipot_rs.obstacle.protocol import place
@@ -27,13 +27,13 @@ _ROUNDING = 1e-9
 _ACROSS = 4.0
 
 
-def review(model: Model, steps: Sequence[Step]) -> list[str]:
+def review(model: Assembly, steps: Sequence[Step]) -> list[str]:
     """What a person should look at after solving.
 
     Parameters
     ----------
     model
-        As `fem.build` makes it.
+        As `fem.assemble` makes it.
     steps
         The load steps of its path, from the first on; their displacements are asked for.
 
@@ -56,12 +56,12 @@ def review(model: Model, steps: Sequence[Step]) -> list[str]:
     ]
 
 
-def _named(model: Model, group: int) -> str:
+def _named(model: Assembly, group: int) -> str:
     contact = model.contacts[group]
     return f"{contact.body}.{contact.surface}"
 
 
-def _large(model: Model, steps: Sequence[Step]) -> Iterator[str]:
+def _large(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
     """Rotations and strains of the load step that moves most, and of the last."""
     most = int(np.argmax([np.abs(step.displacement).max() for step in steps]))
     worst: dict[str, tuple[float, str]] = {}
@@ -101,7 +101,7 @@ def _sizes(gradient: Floats) -> Iterator[tuple[str, Floats]]:
     yield "strains", np.abs(principal).max(axis=1)
 
 
-def _slid(model: Model, steps: Sequence[Step]) -> Iterator[str]:
+def _slid(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
     for group, contact in enumerate(model.contacts):
         flat = contact.against is None and (
             contact.obstacle is None or isinstance(contact.obstacle, Plane)
@@ -125,7 +125,7 @@ def _slid(model: Model, steps: Sequence[Step]) -> Iterator[str]:
         )
 
 
-def _coarse(model: Model, last: Step, count: int) -> Iterator[str]:
+def _coarse(model: Assembly, last: Step, count: int) -> Iterator[str]:
     for group in range(len(model.contacts)):
         at = np.flatnonzero(model.group == group)
         pressed = at[last.reaction[at, 0] > 0]
@@ -142,7 +142,7 @@ def _coarse(model: Model, last: Step, count: int) -> Iterator[str]:
             )
 
 
-def _gone(model: Model, last: Step) -> Iterator[str]:
+def _gone(model: Assembly, last: Step) -> Iterator[str]:
     for name in unsupported(model):
         groups = [
             group

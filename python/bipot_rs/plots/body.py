@@ -15,7 +15,7 @@ from bipot_rs.plots.boundary_facets import corners_of, deformed_nodes, skin
 from bipot_rs.plots.data import model_of, number_of, one_step, said_of, units_of
 
 if TYPE_CHECKING:
-    from bipot_rs.fem.assembly import Model
+    from bipot_rs.fem.assembly import Assembly
 
 # Of the size of the bodies: the largest displacement, and the longest arrow.
 _DEFORMED, _ARROW = 0.05, 0.12
@@ -47,7 +47,7 @@ def deformed(
     Parameters
     ----------
     model
-        The bodies: a `fem.Model`, a `Case`, a `Model`, or the `ModelResult` of one.
+        The bodies: a `fem.Assembly`, a `Case`, a `Model`, or the `ModelResult` of one.
     result
         A `Result` of them, or one of its `Step` s; of a `ModelResult` by itself it may be
         left out.
@@ -65,7 +65,7 @@ def deformed(
         As in `tractions`.
     at_rest
         What initial strains add to the stress of the displacements, ``(cells, 3, 3)``,
-        as `Case.stress_at_rest` has it; found by itself, but of a `fem.Model` alone.
+        as `Case.stress_at_rest` has it; found by itself, but of a `fem.Assembly` alone.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def deformed(
 
 
 def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
-    """`fem.Model` and, where one is known, the `Case` of what was given for the bodies."""
+    """`fem.Assembly` and, where one is known, the `Case` of what was given for the bodies."""
     known = getattr(result, "case", None)
     if hasattr(type(given), "assemble") and known is not None:
         # That of the very result need not be made again.
@@ -160,7 +160,7 @@ def _at_rest(case: Any, result: Any, found: Any, step: int) -> Floats | None:
     return whole
 
 
-def _plane(model: Model, places: Floats, stress: Floats, ax: Any) -> Any:
+def _plane(model: Assembly, places: Floats, stress: Floats, ax: Any) -> Any:
     from matplotlib.collections import LineCollection, PolyCollection
 
     corners = [c for cells in model.cells for c in places[corners_of(*cells)[1]]]
@@ -180,7 +180,7 @@ def _plane(model: Model, places: Floats, stress: Floats, ax: Any) -> Any:
     return image
 
 
-def _space(model: Model, places: Floats, stress: Floats, ax: Any) -> Any:
+def _space(model: Assembly, places: Floats, stress: Floats, ax: Any) -> Any:
 
     parts = skin(model.cells)
     polygons = [polygon for facets, _ in parts for polygon in places[facets]]
@@ -229,7 +229,7 @@ def box_in_space(places: Floats, ax: Any, zoom: float = 0.82) -> None:
 
 
 def _forces(
-    model: Model, places: Floats, reaction: Floats, near: float | None, ax: Any
+    model: Assembly, places: Floats, reaction: Floats, near: float | None, ax: Any
 ) -> tuple[Floats, float]:
     """Draw arrows of forces; where they begin, ``(arrows, d)``, and the largest force."""
     force = np.einsum("ck,ckd->cd", reaction, model.frame)
@@ -263,7 +263,7 @@ def _forces(
     return np.asarray(at - arrows), largest
 
 
-def _obstacles(model: Model, found: Any, scale: float, ax: Any) -> Floats:
+def _obstacles(model: Assembly, found: Any, scale: float, ax: Any) -> Floats:
     """Draw the rigid obstacles as contacts see them; corners of the bands, ``(k, 2)``."""
     from matplotlib.collections import PolyCollection
 
@@ -297,7 +297,7 @@ def _obstacles(model: Model, found: Any, scale: float, ax: Any) -> Floats:
 
 
 def _limits(
-    model: Model,
+    model: Assembly,
     places: Floats,
     tails: Floats,
     bands: Floats,

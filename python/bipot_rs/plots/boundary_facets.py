@@ -45,7 +45,7 @@ def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
     Parameters
     ----------
     cells
-        As `fem.Model.cells`; those of all bodies are numbered through.
+        As `fem.Assembly.cells`; those of all bodies are numbered through.
 
     Returns
     -------

@@ -118,9 +118,9 @@ def contacts_of(found: Any, given: Given | None) -> Mapping[str, Any]:
 
 
 def model_of(given: Any) -> tuple[Any, Any]:
-    """The `fem.Model` of what has one, and the `Case` where there is one.
+    """The `fem.Assembly` of what has one, and the `Case` where there is one.
 
-    Of a `fem.Model`, a `Case`, a `Model`, which is assembled, or a `ModelResult`; None and
+    Of a `fem.Assembly`, a `Case`, a `Model`, which is assembled, or a `ModelResult`; None and
     None of anything else.
     """
     if hasattr(given, "contact_dofs"):

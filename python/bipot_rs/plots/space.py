@@ -17,7 +17,7 @@ from bipot_rs.plots.line import closed_slip
 from bipot_rs.plots.surface import NOTHING, QUANTITIES, span, values_of
 
 if TYPE_CHECKING:
-    from bipot_rs.fem.assembly import Model
+    from bipot_rs.fem.assembly import Assembly
 
 BACKENDS = ("matplotlib", "pyvista")
 
@@ -39,7 +39,7 @@ def surface3d(
     Parameters
     ----------
     model
-        The bodies, in space: `fem.Model`, or what has one, as `deformed` takes it.
+        The bodies, in space: `fem.Assembly`, or what has one, as `deformed` takes it.
     result, step, units
         As in `tractions`.
     quantity
@@ -96,7 +96,7 @@ def _values(
     return values, name, unit, (low, high)
 
 
-def _polygons(model: Model) -> list[Any]:
+def _polygons(model: Assembly) -> list[Any]:
     from bipot_rs.fem.contact_surface import contact_surface
 
     facets = [facet for facet in contact_surface(model) if facet[0] != "vertex"]
@@ -109,7 +109,7 @@ def _zones(status: Floats, parts: list[Any]) -> list[Floats]:
 
 
 def _matplotlib(
-    model: Model, seen: Contacts, quantity: str, bodies: bool, arrows: bool, ax: Any
+    model: Assembly, seen: Contacts, quantity: str, bodies: bool, arrows: bool, ax: Any
 ) -> Any:
     from matplotlib.colors import Normalize
 
@@ -149,7 +149,7 @@ def _matplotlib(
     return ax
 
 
-def _slip(model: Model, seen: Contacts, places: Floats, ax: Any) -> None:
+def _slip(model: Assembly, seen: Contacts, places: Floats, ax: Any) -> None:
     vectors = seen.vectors(closed_slip(seen))
     size = np.linalg.norm(vectors, axis=1)
     largest = float(size.max(initial=0.0))
@@ -166,7 +166,7 @@ def _slip(model: Model, seen: Contacts, places: Floats, ax: Any) -> None:
     )
 
 
-def _outline(model: Model, ax: Any) -> None:
+def _outline(model: Assembly, ax: Any) -> None:
     """Edges of the bodies where their outside turns."""
     from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
         Line3DCollection,
@@ -176,7 +176,7 @@ def _outline(model: Model, ax: Any) -> None:
     ax.add_collection3d(Line3DCollection(lines, colors=style.QUIET, linewidths=0.7))
 
 
-def sharp_edges(model: Model) -> Any:
+def sharp_edges(model: Assembly) -> Any:
     """Edges ``(m, 2)`` of the outside of bodies where it turns by 30 degrees and more."""
     found = []
     for facets, _ in skin(model.cells):
@@ -202,7 +202,7 @@ def sharp_edges(model: Model) -> Any:
 
 
 def _pyvista(
-    model: Model, seen: Contacts, quantity: str, bodies: bool, arrows: bool, ax: Any
+    model: Assembly, seen: Contacts, quantity: str, bodies: bool, arrows: bool, ax: Any
 ) -> Any:
     pv = library("pyvista", extra="viz", need="pictures that turn")
     plotter = pv.Plotter(off_screen=True, window_size=(1000, 800)) if ax is None else ax

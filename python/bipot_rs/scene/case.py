@@ -15,7 +15,7 @@ from bipot_rs.contact.errors import FloatingBodyError
 from bipot_rs.contact.load_steps import Totals, differing, reached
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.result import Result, Step
-from bipot_rs.fem.assembly import Model
+from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import inspect, unheld
 from bipot_rs.fem.stress_recovery import Initial, stress
 from bipot_rs.obstacle.motion import Motion
@@ -64,7 +64,7 @@ class Case:
     Attributes
     ----------
     model
-        K, B, gap, … (`fem.Model`).
+        K, B, gap, … (`fem.Assembly`).
     load : (steps, n) or None
         Totals at the end of each load step [N]; None without loads.
     prescribed : (steps, len(model.fixed))
@@ -76,10 +76,10 @@ class Case:
     scene : Scene or None
         What it was made from.
     gaps : (steps, n_c, d) or None
-        Gaps of each load step by component where obstacles move [m], `fem.Model.gaps`.
+        Gaps of each load step by component where obstacles move [m], `fem.Assembly.gaps`.
     """
 
-    model: Model
+    model: Assembly
     load: Floats | None
     prescribed: Floats
     parameter: Floats
@@ -365,7 +365,7 @@ class Case:
         return found
 
 
-def along(scene: Scene, model: Model, loads: Sequence[Load], t: Floats) -> Case:
+def along(scene: Scene, model: Assembly, loads: Sequence[Load], t: Floats) -> Case:
     """The case of load steps that end at ``t (steps,)``."""
     count = scene.path.count()
     if not ((t >= 0) & (t <= count)).all():
@@ -446,7 +446,7 @@ def motion_of(rigid: Rigid, path: LoadPath, t: Floats) -> Motion | None:
     )
 
 
-def _gaps(scene: Scene, model: Model, t: Floats) -> Floats | None:
+def _gaps(scene: Scene, model: Assembly, t: Floats) -> Floats | None:
     """Gaps at the ends of steps where obstacles move."""
     whole = model.gaps(scene.path.count())
     if whole is None:

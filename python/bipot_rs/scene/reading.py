@@ -19,7 +19,8 @@ from pydantic import ValidationError
 from bipot_rs._lib.messages import meant
 from bipot_rs._lib.toml_text import HALF
 from bipot_rs.contact.reduced import refuse_settings
-from bipot_rs.fem.assembly import Model, build
+from bipot_rs.fem import assembly
+from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.body import Body
 from bipot_rs.scene.build import (
     bodies,
@@ -149,7 +150,7 @@ def assemble(scene: Scene, meshed: Sequence[Body]) -> Case:
 
 
 def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
-    model = build(
+    model = assembly.assemble(
         meshed,
         contacts(scene),
         supports(scene),
@@ -164,7 +165,7 @@ def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
     )
 
 
-def _loads(scene: Scene, meshed: Sequence[Body], model: Model) -> Iterator[Load]:
+def _loads(scene: Scene, meshed: Sequence[Body], model: Assembly) -> Iterator[Load]:
     """Forces of a scene, each of factor 1."""
     unit, none = np.eye(model.dim), np.zeros(0)
     place = {body.name: index for index, body in enumerate(meshed)}

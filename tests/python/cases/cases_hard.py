@@ -202,7 +202,7 @@ def h13() -> list[Row]:
             )
             for name, low, E in (("lower", 0.0, lower), ("upper", 1.0, upper))
         ]
-        model = fem.build(
+        model = fem.assemble(
             bodies,
             [
                 fem.Contact("lower", "bottom", 0.3, plane=((0, 0), (0, 1))),

@@ -51,7 +51,7 @@ def line(
         within={0: (0, 1.6 * a)},
         **obstacle,
     )
-    model = fem.build(bodies, [contact], supports)
+    model = fem.assemble(bodies, [contact], supports)
     load = model.traction("upper", "top", [0, -force / 2 / side[-1]])
     result: Any = model.problem().solve(load)
     x, r = model.points[:, 0], result.reaction[0]
@@ -98,7 +98,7 @@ def sheared(h: float) -> tuple[Profile, float]:
         within={0: (-1.6, 1.6)},
     )
     held = [fem.Support("lower", "bottom", [0, 1]), fem.Support("upper", "top", [0, 1])]
-    model = fem.build(bodies, [contact], held)
+    model = fem.assemble(bodies, [contact], held)
     problem = model.problem()
     down, aside = 3.5 * force, 0.7 * force
     for _ in range(8):  # each gains a digit
@@ -148,7 +148,7 @@ def punch(h: float, mu: float, nu: float = 0.1) -> tuple[Array, Array, Array, fl
         *("body", "bottom", mu), plane=((0, 0), (0, 1)), within={0: (-1, 1)}
     )
     top = fem.Support("body", "top", [0, 1])
-    model = fem.build([body("body", [side, up], 1.0, nu)], [contact], [top])
+    model = fem.assemble([body("body", [side, up], 1.0, nu)], [contact], [top])
     # Small displacements are linear: ten times as far aside as down slips everywhere.
     moved = model.prescribed([[10.0 * (mu > 0), -1.0]])
     result = model.problem().solve(None, moved)

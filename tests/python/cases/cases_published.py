@@ -26,7 +26,7 @@ PAD = "SSNV503 of code_aster"
 
 
 @cache
-def plate(n: int, steps: int = 5) -> tuple[fem.Model, Array, Any]:
+def plate(n: int, steps: int = 5) -> tuple[fem.Assembly, Array, Any]:
     """The scene `raous_plate`: model, last load, result; contacts by their place."""
     read = scene.read("raous_plate", [f"mesh.n={n}", f"path.steps={steps}"])
     case = scene.assemble(read, scene.bodies(read))
@@ -35,7 +35,7 @@ def plate(n: int, steps: int = 5) -> tuple[fem.Model, Array, Any]:
     return case.model, case.load[-1], result
 
 
-def along(model: fem.Model, values: Array) -> Array:
+def along(model: fem.Assembly, values: Array) -> Array:
     """Values of the contacts from x = 0 on."""
     return values[np.argsort(model.points[:, 0])]
 

@@ -29,7 +29,7 @@ def quarter(
     constants: tuple[float, float],
     radius: float,
     planes: tuple[list[int], list[int]],
-) -> fem.Model:
+) -> fem.Assembly:
     """x, y >= 0 of a box over a paraboloid; components held on x = 0 and on y = 0."""
     side, up = a * grid(h, 1.4, FAR), a * grid(h, 0.6, FAR)
     contact = fem.Contact(
@@ -43,10 +43,12 @@ def quarter(
         fem.Support("body", "front", planes[1]),
         *(fem.Support("body", far, [0, 1, 2]) for far in ("right", "back", "top")),
     ]
-    return fem.build([body("body", [side, side, up], *constants)], [contact], supports)
+    return fem.assemble(
+        [body("body", [side, side, up], *constants)], [contact], supports
+    )
 
 
-def moved(model: fem.Model, field: Array) -> Array:
+def moved(model: fem.Assembly, field: Array) -> Array:
     """Values of the prescribed degrees of freedom: of the field on the far faces."""
     on_far = (model.nodes == model.nodes.max(axis=0)).any(axis=1)
     return np.where(on_far[:, None], field, 0.0).ravel()[model.fixed]

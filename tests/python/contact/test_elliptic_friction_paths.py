@@ -23,7 +23,7 @@ def cube(*settings: str, n: int = 4) -> scene.Case:
     return scene.assemble(asked, scene.bodies(asked))
 
 
-def path() -> tuple[fem.Model, Array, Array]:
+def path() -> tuple[fem.Assembly, Array, Array]:
     """Pressed, dragged there and back: slip reverses. Coefficients by contact."""
     case = cube(*GRAIN)
     drag = np.array([0.0, 1.0, -0.5, 0.2])[:, None]
@@ -33,7 +33,7 @@ def path() -> tuple[fem.Model, Array, Array]:
     return case.model, pressed + drag * moved, mu
 
 
-def problem(model: fem.Model, mu: Any, **more: Any) -> bp.ContactProblem:
+def problem(model: fem.Assembly, mu: Any, **more: Any) -> bp.ContactProblem:
     return bp.ContactProblem(
         model.K, model.B, gap=model.gap, mu=mu, fixed=model.fixed, **more
     )

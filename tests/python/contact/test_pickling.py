@@ -48,7 +48,7 @@ def bits(values: Any) -> list[bytes | str]:
     return [v.tobytes() if isinstance(v, np.ndarray) else repr(v) for v in values]
 
 
-def block(**contact: Any) -> fem.Model:
+def block(**contact: Any) -> fem.Assembly:
     cells = np.linspace(0.0, 1.0, 9)
     body = fem.Body(
         "block", fem.box([cells, cells], "quadrilateral"), fem.Material(3.1e9, 0.3)
@@ -56,7 +56,7 @@ def block(**contact: Any) -> fem.Model:
     touching = fem.Contact(
         "block", "bottom", **({"mu": 0.4, "plane": ((0, 0), (0, 1))} | contact)
     )
-    return fem.build([body], [touching], [fem.Support("block", "top", (0, 1))])
+    return fem.assemble([body], [touching], [fem.Support("block", "top", (0, 1))])
 
 
 def supported() -> tuple[bp.ContactProblem, Any, Any]:

@@ -71,7 +71,7 @@ def test_work_does_not_grow_as_a_body_becomes_incompressible(nu: float) -> None:
     axes = [np.linspace(0, 2, 9), np.linspace(0, 1, 5)]
     body = fem.Body("a", fem.box(axes, "quadrilateral"), fem.Material(1.0, nu))
     plane = fem.Contact("a", "bottom", 0.3, plane=((0, 0), (0, 1)))
-    model = fem.build([body], [plane], [fem.Support("a", "top", (0, 1))])
+    model = fem.assemble([body], [plane], [fem.Support("a", "top", (0, 1))])
     moved = model.prescribed([(0.004, -0.01)])
     step = model.problem().solve(np.zeros(model.n), moved, tol=TOL)[0]
     # Five sweeps and a few steps of Newton at 0.3, thirty proximal points at most.

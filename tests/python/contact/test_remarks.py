@@ -22,8 +22,8 @@ YOUNG = 210e3
 
 def given(
     one: fem.Body, contact: fem.Contact, supports: Any = (), *others: fem.Body
-) -> tuple[fem.Model, dict[str, Any]]:
-    model = fem.build([one, *others], [contact], supports)
+) -> tuple[fem.Assembly, dict[str, Any]]:
+    model = fem.assemble([one, *others], [contact], supports)
     return model, {
         "gap": model.gap,
         "mu": model.mu,
@@ -121,7 +121,7 @@ def any_face(seed: int) -> None:
         & (one.points[at][:, other] < high[other] - 1e-9)
     ).all(axis=1)
     if (cell, order) == ("tetrahedron", 2):
-        load = fem.build([one], []).traction("a", name, np.eye(d)[axis])
+        load = fem.assemble([one], []).traction("a", name, np.eye(d)[axis])
         within &= load.reshape(-1, d)[at, axis] > 1e-9 * load.max()
     at = at[within]
     inwards = turn[:, axis] * (1 if name in ("left", "bottom", "front") else -1)

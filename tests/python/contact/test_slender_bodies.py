@@ -35,7 +35,7 @@ from slender import (
 @pytest.mark.parametrize("slenderness", [10, 100, 500, 1000])
 def test_a_strip_that_is_held(how: str, slenderness: int, coordinates: bool) -> None:
     body = strip((1000.0, 1000.0 / slenderness), (40, 1))
-    model = fem.build([body], [floor(body, 0.0)], supports(how, 2))
+    model = fem.assemble([body], [floor(body, 0.0)], supports(how, 2))
     load = weight(model) + lifted(model, deflection(slenderness))
     is_right(model, load, problem(model, coordinates).solve(load))
 
@@ -49,7 +49,7 @@ def test_cells_of_a_strip(cell: str, second: bool) -> None:
     body = strip(size, cells, cell=cell, second=second)
     plain = not (second and cell in ("triangle", "tetrahedron") and dim == 3)
     contact = [floor(body, 0.0)] if plain else []
-    model = fem.build([body], contact, supports("clamped", dim))
+    model = fem.assemble([body], contact, supports("clamped", dim))
     load = weight(model) + lifted(model, deflection(500))
     if contact:
         is_right(model, load, model.problem().solve(load))
@@ -60,7 +60,7 @@ def test_cells_of_a_strip(cell: str, second: bool) -> None:
 def test_a_curved_leaf(slenderness: int, coordinates: bool) -> None:
     """A leaf spring: its ends on the floor, one of them held, its crown 50 mm high."""
     body = strip((1000.0, 1000.0 / slenderness), (40, 1), rise=50.0)
-    model = fem.build([body], [floor(body, 0.0)], supports("clamped", 2))
+    model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 2))
     load = weight(model) - lifted(model, deflection(slenderness))
     is_right(model, load, problem(model, coordinates).solve(load))
 
@@ -73,7 +73,7 @@ def test_a_plate(slenderness: int) -> None:
         cell="hexahedron",
         second=False,
     )
-    model = fem.build([body], [floor(body, 0.0)], supports("clamped", 3))
+    model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 3))
     load = weight(model) + lifted(model, deflection(slenderness))
     is_right(model, load, model.problem().solve(load))
 
@@ -83,7 +83,7 @@ def test_a_plate(slenderness: int) -> None:
 def test_a_clamped_strip_is_not_free(height: float, coordinates: bool) -> None:
     """A fine mesh, nothing but a traction that lifts: beam theory, to its own error."""
     body = strip((1000.0, height), (160, 2))
-    model = fem.build([body], [floor(body, 0.0)], supports("clamped", 2))
+    model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 2))
     load = lifted(model, deflection(1000.0 / height))
     made = problem(model, coordinates)
     assert made.rigid_motions == ()
@@ -97,7 +97,7 @@ def test_a_clamped_strip_is_not_free(height: float, coordinates: bool) -> None:
     np.testing.assert_allclose(tip, 5.0, rtol=3 * height / 1000.0 + 1e-3 + estimate[1])
 
 
-def on_two_ends(slenderness: float, cells: int, mu: float) -> fem.Model:
+def on_two_ends(slenderness: float, cells: int, mu: float) -> fem.Assembly:
     """A strip that nothing holds but the floor under its two ends."""
     length = 1000.0
     body = strip((length, length / slenderness), (cells, 2))
@@ -105,7 +105,7 @@ def on_two_ends(slenderness: float, cells: int, mu: float) -> fem.Model:
     for x in (0.0, length):
         near = {0: (x - 30.0, x + 30.0)}
         parts.append(replace(floor(body, mu), within=near))
-    return fem.build([body], parts, [])
+    return fem.assemble([body], parts, [])
 
 
 @pytest.mark.parametrize("slenderness", [20, 170, 500, 1000])
@@ -133,7 +133,7 @@ def test_forces_on_a_free_strip_balance(slenderness: float) -> None:
 def test_where_no_digits_are_left_that_is_said() -> None:
     """Cells a hundred times as long as high, 5000 of these heights in a row."""
     body = strip((1000.0, 0.2), (160, 2))
-    model = fem.build([body], [floor(body, 0.0)], supports("clamped", 2))
+    model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 2))
     load = weight(model) + lifted(model, deflection(5000))
     try:
         result = model.problem().solve(load)
@@ -148,7 +148,7 @@ def test_where_no_digits_are_left_that_is_said() -> None:
 def test_the_estimate_knows_the_digits_of_K(height: float) -> None:
     """Entries of K moved by half a unit in the last place move the answer as foretold."""
     body = strip((1000.0, height), (40, 1))
-    model = fem.build([body], [floor(body, 0.0)], supports("clamped", 2))
+    model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 2))
     load = weight(model) + lifted(model, deflection(1000.0 / height))
     result = problem(model, True).solve(load)
     estimate = result[-1].error_estimate

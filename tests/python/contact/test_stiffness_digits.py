@@ -75,7 +75,7 @@ def case(
     normal = np.eye(dim)[-1]
     contact = fem.Contact("it", "bottom", 0.3, plane=(0 * normal, normal))
     supports = [fem.Support("it", "left", range(dim))] if held else []
-    model = fem.build([body], [contact], supports)
+    model = fem.assemble([body], [contact], supports)
     push = np.zeros(dim)
     push[0], push[-1] = 0.1, -1.0
     load = model.traction("it", "top", newton / m**2 * push)
@@ -392,7 +392,7 @@ def test_bodies_that_share_places() -> None:
     ]
     contact = fem.Contact("upper", "bottom", 0.3, against=("lower", "top"))
     ground = fem.Contact("lower", "bottom", 0.3, plane=((0, -1), (0, 1)))
-    model = fem.build(bodies, [contact, ground])
+    model = fem.assemble(bodies, [contact, ground])
     load = model.traction("upper", "top", [0.1, -1.0])
     at = np.repeat(model.nodes, 2, axis=0)
     options = {"gap": model.gap, "mu": 0.3, "coordinates": at}

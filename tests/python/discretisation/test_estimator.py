@@ -240,7 +240,7 @@ def test_a_turned_scene_has_the_same_error() -> None:
         mesh = fem.box([np.linspace(0, 1, 3)] * 3, "tetrahedron")
         mesh = type(mesh)(Q @ mesh.p, mesh.t).with_boundaries(mesh.boundaries)
         body = fem.Body("it", mesh, fem.Material(10.0, 0.3))
-        model = fem.build(
+        model = fem.assemble(
             [body],
             [fem.Contact("it", "bottom", 0.3, plane=(np.zeros(3), Q[:, 2]))],
             [fem.Support("it", "top", (0, 1, 2))],
@@ -329,7 +329,7 @@ def test_bad_calls(tmp_path: Path) -> None:
     flat = fem.Body(
         "flat", fem.box([np.linspace(0, 1, 3), [-1, 0]], "triangle"), body.material
     )
-    model = fem.build(
+    model = fem.assemble(
         [body, flat], [fem.Contact("it", "bottom", 0.3, against=("flat", "top"))]
     )
     bent = scene.Case(model, None, np.zeros((1, 0)), np.ones(1))

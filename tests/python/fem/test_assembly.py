@@ -80,7 +80,7 @@ def test_bodies_of_two_materials_keep_their_own() -> None:
         fem.Body("hard", mesh("hexahedron", "bent"), fem.Material(1e3, 0.4)),
         fem.Body("tets", mesh("tetrahedron", "bent"), fem.Material(10.0, 0.3)),
     ]
-    K = fem.build(bodies, []).K
+    K = fem.assemble(bodies, []).K
     apart = sparse.block_diag([fem.stiffness(body) for body in bodies], format="csr")
     np.testing.assert_array_equal(K.toarray(), apart.toarray())
     assert K.has_canonical_format

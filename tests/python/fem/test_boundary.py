@@ -30,7 +30,7 @@ def test_spring_resists_a_motion_by_its_stiffness(cell: str, degree: int) -> Non
     body, d = block(cell, degree), CELLS[cell]
     depth = 0.5 if d == 2 else 1.0
     k = np.arange(1.0, d + 1) * 10
-    K = fem.build([body], [], springs=[fem.Spring("it", "top", k)]).K
+    K = fem.assemble([body], [], springs=[fem.Spring("it", "top", k)]).K
     assert (K != K.T).nnz == 0
     assert K.has_canonical_format
     assert K.indices.dtype == K.indptr.dtype == np.int32
@@ -60,9 +60,11 @@ def test_spring_along_the_normal(cell: str) -> None:
     inclined = fem.Body("it", mesh, STEEL)
     k = np.full(d, 3.0)
     k[-1] = 40.0
-    straight = fem.build([body], [], springs=[fem.Spring("it", "top", k)]).K.toarray()
+    straight = fem.assemble(
+        [body], [], springs=[fem.Spring("it", "top", k)]
+    ).K.toarray()
     own = fem.Spring("it", "top", normal=40.0, tangential=3.0)
-    other = fem.build([inclined], [], springs=[own]).K
+    other = fem.assemble([inclined], [], springs=[own]).K
     assert (other != other.T).nnz == 0
     block_of = np.kron(np.eye(len(body.points)), turn)
     back = block_of.T @ other.toarray() @ block_of
@@ -80,7 +82,7 @@ def test_block_on_springs_in_contact() -> None:
     contact = fem.Contact(
         "it", "bottom", 0.0, plane=((0, 0, 0), (0, 0, 1)), clearance=0.01
     )
-    model = fem.build([body], [contact], springs=[spring])
+    model = fem.assemble([body], [contact], springs=[spring])
     problem = model.problem()
     up = problem.solve(model.traction("it", "top", [0.0, 0.0, 0.7]))
     assert not up.reaction.any()
@@ -119,7 +121,7 @@ def test_half_a_body_is_the_body(cell: str, degree: int) -> None:
         symmetries = [] if low else [fem.Symmetry("it", "left")]
         # Pressed more on the rim than in the middle: the foot spreads and slips.
         support = fem.Support("it", "top", tuple(range(1, d - 1)))
-        model = fem.build([body], [contact], [support], symmetries=symmetries)
+        model = fem.assemble([body], [contact], [support], symmetries=symmetries)
         load = model.traction(
             "it", "top", lambda x, n=n: -np.multiply.outer(n, 1 + x[0] ** 2)
         )
@@ -165,7 +167,7 @@ def doubled(right: object) -> object:
 def test_supports_and_symmetries_that_disagree() -> None:
     body = block("triangle")
     support = fem.Support("it", "left", (0,))
-    model = fem.build([body], [], [support], symmetries=[fem.Symmetry("it", "left")])
+    model = fem.assemble([body], [], [support], symmetries=[fem.Symmetry("it", "left")])
     assert len(model.fixed) == len(body.nodes("left"))
     np.testing.assert_array_equal(model.prescribed([[0.0]]), 0.0)
     with pytest.raises(ValueError, match=r"prescribe both .* component 0 .*'left'"):
@@ -234,7 +236,7 @@ def test_planes_of_symmetry_turn_with_the_body(
         planes = [fem.Symmetry(*side) for side in sides]
         if pairing == "mortar":
             planes.append(fem.Symmetry("lower", "bottom"))
-        model = fem.build(bodies, [contact], symmetries=planes)
+        model = fem.assemble(bodies, [contact], symmetries=planes)
         out = R[:, 0]
         load = model.traction(
             "upper",
@@ -296,7 +298,7 @@ def test_loads_of_ones_own_know_an_inclined_plane() -> None:
     for R in (np.eye(2), turn):
         body = fem.Body("it", turned(mesh, R), STEEL)
         planes = [fem.Symmetry("it", "left"), fem.Symmetry("it", "bottom")]
-        model = fem.build([body], [], symmetries=planes)
+        model = fem.assemble([body], [], symmetries=planes)
         force = np.zeros((len(body.points), 2))
         force[body.nodes("top")] = R @ [0.3, -1.0]
         force[body.nodes("left")] += R @ [0.5, 0.0]
@@ -305,7 +307,7 @@ def test_loads_of_ones_own_know_an_inclined_plane() -> None:
         answers.append(u)
         if model.inclined is not None:
             # K without the planes is that of the same bodies.
-            problem.update(fem.build([body], []).K)
+            problem.update(fem.assemble([body], []).K)
             again = problem.solve(force.ravel()).displacement[0].reshape(-1, 2) @ R
             np.testing.assert_allclose(again, u, rtol=0, atol=1e-10 * abs(u).max())
     scale = abs(answers[0]).max()
@@ -321,7 +323,7 @@ def test_places_of_seven_digits_on_an_inclined_plane() -> None:
         fem.Support("it", "left", (0, 1)),
         fem.Support("it", "bottom", (2,)),
     ]
-    model = fem.build([body], [], supports, symmetries=[fem.Symmetry("it", "left")])
+    model = fem.assemble([body], [], supports, symmetries=[fem.Symmetry("it", "left")])
     values = model.prescribed([[0.0, 0.0], [0.1]])
     result = model.problem().solve(np.zeros(model.n), values)
     u = result.displacement[0].reshape(-1, 3)
@@ -391,7 +393,7 @@ def test_a_sector_of_a_ring(angle: float) -> None:
     named = {k: border[v[border]] for k, v in on.items()}
     named["rim"] = np.setdiff1d(border, np.concatenate(list(named.values())))
     body = fem.Body("it", fem.with_surfaces(wedge, named), STEEL)
-    model = fem.build(
+    model = fem.assemble(
         [body], [], symmetries=[fem.Symmetry("it", "low"), fem.Symmetry("it", "high")]
     )
     problem = model.problem()
@@ -407,7 +409,7 @@ def test_symmetries_that_cannot_be() -> None:
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     inclined = fem.Body("it", type(mesh)(turn @ mesh.p, mesh.t, mesh.boundaries), STEEL)
     plane = [fem.Symmetry("it", "left")]
-    held = fem.build(
+    held = fem.assemble(
         [inclined], [], [fem.Support("it", "left", (0,))], symmetries=plane
     )
     assert not held.prescribed([[0.0]]).any()
@@ -421,9 +423,9 @@ def test_symmetries_that_cannot_be() -> None:
     with pytest.raises(
         ValueError, match="the surface is not plane, its nodes lie up to"
     ):
-        fem.build([bent], [], symmetries=[fem.Symmetry("it", "left")])
+        fem.assemble([bent], [], symmetries=[fem.Symmetry("it", "left")])
     with pytest.raises(ValueError, match="no body 'that'"):
-        fem.build([bent], [], symmetries=[fem.Symmetry("that", "left")])
+        fem.assemble([bent], [], symmetries=[fem.Symmetry("that", "left")])
 
 
 def test_springs_that_cannot_be() -> None:
@@ -437,9 +439,9 @@ def test_springs_that_cannot_be() -> None:
         fem.Spring("it", "top", normal=np.nan)
     body = block("triangle")
     with pytest.raises(ValueError, match=r"shape \(3,\), expected a number or \(2,\)"):
-        fem.build([body], [], springs=[fem.Spring("it", "top", [1.0, 2.0, 3.0])])
+        fem.assemble([body], [], springs=[fem.Spring("it", "top", [1.0, 2.0, 3.0])])
     with pytest.raises(ValueError, match="no surface 'roof'"):
-        fem.build([body], [], springs=[fem.Spring("it", "roof", 1.0)])
+        fem.assemble([body], [], springs=[fem.Spring("it", "roof", 1.0)])
 
 
 def test_a_support_that_holds_nothing() -> None:
@@ -448,6 +450,8 @@ def test_a_support_that_holds_nothing() -> None:
     surface = sorted(body.mesh.boundaries)[0]
     for within in ({0: (20.0, 50.0)}, {0: (0.5, 0.2)}):
         with pytest.raises(ValueError, match="has no nodes: within leaves none"):
-            fem.build([body], [], [fem.Support(body.name, surface, (0,), within)])
+            fem.assemble([body], [], [fem.Support(body.name, surface, (0,), within)])
     with pytest.raises(ValueError, match="has axis 5, expected one of"):
-        fem.build([body], [], [fem.Support(body.name, surface, (0,), {5: (0.0, 1.0)})])
+        fem.assemble(
+            [body], [], [fem.Support(body.name, surface, (0,), {5: (0.0, 1.0)})]
+        )

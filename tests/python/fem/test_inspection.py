@@ -27,24 +27,24 @@ def on(plane: Any = FLOOR, mu: float = 0.3, surface: str = "bottom") -> fem.Cont
 
 def test_of_a_sound_model_nothing_is_said() -> None:
     top = fem.Support("a", "top", (0, 1, 2))
-    model = fem.build([cube()], [on()], [top])
+    model = fem.assemble([cube()], [on()], [top])
     moved = np.full(len(model.fixed), -0.01)
     assert inspect(model) == []
     assert inspect(model, prescribed=moved) == []
     # A block on a floor with friction: contact can hold it.
-    assert inspect(fem.build([cube()], [on()])) == []
+    assert inspect(fem.assemble([cube()], [on()])) == []
     # Of a round obstacle, and of a pair.
     ball = fem.Contact("a", "bottom", 0.1, obstacle=ob.Sphere([0.4, 0.5, -1], 1.0))
-    assert inspect(fem.build([cube()], [ball], [top])) == []
+    assert inspect(fem.assemble([cube()], [ball], [top])) == []
     pair = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
     blocks = [cube(), cube("b", -1.0)]
     ground = fem.Support("b", "bottom", (0, 1, 2))
-    assert inspect(fem.build(blocks, [pair], [ground])) == []
+    assert inspect(fem.assemble(blocks, [pair], [ground])) == []
 
 
 def test_penetration() -> None:
     tilted = ([0, 0, 0.05], [0.05, 0, 1.0])
-    model = fem.build([cube()], [on(tilted)])
+    model = fem.assemble([cube()], [on(tilted)])
     (said,) = inspect(model)
     deepest = 0.05 / np.hypot(0.05, 1)
     assert said == (
@@ -54,14 +54,14 @@ def test_penetration() -> None:
         "body or add a clearance"
     )
     # In other units the same; and rounding is none.
-    big = fem.build([cube(size=1e4)], [on(([0, 0, 500], [0.05, 0, 1.0]))])
+    big = fem.assemble([cube(size=1e4)], [on(([0, 0, 500], [0.05, 0, 1.0]))])
     assert inspect(big)[0].startswith("12 of the 16 nodes")
-    assert inspect(fem.build([cube()], [on(([0, 0, 1e-12], [0, 0, 1.0]))])) == []
+    assert inspect(fem.assemble([cube()], [on(([0, 0, 1e-12], [0, 0, 1.0]))])) == []
 
 
 def test_facing_away() -> None:
     floor = ([0, 0, -0.1], [0, 0, 1.0])
-    model = fem.build([cube()], [on(floor, surface="top")])
+    model = fem.assemble([cube()], [on(floor, surface="top")])
     (said,) = inspect(model)
     assert said == (
         "surface 'top' of body 'a' faces away from what it may touch, at all of its 16 "
@@ -69,7 +69,7 @@ def test_facing_away() -> None:
         "that meets it?"
     )
     # A normal turned round: the body is inside of the floor, too.
-    turned = fem.build([cube()], [on(([0, 0, -0.1], [0, 0, -1.0]))])
+    turned = fem.assemble([cube()], [on(([0, 0, -0.1], [0, 0, -1.0]))])
     inside, away = inspect(turned)
     assert inside.startswith("16 of the 16 nodes of surface 'bottom'")
     assert away.startswith("surface 'bottom' of body 'a' faces away")
@@ -77,7 +77,7 @@ def test_facing_away() -> None:
 
 def test_never_closing() -> None:
     top = fem.Support("a", "top", (0, 1, 2))
-    model = fem.build([cube()], [on(([0, 0, -0.2], [0, 0, 1.0]))], [top])
+    model = fem.assemble([cube()], [on(([0, 0, -0.2], [0, 0, 1.0]))], [top])
     moved = np.tile(-0.05, len(model.fixed))
     assert inspect(model) == []
     (said,) = inspect(model, prescribed=moved)
@@ -96,20 +96,20 @@ def test_never_closing() -> None:
         obstacle=ob.Plane([0, 0, -0.2], [0, 0, 1]),
         motion=ob.Motion([[0, 0, 0.1], [0, 0, 0.21]]),
     )
-    model = fem.build([cube()], [rising], [top])
+    model = fem.assemble([cube()], [rising], [top])
     assert inspect(model, prescribed=np.zeros((2, len(model.fixed)))) == []
 
 
 def test_friction_that_is_left_out() -> None:
     side = fem.Support("a", "left", (0, 1))
-    model = fem.build([cube()], [on()], [side])
+    model = fem.assemble([cube()], [on()], [side])
     (said,) = inspect(model)
     assert said == (
         "4 of the 16 nodes of surface 'bottom' of body 'a' have no friction, mu = 0: "
         "supports prescribe their tangential displacement, which leaves friction nothing "
         "to decide"
     )
-    assert inspect(fem.build([cube()], [on(mu=0.0)], [side])) == []
+    assert inspect(fem.assemble([cube()], [on(mu=0.0)], [side])) == []
 
 
 def test_loads_beside_which_a_body_is_soft() -> None:
@@ -117,7 +117,7 @@ def test_loads_beside_which_a_body_is_soft() -> None:
     top = fem.Support("a", "bottom", (0, 1, 2))
     for size in (1.0, 1e3):
         body = cube(young=210.0, size=size)
-        model = fem.build([body], [], [top])
+        model = fem.assemble([body], [], [top])
         pull = model.traction("a", "top", np.array([0.0, 0.0, 1.0]))
         loads = np.multiply.outer([0.0, -12.6, 1.0], pull)
         (said,) = inspect(model, load=loads)
@@ -134,30 +134,30 @@ def test_loads_beside_which_a_body_is_soft() -> None:
     thick = fem.Material(210.0, 0.3, thickness=5.0)
     g = np.linspace(0, 1, 4)
     plate = fem.Body("a", fem.box([g, 3 * g], "quadrilateral"), thick)
-    model = fem.build([plate], [], [fem.Support("a", "bottom", (0, 1))])
+    model = fem.assemble([plate], [], [fem.Support("a", "bottom", (0, 1))])
     side = model.traction("a", "right", np.array([12.6, 0.0]))
     (said,) = inspect(model, load=side)
     assert "come to 12.6 over" in said
 
 
 def test_bodies_that_nothing_holds() -> None:
-    alone = inspect(fem.build([cube()], []))
+    alone = inspect(fem.assemble([cube()], []))
     assert alone == ["nothing holds body 'a': no support and no spring is on it"]
     # With one that leaves motions free, these are told.
-    (said,) = inspect(fem.build([cube()], [], [fem.Support("a", "left", (0,))]))
+    (said,) = inspect(fem.assemble([cube()], [], [fem.Support("a", "left", (0,))]))
     assert said.startswith(
         "nothing holds body 'a' against translation along y; translation along z; "
         "rotation about"
     )
     # On a floor without friction it slides, and turns about the vertical.
-    (said,) = inspect(fem.build([cube()], [on(mu=0.0)]))
+    (said,) = inspect(fem.assemble([cube()], [on(mu=0.0)]))
     assert said == (
         "nothing holds body 'a' against translation along x; translation along y; "
         "rotation about an axis through (0.5, 0.5, 0.5) along (0, 0, 1): add a support, "
         "or friction or a contact that stops it"
     )
     rail = fem.Support("a", "left", (0, 2))
-    (said,) = inspect(fem.build([cube()], [on(mu=0.0)], [rail]))
+    (said,) = inspect(fem.assemble([cube()], [on(mu=0.0)], [rail]))
     assert said.startswith("nothing holds body 'a' against translation along y: add")
 
 
@@ -165,24 +165,24 @@ def test_two_bodies_that_move_as_one() -> None:
     pair = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
     floor = fem.Contact("b", "bottom", 0.0, plane=([0, 0, -1], [0, 0, 1.0]))
     apart = fem.Support("b", "left", (0,))
-    model = fem.build([cube(), cube("b", -1.0)], [pair, floor], [apart])
+    model = fem.assemble([cube(), cube("b", -1.0)], [pair, floor], [apart])
     (said,) = inspect(model)
     assert said.startswith(
         "nothing holds bodies 'a' and 'b' against translation along y:"
     )
-    both = fem.build([cube(), cube("b", -1.0)], [pair])
+    both = fem.assemble([cube(), cube("b", -1.0)], [pair])
     assert inspect(both) == [
         "nothing holds bodies 'a' and 'b': no support and no spring is on any of them"
     ]
     # A floor holds them, by its normal.
     loose = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
-    (said,) = inspect(fem.build([cube(), cube("b", -1.0)], [loose, floor]))
+    (said,) = inspect(fem.assemble([cube(), cube("b", -1.0)], [loose, floor]))
     assert "against translation along x of body 'a'" in said
     assert "no support" not in said
     # Without friction between them, the upper one slides by itself.
     slick = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
     held = fem.Support("b", "left", (0, 1, 2))
-    model = fem.build([cube(), cube("b", -1.0)], [slick, floor], [held])
+    model = fem.assemble([cube(), cube("b", -1.0)], [slick, floor], [held])
     (said,) = inspect(model)
     assert "'a' and 'b'" in said
     assert "of body 'a'" in said
@@ -194,10 +194,10 @@ def test_what_contact_alone_can_hold() -> None:
     blocks = [cube(), cube("b", -1.0)]
     slope = fem.Support("a", "top", (2,))
     spring = fem.Spring("b", "left", stiffness=3.0)
-    assert unsupported(fem.build(blocks, [pair])) == ["a", "b"]
-    assert unsupported(fem.build(blocks, [pair], [slope])) == ["b"]
-    assert unsupported(fem.build(blocks, [pair], springs=[spring])) == ["a"]
-    assert unsupported(fem.build(blocks, [pair], [slope], springs=[spring])) == []
+    assert unsupported(fem.assemble(blocks, [pair])) == ["a", "b"]
+    assert unsupported(fem.assemble(blocks, [pair], [slope])) == ["b"]
+    assert unsupported(fem.assemble(blocks, [pair], springs=[spring])) == ["a"]
+    assert unsupported(fem.assemble(blocks, [pair], [slope], springs=[spring])) == []
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_what_contact_alone_can_hold() -> None:
 )
 def test_units(young: float, size: float, says: str | None) -> None:
     floor = ([0, 0, 0], [0, 0, 1.0])
-    said = inspect(fem.build([cube(young=young, size=size)], [on(floor)]))
+    said = inspect(fem.assemble([cube(young=young, size=size)], [on(floor)]))
     if says is None:
         assert said == []
     else:

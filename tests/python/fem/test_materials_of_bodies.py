@@ -158,7 +158,7 @@ def layered(shape: str, degree: int) -> fem.Body:
 def test_two_materials_in_a_row(shape: str, degree: int) -> None:
     body = layered(shape, degree)
     names = ["left", "bottom", *(["front"] if body.dim == 3 else [])]
-    model = fem.build([body], [], symmetries=[fem.Symmetry("bar", n) for n in names])
+    model = fem.assemble([body], [], symmetries=[fem.Symmetry("bar", n) for n in names])
     assert (model.K != model.K.T).nnz == 0
     pull = np.eye(body.dim)[0]
     gone = np.delete(np.arange(model.n), model.fixed)

@@ -87,7 +87,7 @@ def test_von_mises() -> None:
     np.testing.assert_allclose(von_mises(turn @ every @ turn.T), exact, atol=1e-14)
 
 
-def pressed(cell: str) -> tuple[fem.Model, Any]:
+def pressed(cell: str) -> tuple[fem.Assembly, Any]:
     """Two blocks, one on the other on a floor, pressed and dragged in two steps."""
     dim = 2 if cell in CELLS[:2] else 3
     sides = [np.linspace(0, 1, 4)] * (dim - 1)
@@ -95,7 +95,7 @@ def pressed(cell: str) -> tuple[fem.Model, Any]:
         fem.box([*sides, height], cell) for height in ([0, 0.5, 1], [-1, -0.5, 0])
     )
     material = fem.Material(YOUNG, POISSON)
-    model = fem.build(
+    model = fem.assemble(
         [fem.Body("low", down, material), fem.Body("high", up, material)],
         [
             fem.Contact("high", "bottom", mu=0.4, against=("low", "top")),
@@ -137,7 +137,7 @@ def test_contacts_on_no_facet_are_points() -> None:
     it = fem.Body("it", mesh, fem.Material(YOUNG, POISSON))
     part = fem.Contact("it", "bottom", 0.3, ([0, 0], [0, 1]), within={0: (0.2, 0.55)})
     one = fem.Contact("it", "top", 0.3, ([0, 1], [0, -1]), within={0: (0.9, 1.0)})
-    model = fem.build([it], [part, one], [fem.Support("it", "left", [0, 1])])
+    model = fem.assemble([it], [part, one], [fem.Support("it", "left", [0, 1])])
     assert len(model.points) == 3
     (line, ends), (vertex, alone) = contact_surface(model)
     assert (line, vertex) == ("line", "vertex")

@@ -112,7 +112,7 @@ def test_plane_stress_and_plane_strain(plane_stress: bool, modulus: float) -> No
 @pytest.mark.parametrize("cell", CELLS)
 def test_resultants_and_moments_of_loads(cell: str) -> None:
     one = body(cell, thickness=2.0)
-    model, dim = fem.build([one], []), one.dim
+    model, dim = fem.assemble([one], []), one.dim
     depth = 2.0 if dim == 2 else 1.0
     direction = np.array([3.0, -1.0, 2.0])[:dim]
 
@@ -171,7 +171,7 @@ def test_rate_of_convergence(cell: str, sizes: tuple[int, ...]) -> None:
     errors = []
     for n in sizes:
         one = body(cell, n, bend=0.0)
-        model = fem.build([one], [])
+        model = fem.assemble([one], [])
         f = model.body_force("it", lambda x: stiff * answer(x))
         exact = answer(one.points.T).T.ravel()
         fixed = (dim * boundary(one)[:, None] + np.arange(dim)).ravel()
@@ -232,7 +232,7 @@ def two_blocks(lift: float = 0.0) -> list[fem.Body]:
 
 def test_pair_of_bodies() -> None:
     contact = fem.Contact("upper", "bottom", 0.3, against=("lower", "top"))
-    model = fem.build(two_blocks(lift=0.25), [contact])
+    model = fem.assemble(two_blocks(lift=0.25), [contact])
     # Normals from below to above: the obstacle is the lower block.
     np.testing.assert_array_equal(model.frame[:, 0], [[0, 0, 1]] * 16)
     np.testing.assert_array_equal(model.gap, 0.25)
@@ -262,7 +262,7 @@ def test_opposite_nodes_are_found_whatever_is_left_of_a_surface(
     contact = fem.Contact(
         "upper", "bottom", 0.3, against=("lower", "top"), within={0: ends, 1: ends}
     )
-    model = fem.build([upper, lower], [contact])
+    model = fem.assemble([upper, lower], [contact])
     assert len(model.gap) == (16 if ends[1] == 1 else 1)
     away = model.nodes[model.contact_dofs[:, 1] // 3] - model.points
     assert abs(away).max() <= 2e-9
@@ -271,7 +271,7 @@ def test_opposite_nodes_are_found_whatever_is_left_of_a_surface(
 def test_plane_that_is_not_a_coordinate_plane() -> None:
     normal = np.array([1.0, 2.0, 2.0]) / 3
     contact = fem.Contact("it", "bottom", 0.3, plane=([0, 0, -3.0], 5 * normal))
-    model = fem.build([body("hexahedron")], [contact])
+    model = fem.assemble([body("hexahedron")], [contact])
     np.testing.assert_allclose(
         model.gap, (model.points - [0, 0, -3.0]) @ normal, rtol=1e-14
     )
@@ -285,22 +285,22 @@ def test_friction_where_nothing_can_slide() -> None:
     plane = ([0, 0, 0], [0, 0, 1.0])
     contact = fem.Contact("it", "bottom", 0.3, plane=plane)
     one = body("hexahedron")
-    held = fem.build([one], [contact], [fem.Support("it", "left", (0, 1))])
+    held = fem.assemble([one], [contact], [fem.Support("it", "left", (0, 1))])
     on_left = held.points[:, 0] == 0
     np.testing.assert_array_equal(held.mu, np.where(on_left, 0.0, 0.3))
     # One tangent left: there is a direction in which friction decides.
-    guided = fem.build([one], [contact], [fem.Support("it", "left", (0,))])
+    guided = fem.assemble([one], [contact], [fem.Support("it", "left", (0,))])
     np.testing.assert_array_equal(guided.mu, 0.3)
     # Of a pair, one side held is not enough.
     pair = fem.Contact("upper", "bottom", 0.3, against=("lower", "top"))
     below = fem.Support("lower", "top", (0, 1, 2))
-    assert np.all(fem.build(two_blocks(), [pair], [below]).mu == 0.3)
+    assert np.all(fem.assemble(two_blocks(), [pair], [below]).mu == 0.3)
 
 
 def test_part_of_a_surface_keeps_its_areas() -> None:
     plane = ([0, 0], [0, 1.0])
     contact = fem.Contact("it", "bottom", 0.3, plane=plane, within={0: (1 / 3, 1.0)})
-    model = fem.build([body("quadrilateral", bend=0.0)], [contact])
+    model = fem.assemble([body("quadrilateral", bend=0.0)], [contact])
     np.testing.assert_allclose(model.points[:, 0], [1 / 3, 2 / 3, 1], rtol=1e-15)
     np.testing.assert_allclose(model.area, [1 / 3, 1 / 3, 1 / 6], rtol=1e-14)
 
@@ -309,13 +309,13 @@ def test_clearance_by_place() -> None:
     contact = fem.Contact(
         "it", "bottom", 0.3, plane=([0, 0], [0, 1.0]), clearance=lambda x: x[:, 0] ** 2
     )
-    model = fem.build([body("quadrilateral")], [contact])
+    model = fem.assemble([body("quadrilateral")], [contact])
     np.testing.assert_array_equal(model.gap, model.points[:, 0] ** 2)
 
 
 def test_prescribed_values_in_the_order_of_fixed() -> None:
     supports = [fem.Support("it", "top", (1,)), fem.Support("it", "left", (0, 1))]
-    model = fem.build([body("quadrilateral")], [], supports)
+    model = fem.assemble([body("quadrilateral")], [], supports)
     value = model.prescribed([[2.0], [1.0, 2.0]])
     assert np.all(np.diff(model.fixed) > 0)
     np.testing.assert_array_equal(value, np.where(model.fixed % 2 == 0, 1.0, 2.0))
@@ -355,7 +355,7 @@ def test_prescribed_values_in_the_order_of_fixed() -> None:
 )
 def test_contacts_that_cannot_be(contact: fem.Contact, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        fem.build(two_blocks(), [contact])
+        fem.assemble(two_blocks(), [contact])
 
 
 def test_bodies_that_cannot_be() -> None:
@@ -366,13 +366,13 @@ def test_bodies_that_cannot_be() -> None:
     with pytest.raises(TypeError, match="MeshWedge1"):
         fem.Body("it", skfem.MeshWedge1(), fem.Material(1.0, 0.3))
     with pytest.raises(ValueError, match="names of bodies repeat"):
-        fem.build([body("triangle"), body("triangle")], [])
+        fem.assemble([body("triangle"), body("triangle")], [])
     with pytest.raises(ValueError, match="axis 1 needs two"):
         fem.box([[0, 1], [0, 0]], "triangle")
     with pytest.raises(ValueError, match="cell is 'hexagon'"):
         fem.box([[0, 1], [0, 1]], "hexagon")
     with pytest.raises(ValueError, match="has shape"):
-        fem.build([body("triangle")], []).body_force("it", [1.0, 2.0, 3.0])
+        fem.assemble([body("triangle")], []).body_force("it", [1.0, 2.0, 3.0])
 
 
 def test_matching_surfaces_that_face_the_same_way() -> None:
@@ -382,4 +382,6 @@ def test_matching_surfaces_that_face_the_same_way() -> None:
     steel = fem.Material(1.0, 0.3)
     bodies = [fem.Body("up", up, steel), fem.Body("low", low, steel)]
     with pytest.raises(ValueError, match="face the same way at"):
-        fem.build(bodies, [fem.Contact("up", "bottom", 0.3, against=("low", "bottom"))])
+        fem.assemble(
+            bodies, [fem.Contact("up", "bottom", 0.3, against=("low", "bottom"))]
+        )

@@ -20,18 +20,18 @@ def cube(dim: int, name: str = "a", low: float = 0.0, size: float = 1.0) -> fem.
     return fem.Body(name, fem.box(axes, cell), fem.Material(1.0, 0.3))
 
 
-def built(dim: int, size: float = 1.0, **contact: Any) -> fem.Model:
+def built(dim: int, size: float = 1.0, **contact: Any) -> fem.Assembly:
     up = np.eye(dim)[dim - 1]
     plane = {"plane": (0 * up, up)}
     bodies = [cube(dim, size=size)]
     if "against" in contact:
         bodies.append(cube(dim, "b", -1.0, size))
-    return fem.build(
+    return fem.assemble(
         bodies, [fem.Contact("a", "bottom", 0.3, **(contact or plane))], []
     )
 
 
-def step(model: fem.Model, u: Any = None, v: Any = None, pressed: Any = True) -> Any:
+def step(model: fem.Assembly, u: Any = None, v: Any = None, pressed: Any = True) -> Any:
     """A load step with these displacements, relative ones, and contacts that press."""
     shape = len(model.gap), model.dim
     moved = np.zeros((len(model.nodes), model.dim)) if u is None else u
@@ -179,7 +179,7 @@ def test_a_body_that_was_pushed_away_is_told() -> None:
     pair = fem.Contact("a", "bottom", 0.3, against=("b", "top"))
     bodies = [cube(2), cube(2, "b", -1.0)]
     top = fem.Support("a", "top", (0, 1))
-    model = fem.build(bodies, [pair], [top])
+    model = fem.assemble(bodies, [pair], [top])
     apart = np.zeros((len(model.gap), 2))
     apart[:, 0] = 0.01
     away = step(model, v=apart, pressed=0)
@@ -192,4 +192,4 @@ def test_a_body_that_was_pushed_away_is_told() -> None:
         "has been pushed away, or a support is missing"
     )
     ground = fem.Support("b", "bottom", (0, 1))
-    assert review(fem.build(bodies, [pair], [top, ground]), [away]) == []
+    assert review(fem.assemble(bodies, [pair], [top, ground]), [away]) == []

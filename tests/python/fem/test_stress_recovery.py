@@ -82,7 +82,7 @@ def test_mean_stress_is_the_integral_over_the_cell(cell: str, degree: int) -> No
 
 def free(body: fem.Body, strain: stress_recovery.Initial) -> tuple[Floats, Floats]:
     """Displacement and stress of a body that nothing but its frame holds."""
-    model = fem.build([body], [])
+    model = fem.assemble([body], [])
     d, x = body.dim, body.points
     f = model.initial_strain("it", strain)
     # Resultant force and moment of what is in balance with itself: rounding.
@@ -157,7 +157,7 @@ def test_clamped_bar_heated(cell: str) -> None:
     body = fem.Body("it", mesh(cell, 1, bent=0.0), fem.Material(YOUNG, POISSON))
     names = ["left", "right", "bottom", *(["front"] if d == 3 else [])]
     planes = [fem.Symmetry("it", name) for name in names]
-    model = fem.build([body], [], symmetries=planes)
+    model = fem.assemble([body], [], symmetries=planes)
     heat = fem.thermal(ALPHA, HEAT)
     gone = np.delete(np.arange(model.n), model.fixed)
     u = np.zeros(model.n)
@@ -189,7 +189,7 @@ def test_heat_of_one_volume_only() -> None:
         fem.Material(YOUNG, 0.0, plane_stress=True),
     )
     planes = [fem.Symmetry("it", name) for name in ("left", "right", "bottom")]
-    model = fem.build([body], [], symmetries=planes)
+    model = fem.assemble([body], [], symmetries=planes)
     heat = {"warm": np.diag([ALPHA * HEAT, 0.0])}
     gone = np.delete(np.arange(model.n), model.fixed)
     u = np.zeros(model.n)
@@ -205,7 +205,7 @@ def test_heat_of_one_volume_only() -> None:
 
 def test_initial_strains_that_cannot_be() -> None:
     body = fem.Body("it", mesh("triangle"), fem.Material(YOUNG, POISSON))
-    model = fem.build([body], [])
+    model = fem.assemble([body], [])
     with pytest.raises(ValueError, match=r"strain of body 'it' has shape \(2,\)"):
         model.initial_strain("it", [1.0, 2.0])
     with pytest.raises(ValueError, match="is not symmetric"):

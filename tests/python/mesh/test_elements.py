@@ -121,7 +121,7 @@ def test_areas_and_normals(vtk: str) -> None:
     points = body.surface("all")
     normals = np.asarray(points.normals)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=0), 1.0, rtol=1e-14)
-    model = fem.build([body], [])
+    model = fem.assemble([body], [])
     force = model.pressure("it", "all", -1.0).reshape(-1, body.dim)
     area = points.weights.sum()
     # The mapping is a polynomial that the points of Gauss integrate exactly.
@@ -157,7 +157,7 @@ def energy_error(vtk: str, n: int) -> float:
         )
         return -((lame_lambda + lame_mu) * divergence + lame_mu * laplace)
 
-    model = fem.build([body], [])
+    model = fem.assemble([body], [])
     x = body.points
     held = np.repeat(((x <= 0) | (x >= 1)).any(axis=1), d)
     wanted = smooth(x.T).T.ravel()
@@ -275,7 +275,7 @@ def test_contact_at_nodes_refuses_negative_areas(vtk: str) -> None:
     body = fem.Body("it", grid(vtk, 1), MATERIAL)
     contact = fem.Contact("it", "bottom", 0.3, plane=((0, 0, 0), (0, 0, 1)))
     with pytest.raises(ValueError, match=r"'bottom'.*pairing=\"mortar\""):
-        fem.build([body], [contact])
+        fem.assemble([body], [contact])
     # The areas that it refuses.
     points = body.surface("bottom")
     area = points.moment(np.ones(points.weights.shape))[body.nodes("bottom")]
@@ -291,7 +291,7 @@ def test_pressed_block_of_second_order(vtk: str) -> None:
     point, normal = np.zeros(d), np.eye(d)[-1]
     contact = fem.Contact("it", "bottom", 0.0, plane=(point, normal))
     symmetries = [fem.Symmetry("it", name) for name in ("left", "front")[: d - 1]]
-    model = fem.build([body], [contact], symmetries=symmetries)
+    model = fem.assemble([body], [contact], symmetries=symmetries)
     load = model.pressure("it", "top", 0.01)
     result = model.problem().solve(load, model.prescribed([]))
     np.testing.assert_allclose(result.traction[0, :, 0], 0.01, rtol=1e-9)
@@ -319,7 +319,7 @@ def test_two_blocks_of_second_order(vtk: str) -> None:
         for side in ("left", "front")[: d - 1]
     ]
     sides.append(fem.Symmetry("lower", "bottom"))
-    model = fem.build(blocks, [contact], symmetries=sides)
+    model = fem.assemble(blocks, [contact], symmetries=sides)
     # Simpson's weights a direction: 1, 4, 2, 4, 1 over 12 on two facets.
     line = np.array([1, 4, 2, 4, 1]) / 12
     weights = line if d == 2 else np.outer(line, line).ravel()

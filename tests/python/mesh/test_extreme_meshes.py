@@ -80,7 +80,7 @@ def test_patch_turned_and_in_other_units(high: str, low: str, unit: float) -> No
     )
     planes = [fem.Symmetry(b.name, s) for b in bodies for s in ("left", "front")]
     planes.append(fem.Symmetry("low", "bottom"))
-    model = fem.build(bodies, [contact], symmetries=planes)
+    model = fem.assemble(bodies, [contact], symmetries=planes)
     load = model.pressure("high", "top", P / unit**2)
     result = model.problem().solve(load, model.prescribed([]), tol=1e-14)
     x = model.nodes @ turn / unit
@@ -124,7 +124,7 @@ def test_hertz_turned_and_in_other_units(kind: str) -> None:
         ball = ob.Sphere(unit * (radius - a**2 / radius) * turn[:, 2], unit * radius)
         contact = fem.Contact("it", "top", 0.0, obstacle=ball, pairing="mortar")
         planes = [fem.Symmetry("it", s) for s in ("left", "front", "bottom")]
-        model = fem.build([body], [contact], symmetries=planes)
+        model = fem.assemble([body], [contact], symmetries=planes)
         result = model.problem().solve(None, model.prescribed([]), tol=1e-12)
         force = np.einsum("cij,ci->j", model.frame, result.reaction[0]) @ turn
         u = result.displacement[0].reshape(-1, 3) @ turn / unit
@@ -184,7 +184,7 @@ def test_a_floor_of_triangles_is_a_plane(kind: str, n: int, pairing: str) -> Non
             contact = fem.Contact(
                 "it", "bottom", 0.5, obstacle=obstacle, pairing=pairing
             )
-            model = fem.build([body], [contact])
+            model = fem.assemble([body], [contact])
             push = turn @ np.array([0.3, 0.2, -1.0])
             load = model.traction("it", "top", push)
             answers.append((model, model.problem().solve(load, tol=1e-13)))
@@ -229,7 +229,7 @@ def test_a_punch_of_seven_digits_presses_straight_at_its_rim(
     for obstacle in (ob.Surface.from_file(file), ob.Plane((0, 0, 0), (0, 0, 1))):
         contact = fem.Contact("block", "bottom", 0.3, obstacle=obstacle)
         top = fem.Support("block", "top", (0, 1, 2))
-        model = fem.build([block], [contact], [top])
+        model = fem.assemble([block], [contact], [top])
         result = model.problem().solve(None, model.prescribed([[0, 0, -0.01 * width]]))
         forces.append(np.einsum("cij,ci->j", model.frame, result.reaction[0]))
     # Seven digits of the places beside a hundredth pressed in.

@@ -172,7 +172,7 @@ def test_a_block_from_a_file_pressed_on_a_plane() -> None:
     body = fem.Body("block", fem.with_surfaces(mesh, sides), STEEL)
     planes = [fem.Symmetry("block", name) for name in sides]
     smooth = fem.Contact("block", "base", 0.0, plane=contact.plane)
-    model = fem.build([body], [smooth], symmetries=planes)
+    model = fem.assemble([body], [smooth], symmetries=planes)
     result = model.problem().solve(
         model.pressure("block", "top", 1e6), model.prescribed([])
     )

@@ -41,13 +41,13 @@ def solved(bodies: list[fem.Body], contacts: list[fem.Contact]) -> tuple[Any, An
     sides = [fem.Symmetry(b.name, s) for b in bodies for s in ("left", "front")]
     below = [b for b in bodies if b.name == "low"]
     ground = [fem.Support("low", "bottom", (2,)) for _ in below]
-    model = fem.build(bodies, contacts, ground, symmetries=sides)
+    model = fem.assemble(bodies, contacts, ground, symmetries=sides)
     load = model.pressure("high", "top", P)
     values = model.prescribed([[0.0]] * len(ground))
     return model, model.problem().solve(load, values, tol=1e-15)
 
 
-def is_uniform(model: fem.Model, result: Any, base: float) -> None:
+def is_uniform(model: fem.Assembly, result: Any, base: float) -> None:
     x = model.nodes
     exact = P / E * np.column_stack([NU * x[:, 0], NU * x[:, 1], base - x[:, 2]])
     u = result.displacement[0].reshape(-1, 3)
@@ -136,7 +136,7 @@ def test_a_sphere_by_mortar(kind: str) -> None:
         contact = fem.Contact("low", "top", 0.0, obstacle=ball, pairing=pairing)
         sides = [fem.Symmetry("low", s) for s in ("left", "front")]
         ground = fem.Support("low", "bottom", (0, 1, 2))
-        model = fem.build([body], [contact], [ground], symmetries=sides)
+        model = fem.assemble([body], [contact], [ground], symmetries=sides)
         result = model.problem().solve()
         force = np.einsum("ck,ckd->d", result.reaction[0], model.frame)
         # It pushes down, and aside from the axis it is on alike along x and y.
@@ -163,7 +163,7 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(kind: str) -> None:
         contact = fem.Contact(
             *("low", "top", 0.3), obstacle=tilted, motion=motion, pairing="mortar"
         )
-        model = fem.build([body], [contact], ground)
+        model = fem.assemble([body], [contact], ground)
         moved = np.zeros_like(way) if motion else -way
         values = np.array([model.prescribed([one]) for one in moved])
         found.append(model.problem().solve(None, values, tol=1e-13))
@@ -202,7 +202,7 @@ def test_clearances_at_nodes(kind: str) -> None:
                     within=within,
                     **other,
                 )
-                model = fem.build(bodies, [contact])
+                model = fem.assemble(bodies, [contact])
                 moved = model.gaps(2) if "motion" in other else None
                 gaps.append((model.gap, moved))
             (one, first), (two, second) = gaps
@@ -219,4 +219,4 @@ def test_clearances_at_nodes(kind: str) -> None:
     with pytest.raises(
         ValueError, match=r"clearance of the contact on 'bottom' has sha"
     ):
-        fem.build(bodies, [contact])
+        fem.assemble(bodies, [contact])

@@ -65,7 +65,7 @@ def pressed(
     mu: float = 0.3,
     pairing: str = "mortar",
     overhang: tuple[float, float] = (0.0, 1.0),
-) -> tuple[fem.Model, Any]:
+) -> tuple[fem.Assembly, Any]:
     """Two blocks pressed by P on top, with n = 4 and 3 cells a side; result of one step."""
     low, high = overhang
     bodies = [
@@ -87,7 +87,7 @@ def pressed(
         supports = [fem.Support("low", "bottom", [dim - 1])]
         for k, side in enumerate(("left", "front")[: dim - 1]):
             supports += [fem.Support(name, side, [k]) for name in ("up", "low")]
-    model = fem.build(bodies, [contact], supports)
+    model = fem.assemble(bodies, [contact], supports)
     load = model.pressure("up", "top", P)
     if overhang != (0.0, 1.0):
         # What the upper block does not press, the air does.
@@ -185,7 +185,7 @@ def two(
     across: Any,
     supports: list[fem.Support],
     **contact: Any,
-) -> fem.Model:
+) -> fem.Assembly:
     """Equal bodies of 300 half-widths, of cells of h and `ratio` h at the contact."""
     bodies = [
         body(
@@ -200,7 +200,7 @@ def two(
     if slave == "lower":
         names.reverse()
     pair = fem.Contact(*names[0], against=names[1], pairing="mortar", **contact)
-    return fem.build(bodies, [pair], supports)
+    return fem.assemble(bodies, [pair], supports)
 
 
 @pytest.mark.parametrize(
@@ -314,7 +314,7 @@ def test_rings(slave: str) -> None:
             for name in ("inner", "outer")
             for side, k in (("bottom", 1), ("top", 0))
         ]
-        model = fem.build(bodies, [contact], supports)
+        model = fem.assemble(bodies, [contact], supports)
         result: Any = model.problem().solve(model.pressure("inner", "left", p))
         t, weight = result.traction[0][:, 0], model.area
         errors.append(
@@ -365,7 +365,7 @@ def test_spheres() -> None:
                 *((s, [0, 1, 2]) for s in ("right", "back", end)),
             )
         ]
-        model = fem.build(bodies, [contact], supports)
+        model = fem.assemble(bodies, [contact], supports)
         side = np.where(np.arange(len(model.nodes)) < model.offset[1] // 3, 1.0, -1.0)
         x = model.nodes * np.column_stack([side**2, side**2, side])
         field = boussinesq(x, force, 1.0, NU) - [0, 0, delta / 2]
@@ -395,7 +395,7 @@ def test_thickness() -> None:
         contact = fem.Contact(
             "up", "bottom", 0.3, against=("low", "top"), pairing="mortar"
         )
-        models.append(fem.build(bodies, [contact]))
+        models.append(fem.assemble(bodies, [contact]))
     np.testing.assert_allclose(models[1].area, 0.02 * models[0].area, rtol=1e-15)
     assert (models[0].B != models[1].B).nnz == 0
 
@@ -405,7 +405,7 @@ def test_contacts_of_all_kinds_in_one_model() -> None:
     bodies = [block("up", "hexahedron", 3), block("low", "tetrahedron", 2)]
     pair = fem.Contact("up", "bottom", 0.3, against=("low", "top"), pairing="mortar")
     ground = fem.Contact("low", "bottom", 0.2, plane=([0, 0, -1.5], [0, 0, 1]))
-    both, first = fem.build(bodies, [ground, pair]), fem.build(bodies, [pair])
+    both, first = fem.assemble(bodies, [ground, pair]), fem.assemble(bodies, [pair])
     count = len(both.gap) - len(first.gap)
     np.testing.assert_array_equal(both.gap[:count], 0.5)
     np.testing.assert_array_equal(both.gap[count:], first.gap)
@@ -445,4 +445,4 @@ def test_pairings_that_cannot_be(changes: dict[str, Any], message: str) -> None:
     bodies = [block("up", "quadrilateral", 4), block("low", "triangle", 3)]
     given = {"against": ("low", "top"), "pairing": "mortar", **changes}
     with pytest.raises(ValueError, match=message):
-        fem.build(bodies, [fem.Contact("up", "bottom", 0.3, **given)])
+        fem.assemble(bodies, [fem.Contact("up", "bottom", 0.3, **given)])

@@ -34,14 +34,14 @@ def slab(
 
 def held(
     body: fem.Body, contacts: list[fem.Contact], **more: Any
-) -> tuple[fem.Model, bp.ContactProblem]:
+) -> tuple[fem.Assembly, bp.ContactProblem]:
     """On a ground that holds it from below."""
     ground = fem.Support("slab", "bottom", tuple(range(body.dim)))
-    model = fem.build([body], contacts, [ground])
+    model = fem.assemble([body], contacts, [ground])
     return model, model.problem(**more)
 
 
-def forces(model: fem.Model, result: bp.Result) -> np.ndarray:
+def forces(model: fem.Assembly, result: bp.Result) -> np.ndarray:
     """Contact forces on the nodes in global components, ``(steps, n_c, d)``."""
     return np.einsum("kci,cij->kcj", result.reaction, model.frame)
 
@@ -50,8 +50,10 @@ def test_a_plane_by_either_name() -> None:
     plane = ([0.1, 0.2, 0.3], [1.0, 2.0, -4.0])
     body = slab(3, 3)
     by = [
-        fem.build([body], [fem.Contact("slab", "top", 0.3, plane=plane)]),
-        fem.build([body], [fem.Contact("slab", "top", 0.3, obstacle=ob.Plane(*plane))]),
+        fem.assemble([body], [fem.Contact("slab", "top", 0.3, plane=plane)]),
+        fem.assemble(
+            [body], [fem.Contact("slab", "top", 0.3, obstacle=ob.Plane(*plane))]
+        ),
     ]
     np.testing.assert_allclose(by[0].gap, by[1].gap, rtol=1e-14)
     np.testing.assert_allclose(by[0].frame, by[1].frame, rtol=0, atol=1e-15)
@@ -65,7 +67,7 @@ def test_gaps_under_a_ball_are_its_parabola_near_by() -> None:
     errors = []
     for size in (1.0, 0.5, 0.25):
         body = slab(4, 3, unit=size)
-        model = fem.build([body], [fem.Contact("slab", "top", 0.0, obstacle=ball)])
+        model = fem.assemble([body], [fem.Contact("slab", "top", 0.0, obstacle=ball)])
         x = model.points[:, :2]
         errors.append(np.abs(model.gap - (x**2).sum(axis=1) / 4).max())
         # From the obstacle towards the body: down, and out to the sides.
@@ -142,7 +144,7 @@ def test_hertz_under_a_rigid_sphere() -> None:
         fem.Support("slab", "left", (0,)),
         fem.Support("slab", "front", (1,)),
     ]
-    model = fem.build([body], [contact], supports)
+    model = fem.assemble([body], [contact], supports)
     result = model.problem().solve(gap=model.gaps(1))
     force = -4 * forces(model, result)[0, :, 2].sum()
     e_star = analytic.contact_modulus(E, NU)
@@ -265,7 +267,7 @@ def test_a_node_in_a_corner_has_two_contacts() -> None:
     floor, wall = ob.Plane([0, -1], [0, 1]), ob.Plane([-0.5, 0], [1, 0])
     pairs = [("bottom", floor), ("left", wall), ("bottom", wall), ("left", floor)]
     contacts = [fem.Contact("slab", on, 0.0, obstacle=one) for on, one in pairs]
-    model = fem.build([body], contacts)
+    model = fem.assemble([body], contacts)
     p, q = 3.0, 2.0
     load = model.traction("slab", "top", [0, -p]) + model.traction(
         "slab", "right", [-q, 0]
@@ -301,7 +303,7 @@ def test_a_corner_with_friction_carries_the_load() -> None:
         fem.Contact("slab", "bottom", 0.3, obstacle=floor),
         fem.Contact("slab", "left", 0.3, obstacle=wall),
     ]
-    model = fem.build([body], contacts)
+    model = fem.assemble([body], contacts)
     corner = (model.points == [-0.5, -1]).all(axis=1)
     assert corner.sum() == 2
     load = model.traction("slab", "top", [-0.5, -3])
@@ -442,14 +444,14 @@ FLOOR = ob.Plane([0, 0], [0, -1])
 )
 def test_what_cannot_be(contacts: list[fem.Contact], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        fem.build([slab()], contacts)
+        fem.assemble([slab()], contacts)
 
 
 def test_what_is_no_obstacle() -> None:
     with pytest.raises(
         TypeError, match="obstacle of the contact on 'top' is 3, expect"
     ):
-        fem.build([slab()], [fem.Contact("slab", "top", 0, obstacle=3)])  # type: ignore[arg-type]
+        fem.assemble([slab()], [fem.Contact("slab", "top", 0, obstacle=3)])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("moving", [False, True])
@@ -484,7 +486,7 @@ def test_a_punch_with_sharp_edges_presses_straight(pairing: str, moving: bool) -
     contact = fem.Contact(
         "it", "top", 0.0, obstacle=punch, motion=motion, pairing=pairing
     )
-    model = fem.build([body], [contact])
+    model = fem.assemble([body], [contact])
     gap = model.gap if model.moving is None else model.moving[-1, :, 0]
     flat = model.points @ turn
     under = np.abs(flat[:, :2]).max(axis=1) <= 1 + 1e-9

@@ -26,7 +26,7 @@ from layout import overlaps
 UNITS = {"length": "mm", "force": "N", "stress": "MPa"}
 
 
-def solved(name: str, *settings: str) -> tuple[fem.Model, bp.Result]:
+def solved(name: str, *settings: str) -> tuple[fem.Assembly, bp.Result]:
     read = scene.read(name, settings)
     case = scene.assemble(read, scene.bodies(read))
     result = case.model.problem().solve(case.load, case.prescribed)
@@ -35,17 +35,17 @@ def solved(name: str, *settings: str) -> tuple[fem.Model, bp.Result]:
 
 
 @pytest.fixture(scope="module")
-def line() -> tuple[fem.Model, bp.Result]:
+def line() -> tuple[fem.Assembly, bp.Result]:
     return solved("cattaneo_mindlin", "mesh.n=4")
 
 
 @pytest.fixture(scope="module")
-def cube() -> tuple[fem.Model, bp.Result]:
+def cube() -> tuple[fem.Assembly, bp.Result]:
     return solved("sheared_cube", "mesh.n=7")
 
 
 @pytest.fixture(scope="module")
-def cycle() -> tuple[fem.Model, bp.Result]:
+def cycle() -> tuple[fem.Assembly, bp.Result]:
     return solved("cyclic_cube", "mesh.n=3", "support.0.x.value=0.07")
 
 
@@ -376,7 +376,7 @@ def test_skin_and_edges_of_a_box() -> None:
         mesh = fem.box([[0, 1, 2, 3], [0, 1, 2], [0, 1]], cell)
         body = fem.Body("it", mesh, fem.Material(1.0, 0.3))
         held = [fem.Support("it", "bottom", [0, 1, 2])]
-        model = fem.build([body, replace(body, name="other")], [], held)
+        model = fem.assemble([body, replace(body, name="other")], [], held)
         parts = skin(model.cells)
         for facets, cells in parts:
             assert len(facets) == per_side * 2 * (6 + 3 + 2)
@@ -648,7 +648,7 @@ def test_bodies_in_space_of_any_size_can_be_read(size: float) -> None:
     grid = np.linspace(0, size, 3)
     body = fem.Body("it", fem.box([grid] * 3, "hexahedron"), fem.Material(10.0, 0.3))
     floor = fem.Contact("it", "bottom", 0.3, ([0, 0, 0], [0, 0, 1]))
-    model = fem.build([body], [floor], [fem.Support("it", "top", [0, 1, 2])])
+    model = fem.assemble([body], [floor], [fem.Support("it", "top", [0, 1, 2])])
     down = model.prescribed([[0.01 * size, 0.0, -0.05 * size]])
     result = model.problem().solve(prescribed=down)
     result.units = UNITS

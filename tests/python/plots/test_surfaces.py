@@ -280,7 +280,7 @@ def test_short_axes_of_space_can_be_read(height: float) -> None:
         fem.Material(10.0, 0.3),
     )
     floor = fem.Contact("it", "bottom", 0.3, ([0, 0, 0], [0, 0, 1]))
-    model = fem.build([body], [floor], [fem.Support("it", "top", [0, 1, 2])])
+    model = fem.assemble([body], [floor], [fem.Support("it", "top", [0, 1, 2])])
     result = model.problem().solve(
         prescribed=model.prescribed([[0, 0, -0.01 * height]])
     )

@@ -6,11 +6,12 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import bipot_rs as bp
-from bipot_rs import _core
+from bipot_rs import _core, fem
 
 PROMISED = {
     "Status": (),
@@ -116,3 +117,11 @@ print(len(os.listdir("/proc/self/task")) - before)
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert int(done.stdout) == 0
+
+
+def test_earlier_names_go_on_working() -> None:
+    assert bp.load is bp.load_result
+    assert fem.Model is fem.Assembly
+    assert fem.build is fem.assemble
+    parameter = inspect.getattr_static(bp.Step, "path_parameter")
+    assert parameter.fget(SimpleNamespace(s=0.25)) == 0.25

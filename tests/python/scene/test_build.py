@@ -101,7 +101,7 @@ def test_the_obstacle_is_that_of_the_library() -> None:
     disc = ob.Cylinder([-0.1, 1.0], 1.0)
     contact = fem.Contact("block", "top", 0.3, obstacle=disc, motion=motion)
     ground = fem.Support("block", "bottom", (0, 1))
-    model = fem.build(case.model.bodies, [contact], [ground])
+    model = fem.assemble(case.model.bodies, [contact], [ground])
     assert model.gaps(3).tobytes() == case.gaps.tobytes()
     assert model.frame.tobytes() == case.model.frame.tobytes()
 

@@ -10,7 +10,7 @@ import bipot_rs as bp
 from bipot_rs import fem
 
 
-def of_arrays(model: fem.Model) -> bp.ContactProblem:
+def of_arrays(model: fem.Assembly) -> bp.ContactProblem:
     """The problem of a model's arrays, handed in as another program would."""
     return bp.ContactProblem(
         model.K,

@@ -124,7 +124,7 @@ class Reference:
     loads_alone: float
 
 
-def known(model: fem.Model, load: Array, result: bp.Result) -> Reference:
+def known(model: fem.Assembly, load: Array, result: bp.Result) -> Reference:
     """The answer with the statuses of the last step, on contacts along axes.
 
     Every row of `B` has one entry, 1 or −1: a contact that presses, or sticks, prescribes
@@ -215,21 +215,21 @@ def floor(body: fem.Body, mu: float) -> fem.Contact:
     return fem.Contact("strip", "bottom", mu=mu, plane=(origin, up))
 
 
-def weight(model: fem.Model) -> Array:
+def weight(model: fem.Assembly) -> Array:
     """Own weight of steel, downwards."""
     down = np.zeros(model.dim)
     down[-1] = -STEEL[2]
     return model.body_force("strip", down)
 
 
-def lifted(model: fem.Model, traction: float) -> Array:
+def lifted(model: fem.Assembly, traction: float) -> Array:
     """A traction upwards on the right end."""
     up = np.zeros(model.dim)
     up[-1] = traction
     return model.traction("strip", "right", up)
 
 
-def problem(model: fem.Model, coordinates: bool) -> bp.ContactProblem:
+def problem(model: fem.Assembly, coordinates: bool) -> bp.ContactProblem:
     """With what a mesh tells of the places of nodes, or without."""
     if coordinates:
         return model.problem()
@@ -254,7 +254,7 @@ def deflection(slenderness: float, length: float = 1000.0) -> float:
     return 5.0 * STEEL[0] * height**2 / (4 * length**3)
 
 
-def is_right(model: fem.Model, load: Array, result: bp.Result) -> None:
+def is_right(model: fem.Assembly, load: Array, result: bp.Result) -> None:
     there = known(model, load, result)
     assert result.converged.all()
     largest = EXACT * np.abs(there.u).max()
@@ -272,7 +272,7 @@ def is_right(model: fem.Model, load: Array, result: bp.Result) -> None:
     assert gaps.min() >= -EXACT * np.abs(there.u).max()
 
 
-def drawn(rng: np.random.Generator) -> tuple[fem.Model, Array, bool]:
+def drawn(rng: np.random.Generator) -> tuple[fem.Assembly, Array, bool]:
     """A slender body at random, and its load."""
     slenderness = 10 ** rng.uniform(1.0, np.log10(5000.0))
     dim = int(rng.choice([2, 2, 3]))
@@ -286,7 +286,7 @@ def drawn(rng: np.random.Generator) -> tuple[fem.Model, Array, bool]:
     cells = (count, int(rng.integers(1, 3))) if dim == 2 else (count, 1, 1)
     body = strip(size, cells, cell=cell, second=second, rise=rng.choice([0.0, 20.0]))
     how = str(rng.choice(list(HOLDS)))
-    model = fem.build([body], [floor(body, 0.0)], supports(how, dim))
+    model = fem.assemble([body], [floor(body, 0.0)], supports(how, dim))
     load = rng.uniform(0, 1) * weight(model)
     load += rng.uniform(-1, 1) * lifted(model, deflection(slenderness))
     return model, load, bool(rng.integers(2))

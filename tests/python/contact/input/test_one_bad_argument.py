@@ -534,12 +534,12 @@ def test_closed_forms_give_numbers_or_say_why_not(
         assert np.isfinite(np.asarray(numbers, float)).all()
 
 
-def _bodies() -> tuple[elasticity.Body, fem.Model]:
+def _bodies() -> tuple[elasticity.Body, fem.Assembly]:
     mesh = elasticity.box([[0.0, 1.0, 2.0], [0.0, 1.0]], "quadrilateral")
     body = elasticity.Body("block", mesh, elasticity.Material(1.0, 0.3))
     contact = fem.Contact("block", "bottom", 0.3, plane=([0.0, 0.0], [0.0, 1.0]))
     support = fem.Support("block", "top", (0, 1))
-    return body, fem.build([body], [contact], [support])
+    return body, fem.assemble([body], [contact], [support])
 
 
 def test_finite_elements() -> None:
@@ -548,7 +548,7 @@ def test_finite_elements() -> None:
 
     def contact(**changed: Any) -> Any:
         known = {"body": "block", "surface": "bottom", "mu": 0.3, "plane": plane}
-        return fem.build([body], [fem.Contact(**known | changed)])
+        return fem.assemble([body], [fem.Contact(**known | changed)])
 
     contact()
     for bad in (math.nan, -1.0, "rough", 1j, None, [0.3]):

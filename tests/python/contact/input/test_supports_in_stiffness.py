@@ -14,7 +14,7 @@ from orders import body
 @pytest.fixture
 def block() -> dict[str, Any]:
     one = body("quadrilateral", 2)
-    model = fem.build(
+    model = fem.assemble(
         [one],
         [fem.Contact("a", "bottom", 0.3, plane=([0, 0], [0, 1]))],
         [fem.Support("a", "top", (0, 1))],
