@@ -97,17 +97,17 @@ def test_check_ends_before_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_check_tells_all_mistakes(bipot: Any) -> None:
-    settings = ("--set", "mesh.m=3", "--set", "contact.0.on=cube.botom")
+    settings = ("--set", "mesh.m=3", "--set", "contact.0.mu=-1")
     status, out, err = bipot("check", "sheared_cube", *settings)
     assert (status, out) == (2, "")
     assert "2 mistakes" in err
     assert "mesh.m: unknown key" in err
-    assert "contact.0.on: there is no 'cube.botom'" in err
+    assert "contact.0.mu: should be greater than or equal to 0" in err
     status, out, err = bipot("check", "sheared_cube", *settings, "--json")
     assert (status, err) == (2, "")
     found = json.loads(out)
     assert (found["scene"], found["ok"]) == ("sheared_cube", False)
-    assert "cube.botom" in found["message"]
+    assert "contact.0.mu" in found["message"]
 
 
 @pytest.mark.parametrize(
