@@ -17,10 +17,12 @@ from bipot_rs import fem
 from slender import (
     CELLS,
     HOLDS,
+    Array,
     deflection,
     floor,
     held,
     is_right,
+    known,
     lifted,
     off,
     problem,
@@ -193,3 +195,68 @@ def test_slender_bodies_at_random() -> None:
 @pytest.mark.verify
 def test_many_slender_bodies_at_random() -> None:
     assert held(range(20, 420))["solved"] >= 380
+
+
+def bimetal(height: float, how: str) -> fem.Assembly:
+    """Steel below and bronze above, 1000 mm long, on a smooth floor."""
+    axes = [np.linspace(0, 1000.0, 81), np.linspace(0, height, 3)]
+    mesh = fem.box(axes, "quadrilateral")
+    middle = mesh.p[:, mesh.t].mean(axis=1)[1]
+    halves = {"low": middle < height / 2, "high": middle > height / 2}
+    mesh = mesh.with_subdomains(
+        {name: np.flatnonzero(at) for name, at in halves.items()}
+    )
+    materials = {
+        "low": fem.Material(2.1e5, 0.3, plane_stress=True),
+        "high": fem.Material(1.1e5, 0.34, plane_stress=True),
+    }
+    body = fem.Body("strip", fem.second_order(mesh), materials)
+    held = {
+        "clamped": [fem.Support("strip", "left", (0, 1))],
+        "both": [fem.Support("strip", side, (0, 1)) for side in ("left", "right")],
+        "roll": [fem.Support("strip", "left", (0,))],
+    }[how]
+    floor = fem.Contact("strip", "bottom", mu=0.0, plane=((0, 0), (0, 1)))
+    return fem.assemble([body], [floor], held)
+
+
+def heated(model: fem.Assembly, low: float, high: float) -> Array:
+    """Loads of these thermal strains, with the weight in N/mm³."""
+    strain = {"low": fem.thermal(low, 1.0), "high": fem.thermal(high, 1.0)}
+    return model.initial_strain("strip", strain) + model.body_force(
+        "strip", (0, -7.9e-5)
+    )
+
+
+def bimetal_is_solved(height: float, how: str) -> None:
+    """Frictionless, so convex: every one has an answer, and one only."""
+    model = bimetal(height, how)
+    contact = model.problem()
+    for low, high in ((1.2e-5, 1.9e-5), (1.9e-5, 1.2e-5)):
+        for degrees in (5, 20, 80, 300):
+            load = heated(model, low * degrees, high * degrees)
+            result = contact.solve(load)
+            assert result.converged.all()
+            if how == "roll":
+                # The floor alone carries the weight, on 161 nodes to η = 1e-10 each.
+                pressed = result.reaction[-1, :, 0].sum()
+                assert pressed == pytest.approx(7.9e-5 * 1000.0 * height, rel=2e-8)
+                continue
+            there, estimate = known(model, load, result), result[-1].error_estimate
+            assert estimate is not None
+            if there.r.any():
+                assert off(result.reaction[-1], there.r) <= 1e-10
+            # What the strip amplifies of rounding, the estimate tells.
+            assert off(result.displacement[-1], there.u) <= max(1e-9, estimate[1])
+
+
+@pytest.mark.parametrize("how", ["both", "roll"])
+def test_a_bimetal_strip(how: str) -> None:
+    bimetal_is_solved(2.0, how)
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("how", ["clamped", "both", "roll"])
+@pytest.mark.parametrize("height", [1.0, 2.0, 5.0])
+def test_bimetal_strips(height: float, how: str) -> None:
+    bimetal_is_solved(height, how)
