@@ -121,7 +121,7 @@ def test_settings_are_refused_before_any_work(
     def never(*_: object) -> None:
         raise AssertionError("the mesh is made")
 
-    monkeypatch.setattr("bipot_rs.scene.reading.bodies", never)
+    monkeypatch.setattr("bipot_rs.scene.build.bodies", never)
     assert "newton" in said(*RUN, "--method", "newtom")
     assert "tol" in said(*RUN, "--tol", "7")
 
