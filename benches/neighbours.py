@@ -7,13 +7,13 @@ Seconds are the processor's, of all threads: a busy machine does not count.
 """
 
 import json
-import resource
 import subprocess
 import sys
 from time import process_time
 
 import numpy as np
 import tables
+from peers.report import peak_mb
 
 import bipot_rs as bp
 from bipot_rs.obstacle import Surface
@@ -142,8 +142,7 @@ def one(asked):
     start = process_time()
     work()
     seconds = process_time() - start
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(json.dumps([seconds, peak]))
+    print(json.dumps([seconds, peak_mb()]))
 
 
 def rows():

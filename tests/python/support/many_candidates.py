@@ -1,25 +1,19 @@
 """H18 in a process of its own, whose peak memory is that of this problem."""
 
 import json
-import resource
 import sys
 
 import numpy as np
 from scipy import sparse
 
 import bipot_rs as bp
-
-
-def peak() -> int:
-    """Bytes; Linux counts in kB, macOS in bytes."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+from bipot_rs.cli.peak_memory import peak_mb
 
 
 def main(nodes: int) -> None:
     """Write what the answer misses by, and the bytes it took."""
     touching = np.arange(nodes) % (nodes // 10) == 0
-    before = peak()
+    before = peak_mb()
     K = sparse.diags_array(np.tile([2.0, 1.0], nodes), format="csr")
     B = sparse.eye_array(2 * nodes, format="csr")
     gap = np.where(touching, 0.0, 1.0)
@@ -34,7 +28,7 @@ def main(nodes: int) -> None:
                 "contacts": int((result.reaction[0, :, 0] > 0).sum()),
                 "reaction": float(np.abs(result.reaction[0] - reaction).max()),
                 "displacement": float(np.abs(u - displacement).max()),
-                "bytes": peak() - before,
+                "bytes": (peak_mb() - before) * 2**20,
                 "compliance": problem.stats["bytes_compliance"],
             }
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
@@ -20,6 +19,7 @@ from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.output_files import recoverable
 from bipot_rs.cli.output_folder import RESULT, draft_in, ours, replace
 from bipot_rs.cli.output_folder import told as files_of
+from bipot_rs.cli.peak_memory import peak_mb
 from bipot_rs.cli.progress import Progress, complain, line
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ class Job:
                 steps=len(self.reached),
                 success=code == SOLVED,
                 seconds={phase: round(s, 6) for phase, s in self.seconds.items()},
-                peak_mb=_peak_mb(),
+                peak_mb=peak_mb(),
                 message=message,
             )
         elif code != SOLVED:
@@ -483,11 +483,3 @@ def _nothing_written(folder: Path) -> str:
     """Of a run whose files could not be written, as on a full disk."""
     said = f"{folder}: nothing was written"
     return said + (", its files are of an earlier run" if ours(folder) else "")
-
-
-def _peak_mb() -> float:
-    import resource
-
-    # Linux counts in kB, macOS in bytes.
-    unit = 2**20 if sys.platform == "darwin" else 2**10
-    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1)

@@ -1,0 +1,47 @@
+"""The peak memory of a run is its own, whatever process started it."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+# Linux reports, as a process's `ru_maxrss`, no less than what its parent held.
+LARGE = """
+import subprocess, sys
+held = bytearray(1_500_000_000)
+held[::4096] = b"x" * len(held[::4096])
+command = [sys.executable, "-c", "from bipot_rs.cli.peak_memory import peak_mb; print(peak_mb())"]
+sys.stdout.write(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+"""
+LARGER = """
+from bipot_rs.cli.peak_memory import peak_mb
+before = peak_mb()
+held = bytearray(300_000_000)
+held[::4096] = b"x" * len(held[::4096])
+between = peak_mb()
+del held
+print([before, between, peak_mb()])
+"""
+
+
+def printed(program: str) -> object:
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    return json.loads(run.stdout)
+
+
+def test_a_large_parent_is_not_counted() -> None:
+    peak = printed(LARGE)
+    assert isinstance(peak, float)
+    assert 10 < peak < 1000  # Python with NumPy takes some 100 MB
+
+
+def test_what_was_freed_counts() -> None:
+    figures = printed(LARGER)
+    assert isinstance(figures, list)
+    before, between, after = figures
+    # The kernel sums its counters of pages now and then: some 0.2 MB are uncertain.
+    assert between - before == pytest.approx(300e6 / 2**20, rel=0.05)
+    assert after == pytest.approx(between, rel=0.05)
