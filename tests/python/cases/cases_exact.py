@@ -47,8 +47,10 @@ def a1() -> list[Row]:
             result.reaction[0],
             1e-10,
         ),
-        exact("its top, u", "closed form", [[0.12] * 4, [-0.2] * 4], top, 1e-10),
-        exact("the same in space", "closed form", forces, solid.reaction[0], 1e-10),
+        exact("u of its top", "closed form", [[0.12] * 4, [-0.2] * 4], top, 1e-10),
+        exact(
+            "reactions in space [N]", "closed form", forces, solid.reaction[0], 1e-10
+        ),
         same(
             "shear 1.01 of the limit",
             "statics",
@@ -107,7 +109,7 @@ def a3() -> list[Row]:
     return [
         exact(f"one contact, {len(loads)} loads and μ", "enumeration", want, got, 1e-9),
         exact(
-            "u_t where it is the only answer",
+            "u_t if the answer is unique",
             "enumeration",
             1.043478260870,
             value.displacement[0, 1],

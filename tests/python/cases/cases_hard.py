@@ -53,7 +53,7 @@ def h2() -> list[Row]:
     result: Any = one_node([-1.0, 0.0], 0.5)
     return [
         exact("r without shear", BRANCHES, [1, 0], result.reaction[0, 0], 1e-10),
-        exact("its slip", BRANCHES, [0], result.slip[0, 0], 1e-15),
+        exact("slip without shear", BRANCHES, [0], result.slip[0, 0], 1e-15),
     ]
 
 
@@ -78,14 +78,14 @@ def h6() -> list[Row]:
     """Penetration."""
     return [
         exact(
-            "r pressed out, μ = 0.5",
+            "r after penetration, μ = 0.5",
             BRANCHES,
             [0.2, 0.05],
             reaction(0, 0, gap=-0.1),
             1e-10,
         ),
         near(
-            "r pressed out, μ = 0.1",
+            "r after penetration, μ = 0.1",
             BRANCHES,
             [0.184210526316, 0.0184210526316],
             reaction(0, 0, mu=0.1, gap=-0.1),
@@ -103,13 +103,13 @@ def h7() -> list[Row]:
     v_t = solution.relative_displacement[:, 1]
     return [
         near(
-            "sum of r of a contact met twice",
+            "sum of r of a duplicated contact",
             BRANCHES,
             [2.12765957, -0.63829787],
             total,
             1e-8,
         ),
-        near("its v_t", BRANCHES, [0.27446809] * 2, v_t, 1e-7),
+        near("v_t of a duplicated contact", BRANCHES, [0.27446809] * 2, v_t, 1e-7),
     ]
 
 
@@ -135,7 +135,12 @@ def h9() -> list[Row]:
         forces = np.outer(body.area, [2.0, *(-s for s in shear)])
         what = f"r of a free block, d = {dim}"
         rows += [
-            same("rigid motions of its K", STATICS, str(motions), str(free)),
+            same(
+                f"rigid motions of a free block, d = {dim}",
+                STATICS,
+                str(motions),
+                str(free),
+            ),
             exact(what, CLOSED, forces, result.reaction[0], 1e-10),
         ]
     return rows
@@ -248,8 +253,8 @@ def h14() -> list[Row]:
     return [
         exact("r in other units", BRANCHES, [[1.56, -0.78]] * 6, got, 1e-10),
         same(
-            "bits in units of powers of two",
-            "the plain units",
+            "bits in units scaled by powers of two",
+            "unscaled units",
             "equal",
             "equal" if bits else "other",
         ),
@@ -339,8 +344,8 @@ def h18() -> list[Row]:
     small = found["bytes"] < 1e9
     return [
         same("contacts of 100,000 candidates", CLOSED, "10", str(found["contacts"])),
-        exact("their r: error", CLOSED, 0.0, found["reaction"], 1e-10),
-        exact("u of all: error", CLOSED, 0.0, found["displacement"], 1e-10),
+        exact("largest error of r", CLOSED, 0.0, found["reaction"], 1e-10),
+        exact("largest error of u", CLOSED, 0.0, found["displacement"], 1e-10),
         same(
             "peak memory",
             "320 GB for a dense W",
@@ -417,7 +422,9 @@ def h26() -> list[Row]:
     result: Any = one_node([[-1.0, 1.5]] * 3, 0.3)
     r = [1.521739130435, -0.456521739130]
     return [
-        near("r of a load that stays", BRANCHES, [r] * 3, result.reaction[:, 0], 1e-11),
+        near(
+            "r under a constant load", BRANCHES, [r] * 3, result.reaction[:, 0], 1e-11
+        ),
         exact(
             "slip of the later steps", BRANCHES, [0, 0], result.slip[1:, 0, 0], 1e-10
         ),

@@ -1,4 +1,4 @@
-"""Classes of problems at random, with fixed seeds: what is drawn, asked and met.
+"""Classes of random problems with fixed seeds: what is drawn, checked and found.
 
 The suite runs the first problems of each, ``make verify`` many more. The counts on the page
 are those of the suite.
@@ -45,10 +45,10 @@ class Class(NamedTuple):
 HEAD = [
     "class",
     "problems",
-    "what is asked",
-    "in the suite",
-    "verify",
-    "met in the suite",
+    "what is checked",
+    "problems in the suite",
+    "in `make verify`",
+    "found in the suite",
 ]
 
 CLASSES = (
@@ -56,7 +56,7 @@ CLASSES = (
         "verdicts",
         "1 to 3 plane contacts, W definite or not, up to 3 rigid motions, μ from 0.1 to 1e6",
         "`solve`, `answers`, `existence`, `unique` and `error_bound` never contradict "
-        "what another one proves",
+        "each other",
         500,
         20_000,
         verdicts.agree,
@@ -65,7 +65,7 @@ CLASSES = (
     Class(
         "friction alone",
         "1 to 3 sliders with springs along their normals, μ from 10 to 1e12",
-        "no method calls a point converged where there is proved to be no answer",
+        "no method reports convergence if it is proved that no answer exists",
         60,
         1000,
         verdicts.sliders,
@@ -74,9 +74,9 @@ CLASSES = (
     Class(
         "proofs",
         "3 plane contacts, 1 to 3 rigid motions, μ up to 1",
-        "the verdict carries a motion if and only if that motion proves it: it lies in all "
-        "dual cones and the loads do positive work on it; a linear programme says "
-        "whether the loads can be balanced",
+        "the error has a motion if and only if this motion proves that no answer exists: it "
+        "lies in all dual cones and the loads do positive work on it; a linear programme "
+        "decides independently whether the loads can be balanced",
         400,
         10_000,
         verdicts.proofs,
@@ -85,7 +85,7 @@ CLASSES = (
     Class(
         "local bounds",
         "1 to 3 plane contacts, μ from 0.5 to 4, points near each answer",
-        "one answer within `energy`, no other within `alone_within`, against all answers",
+        "exactly one of all answers is within `energy`, and no other within `alone_within`",
         120,
         11_880,
         verdicts.locals_of,
@@ -95,8 +95,8 @@ CLASSES = (
         "slender bodies",
         "strips, plates and leaves, L/t from 10 to 5000, plane and in space, first and "
         "second order, held in four ways, with and without coordinates",
-        "displacements and reactions beside an elimination in twice the precision; none "
-        "is called free; what K has no digits for is refused",
+        "displacements and reactions agree with an elimination in twice the precision; no "
+        "body is reported as free; a K with too few digits is refused",
         20,
         400,
         slender.held,
@@ -104,9 +104,9 @@ CLASSES = (
     ),
     Class(
         "statically determinate",
-        "blocks turned at random on one contact and as few supports as hold them, "
+        "randomly rotated blocks on one contact and the fewest supports that hold them, "
         "with and without coordinates",
-        "displacements and reactions beside an elimination in twice the precision",
+        "displacements and reactions agree with an elimination in twice the precision",
         60,
         1200,
         determinate.sticking,
@@ -114,10 +114,10 @@ CLASSES = (
     ),
     Class(
         "flat and long blocks",
-        "coarse blocks turned at random, sides up to 3000 times another, up to 8 supports "
-        "with levers down to a few 1e-5, with coordinates",
-        "as many rigid motions as supports leave; refused as floating where contact does "
-        "not pin them",
+        "randomly rotated coarse blocks, ratio of sides up to 3000, up to 8 supports with "
+        "levers down to a few 1e-5, with coordinates",
+        "the number of rigid motions is the number that supports leave free; a block that "
+        "contact does not hold is refused as floating",
         200,
         4000,
         determinate.counted,
@@ -125,9 +125,9 @@ CLASSES = (
     ),
     Class(
         "two nodes in space",
-        "blocks and trusses turned at random that touch at two nodes, with and without "
+        "randomly rotated blocks and trusses that touch at two nodes, with and without "
         "coordinates",
-        "refused as floating, at every orientation",
+        "refused as floating in every orientation",
         200,
         20_000,
         determinate.on_two_nodes,

@@ -1,6 +1,6 @@
-"""Cases with answers known from elsewhere, as rows of numbers, and the page they make.
+"""Cases with known answers, as rows of numbers, and the page made of them.
 
-Tests assert what `Row.holds` says; `python tests/python/cases/verification.py` writes
+Tests assert `Row.holds`; `python tests/python/cases/verification.py` writes
 `docs/verification.md` from the same rows.
 """
 
@@ -20,11 +20,11 @@ PAGE = places.ROOT / "docs" / "verification.md"
 
 @dataclass(frozen=True)
 class Row:
-    """One number, or one word, beside what it should be.
+    """One number or word, computed and expected.
 
     `difference` is relative to the size of what is expected and must be at most
-    `within`. Rounding differs from machine to machine, so that the page gives `within`
-    for it; a difference that the discretisation makes is printed itself.
+    `within`. Rounding differs between machines: for it the page shows `within`. A
+    difference due to the discretisation is shown itself.
     """
 
     what: str
@@ -60,7 +60,7 @@ class Row:
 
 
 class Refinement(NamedTuple):
-    """Errors of one quantity over mesh sizes, and the least order they may fall with."""
+    """Errors of one quantity over mesh sizes, and the smallest order allowed."""
 
     what: str
     source: str
@@ -77,14 +77,14 @@ class Refinement(NamedTuple):
         return [math.log(e / f) / math.log(h / k) for (h, k), (e, f) in steps]
 
     def holds(self) -> bool:
-        # One pair of meshes says little where edges fall into cells by chance.
+        # The position of edges within cells is chance: one pair of meshes says little.
         first, last = self.error[0], self.error[-1]
         mean = math.log(first / last) / math.log(self.sizes[0] / self.sizes[-1])
         falls = all(f < e for e, f in pairwise(self.error))
         return falls and mean >= self.order and last <= self.within
 
     def rows(self) -> list[list[str]]:
-        # A whole profile has an error, and no number to show.
+        # A whole profile has an error but no number to show.
         numbers = [
             (f"{e:.5g}", f"{c:.5g}")
             for e, c in zip(self.expected, self.computed, strict=True)
@@ -123,7 +123,7 @@ def exact(
     size: float | None = None,
     rounding: bool = True,
 ) -> Row:
-    """Largest difference of arrays beside the largest entry; prints that entry."""
+    """Row of the largest difference of two arrays; it shows the largest entry."""
     want, got = (np.asarray(x, dtype=float) for x in (expected, computed))
     if want.shape != got.shape:
         raise ValueError(f"{what}: {got.shape} computed, {want.shape} expected")
@@ -144,12 +144,12 @@ def near(
     *,
     size: float | None = None,
 ) -> Row:
-    """The same where it is the discretisation, or the printed digits, that differ."""
+    """`exact`, for differences due to the discretisation or to printed digits."""
     return exact(what, source, expected, computed, within, size=size, rounding=False)
 
 
 def same(what: str, source: str, expected: str, computed: str) -> Row:
-    """Two words."""
+    """Row of two words."""
     return Row(what, source, expected, computed)
 
 
@@ -159,8 +159,8 @@ def table(head: list[str], rows: list[list[str]]) -> list[str]:
 
 
 def page(*, fine: bool) -> str:
-    """The page; `fine` adds the meshes that take longer than a test may."""
-    # Here, since each of them needs Row.
+    """The page. `fine` adds the meshes that take too long for a test."""
+    # Imported here: each of them imports Row from this module.
     import cases_exact
     import cases_hard
     import cases_plane
@@ -183,16 +183,16 @@ def page(*, fine: bool) -> str:
     head = ["case", "quantity", "source", "h/a", "expected", "computed"]
     sections = [
         HEAD,
-        "## Answers that meshes meet exactly\n",
+        "## Answers that the mesh meets exactly\n",
         *numbers(cases_exact.CASES),
-        "\n## Answers that meshes approach\n",
+        "\n## Answers that the mesh approaches\n",
         REFINED,
         *table([*head, "error", "order"], refined),
         "\n## Published problems\n",
         *numbers(cases_published.CASES),
         "\n## Hard cases\n",
         *numbers(cases_hard.CASES),
-        "\n## Randomised classes\n",
+        "\n## Random classes\n",
         RANDOMISED,
         *table(cases_random.HEAD, cases_random.rows()),
     ]
@@ -202,57 +202,55 @@ def page(*, fine: bool) -> str:
 HEAD = """\
 # Verification
 
-Answers that do not come from this program, beside its own. `make verification` writes
-this page; the tests compute the same numbers and hold each to its bound.
+This page compares results of the program with answers from elsewhere. `make verification`
+writes it. The tests compute the same numbers and check each against its bound.
 
-The difference is the largest over all numbers of a quantity, relative to the largest
-of them, which is the one printed. `<` stands before a bound that the tests assert where
-only rounding and the residual that the solver is held to are left; `≤` before the
-difference itself, rounded up to one digit, where it comes from a mesh or from the
-digits of a source.
+The difference is the largest over all numbers of a quantity, relative to the largest of them;
+the table shows that largest number. `<` means that only rounding and the residual of the solver
+remain; the number after it is a bound that the tests assert. `≤` means that the mesh, or the
+digits of the source, make the difference; the number after it is the difference, rounded up to
+one digit.
 
-Cases A have answers by analysis: closed forms, statics, enumerations. Cases P are
-published problems. Cases H are hard ones: degenerate geometry, several answers or none,
-extreme numbers. A7, A8, A9, A10 and A13 are approached by refinement, all other A are met
-exactly.
+Cases A have answers by analysis: closed forms, statics, enumeration. Cases P are published
+problems. Cases H are hard: degenerate geometry, several answers or none, extreme numbers. The
+mesh approaches the answers of A7, A8, A9, A10 and A13 by refinement, and meets all other
+answers A exactly.
 
-Sources: [J85] and the paper's equations are in [theory.md](theory.md); *closed form*
-means that it is derived in `bipot_rs.analytic` or in the test of that number;
-*enumeration* tries every status of every contact; *contract* is what the docstring
-promises; *5 steps* is the same program with the load in five steps.
+Sources: [J85] and the equations of the paper are in [theory.md](theory.md). *Closed form*: the
+formula is derived in `bipot_rs.analytic` or in the test. *Enumeration*: every combination of
+statuses is tried. *Contract*: the docstring promises it. *5 steps*: this program, with the load
+in five steps.
 
 - *SSNV128*, *SSNV503 of code_aster*: tests of its validation manual,
-  [code-aster.org](https://www.code-aster.org). SSNV128 is the plate of Raous, Chabrand
-  and Lebon, 1988; the numbers are a mean of several codes by Feijóo, Barbosa and Zouain,
-  *Journal of Theoretical and Applied Mechanics*, which code_aster quotes with a tolerance
-  of 5 %. At the point E the source has 1.50e-5, where this program and the independent
-  one have 1.541e-5 on every mesh: it looks rounded, or read off a curve, and is 3 % off.
-- *independent program*: finite elements that share no code with these, bilinear cells,
-  full integration; its numbers are in
-  [data_reference](../tests/python/data_reference/README.md), as are the problems of
-  Siconos.
+  [code-aster.org](https://www.code-aster.org). SSNV128 is the plate of Raous, Chabrand and
+  Lebon, 1988. Its numbers are means of several codes, by Feijóo, Barbosa and Zouain, *Journal of
+  Theoretical and Applied Mechanics*; code_aster quotes them with a tolerance of 5 %. At the
+  point E the source has 1.50e-5. This program and the independent program have 1.541e-5 on every
+  mesh. The number of the source, 3 % less, was probably rounded or read from a curve.
+- *independent program*: finite elements that share no code with this package, with bilinear
+  cells and full integration. Its numbers, and the problems of Siconos, are in
+  [data_reference](../tests/python/data_reference/README.md).
 - *NAFEMS, Konter 2006*: A. W. A. Konter, *Advanced Finite Element Contact Benchmarks*,
   NAFEMS, benchmark 1.
-- *ANSYS VM63*: Static Hertz Contact Problem, *ANSYS Verification Manual*; its data, put
-  into Hertz's formulas.
+- *ANSYS VM63*: Static Hertz Contact Problem, *ANSYS Verification Manual*; its data in the
+  formulas of Hertz.
 """
 
 REFINED = """\
-Elastic bodies hundreds of times larger than the contact, whose half-width is a, or
-smaller ones whose far faces move as the closed form says. Cells of the size h at the
-contact grow outwards by the factor 1 + 2h/a each, so that h refines the whole mesh.
-Tractions are compared in the mean square over the contact. They have square-root
-ends, where a mesh of cells resolves them to h: order 1, and 2 for the force. In space
-the box takes away about 5e-4 of the force, so that the last orders look better than
-they are.
+The contact has the half-width a. Either the bodies are hundreds of times larger, or their far
+faces move as the closed form prescribes. Cells have the size h at the contact; outwards, each is
+larger than the one before by the factor 1 + 2h/a, so that h refines the whole mesh. The errors
+of tractions are root mean squares over the contact. Tractions end like a square root, and a mesh
+resolves the position of this end only to h: the order is 1, and 2 for the force. In space, the
+finite box reduces the force by about 5e-4, so that the last orders look better than they are.
 """
 
 
 RANDOMISED = """\
-Problems drawn at random from fixed seeds. Each is asked what only a right program answers
-rightly, without an answer known beforehand; one that fails fails the suite. The suite runs
-the first seeds of a class, `make verify` those that follow. What was met shows that a class
-is not empty of what it is drawn for.
+These problems are drawn at random with fixed seeds. Their answers are not known beforehand; the
+tests check properties that only a right program has, and every violation fails the suite. The
+suite runs the first seeds of each class, `make verify` the next ones. The last column shows that
+the problems of a class include the kinds that it is meant to test.
 """
 
 
