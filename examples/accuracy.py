@@ -1,7 +1,7 @@
-"""Largest errors against closed forms that the discretisation meets exactly.
+"""Errors compared with closed forms that the discretisation meets exactly.
 
-Prints the table of the README. Each error is the largest over all numbers of a
-case, relative to the largest of the closed form.
+Prints the table of the README. Each error is the largest difference of a case, relative
+to the largest number of the closed form.
 """
 
 from collections.abc import Callable
@@ -34,7 +34,7 @@ def floor(mu: float) -> fem.Contact:
 
 
 def sheared_patch() -> float:
-    """Uniform stress in a block that friction alone holds."""
+    """A block with uniform stress, held by friction alone."""
     pressure, shear = 2.0, 0.6
     model = fem.assemble([block(nu=0.0)], [floor(mu=0.5)])
     load = (
@@ -50,7 +50,7 @@ def sheared_patch() -> float:
 
 
 def oedometer(nu: float) -> float:
-    """Uniaxial strain between smooth side walls."""
+    """A block in uniaxial strain between smooth side walls."""
     model = fem.assemble(
         [block(nu)],
         [floor(mu=0.5)],
@@ -66,13 +66,13 @@ def oedometer(nu: float) -> float:
 
 
 def one_contact() -> float:
-    """A thousand coupled contacts of two unknowns with one answer each."""
+    """A thousand random contacts of two coupled unknowns, with one answer each."""
     random = np.random.default_rng(3)
     worst = 0.0
     for _ in range(1000):
         k_n, k_t = random.uniform(0.5, 2.0, 2)
         k_c = random.uniform(-0.9, 0.9) * np.sqrt(k_n * k_t)
-        # Below k_t/|k_c| the answer is the only one.
+        # The answer is unique for μ below k_t/|k_c|.
         mu = random.uniform(0.0, 0.9) * min(k_t / abs(k_c), 2.0)
         stiffness, load = np.array([[k_n, k_c], [k_c, k_t]]), random.normal(size=2)
         (branch, *_) = analytic.one_contact_branches(stiffness, load, mu)
@@ -83,7 +83,7 @@ def one_contact() -> float:
 
 
 def cyclic_bar() -> float:
-    """A bar pulled to and fro on a frictional foundation: the end displacement."""
+    """The end displacement of a bar pulled to and fro on a frictional foundation."""
     n, stiffness, limit, peak, mu = 20, 1000.0, 50.0, 30.0, 0.3
     chain = sparse.diags([-1.0, [2.0] * (n - 1) + [1.0], -1.0], [-1, 0, 1], (n, n))
     K = sparse.kron(chain, np.diag([0.0, 1.0])) * stiffness * n
@@ -100,7 +100,7 @@ def cyclic_bar() -> float:
 
 
 def turning_load() -> float:
-    """One contact in three dimensions under a force that turns, 16 steps a turn."""
+    """One contact in three dimensions under a rotating force, 16 steps a turn."""
     angle = 2 * np.pi / 16 * np.arange(10 * 16)
     loads = np.stack(
         [-np.ones_like(angle), 0.8 * np.cos(angle), 0.8 * np.sin(angle)], 1

@@ -1,8 +1,8 @@
-"""Draws every picture that the program makes, from the shipped scenes, into a folder.
+"""Draw all kinds of pictures of the shipped scenes into a folder.
 
-``python examples/gallery.py [FOLDER [NAME...]]``: the folder is ``gallery`` and all are
-drawn unless told otherwise. Those by PyVista are drawn where it is installed. With
-``site`` for the names, those that docs/gallery.md shows.
+``python examples/gallery.py [FOLDER [NAME...]]`` draws the named pictures, or all, into
+FOLDER, which is ``gallery`` by default. The name ``site`` means the pictures of
+docs/gallery.md. Pictures by PyVista are drawn only if it is installed.
 """
 
 import sys
@@ -19,7 +19,7 @@ from bipot_rs import fem, scene
 
 Made = tuple[scene.Case, bp.Result]
 
-# Dragged so far that it slides as a whole, to and fro.
+# Displacement at which the whole base slides, to and fro.
 FAR = 0.07
 SITE = (
     "tractions",
@@ -37,7 +37,7 @@ SITE = (
 
 @cache
 def solved(name: str, *settings: str) -> Made:
-    """A shipped scene as arrays, and its result, which knows the units."""
+    """A shipped scene as arrays, and its result with units."""
     read = scene.read(name, settings)
     case = scene.assemble(read, scene.bodies(read))
     result = case.model.problem().solve(case.load, case.prescribed)
@@ -51,7 +51,7 @@ def line() -> Made:
 
 
 def cube() -> Made:
-    """A cube, pressed and sheared."""
+    """A cube that is pressed and sheared."""
     return solved("sheared_cube")
 
 
@@ -66,34 +66,34 @@ def cycle() -> Made:
 
 
 def middle_line(model: fem.Assembly) -> Any:
-    """Contacts of a cube's bottom that lie on the line along x nearest to its middle."""
+    """Mask of the contacts on the line along x closest to the middle of the base."""
     y = model.points[:, 1]
     nearest = y[np.argmin(np.abs(y - y.mean()))]
     return np.isclose(y, nearest, rtol=0, atol=1e-9 * np.ptp(y))
 
 
 def tractions_cube() -> Any:
-    """Along the middle of the cube's base."""
+    """Tractions along the middle of the base of the cube."""
     case, result = cube()
     where = middle_line(case.model)
     return bp.plots.tractions(result, along=[1, 0, 0], where=where)
 
 
 def loop() -> Any:
-    """Force over the displacement of the cube's top."""
+    """Force over the displacement of the top of the cube."""
     case, result = cycle()
     name = "displacement of the top"
     return bp.plots.force_displacement(result, FAR * case.parameter, name=name)
 
 
 def with_mesh(draw: Callable[..., Any], made: Made, *names: str, **more: Any) -> Any:
-    """A picture of the bodies too."""
+    """A picture that needs the mesh as well as the result."""
     case, result = made
     return draw(case.model, result, *names, **more)
 
 
 def pictures() -> dict[str, Callable[[], Any]]:
-    """Names of the pictures, and what draws each; scenes are solved when they are drawn."""
+    """Name and drawing function of each picture. Scenes are solved when drawn."""
     plots = bp.plots
     body, space = plots.deformed, plots.surface3d
     drawn: dict[str, Callable[[], Any]] = {
@@ -133,7 +133,7 @@ def pictures() -> dict[str, Callable[[], Any]]:
 def draw(
     folder: Path, names: Iterable[str] | None = None, dpi: int = 150
 ) -> list[Path]:
-    """Write pictures into a folder, all if none are named; their files."""
+    """Draw the named pictures, or all, into a folder; return their files."""
     known = pictures()
     folder.mkdir(parents=True, exist_ok=True)
     written = []
@@ -148,8 +148,8 @@ def draw(
 
 
 def for_pages(folder: Path) -> list[Path]:
-    """The pictures of docs/gallery.md, small enough to be kept beside it."""
-    from PIL import Image  # matplotlib needs it, too
+    """Draw the pictures of docs/gallery.md with few colours, to keep the files small."""
+    from PIL import Image  # a dependency of matplotlib
 
     written = draw(folder, SITE, dpi=120)
     for path in written:

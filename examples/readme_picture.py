@@ -1,7 +1,6 @@
-"""Draws docs/sheared_cube.png, the picture of the README.
+"""Draw docs/sheared_cube.png, the picture of the README.
 
-It is what `bipot run sheared_cube --plot` writes: the shipped scene, solved, and
-drawn by `bipot_rs.plots.run_figure`.
+`bipot run sheared_cube --plot` solves the shipped scene and draws it.
 """
 
 import subprocess
@@ -18,6 +17,6 @@ if __name__ == "__main__":
         command = [sys.executable, "-m", "bipot_rs", "run", "sheared_cube"]
         subprocess.run([*command, "--plot", "--out", folder], check=True)
         with Image.open(Path(folder) / "tractions.png") as picture:
-            # 128 colours are enough for a page, and a third of the bytes.
+            # 128 colours are enough here, and take a third of the bytes.
             picture.convert("RGB").quantize(128).save(PICTURE, optimize=True)
     print(PICTURE)

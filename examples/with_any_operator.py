@@ -1,8 +1,8 @@
-"""Any contact operator: two blocks whose nodes do not meet, each node against an edge.
+"""A contact operator of your own: two blocks, each upper node against a lower edge.
 
-B is ours to choose. Here a node of the upper block meets the edge of the lower one
-below it: its displacement less that of the edge, interpolated between the two nodes.
-Units: mm, N, MPa.
+The nodes of the blocks do not match. A row of B is the displacement of a node of the
+upper block, minus the displacement of the lower edge below it, interpolated between the
+two nodes of the edge. Units: mm, N, MPa.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ def block(name: str, cells: int, y: tuple[float, float]) -> fem.Body:
 
 
 def between(x: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of each x the edge it is on, and where: 0 at its left end, 1 at its right."""
+    """The edge below each x, and the position on it: 0 at the left end, 1 at the right."""
     edge = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
     return edge, (x - edges[edge]) / (edges[edge + 1] - edges[edge])
 
@@ -34,7 +34,7 @@ def solve() -> tuple[bp.Result, fem.Assembly]:
         fem.Support("lower", "bottom", [0, 1]),
         fem.Support("upper", "top", [0, 1]),
     ]
-    # K of both bodies, and where their degrees of freedom begin; no contacts yet.
+    # K of both bodies, and the first degree of freedom of each; no contacts yet.
     model = fem.assemble([upper, lower], [], supports)
 
     def along(body: fem.Body, surface: str) -> np.ndarray:

@@ -1,9 +1,9 @@
-"""Contact on a stiffness that FEniCSx has assembled: a block pressed and dragged.
+"""Contact with a stiffness assembled by FEniCSx: a block, pressed and dragged.
 
     python examples/with_fenicsx.py [FILE.npz]
 
-For DOLFINx from 0.5 on, on one process: mesh, form and K are its own, and its numbers
-of nodes and components. Units: mm, N, MPa.
+It needs DOLFINx 0.5 or newer, and runs on one process. Mesh, weak form, K and the
+numbering of nodes and components are those of DOLFINx. Units: mm, N, MPa.
 """
 
 import sys
@@ -47,7 +47,7 @@ def solve(n: int = 6) -> tuple[bp.Result, np.ndarray]:
         pointers, columns, values = A.getValuesCSR()
         K = sparse.csr_matrix((values, columns, pointers))
 
-    # Nodes, whose components follow one another: 3 node + component.
+    # Degree of freedom of a component of a node: 3 node + component.
     places = space.tabulate_dof_coordinates()
     floor = np.flatnonzero(np.isclose(places[:, 2], 0.0))
     top = np.flatnonzero(np.isclose(places[:, 2], SIDE))
@@ -76,7 +76,7 @@ def solve(n: int = 6) -> tuple[bp.Result, np.ndarray]:
 
 
 def main() -> None:
-    """Print the resultants; save the reactions where a file is named."""
+    """Print the resultants; save the reactions if a file is given."""
     result, points = solve()
     for k, force in enumerate(result.reaction.sum(axis=1)):
         print(f"step {k}: {force[0]:.1f} N normal, {force[1]:.1f} N along x")

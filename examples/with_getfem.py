@@ -1,10 +1,10 @@
-"""Contact on a stiffness that GetFEM has assembled: a block pressed and dragged.
+"""Contact with a stiffness assembled by GetFEM: a block, pressed and dragged.
 
     /usr/bin/python3 examples/with_getfem.py [FILE.npz]
 
-GetFEM makes the mesh, the element and K, in numbers of its own; B, the gaps and the
-supports are told in those. Where GetFEM comes with the Python of the system, bipot_rs
-must be installed for that one too. Units: mm, N, MPa.
+GetFEM makes the mesh, the elements and K. B, the gaps and the supports use its
+numbering. If GetFEM belongs to the Python of the system, install bipot_rs there too.
+Units: mm, N, MPa.
 """
 
 import sys
@@ -37,7 +37,7 @@ def solve(n: int = 6) -> tuple[bp.Result, np.ndarray]:
     pointer, row = made.csc_ind()
     K = sparse.csc_matrix((made.csc_val(), row, pointer), shape=made.size())
 
-    # GetFEM numbers x, y and z of a node one after the other.
+    # In GetFEM the degrees of freedom x, y, z of a node are consecutive.
     places = field.basic_dof_nodes()
     first = np.sort(field.basic_dof_on_region(BOTTOM))[::3]
     points = places[:, first].T
@@ -67,7 +67,7 @@ def solve(n: int = 6) -> tuple[bp.Result, np.ndarray]:
 
 
 def main() -> None:
-    """Print the resultants; save the reactions where a file is named."""
+    """Print the resultants; save the reactions if a file is given."""
     result, points = solve()
     for k, force in enumerate(result.reaction.sum(axis=1)):
         print(f"step {k}: {force[0]:.1f} N normal, {force[1]:.1f} N along x")

@@ -1,10 +1,10 @@
-"""Contact on files of another program: a stiffness in Matrix Market form and tables.
+"""Contact with files of another program: a Matrix Market stiffness, and tables.
 
     python examples/with_matrix_market.py [FOLDER]
 
-The first half writes what another program would: K.mtx, the node list of an Abaqus or
-CalculiX input file, and tables of contacts, loads and supports. The second half solves
-them, as this does on a command line:
+`write` stands for the other program. It writes K.mtx, the node list of an Abaqus or
+CalculiX input file, and tables of contacts, loads and supports. `solve` reads and solves
+them, like the command
 
     bipot solve --stiffness K.mtx --nodes nodes.inp --contacts contacts.csv \
         --load load.csv --fixed fixed.csv --out results
@@ -27,7 +27,7 @@ WIDTH, HEIGHT, PRESSURE, MU = 40.0, 20.0, 50.0, 0.3
 
 
 def write(folder: Path, n: int = 8) -> None:
-    """The files of a block on a rigid floor, pressed by its top, held at its left."""
+    """Write the files of a block on a rigid floor, pressed at its top, held at its left."""
     grid = [np.linspace(0.0, size, n + 1) for size in (WIDTH, HEIGHT)]
     body = fem.Body("block", fem.box(grid, "quadrilateral"), fem.Material(210e3, 0.3))
     model = fem.assemble([body], [])
@@ -55,7 +55,7 @@ def write(folder: Path, n: int = 8) -> None:
 
 
 def solve(folder: Path) -> bp.Result:
-    """What `bipot solve` does, without its files."""
+    """Solve the files as `bipot solve` does, without writing results."""
     given = matrix_files.read(
         folder / "K.mtx",
         folder / "contacts.csv",

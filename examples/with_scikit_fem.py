@@ -1,8 +1,8 @@
-"""Contact on a stiffness that scikit-fem has assembled: a block pressed on a round bar.
+"""Contact with a stiffness assembled by scikit-fem: a block pressed on a round bar.
 
-Mesh, element and weak form are scikit-fem's. What bipot_rs asks for is the stiffness K,
-the operator B that takes displacements to those of the contacts relative to the
-obstacle, normal first, and the gaps. Units: mm, N, MPa.
+Mesh, elements and weak form are those of scikit-fem. bipot_rs needs the stiffness K, the
+gaps, and the operator B, which gives the displacements of the contacts relative to the
+obstacle, normal first. Units: mm, N, MPa.
 """
 
 import numpy as np
@@ -26,16 +26,16 @@ def solve(n: int = 12) -> tuple[bp.Result, dict[str, np.ndarray]]:
             "top": lambda at: at[1] == 2.0,
         }
     )
-    # A Gauss rule that is exact for bilinear elements on rectangles.
+    # This Gauss rule is exact for bilinear elements on rectangles.
     basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad1()), intorder=2)
     K = linear_elasticity(*lame_parameters(YOUNG, POISSON)).assemble(basis)
 
-    # Contact nodes, along the bottom; the bar is below, its crown at x = 0.
+    # Contact nodes along the bottom. The bar is below them, with its top at x = 0.
     nodes = np.unique(mesh.facets[:, mesh.boundaries["bottom"]])
     nodes = nodes[np.argsort(mesh.p[0, nodes])]
     points = mesh.p[:, nodes].T
     gap = RADIUS - np.sqrt(RADIUS**2 - points[:, 0] ** 2)
-    # Normals of the bar, towards the block, and tangents to the right of them.
+    # Normals point from the bar towards the block, tangents to their right.
     normal = np.stack([points[:, 0], RADIUS - gap], axis=1) / RADIUS
     frame = np.stack([normal, normal[:, ::-1] * [1.0, -1.0]], axis=1)
 
@@ -47,7 +47,7 @@ def solve(n: int = 12) -> tuple[bp.Result, dict[str, np.ndarray]]:
         (frame.ravel(), tuple(entries)), shape=(2 * len(nodes), K.shape[0])
     )
 
-    # The length of the edge that belongs to each node: the integral of its shape function.
+    # Area of each node: the integral of its shape function over the bottom.
     facets = skfem.FacetBasis(mesh, skfem.ElementQuad1(), facets="bottom")
     area = skfem.LinearForm(lambda v, _: v).assemble(facets)[nodes]
 

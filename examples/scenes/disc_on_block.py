@@ -1,4 +1,4 @@
-"""Make disc_on_block.msh: a half disc of radius 10 on a block, named by physical groups."""
+"""Make disc_on_block.msh: a half disc of radius 10 on a block, with physical groups."""
 
 import sys
 from pathlib import Path
@@ -9,7 +9,7 @@ gmsh.initialize()
 gmsh.option.setNumber("General.Terminal", 0)
 geo = gmsh.model.geo
 
-# Bodies touch in the origin and share no node.
+# The bodies touch at the origin and share no node.
 fine, coarse = 0.2, 3.0
 low = geo.addPoint(0, 0, 0, fine)
 centre = geo.addPoint(0, 10, 0, coarse)
