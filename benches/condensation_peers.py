@@ -24,7 +24,7 @@ from statistics import median
 import matrix_file
 import numpy as np
 import tables
-from programs import PEERS, Failed, lines_of
+from peers.commands import PEERS, Failed, lines_of
 
 HERE = Path(__file__).resolve().parent
 CASES = {"cube 14": (3, 14), "cube 25": (3, 25), "square 316": (2, 316)}
@@ -150,7 +150,7 @@ def main():
     cases = QUICK if asked.quick else CASES | (LARGE if asked.large else {})
     with tempfile.TemporaryDirectory() as folder:
         wanted = {"CHOLMOD": compiled(folder), "MKL PARDISO": pardiso(asked.mkl)}
-        commands = {"bipot_rs": [sys.executable, str(HERE / "condensation_ours.py")]}
+        commands = {"bipot_rs": [sys.executable, str(HERE / "condense_file.py")]}
         commands |= {name: command for name, (command, _) in wanted.items() if command}
         absent = [
             f"{name}: {why}" for name, (command, why) in wanted.items() if not command

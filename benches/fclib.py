@@ -17,8 +17,8 @@ tighter one. Siconos' tolerance means something else: it is tightened by factors
 until η is met, and only the run that met it counts. It is given node-scaled variables,
 the kindest form of the problem, with a dense W, and nothing above 2000 contacts.
 
-Writes fclib.csv and, from it, the performance profiles of fclib.png beside this file,
-and, of all methods, the table of the README. Families are those of DIR/MANIFEST.csv, else
+Writes `results/fclib.csv`, draws the performance profiles `results/fclib.png` from it and,
+with all methods, rewrites the table of the README. Families are those of DIR/MANIFEST.csv, else
 the first word of a file's name.
 """
 
@@ -34,13 +34,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import fclib_figure
 import numpy as np
 import tables
-from beside_peers import find
 from scipy.sparse import csr_array
+from solvers_and_peers import find
 from speed_against_error import METHODS, available
 
 import bipot_rs as bp
 
-HERE = Path(__file__).resolve().parent
 TARGETS = (1e-4, 1e-8, 1e-12)
 SICONOS = ("NSGS", "NSN_AC")
 LARGEST_DENSE = 2000
@@ -230,13 +229,13 @@ def main():
             lines += new
         if siconos:
             siconos.close()
-    with (HERE / "fclib.csv").open("w", newline="") as file:
+    with (tables.RESULTS / "fclib.csv").open("w", newline="") as file:
         sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         sheet.writeheader()
         sheet.writerows(lines)
     whole = tables.whole(parser, asked, "methods")
     report(lines, write=whole and not asked.print)
-    fclib_figure.draw(HERE / "fclib.csv", HERE / "fclib.png")
+    fclib_figure.draw(tables.RESULTS / "fclib.csv", tables.RESULTS / "fclib.png")
 
 
 if __name__ == "__main__":

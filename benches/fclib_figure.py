@@ -1,4 +1,4 @@
-"""Draws fclib.csv: performance profiles by family, after Dolan and Moré.
+"""Draws results/fclib.csv: performance profiles by family, after Dolan and Moré.
 
     python benches/fclib_figure.py
 
@@ -12,7 +12,7 @@ import csv
 from pathlib import Path
 
 import numpy as np
-from speed_figure import STYLES
+from speed_against_error_figure import STYLES
 
 PROGRAMS = STYLES | {
     "NSGS": ("#56B4E9", "X", "Siconos NSGS"),
@@ -122,8 +122,8 @@ def draw(source, target):
 
 def main():
     """Draw the figure of the last run."""
-    here = Path(__file__).resolve().parent
-    draw(here / "fclib.csv", here / "fclib.png")
+    results = Path(__file__).resolve().parent / "results"
+    draw(results / "fclib.csv", results / "fclib.png")
 
 
 if __name__ == "__main__":

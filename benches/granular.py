@@ -11,13 +11,12 @@ to a target costs infinity, and enters medians and quantiles so.
 
 Seconds are those of the clock; ``cpu`` in the CSV is what all cores worked.
 
-Rows are added to granular.csv as they are found, and those of the same set and seed
+Rows are added to `results/granular.csv` as they are found, and those of the same set and seed
 replaced; table and figure are of all rows there are.
 """
 
 import csv
 import sys
-from pathlib import Path
 from time import perf_counter, process_time
 
 import grains
@@ -26,7 +25,6 @@ import tables
 
 import bipot_rs as bp
 
-HERE = Path(__file__).resolve().parent
 TARGETS = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10]
 SECONDS = 20.0
 TITLES = {
@@ -124,7 +122,7 @@ def main():
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seconds-limit", type=float, default=SECONDS)
     asked = parser.parse_args()
-    path = HERE / "granular.csv"
+    path = tables.RESULTS / "granular.csv"
     kept = {}
     if path.exists():
         with path.open() as file:

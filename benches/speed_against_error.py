@@ -6,7 +6,7 @@
 Every problem of `problems.py` is solved from r = 0 at a ladder of tolerances, one
 thread a solve. A solve is repeatable, so its work belongs to its tolerance. What it
 returns is judged twice: by η, (13), and by its true error, the distance to the exact
-answer of `refine.py`, found from the statuses of the method's own tightest answer:
+answer of `reference_solution.py`, found from the statuses of the method's own tightest answer:
 where several answers exist, each method is held to the one it chose. Where that answer
 is too loose to tell the statuses, those of `auto` are taken. Errors are
 relative, in node-scaled variables, of r; where W has not full rank, of v, relative to
@@ -16,10 +16,10 @@ The cost of an error is that of the first rung, from loose to tight, that conver
 meets it. A solve that did not converge within 20,000 products or the time limit costs
 infinity, and enters medians and quantiles so: nothing is dropped.
 
-Writes speed_against_error.csv and .png beside this file, or with ``--out`` into another
-folder; and, of all sets, methods and seeds, the tables of the README. Solves
-are kept in the folder of the problems as long as the compiled core is the same, so
-that a run that was stopped goes on, and one with more seeds adds only those.
+Writes speed_against_error.csv and .png into `results`, or the folder of ``--out``; and,
+of all sets, methods and seeds, the tables of the README. Solves are kept in the folder
+of the problems as long as the compiled core is the same, so that a run that was stopped
+goes on, and one with more seeds adds only those.
 """
 
 import csv
@@ -36,12 +36,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import problems
 import tables
-from refine import Scaled, refine
+from reference_solution import Scaled, refine
 
 import bipot_rs as bp
 from bipot_rs import _core
 
-HERE = Path(__file__).resolve().parent
 METHODS = (
     *("auto", "newton", "gauss_seidel", "nesterov"),
     *("uzawa", "uzawa_two_projection"),
@@ -225,10 +224,12 @@ def main():
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seconds-limit", type=float, default=10.0, help="of a solve")
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
-    parser.add_argument("--out", type=Path, default=HERE, help="folder to write to")
+    parser.add_argument(
+        "--out", type=Path, default=tables.RESULTS, help="folder to write to"
+    )
     asked = parser.parse_args()
     whole = tables.whole(parser, asked, "sets", "methods", "seeds", "first_seed")
-    write = whole and not asked.print and asked.out.resolve() == HERE
+    write = whole and not asked.print and asked.out.resolve() == tables.RESULTS
     asked.out.mkdir(parents=True, exist_ok=True)
     methods = available(asked.methods.split(","))
     sets, limit = asked.sets.split(","), asked.seconds_limit
@@ -249,7 +250,7 @@ def main():
     text = table(lines, "error", "seconds", lambda x: f"{1e3 * x:.2g}")
     tables.publish("milliseconds to true error", text, write=write)
 
-    from speed_figure import draw
+    from speed_against_error_figure import draw
 
     draw(path, path.with_suffix(".png"))
 

@@ -2,7 +2,7 @@
 
 python benches/stability.py [--study NAME] [--draw]
 
-Writes ``stability_NAME.csv`` and ``stability_NAME.png`` beside this file, shown in
+Writes ``stability_NAME.csv`` and ``stability_NAME.png`` into `results`, shown in
 ``docs/stability.md``; with ``--draw`` only the figures, from the CSV files. All of it
 takes about five minutes and 4 GB.
 """
@@ -51,7 +51,7 @@ STUDIES = {
 
 def table(name: str) -> Path:
     """The CSV file of a study."""
-    return HERE / f"stability_{name}.csv"
+    return HERE / "results" / f"stability_{name}.csv"
 
 
 def run(name: str) -> None:

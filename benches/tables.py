@@ -18,6 +18,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+RESULTS = HERE / "results"
 # Vector units by the kernel's names of them, the widest first.
 VECTORS = {"avx512f": "AVX-512", "avx2": "AVX2", "asimd": "NEON"}
 PACKAGES = ("bipot-rs", "numpy", "scipy", "scikit-fem")
@@ -104,11 +105,11 @@ def publish(name: str, text: str, *, write: bool) -> None:
 
 
 def folder(quick: bool) -> Path:
-    """Where pages and sheets are written: here, or a copy for a quick look."""
+    """Folder of the page and of ``results/``: this one, or `out/bench` for a quick run."""
     if not quick:
         return HERE
     copy = HERE.parent / "out" / "bench"
-    copy.mkdir(parents=True, exist_ok=True)
+    (copy / "results").mkdir(parents=True, exist_ok=True)
     page, own = HERE / "README.md", copy / "README.md"
     # Copied anew when the page has changed, for its markers may have.
     if not own.exists() or own.stat().st_mtime < page.stat().st_mtime:

@@ -5,15 +5,15 @@
 
 Ours and every installed peer on one scene with a stored reference, in turn at each rung
 of a ladder of tolerances, the smaller of two runs; what a program calls its tolerance is
-its own affair, the error is ours to measure. Writes `time_against_error.csv`.
+its own affair, the error is ours to measure. Writes `results/time_against_error.csv`.
 """
 
 import argparse
 import csv
 
-import judge
-import programs
+import compare_tractions
 import tables
+from peers import commands
 
 SHEET = "time_against_error.csv"
 COLUMNS = ("scene", "n", "program", "tol", "error", "job", "contact")
@@ -24,8 +24,8 @@ CONTACT = ("solve", "recover", "contact")
 
 def rows(n, rounds, ladder):
     """A row for each program and tolerance."""
-    reference = judge.stored(SCENE, n)
-    everyone = [programs.Ours(), *(p for p in programs.peers() if not p.missing)]
+    reference = compare_tractions.stored(SCENE, n)
+    everyone = [commands.Ours(), *(p for p in commands.peers() if not p.missing)]
     for tol in ladder:
         for program in everyone:
             try:
@@ -33,11 +33,11 @@ def rows(n, rounds, ladder):
                     program.run(SCENE, n, program.threads[0], tol=tol)
                     for _ in range(rounds)
                 ]
-            except programs.Failed as why:
+            except commands.Failed as why:
                 print(f"{program.name} at {tol:g}: {why}", flush=True)
                 continue
             run = min(runs, key=lambda run: run.job)
-            error, _ = judge.compare(run, reference)
+            error, _ = compare_tractions.compare(run, reference)
             contact = sum(run.phases.get(name, 0.0) for name in CONTACT)
             row = (SCENE, n, program.name, tol, error, run.job, contact)
             print(*row, flush=True)
@@ -50,7 +50,7 @@ def main():
     parser.add_argument("--quick", action="store_true", help="a small mesh, one run")
     asked = parser.parse_args()
     found = list(rows(9, 1, LADDER[::3]) if asked.quick else rows(15, 2, LADDER))
-    path = tables.folder(asked.quick) / SHEET
+    path = tables.folder(asked.quick) / "results" / SHEET
     with path.open("w", newline="", encoding="utf-8") as file:
         sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         sheet.writeheader()

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 from problems import Problem
-from refine import refine
+from reference_solution import refine
 from scipy import sparse
 
 from studies import blocks

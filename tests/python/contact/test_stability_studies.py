@@ -235,8 +235,8 @@ def test_the_page_shows_what_was_measured(repository: Path) -> None:
     page = (repository / "docs" / "stability.md").read_text(encoding="utf-8")
     assert stability.summary() in page
     for name in stability.STUDIES:
-        picture = repository / "benches" / f"stability_{name}.png"
-        assert f"../benches/{picture.name}" in page
+        picture = repository / "benches" / "results" / f"stability_{name}.png"
+        assert f"../benches/results/{picture.name}" in page
         assert 5_000 < picture.stat().st_size < 80_000
 
 

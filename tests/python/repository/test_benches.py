@@ -8,14 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
-import beside
-import judge
+import compare_tractions
+import criterion_tables
 import numpy as np
-import programs
 import pytest
-import rust
-import slopes
+import scaling
 import tables
+import whole_job
+from peers import commands
 
 PAGE = """before | kept |
 <!-- one, written by benches/one.py -->
@@ -92,40 +92,41 @@ def test_what_criterion_kept_becomes_rates(tmp_path: Path) -> None:
         (folder / "benchmark.json").write_text(json.dumps(told))
         median = {"median": {"point_estimate": ns}}
         (folder / "estimates.json").write_text(json.dumps(median))
-    assert rust.pivoted(rust.samples(tmp_path)).split("\n\n") == [
+    assert criterion_tables.pivoted(criterion_tables.samples(tmp_path)).split(
+        "\n\n"
+    ) == [
         tables.table(("bench, unit", "of", "900"), [("product, GiB/s", "", "2")]),
         tables.table(
             ("bench, unit", "of", "1", "2"), [("project, M/s", "threads", "100", "200")]
         ),
     ]
     with pytest.raises(SystemExit, match="no rates"):
-        rust.samples(tmp_path / "empty")
+        criterion_tables.samples(tmp_path / "empty")
 
 
 def test_the_sheet_gives_the_table(repository: Path) -> None:
     """Rows of the page are those of its sheet, none retyped."""
     page = (repository / "benches" / "README.md").read_text(encoding="utf-8")
-    with (repository / "benches" / "beside.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = whole_job.read(tables.RESULTS / whole_job.SHEET)
     assert rows
     for row in rows:
-        assert "| " + " | ".join(beside.cells(row)) + " |" in page
+        assert "| " + " | ".join(whole_job.cells(row)) + " |" in page
     first = (repository / "README.md").read_text(encoding="utf-8")
-    assert beside.short(rows) in first
+    assert whole_job.short(rows) in first
     assert len(first.splitlines()) <= 150
 
 
 @pytest.fixture(scope="module")
-def answers() -> dict[str, programs.Run]:
-    peer = programs.Peer("SciPy", "with_scipy.py", "scipy, skfem", 1e-9, "").find()
+def answers() -> dict[str, commands.Run]:
+    peer = commands.Peer("SciPy", "with_scipy.py", "scipy, skfem", 1e-9, "").find()
     assert peer.python
     return {
-        "ours": programs.Ours().run("sheared_cube", 4, 1),
+        "ours": commands.Ours().run("sheared_cube", 4, 1),
         "peer": peer.run("sheared_cube", 4, 1),
     }
 
 
-def test_programs_answer_in_one_form(answers: dict[str, programs.Run]) -> None:
+def test_programs_answer_in_one_form(answers: dict[str, commands.Run]) -> None:
     for run in answers.values():
         assert run.dofs == 3 * 5**3
         assert run.R.shape == run.v.shape == (2, 25, 3)
@@ -135,27 +136,30 @@ def test_programs_answer_in_one_form(answers: dict[str, programs.Run]) -> None:
         assert run.peak_mb > 20  # a Python with NumPy
 
 
-def test_programs_agree(answers: dict[str, programs.Run]) -> None:
+def test_programs_agree(answers: dict[str, commands.Run]) -> None:
     ours = answers["ours"]
     reference = {key: getattr(ours, key) for key in ("x", "area", "mu", "R", "v")}
-    error, wrong = judge.compare(answers["peer"], reference)
+    error, wrong = compare_tractions.compare(answers["peer"], reference)
     # The peer stops at 1e-9 of the largest force; W's condition adds a digit at most.
     assert error <= 1e-8
     assert wrong == 0
 
 
-def test_a_wrong_answer_is_marked(answers: dict[str, programs.Run]) -> None:
+def test_a_wrong_answer_is_marked(answers: dict[str, commands.Run]) -> None:
     ours, peer = answers["ours"], answers["peer"]
     reference = {key: getattr(ours, key) for key in ("x", "area", "mu", "R", "v")}
     # The node in the middle of the face, which sticks, is taken off the plane.
     R, v = peer.R.copy(), peer.v.copy()
     R[-1, 12], v[-1, 12] = 0.0, (1e-3, 0.0, 0.0)
-    spoilt = programs.Run(**(vars(peer) | {"R": R, "v": v}))
-    error, wrong = judge.compare(spoilt, reference)
+    spoilt = commands.Run(**(vars(peer) | {"R": R, "v": v}))
+    error, wrong = compare_tractions.compare(spoilt, reference)
     assert error > 1e-3
     assert wrong == 1
-    row = dict.fromkeys(beside.COLUMNS, "") | {"error": error, "wrong_statuses": wrong}
-    assert not beside.trusted(row)
+    row = dict.fromkeys(whole_job.COLUMNS, "") | {
+        "error": error,
+        "wrong_statuses": wrong,
+    }
+    assert not whole_job.trusted(row)
 
 
 def test_statuses_do_not_count_on_the_border() -> None:
@@ -163,7 +167,7 @@ def test_statuses_do_not_count_on_the_border() -> None:
     R = np.array([[[1.0, 0.3], [1.0, 0.3], [1.0, 0.1], [0.0, 0.0], [1.0, 0.0]]])
     v = np.array([[[0.0, 0.0], [0.0, -1.0], [0.0, 0.0], [1.0, 0.5], [0.0, 0.0]]])
     mu = np.array([0.3, 0.3, 0.3, 0.3, 0.0])
-    status, clear = judge.statuses(R, v, mu)
+    status, clear = compare_tractions.statuses(R, v, mu)
     assert status[0, 1:].tolist() == [1, 2, 0, 1]
     assert clear[0].tolist() == [False, True, True, True, True]
 
@@ -187,7 +191,7 @@ def test_peers_say_why_they_do_not_run(repository: Path) -> None:
 
 
 def test_a_peer_that_nobody_has_is_missing() -> None:
-    peer = programs.Peer("none", "none.py", "no_such_package, numpy", 1.0, "").find()
+    peer = commands.Peer("none", "none.py", "no_such_package, numpy", 1.0, "").find()
     assert peer.python is None
     assert peer.missing == "no Python here has no_such_package and numpy"
 
@@ -202,7 +206,7 @@ def test_rows_measured_anew_take_the_place_of_the_old() -> None:
         row("two_blocks", "8", "bipot_rs"),
     ]
     new = [row("pressed_block", 32, "bipot_rs"), row("sheared_cube", 9, "bipot_rs")]
-    assert beside.merged(old, new) == [new[0], new[1], old[2]]
+    assert whole_job.merged(old, new) == [new[0], new[1], old[2]]
 
 
 def test_a_peer_is_predicted_by_its_own_slope() -> None:
@@ -213,26 +217,26 @@ def test_a_peer_is_predicted_by_its_own_slope() -> None:
         (history[:1], "sheared_cube", 16.0),
         (history[:1], "pressed_block", 8.0),
     ):
-        found = beside.predicted(known, 400, scene)
+        found = whole_job.predicted(known, 400, scene)
         assert found == pytest.approx(seconds, rel=1e-12)
 
 
-def test_sheets_give_their_tables(repository: Path) -> None:
+def test_sheets_give_their_tables() -> None:
     """`--again`, of the sheets that are there and of older ones without a machine."""
-    rows = beside.read(repository / "benches" / beside.SHEET)
-    assert beside.written(rows).count("\n| ") == len(rows) + 1
-    with (repository / "benches" / slopes.SHEET).open(encoding="utf-8") as file:
-        assert "Expected: " in slopes.written(list(csv.DictReader(file)))
+    rows = whole_job.read(tables.RESULTS / whole_job.SHEET)
+    assert whole_job.written(rows).count("\n| ") == len(rows) + 1
+    with (tables.RESULTS / scaling.SHEET).open(encoding="utf-8") as file:
+        assert "Expected: " in scaling.written(list(csv.DictReader(file)))
     for row in rows:
         row.pop("machine", None)
     rows[0]["machine"] = "one, 2 cores"
-    assert beside.written(rows).startswith("one, 2 cores; machine not noted, load ")
+    assert whole_job.written(rows).startswith("one, 2 cores; machine not noted, load ")
 
 
 def test_exponents_are_slopes() -> None:
     n = np.array([1e3, 1e4, 1e5])
     # Logarithms of a power law lie on a line, to rounding.
-    assert slopes.exponent(n, 3 * n**1.5) == pytest.approx(1.5, rel=1e-12)
+    assert scaling.exponent(n, 3 * n**1.5) == pytest.approx(1.5, rel=1e-12)
 
 
 def test_the_matrices_of_a_peer_are_those_of_the_scene(

@@ -1,7 +1,7 @@
 """What it costs to start: whole processes, in turn.
 
-    python benches/start.py                # the table of the README, of 9 rounds
-    python benches/start.py --rounds 21
+    python benches/import_time.py                # the table of the README, of 9 rounds
+    python benches/import_time.py --rounds 21
 
 Each round runs every command once, so that all meet the same machine, and the first
 round, which fills the caches of the disk and of Python, is not counted. The least of
@@ -16,7 +16,7 @@ from pathlib import Path
 from time import perf_counter
 
 import tables
-from programs import as_installed
+from peers.commands import as_installed
 
 PYTHON = sys.executable
 COMMANDS = {
@@ -57,7 +57,7 @@ def main():
         for name, column in zip(COMMANDS, zip(*times[1:], strict=True), strict=True)
     ]
     text = tables.table(("process", "least", "median"), rows)
-    tables.publish("start", text, write=not asked.print)
+    tables.publish("import time", text, write=not asked.print)
 
 
 if __name__ == "__main__":

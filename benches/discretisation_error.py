@@ -1,6 +1,6 @@
 """The discretisation error of scenes beside the true one, under refinement.
 
-    python benches/discretisation.py
+    python benches/discretisation_error.py
 
 On linear triangles and tetrahedra. The true error is measured against a mesh whose cells
 are cut in four along each axis, or eight, which contains the coarse one. Rows of the last

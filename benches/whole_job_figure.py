@@ -1,6 +1,6 @@
-"""Draw beside.csv and time_against_error.csv: seconds against unknowns, and against error.
+"""Draw whole_job.csv and time_against_error.csv: seconds against unknowns, and against error.
 
-python benches/beside_figure.py [--quick]
+python benches/whole_job_figure.py [--quick]
 """
 
 import argparse
@@ -127,8 +127,8 @@ def main():
     plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="what is in out/bench")
-    folder = tables.folder(parser.parse_args().quick)
-    unknowns(plt, lines(folder / "beside.csv"), folder / "time_against_unknowns.png")
+    folder = tables.folder(parser.parse_args().quick) / "results"
+    unknowns(plt, lines(folder / "whole_job.csv"), folder / "time_against_unknowns.png")
     sheet = folder / "time_against_error.csv"
     errors(plt, lines(sheet), sheet.with_suffix(".png"))
 

@@ -1,12 +1,12 @@
 """How each phase grows with the number of unknowns, and what that says of larger ones.
 
-    python benches/slopes.py
-    python benches/slopes.py --quick
+    python benches/scaling.py
+    python benches/scaling.py --quick
 
 Squares and cubes with their base in contact, four sizes each: seconds of each phase,
 operations, nonzeros and bytes. An exponent is the least-squares slope of logarithms;
 the prediction starts at the largest size measured. Rewrites the table of
-`benches/README.md`, and `slopes.csv`.
+`benches/README.md`, and `results/scaling.csv`.
 """
 
 import argparse
@@ -19,10 +19,10 @@ from pathlib import Path
 import matrix_file
 import numpy as np
 import tables
-from programs import lines_of
+from peers.commands import lines_of
 
 HERE = Path(__file__).resolve().parent
-SHEET = "slopes.csv"
+SHEET = "scaling.csv"
 CELLS = {2: (158, 223, 316, 447), 3: (14, 18, 25, 32)}
 QUICK = {2: (30, 45, 65, 90), 3: (5, 7, 9, 11)}
 # The exponents of theory for nested dissection, a whole side in contact: its m unknowns
@@ -62,7 +62,7 @@ def exponent(n, values):
 
 def measured(dim, cells, threads):
     """Rows of the sheet, a size each."""
-    command = [sys.executable, str(HERE / "condensation_ours.py")]
+    command = [sys.executable, str(HERE / "condense_file.py")]
     for count in cells:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "matrix"
@@ -134,11 +134,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small sizes")
     parser.add_argument("--print", action="store_true", help="write no files")
-    parser.add_argument("--again", action="store_true", help="table from slopes.csv")
+    parser.add_argument(
+        "--again", action="store_true", help="table from results/scaling.csv"
+    )
     asked = parser.parse_args()
     threads, folder = os.cpu_count() or 1, tables.folder(asked.quick)
     if asked.again:
-        with (folder / SHEET).open(encoding="utf-8") as file:
+        with (folder / "results" / SHEET).open(encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
     else:
         rows = [
@@ -150,11 +152,11 @@ def main():
     print(text)
     if asked.print:
         return
-    with (folder / SHEET).open("w", newline="", encoding="utf-8") as file:
+    with (folder / "results" / SHEET).open("w", newline="", encoding="utf-8") as file:
         sheet = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         sheet.writeheader()
         sheet.writerows(rows)
-    tables.rewrite(folder / "README.md", "slopes", text)
+    tables.rewrite(folder / "README.md", "scaling", text)
 
 
 if __name__ == "__main__":

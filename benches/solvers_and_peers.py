@@ -1,7 +1,7 @@
 """Seconds to η ≤ 1e-8 beside Siconos and a NumPy sweep, on the same W, q and μ.
 
-    python benches/beside_peers.py
-    python benches/beside_peers.py --seeds 10 --sets held,random
+    python benches/solvers_and_peers.py
+    python benches/solvers_and_peers.py --seeds 10 --sets held,random
 
 For each problem in turn: ours, the sweep of `peers/sweep.py`, and Siconos' projected
 Gauss–Seidel (NSGS) and Alart–Curnier Newton (NSN_AC) with its default parameters, one
@@ -36,7 +36,7 @@ import numpy as np
 import problems
 import tables
 from peers.sweep import sweep
-from refine import Scaled
+from reference_solution import Scaled
 from speed_against_error import timed
 
 import bipot_rs as bp
@@ -216,7 +216,7 @@ def main():
         if siconos:
             siconos.close()
     tables.publish(
-        "beside Siconos", tables.table(HEAD, lines), write=whole and not asked.print
+        "solvers and peers", tables.table(HEAD, lines), write=whole and not asked.print
     )
 
 

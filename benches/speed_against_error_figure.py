@@ -1,6 +1,6 @@
 """Draws speed_against_error.csv: products with W against true error, a panel a set.
 
-python benches/speed_figure.py
+python benches/speed_against_error_figure.py
 """
 
 import csv
@@ -116,5 +116,5 @@ def draw(source, target):
 
 
 if __name__ == "__main__":
-    path = Path(__file__).with_name("speed_against_error.csv")
+    path = Path(__file__).parent / "results" / "speed_against_error.csv"
     draw(path, path.with_suffix(".png"))

@@ -1,8 +1,8 @@
 """Whole jobs beside the peers: mesh to written result, every program in turn.
 
-    python benches/beside.py                  # the table and figures of the README
-    python benches/beside.py --quick
-    python benches/beside.py --scenes sheared_cube=9,15 --rounds 2 --budget 60 --print
+    python benches/whole_job.py                  # the table and figures of the README
+    python benches/whole_job.py --quick
+    python benches/whole_job.py --scenes sheared_cube=9,15 --rounds 2 --budget 60 --print
 
 For each scene and size: ours, a peer, the next peer, and again, so that all meet the
 same machine; a ratio is the median of those within a round. Each run is a process of its
@@ -14,7 +14,7 @@ reference of the mesh: an error above 1e-8 or a wrong status is marked. Where th
 reference, ours is compared with the first peer, the peers with ours.
 
 Rewrites the table of `benches/README.md`, the short one of the first README, and
-`beside.csv`, which `beside_figure.py` draws. ``--quick`` writes copies of them into
+`results/whole_job.csv`, which `whole_job_figure.py` draws. ``--quick`` writes copies of them into
 `out/bench`.
 """
 
@@ -25,12 +25,12 @@ import os
 from pathlib import Path
 from statistics import median
 
-import judge
-import programs
+import compare_tractions
 import tables
+from peers import commands
 
 HERE = Path(__file__).resolve().parent
-SHEET = "beside.csv"
+SHEET = "whole_job.csv"
 FIRST = HERE.parent / "README.md"
 # The rows that the first README shows.
 SHOWN = (
@@ -139,14 +139,14 @@ class Contest:
                 try:
                     self.add(peer)
                     spent += self.runs[peer][-1].process
-                except programs.Failed as why:
+                except commands.Failed as why:
                     self.notes[peer] = f"not solved: {why}"
                     self.runs[peer].clear()
         return list(self.rows())
 
     def rows(self):
         """One dictionary a program."""
-        reference, against = judge.stored(self.scene, self.n), "reference"
+        reference, against = compare_tractions.stored(self.scene, self.n), "reference"
         own = self.runs[self.ours]
         for program, runs in self.runs.items():
             row = dict.fromkeys(COLUMNS, "")
@@ -161,7 +161,7 @@ class Contest:
             if reference is None:
                 other, against = self.other(program)
             if other is not None:
-                error, wrong = judge.compare(answer, other)
+                error, wrong = compare_tractions.compare(answer, other)
                 row |= {"error": error, "wrong_statuses": wrong, "against": against}
             jobs = [run.job for run in runs]
             row |= {
@@ -204,7 +204,7 @@ class Contest:
         for peer, runs in self.runs.items():
             if peer is not self.ours and runs:
                 run = runs[0]
-                order = judge.nearest(run.x, own.x)
+                order = compare_tractions.nearest(run.x, own.x)
                 found = {"R": run.R[:, order], "v": run.v[:, order]}
                 return as_reference | found, peer.name
         return None, ""
@@ -343,7 +343,7 @@ def chosen(argument, sizes):
 
 def measure(asked):
     """Rows of one scene and size after the other."""
-    ours, peers = programs.Ours(), programs.peers()
+    ours, peers = commands.Ours(), commands.peers()
     versions = {
         p.name: "" if getattr(p, "missing", "") else p.version() for p in (ours, *peers)
     }
@@ -384,7 +384,7 @@ def read(path):
 def store(rows, folder, first):
     """Write the sheet and the tables; ``first``, whether into the first README, too."""
     text = written(rows)
-    with (folder / SHEET).open("w", newline="", encoding="utf-8") as file:
+    with (folder / "results" / SHEET).open("w", newline="", encoding="utf-8") as file:
         sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         sheet.writeheader()
         sheet.writerows(rows)
@@ -408,7 +408,7 @@ def main():
     asked.rounds = asked.rounds or (2 if asked.quick else 5)
     asked.budget = asked.budget or (20.0 if asked.quick else 240.0)
     folder = tables.folder(asked.quick)
-    rows = read(folder / SHEET) if asked.scenes or asked.again else []
+    rows = read(folder / "results" / SHEET) if asked.scenes or asked.again else []
     for found in () if asked.again else measure(asked):
         rows = merged(rows, found)
         if not asked.print:

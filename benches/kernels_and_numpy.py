@@ -1,6 +1,6 @@
 """Two kernels as Python calls them, beside NumPy and SciPy doing the same.
 
-    python benches/kernels.py
+    python benches/kernels_and_numpy.py
 
 The tables of the README: `project` beside a vectorised NumPy projection, and the
 condensation of a cube and of a square beside `scipy.sparse.linalg.splu` with one
@@ -111,8 +111,8 @@ def main():
     """Measure, and rewrite the tables."""
     asked = tables.parser(__doc__).parse_args()
     for name, head, rows in (
-        ("projection beside NumPy", PROJECTION, projection()),
-        ("condensation beside SciPy", CONDENSATION, condensation()),
+        ("projection and NumPy", PROJECTION, projection()),
+        ("condensation and SciPy", CONDENSATION, condensation()),
     ):
         tables.publish(name, tables.table(head, rows), write=not asked.print)
 

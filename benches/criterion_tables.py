@@ -1,7 +1,7 @@
 """The benches of the crate, `cargo bench`, as tables of the README.
 
-    python benches/rust.py                 # all, condensation with the cube of 148,000
-    python benches/rust.py --only fronts
+    python benches/criterion_tables.py                 # all, condensation with the cube of 148,000
+    python benches/criterion_tables.py --only fronts
 
 `condense` and `fronts` print what they measure; of `projection` and `solvers` criterion
 keeps medians and what a call works on, from which the rates are.

@@ -1,6 +1,6 @@
 """What could grow with a product of sizes, beside a neighbour of the same size.
 
-    python benches/neighbours.py            # the table of the README
+    python benches/memory_and_time.py            # the table of the README
 
 Each side is a process of its own, whose peak memory is that of its arrays and ours.
 Seconds are the processor's, of all threads: a busy machine does not count.
@@ -160,7 +160,7 @@ def main():
     if asked.one:
         one(asked.one)
         return
-    tables.publish("neighbours", tables.table(HEAD, rows()), write=not asked.print)
+    tables.publish("memory and time", tables.table(HEAD, rows()), write=not asked.print)
 
 
 if __name__ == "__main__":

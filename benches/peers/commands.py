@@ -17,8 +17,7 @@ import numpy as np
 
 from bipot_rs.files.export import read_result
 
-HERE = Path(__file__).resolve().parent
-PEERS = HERE / "peers"
+PEERS = Path(__file__).resolve().parent
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write")
 
 

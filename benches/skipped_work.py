@@ -1,7 +1,7 @@
 """What is left undone where a scene does not need it: each beside doing it all the same.
 
-    python benches/needs.py            # the table of the README
-    python benches/needs.py --small    # without the cube of 148,000
+    python benches/skipped_work.py            # the table of the README
+    python benches/skipped_work.py --small    # without the cube of 148,000
 
 Cubes, their top held and pressed down, their base the candidates. The two sides run in
 turn, the smaller of each counts, and the answers of both are compared:
@@ -216,7 +216,7 @@ def main():
     rows = [face(25, 3)]
     rows += [] if asked.small else [face(36, 2)]
     rows += [pattern(25, 3), coefficients(25, 3), steps(25, 3)]
-    tables.publish("needs", tables.table(HEAD, rows), write=not asked.print)
+    tables.publish("skipped work", tables.table(HEAD, rows), write=not asked.print)
 
 
 if __name__ == "__main__":

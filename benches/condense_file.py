@@ -1,6 +1,6 @@
 """Our condensation of a matrix file, timed: what `condensation_peers.py` runs for ours.
 
-    python benches/condensation_ours.py FILE REPEAT
+    python benches/condense_file.py FILE REPEAT
 
 FILE is that of `peers/cholmod.c`. Prints one JSON line: seconds of each phase, the
 smallest of a construction and, as with the peers, of REPEAT updates that know the pattern
