@@ -31,9 +31,19 @@ CASES = {"cube 14": (3, 14), "cube 25": (3, 25), "square 316": (2, 316)}
 LARGE = {"cube 36": (3, 36)}
 QUICK = {"cube 9": (3, 9), "square 60": (2, 60)}
 HEAD = (
-    *("body", "unknowns", "contact", "program", "1 thread, s", "Gflop"),
-    *("share of product", "2 threads, s", "gain", "ours / it", "ours / it, 2 threads"),
-    *("S differs", "ordering"),
+    "body",
+    "unknowns",
+    "contact unknowns",
+    "program",
+    "1 thread, s",
+    "Gflop",
+    "share of product",
+    "2 threads, s",
+    "speed-up",
+    "bipot_rs / program",
+    "bipot_rs / program, 2 threads",
+    "difference of S",
+    "ordering",
 )
 
 
@@ -186,14 +196,13 @@ def conclusion(rows):
     for peer, ratios in found.items():
         low, high = min(ratios), max(ratios)
         words.append(
-            f"ours takes {low[0]:.2f} ({low[1]}) to {high[0]:.2f} ({high[1]}) of the "
+            f"bipot_rs takes {low[0]:.2f} ({low[1]}) to {high[0]:.2f} ({high[1]}) of the "
             f"time of {peer} on one thread"
         )
     gains = [float(row[8]) for row in rows if row[3] == "bipot_rs"]
     if math.isfinite(max(gains)):
-        words.append(f"two threads gain us up to {max(gains):.2f}")
-    text = "; ".join(words) + "."
-    return text[0].upper() + text[1:]
+        words.append(f"two threads are up to {max(gains):.2f} times as fast as one")
+    return "; ".join(words) + "."
 
 
 if __name__ == "__main__":

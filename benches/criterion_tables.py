@@ -64,7 +64,8 @@ def pivoted(found):
             cells = (values[value] for value in head)
             pages.setdefault(head, []).append((group, function, *cells))
     return "\n\n".join(
-        tables.table(("bench, unit", "of", *head), rows) for head, rows in pages.items()
+        tables.table(("bench, unit", "function", *head), rows)
+        for head, rows in pages.items()
     )
 
 

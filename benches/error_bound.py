@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import bipot_rs as bp
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "benches"), str(ROOT / "tests" / "python")]
+sys.path.append(str(ROOT / "tests" / "python" / "support"))
 
 import problems  # noqa: E402
 import tables  # noqa: E402

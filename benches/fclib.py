@@ -229,13 +229,12 @@ def main():
             lines += new
         if siconos:
             siconos.close()
-    with (tables.RESULTS / "fclib.csv").open("w", newline="") as file:
-        sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        sheet.writeheader()
-        sheet.writerows(lines)
     whole = tables.whole(parser, asked, "methods")
     report(lines, write=whole and not asked.print)
-    fclib_figure.draw(tables.RESULTS / "fclib.csv", tables.RESULTS / "fclib.png")
+    if not asked.print:
+        path = tables.RESULTS / "fclib.csv"
+        tables.write_rows(path, lines)
+        fclib_figure.draw(path, path.with_suffix(".png"))
 
 
 if __name__ == "__main__":

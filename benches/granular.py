@@ -15,7 +15,6 @@ Rows are added to `results/granular.csv` as they are found, and those of the sam
 replaced; table and figure are of all rows there are.
 """
 
-import csv
 import sys
 from time import perf_counter, process_time
 
@@ -123,10 +122,8 @@ def main():
     parser.add_argument("--seconds-limit", type=float, default=SECONDS)
     asked = parser.parse_args()
     path = tables.RESULTS / "granular.csv"
-    kept = {}
-    if path.exists():
-        with path.open() as file:
-            kept = {(x["set"], int(x["seed"])): x for x in csv.DictReader(file)}
+    stored = tables.read_rows(path) if path.exists() else []
+    kept = {(x["set"], int(x["seed"])): x for x in stored}
     last = asked.first_seed + asked.seeds
     for name in asked.sets.split(","):
         for seed in range(asked.first_seed, last):
@@ -142,15 +139,10 @@ def main():
 
 
 def write(path, kept):
-    """The CSV, sets in their order and seeds in theirs; whole or as it was."""
+    """Write the CSV file, ordered by set and seed."""
     order = list(grains.SETS)
     lines = sorted(kept.items(), key=lambda x: (order.index(x[0][0]), x[0][1]))
-    new = path.with_suffix(".new")
-    with new.open("w", newline="") as file:
-        writer = csv.DictWriter(file, lines[0][1], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(line for _, line in lines)
-    new.replace(path)
+    tables.write_rows(path, [line for _, line in lines])
 
 
 if __name__ == "__main__":

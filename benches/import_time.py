@@ -56,7 +56,7 @@ def main():
         (f"`{name}`", f"{min(column):.0f} ms", f"{statistics.median(column):.0f} ms")
         for name, column in zip(COMMANDS, zip(*times[1:], strict=True), strict=True)
     ]
-    text = tables.table(("process", "least", "median"), rows)
+    text = tables.table(("process", "minimum", "median"), rows)
     tables.publish("import time", text, write=not asked.print)
 
 

@@ -18,7 +18,7 @@ from peers.report import peak_mb
 import bipot_rs as bp
 from bipot_rs.obstacle import Surface
 
-HEAD = ("work", "of", "s", "MB", "beside", "s", "MB")
+HEAD = ("operation", "size", "s", "MB", "compared with", "s", "MB")
 
 
 def sheet(n, up):
@@ -102,7 +102,12 @@ ROWS = (
     ),
     *(
         (
-            (f"200 points at {off:g} R from a centre", "199,080 facets", sphere, args),
+            (
+                f"200 points at {off:g} R from the centre",
+                "199,080 facets",
+                sphere,
+                args,
+            ),
             ("at 0.5 R", sphere, (316, 0.5)),
         )
         for off, args in ((1e-3, (316, 1e-3)), (1e-9, (316, 1e-9)))
@@ -113,8 +118,13 @@ ROWS = (
     ),
     *(
         (
-            (f"`answers`, {kind} W, friction {mu:g}", "12", statuses, (kind, 12, mu)),
-            ("of 10", statuses, (kind, 10, mu)),
+            (
+                f"`answers`, {kind} W, friction {mu:g}",
+                "12 contacts",
+                statuses,
+                (kind, 12, mu),
+            ),
+            ("10 contacts", statuses, (kind, 10, mu)),
         )
         for kind in ("definite", "indefinite", "weakly coupled")
         for mu in (0.4, 5.0)

@@ -10,7 +10,6 @@ the prediction starts at the largest size measured. Rewrites the table of
 """
 
 import argparse
-import csv
 import os
 import sys
 import tempfile
@@ -50,7 +49,7 @@ NAMES = {
 SCALE = {"bytes_factor": 1e-9, "bytes_peak": 1e-9}
 FAR = (10**6, 10**7)
 HEAD = (
-    *("", "quantity", "smallest", "largest", "exponent", "theory"),
+    *("unknowns", "quantity", "smallest", "largest", "exponent", "theory"),
     *(f"at 10^{len(str(n)) - 1}" for n in FAR),
 )
 
@@ -107,12 +106,14 @@ def written(rows):
             far[key] = predicted
             if key in ("order", "symbolic", "factor", "compliance", "solve", "recover"):
                 total += predicted
-        place = "in the plane" if dim == 2 else "in space"
+        place = f"in {dim}D"
         for size, seconds, memory in zip(FAR, total, far["bytes_peak"], strict=True):
             told = [tables.figures(float(f"{x:.2g}")) for x in (seconds, memory)]
             words.append(f"{told[0]} s and {told[1]} GB for {size:,} unknowns {place}")
     text = tables.table(HEAD, lines)
-    return f"{text}\n\n{tables.machines(rows)}. Seconds but where said. {verdict(rows, words)}"
+    return (
+        f"{text}\n\n{tables.machines(rows)}. Times in seconds. {verdict(rows, words)}"
+    )
 
 
 def verdict(rows, words):
@@ -124,8 +125,8 @@ def verdict(rows, words):
     largest = float(space[-1]["n"]) * (memory / values[-1]) ** (1 / slope)
     said = ", ".join(words)
     return (
-        f"Expected: {said}. Memory, not time, is what ends a direct method in space: this "
-        f"machine's {memory:.0f} GB are full at some {largest:.1g} unknowns there."
+        f"Expected: {said}. In 3D memory limits a direct method before time does: the "
+        f"{memory:.0f} GB of this machine are full at about {largest:.1g} unknowns."
     )
 
 
@@ -140,8 +141,7 @@ def main():
     asked = parser.parse_args()
     threads, folder = os.cpu_count() or 1, tables.folder(asked.quick)
     if asked.again:
-        with (folder / "results" / SHEET).open(encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
+        rows = tables.read_rows(folder / "results" / SHEET)
     else:
         rows = [
             row
@@ -152,10 +152,7 @@ def main():
     print(text)
     if asked.print:
         return
-    with (folder / "results" / SHEET).open("w", newline="", encoding="utf-8") as file:
-        sheet = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        sheet.writeheader()
-        sheet.writerows(rows)
+    tables.write_rows(folder / "results" / SHEET, rows)
     tables.rewrite(folder / "README.md", "scaling", text)
 
 

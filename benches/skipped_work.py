@@ -24,7 +24,15 @@ from scipy import sparse
 import bipot_rs as bp
 from bipot_rs.fem.elasticity import Body, Material, box, stiffness
 
-HEAD = ("need", "unknowns", "contacts", "ours, s", "beside, s", "ours / it", "differs")
+HEAD = (
+    "case",
+    "unknowns",
+    "contacts",
+    "bipot_rs, s",
+    "compared with, s",
+    "ratio",
+    "difference",
+)
 DIM, MU = 3, 0.3
 # Of the face that closes.
 SHARE = 0.02

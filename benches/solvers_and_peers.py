@@ -45,8 +45,8 @@ HERE = Path(__file__).resolve().parent
 WISH = 1e-8
 SETS = [name for name in problems.SETS if name != "floating"]
 PROGRAMS = {
-    "call": "bipot_rs auto, the call",
-    "auto": "bipot_rs auto, the solver",
+    "call": "bipot_rs auto, call from Python",
+    "auto": "bipot_rs auto, solver alone",
     "sweep": "NumPy sweep",
     "NSGS": "Siconos NSGS",
     "NSN_AC": "Siconos NSN_AC",
@@ -177,8 +177,14 @@ def ratio(seconds, ours):
 
 
 HEAD = (
-    *("set", "problems", "program", "solved", "median, ms", "90 %, ms"),
-    *("/ call", "/ solver"),
+    "set",
+    "problems",
+    "program",
+    "solved",
+    "median, ms",
+    "90 %, ms",
+    "time / call",
+    "time / solver",
 )
 
 

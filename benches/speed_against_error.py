@@ -22,7 +22,6 @@ of the problems as long as the compiled core is the same, so that a run that was
 goes on, and one with more seeds adds only those.
 """
 
-import csv
 import json
 import os
 import sys
@@ -55,7 +54,7 @@ LADDER = [float(f"1e-{k}") for k in range(2, 15)]
 TARGETS = LADDER[:11]
 SHOWN = TARGETS[::2]
 WORK = 20_000
-MEASURES = {"eta": "products to η", "error": "products to true error"}
+MEASURES = ("eta", "error")
 
 
 def available(methods):
@@ -194,11 +193,11 @@ def rows(results):
                 }
 
 
-def table(lines, measure, unit, form):
-    """Markdown: median and 90 % quantile for each target."""
+def table(lines, unit, form):
+    """Markdown: median and 90 % quantile of the cost of each true error."""
     head = ("set", "method", *(f"{target:.0e}" for target in SHOWN), "solved")
     found = []
-    own = [line for line in lines if line["measure"] == measure]
+    own = [line for line in lines if line["measure"] == "error"]
     for name, method in dict.fromkeys((x["set"], x["method"]) for x in own):
         by_target = {
             x["target"]: x for x in own if (x["set"], x["method"]) == (name, method)
@@ -230,25 +229,26 @@ def main():
     asked = parser.parse_args()
     whole = tables.whole(parser, asked, "sets", "methods", "seeds", "first_seed")
     write = whole and not asked.print and asked.out.resolve() == tables.RESULTS
-    asked.out.mkdir(parents=True, exist_ok=True)
     methods = available(asked.methods.split(","))
     sets, limit = asked.sets.split(","), asked.seconds_limit
     drawn = asked.seeds, asked.first_seed
     results = collect(sets, methods, *drawn, limit, asked.jobs)
     lines = list(rows(results))
-    path = asked.out / "speed_against_error.csv"
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, lines[0], lineterminator="\n")
-        writer.writeheader()
-        for line in lines:
-            writer.writerow(
-                {k: f"{x:.4g}" if isinstance(x, float) else x for k, x in line.items()}
-            )
-    for measure, name in MEASURES.items():
-        text = table(lines, measure, "products", "{:.0f}".format)
-        tables.publish(name, text, write=write)
-    text = table(lines, "error", "seconds", lambda x: f"{1e3 * x:.2g}")
+    text = table(lines, "products", "{:.0f}".format)
+    tables.publish("products to true error", text, write=write)
+    text = table(lines, "seconds", lambda x: f"{1e3 * x:.2g}")
     tables.publish("milliseconds to true error", text, write=write)
+    if asked.print:
+        return
+    path = asked.out / "speed_against_error.csv"
+    asked.out.mkdir(parents=True, exist_ok=True)
+    tables.write_rows(
+        path,
+        [
+            {k: f"{x:.4g}" if isinstance(x, float) else x for k, x in line.items()}
+            for line in lines
+        ],
+    )
 
     from speed_against_error_figure import draw
 

@@ -8,6 +8,7 @@ Everything outside is left as it is, to the byte.
 """
 
 import argparse
+import csv
 import os
 import platform
 import re
@@ -49,6 +50,25 @@ def rewrite(path: Path, name: str, text: str) -> None:
     page = replaced(path.read_text(encoding="utf-8"), name, text)
     new = path.with_suffix(".new")
     new.write_text(page, encoding="utf-8")
+    new.replace(path)
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file."""
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
+    """Write a CSV file whose columns are the keys of the first row.
+
+    An interrupted run leaves the old file, never half of the new one.
+    """
+    new = path.with_suffix(".new")
+    with new.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
     new.replace(path)
 
 

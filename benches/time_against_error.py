@@ -9,7 +9,6 @@ its own affair, the error is ours to measure. Writes `results/time_against_error
 """
 
 import argparse
-import csv
 
 import compare_tractions
 import tables
@@ -50,11 +49,7 @@ def main():
     parser.add_argument("--quick", action="store_true", help="a small mesh, one run")
     asked = parser.parse_args()
     found = list(rows(9, 1, LADDER[::3]) if asked.quick else rows(15, 2, LADDER))
-    path = tables.folder(asked.quick) / "results" / SHEET
-    with path.open("w", newline="", encoding="utf-8") as file:
-        sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        sheet.writeheader()
-        sheet.writerows(found)
+    tables.write_rows(tables.folder(asked.quick) / "results" / SHEET, found)
 
 
 if __name__ == "__main__":

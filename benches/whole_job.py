@@ -19,7 +19,6 @@ Rewrites the table of `benches/README.md`, the short one of the first README, an
 """
 
 import argparse
-import csv
 import math
 import os
 from pathlib import Path
@@ -271,7 +270,7 @@ def conclusion(rows):
                     (float(row["later_ratio"]), row["program"]),
                 )
     if not best:
-        return "No peer is installed: nothing to compare."
+        return "No peer is installed."
 
     def words(found, keys):
         return ", ".join(
@@ -281,11 +280,13 @@ def conclusion(rows):
 
     won = sorted((k for k in best if best[k][0] >= 1), key=lambda k: -best[k][0])
     lost = [k for k in best if best[k][0] < 1]
-    text = "Times the job of the fastest peer that is right takes ours: "
-    text += (words(best, won) or "never more than once") + "."
+    text = (
+        "Job of the fastest peer with a correct result, divided by that of bipot_rs: "
+    )
+    text += (words(best, won) or "nowhere above 1") + "."
     text += f" Slower than a peer: {words(best, lost) if lost else 'nowhere'}."
     if later:
-        text += f" A later load step: {words(later, later)}."
+        text += f" The same ratio of a later load step: {words(later, later)}."
     return text
 
 
@@ -373,21 +374,10 @@ def merged(old, new):
     return sorted(rows, key=lambda row: (order.index(row["scene"]), int(row["n"])))
 
 
-def read(path):
-    """Rows of a sheet, none where there is no file."""
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def store(rows, folder, first):
     """Write the sheet and the tables; ``first``, whether into the first README, too."""
     text = written(rows)
-    with (folder / "results" / SHEET).open("w", newline="", encoding="utf-8") as file:
-        sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        sheet.writeheader()
-        sheet.writerows(rows)
+    tables.write_rows(folder / "results" / SHEET, rows)
     tables.rewrite(folder / "README.md", "whole jobs", text)
     if first:
         text = f"{short(rows)}\n\n{tables.machines(rows)}."
@@ -408,7 +398,9 @@ def main():
     asked.rounds = asked.rounds or (2 if asked.quick else 5)
     asked.budget = asked.budget or (20.0 if asked.quick else 240.0)
     folder = tables.folder(asked.quick)
-    rows = read(folder / "results" / SHEET) if asked.scenes or asked.again else []
+    stored = folder / "results" / SHEET
+    kept = (asked.scenes or asked.again) and stored.exists()
+    rows = tables.read_rows(stored) if kept else []
     for found in () if asked.again else measure(asked):
         rows = merged(rows, found)
         if not asked.print:

@@ -4,7 +4,6 @@ python benches/whole_job_figure.py [--quick]
 """
 
 import argparse
-import csv
 
 import numpy as np
 import tables
@@ -20,12 +19,6 @@ PANELS = {
     "in the plane": {"pressed_block": "-", "cattaneo_mindlin": "--"},
     "in space": {"sheared_cube": "-", "two_blocks": "--", "cyclic_cube": ":"},
 }
-
-
-def lines(path):
-    """Rows of a sheet."""
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def dress(axis):
@@ -128,9 +121,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="what is in out/bench")
     folder = tables.folder(parser.parse_args().quick) / "results"
-    unknowns(plt, lines(folder / "whole_job.csv"), folder / "time_against_unknowns.png")
+    unknowns(
+        plt,
+        tables.read_rows(folder / "whole_job.csv"),
+        folder / "time_against_unknowns.png",
+    )
     sheet = folder / "time_against_error.csv"
-    errors(plt, lines(sheet), sheet.with_suffix(".png"))
+    errors(plt, tables.read_rows(sheet), sheet.with_suffix(".png"))
 
 
 if __name__ == "__main__":

@@ -1,18 +1,20 @@
 """The benches keep prose they did not write, and peers answer in one form."""
 
-import csv
 import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import compare_tractions
 import criterion_tables
+import fclib
 import numpy as np
 import pytest
 import scaling
+import speed_against_error
 import tables
 import whole_job
 from peers import commands
@@ -95,9 +97,10 @@ def test_what_criterion_kept_becomes_rates(tmp_path: Path) -> None:
     assert criterion_tables.pivoted(criterion_tables.samples(tmp_path)).split(
         "\n\n"
     ) == [
-        tables.table(("bench, unit", "of", "900"), [("product, GiB/s", "", "2")]),
+        tables.table(("bench, unit", "function", "900"), [("product, GiB/s", "", "2")]),
         tables.table(
-            ("bench, unit", "of", "1", "2"), [("project, M/s", "threads", "100", "200")]
+            ("bench, unit", "function", "1", "2"),
+            [("project, M/s", "threads", "100", "200")],
         ),
     ]
     with pytest.raises(SystemExit, match="no rates"):
@@ -107,7 +110,7 @@ def test_what_criterion_kept_becomes_rates(tmp_path: Path) -> None:
 def test_the_sheet_gives_the_table(repository: Path) -> None:
     """Rows of the page are those of its sheet, none retyped."""
     page = (repository / "benches" / "README.md").read_text(encoding="utf-8")
-    rows = whole_job.read(tables.RESULTS / whole_job.SHEET)
+    rows = tables.read_rows(tables.RESULTS / whole_job.SHEET)
     assert rows
     for row in rows:
         assert "| " + " | ".join(whole_job.cells(row)) + " |" in page
@@ -223,14 +226,46 @@ def test_a_peer_is_predicted_by_its_own_slope() -> None:
 
 def test_sheets_give_their_tables() -> None:
     """`--again`, of the sheets that are there and of older ones without a machine."""
-    rows = whole_job.read(tables.RESULTS / whole_job.SHEET)
+    rows = tables.read_rows(tables.RESULTS / whole_job.SHEET)
     assert whole_job.written(rows).count("\n| ") == len(rows) + 1
-    with (tables.RESULTS / scaling.SHEET).open(encoding="utf-8") as file:
-        assert "Expected: " in scaling.written(list(csv.DictReader(file)))
+    assert "Expected: " in scaling.written(
+        tables.read_rows(tables.RESULTS / scaling.SHEET)
+    )
     for row in rows:
         row.pop("machine", None)
     rows[0]["machine"] = "one, 2 cores"
     assert whole_job.written(rows).startswith("one, 2 cores; machine not noted, load ")
+
+
+@pytest.mark.parametrize(
+    "bench", [fclib, speed_against_error], ids=lambda b: b.__name__
+)
+def test_print_writes_no_files(
+    bench: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rungs = [{"tol": 0.0, "work": 1.0, "seconds": 1.0, "eta": 0.0, "error": 0.0}]
+    line = dict.fromkeys(fclib.COLUMNS, 1.0) | {"program": "auto", "file": "a.h5"}
+    lines = [line | {"target": target} for target in fclib.TARGETS]
+    results, data = tmp_path / "results", tmp_path / "data"
+    results.mkdir()
+    data.mkdir()
+    (data / "a.h5").touch()
+    monkeypatch.setattr(tables, "RESULTS", results)
+    monkeypatch.setattr(fclib, "find", lambda *_: None)
+    monkeypatch.setattr(fclib, "measure", lambda *_: lines)
+    monkeypatch.setattr(
+        speed_against_error, "collect", lambda *_: {("held", "auto", 0): rungs}
+    )
+    asked = ["--data", str(data)] if bench is fclib else []
+    monkeypatch.setattr(sys, "argv", ["bench", "--methods", "auto", "--print", *asked])
+    bench.main()
+    assert list(results.iterdir()) == []
+
+
+def test_the_error_bound_finds_the_problems_of_the_tests(repository: Path) -> None:
+    """Outside pytest, whose path has the folder of these problems."""
+    script = str(repository / "benches" / "error_bound.py")
+    subprocess.run([sys.executable, script, "--help"], check=True, capture_output=True)
 
 
 def test_exponents_are_slopes() -> None:
