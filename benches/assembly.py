@@ -9,13 +9,12 @@ single-threaded as ours. The least of five runs each, one program after the othe
 each mesh; what a program does once for a mesh (finding facets, numbering) is not timed.
 """
 
-import shutil
 import subprocess
-import sys
-from time import perf_counter
 
 import numpy as np
 import tables
+from peers import commands
+from timing import fastest
 
 from bipot_rs.fem.elasticity import Body, Material, box, stiffness
 
@@ -61,23 +60,8 @@ def ours(cell, n, moved):
         shift = np.random.default_rng(0).uniform(-0.1 / n, 0.1 / n, mesh.p.shape)
         mesh = type(mesh)(mesh.p + shift, mesh.t)
     body = Body("it", mesh, Material(1.0, 0.3))
-    seconds = []
-    for _ in range(RUNS):
-        start = perf_counter()
-        K = stiffness(body)
-        seconds.append(perf_counter() - start)
-    return min(seconds), K.shape[0]
-
-
-def interpreter_with_getfem():
-    """A Python that can import getfem, or None."""
-    for python in (sys.executable, shutil.which("python3"), "/usr/bin/python3"):
-        tried = python and subprocess.run(
-            [python, "-c", "import getfem"], capture_output=True
-        )
-        if tried and tried.returncode == 0:
-            return python
-    return None
+    seconds, K = fastest(RUNS, lambda: stiffness(body))
+    return seconds, K.shape[0]
 
 
 HEAD = ("cells", "dofs", "grid", "nodes moved", "GetFEM", "ratio, nodes moved")
@@ -106,7 +90,7 @@ def rows(python):
 def main():
     """Measure, and rewrite the table."""
     asked = tables.parser(__doc__).parse_args()
-    text = tables.table(HEAD, rows(interpreter_with_getfem()))
+    text = tables.table(HEAD, rows(commands.python_with("getfem")))
     tables.publish("assembly", text, write=not asked.print)
 
 

@@ -24,7 +24,7 @@ from statistics import median
 import matrix_file
 import numpy as np
 import tables
-from peers.commands import PEERS, Failed, lines_of
+from peers.commands import PEERS, Failed, lines_of, pythons
 
 HERE = Path(__file__).resolve().parent
 CASES = {"cube 14": (3, 14), "cube 25": (3, 25), "square 316": (2, 316)}
@@ -62,7 +62,7 @@ def compiled(folder):
 
 def pardiso(asked):
     """Command of the PARDISO program, or why there is none."""
-    for python in filter(None, (asked, sys.executable, which("python3"))):
+    for python in filter(None, (asked, *pythons())):
         command = [python, str(PEERS / "with_pardiso.py")]
         look = "import sys; sys.argv[1:] = []; sys.path.insert(0, %r); "
         look += "import with_pardiso; with_pardiso.library()"
@@ -133,15 +133,18 @@ def case(name, shape, commands, asked):
         # PARDISO does not count the operations of its two-level form.
         counted = line["flops"] > 0
         yield (
-            *((name, f"{n:,}", f"{m:,}") if first else ("", "", "")),
-            *(
-                program,
-                tables.figures(min(one)),
-                tables.figures(line["flops"] / 1e9) if counted else "",
-            ),
+            name if first else "",
+            f"{n:,}" if first else "",
+            f"{m:,}" if first else "",
+            program,
+            tables.figures(min(one)),
+            tables.figures(line["flops"] / 1e9) if counted else "",
             f"{100 * line['flops'] / min(one) / rate:.0f} %" if counted else "",
-            *(tables.figures(min(two)), f"{min(one) / min(two):.2f}"),
-            *(("", "", "") if first else (*ratios, f"{gap[program]:.0e}")),
+            tables.figures(min(two)),
+            f"{min(one) / min(two):.2f}",
+            "" if first else ratios[0],
+            "" if first else ratios[1],
+            "" if first else f"{gap[program]:.0e}",
             line["ordering"],
         )
 

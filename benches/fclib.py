@@ -28,15 +28,16 @@ import os
 import tempfile
 from functools import cached_property
 from pathlib import Path
-from time import perf_counter
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import fclib_figure
 import numpy as np
 import tables
+from peers.sweep import project
 from scipy.sparse import csr_array
 from solvers_and_peers import find
 from speed_against_error import METHODS, available
+from timing import repeated
 
 import bipot_rs as bp
 
@@ -44,8 +45,18 @@ TARGETS = (1e-4, 1e-8, 1e-12)
 SICONOS = ("NSGS", "NSN_AC")
 LARGEST_DENSE = 2000
 COLUMNS = (
-    *("file", "family", "form", "contacts", "dim", "program", "target"),
-    *("solved", "seconds", "work", "iterations", "eta"),
+    "file",
+    "family",
+    "form",
+    "contacts",
+    "dim",
+    "program",
+    "target",
+    "solved",
+    "seconds",
+    "work",
+    "iterations",
+    "eta",
 )
 
 
@@ -112,29 +123,16 @@ class Judge:
         return bool(eta <= (1 + 1e-6) * target or eta <= floor), float(eta)
 
 
-def project(tau, mu):
-    """Onto Coulomb's cone, closed form (12)."""
-    n, t = tau[:, 0], np.linalg.norm(tau[:, 1:], axis=1)
-    r_n = (n + mu * t) / (1 + mu * mu)
-    slip = mu * r_n / np.where(t > 0, t, 1.0)
-    r = np.column_stack([r_n, slip[:, None] * tau[:, 1:]])
-    r[t <= mu * n] = tau[t <= mu * n]
-    r[mu * t <= -n] = 0.0
-    return r
-
-
 def ours(judge, method, target, limit):
     """Whether it is solved, seconds, work, iterations, η."""
-    seconds = []
-    while not seconds or (len(seconds) < 3 and sum(seconds) < 0.02):
-        start = perf_counter()
-        answer = judge.reduced.solve(
+    seconds, answer = repeated(
+        lambda: judge.reduced.solve(
             method, target, max_seconds=limit, max_iterations=2**31 - 1, num_threads=1
         )
-        seconds.append(perf_counter() - start)
+    )
     met, eta = judge.meets(target, answer.reaction, answer.rigid_motion)
     solved = met and answer.converged
-    return solved, min(seconds), answer.work, answer.iterations, eta
+    return solved, seconds, answer.work, answer.iterations, eta
 
 
 def theirs(judge, solver, target, siconos):

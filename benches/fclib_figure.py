@@ -12,6 +12,7 @@ import csv
 from pathlib import Path
 
 import numpy as np
+from plot_style import light_grid, pyplot
 from speed_against_error_figure import STYLES
 
 PROGRAMS = STYLES | {
@@ -65,18 +66,13 @@ def profile(seconds):
 
 def draw(source, target):
     """Write the figure of a CSV file."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    plt = pyplot()
     found = read(source)
     panels = [(f"all, η ≤ {t:.0e}", groups["all"]) for t, groups in found.items()]
     main = found.get(MAIN, next(iter(found.values())))
     panels += [
         (f"{name}, η ≤ {MAIN:.0e}", x) for name, x in main.items() if name != "all"
     ]
-    plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
     rows = -(-len(panels) // 4)
     figure, axes = plt.subplots(rows, 4, figsize=(11, 2.7 * rows + 0.7), squeeze=False)
     longest = max(
@@ -98,9 +94,7 @@ def draw(source, target):
         count = len(next(iter(seconds.values())))
         panel.set(xscale="log", xlim=(1, edge), ylim=(-0.03, 1.03))
         panel.set_title(f"{title} ({count})")
-        panel.grid(color="0.9", lw=0.6)
-        panel.set_axisbelow(True)
-        panel.spines[["top", "right"]].set_visible(False)
+        light_grid(panel)
     for row in axes:
         row[0].set_ylabel("share solved")
     for panel in axes.ravel()[max(len(panels) - 4, 0) : len(panels)]:

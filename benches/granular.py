@@ -21,6 +21,7 @@ from time import perf_counter, process_time
 import grains
 import numpy as np
 import tables
+from plot_style import light_grid, pyplot
 
 import bipot_rs as bp
 
@@ -85,12 +86,7 @@ def table(lines):
 
 def draw(lines, target):
     """Write the figure: a curve an assembly, the median on top."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
+    plt = pyplot()
     names = list(dict.fromkeys(line["set"] for line in lines))
     figure, axes = plt.subplots(
         1, len(names), figsize=(4.2 * len(names), 3.2), sharey=True, squeeze=False
@@ -104,9 +100,7 @@ def draw(lines, target):
         panel.plot(TARGETS, middle, color="#000000", marker="o", ms=4, lw=2.2)
         panel.set(xscale="log", yscale="log", xlim=(2e-2, 5e-11), title=TITLES[name])
         panel.set_xlabel("residual η")
-        panel.grid(color="0.9", lw=0.6)
-        panel.set_axisbelow(True)
-        panel.spines[["top", "right"]].set_visible(False)
+        light_grid(panel)
     axes[0][0].set_ylabel("seconds; black: median")
     figure.tight_layout()
     figure.savefig(target, dpi=100)

@@ -9,16 +9,12 @@ from pathlib import Path
 
 import numpy as np
 from scipy import sparse
-
-from bipot_rs.fem.elasticity import Body, Material, box, stiffness
+from unit_body import unit_body
 
 
 def write(path, dim, cells):
     """Write the body with ``cells`` cells a side; returns n and m."""
-    axis = np.linspace(0.0, 1.0, cells + 1)
-    mesh = box([axis] * dim, "hexahedron" if dim == 3 else "quadrilateral")
-    K = sparse.csr_array(stiffness(Body("body", mesh, Material(1.0, 0.3))))
-    base, top = (np.flatnonzero(mesh.p[-1] == end) for end in (0.0, 1.0))
+    mesh, K, base, top = unit_body(dim, cells)
     inner = np.setdiff1d(np.arange(mesh.nvertices), np.append(base, top))
     order = (dim * np.append(inner, base)[:, None] + np.arange(dim)).ravel()
     lower = sparse.tril(K[order][:, order]).tocsc()
@@ -30,8 +26,3 @@ def write(path, dim, cells):
         lower.indices.astype(np.int64).tofile(file)
         lower.data.astype(np.float64).tofile(file)
     return n, m
-
-
-def head(path):
-    """Sizes n, m, d and nnz of a file."""
-    return tuple(int(x) for x in np.fromfile(path, np.int64, 4))

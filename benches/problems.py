@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,12 +121,7 @@ def _condense(
             unit[basis.nodal_dofs[k, top], case] = 1
         lu = factor(K[free][:, free])
         at = np.searchsorted(free, contact)
-        W = np.empty((len(at), len(at)))
-        for first in range(0, len(at), 256):
-            columns = slice(first, min(first + 256, len(at)))
-            force = np.zeros((len(free), len(at[columns])))
-            force[at[columns], np.arange(force.shape[1])] = 1
-            W[:, columns] = lu.solve(force)[at]
+        W = compliance_by_solves(lu, at)
         U0 = lu.solve(-(K[free] @ unit))[at]
         return {"W": (W + W.T) / 2, "U0": U0, "x": places}
 
@@ -149,6 +145,17 @@ def _condense(
     alpha = np.trace(S) / m
     W = np.linalg.inv(S + alpha * R @ R.T)
     return {"W": (W + W.T) / 2, "S": S, "R": R, "f": f, "x": places}
+
+
+def compliance_by_solves(lu: Any, at: NDArray[np.int64]) -> Array:
+    """Rows and columns ``at`` of the inverse of a factorised matrix, by blocks of solves."""
+    W = np.empty((len(at), len(at)))
+    for first in range(0, len(at), 256):
+        columns = slice(first, min(first + 256, len(at)))
+        force = np.zeros((lu.shape[0], len(at[columns])))
+        force[at[columns], np.arange(force.shape[1])] = 1
+        W[:, columns] = lu.solve(force)[at]
+    return W
 
 
 def _rigid_motions(x: Array) -> Array:

@@ -49,7 +49,12 @@ NAMES = {
 SCALE = {"bytes_factor": 1e-9, "bytes_peak": 1e-9}
 FAR = (10**6, 10**7)
 HEAD = (
-    *("unknowns", "quantity", "smallest", "largest", "exponent", "theory"),
+    "unknowns",
+    "quantity",
+    "smallest",
+    "largest",
+    "exponent",
+    "theory",
     *(f"at 10^{len(str(n)) - 1}" for n in FAR),
 )
 
@@ -97,9 +102,12 @@ def written(rows):
             first = f"{dim}D, {sizes[0]:,} to {sizes[-1]:,}" if key == "order" else ""
             lines.append(
                 (
-                    *(first, NAMES.get(key, key)),
-                    *(tables.figures(values[0]), tables.figures(values[-1])),
-                    *(f"{slope:.2f}", f"{theory:.2f}".rstrip("0").rstrip(".")),
+                    first,
+                    NAMES.get(key, key),
+                    tables.figures(values[0]),
+                    tables.figures(values[-1]),
+                    f"{slope:.2f}",
+                    f"{theory:.2f}".rstrip("0").rstrip("."),
                     *(tables.figures(float(f"{x:.2g}")) for x in predicted),
                 )
             )

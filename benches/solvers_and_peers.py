@@ -28,20 +28,19 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from shutil import which
 from time import perf_counter
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import problems
 import tables
+from peers.commands import PEERS, pythons
 from peers.sweep import sweep
 from reference_solution import Scaled
 from speed_against_error import timed
 
 import bipot_rs as bp
 
-HERE = Path(__file__).resolve().parent
 WISH = 1e-8
 SETS = [name for name in problems.SETS if name != "floating"]
 PROGRAMS = {
@@ -57,7 +56,7 @@ class Siconos:
     """The other process; started again when it has to be stopped."""
 
     def __init__(self, python, folder, limit):
-        self.command = [python, str(HERE / "peers" / "siconos_reduced.py")]
+        self.command = [python, str(PEERS / "siconos_reduced.py")]
         self.folder, self.limit, self.process = Path(folder), limit, None
 
     def start(self):
@@ -105,10 +104,7 @@ class Siconos:
 
 def find(asked, folder, limit):
     """Siconos under the Python asked for, or any; ``None`` where it is not installed."""
-    pythons = (
-        [asked] if asked else [sys.executable, "/usr/bin/python3", which("python3")]
-    )
-    for python in dict.fromkeys(p for p in pythons if p and Path(p).exists()):
+    for python in [asked] if asked else pythons():
         siconos = Siconos(python, folder, limit)
         if siconos.start():
             return siconos

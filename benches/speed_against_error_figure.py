@@ -8,6 +8,7 @@ from pathlib import Path
 from textwrap import fill
 
 import numpy as np
+from plot_style import light_grid, pyplot
 
 # Wong's colours, told apart by colour-blind eyes; the marks say the same again.
 STYLES = {
@@ -51,13 +52,8 @@ def read(path):
 
 def draw(source, target):
     """Write the figure of a CSV file."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    plt = pyplot()
     curves = read(source)
-    plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
     rows = -(-(len(curves) + 1) // 4)
     figure, axes = plt.subplots(
         rows, 4, figsize=(11, 2.9 * rows), sharex=True, sharey=True, squeeze=False
@@ -86,9 +82,7 @@ def draw(source, target):
             told = fill("over half unsolved: " + ", ".join(missing), 32)
             panel.text(0.04, 0.04, told, transform=panel.transAxes, color="0.35")
         panel.set(xscale="log", yscale="log", title=TITLES[name])
-        panel.grid(color="0.9", lw=0.6)
-        panel.set_axisbelow(True)
-        panel.spines[["top", "right"]].set_visible(False)
+        light_grid(panel)
     panels[0].set(xlim=(2e-2, 5e-13), xticks=[1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
     panels[0].minorticks_off()
     for row in axes:

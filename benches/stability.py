@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from plot_style import light_grid, pyplot
 from studies import contrast, friction, gaps, poisson, size, slender, steps
 from studies.measure import COLUMNS, Row
 
@@ -148,13 +149,8 @@ def write_page() -> None:
 
 def draw(name: str) -> None:
     """A panel of errors and bounds a case, and one of the work."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    plt = pyplot(8)
     cases = read(name)
-    plt.rcParams.update({"font.size": 8, "axes.titlesize": 9})
     width = 2.6 * (len(cases) + 1)
     figure, panels = plt.subplots(1, len(cases) + 1, figsize=(width, 3.0))
     *errors, work = panels
@@ -194,9 +190,7 @@ def draw(name: str) -> None:
             labels = [f"$10^{{{k}}}$" for k in powers]
             panel.set_xticks([zero, *(10.0**k for k in powers)], ["0", *labels])
             panel.minorticks_off()
-        panel.grid(color="0.9", lw=0.5)
-        panel.set_axisbelow(True)
-        panel.spines[["top", "right"]].set_visible(False)
+        light_grid(panel)
     errors[0].set_ylabel("relative error; dashed: bound")
     # Below the panels, where no mark can be taken for a point.
     marks, symbols = errors[0].get_legend_handles_labels()

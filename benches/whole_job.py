@@ -33,8 +33,12 @@ SHEET = "whole_job.csv"
 FIRST = HERE.parent / "README.md"
 # The rows that the first README shows.
 SHOWN = (
-    *(("pressed_block", 32), ("pressed_block", 128), ("sheared_cube", 15)),
-    *(("sheared_cube", 24), ("cattaneo_mindlin", 40), ("two_blocks", 16)),
+    ("pressed_block", 32),
+    ("pressed_block", 128),
+    ("sheared_cube", 15),
+    ("sheared_cube", 24),
+    ("cattaneo_mindlin", 40),
+    ("two_blocks", 16),
     ("cyclic_cube", 15),
 )
 # Errors above this are no answer to the same question.
@@ -64,10 +68,29 @@ PARTS = {
     "write": ("write",),
 }
 COLUMNS = (
-    *("scene", "n", "dofs", "contacts", "steps", "program", "threads", "rounds"),
-    *(*PARTS, "job_min", "job_median", "process", "later_step"),
-    *("error", "wrong_statuses", "against", "peak_mb", "ratio", "later_ratio", "note"),
-    *("version", "machine", "load"),
+    "scene",
+    "n",
+    "dofs",
+    "contacts",
+    "steps",
+    "program",
+    "threads",
+    "rounds",
+    *PARTS,
+    "job_min",
+    "job_median",
+    "process",
+    "later_step",
+    "error",
+    "wrong_statuses",
+    "against",
+    "peak_mb",
+    "ratio",
+    "later_ratio",
+    "note",
+    "version",
+    "machine",
+    "load",
 )
 
 
@@ -217,9 +240,21 @@ def trusted(row):
 
 
 HEAD = (
-    *("scene, n", "dofs", "contacts", "steps", "program", "threads"),
-    *(*PARTS, "job", "median", "process", "later step"),
-    *("traction error", "statuses", "peak MB", "ratio"),
+    "scene, n",
+    "dofs",
+    "contacts",
+    "steps",
+    "program",
+    "threads",
+    *PARTS,
+    "job",
+    "median",
+    "process",
+    "later step",
+    "traction error",
+    "statuses",
+    "peak MB",
+    "ratio",
 )
 
 
@@ -246,11 +281,14 @@ def cells(row):
     else:
         statuses = "unchecked"
     return (
-        *(*head, str(row["threads"])),
+        *head,
+        str(row["threads"]),
         *(tables.figures(s) if s else "" for s in seconds),
         tables.figures(times[0]) + mark,
         *(tables.figures(s) for s in times[1:]),
-        *(error, statuses, f"{float(row['peak_mb']):.0f}"),
+        error,
+        statuses,
+        f"{float(row['peak_mb']):.0f}",
         f"{float(row['ratio']):.1f}" if row["ratio"] != "" else "",
     )
 
@@ -308,8 +346,16 @@ def written(rows):
 
 def short(rows):
     """The table of the first README: ours beside the fastest peer of each size shown."""
-    head = ("scene, n", "unknowns", "contacts", "steps")
-    head = (*head, "bipot_rs", "fastest other", "ratio", "traction error")
+    head = (
+        "scene, n",
+        "unknowns",
+        "contacts",
+        "steps",
+        "bipot_rs",
+        "fastest other",
+        "ratio",
+        "traction error",
+    )
     lines = []
     for scene, n in SHOWN:
         own = [row for row in rows if place(row) == (scene, n) and row["job_min"]]

@@ -7,6 +7,7 @@ import argparse
 
 import numpy as np
 import tables
+from plot_style import light_grid, pyplot
 
 # Wong's colours, told apart by colour-blind eyes; the marks say the same again.
 STYLES = {
@@ -25,9 +26,7 @@ def dress(axis):
     """Logarithmic axes on a light grid."""
     axis.set(xscale="log", yscale="log")
     axis.tick_params(axis="x", which="minor", labelbottom=False)
-    axis.grid(color="0.9", lw=0.6)
-    axis.set_axisbelow(True)
-    axis.spines[["top", "right"]].set_visible(False)
+    light_grid(axis)
 
 
 def unknowns(plt, rows, target):
@@ -112,12 +111,7 @@ def errors(plt, rows, target):
 
 def main():
     """Draw both."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
+    plt = pyplot()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="what is in out/bench")
     folder = tables.folder(parser.parse_args().quick) / "results"

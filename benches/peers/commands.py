@@ -92,6 +92,23 @@ def lines_of(command, threads, limit):
     ]
 
 
+def pythons():
+    """Interpreters that may have a peer: this one, then those of the path and the system."""
+    found = (sys.executable, which("python3"), "/usr/bin/python3")
+    return tuple(dict.fromkeys(p for p in found if p and Path(p).exists()))
+
+
+def python_with(modules):
+    """The first interpreter that can import the modules, or ``None``."""
+    for python in pythons():
+        try:
+            lines_of([python, "-c", f"import {modules}"], 1, 60)
+        except Failed:
+            continue
+        return python
+    return None
+
+
 class Ours:
     """`bipot run`, with its HDF5, VTU and PVD files."""
 
@@ -153,15 +170,9 @@ class Peer:
 
     def find(self):
         """Look for a Python that has it; ``missing`` says why there is none."""
-        pythons = (sys.executable, which("python3"), "/usr/bin/python3")
-        for python in dict.fromkeys(p for p in pythons if p and Path(p).exists()):
-            try:
-                lines_of([python, "-c", f"import {self.needs}"], 1, 60)
-            except Failed:
-                continue
-            self.python = python
-            return self
-        self.missing = f"no Python here has {self.needs.replace(', ', ' and ')}"
+        self.python = python_with(self.needs)
+        if self.python is None:
+            self.missing = f"no Python here has {self.needs.replace(', ', ' and ')}"
         return self
 
     def version(self):
@@ -225,7 +236,10 @@ def peers():
     return [
         Peer("GetFEM", "with_getfem.py", "getfem", 1e-8, "python3-getfem++").find(),
         Peer(
-            *("Siconos", "with_siconos.py", "siconos.numerics, scipy", 1e-9),
+            "Siconos",
+            "with_siconos.py",
+            "siconos.numerics, scipy",
+            1e-9,
             "python3-siconos",
             reads_matrices=True,
         ).find(),

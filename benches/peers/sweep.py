@@ -77,10 +77,15 @@ def natural_map(r, v, mu, step):
     slip = np.linalg.norm(v[:, 1:], axis=1)
     tau = r - step * v
     tau[:, 0] -= step[:, 0] * mu * slip
+    return (r - project(tau, mu)) / np.sqrt(step)
+
+
+def project(tau, mu):
+    """Projection of each row of ``tau (n_c, d)`` onto Coulomb's cone, closed form (12)."""
     n, t = tau[:, 0], np.linalg.norm(tau[:, 1:], axis=1)
     normal = (n + mu * t) / (1 + mu**2)
     scale = np.divide(mu * normal, t, out=np.zeros_like(t), where=t > 0)
     slips = np.column_stack([normal, scale[:, None] * tau[:, 1:]])
     projected = np.where((t <= mu * n)[:, None], tau, slips)
     projected[mu * t <= -n] = 0.0
-    return (r - projected) / np.sqrt(step)
+    return projected

@@ -104,9 +104,15 @@ def build(name, n):
         for v, step in zip(values, data.top, strict=True):
             v.append(np.tile(step, len(top)))
     return System(
-        *(K, B.tocsr(), f, np.concatenate(fixed)),
+        K,
+        B.tocsr(),
+        f,
+        np.concatenate(fixed),
         np.array([np.concatenate(v) for v in values]),
-        *(gap, mu, upper.p[:, nodes].T, areas(upper, element, last, 0.0)[nodes]),
+        gap,
+        mu,
+        upper.p[:, nodes].T,
+        areas(upper, element, last, 0.0)[nodes],
     )
 
 

@@ -158,7 +158,7 @@ def main():
     model.add_explicit_matrix("u", "u", inner, 1, 1)
     load = model.add_explicit_rhs("u", np.zeros(len(free)))
     model.add_basic_contact_brick(
-        *("u", "ln", "lt", "r", BN, BT, "mu", "gap", "alpha", VARIANT, "gamma", "wt")
+        "u", "ln", "lt", "r", BN, BT, "mu", "gap", "alpha", VARIANT, "gamma", "wt"
     )
     # Pressed at first: from open contact a body without supports is free to move.
     model.set_variable("ln", np.full(len(contact), -1e-3 * contact_stiffness * cell))
@@ -171,8 +171,14 @@ def main():
         prescribed[fixed] = value
         model.set_private_rhs(load, (f - K.mult(prescribed))[free])
         count, converged = model.solve(
-            *("max_res", asked.tol, "max_iter", 200, "lsolver", "mumps"),
-            *("lsearch", "simplest"),
+            "max_res",
+            asked.tol,
+            "max_iter",
+            200,
+            "lsolver",
+            "mumps",
+            "lsearch",
+            "simplest",
         )
         if not converged:
             raise SystemExit(f"not converged in {count} iterations")
@@ -195,8 +201,13 @@ def main():
         displacements.append(v)
         clock.step()
     report.write(
-        *(asked, clock, "GetFEM"),
-        *(nodes[:, contact].T, area, reactions, displacements),
+        asked,
+        clock,
+        "GetFEM",
+        nodes[:, contact].T,
+        area,
+        reactions,
+        displacements,
         dofs=size,
         iterations=iterations,
         settings=f"augmented Lagrangian {VARIANT}, r = {AUGMENTATION:g} E h, MUMPS",

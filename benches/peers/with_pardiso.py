@@ -76,8 +76,22 @@ class Pardiso:
         by = ctypes.byref
         start = perf_counter()
         self.call(
-            *(pt, by(one), by(one), by(integers[0]), by(integers[1]), by(integers[2])),
-            *(a, ia, ja, perm, by(one), iparm, by(zero), b, schur, by(error)),
+            pt,
+            by(one),
+            by(one),
+            by(integers[0]),
+            by(integers[1]),
+            by(integers[2]),
+            a,
+            ia,
+            ja,
+            perm,
+            by(one),
+            iparm,
+            by(zero),
+            b,
+            schur,
+            by(error),
         )
         seconds = perf_counter() - start
         if error.value:

@@ -99,7 +99,13 @@ def main():
         iterations += count
         clock.step()
     report.write(
-        *(asked, clock, "SciPy", system.x, system.area, reactions, displacements),
+        asked,
+        clock,
+        "SciPy",
+        system.x,
+        system.area,
+        reactions,
+        displacements,
         dofs=system.K.shape[0],
         residual=max(residuals),
         iterations=iterations,

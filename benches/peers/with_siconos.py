@@ -86,7 +86,7 @@ def main():
         for _ in range(rounds):
             shifted = q + W @ pull
             r, residual, method, last, spent = reduced(
-                *(W, shifted, system.mu, asked.tol, scale, methods)
+                W, shifted, system.mu, asked.tol, scale, methods
             )
             clock.discount(spent - last)
             v = W @ r + shifted
@@ -104,7 +104,13 @@ def main():
         displacements.append(v.reshape(-1, d))
         clock.step()
     report.write(
-        *(asked, clock, "Siconos", system.x, system.area, reactions, displacements),
+        asked,
+        clock,
+        "Siconos",
+        system.x,
+        system.area,
+        reactions,
+        displacements,
         dofs=system.K.shape[0],
         residual=max(residuals),
         settings=f"SuperLU, back-solves for W, {' and '.join(sorted(used))}",
