@@ -1,14 +1,14 @@
-"""Our condensation beside CHOLMOD and MKL PARDISO: the numeric phase alone.
+"""Time the numeric phase of the condensation, compared with CHOLMOD and MKL PARDISO.
 
-    python benches/condensation_peers.py             # 9k, 51k, and 200k in the plane
-    python benches/condensation_peers.py --large     # and the cube of 148k
+    python benches/condensation_peers.py             # 9k and 51k in 3D, 200k in 2D
+    python benches/condensation_peers.py --large     # also the cube of 148k
     python benches/condensation_peers.py --quick
 
-One matrix, contact unknowns last, and S is what each computes. In turn, the order another
-each round, each run a process of its own, on one thread and on two; the smallest time of a
-program counts, ratios are medians of those within a round. CHOLMOD is compiled here with
-``cc`` when its header is found, PARDISO is used when a Python has the MKL runtime
-(``--mkl`` names it). Rewrites the table of `benches/README.md`.
+All compute S of the same matrix, contact unknowns last. They run in turn, in another order
+each round, each run in its own process, on one thread and on two. The minimum of a
+program counts; ratios are medians of the ratios within a round. CHOLMOD is compiled with
+``cc`` if its header is found. PARDISO is used if a Python has the MKL runtime (``--mkl``
+names it). Rewrites the table of `benches/README.md`.
 """
 
 import argparse
@@ -48,7 +48,7 @@ HEAD = (
 
 
 def compiled(folder):
-    """Command of the CHOLMOD program, or why there is none."""
+    """Command of the CHOLMOD program, or the reason why there is none."""
     if which("cc") is None:
         return None, "no C compiler"
     target = Path(folder) / "cholmod"
@@ -61,7 +61,7 @@ def compiled(folder):
 
 
 def pardiso(asked):
-    """Command of the PARDISO program, or why there is none."""
+    """Command of the PARDISO program, or the reason why there is none."""
     for python in filter(None, (asked, *pythons())):
         command = [python, str(PEERS / "with_pardiso.py")]
         look = "import sys; sys.argv[1:] = []; sys.path.insert(0, %r); "
@@ -75,30 +75,30 @@ def pardiso(asked):
 
 
 def difference(path, m, W):
-    """Largest entry of S - W⁻¹ over that of S."""
+    """Largest entry of S - W⁻¹, relative to that of S."""
     S = np.fromfile(f"{path}.s").reshape(m, m)
     S = np.where(np.tri(m, dtype=bool).T, S, S.T)  # PARDISO fills the upper triangle
     return np.abs(S - np.linalg.inv(W)).max() / np.abs(S).max()
 
 
 def turned(programs, turn):
-    """The programs in another order each turn, ours before W is compared in the first."""
+    """Order of the programs in a round; bipot_rs is first in the first, to give W."""
     k = turn % len(programs)
     return programs[k:] + programs[:k]
 
 
 def touch(gigabytes):
-    """Write to memory, and leave it.
+    """Write to memory, and free it.
 
-    A virtual machine asks its host for a page when it is first written to, at seconds a
-    gigabyte: whoever came first would pay for all.
+    A virtual machine asks its host for a page when it is first written to, which takes
+    seconds per gigabyte: the first program would pay for all.
     """
     write = f"import numpy; numpy.ones({gigabytes} << 27)"
     subprocess.run([sys.executable, "-c", write], check=False)
 
 
 def case(name, shape, commands, asked):
-    """Rows of one matrix."""
+    """Rows of one matrix, one for each program."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "matrix"
         n, m = matrix_file.write(path, *shape)
@@ -121,13 +121,13 @@ def case(name, shape, commands, asked):
         )
         line = found[program, 1][0]
         rate = max(line["rate"] for line in found["bipot_rs", 1])
-        ours = [
+        own = [
             [line["numeric"] for line in found["bipot_rs", threads]]
             for threads in (1, 2)
         ]
         ratios = [
-            f"{median(a / b for a, b in zip(mine, its, strict=True)):.2f}"
-            for mine, its in zip(ours, (one, two), strict=True)
+            f"{median(a / b for a, b in zip(a_times, b_times, strict=True)):.2f}"
+            for a_times, b_times in zip(own, (one, two), strict=True)
         ]
         first = program == "bipot_rs"
         # PARDISO does not count the operations of its two-level form.
@@ -180,7 +180,7 @@ def main():
 
 
 def written(rows, absent):
-    """The text between the markers."""
+    """Text between the markers of the page."""
     text = tables.table(HEAD, rows)
     text += f"\n\n{tables.machine()} {conclusion(rows)}"
     if absent:
@@ -189,7 +189,7 @@ def written(rows, absent):
 
 
 def conclusion(rows):
-    """How often ours is ahead, and by how much at the most and the least."""
+    """Smallest and largest ratio to each peer, and the speed-up of two threads."""
     words, body = [], ""
     found = {}
     for row in rows:

@@ -1,11 +1,11 @@
-"""What it costs to start: whole processes, in turn.
+"""Time to start whole processes, in turn.
 
-    python benches/import_time.py                # the table of the README, of 9 rounds
+    python benches/import_time.py                # the table of the README, 9 rounds
     python benches/import_time.py --rounds 21
 
-Each round runs every command once, so that all meet the same machine, and the first
-round, which fills the caches of the disk and of Python, is not counted. The least of
-the rounds is what the command costs, the median what it took on this machine.
+Each round runs every command once, so that all meet the same load of the machine. The
+first round fills the caches of the disk and of Python and is not counted. The minimum
+is the cost of the command, the median its time on this machine.
 """
 
 import statistics
@@ -32,7 +32,7 @@ COMMANDS = {
 
 
 def milliseconds(command, folder):
-    """Wall clock of one process."""
+    """Wall-clock time of one process."""
     environment = as_installed(folder)
     start = perf_counter()
     subprocess.run(

@@ -1,11 +1,11 @@
-"""Two kernels as Python calls them, beside NumPy and SciPy doing the same.
+"""Time two kernels as Python calls them, compared with NumPy and SciPy.
 
     python benches/kernels_and_numpy.py
 
-The tables of the README: `project` beside a vectorised NumPy projection, and the
-condensation of a cube and of a square beside `scipy.sparse.linalg.splu` with one
-solve for every contact unknown. The two sides run in turn, the smallest of
-three; errors are those of W against the other side.
+Tables of the README: `project` compared with a vectorised NumPy projection, and the
+condensation of a cube and a square compared with `scipy.sparse.linalg.splu` and one
+solve for each contact unknown. The minimum of several calls counts. Differences are
+between the results of the two sides.
 """
 
 import numpy as np
@@ -39,7 +39,7 @@ CONDENSATION = (
 
 
 def projection():
-    """Rows of nodes a second."""
+    """Rows of the projection, in nodes per second."""
     rng = np.random.default_rng(7)
     for d in (2, 3):
         for nodes in (1_000, 1_000_000):
@@ -57,7 +57,7 @@ def projection():
 
 
 def bodies():
-    """Name, K, contact unknowns, prescribed unknowns: base in contact, top held."""
+    """Name, dimension, K, contact unknowns (base), prescribed unknowns (top)."""
     for name, dim, cells in (("cube", 3, 13), ("cube", 3, 25), ("square", 2, 316)):
         body = unit_body(dim, cells)
         base, top = (
@@ -68,7 +68,7 @@ def bodies():
 
 
 def condensation():
-    """Rows of seconds to W."""
+    """Rows of the condensation, in seconds from K to W."""
     for name, dim, K, base, top in bodies():
         n, m = K.shape[0], len(base)
         B = sparse.csr_array((np.ones(m), (np.arange(m), base)), shape=(m, n))

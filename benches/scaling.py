@@ -1,12 +1,12 @@
-"""How each phase grows with the number of unknowns, and what that says of larger ones.
+"""Growth of each phase with the number of unknowns, and a prediction for larger sizes.
 
     python benches/scaling.py
     python benches/scaling.py --quick
 
 Squares and cubes with their base in contact, four sizes each: seconds of each phase,
-operations, nonzeros and bytes. An exponent is the least-squares slope of logarithms;
+operations, nonzeros and bytes. The exponent is the least-squares slope of the logarithms;
 the prediction starts at the largest size measured. Rewrites the table of
-`benches/README.md`, and `results/scaling.csv`.
+`benches/README.md` and `results/scaling.csv`.
 """
 
 import argparse
@@ -24,8 +24,8 @@ HERE = Path(__file__).resolve().parent
 SHEET = "scaling.csv"
 CELLS = {2: (158, 223, 316, 447), 3: (14, 18, 25, 32)}
 QUICK = {2: (30, 45, 65, 90), 3: (5, 7, 9, 11)}
-# The exponents of theory for nested dissection, a whole side in contact: its m unknowns
-# are n^(1/2) in the plane and n^(2/3) in space, and W costs m³. Logarithms left out.
+# Theoretical exponents of nested dissection in 2D and 3D, without logarithms. One side is
+# in contact: its m unknowns grow as n^(1/2) and n^(2/3), and W costs m³.
 THEORY = {
     "order": (1, 1),
     "symbolic": (1, 1),
@@ -65,7 +65,7 @@ def exponent(n, values):
 
 
 def measured(dim, cells, threads):
-    """Rows of the sheet, a size each."""
+    """Rows of the CSV file, one for each size."""
     command = [sys.executable, str(HERE / "condense_file.py")]
     for count in cells:
         with tempfile.TemporaryDirectory() as folder:
@@ -81,7 +81,7 @@ def measured(dim, cells, threads):
 
 
 def predictions(rows):
-    """For each quantity its values, exponent, theory, and values far away."""
+    """Values, exponent, theoretical exponent and prediction of each quantity."""
     n = np.array([float(row["n"]) for row in rows])
     dim = int(rows[0]["dim"])
     for key, theory in THEORY.items():
@@ -92,13 +92,13 @@ def predictions(rows):
 
 
 def written(rows):
-    """Table and conclusion."""
+    """Text between the markers: table and conclusion."""
     lines, words = [], []
     for dim in (2, 3):
-        ours = [row for row in rows if int(row["dim"]) == dim]
-        sizes = [int(row["n"]) for row in ours]
+        own = [row for row in rows if int(row["dim"]) == dim]
+        sizes = [int(row["n"]) for row in own]
         total, far = np.zeros(len(FAR)), {}
-        for key, values, slope, theory, predicted in predictions(ours):
+        for key, values, slope, theory, predicted in predictions(own):
             first = f"{dim}D, {sizes[0]:,} to {sizes[-1]:,}" if key == "order" else ""
             lines.append(
                 (
@@ -116,25 +116,24 @@ def written(rows):
                 total += predicted
         place = f"in {dim}D"
         for size, seconds, memory in zip(FAR, total, far["bytes_peak"], strict=True):
-            told = [tables.figures(float(f"{x:.2g}")) for x in (seconds, memory)]
-            words.append(f"{told[0]} s and {told[1]} GB for {size:,} unknowns {place}")
+            shown = [tables.figures(float(f"{x:.2g}")) for x in (seconds, memory)]
+            words.append(
+                f"{shown[0]} s and {shown[1]} GB for {size:,} unknowns {place}"
+            )
     text = tables.table(HEAD, lines)
-    return (
-        f"{text}\n\n{tables.machines(rows)}. Times in seconds. {verdict(rows, words)}"
-    )
+    return f"{text}\n\n{tables.machines(rows)}. Times in seconds. {conclusion(rows, words)}"
 
 
-def verdict(rows, words):
-    """What to conclude, with the memory of this machine as the measure."""
+def conclusion(rows, words):
+    """Predictions, and the largest size that fits the memory of this machine."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
     space = [row for row in rows if int(row["dim"]) == 3]
     found = {key: rest for key, *rest in predictions(space)}
     values, slope, *_ = found["bytes_peak"]
     largest = float(space[-1]["n"]) * (memory / values[-1]) ** (1 / slope)
-    said = ", ".join(words)
     return (
-        f"Expected: {said}. In 3D memory limits a direct method before time does: the "
-        f"{memory:.0f} GB of this machine are full at about {largest:.1g} unknowns."
+        f"Expected: {', '.join(words)}. In 3D memory limits a direct method before time "
+        f"does: the {memory:.0f} GB of this machine are full at about {largest:.1g} unknowns."
     )
 
 
@@ -144,7 +143,7 @@ def main():
     parser.add_argument("--quick", action="store_true", help="small sizes")
     parser.add_argument("--print", action="store_true", help="write no files")
     parser.add_argument(
-        "--again", action="store_true", help="table from results/scaling.csv"
+        "--again", action="store_true", help="write the table from the stored CSV file"
     )
     asked = parser.parse_args()
     threads, folder = os.cpu_count() or 1, tables.folder(asked.quick)

@@ -1,21 +1,21 @@
-"""Whole jobs beside the peers: mesh to written result, every program in turn.
+"""Time whole jobs of bipot_rs and its peers, from the mesh to the written result.
 
-    python benches/whole_job.py                  # the table and figures of the README
+    python benches/whole_job.py                  # the tables of both README files
     python benches/whole_job.py --quick
     python benches/whole_job.py --scenes sheared_cube=9,15 --rounds 2 --budget 60 --print
 
-For each scene and size: ours, a peer, the next peer, and again, so that all meet the
-same machine; a ratio is the median of those within a round. Each run is a process of its
-own. Ours has the threads of the machine; a peer is run with BLAS on one thread and on
-all, and goes on with what was faster; where a run is foretold to take over half a minute,
-with what was faster at the size before. A peer whose own slope predicts more than
-``--budget`` seconds is not run, and says so. Every answer is compared with the stored
-reference of the mesh: an error above 1e-8 or a wrong status is marked. Where there is no
-reference, ours is compared with the first peer, the peers with ours.
+The programs run in turn, round after round, so that all meet the same load of the
+machine; a ratio is the median of the ratios within a round. Each run is its own process.
+bipot_rs uses all threads. A peer runs with one BLAS thread and with all, and continues
+with the faster; if a run is predicted to take more than half a minute, it keeps the
+choice of the previous size. A peer whose own slope predicts more than ``--budget``
+seconds is not run. Every result is compared with the stored reference of the mesh; an
+error above 1e-8 or a wrong status is marked. Without a reference, bipot_rs is compared
+with the first peer, and the peers with bipot_rs.
 
-Rewrites the table of `benches/README.md`, the short one of the first README, and
-`results/whole_job.csv`, which `whole_job_figure.py` draws. ``--quick`` writes copies of them into
-`out/bench`.
+Rewrites the table of `benches/README.md`, the short one of `README.md`, and
+`results/whole_job.csv`, which `whole_job_figure.py` draws. ``--quick`` writes copies
+into `out/bench`.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from peers import commands
 HERE = Path(__file__).resolve().parent
 SHEET = "whole_job.csv"
 FIRST = HERE.parent / "README.md"
-# The rows that the first README shows.
+# Rows of the table of the first README.
 SHOWN = (
     ("pressed_block", 32),
     ("pressed_block", 128),
@@ -41,9 +41,9 @@ SHOWN = (
     ("two_blocks", 16),
     ("cyclic_cube", 15),
 )
-# Errors above this are no answer to the same question.
-WISH = 1e-8
-# Seconds of a run above which a peer's threads are not tried anew.
+# A result with a larger traction error is not comparable.
+TARGET = 1e-8
+# Seconds of a run above which a peer keeps its number of threads.
 LONG = 30.0
 SIZES = {
     "pressed_block": (32, 64, 128),
@@ -60,7 +60,7 @@ QUICK = {
     "cyclic_cube": (5,),
 }
 PLANE = ("pressed_block", "cattaneo_mindlin")
-# What each program calls the three parts of a job.
+# Phases of the programs that make up each part of a job.
 PARTS = {
     "assemble": ("mesh", "assemble"),
     "condense": ("condense", "bricks", "factor", "compliance"),
@@ -94,11 +94,11 @@ COLUMNS = (
 )
 
 
-def predicted(known, asked, scene):
-    """Seconds expected of a peer at ``asked`` unknowns, from its smaller sizes of the scene.
+def predicted(known, unknowns, scene):
+    """Seconds predicted for a peer, from its smaller sizes of the scene.
 
-    ``known`` is ``[(dofs, seconds, threads), …]``; the slope is that of the last two
-    sizes, with one size the theoretical one.
+    ``known`` is ``[(dofs, seconds, threads), …]``. The slope is that of the last two
+    sizes; with one size it is the theoretical one.
     """
     if not known:
         return 0.0
@@ -107,10 +107,10 @@ def predicted(known, asked, scene):
         (n0, s0, _), (n1, s1, _) = known[-2:]
         slope = max(1.0, math.log(s1 / s0) / math.log(n1 / n0))
     dofs, seconds, _ = known[-1]
-    return seconds * (asked / dofs) ** slope
+    return seconds * (unknowns / dofs) ** slope
 
 
-class Contest:
+class Comparison:
     """All programs on one scene at one size."""
 
     def __init__(self, scene, n, ours, peers, asked, histories):
@@ -119,7 +119,7 @@ class Contest:
         self.runs = {ours: []}
         self.threads = {ours: ours.threads}
         self.notes, self.settings = {}, {}
-        # Ours goes first: its count of unknowns is what peers are predicted by.
+        # bipot_rs first: the predictions for the peers need its number of unknowns.
         self.add(ours)
         self.dofs = self.runs[ours][0].dofs
         for peer in peers:
@@ -127,14 +127,14 @@ class Contest:
             expected = predicted(histories[peer], self.dofs, scene)
             if expected > LONG:
                 self.threads[peer] = (histories[peer][-1][2],)
-                self.settings[peer] = "threads as at the size before"
+                self.settings[peer] = "threads as at the previous size"
             if peer.missing:
                 self.notes[peer] = f"not run: {peer.missing}"
             elif expected > asked.budget:
                 self.notes[peer] = f"not run: predicted {expected:.0f} s"
 
     def add(self, program):
-        """One run at each number of threads still in question."""
+        """Run a program once with each number of threads not yet excluded."""
         limit = None if program is self.ours else 3 * self.asked.budget
         found = {}
         for threads in self.threads[program]:
@@ -143,8 +143,8 @@ class Contest:
         self.threads[program] = (best,)
         self.runs[program].append(found[best])
 
-    def play(self):
-        """Rounds of all programs, and the rows."""
+    def run(self):
+        """Run all rounds of all programs; return the rows."""
         spent = 0.0
         for turn in range(self.asked.rounds):
             if turn:
@@ -167,7 +167,7 @@ class Contest:
         return list(self.rows())
 
     def rows(self):
-        """One dictionary a program."""
+        """One dictionary for each program."""
         reference, against = compare_tractions.stored(self.scene, self.n), "reference"
         own = self.runs[self.ours]
         for program, runs in self.runs.items():
@@ -197,7 +197,7 @@ class Contest:
                 "job_median": median(jobs),
                 "process": answer.process,
                 "peak_mb": max(run.peak_mb for run in runs),
-                "note": row["note"] or self.said(program, answer),
+                "note": row["note"] or self.remarks(program, answer),
             }
             if answer.later is not None:
                 row["later_step"] = min(run.later for run in runs)
@@ -213,12 +213,12 @@ class Contest:
                 )
             yield row
 
-    def said(self, program, answer):
-        """What a run tells of its settings, and what was settled before it."""
+    def remarks(self, program, answer):
+        """Settings that the run reports, and those chosen before it."""
         return "; ".join(filter(None, (answer.settings, self.settings.get(program))))
 
     def other(self, program):
-        """What a run without a stored reference is compared with, and its name."""
+        """Result to compare with if no reference is stored, and its program."""
         own = self.runs[self.ours][0]
         as_reference = {"x": own.x, "area": own.area, "mu": own.mu}
         if program is not self.ours:
@@ -233,9 +233,9 @@ class Contest:
 
 
 def trusted(row):
-    """Whether the row answers the question: error and statuses."""
+    """Whether the error and the statuses of a row are right."""
     return row["error"] == "" or (
-        float(row["error"]) <= WISH and int(row["wrong_statuses"]) == 0
+        float(row["error"]) <= TARGET and int(row["wrong_statuses"]) == 0
     )
 
 
@@ -259,7 +259,7 @@ HEAD = (
 
 
 def cells(row):
-    """A row of the table from a row of the sheet."""
+    """Row of the table from a row of the CSV file."""
     first = row["program"] == "bipot_rs"
     scene = (f"{row['scene']}, {row['n']}", f"{int(row['dofs']):,}")
     scene += (str(row["contacts"]), str(row["steps"]))
@@ -294,7 +294,7 @@ def cells(row):
 
 
 def conclusion(rows):
-    """What the table says, best peer by best peer."""
+    """Ratio of the fastest correct peer to bipot_rs, scene by scene."""
     best, later = {}, {}
     for row in rows:
         key = place(row)
@@ -329,7 +329,7 @@ def conclusion(rows):
 
 
 def written(rows):
-    """The text between the markers."""
+    """Text between the markers of the page."""
     machines = tables.machines(rows)
     versions = ", ".join(
         dict.fromkeys(row["version"] for row in rows if row["version"])
@@ -345,7 +345,7 @@ def written(rows):
 
 
 def short(rows):
-    """The table of the first README: ours beside the fastest peer of each size shown."""
+    """Table of the first README: bipot_rs and the fastest peer of each size shown."""
     head = (
         "scene, n",
         "unknowns",
@@ -378,7 +378,7 @@ def short(rows):
 
 
 def chosen(argument, sizes):
-    """Scenes and sizes of the command line."""
+    """Scenes and sizes that the command line asks for."""
     if not argument:
         return sizes
     pairs = (one.partition("=") for one in argument)
@@ -389,8 +389,8 @@ def chosen(argument, sizes):
 
 
 def measure(asked):
-    """Rows of one scene and size after the other."""
-    ours, peers = commands.Ours(), commands.peers()
+    """Yield the rows of each scene and size."""
+    ours, peers = commands.Bipot(), commands.peers()
     versions = {
         p.name: "" if getattr(p, "missing", "") else p.version() for p in (ours, *peers)
     }
@@ -398,7 +398,7 @@ def measure(asked):
     for scene, sizes in chosen(asked.scenes, QUICK if asked.quick else SIZES).items():
         histories = {peer: [] for peer in peers}
         for n in sizes:
-            found = Contest(scene, n, ours, peers, asked, histories).play()
+            found = Comparison(scene, n, ours, peers, asked, histories).run()
             for row in found:
                 row["version"] = versions[row["program"]]
                 row["machine"] = tables.processor()
@@ -413,15 +413,15 @@ def place(row):
 
 
 def merged(old, new):
-    """Rows of a sheet with those measured anew in their place, in the order of `SIZES`."""
-    again = {place(row) for row in new}
-    rows = [row for row in old if place(row) not in again] + new
+    """Replace the rows of the sizes measured again; order as in `SIZES`."""
+    measured = {place(row) for row in new}
+    rows = [row for row in old if place(row) not in measured] + new
     order = list(SIZES)
     return sorted(rows, key=lambda row: (order.index(row["scene"]), int(row["n"])))
 
 
 def store(rows, folder, first):
-    """Write the sheet and the tables; ``first``, whether into the first README, too."""
+    """Write the CSV file and the tables; with ``first`` that of the first README too."""
     text = written(rows)
     tables.write_rows(folder / "results" / SHEET, rows)
     tables.rewrite(folder / "README.md", "whole jobs", text)
@@ -431,15 +431,19 @@ def store(rows, folder, first):
 
 
 def main():
-    """Run, and rewrite the pages after each size: a long run may be broken off."""
+    """Measure; rewrite the pages after each size, because a long run may be interrupted."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", nargs="*", help="SCENE=N,N…; other rows are kept")
     parser.add_argument("--quick", action="store_true", help="small sizes, two rounds")
     parser.add_argument("--rounds", type=int)
-    parser.add_argument("--budget", type=float, help="seconds of one run of a peer")
-    parser.add_argument("--patience", type=float, default=400.0, help="of one size, s")
+    parser.add_argument("--budget", type=float, help="seconds for one run of a peer")
+    parser.add_argument(
+        "--patience", type=float, default=400.0, help="seconds for one size"
+    )
     parser.add_argument("--print", action="store_true", help="write no files")
-    parser.add_argument("--again", action="store_true", help="tables from the sheet")
+    parser.add_argument(
+        "--again", action="store_true", help="write the tables from the stored CSV file"
+    )
     asked = parser.parse_args()
     asked.rounds = asked.rounds or (2 if asked.quick else 5)
     asked.budget = asked.budget or (20.0 if asked.quick else 240.0)

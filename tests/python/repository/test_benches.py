@@ -103,7 +103,7 @@ def test_what_criterion_kept_becomes_rates(tmp_path: Path) -> None:
             [("project, M/s", "threads", "100", "200")],
         ),
     ]
-    with pytest.raises(SystemExit, match="no rates"):
+    with pytest.raises(SystemExit, match="no rates of criterion"):
         criterion_tables.samples(tmp_path / "empty")
 
 
@@ -124,7 +124,7 @@ def answers() -> dict[str, commands.Run]:
     peer = commands.Peer("SciPy", "with_scipy.py", "scipy, skfem", 1e-9, "").find()
     assert peer.python
     return {
-        "ours": commands.Ours().run("sheared_cube", 4, 1),
+        "ours": commands.Bipot().run("sheared_cube", 4, 1),
         "peer": peer.run("sheared_cube", 4, 1),
     }
 
@@ -234,7 +234,9 @@ def test_sheets_give_their_tables() -> None:
     for row in rows:
         row.pop("machine", None)
     rows[0]["machine"] = "one, 2 cores"
-    assert whole_job.written(rows).startswith("one, 2 cores; machine not noted, load ")
+    assert whole_job.written(rows).startswith(
+        "one, 2 cores; machine not recorded, load "
+    )
 
 
 @pytest.mark.parametrize(
