@@ -1,11 +1,10 @@
-"""Draws results/fclib.csv: performance profiles by family, after Dolan and Moré.
+"""Draw results/fclib.csv: performance profiles by family, after Dolan and Moré.
 
     python benches/fclib_figure.py
 
 A curve gives, for each factor on the axis, the share of the problems that a program
-solves within that factor of the fastest program on the same problem. Where it meets
-the left edge it is the share on which the program is the fastest, at the right edge
-the share it solves at all.
+solves within that factor of the time of the fastest program. At the left edge it is the
+share on which the program is the fastest, at the right edge the share that it solves.
 """
 
 import csv
@@ -19,13 +18,13 @@ PROGRAMS = STYLES | {
     "NSGS": ("#56B4E9", "X", "Siconos NSGS"),
     "NSN_AC": ("#7A5C00", "d", "Siconos NSN_AC"),
 }
-# Fewer problems are no profile; they go together.
+# Families with fewer problems are drawn together as "others".
 FEWEST = 3
 MAIN = 1e-8
 
 
 def read(path):
-    """``{target: {family: {program: seconds (problems,)}}}``, infinite where unsolved."""
+    """Seconds ``{target: {family: {program: (problems,)}}}``, infinite if unsolved."""
     with Path(path).open() as file:
         lines = list(csv.DictReader(file))
     of = {line["file"]: line["family"] for line in lines}
@@ -54,7 +53,7 @@ def read(path):
 
 
 def profile(seconds):
-    """``{program: (factors, shares)}`` of the steps of each curve."""
+    """Steps of each curve, ``{program: (factors, shares)}``."""
     best = np.min(list(seconds.values()), axis=0)
     curves = {}
     for program, own in seconds.items():
@@ -65,7 +64,7 @@ def profile(seconds):
 
 
 def draw(source, target):
-    """Write the figure of a CSV file."""
+    """Draw the figure of a CSV file."""
     plt = pyplot()
     found = read(source)
     panels = [(f"all, η ≤ {t:.0e}", groups["all"]) for t, groups in found.items()]
@@ -82,7 +81,7 @@ def draw(source, target):
     edge = 1.3 * max(longest, 10.0)
     for panel, (title, seconds) in zip(axes.ravel(), panels, strict=False):
         curves = profile(seconds)
-        # The default last, so that it lies on top.
+        # `auto` last, so that it lies on top.
         for program in sorted(curves, key=lambda p: p == "auto"):
             factors, shares = curves[program]
             colour, mark, _ = PROGRAMS[program]

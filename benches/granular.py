@@ -1,18 +1,18 @@
-"""Seconds that `auto` takes to each residual on walls of disks and packings of balls.
+"""Time `auto` to each residual on walls of disks and packings of balls.
 
     python benches/granular.py                       # seeds 0 to 49, the table, the figure
     python benches/granular.py --sets walls --first-seed 10 --seeds 5
 
 Every assembly of `grains.py` is solved from r = 0 to η = 1e-10 within 20 seconds, one
-after the other on all cores. While it runs its smallest η is read some twenty times a
-second; the seconds to a target are those of the first reading that meets it. Solved is
-what η, computed anew of the reactions returned, confirms. An assembly that does not get
-to a target costs infinity, and enters medians and quantiles so.
+after the other on all cores. During a solve the smallest η so far is read about twenty
+times a second; the seconds to a target are those of the first reading that meets it. An
+assembly counts as solved if η, computed again from the reactions, meets the last
+target. A target that is not reached costs infinity, also in medians and quantiles.
 
-Seconds are those of the clock; ``cpu`` in the CSV is what all cores worked.
+Seconds are wall-clock time; ``cpu`` in the CSV file is the processor time of all cores.
 
-Rows are added to `results/granular.csv` as they are found, and those of the same set and seed
-replaced; table and figure are of all rows there are.
+Rows are added to `results/granular.csv` as they are measured and replace those of the same
+set and seed; table and figure show all rows of the file.
 """
 
 import sys
@@ -35,7 +35,7 @@ TITLES = {
 
 
 def measure(name, seed, limit):
-    """A line of the CSV."""
+    """Row of the CSV file."""
     assembly = grains.SETS[name](seed)
     W, q = assembly.step()
     problem = bp.ReducedProblem(W, q, assembly.mu)
@@ -67,7 +67,7 @@ def measure(name, seed, limit):
 
 
 def table(lines):
-    """Markdown: median and 90 % quantile of the seconds to each target."""
+    """Markdown table of seconds to each target, median / 90 % quantile."""
     head = ("set", *(f"{target:.0e}" for target in TARGETS), "solved")
     rows = []
     for name in dict.fromkeys(line["set"] for line in lines):
@@ -85,7 +85,7 @@ def table(lines):
 
 
 def draw(lines, target):
-    """Write the figure: a curve an assembly, the median on top."""
+    """Draw one curve for each assembly, and the median on top."""
     plt = pyplot()
     names = list(dict.fromkeys(line["set"] for line in lines))
     figure, axes = plt.subplots(
@@ -108,7 +108,7 @@ def draw(lines, target):
 
 
 def main():
-    """Measure, write, print."""
+    """Measure, write the results, print the table."""
     parser = tables.parser(__doc__)
     parser.add_argument("--sets", default=",".join(grains.SETS))
     parser.add_argument("--seeds", type=int, default=50, help="how many")

@@ -1,8 +1,7 @@
-"""Stiffness matrices of cubes and squares in a file that C and Python read alike.
+"""Write the stiffness matrix of a cube or square to a file that C and Python can read.
 
-The base is the contact and comes last; the top is held and taken out. The file holds n,
-m, d and nnz as 64-bit integers, then the lower triangle by columns: pointers, row
-indices, values.
+The base is in contact and comes last; the top is fixed and left out. The file holds n, m, d
+and nnz as 64-bit integers, then the lower triangle by columns: pointers, row indices, values.
 """
 
 from pathlib import Path
@@ -13,7 +12,7 @@ from unit_body import unit_body
 
 
 def write(path, dim, cells):
-    """Write the body with ``cells`` cells a side; returns n and m."""
+    """Write the body with ``cells`` cells along each axis; return n and m."""
     mesh, K, base, top = unit_body(dim, cells)
     inner = np.setdiff1d(np.arange(mesh.nvertices), np.append(base, top))
     order = (dim * np.append(inner, base)[:, None] + np.arange(dim)).ravel()

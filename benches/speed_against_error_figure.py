@@ -1,4 +1,4 @@
-"""Draws speed_against_error.csv: products with W against true error, a panel a set.
+"""Draw speed_against_error.csv: products with W against true error, one panel for each set.
 
 python benches/speed_against_error_figure.py
 """
@@ -10,7 +10,7 @@ from textwrap import fill
 import numpy as np
 from plot_style import light_grid, pyplot
 
-# Wong's colours, told apart by colour-blind eyes; the marks say the same again.
+# Wong's colours, which colour-blind readers can distinguish; each has its own mark.
 STYLES = {
     "auto": ("#000000", "o", "auto"),
     "newton": ("#D55E00", "s", "Newton"),
@@ -36,7 +36,7 @@ TITLES = {
 
 
 def read(path):
-    """``{set: {method: (targets, median products, unsolved at each)}}``."""
+    """Targets and median products, ``{set: {method: (2, targets)}}``."""
     curves = {}
     with Path(path).open() as file:
         for line in csv.DictReader(file):
@@ -51,7 +51,7 @@ def read(path):
 
 
 def draw(source, target):
-    """Write the figure of a CSV file."""
+    """Draw the figure of a CSV file."""
     plt = pyplot()
     curves = read(source)
     rows = -(-(len(curves) + 1) // 4)
@@ -61,7 +61,7 @@ def draw(source, target):
     panels, open_ends = axes.ravel(), False
     for panel, (name, methods) in zip(panels, curves.items(), strict=False):
         missing = []
-        # The default last, so that it lies on top.
+        # `auto` last, so that it lies on top.
         for method in sorted(methods, key=lambda m: m == "auto"):
             error, products = methods[method]
             colour, mark, label = STYLES[method]
@@ -73,14 +73,14 @@ def draw(source, target):
             width = 2.2 if method == "auto" else 1.3
             panel.plot(error[reached], products[reached], lw=width, **style)
             if not reached.all():
-                # Where more than half are unsolved the median is infinite.
+                # If more than half are unsolved, the median is infinite.
                 at, open_ends = np.flatnonzero(reached)[-1], True
                 end = {"marker": "o", "mfc": "white", "mec": colour, "ms": 8}
                 panel.plot(error[at], products[at], mew=1.5, **end)
         if missing:
-            # In lines, lest a long one push the panels apart.
-            told = fill("over half unsolved: " + ", ".join(missing), 32)
-            panel.text(0.04, 0.04, told, transform=panel.transAxes, color="0.35")
+            # Wrapped, because a long line would push the panels apart.
+            note = fill("over half unsolved: " + ", ".join(missing), 32)
+            panel.text(0.04, 0.04, note, transform=panel.transAxes, color="0.35")
         panel.set(xscale="log", yscale="log", title=TITLES[name])
         light_grid(panel)
     panels[0].set(xlim=(2e-2, 5e-13), xticks=[1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
