@@ -1,9 +1,9 @@
-"""The whole job of a shipped scene in NumPy, SciPy and scikit-fem alone.
+"""Solve a whole shipped scene with NumPy, SciPy and scikit-fem alone.
 
     python benches/peers/with_scipy.py SCENE N [--save FILE.npz] [--tol TOL]
 
-What a careful user writes without this package: scikit-fem's general form,
-SuperLU with a symmetric ordering, one back-solve a contact component for W, and a
+The script that a careful user writes without this package: scikit-fem's general form,
+SuperLU with a symmetric ordering, one back-solve per contact component for W, and a
 semismooth Newton method with a line search. It shares no code with the package. Prints
 one JSON line; ``TOL`` is the natural map relative to max |R|.
 """
@@ -17,7 +17,7 @@ from system import Condensed, build, natural_map, scale_of
 def solve_step(W, A, q, mu, r, v, scale, tol):
     """Alart–Curnier Newton on A v = W r + q (A None: the identity) from (r, v).
 
-    ``scale`` (one number a component) is the step of the projection; the
+    ``scale`` (one number per component) is the step of the projection; the
     residual is relative to max |R|. Returns r, v, residual, iterations.
     """
     m, d = len(q), len(q) // len(mu)
@@ -70,8 +70,8 @@ def main():
     system = build(asked.scene, asked.n)
     clock.lap("assemble")
     nodes, d = system.gap.shape
-    # Bodies held by contact alone: springs on the contact nodes make K regular, and
-    # A v = W r + q takes them out again.
+    # For a body that only contact holds, springs on the contact nodes make K regular;
+    # A v = W r + q removes them again.
     spring = 0.0
     if asked.scene == "pressed_block":
         spring = 1e-2 * system.K.diagonal().max()
@@ -85,7 +85,7 @@ def main():
         u = body.free_displacement(prescribed)
         q = B @ u + (A @ offset if spring else offset)
         if spring:
-            # From open contact the springless body is free: start from sticking.
+            # With open contacts the body without springs is free, so start with stick.
             r = np.linalg.lstsq(W, -q, rcond=None)[0]
         v = np.zeros_like(q) if spring else W @ r + q
         r, v, residual, count = solve_step(W, A, q, system.mu, r, v, scale, asked.tol)

@@ -1,16 +1,15 @@
-"""A shipped scene by Siconos, from the K of scikit-fem on.
+"""Solve a shipped scene with Siconos, from the K of scikit-fem on.
 
     python benches/peers/system.py SCENE N --save SYSTEM.npz
     /usr/bin/python3 benches/peers/with_siconos.py SCENE N --matrices SYSTEM.npz
 
-Needs siconos and SciPy, and nothing of this package. W is made by SuperLU and one
-back-solve a contact unknown; Siconos solves the reduced problem, its tolerance tightened
-by factors of a hundred until the natural map relative to max |R| is ``TOL``, and only the run
-that meets it is timed. It is given node-scaled variables, the largest of q being 1: its
-measures are absolute. Bodies that contact alone holds have no W: there the proximal
-point method, springs towards the contact's place in the iteration before, whose fixed
-point is the answer without springs. Assembly counts as measured when the matrices were
-made.
+Needs siconos and SciPy, not this package. SuperLU and one back-solve per contact unknown
+give W. Siconos solves the reduced problem; its tolerance is reduced by factors of a hundred
+until the natural map relative to max |R| is ``TOL``, and only that run is timed. It gets
+node-scaled variables with largest q = 1, because its measures are absolute. Bodies that only
+contact holds have no W: for them the proximal point method is used, with springs to the
+position of the previous iteration, whose fixed point is the solution without springs.
+Assembly counts with the seconds measured when the matrices were written.
 """
 
 from time import perf_counter
@@ -25,8 +24,8 @@ try:
 except ImportError:
     raise SystemExit("siconos is not installed") from None
 
-# Its Newton method exists in space only; a plane problem is lifted for it. In the plane
-# sweeps are tried first, being native.
+# Its Newton method exists in 3D only; a 2D problem is written in 3D for it. In 2D the
+# sweeps, which need no such conversion, are tried first.
 METHODS = {2: ("NSGS", "NSN_AC"), 3: ("NSN_AC", "NSGS")}
 ITERATIONS = {"NSGS": 100_000, "NSN_AC": 400}
 
@@ -58,7 +57,7 @@ def reduced(W, q, mu, tol, scale, methods):
             if residual <= tol:
                 return *best, perf_counter() - begin
     if best is None:
-        raise SystemExit("no finite answer")
+        raise SystemExit("Siconos returned no finite reactions")
     return *best, perf_counter() - begin
 
 
