@@ -72,7 +72,7 @@ def rows(python):
     for cell, n, kind, method in MESHES:
         grid, dofs = bipot_seconds(cell, n, moved=False)
         moved, _ = bipot_seconds(cell, n, moved=True)
-        theirs, ratio = "not installed", ""
+        getfem, ratio = "not installed", ""
         if python:
             arguments = (str(dimension(cell)), str(n), kind, method, str(RUNS))
             run = subprocess.run(
@@ -82,16 +82,16 @@ def rows(python):
                 check=True,
             )
             seconds = float(run.stdout.split()[-1])
-            theirs, ratio = f"{1e3 * seconds:.1f}", f"{seconds / moved:.1f}"
+            getfem, ratio = f"{1e3 * seconds:.1f}", f"{seconds / moved:.1f}"
         times = (f"{1e3 * grid:.1f}", f"{1e3 * moved:.1f}")
-        yield (f"{cell} {n}", f"{dofs:,}", *times, theirs, ratio)
+        yield (f"{cell} {n}", f"{dofs:,}", *times, getfem, ratio)
 
 
 def main():
     """Measure, and rewrite the table."""
-    asked = tables.parser(__doc__).parse_args()
+    args = tables.parser(__doc__).parse_args()
     text = tables.table(HEAD, rows(commands.python_with("getfem")))
-    tables.publish("assembly", text, write=not asked.print)
+    tables.publish("assembly", text, write=not args.print)
 
 
 if __name__ == "__main__":

@@ -61,6 +61,6 @@ def compare(run, reference):
     R, v, mu = run.R[:, order], run.v[:, order], reference["mu"]
     square = (weight * (R - reference["R"]) ** 2).sum(axis=(1, 2))
     error = np.sqrt(square / (weight * reference["R"] ** 2).sum(axis=(1, 2))).max()
-    theirs, clear = statuses(reference["R"], reference["v"], mu)
-    ours, _ = statuses(R, v, mu)
-    return float(error), int(((ours != theirs) & clear).sum())
+    expected, clear = statuses(reference["R"], reference["v"], mu)
+    found, _ = statuses(R, v, mu)
+    return float(error), int(((found != expected) & clear).sum())

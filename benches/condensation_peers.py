@@ -30,20 +30,10 @@ HERE = Path(__file__).resolve().parent
 CASES = {"cube 14": (3, 14), "cube 25": (3, 25), "square 316": (2, 316)}
 LARGE = {"cube 36": (3, 36)}
 QUICK = {"cube 9": (3, 9), "square 60": (2, 60)}
-HEAD = (
-    "body",
-    "unknowns",
-    "contact unknowns",
-    "program",
-    "1 thread, s",
-    "Gflop",
-    "share of product",
-    "2 threads, s",
-    "speed-up",
-    "bipot_rs / program",
-    "bipot_rs / program, 2 threads",
-    "difference of S",
-    "ordering",
+HEAD = tables.columns(
+    "body | unknowns | contact unknowns | program | 1 thread, s | Gflop | "
+    "share of product | 2 threads, s | speed-up | bipot_rs / program | "
+    "bipot_rs / program, 2 threads | difference of S | ordering"
 )
 
 
@@ -60,9 +50,9 @@ def compiled(folder):
     return [str(target)], ""
 
 
-def pardiso(asked):
+def pardiso(wanted):
     """Command of the PARDISO program, or the reason why there is none."""
-    for python in filter(None, (asked, *pythons())):
+    for python in filter(None, (wanted, *pythons())):
         command = [python, str(PEERS / "with_pardiso.py")]
         look = "import sys; sys.argv[1:] = []; sys.path.insert(0, %r); "
         look += "import with_pardiso; with_pardiso.library()"
@@ -97,7 +87,7 @@ def touch(gigabytes):
     subprocess.run([sys.executable, "-c", write], check=False)
 
 
-def case(name, shape, commands, asked):
+def case(name, shape, commands, args):
     """Rows of one matrix, one for each program."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "matrix"
@@ -105,7 +95,7 @@ def case(name, shape, commands, asked):
         repeat = "3" if n < 100_000 else "2"
         found = {(p, t): [] for p in commands for t in (1, 2)}
         gap = {}
-        for turn in range(asked.rounds):
+        for turn in range(args.rounds):
             for threads in (1, 2):
                 for program in turned(list(commands), turn):
                     command = commands[program]
@@ -159,23 +149,23 @@ def main():
         "--mkl", help="the Python that has MKL", default=os.environ.get("MKL_PYTHON")
     )
     parser.add_argument("--print", action="store_true", help="write no files")
-    asked = parser.parse_args()
-    cases = QUICK if asked.quick else CASES | (LARGE if asked.large else {})
+    args = parser.parse_args()
+    cases = QUICK if args.quick else CASES | (LARGE if args.large else {})
     with tempfile.TemporaryDirectory() as folder:
-        wanted = {"CHOLMOD": compiled(folder), "MKL PARDISO": pardiso(asked.mkl)}
+        wanted = {"CHOLMOD": compiled(folder), "MKL PARDISO": pardiso(args.mkl)}
         commands = {"bipot_rs": [sys.executable, str(HERE / "condense_file.py")]}
         commands |= {name: command for name, (command, _) in wanted.items() if command}
         absent = [
             f"{name}: {why}" for name, (command, why) in wanted.items() if not command
         ]
         rows = []
-        touch(8 if asked.large else 2)
+        touch(8 if args.large else 2)
         for name, shape in cases.items():
-            for row in case(name, shape, commands, asked):
+            for row in case(name, shape, commands, args):
                 print("| " + " | ".join(row) + " |", flush=True)
                 rows.append(row)
-            if not asked.print:
-                page = tables.folder(asked.quick) / "README.md"
+            if not args.print:
+                page = tables.folder(args.quick) / "README.md"
                 tables.rewrite(page, "condensation", written(rows, absent))
 
 

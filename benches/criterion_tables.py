@@ -84,9 +84,9 @@ def main():
     parser = tables.parser(__doc__)
     every = (*PRINTED, *SAMPLED)
     parser.add_argument("--only", choices=every)
-    asked = parser.parse_args()
-    for bench in [asked.only] if asked.only else every:
-        tables.publish(bench, measured(bench), write=not asked.print)
+    args = parser.parse_args()
+    for bench in [args.only] if args.only else every:
+        tables.publish(bench, measured(bench), write=not args.print)
 
 
 if __name__ == "__main__":

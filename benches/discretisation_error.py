@@ -35,17 +35,9 @@ ROWS: tuple[tuple[str, tuple[str, ...], tuple[tuple[int, int], ...]], ...] = (
     ("sheared_cube", ("contact.0.mu=0.0",), ((2, 4), (3, 4), (4, 4), (6, 4))),
     ("sheared_cube", (), ((2, 4), (3, 4), (4, 4), (6, 4))),
 )
-HEAD = (
-    "scene",
-    "mu",
-    "n",
-    "unknowns",
-    "kind",
-    "estimate",
-    "true",
-    "effectivity",
-    "term/B",
-    "contact/B",
+HEAD = tables.columns(
+    "scene | mu | n | unknowns | kind | estimate | true | effectivity | "
+    "term/B | contact/B"
 )
 
 
@@ -163,16 +155,9 @@ STOPS = (
     ("two_blocks", 6),
     ("pressed_block", 32),
 )
-STOP_HEAD = (
-    "scene",
-    "n",
-    "method",
-    "mesh error",
-    "tol",
-    "products to find it",
-    "products",
-    "products to 1e-10",
-    "error left",
+STOP_HEAD = tables.columns(
+    "scene | n | method | mesh error | tol | products to find it | products | "
+    "products to 1e-10 | error left"
 )
 
 
@@ -210,19 +195,19 @@ def stops(name: str, n: int) -> list[list[str]]:
 
 def main() -> None:
     """Measure, and write both tables."""
-    asked = tables.parser(__doc__ or "").parse_args()
+    args = tables.parser(__doc__ or "").parse_args()
     page = Path(__file__).parents[1] / "docs" / "paper" / "10-discretisation-error.md"
     rows = []
     for name, settings, sizes in ROWS:
         for n, factor in sizes:
             rows.append(compare(name, settings, n, factor).cells())
             print(*rows[-1], flush=True)
-    if not asked.print:
+    if not args.print:
         tables.rewrite(page, "effectivity", tables.table(HEAD, rows))
     saved = [row for name, n in STOPS for row in stops(name, n)]
     for row in saved:
         print(*row)
-    if not asked.print:
+    if not args.print:
         tables.rewrite(page, "stop rule", tables.table(STOP_HEAD, saved))
 
 

@@ -115,13 +115,8 @@ SETS: dict[str, Callable[[int], problems.Problem]] = {
     "held": problems.held,
     "two bodies": problems.two_bodies,
 }
-SHARP_HEAD = (
-    "set",
-    "global, local, none",
-    "> 3e-2",
-    "3e-2 to 1e-5",
-    "1e-5 to 1e-8",
-    "1e-8 to 1e-11",
+SHARP_HEAD = tables.columns(
+    "set | global, local, none | > 3e-2 | 3e-2 to 1e-5 | 1e-5 to 1e-8 | 1e-8 to 1e-11"
 )
 BODIES = (
     ("2D block, 20 contacts, ν = 0.3", 2, 20, 0.3),
@@ -160,14 +155,14 @@ def main() -> None:
     """Measure, and write both tables."""
     parser = tables.parser(__doc__)
     parser.add_argument("--seeds", type=int, default=SEEDS)
-    asked = parser.parse_args()
-    first = tables.table(SHARP_HEAD, [sharp(name, asked.seeds) for name in SETS])
+    args = parser.parse_args()
+    first = tables.table(SHARP_HEAD, [sharp(name, args.seeds) for name in SETS])
     print(first, flush=True)
     rows = [limit_of_body(*body) for body in BODIES]
-    rows += [limit_at_random(d, asked.seeds) for d in (2, 3)]
+    rows += [limit_at_random(d, args.seeds) for d in (2, 3)]
     second = tables.table(LIMIT_HEAD, rows)
     print(second)
-    if not asked.print and tables.whole(parser, asked, "seeds"):
+    if not args.print and tables.whole(parser, args, "seeds"):
         tables.rewrite(PAGE, "bound over error", first)
         tables.rewrite(PAGE, "largest friction", second)
 

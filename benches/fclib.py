@@ -43,19 +43,9 @@ import bipot_rs as bp
 TARGETS = (1e-4, 1e-8, 1e-12)
 SICONOS = ("NSGS", "NSN_AC")
 LARGEST_DENSE = 2000
-COLUMNS = (
-    "file",
-    "family",
-    "form",
-    "contacts",
-    "dim",
-    "program",
-    "target",
-    "solved",
-    "seconds",
-    "work",
-    "iterations",
-    "eta",
+COLUMNS = tables.columns(
+    "file | family | form | contacts | dim | program | target | solved | "
+    "seconds | work | iterations | eta"
 )
 
 
@@ -208,27 +198,27 @@ def main():
     parser.add_argument("--max-seconds", type=float, default=10.0, help="for one solve")
     parser.add_argument("--methods", default=",".join(METHODS))
     parser.add_argument("--siconos", help="the Python that has it")
-    asked = parser.parse_args()
-    methods = available(asked.methods.split(","))
-    names = families(asked.data)
-    paths = sorted([*asked.data.glob("*.hdf5"), *asked.data.glob("*.h5")])
+    args = parser.parse_args()
+    methods = available(args.methods.split(","))
+    names = families(args.data)
+    paths = sorted([*args.data.glob("*.hdf5"), *args.data.glob("*.h5")])
     if not paths:
-        parser.error(f"--data {asked.data} holds no .hdf5 or .h5 file")
+        parser.error(f"--data {args.data} holds no .hdf5 or .h5 file")
     present = {path.stem for path in paths}
     lines = []
     with tempfile.TemporaryDirectory() as folder:
-        siconos = find(asked.siconos, folder, asked.max_seconds)
+        siconos = find(args.siconos, folder, args.max_seconds)
         for path in paths:
             if path.stem.removesuffix("__local") in present - {path.stem}:
                 continue
             family = names.get(path.name, path.stem.partition("_")[0])
-            new = measure(path, family, methods, siconos, asked.max_seconds)
+            new = measure(path, family, methods, siconos, args.max_seconds)
             lines += new
         if siconos:
             siconos.close()
-    whole = tables.whole(parser, asked, "methods")
-    report(lines, write=whole and not asked.print)
-    if not asked.print:
+    whole = tables.whole(parser, args, "methods")
+    report(lines, write=whole and not args.print)
+    if not args.print:
         path = tables.RESULTS / "fclib.csv"
         tables.write_rows(path, lines)
         fclib_figure.draw(path, path.with_suffix(".png"))

@@ -114,21 +114,21 @@ def main():
     parser.add_argument("--seeds", type=int, default=50, help="how many")
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seconds-limit", type=float, default=SECONDS)
-    asked = parser.parse_args()
+    args = parser.parse_args()
     path = tables.RESULTS / "granular.csv"
     stored = tables.read_rows(path) if path.exists() else []
     kept = {(x["set"], int(x["seed"])): x for x in stored}
-    last = asked.first_seed + asked.seeds
-    for name in asked.sets.split(","):
-        for seed in range(asked.first_seed, last):
-            line = measure(name, seed, asked.seconds_limit)
+    last = args.first_seed + args.seeds
+    for name in args.sets.split(","):
+        for seed in range(args.first_seed, last):
+            line = measure(name, seed, args.seconds_limit)
             print(*line.values(), file=sys.stderr, flush=True)
             kept[name, seed] = line
-            if not asked.print:
+            if not args.print:
                 write(path, kept)
     lines = list(kept.values())
-    tables.publish("walls and packings", table(lines), write=not asked.print)
-    if not asked.print:
+    tables.publish("walls and packings", table(lines), write=not args.print)
+    if not args.print:
         draw(lines, path.with_suffix(".png"))
 
 

@@ -45,19 +45,19 @@ def main():
     """Measure, and rewrite the table."""
     parser = tables.parser(__doc__)
     parser.add_argument("--rounds", type=int, default=9)
-    asked = parser.parse_args()
+    args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         times = [
             [milliseconds(command, folder) for command in COMMANDS.values()]
-            for _ in range(asked.rounds + 1)
+            for _ in range(args.rounds + 1)
         ]
     rows = [
         (f"`{name}`", f"{min(column):.0f} ms", f"{statistics.median(column):.0f} ms")
         for name, column in zip(COMMANDS, zip(*times[1:], strict=True), strict=True)
     ]
     text = tables.table(("process", "minimum", "median"), rows)
-    tables.publish("import time", text, write=not asked.print)
+    tables.publish("import time", text, write=not args.print)
 
 
 if __name__ == "__main__":

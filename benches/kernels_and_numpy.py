@@ -19,22 +19,12 @@ from unit_body import unit_body
 
 import bipot_rs as bp
 
-PROJECTION = (
-    "d",
-    "nodes",
-    "project, M nodes/s",
-    "NumPy, M nodes/s",
-    "ratio",
-    "largest difference",
+PROJECTION = tables.columns(
+    "d | nodes | project, M nodes/s | NumPy, M nodes/s | ratio | largest difference"
 )
-CONDENSATION = (
-    "body",
-    "unknowns",
-    "contact unknowns",
-    "bipot_rs, s",
-    "splu and solves, s",
-    "ratio",
-    "difference of W",
+CONDENSATION = tables.columns(
+    "body | unknowns | contact unknowns | bipot_rs, s | splu and solves, s | "
+    "ratio | difference of W"
 )
 
 
@@ -44,14 +34,14 @@ def projection():
     for d in (2, 3):
         for nodes in (1_000, 1_000_000):
             tau, mu = rng.standard_normal((nodes, d)), np.full(nodes, 0.4)
-            ours, (t, _) = fastest(5, lambda tau=tau, mu=mu: bp.project(tau, mu))
-            theirs, other = fastest(5, lambda tau=tau, mu=mu: project(tau, mu))
+            bipot, (t, _) = fastest(5, lambda tau=tau, mu=mu: bp.project(tau, mu))
+            numpy, other = fastest(5, lambda tau=tau, mu=mu: project(tau, mu))
             yield (
                 str(d),
                 f"{nodes:,}",
-                f"{nodes / ours / 1e6:.1f}",
-                f"{nodes / theirs / 1e6:.1f}",
-                f"{theirs / ours:.1f}",
+                f"{nodes / bipot / 1e6:.1f}",
+                f"{nodes / numpy / 1e6:.1f}",
+                f"{numpy / bipot:.1f}",
                 f"{abs(t - other).max():.0e}",
             )
 
@@ -74,18 +64,18 @@ def condensation():
         B = sparse.csr_array((np.ones(m), (np.arange(m), base)), shape=(m, n))
         free = np.setdiff1d(np.arange(n), top)
 
-        def ours(K=K, B=B, top=top, contacts=m // dim):
+        def by_bipot(K=K, B=B, top=top, contacts=m // dim):
             problem = bp.ContactProblem(K, B, gap=np.zeros(contacts), mu=0.3, fixed=top)
             return problem.compliance
 
-        def theirs(K=K, base=base, free=free):
+        def by_scipy(K=K, base=base, free=free):
             A = K[free][:, free].tocsc()
             lu = splu(A, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
             return compliance_by_solves(lu, np.searchsorted(free, base))
 
         repeat = 3 if n < 20_000 else 1
-        fast, W = fastest(3, ours)
-        slow, other = fastest(repeat, theirs)
+        fast, W = fastest(3, by_bipot)
+        slow, other = fastest(repeat, by_scipy)
         error = abs(W - other).max() / abs(other).max()
         times = (f"{fast:.2f}", f"{slow:.2f}", f"{slow / fast:.1f}", f"{error:.0e}")
         yield (name, f"{n:,}", f"{m:,}", *times)
@@ -93,12 +83,12 @@ def condensation():
 
 def main():
     """Measure, and rewrite the tables."""
-    asked = tables.parser(__doc__).parse_args()
+    args = tables.parser(__doc__).parse_args()
     for name, head, rows in (
         ("projection and NumPy", PROJECTION, projection()),
         ("condensation and SciPy", CONDENSATION, condensation()),
     ):
-        tables.publish(name, tables.table(head, rows), write=not asked.print)
+        tables.publish(name, tables.table(head, rows), write=not args.print)
 
 
 if __name__ == "__main__":

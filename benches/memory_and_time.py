@@ -135,9 +135,9 @@ ROWS = (
 
 def measured(make, arguments):
     """Seconds and megabytes of one operation, in a process of its own."""
-    asked = json.dumps([make.__name__, *arguments])
+    call = json.dumps([make.__name__, *arguments])
     run = subprocess.run(
-        [sys.executable, __file__, "--one", asked],
+        [sys.executable, __file__, "--one", call],
         capture_output=True,
         text=True,
         check=True,
@@ -146,9 +146,9 @@ def measured(make, arguments):
     return [f"{seconds:.2g}", f"{peak:.0f}"]
 
 
-def one(asked):
+def one(call):
     """Measure one operation in this process."""
-    name, *arguments = json.loads(asked)
+    name, *arguments = json.loads(call)
     work = globals()[name](*arguments)
     start = process_time()
     work()
@@ -169,11 +169,11 @@ def main():
     parser.add_argument(
         "--one", help="measure one function, a JSON list of its name and arguments"
     )
-    asked = parser.parse_args()
-    if asked.one:
-        one(asked.one)
+    args = parser.parse_args()
+    if args.one:
+        one(args.one)
         return
-    tables.publish("memory and time", tables.table(HEAD, rows()), write=not asked.print)
+    tables.publish("memory and time", tables.table(HEAD, rows()), write=not args.print)
 
 
 if __name__ == "__main__":

@@ -49,12 +49,7 @@ NAMES = {
 SCALE = {"bytes_factor": 1e-9, "bytes_peak": 1e-9}
 FAR = (10**6, 10**7)
 HEAD = (
-    "unknowns",
-    "quantity",
-    "smallest",
-    "largest",
-    "exponent",
-    "theory",
+    *tables.columns("unknowns | quantity | smallest | largest | exponent | theory"),
     *(f"at 10^{len(str(n)) - 1}" for n in FAR),
 )
 
@@ -145,19 +140,19 @@ def main():
     parser.add_argument(
         "--again", action="store_true", help="write the table from the stored CSV file"
     )
-    asked = parser.parse_args()
-    threads, folder = os.cpu_count() or 1, tables.folder(asked.quick)
-    if asked.again:
+    args = parser.parse_args()
+    threads, folder = os.cpu_count() or 1, tables.folder(args.quick)
+    if args.again:
         rows = tables.read_rows(folder / "results" / SHEET)
     else:
         rows = [
             row
-            for dim, cells in (QUICK if asked.quick else CELLS).items()
+            for dim, cells in (QUICK if args.quick else CELLS).items()
             for row in measured(dim, cells, threads)
         ]
     text = written(rows)
     print(text)
-    if asked.print:
+    if args.print:
         return
     tables.write_rows(folder / "results" / SHEET, rows)
     tables.rewrite(folder / "README.md", "scaling", text)

@@ -24,14 +24,8 @@ from unit_body import unit_body
 
 import bipot_rs as bp
 
-HEAD = (
-    "case",
-    "unknowns",
-    "contacts",
-    "bipot_rs, s",
-    "compared with, s",
-    "ratio",
-    "difference",
+HEAD = tables.columns(
+    "case | unknowns | contacts | bipot_rs, s | compared with, s | ratio | difference"
 )
 DIM, MU = 3, 0.3
 # Share of the face that closes.
@@ -142,7 +136,7 @@ def pattern(cells, rounds):
         kept.update(next(stiffer))
         return kept.compliance
 
-    def anew():
+    def new_problem():
         return next(unknown).problem(gap).compliance
 
     return row(
@@ -151,7 +145,7 @@ def pattern(cells, rounds):
         f"{len(gap):,}",
         rounds,
         updated,
-        anew,
+        new_problem,
         # The moduli differ, and W is inverse to them.
         lambda W, other: difference(W * (1.0 + 0.1 * rounds), other),
     )
@@ -214,11 +208,11 @@ def main():
     """Measure, and rewrite the table."""
     parser = tables.parser(__doc__)
     parser.add_argument("--small", action="store_true", help="without 148,000 unknowns")
-    asked = parser.parse_args()
+    args = parser.parse_args()
     rows = [face(25, 3)]
-    rows += [] if asked.small else [face(36, 2)]
+    rows += [] if args.small else [face(36, 2)]
     rows += [pattern(25, 3), coefficients(25, 3), steps(25, 3)]
-    tables.publish("skipped work", tables.table(HEAD, rows), write=not asked.print)
+    tables.publish("skipped work", tables.table(HEAD, rows), write=not args.print)
 
 
 if __name__ == "__main__":

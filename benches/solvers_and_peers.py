@@ -102,9 +102,9 @@ class Siconos:
             self.process = None
 
 
-def find(asked, folder, limit):
+def find(wanted, folder, limit):
     """Start Siconos under the given Python or any; ``None`` if it is not installed."""
-    for python in [asked] if asked else pythons():
+    for python in [wanted] if wanted else pythons():
         siconos = Siconos(python, folder, limit)
         if siconos.start():
             return siconos
@@ -172,15 +172,9 @@ def ratio(seconds, own):
     return np.quantile(seconds[either] / own[either], 0.5, method="higher")
 
 
-HEAD = (
-    "set",
-    "problems",
-    "program",
-    "solved",
-    "median, ms",
-    "90 %, ms",
-    "time / call",
-    "time / solver",
+HEAD = tables.columns(
+    "set | problems | program | solved | median, ms | 90 %, ms | "
+    "time / call | time / solver"
 )
 
 
@@ -205,14 +199,14 @@ def main():
         "--seconds-limit", type=float, default=5.0, help="for one solve"
     )
     parser.add_argument("--siconos", help="the Python that has it")
-    asked = parser.parse_args()
-    limit, lines = asked.seconds_limit, []
-    whole = tables.whole(parser, asked, "sets", "seeds", "first_seed")
+    args = parser.parse_args()
+    limit, lines = args.seconds_limit, []
+    whole = tables.whole(parser, args, "sets", "seeds", "first_seed")
     with tempfile.TemporaryDirectory() as folder:
-        siconos = find(asked.siconos, folder, limit)
+        siconos = find(args.siconos, folder, limit)
         programs = list(PROGRAMS) if siconos else ["call", "auto", "sweep"]
-        for name in asked.sets.split(","):
-            seeds = problems.seeds(name, asked.seeds, asked.first_seed)
+        for name in args.sets.split(","):
+            seeds = problems.seeds(name, args.seeds, args.first_seed)
             found = compare(name, seeds, programs, siconos, limit)
             for row in rows(name, found):
                 print("| " + " | ".join(row) + " |", flush=True)
@@ -220,7 +214,7 @@ def main():
         if siconos:
             siconos.close()
     tables.publish(
-        "solvers and peers", tables.table(HEAD, lines), write=whole and not asked.print
+        "solvers and peers", tables.table(HEAD, lines), write=whole and not args.print
     )
 
 

@@ -232,22 +232,22 @@ def main():
     parser.add_argument(
         "--out", type=Path, default=tables.RESULTS, help="folder to write to"
     )
-    asked = parser.parse_args()
-    whole = tables.whole(parser, asked, "sets", "methods", "seeds", "first_seed")
-    write = whole and not asked.print and asked.out.resolve() == tables.RESULTS
-    methods = available(asked.methods.split(","))
-    sets, limit = asked.sets.split(","), asked.seconds_limit
-    drawn = asked.seeds, asked.first_seed
-    results = collect(sets, methods, *drawn, limit, asked.jobs)
+    args = parser.parse_args()
+    whole = tables.whole(parser, args, "sets", "methods", "seeds", "first_seed")
+    write = whole and not args.print and args.out.resolve() == tables.RESULTS
+    methods = available(args.methods.split(","))
+    sets, limit = args.sets.split(","), args.seconds_limit
+    drawn = args.seeds, args.first_seed
+    results = collect(sets, methods, *drawn, limit, args.jobs)
     lines = list(rows(results))
     text = table(lines, "products", "{:.0f}".format)
     tables.publish("products to true error", text, write=write)
     text = table(lines, "seconds", lambda x: f"{1e3 * x:.2g}")
     tables.publish("milliseconds to true error", text, write=write)
-    if asked.print:
+    if args.print:
         return
-    path = asked.out / "speed_against_error.csv"
-    asked.out.mkdir(parents=True, exist_ok=True)
+    path = args.out / "speed_against_error.csv"
+    args.out.mkdir(parents=True, exist_ok=True)
     tables.write_rows(
         path,
         [

@@ -25,6 +25,11 @@ VECTORS = {"avx512f": "AVX-512", "avx2": "AVX2", "asimd": "NEON"}
 PACKAGES = ("bipot-rs", "numpy", "scipy", "scikit-fem")
 
 
+def columns(text: str) -> tuple[str, ...]:
+    """Column heads from a text such as ``"set | problems | solved"``."""
+    return tuple(text.split(" | "))
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Format a Markdown table."""
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
@@ -110,11 +115,9 @@ def parser(doc: str) -> argparse.ArgumentParser:
     return made
 
 
-def whole(
-    made: argparse.ArgumentParser, asked: argparse.Namespace, *names: str
-) -> bool:
+def whole(made: argparse.ArgumentParser, args: argparse.Namespace, *names: str) -> bool:
     """Whether these arguments have their defaults, so that the table is complete."""
-    return all(made.get_default(name) == getattr(asked, name) for name in names)
+    return all(made.get_default(name) == getattr(args, name) for name in names)
 
 
 def publish(name: str, text: str, *, write: bool) -> None:

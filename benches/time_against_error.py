@@ -47,9 +47,9 @@ def main():
     """Measure, and write the CSV file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a small mesh, one run")
-    asked = parser.parse_args()
-    found = list(rows(9, 1, LADDER[::3]) if asked.quick else rows(15, 2, LADDER))
-    tables.write_rows(tables.folder(asked.quick) / "results" / SHEET, found)
+    args = parser.parse_args()
+    found = list(rows(9, 1, LADDER[::3]) if args.quick else rows(15, 2, LADDER))
+    tables.write_rows(tables.folder(args.quick) / "results" / SHEET, found)
 
 
 if __name__ == "__main__":

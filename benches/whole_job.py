@@ -68,29 +68,13 @@ PARTS = {
     "write": ("write",),
 }
 COLUMNS = (
-    "scene",
-    "n",
-    "dofs",
-    "contacts",
-    "steps",
-    "program",
-    "threads",
-    "rounds",
+    *tables.columns("scene | n | dofs | contacts | steps | program | threads | rounds"),
     *PARTS,
-    "job_min",
-    "job_median",
-    "process",
-    "later_step",
-    "error",
-    "wrong_statuses",
-    "against",
-    "peak_mb",
-    "ratio",
-    "later_ratio",
-    "note",
-    "version",
-    "machine",
-    "load",
+    *tables.columns(
+        "job_min | job_median | process | later_step | error | wrong_statuses | "
+        "against | peak_mb | ratio | later_ratio | note | version | machine | "
+        "load"
+    ),
 )
 
 
@@ -113,15 +97,15 @@ def predicted(known, unknowns, scene):
 class Comparison:
     """All programs on one scene at one size."""
 
-    def __init__(self, scene, n, ours, peers, asked, histories):
-        self.scene, self.n, self.asked = scene, n, asked
-        self.ours, self.histories = ours, histories
-        self.runs = {ours: []}
-        self.threads = {ours: ours.threads}
+    def __init__(self, scene, n, bipot, peers, args, histories):
+        self.scene, self.n, self.args = scene, n, args
+        self.bipot, self.histories = bipot, histories
+        self.runs = {bipot: []}
+        self.threads = {bipot: bipot.threads}
         self.notes, self.settings = {}, {}
         # bipot_rs first: the predictions for the peers need its number of unknowns.
-        self.add(ours)
-        self.dofs = self.runs[ours][0].dofs
+        self.add(bipot)
+        self.dofs = self.runs[bipot][0].dofs
         for peer in peers:
             self.runs[peer], self.threads[peer] = [], peer.threads
             expected = predicted(histories[peer], self.dofs, scene)
@@ -130,12 +114,12 @@ class Comparison:
                 self.settings[peer] = "threads as at the previous size"
             if peer.missing:
                 self.notes[peer] = f"not run: {peer.missing}"
-            elif expected > asked.budget:
+            elif expected > args.budget:
                 self.notes[peer] = f"not run: predicted {expected:.0f} s"
 
     def add(self, program):
         """Run a program once with each number of threads not yet excluded."""
-        limit = None if program is self.ours else 3 * self.asked.budget
+        limit = None if program is self.bipot else 3 * self.args.budget
         found = {}
         for threads in self.threads[program]:
             found[threads] = program.run(self.scene, self.n, threads, limit=limit)
@@ -146,17 +130,17 @@ class Comparison:
     def run(self):
         """Run all rounds of all programs; return the rows."""
         spent = 0.0
-        for turn in range(self.asked.rounds):
+        for turn in range(self.args.rounds):
             if turn:
                 alone = len(self.notes) + 1 == len(self.runs)
-                if spent * (turn + 1) / turn > self.asked.patience or (
+                if spent * (turn + 1) / turn > self.args.patience or (
                     alone and turn > 1
                 ):
                     break
-                self.add(self.ours)
-            spent += self.runs[self.ours][-1].process
+                self.add(self.bipot)
+            spent += self.runs[self.bipot][-1].process
             for peer in self.runs:
-                if peer is self.ours or peer in self.notes:
+                if peer is self.bipot or peer in self.notes:
                     continue
                 try:
                     self.add(peer)
@@ -169,7 +153,7 @@ class Comparison:
     def rows(self):
         """One dictionary for each program."""
         reference, against = compare_tractions.stored(self.scene, self.n), "reference"
-        own = self.runs[self.ours]
+        own = self.runs[self.bipot]
         for program, runs in self.runs.items():
             row = dict.fromkeys(COLUMNS, "")
             row |= {"scene": self.scene, "n": self.n, "dofs": self.dofs}
@@ -201,7 +185,7 @@ class Comparison:
             }
             if answer.later is not None:
                 row["later_step"] = min(run.later for run in runs)
-            if program is not self.ours:
+            if program is not self.bipot:
                 pairs = list(zip(runs, own, strict=False))
                 row["ratio"] = median(run.job / mine.job for run, mine in pairs)
                 if answer.later is not None:
@@ -219,12 +203,12 @@ class Comparison:
 
     def other(self, program):
         """Result to compare with if no reference is stored, and its program."""
-        own = self.runs[self.ours][0]
+        own = self.runs[self.bipot][0]
         as_reference = {"x": own.x, "area": own.area, "mu": own.mu}
-        if program is not self.ours:
-            return as_reference | {"R": own.R, "v": own.v}, self.ours.name
+        if program is not self.bipot:
+            return as_reference | {"R": own.R, "v": own.v}, self.bipot.name
         for peer, runs in self.runs.items():
-            if peer is not self.ours and runs:
+            if peer is not self.bipot and runs:
                 run = runs[0]
                 order = compare_tractions.nearest(run.x, own.x)
                 found = {"R": run.R[:, order], "v": run.v[:, order]}
@@ -240,21 +224,12 @@ def trusted(row):
 
 
 HEAD = (
-    "scene, n",
-    "dofs",
-    "contacts",
-    "steps",
-    "program",
-    "threads",
+    *tables.columns("scene, n | dofs | contacts | steps | program | threads"),
     *PARTS,
-    "job",
-    "median",
-    "process",
-    "later step",
-    "traction error",
-    "statuses",
-    "peak MB",
-    "ratio",
+    *tables.columns(
+        "job | median | process | later step | traction error | statuses | "
+        "peak MB | ratio"
+    ),
 )
 
 
@@ -346,32 +321,26 @@ def written(rows):
 
 def short(rows):
     """Table of the first README: bipot_rs and the fastest peer of each size shown."""
-    head = (
-        "scene, n",
-        "unknowns",
-        "contacts",
-        "steps",
-        "bipot_rs",
-        "fastest other",
-        "ratio",
-        "traction error",
+    head = tables.columns(
+        "scene, n | unknowns | contacts | steps | "
+        "bipot_rs | fastest other | ratio | traction error"
     )
     lines = []
     for scene, n in SHOWN:
         own = [row for row in rows if place(row) == (scene, n) and row["job_min"]]
-        ours = next(row for row in own if row["program"] == "bipot_rs")
-        peers = (row for row in own if row is not ours)
+        bipot = next(row for row in own if row["program"] == "bipot_rs")
+        peers = (row for row in own if row is not bipot)
         best = min(peers, key=lambda row: float(row["job_min"]))
         lines.append(
             (
                 f"{scene}, {n}",
-                f"{int(ours['dofs']):,}",
-                ours["contacts"],
-                ours["steps"],
-                tables.figures(float(ours["job_min"])),
+                f"{int(bipot['dofs']):,}",
+                bipot["contacts"],
+                bipot["steps"],
+                tables.figures(float(bipot["job_min"])),
                 f"{tables.figures(float(best['job_min']))} {best['program']}",
                 f"{float(best['ratio']):.1f}",
-                f"{float(ours['error']):.0e}",
+                f"{float(bipot['error']):.0e}",
             )
         )
     return tables.table(head, lines)
@@ -388,17 +357,18 @@ def chosen(argument, sizes):
     }
 
 
-def measure(asked):
+def measure(args):
     """Yield the rows of each scene and size."""
-    ours, peers = commands.Bipot(), commands.peers()
+    bipot, peers = commands.Bipot(), commands.peers()
     versions = {
-        p.name: "" if getattr(p, "missing", "") else p.version() for p in (ours, *peers)
+        p.name: "" if getattr(p, "missing", "") else p.version()
+        for p in (bipot, *peers)
     }
     print(", ".join(filter(None, versions.values())), flush=True)
-    for scene, sizes in chosen(asked.scenes, QUICK if asked.quick else SIZES).items():
+    for scene, sizes in chosen(args.scenes, QUICK if args.quick else SIZES).items():
         histories = {peer: [] for peer in peers}
         for n in sizes:
-            found = Comparison(scene, n, ours, peers, asked, histories).run()
+            found = Comparison(scene, n, bipot, peers, args, histories).run()
             for row in found:
                 row["version"] = versions[row["program"]]
                 row["machine"] = tables.processor()
@@ -444,19 +414,19 @@ def main():
     parser.add_argument(
         "--again", action="store_true", help="write the tables from the stored CSV file"
     )
-    asked = parser.parse_args()
-    asked.rounds = asked.rounds or (2 if asked.quick else 5)
-    asked.budget = asked.budget or (20.0 if asked.quick else 240.0)
-    folder = tables.folder(asked.quick)
+    args = parser.parse_args()
+    args.rounds = args.rounds or (2 if args.quick else 5)
+    args.budget = args.budget or (20.0 if args.quick else 240.0)
+    folder = tables.folder(args.quick)
     stored = folder / "results" / SHEET
-    kept = (asked.scenes or asked.again) and stored.exists()
+    kept = (args.scenes or args.again) and stored.exists()
     rows = tables.read_rows(stored) if kept else []
-    for found in () if asked.again else measure(asked):
+    for found in () if args.again else measure(args):
         rows = merged(rows, found)
-        if not asked.print:
-            store(rows, folder, first=not asked.quick)
-    if asked.again:
-        store(rows, folder, first=not asked.quick)
+        if not args.print:
+            store(rows, folder, first=not args.quick)
+    if args.again:
+        store(rows, folder, first=not args.quick)
     print(conclusion(rows))
 
 

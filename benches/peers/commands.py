@@ -224,8 +224,8 @@ class Peer:
 def debian(package):
     """Version of a Debian package with a space before it; empty if not installed."""
     try:
-        asked = ["dpkg-query", "-W", "-f", "${Version}", package]
-        found = subprocess.run(asked, capture_output=True, text=True, check=True)
+        command = ["dpkg-query", "-W", "-f", "${Version}", package]
+        found = subprocess.run(command, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return ""
     return " " + found.stdout

@@ -70,16 +70,16 @@ def peak_mb():
     return float("nan")
 
 
-def write(asked, clock, program, x, area, reactions, displacements, **more):
+def write(args, clock, program, x, area, reactions, displacements, **more):
     """Save the tractions and print the JSON line.
 
     ``reactions`` and ``displacements`` are lists over the load steps of arrays
     ``(n_c, d)``, normal first: forces [N], and gaps with increments of slip [mm].
     """
     total = clock.last - clock.begin
-    if asked.save:
+    if args.save:
         np.savez(
-            asked.save,
+            args.save,
             x=x,
             area=area,
             R=np.array(reactions),
@@ -87,8 +87,8 @@ def write(asked, clock, program, x, area, reactions, displacements, **more):
         )
     line = {
         "program": program,
-        "scene": asked.scene,
-        "n": asked.n,
+        "scene": args.scene,
+        "n": args.n,
         "contacts": len(x),
         "seconds": clock.phases | {"total": total},
         "steps": clock.steps,

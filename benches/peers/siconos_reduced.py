@@ -63,13 +63,13 @@ def main():
     sn.numerics_set_verbose(0)
     print(json.dumps({"siconos": "ready"}), file=answers, flush=True)
     for line in sys.stdin:
-        asked = json.loads(line)
-        with np.load(asked["problem"]) as file:
+        request = json.loads(line)
+        with np.load(request["problem"]) as file:
             W, q, mu = (np.ascontiguousarray(file[k]) for k in ("W", "q", "mu"))
         r, seconds, done = solve(
-            W, q, mu, asked["solver"], asked["tol"], asked["iterations"]
+            W, q, mu, request["solver"], request["tol"], request["iterations"]
         )
-        np.save(asked["answer"], r)
+        np.save(request["answer"], r)
         line = json.dumps({"seconds": seconds, "iterations": done})
         print(line, file=answers, flush=True)
 

@@ -204,11 +204,11 @@ def main():
 
     import report
 
-    asked = report.arguments(__doc__)
+    args = report.arguments(__doc__)
     clock = report.Clock()
-    system = build(asked.scene, asked.n)
+    system = build(args.scene, args.n)
     clock.lap("assemble")
-    save(system, asked.save, assemble=clock.phases["assemble"])
+    save(system, args.save, assemble=clock.phases["assemble"])
     print(json.dumps({"dofs": system.K.shape[0], "seconds": clock.phases}))
 
 

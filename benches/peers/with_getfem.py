@@ -84,8 +84,8 @@ def sparse_rows(columns, values, size):
 
 def main():
     """Run one scene."""
-    asked = report.arguments(__doc__)
-    data = scene(asked.scene, asked.n)
+    args = report.arguments(__doc__)
+    data = scene(args.scene, args.n)
     clock = report.Clock()
     field, stiffness, nodes, body = assemble(data)
     dim, size = len(nodes), nodes.size
@@ -110,7 +110,7 @@ def main():
     else:
         area = area[np.searchsorted(grids[0], nodes[0, contact] - eps)]
     f = np.zeros(size)
-    if asked.scene == "pressed_block":
+    if args.scene == "pressed_block":
         top = ordered(np.flatnonzero(nodes[1] > 40 - eps), nodes)
         side = ordered(np.flatnonzero(nodes[0] > 40 - eps), nodes)
         f[2 * top + 1] -= 50 * tributary(grids[0])
@@ -171,7 +171,7 @@ def main():
         model.set_private_rhs(load, (f - K.mult(prescribed))[free])
         count, converged = model.solve(
             "max_res",
-            asked.tol,
+            args.tol,
             "max_iter",
             200,
             "lsolver",
@@ -200,7 +200,7 @@ def main():
         displacements.append(v)
         clock.step()
     report.write(
-        asked,
+        args,
         clock,
         "GetFEM",
         nodes[:, contact].T,

@@ -65,15 +65,15 @@ def solve_step(W, A, q, mu, r, v, scale, tol):
 
 def main():
     """Run one scene."""
-    asked = report.arguments(__doc__)
+    args = report.arguments(__doc__)
     clock = report.Clock()
-    system = build(asked.scene, asked.n)
+    system = build(args.scene, args.n)
     clock.lap("assemble")
     nodes, d = system.gap.shape
     # For a body that only contact holds, springs on the contact nodes make K regular;
     # A v = W r + q removes them again.
     spring = 0.0
-    if asked.scene == "pressed_block":
+    if args.scene == "pressed_block":
         spring = 1e-2 * system.K.diagonal().max()
     body = Condensed(system, spring, clock)
     W, B, normal = body.W, system.B, body.normal
@@ -88,7 +88,7 @@ def main():
             # With open contacts the body without springs is free, so start with stick.
             r = np.linalg.lstsq(W, -q, rcond=None)[0]
         v = np.zeros_like(q) if spring else W @ r + q
-        r, v, residual, count = solve_step(W, A, q, system.mu, r, v, scale, asked.tol)
+        r, v, residual, count = solve_step(W, A, q, system.mu, r, v, scale, args.tol)
         body.add(u, r + spring * (normal @ (v - offset)))
         offset = system.gap.copy()
         offset[:, 1:] -= (B @ u).reshape(-1, d)[:, 1:]
@@ -99,7 +99,7 @@ def main():
         iterations += count
         clock.step()
     report.write(
-        asked,
+        args,
         clock,
         "SciPy",
         system.x,

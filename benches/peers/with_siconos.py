@@ -63,19 +63,19 @@ def reduced(W, q, mu, tol, scale, methods):
 
 def main():
     """Run one scene."""
-    asked = report.arguments(__doc__)
+    args = report.arguments(__doc__)
     sn.numerics_set_verbose(0)
-    system, more = load(asked.matrices)
+    system, more = load(args.matrices)
     clock = report.Clock()
     clock.phases["assemble"] = float(more["assemble"])
     clock.begin -= clock.phases["assemble"]
     nodes, d = system.gap.shape
-    floating = asked.scene == "pressed_block"
+    floating = args.scene == "pressed_block"
     spring = 1e-2 * system.K.diagonal().max() if floating else 0.0
     body = Condensed(system, spring, clock)
     W, B = body.W, system.B
     scale = scale_of(W, nodes)
-    methods = (asked.solver,) if asked.solver else METHODS[d]
+    methods = (args.solver,) if args.solver else METHODS[d]
     offset = system.gap.ravel()
     reactions, displacements, residuals, used = [], [], [], set()
     for prescribed in system.prescribed:
@@ -85,13 +85,13 @@ def main():
         for _ in range(rounds):
             shifted = q + W @ pull
             r, residual, method, last, spent = reduced(
-                W, shifted, system.mu, asked.tol, scale, methods
+                W, shifted, system.mu, args.tol, scale, methods
             )
             clock.discount(spent - last)
             v = W @ r + shifted
             before, pull = pull, spring * (body.normal @ (v - offset))
             change = np.abs(pull - before).max()
-            if change <= 0.1 * asked.tol * np.abs(r).max():
+            if change <= 0.1 * args.tol * np.abs(r).max():
                 break
         residuals.append(max(residual, change / np.abs(r).max()))
         used.add(method)
@@ -103,7 +103,7 @@ def main():
         displacements.append(v.reshape(-1, d))
         clock.step()
     report.write(
-        asked,
+        args,
         clock,
         "Siconos",
         system.x,
