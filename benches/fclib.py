@@ -21,7 +21,6 @@ with all methods, rewrites the table of the README. DIR/MANIFEST.csv names the f
 without it the first word of the file name does.
 """
 
-import csv
 import itertools
 import os
 import tempfile
@@ -144,8 +143,7 @@ def families(folder):
     manifest = folder / "MANIFEST.csv"
     if not manifest.exists():
         return {}
-    with manifest.open(newline="") as file:
-        return {line["file"]: line["family"] for line in csv.DictReader(file)}
+    return {line["file"]: line["family"] for line in tables.read_rows(manifest)}
 
 
 def measure(path, family, methods, siconos, limit):

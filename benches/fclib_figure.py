@@ -7,10 +7,8 @@ solves within that factor of the time of the fastest program. At the left edge i
 share on which the program is the fastest, at the right edge the share that it solves.
 """
 
-import csv
-from pathlib import Path
-
 import numpy as np
+import tables
 from plot_style import light_grid, pyplot
 from speed_against_error_figure import STYLES
 
@@ -25,8 +23,7 @@ MAIN = 1e-8
 
 def read(path):
     """Seconds ``{target: {family: {program: (problems,)}}}``, infinite if unsolved."""
-    with Path(path).open() as file:
-        lines = list(csv.DictReader(file))
+    lines = tables.read_rows(path)
     of = {line["file"]: line["family"] for line in lines}
     size = {name: list(of.values()).count(name) for name in of.values()}
     programs = list(dict.fromkeys(line["program"] for line in lines))
@@ -115,8 +112,7 @@ def draw(source, target):
 
 def main():
     """Draw the figure of the last run."""
-    results = Path(__file__).resolve().parent / "results"
-    draw(results / "fclib.csv", results / "fclib.png")
+    draw(tables.RESULTS / "fclib.csv", tables.RESULTS / "fclib.png")
 
 
 if __name__ == "__main__":

@@ -3,11 +3,10 @@
 python benches/speed_against_error_figure.py
 """
 
-import csv
-from pathlib import Path
 from textwrap import fill
 
 import numpy as np
+import tables
 from plot_style import light_grid, pyplot
 
 # Wong's colours, which colour-blind readers can distinguish; each has its own mark.
@@ -38,12 +37,11 @@ TITLES = {
 def read(path):
     """Targets and median products, ``{set: {method: (2, targets)}}``."""
     curves = {}
-    with Path(path).open() as file:
-        for line in csv.DictReader(file):
-            if line["measure"] == "error":
-                point = [float(line[k]) for k in ("target", "products_median")]
-                methods = curves.setdefault(line["set"], {})
-                methods.setdefault(line["method"], []).append(point)
+    for line in tables.read_rows(path):
+        if line["measure"] == "error":
+            point = [float(line[k]) for k in ("target", "products_median")]
+            methods = curves.setdefault(line["set"], {})
+            methods.setdefault(line["method"], []).append(point)
     return {
         name: {method: np.array(points).T for method, points in methods.items()}
         for name, methods in curves.items()
@@ -110,5 +108,5 @@ def draw(source, target):
 
 
 if __name__ == "__main__":
-    path = Path(__file__).parent / "results" / "speed_against_error.csv"
+    path = tables.RESULTS / "speed_against_error.csv"
     draw(path, path.with_suffix(".png"))

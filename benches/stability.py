@@ -8,7 +8,6 @@ take about five minutes and 4 GB.
 """
 
 import argparse
-import csv
 import dataclasses
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -16,9 +15,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import tables
 from plot_style import light_grid, pyplot
 from studies import contrast, friction, gaps, poisson, size, slender, steps
-from studies.measure import COLUMNS, Row
+from studies.measure import Row
 
 HERE = Path(__file__).parent
 PAGE = HERE.parent / "docs" / "stability.md"
@@ -52,20 +52,17 @@ STUDIES = {
 
 def table(name: str) -> Path:
     """CSV file of a study."""
-    return HERE / "results" / f"stability_{name}.csv"
+    return tables.RESULTS / f"stability_{name}.csv"
 
 
 def run(name: str) -> None:
     """Measure a study and write its CSV file."""
     began = time.perf_counter()
-    with table(name).open("w", newline="") as file:
-        out = csv.writer(file, lineterminator="\n")
-        out.writerow(COLUMNS)
-        for row in STUDIES[name].rows():
-            out.writerow(cell(x) for x in dataclasses.astuple(row))
-            print(
-                f"{name}: {row.case}, {row.parameter:g}: {described(row)}", flush=True
-            )
+    lines = []
+    for row in STUDIES[name].rows():
+        lines.append({k: cell(x) for k, x in dataclasses.asdict(row).items()})
+        print(f"{name}: {row.case}, {row.parameter:g}: {described(row)}", flush=True)
+    tables.write_rows(table(name), lines)
     print(f"{name}: {time.perf_counter() - began:.1f} s")
 
 
@@ -101,20 +98,19 @@ def read(name: str) -> dict[str, list[Row]]:
     """Rows of a study by case, from its CSV file."""
     kinds = {f.name: f.type for f in dataclasses.fields(Row)}
     cases: dict[str, list[Row]] = {}
-    with table(name).open() as file:
-        for line in csv.DictReader(file):
-            values = {
-                k: x == "True" if kinds[k] is bool else kinds[k](x)  # type: ignore[operator]
-                for k, x in line.items()
-            }
-            cases.setdefault(line["case"], []).append(Row(**values))
+    for line in tables.read_rows(table(name)):
+        values = {
+            k: x == "True" if kinds[k] is bool else kinds[k](x)  # type: ignore[operator]
+            for k, x in line.items()
+        }
+        cases.setdefault(line["case"], []).append(Row(**values))
     return cases
 
 
 def summary() -> str:
     """Table of the page, one row for each case."""
-    head = "| study | case | over | r | v | u | of the bound | products |"
-    lines = [head, "|" + "---|" * head.count(" | ") + "---|"]
+    head = tables.columns("study | case | over | r | v | u | of the bound | products")
+    lines = []
     for name, study in STUDIES.items():
         for case, rows in read(name).items():
             solved = [r for r in rows if r.outcome == "converged"]
@@ -131,9 +127,8 @@ def summary() -> str:
             worst = largest(map(share, solved))
             of = "" if worst != worst else f"{worst:.2f}"
             shown = ["" if e != e else f"{e:.0e}" for e in errors]
-            cells = [name, case, f"{study.axis}: {over}", *shown, of, work]
-            lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+            lines.append((name, case, f"{study.axis}: {over}", *shown, of, work))
+    return tables.table(head, lines) + "\n"
 
 
 def largest(values: Iterable[float]) -> float:
