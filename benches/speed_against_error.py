@@ -35,24 +35,13 @@ import numpy as np
 import problems
 import tables
 from reference_solution import Scaled, refine
+from speed_against_error_figure import STYLES, draw
 from timing import repeated
 
 import bipot_rs as bp
 from bipot_rs import _core
 
-METHODS = (
-    "auto",
-    "newton",
-    "gauss_seidel",
-    "nesterov",
-    "uzawa",
-    "uzawa_two_projection",
-    "displacement_principle",
-    "alternating_principles",
-    "stress_principle",
-    "minimising_sequence",
-    "pivoting",
-)
+METHODS = tuple(STYLES)
 # Methods that refuse bodies that only contact holds; they have no row for such a set.
 NEED_SUPPORTS = {"alternating_principles", "minimising_sequence", "pivoting"}
 SEEDS = {"auto": 150, "newton": 150, "gauss_seidel": 150}
@@ -255,9 +244,6 @@ def main():
             for line in lines
         ],
     )
-
-    from speed_against_error_figure import draw
-
     draw(path, path.with_suffix(".png"))
 
 

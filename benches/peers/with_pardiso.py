@@ -66,7 +66,9 @@ class Pardiso:
     def phase(self, number):
         """Run a phase and return its seconds."""
         error, one, zero = ctypes.c_int(0), ctypes.c_int(1), ctypes.c_int(0)
-        integers = [ctypes.c_int(x) for x in (POSITIVE_DEFINITE, number, self.n)]
+        # One factor, of number one; kind of the matrix, phase, order.
+        integers = (1, 1, POSITIVE_DEFINITE, number, self.n)
+        first = [ctypes.byref(ctypes.c_int(x)) for x in integers]
         arrays = (self.pt, self.a, self.ia, self.ja, self.perm, self.iparm, self.schur)
         pt, a, ia, ja, perm, iparm, schur = (
             x.ctypes.data_as(ctypes.c_void_p) for x in arrays
@@ -74,25 +76,9 @@ class Pardiso:
         none = np.zeros(self.n)
         b = none.ctypes.data_as(ctypes.c_void_p)
         by = ctypes.byref
+        rest = [a, ia, ja, perm, by(one), iparm, by(zero), b, schur, by(error)]
         start = perf_counter()
-        self.call(
-            pt,
-            by(one),
-            by(one),
-            by(integers[0]),
-            by(integers[1]),
-            by(integers[2]),
-            a,
-            ia,
-            ja,
-            perm,
-            by(one),
-            iparm,
-            by(zero),
-            b,
-            schur,
-            by(error),
-        )
+        self.call(pt, *first, *rest)
         seconds = perf_counter() - start
         if error.value:
             raise SystemExit(f"PARDISO: error {error.value} in phase {number}")

@@ -1,4 +1,4 @@
-"""The benches keep prose they did not write, and peers answer in one form."""
+"""Tables that the benches write, results of the peers, and their comparison."""
 
 import json
 import os
@@ -60,7 +60,7 @@ def test_a_row_of_another_length_is_refused() -> None:
 
 @pytest.mark.parametrize("page", ["README.md", "benches/README.md"])
 def test_the_pages_have_the_markers(repository: Path, page: str) -> None:
-    """Each table of a page is between a pair, and its program writes that name."""
+    """Each table of a page is between two markers that its program names."""
     text = (repository / page).read_text(encoding="utf-8")
     beyond = re.sub(r"(?s)<!-- (.*?), written by .*?<!-- end of \1 -->", "", text)
     if page.startswith("benches"):
@@ -80,8 +80,8 @@ def test_make_bench_runs_all_that_write(repository: Path) -> None:
         assert f"$(PY) {program}" in recipe
 
 
-def test_what_criterion_kept_becomes_rates(tmp_path: Path) -> None:
-    """A million elements in 10 ms are 100 M/s; groups of other sizes, tables apart."""
+def test_rates_from_the_files_of_criterion(tmp_path: Path) -> None:
+    """A million elements in 10 ms are 100 M/s; each set of sizes has its own table."""
     for group, function, value, counted, ns in (
         ("project", "threads", "1", {"Elements": 1_000_000}, 1e7),
         ("project", "threads", "2", {"Elements": 1_000_000}, 5e6),
@@ -89,14 +89,13 @@ def test_what_criterion_kept_becomes_rates(tmp_path: Path) -> None:
     ):
         folder = tmp_path / group / str(function) / value / "new"
         folder.mkdir(parents=True)
-        told = {"group_id": group, "function_id": function, "value_str": value}
-        told["throughput"] = counted
-        (folder / "benchmark.json").write_text(json.dumps(told))
+        entry = {"group_id": group, "function_id": function, "value_str": value}
+        entry["throughput"] = counted
+        (folder / "benchmark.json").write_text(json.dumps(entry))
         median = {"median": {"point_estimate": ns}}
         (folder / "estimates.json").write_text(json.dumps(median))
-    assert criterion_tables.pivoted(criterion_tables.samples(tmp_path)).split(
-        "\n\n"
-    ) == [
+    pages = criterion_tables.pivoted(criterion_tables.samples(tmp_path))
+    assert pages.split("\n\n") == [
         tables.table(("bench, unit", "function", "900"), [("product, GiB/s", "", "2")]),
         tables.table(
             ("bench, unit", "function", "1", "2"),
@@ -107,8 +106,8 @@ def test_what_criterion_kept_becomes_rates(tmp_path: Path) -> None:
         criterion_tables.samples(tmp_path / "empty")
 
 
-def test_the_sheet_gives_the_table(repository: Path) -> None:
-    """Rows of the page are those of its sheet, none retyped."""
+def test_the_csv_file_gives_the_table(repository: Path) -> None:
+    """The rows of the page are those of its CSV file."""
     page = (repository / "benches" / "README.md").read_text(encoding="utf-8")
     rows = tables.read_rows(tables.RESULTS / whole_job.SHEET)
     assert rows
@@ -129,7 +128,7 @@ def answers() -> dict[str, commands.Run]:
     }
 
 
-def test_programs_answer_in_one_form(answers: dict[str, commands.Run]) -> None:
+def test_results_of_programs_have_one_form(answers: dict[str, commands.Run]) -> None:
     for run in answers.values():
         assert run.dofs == 3 * 5**3
         assert run.R.shape == run.v.shape == (2, 25, 3)
@@ -165,8 +164,8 @@ def test_a_wrong_answer_is_marked(answers: dict[str, commands.Run]) -> None:
     assert not whole_job.trusted(row)
 
 
-def test_statuses_do_not_count_on_the_border() -> None:
-    """A node at its friction limit that does not move may be called either."""
+def test_statuses_on_a_border_are_not_compared() -> None:
+    """A node at its friction limit that does not move may have status slip or stick."""
     R = np.array([[[1.0, 0.3], [1.0, 0.3], [1.0, 0.1], [0.0, 0.0], [1.0, 0.0]]])
     v = np.array([[[0.0, 0.0], [0.0, -1.0], [0.0, 0.0], [1.0, 0.5], [0.0, 0.0]]])
     mu = np.array([0.3, 0.3, 0.3, 0.3, 0.0])
@@ -175,7 +174,7 @@ def test_statuses_do_not_count_on_the_border() -> None:
     assert clear[0].tolist() == [False, True, True, True, True]
 
 
-def test_peers_say_why_they_do_not_run(repository: Path) -> None:
+def test_a_peer_without_its_package_names_it(repository: Path) -> None:
     peers = repository / "benches" / "peers"
     # An isolated Python sees neither package.
     for script, package in (("getfem", "getfem"), ("siconos", "siconos")):
@@ -193,13 +192,13 @@ def test_peers_say_why_they_do_not_run(repository: Path) -> None:
         assert run.stderr.strip() == f"{package} is not installed"
 
 
-def test_a_peer_that_nobody_has_is_missing() -> None:
+def test_a_peer_that_no_python_has_is_missing() -> None:
     peer = commands.Peer("none", "none.py", "no_such_package, numpy", 1.0, "").find()
     assert peer.python is None
     assert peer.missing == "no Python here has no_such_package and numpy"
 
 
-def test_rows_measured_anew_take_the_place_of_the_old() -> None:
+def test_rows_measured_again_replace_the_old_ones() -> None:
     def row(scene: str, n: int | str, program: str) -> dict[str, object]:
         return {"scene": scene, "n": n, "program": program}
 
@@ -212,7 +211,7 @@ def test_rows_measured_anew_take_the_place_of_the_old() -> None:
     assert whole_job.merged(old, new) == [new[0], new[1], old[2]]
 
 
-def test_a_peer_is_predicted_by_its_own_slope() -> None:
+def test_seconds_of_a_peer_are_predicted_from_its_slope() -> None:
     history = [(100, 1.0, 1), (200, 4.0, 2)]
     # Twice the unknowns took four times as long: sixteen seconds next.
     for known, scene, seconds in (
@@ -224,8 +223,8 @@ def test_a_peer_is_predicted_by_its_own_slope() -> None:
         assert found == pytest.approx(seconds, rel=1e-12)
 
 
-def test_sheets_give_their_tables() -> None:
-    """`--again`, of the sheets that are there and of older ones without a machine."""
+def test_csv_files_with_and_without_machine_give_tables() -> None:
+    """`--again` with the stored CSV files, and with older ones without a machine."""
     rows = tables.read_rows(tables.RESULTS / whole_job.SHEET)
     assert whole_job.written(rows).count("\n| ") == len(rows) + 1
     assert "Expected: " in scaling.written(
@@ -265,7 +264,7 @@ def test_print_writes_no_files(
 
 
 def test_the_error_bound_finds_the_problems_of_the_tests(repository: Path) -> None:
-    """Outside pytest, whose path has the folder of these problems."""
+    """Without the path of pytest, which has the folder of these problems."""
     script = str(repository / "benches" / "error_bound.py")
     subprocess.run([sys.executable, script, "--help"], check=True, capture_output=True)
 
