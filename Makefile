@@ -61,36 +61,36 @@ python-test: $(STAMP)
 verify: $(STAMP) ## the checks that take over 30 s each: before a change of numerics is called done
 	$(PY) -m pytest -m verify --timeout 3600
 
-# FCLIB=DIR: its files, which are not in this repository, are measured, too.
-# BENCH=quick: small sizes beside the peers, written into out/bench instead.
+# FCLIB=DIR: a folder with the files of FCLIB, which this repository does not hold.
+# BENCH=quick: small sizes of the comparisons with peers, written into out/bench.
 BENCH := full
 .PHONY: bench
-bench: bench-$(BENCH) ## measure the tables of benches/README.md anew; BENCH=quick for a look in out/bench
+bench: bench-$(BENCH) ## measure the tables of benches/README.md again; BENCH=quick: small sizes, into out/bench
 
 .PHONY: bench-quick
 bench-quick: $(STAMP)
-	$(PY) benches/beside.py --quick
+	$(PY) benches/whole_job.py --quick
 	$(PY) benches/time_against_error.py --quick
-	$(PY) benches/beside_figure.py --quick
+	$(PY) benches/whole_job_figure.py --quick
 	$(PY) benches/condensation_peers.py --quick
-	$(PY) benches/slopes.py --quick
+	$(PY) benches/scaling.py --quick
 
 .PHONY: bench-full
 bench-full: $(STAMP)
-	$(PY) benches/beside.py
+	$(PY) benches/whole_job.py
 	$(PY) benches/time_against_error.py
-	$(PY) benches/beside_figure.py
+	$(PY) benches/whole_job_figure.py
 	$(PY) benches/condensation_peers.py --large
-	$(PY) benches/slopes.py
-	$(PY) benches/needs.py
-	$(PY) benches/rust.py
+	$(PY) benches/scaling.py
+	$(PY) benches/skipped_work.py
+	$(PY) benches/criterion_tables.py
 	$(PY) benches/assembly.py
-	$(PY) benches/neighbours.py
-	$(PY) benches/start.py
-	$(PY) benches/kernels.py
+	$(PY) benches/memory_and_time.py
+	$(PY) benches/import_time.py
+	$(PY) benches/kernels_and_numpy.py
 	$(PY) benches/speed_against_error.py
 	$(PY) benches/granular.py
-	$(PY) benches/beside_peers.py
+	$(PY) benches/solvers_and_peers.py
 	$(PY) benches/stability.py
 	$(if $(FCLIB),$(PY) benches/fclib.py --data $(FCLIB))
 

@@ -1,25 +1,24 @@
-"""Stiffness matrices, in turn with GetFEM's.
+"""Time the assembly of stiffness matrices, compared with GetFEM.
 
     python benches/assembly.py            # the table of the README, milliseconds
 
-Ours are `elasticity.stiffness` of a mesh at hand: on grids, where cells are alike, and
-with every node moved, where none are. The peer, if some python3 of this machine can
-import getfem, is `asm_linear_elasticity` on its own mesh of the same cells, compiled and
-single-threaded as ours. The least of five runs each, one program after the other for
-each mesh; what a program does once for a mesh (finding facets, numbering) is not timed.
+bipot_rs runs `elasticity.stiffness` on a given mesh: on grids, whose cells are equal, and
+with every node moved, so that no two cells are. If a Python of this machine has getfem,
+`asm_linear_elasticity` runs on a mesh of the same cells; both are compiled and use one
+thread. The minimum of five runs counts, one program after the other for each mesh. Work
+that a program does once for a mesh (facets, numbering) is not timed.
 """
 
-import shutil
 import subprocess
-import sys
-from time import perf_counter
 
 import numpy as np
 import tables
+from peers import commands
+from timing import fastest
 
 from bipot_rs.fem.elasticity import Body, Material, box, stiffness
 
-# Kind, cells a side; what GetFEM calls the mesh, and an integration that is exact.
+# Cell, cells a side, GetFEM's name of the mesh, an exact integration rule of GetFEM.
 MESHES = (
     ("quadrilateral", 128, "cartesian", "IM_GAUSS_PARALLELEPIPED(2,3)"),
     ("triangle", 128, "regular simplices", "IM_TRIANGLE(1)"),
@@ -50,45 +49,30 @@ print(min(seconds))
 
 
 def dimension(cell):
-    """2 or 3."""
+    """Dimension of a cell, 2 or 3."""
     return 2 if cell in ("triangle", "quadrilateral") else 3
 
 
-def ours(cell, n, moved):
-    """Seconds, and degrees of freedom."""
+def bipot_seconds(cell, n, moved):
+    """Seconds of bipot_rs, and degrees of freedom."""
     mesh = box([np.linspace(0, 1, n + 1)] * dimension(cell), cell)
     if moved:
         shift = np.random.default_rng(0).uniform(-0.1 / n, 0.1 / n, mesh.p.shape)
         mesh = type(mesh)(mesh.p + shift, mesh.t)
-    body = Body("it", mesh, Material(1.0, 0.3))
-    seconds = []
-    for _ in range(RUNS):
-        start = perf_counter()
-        K = stiffness(body)
-        seconds.append(perf_counter() - start)
-    return min(seconds), K.shape[0]
-
-
-def interpreter_with_getfem():
-    """A Python that can import getfem, or None."""
-    for python in (sys.executable, shutil.which("python3"), "/usr/bin/python3"):
-        tried = python and subprocess.run(
-            [python, "-c", "import getfem"], capture_output=True
-        )
-        if tried and tried.returncode == 0:
-            return python
-    return None
+    body = Body("body", mesh, Material(1.0, 0.3))
+    seconds, K = fastest(RUNS, lambda: stiffness(body))
+    return seconds, K.shape[0]
 
 
 HEAD = ("cells", "dofs", "grid", "nodes moved", "GetFEM", "ratio, nodes moved")
 
 
 def rows(python):
-    """A row for each mesh; ``python`` can import getfem, or is None."""
+    """Row of each mesh; ``python`` can import getfem, or is ``None``."""
     for cell, n, kind, method in MESHES:
-        grid, dofs = ours(cell, n, moved=False)
-        moved, _ = ours(cell, n, moved=True)
-        theirs, ratio = "not installed", ""
+        grid, dofs = bipot_seconds(cell, n, moved=False)
+        moved, _ = bipot_seconds(cell, n, moved=True)
+        getfem, ratio = "not installed", ""
         if python:
             arguments = (str(dimension(cell)), str(n), kind, method, str(RUNS))
             run = subprocess.run(
@@ -98,16 +82,16 @@ def rows(python):
                 check=True,
             )
             seconds = float(run.stdout.split()[-1])
-            theirs, ratio = f"{1e3 * seconds:.1f}", f"{seconds / moved:.1f}"
+            getfem, ratio = f"{1e3 * seconds:.1f}", f"{seconds / moved:.1f}"
         times = (f"{1e3 * grid:.1f}", f"{1e3 * moved:.1f}")
-        yield (f"{cell} {n}", f"{dofs:,}", *times, theirs, ratio)
+        yield (f"{cell} {n}", f"{dofs:,}", *times, getfem, ratio)
 
 
 def main():
     """Measure, and rewrite the table."""
-    asked = tables.parser(__doc__).parse_args()
-    text = tables.table(HEAD, rows(interpreter_with_getfem()))
-    tables.publish("assembly", text, write=not asked.print)
+    args = tables.parser(__doc__).parse_args()
+    text = tables.table(HEAD, rows(commands.python_with("getfem")))
+    tables.publish("assembly", text, write=not args.print)
 
 
 if __name__ == "__main__":

@@ -1,14 +1,14 @@
-"""Our condensation beside CHOLMOD and MKL PARDISO: the numeric phase alone.
+"""Time the numeric phase of the condensation, compared with CHOLMOD and MKL PARDISO.
 
-    python benches/condensation_peers.py             # 9k, 51k, and 200k in the plane
-    python benches/condensation_peers.py --large     # and the cube of 148k
+    python benches/condensation_peers.py             # 9k and 51k in 3D, 200k in 2D
+    python benches/condensation_peers.py --large     # also the cube of 148k
     python benches/condensation_peers.py --quick
 
-One matrix, contact unknowns last, and S is what each computes. In turn, the order another
-each round, each run a process of its own, on one thread and on two; the smallest time of a
-program counts, ratios are medians of those within a round. CHOLMOD is compiled here with
-``cc`` when its header is found, PARDISO is used when a Python has the MKL runtime
-(``--mkl`` names it). Rewrites the table of `benches/README.md`.
+All compute S of the same matrix, contact unknowns last. They run in turn, in another order
+each round, each run in its own process, on one thread and on two. The minimum of a
+program counts; ratios are medians of the ratios within a round. CHOLMOD is compiled with
+``cc`` if its header is found. PARDISO is used if a Python has the MKL runtime (``--mkl``
+names it). Rewrites the table of `benches/README.md`.
 """
 
 import argparse
@@ -24,21 +24,21 @@ from statistics import median
 import matrix_file
 import numpy as np
 import tables
-from programs import PEERS, Failed, lines_of
+from peers.commands import PEERS, Failed, lines_of, pythons
 
 HERE = Path(__file__).resolve().parent
 CASES = {"cube 14": (3, 14), "cube 25": (3, 25), "square 316": (2, 316)}
 LARGE = {"cube 36": (3, 36)}
 QUICK = {"cube 9": (3, 9), "square 60": (2, 60)}
-HEAD = (
-    *("body", "unknowns", "contact", "program", "1 thread, s", "Gflop"),
-    *("share of product", "2 threads, s", "gain", "ours / it", "ours / it, 2 threads"),
-    *("S differs", "ordering"),
+HEAD = tables.columns(
+    "body | unknowns | contact unknowns | program | 1 thread, s | Gflop | "
+    "share of product | 2 threads, s | speed-up | bipot_rs / program | "
+    "bipot_rs / program, 2 threads | difference of S | ordering"
 )
 
 
 def compiled(folder):
-    """Command of the CHOLMOD program, or why there is none."""
+    """Command of the CHOLMOD program, or the reason why there is none."""
     if which("cc") is None:
         return None, "no C compiler"
     target = Path(folder) / "cholmod"
@@ -50,9 +50,9 @@ def compiled(folder):
     return [str(target)], ""
 
 
-def pardiso(asked):
-    """Command of the PARDISO program, or why there is none."""
-    for python in filter(None, (asked, sys.executable, which("python3"))):
+def pardiso(wanted):
+    """Command of the PARDISO program, or the reason why there is none."""
+    for python in filter(None, (wanted, *pythons())):
         command = [python, str(PEERS / "with_pardiso.py")]
         look = "import sys; sys.argv[1:] = []; sys.path.insert(0, %r); "
         look += "import with_pardiso; with_pardiso.library()"
@@ -65,37 +65,37 @@ def pardiso(asked):
 
 
 def difference(path, m, W):
-    """Largest entry of S - W⁻¹ over that of S."""
+    """Largest entry of S - W⁻¹, relative to that of S."""
     S = np.fromfile(f"{path}.s").reshape(m, m)
     S = np.where(np.tri(m, dtype=bool).T, S, S.T)  # PARDISO fills the upper triangle
     return np.abs(S - np.linalg.inv(W)).max() / np.abs(S).max()
 
 
 def turned(programs, turn):
-    """The programs in another order each turn, ours before W is compared in the first."""
+    """Order of the programs in a round; bipot_rs is first in the first, to give W."""
     k = turn % len(programs)
     return programs[k:] + programs[:k]
 
 
 def touch(gigabytes):
-    """Write to memory, and leave it.
+    """Write to memory, and free it.
 
-    A virtual machine asks its host for a page when it is first written to, at seconds a
-    gigabyte: whoever came first would pay for all.
+    A virtual machine asks its host for a page when it is first written to, which takes
+    seconds per gigabyte: the first program would pay for all.
     """
     write = f"import numpy; numpy.ones({gigabytes} << 27)"
     subprocess.run([sys.executable, "-c", write], check=False)
 
 
-def case(name, shape, commands, asked):
-    """Rows of one matrix."""
+def case(name, shape, commands, args):
+    """Rows of one matrix, one for each program."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "matrix"
         n, m = matrix_file.write(path, *shape)
         repeat = "3" if n < 100_000 else "2"
         found = {(p, t): [] for p in commands for t in (1, 2)}
         gap = {}
-        for turn in range(asked.rounds):
+        for turn in range(args.rounds):
             for threads in (1, 2):
                 for program in turned(list(commands), turn):
                     command = commands[program]
@@ -111,27 +111,30 @@ def case(name, shape, commands, asked):
         )
         line = found[program, 1][0]
         rate = max(line["rate"] for line in found["bipot_rs", 1])
-        ours = [
+        own = [
             [line["numeric"] for line in found["bipot_rs", threads]]
             for threads in (1, 2)
         ]
         ratios = [
-            f"{median(a / b for a, b in zip(mine, its, strict=True)):.2f}"
-            for mine, its in zip(ours, (one, two), strict=True)
+            f"{median(a / b for a, b in zip(a_times, b_times, strict=True)):.2f}"
+            for a_times, b_times in zip(own, (one, two), strict=True)
         ]
         first = program == "bipot_rs"
         # PARDISO does not count the operations of its two-level form.
         counted = line["flops"] > 0
         yield (
-            *((name, f"{n:,}", f"{m:,}") if first else ("", "", "")),
-            *(
-                program,
-                tables.figures(min(one)),
-                tables.figures(line["flops"] / 1e9) if counted else "",
-            ),
+            name if first else "",
+            f"{n:,}" if first else "",
+            f"{m:,}" if first else "",
+            program,
+            tables.figures(min(one)),
+            tables.figures(line["flops"] / 1e9) if counted else "",
             f"{100 * line['flops'] / min(one) / rate:.0f} %" if counted else "",
-            *(tables.figures(min(two)), f"{min(one) / min(two):.2f}"),
-            *(("", "", "") if first else (*ratios, f"{gap[program]:.0e}")),
+            tables.figures(min(two)),
+            f"{min(one) / min(two):.2f}",
+            "" if first else ratios[0],
+            "" if first else ratios[1],
+            "" if first else f"{gap[program]:.0e}",
             line["ordering"],
         )
 
@@ -146,28 +149,28 @@ def main():
         "--mkl", help="the Python that has MKL", default=os.environ.get("MKL_PYTHON")
     )
     parser.add_argument("--print", action="store_true", help="write no files")
-    asked = parser.parse_args()
-    cases = QUICK if asked.quick else CASES | (LARGE if asked.large else {})
+    args = parser.parse_args()
+    cases = QUICK if args.quick else CASES | (LARGE if args.large else {})
     with tempfile.TemporaryDirectory() as folder:
-        wanted = {"CHOLMOD": compiled(folder), "MKL PARDISO": pardiso(asked.mkl)}
-        commands = {"bipot_rs": [sys.executable, str(HERE / "condensation_ours.py")]}
+        wanted = {"CHOLMOD": compiled(folder), "MKL PARDISO": pardiso(args.mkl)}
+        commands = {"bipot_rs": [sys.executable, str(HERE / "condense_file.py")]}
         commands |= {name: command for name, (command, _) in wanted.items() if command}
         absent = [
             f"{name}: {why}" for name, (command, why) in wanted.items() if not command
         ]
         rows = []
-        touch(8 if asked.large else 2)
+        touch(8 if args.large else 2)
         for name, shape in cases.items():
-            for row in case(name, shape, commands, asked):
+            for row in case(name, shape, commands, args):
                 print("| " + " | ".join(row) + " |", flush=True)
                 rows.append(row)
-            if not asked.print:
-                page = tables.folder(asked.quick) / "README.md"
+            if not args.print:
+                page = tables.folder(args.quick) / "README.md"
                 tables.rewrite(page, "condensation", written(rows, absent))
 
 
 def written(rows, absent):
-    """The text between the markers."""
+    """Text between the markers of the page."""
     text = tables.table(HEAD, rows)
     text += f"\n\n{tables.machine()} {conclusion(rows)}"
     if absent:
@@ -176,7 +179,7 @@ def written(rows, absent):
 
 
 def conclusion(rows):
-    """How often ours is ahead, and by how much at the most and the least."""
+    """Smallest and largest ratio to each peer, and the speed-up of two threads."""
     words, body = [], ""
     found = {}
     for row in rows:
@@ -186,14 +189,13 @@ def conclusion(rows):
     for peer, ratios in found.items():
         low, high = min(ratios), max(ratios)
         words.append(
-            f"ours takes {low[0]:.2f} ({low[1]}) to {high[0]:.2f} ({high[1]}) of the "
+            f"bipot_rs takes {low[0]:.2f} ({low[1]}) to {high[0]:.2f} ({high[1]}) of the "
             f"time of {peer} on one thread"
         )
     gains = [float(row[8]) for row in rows if row[3] == "bipot_rs"]
     if math.isfinite(max(gains)):
-        words.append(f"two threads gain us up to {max(gains):.2f}")
-    text = "; ".join(words) + "."
-    return text[0].upper() + text[1:]
+        words.append(f"two threads are up to {max(gains):.2f} times as fast as one")
+    return "; ".join(words) + "."
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""What the guaranteed bound of the error is worth: a table for `docs/paper`.
+"""Compare the guaranteed bound of the error with the true error: tables of `docs/paper`.
 
     python benches/error_bound.py [--seeds 24] [--print]
 
-For problems of `problems.SETS` and those of the tests, points that an iteration passes
-on its way (accelerated sweeps, momentum) and random ones near the answer; the ratio of
-bound and true error in the norm of W, by the size of the error. Then up to which μ there
-is a bound for all loads, and what a bound costs beside a solve, in multiplications.
+The points are iterates of `gauss_seidel` and `nesterov` and random points near the solution,
+for problems of `problems.SETS` and of the tests. The first table has the ratio of bound and
+true error in the norm of W, by the size of the error; the second the largest μ up to which
+there is a bound for every load.
 """
 
 import sys
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import bipot_rs as bp
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "benches"), str(ROOT / "tests" / "python")]
+sys.path.append(str(ROOT / "tests" / "python" / "support"))
 
 import problems  # noqa: E402
 import tables  # noqa: E402
@@ -28,7 +28,7 @@ from random_problems import random_problem  # noqa: E402
 Array = NDArray[np.float64]
 PAGE = ROOT / "docs" / "paper" / "9-error-bound.md"
 SEEDS = 24
-# Unknowns above which a problem is left out: the table is of many small ones.
+# Problems with more unknowns are left out: the table is about many small ones.
 MOST = 450
 CLASSES = ((3e-2, np.inf), (1e-5, 3e-2), (1e-8, 1e-5), (1e-11, 1e-8))
 
@@ -38,15 +38,14 @@ def norm(W: Array, d: Array) -> float:
 
 
 def iterates(problem: bp.ReducedProblem, seed: int) -> Iterator[Array]:
-    """Points of two iterations, and some near the answer."""
+    """Iterates of two methods, and points near the solution."""
     for method in ("gauss_seidel", "nesterov"):
         for count in (1, 2, 4, 8, 16, 32, 64, 128):
             yield problem.solve(method, 1e-13, max_iterations=count).reaction
     answer = problem.solve(tol=1e-14).reaction
     rng = np.random.default_rng(seed)
-    size = np.abs(answer).max(axis=1, keepdims=True)
     for digits in (1, 3, 6, 9):
-        yield answer * (1 + 10.0**-digits * rng.normal(size=answer.shape)) + 0.0 * size
+        yield answer * (1 + 10.0**-digits * rng.normal(size=answer.shape))
 
 
 def drawn(kind: str) -> Callable[[int], problems.Problem]:
@@ -60,7 +59,7 @@ def drawn(kind: str) -> Callable[[int], problems.Problem]:
 def ratios(
     of_seed: Callable[[int], problems.Problem], seeds: int
 ) -> dict[str, list[float]]:
-    """Ratios by class of error; and, named, how many problems each verdict has."""
+    """Ratios by class of error, and one entry per problem for each kind of bound."""
     found: dict[str, list[float]] = {str(c): [] for c in CLASSES}
     found |= {"global": [], "local": [], "not available": []}
     for seed in range(seeds):
@@ -83,7 +82,7 @@ def ratios(
             assert answer.error.energy is not None
             assert true <= bound.energy + answer.error.energy
             if true <= 100 * answer.error.energy:
-                continue  # the answer is not known well enough
+                continue  # the solution is not known well enough
             for least, most in CLASSES:
                 if least <= true / whole < most:
                     found[str((least, most))].append(bound.energy / true)
@@ -91,7 +90,7 @@ def ratios(
 
 
 def limit(W: Array, d: int, *, most: float = 10.0) -> tuple[float, float]:
-    """The largest μ with a bound for every load: in closed form, and with weights sought."""
+    """Largest μ with a bound for every load: in closed form, and with searched weights."""
     n = np.arange(0, len(W), d)
     t = np.setdiff1d(np.arange(len(W)), n)
     scale = np.repeat(1 / np.sqrt(np.diag(W).reshape(-1, d).mean(axis=1)), d)
@@ -116,13 +115,8 @@ SETS: dict[str, Callable[[int], problems.Problem]] = {
     "held": problems.held,
     "two bodies": problems.two_bodies,
 }
-SHARP_HEAD = (
-    "set",
-    "global, local, none",
-    "> 3e-2",
-    "3e-2 to 1e-5",
-    "1e-5 to 1e-8",
-    "1e-8 to 1e-11",
+SHARP_HEAD = tables.columns(
+    "set | global, local, none | > 3e-2 | 3e-2 to 1e-5 | 1e-5 to 1e-8 | 1e-8 to 1e-11"
 )
 BODIES = (
     ("2D block, 20 contacts, ν = 0.3", 2, 20, 0.3),
@@ -134,7 +128,7 @@ LIMIT_HEAD = ("W", "L = 2 at", "proved up to")
 
 
 def sharp(name: str, seeds: int) -> list[str]:
-    """Verdicts at answers, and ratios median / 90 % (points), of one set."""
+    """Row of one set: kinds of bounds, and ratios as median / 90 % (points)."""
     found = ratios(SETS[name], seeds)
     kinds = (len(found[kind]) for kind in ("global", "local", "not available"))
     cells = [
@@ -145,13 +139,13 @@ def sharp(name: str, seeds: int) -> list[str]:
 
 
 def limit_of_body(label: str, d: int, n: int, nu: float) -> list[str]:
-    """The largest μ of a condensed block."""
+    """Row of the largest μ for a condensed block."""
     closed, sought = limit(problems.block(d, n, nu)["W"], d)
     return [label, f"{closed:.2f}", f"{sought:.2f}"]
 
 
 def limit_at_random(d: int, seeds: int) -> list[str]:
-    """The same of random problems, the median."""
+    """Row of the median of the largest μ for random problems."""
     pairs = [limit(random_problem("held", d, seed).W, d) for seed in range(seeds)]
     closed, sought = np.median(pairs, axis=0)
     return [f"random, {d}D, median", f"{closed:.2f}", f"{sought:.2f}"]
@@ -161,14 +155,14 @@ def main() -> None:
     """Measure, and write both tables."""
     parser = tables.parser(__doc__)
     parser.add_argument("--seeds", type=int, default=SEEDS)
-    asked = parser.parse_args()
-    first = tables.table(SHARP_HEAD, [sharp(name, asked.seeds) for name in SETS])
+    args = parser.parse_args()
+    first = tables.table(SHARP_HEAD, [sharp(name, args.seeds) for name in SETS])
     print(first, flush=True)
     rows = [limit_of_body(*body) for body in BODIES]
-    rows += [limit_at_random(d, asked.seeds) for d in (2, 3)]
+    rows += [limit_at_random(d, args.seeds) for d in (2, 3)]
     second = tables.table(LIMIT_HEAD, rows)
     print(second)
-    if not asked.print and tables.whole(parser, asked, "seeds"):
+    if not args.print and tables.whole(parser, args, "seeds"):
         tables.rewrite(PAGE, "bound over error", first)
         tables.rewrite(PAGE, "largest friction", second)
 

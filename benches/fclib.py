@@ -1,57 +1,55 @@
-"""All methods, and Siconos, on a folder of FCLIB files: solved or not, and how fast.
+"""Solve a folder of FCLIB files with all methods and with Siconos.
 
     python benches/fclib.py --data DIR
     python benches/fclib.py --data DIR --max-seconds 60 --methods auto,newton
 
-Every problem is solved from r = 0 to η = 1e-4, 1e-8 and 1e-12, one thread a solve, by
-each method and, where its Python module is installed, by Siconos' projected
-Gauss–Seidel (NSGS) and Alart–Curnier Newton (NSN_AC). A global problem is condensed
-first, for all alike, and that is not timed; a file NAME__local beside NAME is the same
-problem and left out. Seconds of ours are those of the call, checks and conversions
-included, of Siconos those of its driver.
+Every problem is solved from r = 0 to η = 1e-4, 1e-8 and 1e-12, on one thread, by each
+method and, if its Python module is installed, by Siconos' projected Gauss–Seidel (NSGS)
+and Alart–Curnier Newton (NSN_AC). A global problem is condensed first, which is not timed;
+a file NAME__local next to NAME is the same problem and is left out. Seconds of bipot_rs are
+those of the call, with checks and conversions; those of Siconos are of its driver.
 
-What counts as solved is decided here: η of (13) is computed anew with NumPy, in
-node-scaled variables, so that no unit moves it, and must be at most the target, or the
-rounding of W r + q where that is larger. What fails at a target is not tried at a
-tighter one. Siconos' tolerance means something else: it is tightened by factors of ten
-until η is met, and only the run that met it counts. It is given node-scaled variables,
-the kindest form of the problem, with a dense W, and nothing above 2000 contacts.
+A problem counts as solved if η of (13), computed again with NumPy in node-scaled variables
+(independent of the units), is at most the target, or the rounding of W r + q if that is
+larger. A method that fails at a target is not tried at a smaller one. Siconos' tolerance has
+another meaning: it is reduced by factors of ten until η is met, and only that run counts. It
+gets node-scaled variables, the easiest form of the problem, with a dense W, and no problem
+above 2000 contacts.
 
-Writes fclib.csv and, from it, the performance profiles of fclib.png beside this file,
-and, of all methods, the table of the README. Families are those of DIR/MANIFEST.csv, else
-the first word of a file's name.
+Writes `results/fclib.csv`, draws the performance profiles `results/fclib.png` from it and,
+with all methods, rewrites the table of the README. DIR/MANIFEST.csv names the families;
+without it the first word of the file name does.
 """
 
-import csv
 import itertools
 import os
 import tempfile
 from functools import cached_property
 from pathlib import Path
-from time import perf_counter
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import fclib_figure
 import numpy as np
 import tables
-from beside_peers import find
+from peers.sweep import project
 from scipy.sparse import csr_array
+from solvers_and_peers import find
 from speed_against_error import METHODS, available
+from timing import repeated
 
 import bipot_rs as bp
 
-HERE = Path(__file__).resolve().parent
 TARGETS = (1e-4, 1e-8, 1e-12)
 SICONOS = ("NSGS", "NSN_AC")
 LARGEST_DENSE = 2000
-COLUMNS = (
-    *("file", "family", "form", "contacts", "dim", "program", "target"),
-    *("solved", "seconds", "work", "iterations", "eta"),
+COLUMNS = tables.columns(
+    "file | family | form | contacts | dim | program | target | solved | "
+    "seconds | work | iterations | eta"
 )
 
 
-class Judge:
-    """The problem of a file in node-scaled variables, and η in NumPy alone."""
+class ScaledProblem:
+    """Problem of a file in node-scaled variables, with η in NumPy alone."""
 
     def __init__(self, path):
         problem = bp.fclib.read(path)
@@ -72,19 +70,19 @@ class Judge:
 
     @cached_property
     def dense(self):
-        """Scaled ``W`` and ``q``, the largest of ``q`` one, and what gives ``r`` back."""
+        """Scaled ``W``, ``q`` with largest entry 1, and the factor that gives ``r`` back."""
         q = self.scale * self.q
         largest = np.abs(q).max() or 1.0
         return self.W.toarray(), q / largest, largest * self.scale
 
     def map(self, r, v):
-        """``F`` of (11): what one projection moves."""
+        """Natural map F of (11)."""
         lifted = v.copy()
         lifted[:, 0] += self.mu * np.linalg.norm(v[:, 1:], axis=1)
         return r - project(r - lifted, self.mu)
 
     def eta(self, reaction, amounts=None):
-        """η of (13), and the rounding below which it says nothing."""
+        """η of (13), and the rounding error below which it has no meaning."""
         r, q = reaction / self.scale, self.scale * self.q
         v = (self.W @ r.ravel()).reshape(r.shape) + q
         free, balance = q, 0.0
@@ -105,82 +103,68 @@ class Judge:
         return max(np.linalg.norm(self.map(r, v)) / size, balance), floor
 
     def meets(self, target, reaction, amounts=None):
-        """Whether reactions are an answer to a target, and their η."""
+        """Whether reactions meet a target, and their η."""
         if not np.isfinite(reaction).all():
             return False, np.inf
         eta, floor = self.eta(reaction, amounts)
-        # The sums of η itself may be taken in another order than a solver's.
+        # The sums of η may be taken in another order than in a solver.
         return bool(eta <= (1 + 1e-6) * target or eta <= floor), float(eta)
 
 
-def project(tau, mu):
-    """Onto Coulomb's cone, closed form (12)."""
-    n, t = tau[:, 0], np.linalg.norm(tau[:, 1:], axis=1)
-    r_n = (n + mu * t) / (1 + mu * mu)
-    slip = mu * r_n / np.where(t > 0, t, 1.0)
-    r = np.column_stack([r_n, slip[:, None] * tau[:, 1:]])
-    r[t <= mu * n] = tau[t <= mu * n]
-    r[mu * t <= -n] = 0.0
-    return r
-
-
-def ours(judge, method, target, limit):
-    """Whether it is solved, seconds, work, iterations, η."""
-    seconds = []
-    while not seconds or (len(seconds) < 3 and sum(seconds) < 0.02):
-        start = perf_counter()
-        answer = judge.reduced.solve(
+def run_bipot(problem, method, target, limit):
+    """Solve with bipot_rs: whether solved, seconds, products, iterations, η."""
+    seconds, answer = repeated(
+        lambda: problem.reduced.solve(
             method, target, max_seconds=limit, max_iterations=2**31 - 1, num_threads=1
         )
-        seconds.append(perf_counter() - start)
-    met, eta = judge.meets(target, answer.reaction, answer.rigid_motion)
+    )
+    met, eta = problem.meets(target, answer.reaction, answer.rigid_motion)
     solved = met and answer.converged
-    return solved, min(seconds), answer.work, answer.iterations, eta
+    return solved, seconds, answer.work, answer.iterations, eta
 
 
-def theirs(judge, solver, target, siconos):
-    """The same of Siconos, which counts no products."""
-    W, q, to_r = judge.dense
-    np.savez(siconos.folder / "problem.npz", W=W, q=q, mu=judge.mu)
+def run_siconos(problem, solver, target, siconos):
+    """Solve with Siconos, which does not count products; result as of `run_bipot`."""
+    W, q, to_r = problem.dense
+    np.savez(siconos.folder / "problem.npz", W=W, q=q, mu=problem.mu)
     for tol in 10.0 ** np.arange(min(-4, int(np.log10(target)) + 2), -16, -1.0):
         answer = siconos.ask(solver, tol)
         if answer is None:
             break
         r, seconds = answer
-        met, eta = judge.meets(target, r * to_r)
+        met, eta = problem.meets(target, r * to_r)
         if met:
             return True, seconds, np.nan, 0, eta
     return False, np.inf, np.nan, 0, np.inf
 
 
 def families(folder):
-    """``{file: family}`` of a manifest."""
+    """Families of the files in a manifest, ``{file: family}``."""
     manifest = folder / "MANIFEST.csv"
     if not manifest.exists():
         return {}
-    with manifest.open(newline="") as file:
-        return {line["file"]: line["family"] for line in csv.DictReader(file)}
+    return {line["file"]: line["family"] for line in tables.read_rows(manifest)}
 
 
 def measure(path, family, methods, siconos, limit):
-    """A row for each program and target."""
-    judge = Judge(path)
-    known = (path.name, family, judge.form, judge.contacts, judge.d)
-    programs = [(name, ours, limit) for name in methods]
-    if siconos and judge.rigid is None and judge.contacts <= LARGEST_DENSE:
-        programs += [(name, theirs, siconos) for name in SICONOS]
+    """Row of each program and target."""
+    problem = ScaledProblem(path)
+    known = (path.name, family, problem.form, problem.contacts, problem.d)
+    programs = [(name, run_bipot, limit) for name in methods]
+    if siconos and problem.rigid is None and problem.contacts <= LARGEST_DENSE:
+        programs += [(name, run_siconos, siconos) for name in SICONOS]
     for name, run, extra in programs:
         solved = True
         for target in TARGETS:
             found = (False, np.inf, np.nan, 0, np.inf)
             if solved:
-                found = run(judge, name, target, extra)
+                found = run(problem, name, target, extra)
             solved = found[0]
             yield dict(zip(COLUMNS, (*known, name, target, *found), strict=True))
 
 
 def report(lines, *, write):
-    """What each program solves at each target, and what `auto` does not."""
+    """Print the table, and the problems that `auto` does not solve."""
     programs = list(dict.fromkeys(line["program"] for line in lines))
     files = list(dict.fromkeys(line["file"] for line in lines))
     titles = [(f"{t:.0e}: solved", "median, ms", "products") for t in TARGETS]
@@ -206,37 +190,36 @@ def report(lines, *, write):
 
 
 def main():
-    """Solve, write and draw."""
+    """Solve, write the results and draw the figure."""
     parser = tables.parser(__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder of files")
-    parser.add_argument("--max-seconds", type=float, default=10.0, help="of a solve")
+    parser.add_argument("--max-seconds", type=float, default=10.0, help="for one solve")
     parser.add_argument("--methods", default=",".join(METHODS))
     parser.add_argument("--siconos", help="the Python that has it")
-    asked = parser.parse_args()
-    methods = available(asked.methods.split(","))
-    names = families(asked.data)
-    paths = sorted([*asked.data.glob("*.hdf5"), *asked.data.glob("*.h5")])
+    args = parser.parse_args()
+    methods = available(args.methods.split(","))
+    names = families(args.data)
+    paths = sorted([*args.data.glob("*.hdf5"), *args.data.glob("*.h5")])
     if not paths:
-        parser.error(f"--data {asked.data} holds no .hdf5 or .h5 file")
+        parser.error(f"--data {args.data} holds no .hdf5 or .h5 file")
     present = {path.stem for path in paths}
     lines = []
     with tempfile.TemporaryDirectory() as folder:
-        siconos = find(asked.siconos, folder, asked.max_seconds)
+        siconos = find(args.siconos, folder, args.max_seconds)
         for path in paths:
             if path.stem.removesuffix("__local") in present - {path.stem}:
                 continue
             family = names.get(path.name, path.stem.partition("_")[0])
-            new = measure(path, family, methods, siconos, asked.max_seconds)
+            new = measure(path, family, methods, siconos, args.max_seconds)
             lines += new
         if siconos:
             siconos.close()
-    with (HERE / "fclib.csv").open("w", newline="") as file:
-        sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        sheet.writeheader()
-        sheet.writerows(lines)
-    whole = tables.whole(parser, asked, "methods")
-    report(lines, write=whole and not asked.print)
-    fclib_figure.draw(HERE / "fclib.csv", HERE / "fclib.png")
+    whole = tables.whole(parser, args, "methods")
+    report(lines, write=whole and not args.print)
+    if not args.print:
+        path = tables.RESULTS / "fclib.csv"
+        tables.write_rows(path, lines)
+        fclib_figure.draw(path, path.with_suffix(".png"))
 
 
 if __name__ == "__main__":

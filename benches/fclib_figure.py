@@ -1,32 +1,29 @@
-"""Draws fclib.csv: performance profiles by family, after Dolan and Moré.
+"""Draw results/fclib.csv: performance profiles by family, after Dolan and Moré.
 
     python benches/fclib_figure.py
 
 A curve gives, for each factor on the axis, the share of the problems that a program
-solves within that factor of the fastest program on the same problem. Where it meets
-the left edge it is the share on which the program is the fastest, at the right edge
-the share it solves at all.
+solves within that factor of the time of the fastest program. At the left edge it is the
+share on which the program is the fastest, at the right edge the share that it solves.
 """
 
-import csv
-from pathlib import Path
-
 import numpy as np
-from speed_figure import STYLES
+import tables
+from plot_style import light_grid, pyplot
+from speed_against_error_figure import STYLES
 
 PROGRAMS = STYLES | {
     "NSGS": ("#56B4E9", "X", "Siconos NSGS"),
     "NSN_AC": ("#7A5C00", "d", "Siconos NSN_AC"),
 }
-# Fewer problems are no profile; they go together.
+# Families with fewer problems are drawn together as "others".
 FEWEST = 3
 MAIN = 1e-8
 
 
 def read(path):
-    """``{target: {family: {program: seconds (problems,)}}}``, infinite where unsolved."""
-    with Path(path).open() as file:
-        lines = list(csv.DictReader(file))
+    """Seconds ``{target: {family: {program: (problems,)}}}``, infinite if unsolved."""
+    lines = tables.read_rows(path)
     of = {line["file"]: line["family"] for line in lines}
     size = {name: list(of.values()).count(name) for name in of.values()}
     programs = list(dict.fromkeys(line["program"] for line in lines))
@@ -53,7 +50,7 @@ def read(path):
 
 
 def profile(seconds):
-    """``{program: (factors, shares)}`` of the steps of each curve."""
+    """Steps of each curve, ``{program: (factors, shares)}``."""
     best = np.min(list(seconds.values()), axis=0)
     curves = {}
     for program, own in seconds.items():
@@ -64,19 +61,14 @@ def profile(seconds):
 
 
 def draw(source, target):
-    """Write the figure of a CSV file."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    """Draw the figure of a CSV file."""
+    plt = pyplot()
     found = read(source)
     panels = [(f"all, η ≤ {t:.0e}", groups["all"]) for t, groups in found.items()]
     main = found.get(MAIN, next(iter(found.values())))
     panels += [
         (f"{name}, η ≤ {MAIN:.0e}", x) for name, x in main.items() if name != "all"
     ]
-    plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
     rows = -(-len(panels) // 4)
     figure, axes = plt.subplots(rows, 4, figsize=(11, 2.7 * rows + 0.7), squeeze=False)
     longest = max(
@@ -86,7 +78,7 @@ def draw(source, target):
     edge = 1.3 * max(longest, 10.0)
     for panel, (title, seconds) in zip(axes.ravel(), panels, strict=False):
         curves = profile(seconds)
-        # The default last, so that it lies on top.
+        # `auto` last, so that it lies on top.
         for program in sorted(curves, key=lambda p: p == "auto"):
             factors, shares = curves[program]
             colour, mark, _ = PROGRAMS[program]
@@ -98,9 +90,7 @@ def draw(source, target):
         count = len(next(iter(seconds.values())))
         panel.set(xscale="log", xlim=(1, edge), ylim=(-0.03, 1.03))
         panel.set_title(f"{title} ({count})")
-        panel.grid(color="0.9", lw=0.6)
-        panel.set_axisbelow(True)
-        panel.spines[["top", "right"]].set_visible(False)
+        light_grid(panel)
     for row in axes:
         row[0].set_ylabel("share solved")
     for panel in axes.ravel()[max(len(panels) - 4, 0) : len(panels)]:
@@ -122,8 +112,7 @@ def draw(source, target):
 
 def main():
     """Draw the figure of the last run."""
-    here = Path(__file__).resolve().parent
-    draw(here / "fclib.csv", here / "fclib.png")
+    draw(tables.RESULTS / "fclib.csv", tables.RESULTS / "fclib.png")
 
 
 if __name__ == "__main__":

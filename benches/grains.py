@@ -1,18 +1,18 @@
 """Seeded sets of rigid disks and spheres with more contact forces than motions.
 
-`SETS` maps the name of a set to a function of the seed; seeds 0 to 49 are those of the
-tables. ``walls`` are 900 and 1,600 disks, one on top of the other in columns, under their
-weight with random loads from the side; ``heaps`` are as many in staggered rows, each on
-two, which nothing holds at the sides: with little friction they flow apart. ``packings``
-are balls that have settled in a box, in the plane and in space, with about 2,000 contacts.
+`SETS` maps the name of a set to a function of the seed; the tables use seeds 0 to 49.
+``walls`` are 900 and 1,600 disks in columns, under their weight, with random loads from the
+side. ``heaps`` are as many disks in staggered rows, each on two others, without side walls:
+with little friction they flow apart. ``packings`` are balls that have settled in a box, in
+2D and 3D, with about 2,000 contacts.
 
-An `Assembly` is bodies with their masses, and contacts without compliance. One time step
-of it, and that is what is solved, has the form of FCLIB's files, ``W = B M⁻¹ Bᵀ`` with
-``q = B M⁻¹ f``: reactions and displacements stand for impulses and velocities. Without
-masses, ``W = 0`` with ``rigid=(B, f)``, is the same assembly in equilibrium, which need
-not exist.
+An `Assembly` is rigid bodies with masses, and contacts without compliance. The problem that
+is solved is one time step, in the form of the FCLIB files, ``W = B M⁻¹ Bᵀ`` with
+``q = B M⁻¹ f``: reactions and displacements stand for impulses and velocities. The same
+assembly without masses, ``W = 0`` with ``rigid=(B, f)``, is in equilibrium if a solution
+exists.
 
-Packings are kept in the folder of `problems`, for they take a while to settle.
+Packings are stored in the folder of `problems`, because they take long to settle.
 """
 
 import tempfile
@@ -28,8 +28,8 @@ from scipy import optimize, sparse, spatial
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Share of their radii by which balls that touch may be apart: the lattice of a wall is
-# exact to rounding; settled balls are soft, and press one another in by about as much.
+# Distance, as a share of the radii, up to which balls count as touching: the lattice of a
+# wall is exact to rounding; settled balls are soft and overlap by about this share.
 ROUNDING = 1e-9
 SETTLED = 1e-3
 
@@ -41,14 +41,14 @@ class Assembly:
     Attributes
     ----------
     name
-        Set, seed and what was drawn.
+        Set, seed and random choices.
     d
-        Dimensions, and components of a contact.
+        Dimension, and components of a contact.
     B
-        From the motions of the bodies ``(3 n)`` or ``(6 n)`` to relative displacements at
-        the contacts ``(d n_c)``, normal first.
+        Maps motions of the bodies ``(3 n)`` or ``(6 n)`` to relative displacements at the
+        contacts ``(d n_c)``, normal first.
     mass, load
-        Masses and moments of inertia, forces and moments, one a motion.
+        Masses and moments of inertia; forces and moments. One for each motion.
     mu
         Friction coefficient.
     """
@@ -69,9 +69,9 @@ class Assembly:
 def wall(
     name: str, side: int, rng: np.random.Generator, *, staggered: bool, mu: float
 ) -> Assembly:
-    """`side` rows of as many disks of radius 1 on a floor, loads from the side.
+    """Square wall of ``side**2`` disks of radius 1 on a floor, with loads from the side.
 
-    Rows are straight above each other, or staggered by half a disk.
+    Rows lie straight above each other, or staggered by half a disk.
     """
     row, column = np.divmod(np.arange(side**2), side)
     x = np.c_[2.0 * column, 2.0 * row]
@@ -90,7 +90,7 @@ def wall(
 def packing(
     name: str, d: int, count: int, rng: np.random.Generator, *, mu: float
 ) -> Assembly:
-    """`count` balls of radius 0.8 to 1.2 in a box, a tenth of their weight from the side."""
+    """Balls of radius 0.8 to 1.2 in a box, with a tenth of their weight from the side."""
     radius = rng.uniform(0.8, 1.2, count)
     width = {2: 1.4, 3: 1.8}[d] * count ** (1 / d)
     x = _settled(radius, width, d, rng)
@@ -144,9 +144,9 @@ def _settled(radius: Array, width: float, d: int, rng: np.random.Generator) -> A
 def _contacts(
     x: Array, radius: Array, touch: float, width: float
 ) -> tuple[Ints, Ints, Array]:
-    """First body (-1 for floor and sides), second body, and normal from one to the other.
+    """First body (-1 for floor and sides), second body, normal from first to second.
 
-    The floor is at zero; an infinite `width` has no sides.
+    The floor is at zero; with an infinite `width` there are no sides.
     """
     pairs = spatial.cKDTree(x).query_pairs(2.5 * radius.max(), output_type="ndarray")
     i, j = pairs[np.lexsort(pairs.T[::-1])].T
@@ -172,7 +172,7 @@ def _contacts(
 def _displacements(
     x: Array, radius: Array, first: Ints, second: Ints, normal: Array
 ) -> sparse.csr_array:
-    """`Assembly.B`."""
+    """Matrix `Assembly.B`."""
     d = x.shape[1]
     if d == 2:
         axes = [normal, np.c_[-normal[:, 1], normal[:, 0]]]
@@ -228,7 +228,7 @@ def packings(seed: int) -> Assembly:
     if not path.exists():
         made = packing(name, d, count, rng, mu=mu)
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Moved into place whole: another process may be reading it.
+        # Replaced in one step, because another process may read it.
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             B = made.B.tocoo()
             parts = {"rows": B.row, "columns": B.col, "values": B.data}

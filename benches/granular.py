@@ -1,32 +1,30 @@
-"""Seconds that `auto` takes to each residual on walls of disks and packings of balls.
+"""Time `auto` to each residual on walls of disks and packings of balls.
 
     python benches/granular.py                       # seeds 0 to 49, the table, the figure
     python benches/granular.py --sets walls --first-seed 10 --seeds 5
 
 Every assembly of `grains.py` is solved from r = 0 to η = 1e-10 within 20 seconds, one
-after the other on all cores. While it runs its smallest η is read some twenty times a
-second; the seconds to a target are those of the first reading that meets it. Solved is
-what η, computed anew of the reactions returned, confirms. An assembly that does not get
-to a target costs infinity, and enters medians and quantiles so.
+after the other on all cores. During a solve the smallest η so far is read about twenty
+times a second; the seconds to a target are those of the first reading that meets it. An
+assembly counts as solved if η, computed again from the reactions, meets the last
+target. A target that is not reached costs infinity, also in medians and quantiles.
 
-Seconds are those of the clock; ``cpu`` in the CSV is what all cores worked.
+Seconds are wall-clock time; ``cpu`` in the CSV file is the processor time of all cores.
 
-Rows are added to granular.csv as they are found, and those of the same set and seed
-replaced; table and figure are of all rows there are.
+Rows are added to `results/granular.csv` as they are measured and replace those of the same
+set and seed; table and figure show all rows of the file.
 """
 
-import csv
 import sys
-from pathlib import Path
 from time import perf_counter, process_time
 
 import grains
 import numpy as np
 import tables
+from plot_style import light_grid, pyplot
 
 import bipot_rs as bp
 
-HERE = Path(__file__).resolve().parent
 TARGETS = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10]
 SECONDS = 20.0
 TITLES = {
@@ -37,7 +35,7 @@ TITLES = {
 
 
 def measure(name, seed, limit):
-    """A line of the CSV."""
+    """Row of the CSV file."""
     assembly = grains.SETS[name](seed)
     W, q = assembly.step()
     problem = bp.ReducedProblem(W, q, assembly.mu)
@@ -69,7 +67,7 @@ def measure(name, seed, limit):
 
 
 def table(lines):
-    """Markdown: median and 90 % quantile of the seconds to each target."""
+    """Markdown table of seconds to each target, median / 90 % quantile."""
     head = ("set", *(f"{target:.0e}" for target in TARGETS), "solved")
     rows = []
     for name in dict.fromkeys(line["set"] for line in lines):
@@ -87,13 +85,8 @@ def table(lines):
 
 
 def draw(lines, target):
-    """Write the figure: a curve an assembly, the median on top."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
+    """Draw one curve for each assembly, and the median on top."""
+    plt = pyplot()
     names = list(dict.fromkeys(line["set"] for line in lines))
     figure, axes = plt.subplots(
         1, len(names), figsize=(4.2 * len(names), 3.2), sharey=True, squeeze=False
@@ -107,9 +100,7 @@ def draw(lines, target):
         panel.plot(TARGETS, middle, color="#000000", marker="o", ms=4, lw=2.2)
         panel.set(xscale="log", yscale="log", xlim=(2e-2, 5e-11), title=TITLES[name])
         panel.set_xlabel("residual η")
-        panel.grid(color="0.9", lw=0.6)
-        panel.set_axisbelow(True)
-        panel.spines[["top", "right"]].set_visible(False)
+        light_grid(panel)
     axes[0][0].set_ylabel("seconds; black: median")
     figure.tight_layout()
     figure.savefig(target, dpi=100)
@@ -117,42 +108,35 @@ def draw(lines, target):
 
 
 def main():
-    """Measure, write, print."""
+    """Measure, write the results, print the table."""
     parser = tables.parser(__doc__)
     parser.add_argument("--sets", default=",".join(grains.SETS))
     parser.add_argument("--seeds", type=int, default=50, help="how many")
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--seconds-limit", type=float, default=SECONDS)
-    asked = parser.parse_args()
-    path = HERE / "granular.csv"
-    kept = {}
-    if path.exists():
-        with path.open() as file:
-            kept = {(x["set"], int(x["seed"])): x for x in csv.DictReader(file)}
-    last = asked.first_seed + asked.seeds
-    for name in asked.sets.split(","):
-        for seed in range(asked.first_seed, last):
-            line = measure(name, seed, asked.seconds_limit)
+    args = parser.parse_args()
+    path = tables.RESULTS / "granular.csv"
+    stored = tables.read_rows(path) if path.exists() else []
+    kept = {(x["set"], int(x["seed"])): x for x in stored}
+    last = args.first_seed + args.seeds
+    for name in args.sets.split(","):
+        for seed in range(args.first_seed, last):
+            line = measure(name, seed, args.seconds_limit)
             print(*line.values(), file=sys.stderr, flush=True)
             kept[name, seed] = line
-            if not asked.print:
+            if not args.print:
                 write(path, kept)
     lines = list(kept.values())
-    tables.publish("walls and packings", table(lines), write=not asked.print)
-    if not asked.print:
+    tables.publish("walls and packings", table(lines), write=not args.print)
+    if not args.print:
         draw(lines, path.with_suffix(".png"))
 
 
 def write(path, kept):
-    """The CSV, sets in their order and seeds in theirs; whole or as it was."""
+    """Write the CSV file, ordered by set and seed."""
     order = list(grains.SETS)
     lines = sorted(kept.items(), key=lambda x: (order.index(x[0][0]), x[0][1]))
-    new = path.with_suffix(".new")
-    with new.open("w", newline="") as file:
-        writer = csv.DictWriter(file, lines[0][1], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(line for _, line in lines)
-    new.replace(path)
+    tables.write_rows(path, [line for _, line in lines])
 
 
 if __name__ == "__main__":

@@ -1,24 +1,19 @@
-"""Stiffness matrices of cubes and squares in a file that C and Python read alike.
+"""Write the stiffness matrix of a cube or square to a file that C and Python can read.
 
-The base is the contact and comes last; the top is held and taken out. The file holds n,
-m, d and nnz as 64-bit integers, then the lower triangle by columns: pointers, row
-indices, values.
+The base is in contact and comes last; the top is fixed and left out. The file holds n, m, d
+and nnz as 64-bit integers, then the lower triangle by columns: pointers, row indices, values.
 """
 
 from pathlib import Path
 
 import numpy as np
 from scipy import sparse
-
-from bipot_rs.fem.elasticity import Body, Material, box, stiffness
+from unit_body import unit_body
 
 
 def write(path, dim, cells):
-    """Write the body with ``cells`` cells a side; returns n and m."""
-    axis = np.linspace(0.0, 1.0, cells + 1)
-    mesh = box([axis] * dim, "hexahedron" if dim == 3 else "quadrilateral")
-    K = sparse.csr_array(stiffness(Body("body", mesh, Material(1.0, 0.3))))
-    base, top = (np.flatnonzero(mesh.p[-1] == end) for end in (0.0, 1.0))
+    """Write the body with ``cells`` cells along each axis; return n and m."""
+    mesh, K, base, top = unit_body(dim, cells)
     inner = np.setdiff1d(np.arange(mesh.nvertices), np.append(base, top))
     order = (dim * np.append(inner, base)[:, None] + np.arange(dim)).ravel()
     lower = sparse.tril(K[order][:, order]).tocsc()
@@ -30,8 +25,3 @@ def write(path, dim, cells):
         lower.indices.astype(np.int64).tofile(file)
         lower.data.astype(np.float64).tofile(file)
     return n, m
-
-
-def head(path):
-    """Sizes n, m, d and nnz of a file."""
-    return tuple(int(x) for x in np.fromfile(path, np.int64, 4))

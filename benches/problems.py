@@ -1,13 +1,13 @@
-"""Seeded sets of reduced problems, the same numbers for the same seed.
+"""Seeded sets of reduced problems; a seed always gives the same numbers.
 
-`SETS` maps the name of a set to a function of the seed; seeds 0 to 149 are those of
-the tables. Six sets are random: elastic blocks held from above (``held``), pressed on
-one another (``two bodies``), on one foundation (``islands``) or held by contact alone
-(``floating``), symmetric positive definite matrices that come from no body
-(``random``), and assemblies of rigid bodies, whose W has not full rank (``rigid``).
-``scenes`` are the last two load steps of the shipped scenes, numbered.
+`SETS` maps the name of a set to a function of the seed; the tables use seeds 0 to 149. Six
+sets are random: elastic blocks whose top is prescribed (``held``), two blocks pressed
+together (``two bodies``), blocks on one foundation (``islands``), blocks that only contact
+holds (``floating``), symmetric positive definite matrices without a body (``random``), and
+assemblies of rigid bodies, whose W does not have full rank (``rigid``). ``scenes`` are the
+last two load steps of the shipped scenes, numbered.
 
-Condensed blocks are kept in the folder named by BIPOT_CACHE, by default one in the
+Condensed blocks are stored in the folder named by BIPOT_CACHE, by default a folder in the
 system's folder for temporary files.
 """
 
@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,13 +32,13 @@ class Problem:
     Attributes
     ----------
     name
-        Set, seed and what was drawn.
+        Set, seed and random choices.
     W, q, mu
         Compliance ``(d n_c, d n_c)``, free gap ``(n_c, d)``, friction ``(n_c,)``.
     rigid
-        ``(R (d n_c, k), e (k,))`` of bodies held by contact alone, or ``None``.
+        ``(R (d n_c, k), e (k,))`` of bodies that only contact holds, or ``None``.
     full_rank
-        Whether W determines r; if not, only v can be compared.
+        Whether W determines r; if not, only v is compared.
     """
 
     name: str
@@ -49,7 +50,7 @@ class Problem:
 
 
 def folder() -> Path:
-    """Where condensed blocks are kept."""
+    """Folder of the stored condensed blocks."""
     default = Path(tempfile.gettempdir()) / "bipot_bench_problems"
     return Path(os.environ.get("BIPOT_CACHE", default))
 
@@ -57,16 +58,16 @@ def folder() -> Path:
 def block(
     dim: int, n: int, poisson: float, *, height: float = 1.0, held: bool = True
 ) -> dict[str, Array]:
-    """A unit block of `dim` dimensions, condensed onto the `n` nodes a side of its base.
+    """Unit block in `dim` dimensions, condensed onto the `n` nodes per side of its base.
 
-    Young's modulus is 1; layers of cells grow by 1.6 from the base up.
+    Young's modulus is 1; the height of the layers of cells grows by 1.6 from the base up.
 
     Returns
     -------
     W, x, and U0 or R, f
-        Compliance; places of the contacts ``(n_c, dim - 1)``; then, of a held block,
-        the free gap ``(d n_c, dim)`` for unit displacements ``n, t1[, t2]`` of its top;
-        of a free one, its rigid motions and the condensed loads ``(d n_c, 3)``: weight,
+        Compliance; positions of the contacts ``(n_c, dim - 1)``; then for a held block
+        the free gap ``(d n_c, dim)`` due to unit displacements ``n, t1[, t2]`` of its top;
+        for a free block its rigid motions and the condensed loads ``(d n_c, 3)``: weight,
         pressure and shear of the top.
     """
     layers = 8 if dim == 2 else 5
@@ -75,7 +76,7 @@ def block(
     if not path.exists():
         made = _condense(dim, n, poisson, layers, height, held=held)
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Moved into place whole: another process may be reading it.
+        # Replaced in one step, because another process may read it.
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             np.savez(file, **made)
         Path(file.name).replace(path)
@@ -103,7 +104,7 @@ def _condense(
     K = (K + K.T) / 2
     base = np.flatnonzero(mesh.p[-1] < 1e-9)
     base = base[np.lexsort(mesh.p[:-1, base])]
-    order = [dim - 1, *range(dim - 1)]  # the normal, upwards, comes first
+    order = [dim - 1, *range(dim - 1)]  # normal first, upwards
     contact = basis.nodal_dofs[np.ix_(order, base)].T.ravel()
     places = mesh.p[:-1][:, base].T
 
@@ -120,16 +121,11 @@ def _condense(
             unit[basis.nodal_dofs[k, top], case] = 1
         lu = factor(K[free][:, free])
         at = np.searchsorted(free, contact)
-        W = np.empty((len(at), len(at)))
-        for first in range(0, len(at), 256):
-            columns = slice(first, min(first + 256, len(at)))
-            force = np.zeros((len(free), len(at[columns])))
-            force[at[columns], np.arange(force.shape[1])] = 1
-            W[:, columns] = lu.solve(force)[at]
+        W = compliance_by_solves(lu, at)
         U0 = lu.solve(-(K[free] @ unit))[at]
         return {"W": (W + W.T) / 2, "U0": U0, "x": places}
 
-    # Unit springs on the contact nodes make K regular; S has them taken out again.
+    # Unit springs on the contact nodes make K regular; they are subtracted from S.
     m = len(contact)
     springs = sparse.csc_matrix((np.ones(m), (contact, contact)), shape=K.shape)
     lu = factor(K + springs)
@@ -151,8 +147,19 @@ def _condense(
     return {"W": (W + W.T) / 2, "S": S, "R": R, "f": f, "x": places}
 
 
+def compliance_by_solves(lu: Any, at: NDArray[np.int64]) -> Array:
+    """Rows and columns ``at`` of the inverse of a factorised matrix, by blocks of solves."""
+    W = np.empty((len(at), len(at)))
+    for first in range(0, len(at), 256):
+        columns = slice(first, min(first + 256, len(at)))
+        force = np.zeros((lu.shape[0], len(at[columns])))
+        force[at[columns], np.arange(force.shape[1])] = 1
+        W[:, columns] = lu.solve(force)[at]
+    return W
+
+
 def _rigid_motions(x: Array) -> Array:
-    """Orthonormal rigid motions of nodes `x (dim, n_c)`, normal (last axis) first."""
+    """Orthonormal rigid motions at nodes `x (dim, n_c)`, normal (last axis) first."""
     dim, nodes = x.shape
     R = np.zeros((nodes, dim, 3 if dim == 2 else 6))
     R[:, range(dim), range(dim)] = 1
@@ -165,7 +172,7 @@ def _rigid_motions(x: Array) -> Array:
 
 
 def _gap(x: Array, kind: str, rng: np.random.Generator, height: float) -> Array:
-    """Normal gaps at the places `x`; ``graze``: half of it just touches, to 1e-9."""
+    """Normal gaps at positions `x`; with ``graze`` half of the face touches to 1e-9."""
     if kind == "hertz":
         return height * 4 * ((x - 0.5) ** 2).sum(1)
     if kind == "rough":
@@ -178,12 +185,12 @@ def _gap(x: Array, kind: str, rng: np.random.Generator, height: float) -> Array:
 
 
 def _push(dim: int, press: float, shear: float, angle: float) -> Array:
-    """Displacement of the top, ``n, t1[, t2]``."""
+    """Displacement of the top in components ``n, t1[, t2]``."""
     return np.r_[-press, shear * np.cos(angle), shear * np.sin(angle)][:dim]
 
 
 def held(seed: int) -> Problem:
-    """A block held from above, pressed and sheared in one step."""
+    """Block with prescribed top, pressed and sheared in one step."""
     rng = np.random.default_rng(seed)
     dim = int(rng.integers(2, 4))
     n = int(rng.choice([20, 60, 150] if dim == 2 else [6, 10, 14]))
@@ -206,7 +213,7 @@ def held(seed: int) -> Problem:
 
 
 def two_bodies(seed: int) -> Problem:
-    """A block on another, node on node, with moduli up to 1e8 apart."""
+    """Block on another with matching nodes; the ratio of their moduli is up to 1e8."""
     rng = np.random.default_rng(seed)
     dim = int(rng.integers(2, 4))
     n = int(rng.choice([20, 60] if dim == 2 else [6, 10]))
@@ -226,13 +233,13 @@ def two_bodies(seed: int) -> Problem:
 
 
 def _mirrored(W: Array, dim: int) -> Array:
-    """The compliance of the body upside down, below the contacts."""
+    """Compliance of the body turned upside down, below the contacts."""
     flip = np.tile(np.r_[-1.0, np.ones(dim - 1)], len(W) // dim)
     return W * flip[:, None] * flip[None, :]
 
 
 def islands(seed: int) -> Problem:
-    """A soft and a 1e8 times stiffer block on one elastic foundation."""
+    """Soft and stiff block, up to 1e8 apart, on one elastic foundation."""
     rng = np.random.default_rng(seed)
     n = int(rng.choice([20, 40]))
     island, ground = block(2, n, 0.3), block(2, 2 * n, 0.3, height=0.5)
@@ -251,7 +258,7 @@ def islands(seed: int) -> Problem:
 
 
 def floating(seed: int) -> Problem:
-    """A block held by contact alone, sheared by less than friction can bear."""
+    """Block that only contact holds, sheared by less than the friction limit."""
     rng = np.random.default_rng(seed)
     dim = int(rng.integers(2, 4))
     n = int(rng.choice([20, 60] if dim == 2 else [6, 10]))
@@ -272,7 +279,7 @@ def floating(seed: int) -> Problem:
 
 
 def random(seed: int) -> Problem:
-    """Positive definite W of no body: strong coupling, μ up to 2, several answers."""
+    """Positive definite W without a body: strong coupling, μ up to 2, several solutions."""
     rng = np.random.default_rng(seed)
     d, nodes = int(rng.integers(2, 4)), int(rng.choice([1, 2, 5, 20, 60]))
     m = nodes * d
@@ -288,7 +295,7 @@ def random(seed: int) -> Problem:
 
 
 def rigid(seed: int) -> Problem:
-    """Rigid bodies with more contact unknowns than motions: `W = H M⁻¹ Hᵀ`."""
+    """Rigid bodies with more contact unknowns than motions, `W = H M⁻¹ Hᵀ`."""
     rng = np.random.default_rng(seed)
     bodies, each = int(rng.choice([1, 3, 8])), int(rng.choice([4, 8, 12]))
     nodes = bodies * each
@@ -340,7 +347,7 @@ def _scene_steps() -> tuple[Problem, ...]:
 
 
 def scenes(seed: int) -> Problem:
-    """A load step of a shipped scene, by number."""
+    """Load step of a shipped scene, by its number."""
     return _scene_steps()[seed]
 
 
@@ -356,6 +363,6 @@ SETS: dict[str, Callable[[int], Problem]] = {
 
 
 def seeds(name: str, count: int, first: int = 0) -> range:
-    """The seeds of `count` problems of a set, fewer where there are no more."""
+    """Seeds of `count` problems of a set, or of as many as it has."""
     last = len(_scene_steps()) if name == "scenes" else first + count
     return range(first, min(first + count, last))

@@ -1,66 +1,60 @@
-"""What each method pays for each digit: products with W and seconds against error.
+"""Cost of each method against its error: products with W and seconds.
 
     python benches/speed_against_error.py                # the tables and the figure
     python benches/speed_against_error.py --seeds 20 --methods auto,uzawa
 
-Every problem of `problems.py` is solved from r = 0 at a ladder of tolerances, one
-thread a solve. A solve is repeatable, so its work belongs to its tolerance. What it
-returns is judged twice: by η, (13), and by its true error, the distance to the exact
-answer of `refine.py`, found from the statuses of the method's own tightest answer:
-where several answers exist, each method is held to the one it chose. Where that answer
-is too loose to tell the statuses, those of `auto` are taken. Errors are
-relative, in node-scaled variables, of r; where W has not full rank, of v, relative to
-the larger of v and q.
+Every problem of `problems.py` is solved from r = 0 at decreasing tolerances, on one thread.
+A solve is reproducible, so its work is a function of its tolerance. Each result has two
+errors: η of (13), and the true error, the distance to the solution that
+`reference_solution.py` finds in extended precision from the statuses of the method's own
+result at the smallest tolerance: if several solutions exist, each method is compared with
+the one it found. If that result is too inaccurate for the statuses, those of `auto` are
+taken. Errors are relative, in node-scaled variables, of r; if W does not have full rank, of
+v, relative to the larger of v and q.
 
-The cost of an error is that of the first rung, from loose to tight, that converged and
-meets it. A solve that did not converge within 20,000 products or the time limit costs
-infinity, and enters medians and quantiles so: nothing is dropped.
+The cost of an error is that of the largest tolerance whose result converged and has that
+error. A solve that does not converge within 20,000 products or the time limit costs infinity,
+also in medians and quantiles.
 
-Writes speed_against_error.csv and .png beside this file, or with ``--out`` into another
-folder; and, of all sets, methods and seeds, the tables of the README. Solves
-are kept in the folder of the problems as long as the compiled core is the same, so
-that a run that was stopped goes on, and one with more seeds adds only those.
+Writes speed_against_error.csv and .png into `results`, or the folder of ``--out``; with all
+sets, methods and seeds it rewrites the tables of the README. Solves are stored in the folder
+of the problems while the compiled core is the same: an interrupted run continues, and a
+run with more seeds computes only the new ones.
 """
 
-import csv
 import json
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from time import perf_counter
 
 # Set before NumPy is imported: each job measures on one core.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import problems
 import tables
-from refine import Scaled, refine
+from reference_solution import Scaled, refine
+from speed_against_error_figure import STYLES, draw
+from timing import repeated
 
 import bipot_rs as bp
 from bipot_rs import _core
 
-HERE = Path(__file__).resolve().parent
-METHODS = (
-    *("auto", "newton", "gauss_seidel", "nesterov"),
-    *("uzawa", "uzawa_two_projection"),
-    *("displacement_principle", "alternating_principles", "stress_principle"),
-    *("minimising_sequence", "pivoting"),
-)
-# They refuse bodies that contact alone holds, and have no row there.
+METHODS = tuple(STYLES)
+# Methods that refuse bodies that only contact holds; they have no row for such a set.
 NEED_SUPPORTS = {"alternating_principles", "minimising_sequence", "pivoting"}
 SEEDS = {"auto": 150, "newton": 150, "gauss_seidel": 150}
-FEWER = 50  # for methods of thousands of products
+FEWER = 50  # for methods that need thousands of products
 LADDER = [float(f"1e-{k}") for k in range(2, 15)]
 TARGETS = LADDER[:11]
 SHOWN = TARGETS[::2]
 WORK = 20_000
-MEASURES = {"eta": "products to η", "error": "products to true error"}
+MEASURES = ("eta", "error")
 
 
 def available(methods):
-    """Those of the methods that the package has."""
+    """Methods of the list that the package has."""
     problem, found = bp.ReducedProblem(np.eye(2), [[-1.0, 0.0]], 0.3), []
     for method in methods:
         try:
@@ -73,40 +67,37 @@ def available(methods):
 
 
 def timed(reduced, **settings):
-    """A solution and its seconds; short ones are repeated, the smallest counts."""
-    seconds = []
-    while not seconds or (len(seconds) < 3 and sum(seconds) < 0.02):
-        start = perf_counter()
-        solution = reduced.solve(**settings, max_iterations=WORK, num_threads=1)
-        seconds.append(perf_counter() - start)
-    return min(seconds), solution
+    """Seconds and solution of a solve; short ones are repeated, the minimum counts."""
+    return repeated(
+        lambda: reduced.solve(**settings, max_iterations=WORK, num_threads=1)
+    )
 
 
 def solve(name, seed, method, limit):
-    """The rungs of one method on one problem, ``{tol, work, seconds, eta, error}``.
+    """Results of one method on one problem, ``{tol, work, seconds, eta, error}`` each.
 
-    `None` where the method does not take the problem.
+    ``None`` if the method does not accept the problem.
     """
     problem = problems.SETS[name](seed)
     if problem.rigid is not None and method in NEED_SUPPORTS:
         return None
     reduced = bp.ReducedProblem(problem.W, problem.q, problem.mu, rigid=problem.rigid)
-    timed(reduced, method=method, tol=0.5)  # threads and memory are there from now on
+    timed(reduced, method=method, tol=0.5)  # starts threads, allocates memory
     rungs, answers = [], []
     for tol in LADDER:
         seconds, answer = timed(reduced, method=method, tol=tol, max_seconds=limit)
         if not answer.converged or answer.work > WORK:
-            break  # nor would a tighter one
+            break  # a smaller tolerance would fail too
         answers.append(answer)
         rungs.append({"tol": tol, "work": answer.work, "seconds": seconds})
     if not answers:
         return rungs
-    # Rounding may have spoilt the statuses of the tightest: then the ones before.
+    # If rounding has spoilt the last statuses, those of the tolerances before are tried.
     for last in [*reversed(answers[-3:]), None]:
-        told = (
+        start = (
             reduced.solve(tol=LADDER[-1], max_seconds=limit) if last is None else last
         )
-        exact = refine(problem, told.reaction, told.rigid_motion, told.status)
+        exact = refine(problem, start.reaction, start.rigid_motion, start.status)
         if exact.trusted:
             break
     for rung, answer in zip(rungs, answers, strict=True):
@@ -116,7 +107,7 @@ def solve(name, seed, method, limit):
 
 
 def distance(problem, answer, exact):
-    """True relative error of an answer in node-scaled variables."""
+    """True relative error of a result in node-scaled variables."""
     to_v = Scaled(problem).to_v
     if problem.full_rank:
         error, size = (answer.reaction - exact.r) / to_v, [exact.r / to_v]
@@ -129,7 +120,7 @@ def distance(problem, answer, exact):
 
 
 def collect(sets, methods, seeds, first, limit, jobs):
-    """Rungs by set, method and seed, from the folder of the problems or solved now."""
+    """Results by set, method and seed, stored ones or solved now."""
     core = Path(_core.__file__).stat()
     stamp = [core.st_size, core.st_mtime_ns, limit]
     store = problems.folder() / "speed_against_error.jsonl"
@@ -147,7 +138,7 @@ def collect(sets, methods, seeds, first, limit, jobs):
             own = problems.seeds(name, count, first)
             wanted += [(name, method, seed) for seed in own]
     missing = [key for key in wanted if key not in done]
-    # Not forked: threads of the package do not survive that.
+    # Not forked: the threads of the package do not survive a fork.
     fresh = get_context("spawn")
     with ProcessPoolExecutor(jobs, fresh) as pool, store.open("a") as file:
         running = [pool.submit(solve, k[0], k[2], k[1], limit) for k in missing]
@@ -162,7 +153,7 @@ def collect(sets, methods, seeds, first, limit, jobs):
 
 
 def cost(rungs, measure, target):
-    """Products and seconds to a target, infinite where it was not reached."""
+    """Products and seconds to a target; infinite if it was not reached."""
     for rung in rungs:
         if rung["tol"] <= target if measure == "eta" else rung["error"] <= target:
             return rung["work"], rung["seconds"]
@@ -170,7 +161,7 @@ def cost(rungs, measure, target):
 
 
 def rows(results):
-    """Lines of the CSV: a set, a method, a measure, a target."""
+    """Rows of the CSV file, one for each set, method, measure and target."""
     groups = {}
     for (name, method, _), rungs in results.items():
         if rungs is not None:
@@ -179,7 +170,7 @@ def rows(results):
         for measure in MEASURES:
             for target in TARGETS:
                 costs = np.array([cost(rungs, measure, target) for rungs in members])
-                # Not interpolated: halfway to infinity is no number.
+                # Not interpolated, because a value may be infinite.
                 middle, high = np.quantile(costs, [0.5, 0.9], axis=0, method="higher")
                 yield {
                     "set": name,
@@ -195,11 +186,11 @@ def rows(results):
                 }
 
 
-def table(lines, measure, unit, form):
-    """Markdown: median and 90 % quantile for each target."""
+def table(lines, unit, form):
+    """Markdown table of the cost of each true error, median / 90 % quantile."""
     head = ("set", "method", *(f"{target:.0e}" for target in SHOWN), "solved")
     found = []
-    own = [line for line in lines if line["measure"] == measure]
+    own = [line for line in lines if line["measure"] == "error"]
     for name, method in dict.fromkeys((x["set"], x["method"]) for x in own):
         by_target = {
             x["target"]: x for x in own if (x["set"], x["method"]) == (name, method)
@@ -209,7 +200,7 @@ def table(lines, measure, unit, form):
             line = by_target[target]
             pair = (line[f"{unit}_{q}"] for q in ("median", "q90"))
             cells.append(" / ".join(form(x) if np.isfinite(x) else "∞" for x in pair))
-        # At three depths, since a method may find an answer and not refine it.
+        # At three errors, since a method may find a solution and not refine it.
         depths = [by_target[t]["solved"] for t in (1e-4, 1e-8, 1e-12)]
         solved = ", ".join(map(str, depths))
         found.append((name, method, *cells, f"{solved} of {line['problems']}"))
@@ -217,40 +208,42 @@ def table(lines, measure, unit, form):
 
 
 def main():
-    """Measure, write, print."""
+    """Measure, print the tables, write the results."""
     parser = tables.parser(__doc__)
     parser.add_argument("--sets", default=",".join(problems.SETS))
     parser.add_argument("--methods", default=",".join(METHODS))
-    parser.add_argument("--seeds", type=int, help="how many, for every method")
+    parser.add_argument("--seeds", type=int, help="number of seeds, for every method")
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--seconds-limit", type=float, default=10.0, help="of a solve")
+    parser.add_argument(
+        "--seconds-limit", type=float, default=10.0, help="for one solve"
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
-    parser.add_argument("--out", type=Path, default=HERE, help="folder to write to")
-    asked = parser.parse_args()
-    whole = tables.whole(parser, asked, "sets", "methods", "seeds", "first_seed")
-    write = whole and not asked.print and asked.out.resolve() == HERE
-    asked.out.mkdir(parents=True, exist_ok=True)
-    methods = available(asked.methods.split(","))
-    sets, limit = asked.sets.split(","), asked.seconds_limit
-    drawn = asked.seeds, asked.first_seed
-    results = collect(sets, methods, *drawn, limit, asked.jobs)
+    parser.add_argument(
+        "--out", type=Path, default=tables.RESULTS, help="folder to write to"
+    )
+    args = parser.parse_args()
+    whole = tables.whole(parser, args, "sets", "methods", "seeds", "first_seed")
+    write = whole and not args.print and args.out.resolve() == tables.RESULTS
+    methods = available(args.methods.split(","))
+    sets, limit = args.sets.split(","), args.seconds_limit
+    drawn = args.seeds, args.first_seed
+    results = collect(sets, methods, *drawn, limit, args.jobs)
     lines = list(rows(results))
-    path = asked.out / "speed_against_error.csv"
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, lines[0], lineterminator="\n")
-        writer.writeheader()
-        for line in lines:
-            writer.writerow(
-                {k: f"{x:.4g}" if isinstance(x, float) else x for k, x in line.items()}
-            )
-    for measure, name in MEASURES.items():
-        text = table(lines, measure, "products", "{:.0f}".format)
-        tables.publish(name, text, write=write)
-    text = table(lines, "error", "seconds", lambda x: f"{1e3 * x:.2g}")
+    text = table(lines, "products", "{:.0f}".format)
+    tables.publish("products to true error", text, write=write)
+    text = table(lines, "seconds", lambda x: f"{1e3 * x:.2g}")
     tables.publish("milliseconds to true error", text, write=write)
-
-    from speed_figure import draw
-
+    if args.print:
+        return
+    path = args.out / "speed_against_error.csv"
+    args.out.mkdir(parents=True, exist_ok=True)
+    tables.write_rows(
+        path,
+        [
+            {k: f"{x:.4g}" if isinstance(x, float) else x for k, x in line.items()}
+            for line in lines
+        ],
+    )
     draw(path, path.with_suffix(".png"))
 
 

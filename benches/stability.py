@@ -1,14 +1,13 @@
-"""Errors and work over the whole range of one parameter, beside what rounding allows.
+"""Errors and work over the whole range of one parameter, compared with rounding bounds.
 
 python benches/stability.py [--study NAME] [--draw]
 
-Writes ``stability_NAME.csv`` and ``stability_NAME.png`` beside this file, shown in
-``docs/stability.md``; with ``--draw`` only the figures, from the CSV files. All of it
-takes about five minutes and 4 GB.
+Writes ``stability_NAME.csv`` and ``stability_NAME.png`` into `results` and the table of
+``docs/stability.md``; with ``--draw`` only figures and table, from the CSV files. All studies
+take about five minutes and 4 GB.
 """
 
 import argparse
-import csv
 import dataclasses
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -16,22 +15,24 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import tables
+from plot_style import light_grid, pyplot
 from studies import contrast, friction, gaps, poisson, size, slender, steps
-from studies.measure import COLUMNS, Row
+from studies.measure import Row
 
 HERE = Path(__file__).parent
 PAGE = HERE.parent / "docs" / "stability.md"
 MARK = "<!-- table by benches/stability.py -->"
-# Errors below this are drawn there.
+# Smaller errors are drawn at this value.
 FOOT = 1e-17
-# What the bounds, of first order and without constants, are multiplied by: K's
-# entries are sums over four cells or eight, W's of some hundred terms, and roundings
-# add up as the square root of their number.
+# Factor of the bounds, which are of first order and without constants: entries of K are
+# sums over four or eight cells, those of W of about a hundred terms, and rounding errors
+# add up as the square root of the number of terms.
 CONSTANT = 4.0
 
 
 class Study(NamedTuple):
-    """Its rows, and what the axis says."""
+    """Function that yields the rows, and label of the axis."""
 
     rows: Callable[[], Iterator[Row]]
     axis: str
@@ -50,29 +51,28 @@ STUDIES = {
 
 
 def table(name: str) -> Path:
-    """The CSV file of a study."""
-    return HERE / f"stability_{name}.csv"
+    """CSV file of a study."""
+    return tables.RESULTS / f"stability_{name}.csv"
 
 
 def run(name: str) -> None:
-    """Measure a study."""
+    """Measure a study and write its CSV file."""
     began = time.perf_counter()
-    with table(name).open("w", newline="") as file:
-        out = csv.writer(file, lineterminator="\n")
-        out.writerow(COLUMNS)
-        for row in STUDIES[name].rows():
-            out.writerow(cell(x) for x in dataclasses.astuple(row))
-            print(f"{name}: {row.case}, {row.parameter:g}: {told(row)}", flush=True)
+    lines = []
+    for row in STUDIES[name].rows():
+        lines.append({k: cell(x) for k, x in dataclasses.asdict(row).items()})
+        print(f"{name}: {row.case}, {row.parameter:g}: {described(row)}", flush=True)
+    tables.write_rows(table(name), lines)
     print(f"{name}: {time.perf_counter() - began:.1f} s")
 
 
 def cell(x: object) -> str:
-    """Three digits: the others are chance."""
+    """Format with three digits; further digits vary from run to run."""
     return f"{x:.3g}" if isinstance(x, float) else str(x)
 
 
-def told(row: Row) -> str:
-    """A row in a line."""
+def described(row: Row) -> str:
+    """One line of text for a row."""
     if row.outcome != "converged":
         return row.outcome
     return (
@@ -84,7 +84,7 @@ def told(row: Row) -> str:
 
 
 def share(row: Row) -> float:
-    """Of its bound, what the worst of the three errors is; NaN where none is known."""
+    """Largest of the three errors divided by their bounds; NaN if none is known."""
     pairs = (
         (row.error_r, row.bound_r),
         (row.error_v, row.bound_v),
@@ -95,23 +95,22 @@ def share(row: Row) -> float:
 
 
 def read(name: str) -> dict[str, list[Row]]:
-    """Rows of each case of a study."""
+    """Rows of a study by case, from its CSV file."""
     kinds = {f.name: f.type for f in dataclasses.fields(Row)}
     cases: dict[str, list[Row]] = {}
-    with table(name).open() as file:
-        for line in csv.DictReader(file):
-            values = {
-                k: x == "True" if kinds[k] is bool else kinds[k](x)  # type: ignore[operator]
-                for k, x in line.items()
-            }
-            cases.setdefault(line["case"], []).append(Row(**values))
+    for line in tables.read_rows(table(name)):
+        values = {
+            k: x == "True" if kinds[k] is bool else kinds[k](x)  # type: ignore[operator]
+            for k, x in line.items()
+        }
+        cases.setdefault(line["case"], []).append(Row(**values))
     return cases
 
 
 def summary() -> str:
-    """What the page says of each case, a table."""
-    head = "| study | case | over | r | v | u | of the bound | products |"
-    lines = [head, "|" + "---|" * head.count(" | ") + "---|"]
+    """Table of the page, one row for each case."""
+    head = tables.columns("study | case | over | r | v | u | of the bound | products")
+    lines = []
     for name, study in STUDIES.items():
         for case, rows in read(name).items():
             solved = [r for r in rows if r.outcome == "converged"]
@@ -127,19 +126,18 @@ def summary() -> str:
             work = f"{products[0]:.0f} … {products[-1]:.0f}"
             worst = largest(map(share, solved))
             of = "" if worst != worst else f"{worst:.2f}"
-            told = ["" if e != e else f"{e:.0e}" for e in errors]
-            cells = [name, case, f"{study.axis}: {over}", *told, of, work]
-            lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+            shown = ["" if e != e else f"{e:.0e}" for e in errors]
+            lines.append((name, case, f"{study.axis}: {over}", *shown, of, work))
+    return tables.table(head, lines) + "\n"
 
 
 def largest(values: Iterable[float]) -> float:
-    """Of those that are numbers; NaN of none."""
+    """Largest of the values that are not NaN; NaN if there is none."""
     return max((x for x in values if x == x), default=float("nan"))
 
 
 def write_page() -> None:
-    """Put the table into the page."""
+    """Write the table into the page."""
     text = PAGE.read_text(encoding="utf-8")
     head, _, rest = text.partition(MARK)
     _, _, tail = rest.partition(MARK)
@@ -147,22 +145,17 @@ def write_page() -> None:
 
 
 def draw(name: str) -> None:
-    """A panel of errors and bounds a case, and one of the work."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    """Draw one panel of errors and bounds for each case, and one of the work."""
+    plt = pyplot(8)
     cases = read(name)
-    plt.rcParams.update({"font.size": 8, "axes.titlesize": 9})
     width = 2.6 * (len(cases) + 1)
     figure, panels = plt.subplots(1, len(cases) + 1, figsize=(width, 3.0))
     *errors, work = panels
-    # Wong's colours; the marks say the same again.
+    # Wong's colours, each with its own mark.
     styles = {"r": ("#D55E00", "o"), "v": ("#009E73", "^"), "u": ("#0072B2", "s")}
     values = [r.parameter for rows in cases.values() for r in rows]
     least, most = min(x for x in values if x > 0), max(values)
-    # Zero has a place of its own on an axis of powers of ten.
+    # Zero has its own place on the logarithmic axis.
     zero = least / 30
     lines = iter(("-", "--", ":", "-."))
     for panel, (case, rows) in zip(errors, cases.items(), strict=True):
@@ -172,10 +165,10 @@ def draw(name: str) -> None:
             bound = np.array([getattr(r, f"bound_{symbol}") for r in rows])
             seen = np.isfinite(error)
             if seen.any():
-                # What is nothing to double precision is drawn at the foot.
+                # An error below double precision is drawn at the foot.
                 shown = np.maximum(error[seen], FOOT)
                 panel.plot(x[seen], shown, mark, color=colour, ms=3.5, label=symbol)
-                # A bound of zero, of no contacts, has no place on this axis.
+                # A zero bound, without contacts, is not drawn on a logarithmic axis.
                 bound = np.where(bound > 0, CONSTANT * bound, np.nan)
                 panel.plot(x, bound, color=colour, lw=1, ls="--")
         panel.set(yscale="log", title=case, xlabel=STUDIES[name].axis)
@@ -189,16 +182,14 @@ def draw(name: str) -> None:
         if 0 in values:
             first, last = round(np.log10(least)), round(np.log10(most))
             step = 4 if last - first > 8 else 1
-            # Beside the place of zero there is none for another label.
+            # No label next to that of zero.
             powers = range(first + (step > 1) * step, last + 1, step)
             labels = [f"$10^{{{k}}}$" for k in powers]
             panel.set_xticks([zero, *(10.0**k for k in powers)], ["0", *labels])
             panel.minorticks_off()
-        panel.grid(color="0.9", lw=0.5)
-        panel.set_axisbelow(True)
-        panel.spines[["top", "right"]].set_visible(False)
+        light_grid(panel)
     errors[0].set_ylabel("relative error; dashed: bound")
-    # Below the panels, where no mark can be taken for a point.
+    # Below the panels, so that no mark looks like a point.
     marks, symbols = errors[0].get_legend_handles_labels()
     figure.legend(
         marks, symbols, loc="lower left", ncols=3, frameon=False, handletextpad=0.1
@@ -217,10 +208,10 @@ def draw(name: str) -> None:
 
 
 def main() -> None:
-    """Measure and draw."""
+    """Measure, draw, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--study", choices=STUDIES, action="append")
-    parser.add_argument("--draw", action="store_true", help="only draw")
+    parser.add_argument("--draw", action="store_true", help="do not measure")
     chosen = parser.parse_args()
     for name in chosen.study or STUDIES:
         if not chosen.draw:

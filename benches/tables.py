@@ -1,13 +1,14 @@
-"""Tables of a Markdown page that a program writes: what stands between two markers.
+"""Tables of a Markdown page, each between two markers, and CSV files of results.
 
     <!-- NAME, written by PROGRAM -->
     | … |
     <!-- end of NAME -->
 
-Everything outside is left as it is, to the byte.
+The text outside the markers is kept byte for byte.
 """
 
 import argparse
+import csv
 import os
 import platform
 import re
@@ -18,13 +19,19 @@ from importlib.metadata import version
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-# Vector units by the kernel's names of them, the widest first.
+RESULTS = HERE / "results"
+# Vector units by their names in /proc/cpuinfo, the widest first.
 VECTORS = {"avx512f": "AVX-512", "avx2": "AVX2", "asimd": "NEON"}
 PACKAGES = ("bipot-rs", "numpy", "scipy", "scikit-fem")
 
 
+def columns(text: str) -> tuple[str, ...]:
+    """Column heads from a text such as ``"set | problems | solved"``."""
+    return tuple(text.split(" | "))
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table."""
+    """Format a Markdown table."""
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for row in rows:
         if len(row) != len(head):
@@ -34,90 +41,107 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def replaced(page: str, name: str, text: str) -> str:
-    """The page with ``text`` between the markers of ``name``, which must be there once."""
+    """Replace the text between the markers of ``name``, which must exist exactly once."""
     begin = rf"<!-- {re.escape(name)}, written by [^>]* -->\n"
     end = f"<!-- end of {name} -->"
     pattern = re.compile(rf"({begin}).*?({re.escape(end)})", re.DOTALL)
     if len(pattern.findall(page)) != 1 or page.count(end) != 1:
-        raise ValueError(f"markers of {name}: there must be one pair")
+        raise ValueError(f"markers of {name}: the page needs exactly one pair")
     return pattern.sub(lambda m: m[1] + text.strip("\n") + "\n" + m[2], page)
 
 
 def rewrite(path: Path, name: str, text: str) -> None:
-    """Replace a table of a file; the file is the old one or the new one, never half."""
+    """Replace a table of a file. An interrupted run leaves the old file."""
     page = replaced(path.read_text(encoding="utf-8"), name, text)
     new = path.with_suffix(".new")
     new.write_text(page, encoding="utf-8")
     new.replace(path)
 
 
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file."""
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
+    """Write a CSV file whose columns are the keys of the first row.
+
+    An interrupted run leaves the old file, never half of the new one.
+    """
+    new = path.with_suffix(".new")
+    with new.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    new.replace(path)
+
+
 def processor() -> str:
-    """Name, cores and vector unit of what measures."""
+    """Name, cores and vector unit of this machine."""
     try:
-        told = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
-        told = ""
-    model = re.search(r"model name\s*: (.*)", told)
+        text = ""
+    model = re.search(r"model name\s*: (.*)", text)
     name = model[1].strip() if model else platform.processor() or platform.machine()
-    units = [unit for key, unit in VECTORS.items() if re.search(rf"\b{key}\b", told)]
+    units = [unit for key, unit in VECTORS.items() if re.search(rf"\b{key}\b", text)]
     return ", ".join((name, f"{os.cpu_count()} cores", *units[:1]))
 
 
 def machine() -> str:
-    """Where a table is from: processor, versions and load."""
+    """Processor, versions and load of this machine."""
     versions = [f"{name} {version(name)}" for name in PACKAGES]
     try:
         run = ["rustc", "--version"]
-        told = subprocess.run(run, capture_output=True, text=True, check=True).stdout
-        versions.insert(0, f"Rust {told.split()[1]}")
+        output = subprocess.run(run, capture_output=True, text=True, check=True).stdout
+        versions.insert(0, f"Rust {output.split()[1]}")
     except OSError:
-        pass  # not on the path of whoever runs a program by itself
+        pass  # rustc is not on the path
     load = f"load {os.getloadavg()[0]:.1f} at the end"
     return ", ".join((processor(), *versions, load)) + "."
 
 
 def machines(rows: Iterable[Mapping[str, str]]) -> str:
-    """Where the rows of a sheet are from."""
-    known = (row.get("machine") or "machine not noted" for row in rows)
+    """Machines that measured the rows of a CSV file."""
+    known = (row.get("machine") or "machine not recorded" for row in rows)
     return "; ".join(dict.fromkeys(known))
 
 
 def parser(doc: str) -> argparse.ArgumentParser:
-    """What every program of one table takes."""
+    """Parser with the arguments that all measuring scripts share."""
     made = argparse.ArgumentParser(description=doc.splitlines()[0])
     made.add_argument("--print", action="store_true", help="write no files")
     return made
 
 
-def whole(
-    made: argparse.ArgumentParser, asked: argparse.Namespace, *names: str
-) -> bool:
-    """Whether nothing was left out by these arguments: a page would lose what was."""
-    return all(made.get_default(name) == getattr(asked, name) for name in names)
+def whole(made: argparse.ArgumentParser, args: argparse.Namespace, *names: str) -> bool:
+    """Whether these arguments have their defaults, so that the table is complete."""
+    return all(made.get_default(name) == getattr(args, name) for name in names)
 
 
 def publish(name: str, text: str, *, write: bool) -> None:
-    """Print what was measured and, with the machine below it, ``write`` it into the page."""
+    """Print a table; with ``write`` put it into the page, with the machine below it."""
     print(text, end="\n\n", flush=True)
     if write:
         rewrite(HERE / "README.md", name, f"{text}\n\n{machine()}")
 
 
 def folder(quick: bool) -> Path:
-    """Where pages and sheets are written: here, or a copy for a quick look."""
+    """Folder of the page and of ``results/``: this one, or `out/bench` for a quick run."""
     if not quick:
         return HERE
     copy = HERE.parent / "out" / "bench"
-    copy.mkdir(parents=True, exist_ok=True)
+    (copy / "results").mkdir(parents=True, exist_ok=True)
     page, own = HERE / "README.md", copy / "README.md"
-    # Copied anew when the page has changed, for its markers may have.
+    # Copied again if the page has changed, because its markers may have changed.
     if not own.exists() or own.stat().st_mtime < page.stat().st_mtime:
         shutil.copy(page, own)
     return copy
 
 
 def figures(x: float | None) -> str:
-    """Three figures, without an exponent from 1e-3 to 1e6."""
+    """Format with three digits, without an exponent from 1e-3 to 1e6."""
     if x is None:
         return ""
     if x == 0 or not 1e-3 <= abs(x) < 1e6:

@@ -1,4 +1,4 @@
-"""What every peer is asked and answers: arguments, phases, one JSON line, tractions."""
+"""Arguments of a peer, its clock, and its report: one JSON line and a file of tractions."""
 
 import argparse
 import json
@@ -19,39 +19,39 @@ class Clock:
         self.phases, self.steps = {}, []
 
     def lap(self, name):
-        """The phase that ends here."""
+        """End a phase."""
         now = perf_counter()
         self.phases[name] = self.phases.get(name, 0.0) + now - self.last
         self.last = now
 
     def step(self):
-        """The load step that ends here."""
+        """End a load step."""
         now = perf_counter()
         self.steps.append(now - self.last)
         self.lap("contact")
 
     def discount(self, seconds):
-        """Leave out what just passed: a try that does not count."""
+        """Subtract the seconds of an attempt that does not count."""
         self.last += seconds
         self.begin += seconds
 
 
 def arguments(doc):
-    """Scene, size, tolerance and files."""
+    """Command line of a peer: scene, size, tolerance and files."""
     parser = argparse.ArgumentParser(description=doc.splitlines()[0])
     parser.add_argument("scene")
     parser.add_argument("n", type=int)
     parser.add_argument("--save", help="tractions, as npz")
     parser.add_argument("--tol", type=float, default=1e-8)
-    parser.add_argument("--matrices", help="K, B and loads of matrices.py, as npz")
     parser.add_argument(
-        "--solver", help="which of its solvers, where there are several"
+        "--matrices", help="K, B and loads written by system.py, as npz"
     )
+    parser.add_argument("--solver", help="solver of the peer, if it has several")
     return parser.parse_args()
 
 
 def installed(package):
-    """Version of a package, or a question mark."""
+    """Version of a package; a question mark if it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -59,7 +59,7 @@ def installed(package):
 
 
 def peak_mb():
-    """Most memory that this process held.
+    """Peak memory of this process.
 
     Not getrusage's figure, which may be that of the process that started this one.
     """
@@ -70,16 +70,16 @@ def peak_mb():
     return float("nan")
 
 
-def write(asked, clock, program, x, area, reactions, displacements, **more):
-    """Save tractions and print the line.
+def write(args, clock, program, x, area, reactions, displacements, **more):
+    """Save the tractions and print the JSON line.
 
     ``reactions`` and ``displacements`` are lists over the load steps of arrays
     ``(n_c, d)``, normal first: forces [N], and gaps with increments of slip [mm].
     """
     total = clock.last - clock.begin
-    if asked.save:
+    if args.save:
         np.savez(
-            asked.save,
+            args.save,
             x=x,
             area=area,
             R=np.array(reactions),
@@ -87,8 +87,8 @@ def write(asked, clock, program, x, area, reactions, displacements, **more):
         )
     line = {
         "program": program,
-        "scene": asked.scene,
-        "n": asked.n,
+        "scene": args.scene,
+        "n": args.n,
         "contacts": len(x),
         "seconds": clock.phases | {"total": total},
         "steps": clock.steps,

@@ -1,7 +1,7 @@
-"""The shipped scenes as numbers, for peers that have NumPy and nothing of this package.
+"""The shipped scenes as numbers, for peers that have NumPy but not this package.
 
-Grids, materials and load steps are written down here a second time on purpose: a
-peer that read our scene files would repeat a fault of theirs.
+Grids, materials and load steps are written here a second time on purpose: a peer that read
+the scene files would repeat their faults.
 """
 
 from typing import NamedTuple
@@ -10,9 +10,9 @@ import numpy as np
 
 
 class Body(NamedTuple):
-    """A tensor-product grid of one material."""
+    """Tensor-product grid of one material."""
 
-    grids: list  # coordinates of the grid lines [mm], an array an axis
+    grids: list  # coordinates of the grid lines [mm], one array for each axis
     young: float  # [MPa]
     poisson: float
 
@@ -24,11 +24,11 @@ class Scene(NamedTuple):
     mu: float
     half_width: float | None  # contact candidates: |x| up to this [mm]; all if None
     radius: float | None  # clearance x² / (2 radius) [mm]; none if None
-    top: list  # prescribed displacement of the top, a load step each [mm]
+    top: list  # prescribed displacement of the top in each load step [mm]
 
 
 def graded(start, end, cell, ratio):
-    """Points from ``start`` to ``end``, cells growing by ``ratio``."""
+    """Points from ``start`` to ``end`` whose cells grow by ``ratio``."""
     points = [start]
     while (end - points[-1]) * cell > 0:
         points.append(points[-1] + cell)
@@ -40,7 +40,7 @@ def graded(start, end, cell, ratio):
 
 
 def scene(name, n):
-    """One scene at one size."""
+    """Numbers of a scene at one size."""
     steel = (210000.0, 0.3)
     if name == "pressed_block":
         g = np.linspace(0, 40, n + 1)
@@ -65,7 +65,7 @@ def scene(name, n):
         top = [(0.004 * s, -0.02) for s in (0.0, 1.0)]
         bodies = [Body([x, y], *steel), Body([x, np.sort(-y)], *steel)]
         return Scene(bodies, 0.3, 1.5, 100.0, top)
-    raise SystemExit(f"no scene is called {name}")
+    raise SystemExit(f"no scene is called {name}: see the names in peers/scenes.py")
 
 
 def tributary(points):

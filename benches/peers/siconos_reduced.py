@@ -1,13 +1,13 @@
-"""Siconos on one problem after another, in a process of its own.
+"""Solve one reduced problem after another with Siconos, in its own process.
 
     /usr/bin/python3 benches/peers/siconos_reduced.py
 
-Needs siconos and NumPy, and nothing of this package, so that it runs under whatever
-Python Siconos is installed for. Reads a JSON object a line, ``{"problem": FILE.npz,
-"solver": NAME, "tol": NUMBER, "iterations": NUMBER, "answer": FILE.npy}``, and answers
-each with a line, ``{"seconds": NUMBER, "iterations": NUMBER}``. The file holds W, q, mu,
-normal first; the answer is r. Seconds are those of the driver alone; what takes
-milliseconds is repeated, the smallest counts.
+Needs siconos and NumPy, not this package, so that it runs under the Python that Siconos
+is installed for. Reads one JSON object per line, ``{"problem": FILE.npz, "solver": NAME,
+"tol": NUMBER, "iterations": NUMBER, "answer": FILE.npy}``, and answers each with a line,
+``{"seconds": NUMBER, "iterations": NUMBER}``. The problem file holds W, q, mu, normal first;
+the answer is r. Seconds are those of the driver alone; short runs are repeated, and the
+minimum counts.
 """
 
 import json
@@ -20,9 +20,9 @@ import siconos.numerics as sn
 
 
 def lift(W, q, nodes):
-    """A plane problem in space: a second tangent with no load, coupled to nothing."""
+    """Write a 2D problem in 3D: the second tangent has no load and no coupling."""
     at = (3 * np.arange(nodes)[:, None] + [0, 1]).ravel()
-    # Stiffness like that of the others, lest it set the pace.
+    # Its compliance is like the others, so that it does not slow down the solver.
     whole = np.diag(np.repeat(W.diagonal().reshape(nodes, 2).mean(1), 3))
     whole[np.ix_(at, at)] = W
     load = np.zeros(3 * nodes)
@@ -35,7 +35,7 @@ def solve(W, q, mu, solver, tol, iterations, once=False):
     nodes, d = q.shape
     q = q.ravel()
     driver, name = sn.fc3d_driver, f"SICONOS_FRICTION_3D_{solver}"
-    lifted = d == 2 and solver != "NSGS"  # Newton is there in space only
+    lifted = d == 2 and solver != "NSGS"  # Newton exists in 3D only
     if lifted:
         W, q = lift(W, q, nodes)
     elif d == 2:
@@ -56,20 +56,20 @@ def solve(W, q, mu, solver, tol, iterations, once=False):
 
 
 def main():
-    """Answer until standard input ends."""
-    # The library prints from C: only answers go to the real standard output.
+    """Answer requests until standard input ends."""
+    # The library prints from C, so only answers go to the real standard output.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     sn.numerics_set_verbose(0)
     print(json.dumps({"siconos": "ready"}), file=answers, flush=True)
     for line in sys.stdin:
-        asked = json.loads(line)
-        with np.load(asked["problem"]) as file:
+        request = json.loads(line)
+        with np.load(request["problem"]) as file:
             W, q, mu = (np.ascontiguousarray(file[k]) for k in ("W", "q", "mu"))
         r, seconds, done = solve(
-            W, q, mu, asked["solver"], asked["tol"], asked["iterations"]
+            W, q, mu, request["solver"], request["tol"], request["iterations"]
         )
-        np.save(asked["answer"], r)
+        np.save(request["answer"], r)
         line = json.dumps({"seconds": seconds, "iterations": done})
         print(line, file=answers, flush=True)
 

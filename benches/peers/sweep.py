@@ -1,8 +1,8 @@
-"""Projected Gauss–Seidel as a careful NumPy user writes it.
+"""Projected Gauss–Seidel sweeps as a careful NumPy user writes them.
 
-A contact at a time, each solved by projections with ρ = 1/λ_max(W_ii) on plain numbers,
-which are faster than arrays of three; v follows by one product with a block column of
-W, stored by rows. It shares no code with the package.
+Each contact in turn is solved by projections with ρ = 1/λ_max(W_ii) on plain numbers, which
+are faster than arrays of three; v is updated by one product with a block column of W, stored
+by rows. It shares no code with the package.
 """
 
 from math import hypot, sqrt
@@ -14,8 +14,8 @@ import numpy as np
 def sweep(W, q, mu, tol, seconds):
     """Reactions ``(n_c, d)`` of ``v = W r + q``, to a residual of `tol`.
 
-    Stops on ‖r − proj(r − ρ ṽ)‖/max(‖r‖, ‖that at r = 0‖) in node-scaled variables, or
-    after `seconds`.
+    Stops if ‖r − proj(r − ρ ṽ)‖, divided by the larger of ‖r‖ and its value at r = 0, meets
+    `tol` in node-scaled variables, or after `seconds`.
     """
     nodes, d = q.shape
     columns = np.ascontiguousarray(W.T).reshape(nodes, d, nodes * d)
@@ -36,7 +36,7 @@ def sweep(W, q, mu, tol, seconds):
             if change.any():
                 r[i] = after
                 flat += change @ columns[i]
-        if count % 20 == 0:  # rounding adds up in v
+        if count % 20 == 0:  # because rounding errors add up in v
             np.add(W @ r.ravel(), q.ravel(), out=flat)
         residual = np.linalg.norm(natural_map(r, v, mu, step))
         if residual <= tol * max(np.linalg.norm(r / np.sqrt(step)), at_zero):
@@ -45,10 +45,10 @@ def sweep(W, q, mu, tol, seconds):
 
 
 def contact(r, v, W, mu, rho):
-    """Up to three projections at one contact, the others at rest.
+    """Up to three projections at one contact, with the others fixed.
 
-    More of them, which come near the exact solution of the contact, took longer on
-    the whole.
+    More projections, which approach the exact solution of the contact, are slower in
+    total.
     """
     d = len(r)
     q = [v[k] - sum(W[k][j] * r[j] for j in range(d)) for k in range(d)]
@@ -73,14 +73,19 @@ def contact(r, v, W, mu, rho):
 
 
 def natural_map(r, v, mu, step):
-    """``r − proj(r − ρ ṽ)`` of all contacts, over √ρ."""
+    """``r − proj(r − ρ ṽ)`` of all contacts, divided by √ρ."""
     slip = np.linalg.norm(v[:, 1:], axis=1)
     tau = r - step * v
     tau[:, 0] -= step[:, 0] * mu * slip
+    return (r - project(tau, mu)) / np.sqrt(step)
+
+
+def project(tau, mu):
+    """Projection of each row of ``tau (n_c, d)`` onto Coulomb's cone, closed form (12)."""
     n, t = tau[:, 0], np.linalg.norm(tau[:, 1:], axis=1)
     normal = (n + mu * t) / (1 + mu**2)
     scale = np.divide(mu * normal, t, out=np.zeros_like(t), where=t > 0)
     slips = np.column_stack([normal, scale[:, None] * tau[:, 1:]])
     projected = np.where((t <= mu * n)[:, None], tau, slips)
     projected[mu * t <= -n] = 0.0
-    return (r - projected) / np.sqrt(step)
+    return projected

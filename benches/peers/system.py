@@ -1,4 +1,4 @@
-"""K, B and loads of a scene by scikit-fem, and W by SciPy, for the peers that solve those.
+"""K, B and loads of a scene by scikit-fem, and W by SciPy, for the peers that need them.
 
     python benches/peers/system.py SCENE N --save FILE.npz
 
@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 
 
 class System(NamedTuple):
-    """K u = f + Bᵀ r, v = B u + gap, normal first; ``prescribed`` has a row a step."""
+    """K u = f + Bᵀ r, v = B u + gap, normal first; ``prescribed`` has one row per step."""
 
     K: sparse.csc_matrix
     B: sparse.csr_matrix
@@ -47,13 +47,13 @@ def assemble(bodies):
 
 
 def on(mesh, axis, value):
-    """Nodes on a plane, in the order of their coordinates."""
+    """Nodes on a plane, ordered by their coordinates."""
     nodes = np.flatnonzero(mesh.p[axis] == value)
     return nodes[np.lexsort(mesh.p[:, nodes])]
 
 
 def areas(mesh, element, axis, value):
-    """Tributary areas of a plane of the boundary."""
+    """Tributary areas of the nodes on a boundary plane."""
     import skfem
 
     facets = mesh.facets_satisfying(lambda x: np.isclose(x[axis], value), True)
@@ -62,7 +62,7 @@ def areas(mesh, element, axis, value):
 
 
 def build(name, n):
-    """The whole system of a scene."""
+    """Assemble the system of a scene."""
     data = scene(name, n)
     K, parts = assemble(data.bodies)
     dim, size = len(data.bodies[0].grids), K.shape[0]
@@ -104,14 +104,20 @@ def build(name, n):
         for v, step in zip(values, data.top, strict=True):
             v.append(np.tile(step, len(top)))
     return System(
-        *(K, B.tocsr(), f, np.concatenate(fixed)),
+        K,
+        B.tocsr(),
+        f,
+        np.concatenate(fixed),
         np.array([np.concatenate(v) for v in values]),
-        *(gap, mu, upper.p[:, nodes].T, areas(upper, element, last, 0.0)[nodes]),
+        gap,
+        mu,
+        upper.p[:, nodes].T,
+        areas(upper, element, last, 0.0)[nodes],
     )
 
 
 def save(system, path, **more):
-    """Write a system, and scalars beside it."""
+    """Write a system and further scalars."""
     arrays = system._asdict() | more
     for name in ("K", "B"):
         matrix = arrays.pop(name)
@@ -121,7 +127,7 @@ def save(system, path, **more):
 
 
 def load(path):
-    """A system written by `save`, and what was written beside it."""
+    """Read a system written by `save`, and its scalars."""
     with np.load(path) as file:
         arrays = dict(file)
     for name, kind in (("K", sparse.csc_matrix), ("B", sparse.csr_matrix)):
@@ -135,7 +141,7 @@ def load(path):
 
 
 class Condensed:
-    """W by one back-solve a contact unknown, with springs where K alone is singular."""
+    """W by one back-solve per contact unknown, with springs if K alone is singular."""
 
     def __init__(self, system, spring, clock):
         self.system, self.spring = system, spring
@@ -144,7 +150,7 @@ class Condensed:
         self.coupling = K[self.free][:, system.fixed]
         self.Bf = B[:, self.free].tocsr()
         nodes, d = system.gap.shape
-        # Springs hold contact nodes along the normal alone.
+        # Springs act on contact nodes along the normal only.
         self.normal = sparse.diags(np.tile([1.0] + [0.0] * (d - 1), nodes))
         held = K + spring * (B.T @ self.normal @ B) if spring else K
         self.factor = splu(
@@ -156,14 +162,14 @@ class Condensed:
         clock.lap("factor")
         m = B.shape[0]
         self.W = np.empty((m, m))
-        # Narrow blocks stay in the cache: SuperLU is several times slower on wide ones.
+        # Narrow blocks fit the cache; SuperLU is several times slower on wide ones.
         for start in range(0, m, 8):
             block = self.Bf[start : start + 8].T.toarray(order="F")
             self.W[:, start : start + 8] = self.Bf @ self.factor.solve(block)
         clock.lap("compliance")
 
     def free_displacement(self, prescribed):
-        """Displacement with no contact force."""
+        """Displacement without contact forces."""
         u = np.zeros(self.system.K.shape[0])
         u[self.system.fixed] = prescribed
         u[self.free] = self.factor.solve(
@@ -172,12 +178,12 @@ class Condensed:
         return u
 
     def add(self, u, force):
-        """What contact forces, springs included, add to u, in place."""
+        """Add to u, in place, the displacement due to contact and spring forces."""
         u[self.free] += self.factor.solve(self.Bf.T @ force)
 
 
 def natural_map(r, v, mu, scale):
-    """Return r - proj(r - scale v, product of cones), zero where (r, v) is an answer."""
+    """Return r - proj(r - scale v, product of cones), zero for a solution (r, v)."""
     d = len(r) // len(mu)
     tau = (r - scale * v).reshape(-1, d)
     n, t = np.maximum(tau[:, 0], 0), np.linalg.norm(tau[:, 1:], axis=1)
@@ -186,7 +192,7 @@ def natural_map(r, v, mu, scale):
 
 
 def scale_of(W, nodes):
-    """A step of the projection for each component, from the node's own block of W."""
+    """Step of the projection for each component, from the diagonal block of its node."""
     d = len(W) // nodes
     trace = np.einsum("ikik->i", W.reshape(nodes, d, nodes, d))
     return np.repeat(d / trace, d)
@@ -198,11 +204,11 @@ def main():
 
     import report
 
-    asked = report.arguments(__doc__)
+    args = report.arguments(__doc__)
     clock = report.Clock()
-    system = build(asked.scene, asked.n)
+    system = build(args.scene, args.n)
     clock.lap("assemble")
-    save(system, asked.save, assemble=clock.phases["assemble"])
+    save(system, args.save, assemble=clock.phases["assemble"])
     print(json.dumps({"dofs": system.K.shape[0], "seconds": clock.phases}))
 
 

@@ -1,12 +1,11 @@
-"""The whole job of a shipped scene in GetFEM.
+"""Solve a whole shipped scene with GetFEM.
 
     /usr/bin/python3 benches/peers/with_getfem.py SCENE N [--save FILE.npz] [--tol TOL]
 
-Needs getfem and NumPy, and nothing of this package. GetFEM assembles K, its own
-augmented Lagrangian brick carries Signorini and Coulomb node by node, and its Newton
-method solves for displacements and multipliers at once, MUMPS below it. Prescribed
-unknowns are eliminated, which is faster than its Dirichlet multipliers. Prints one JSON
-line; ``TOL`` is GetFEM's own residual.
+Needs getfem and NumPy, not this package. GetFEM assembles K; its augmented Lagrangian brick
+models Signorini and Coulomb node by node; its Newton method, with MUMPS, solves for
+displacements and multipliers together. Prescribed unknowns are eliminated, which is faster
+than its Dirichlet multipliers. Prints one JSON line; ``TOL`` is the residual of GetFEM.
 """
 
 import numpy as np
@@ -20,12 +19,12 @@ except ImportError:
 
 gf.util_trace_level(0)
 gf.util_warning_level(0)
-# Of r = 0.1, 1 and 10 E h and the four variants of the brick, the pair that needs the
-# fewest iterations on every scene; r = E h and above fails on some.
+# Among r = 0.1, 1 and 10 E h and the four variants of the brick this pair needs the fewest
+# iterations on every scene; r = E h and above fails on some scenes.
 AUGMENTATION = 0.1
 VARIANT = 2
-# What the lower body is moved down by, so that its nodes stay its own; its place does
-# not enter its stiffness.
+# The lower body is moved down by this distance, so that it shares no nodes with the upper
+# one; its stiffness does not depend on its position.
 APART = 1.0
 
 
@@ -44,7 +43,7 @@ def mesh_of(data):
 
 
 def assemble(data):
-    """What assembles K, and for each node its original coordinates and its body."""
+    """Function that assembles K; original coordinates and body of each node."""
     mesh, dim = mesh_of(data), len(data.bodies[0].grids)
     field = gf.MeshFem(mesh, dim)
     field.set_fem(gf.Fem(f"FEM_QK({dim},1)"))
@@ -69,12 +68,12 @@ def assemble(data):
 
 
 def ordered(at, nodes):
-    """Nodes in the order of their coordinates."""
+    """Nodes ordered by their coordinates."""
     return at[np.lexsort(nodes[:, at])]
 
 
 def sparse_rows(columns, values, size):
-    """A matrix with a few entries a row; entries of column -1 are left out."""
+    """Matrix with a few entries per row; entries of column -1 are left out."""
     matrix = gf.Spmat("empty", len(columns), size)
     for i, (js, vs) in enumerate(zip(columns, values, strict=True)):
         for j, v in zip(js, vs, strict=True):
@@ -85,8 +84,8 @@ def sparse_rows(columns, values, size):
 
 def main():
     """Run one scene."""
-    asked = report.arguments(__doc__)
-    data = scene(asked.scene, asked.n)
+    args = report.arguments(__doc__)
+    data = scene(args.scene, args.n)
     clock = report.Clock()
     field, stiffness, nodes, body = assemble(data)
     dim, size = len(nodes), nodes.size
@@ -111,7 +110,7 @@ def main():
     else:
         area = area[np.searchsorted(grids[0], nodes[0, contact] - eps)]
     f = np.zeros(size)
-    if asked.scene == "pressed_block":
+    if args.scene == "pressed_block":
         top = ordered(np.flatnonzero(nodes[1] > 40 - eps), nodes)
         side = ordered(np.flatnonzero(nodes[0] > 40 - eps), nodes)
         f[2 * top + 1] -= 50 * tributary(grids[0])
@@ -131,7 +130,7 @@ def main():
     free = np.setdiff1d(np.arange(size), fixed)
     at = np.full(size, -1)
     at[free] = np.arange(len(free))
-    # Twice assembled takes a tenth of the time of copying the free part out.
+    # To assemble twice takes a tenth of the time of extracting the free part.
     K = stiffness(field)
     inner = stiffness(gf.MeshFem("partial", field, free))
     clock.lap("assemble")
@@ -158,9 +157,9 @@ def main():
     model.add_explicit_matrix("u", "u", inner, 1, 1)
     load = model.add_explicit_rhs("u", np.zeros(len(free)))
     model.add_basic_contact_brick(
-        *("u", "ln", "lt", "r", BN, BT, "mu", "gap", "alpha", VARIANT, "gamma", "wt")
+        "u", "ln", "lt", "r", BN, BT, "mu", "gap", "alpha", VARIANT, "gamma", "wt"
     )
-    # Pressed at first: from open contact a body without supports is free to move.
+    # Start with closed contacts: with open ones a body without supports is free to move.
     model.set_variable("ln", np.full(len(contact), -1e-3 * contact_stiffness * cell))
     clock.lap("bricks")
     reactions, displacements, iterations = [], [], 0
@@ -171,8 +170,14 @@ def main():
         prescribed[fixed] = value
         model.set_private_rhs(load, (f - K.mult(prescribed))[free])
         count, converged = model.solve(
-            *("max_res", asked.tol, "max_iter", 200, "lsolver", "mumps"),
-            *("lsearch", "simplest"),
+            "max_res",
+            args.tol,
+            "max_iter",
+            200,
+            "lsolver",
+            "mumps",
+            "lsearch",
+            "simplest",
         )
         if not converged:
             raise SystemExit(f"not converged in {count} iterations")
@@ -195,8 +200,13 @@ def main():
         displacements.append(v)
         clock.step()
     report.write(
-        *(asked, clock, "GetFEM"),
-        *(nodes[:, contact].T, area, reactions, displacements),
+        args,
+        clock,
+        "GetFEM",
+        nodes[:, contact].T,
+        area,
+        reactions,
+        displacements,
         dofs=size,
         iterations=iterations,
         settings=f"augmented Lagrangian {VARIANT}, r = {AUGMENTATION:g} E h, MUMPS",

@@ -1,11 +1,11 @@
-"""The Schur complement of MKL's PARDISO, numeric phase alone.
+"""Schur complement of MKL PARDISO, numeric phase alone.
 
     python benches/peers/with_pardiso.py FILE REPEAT
 
-Needs NumPy and the MKL runtime (``libmkl_rt`` of the package ``mkl``). FILE is that of
-`cholmod.c`. Prints one JSON line and writes S to FILE.s, in the order of the contact
-unknowns. Ordering and two-level factorisation are tried in all combinations; the
-fastest numeric phase counts. Threads are MKL_NUM_THREADS.
+Needs NumPy and the MKL runtime (``libmkl_rt`` of the package ``mkl``). `cholmod.c` describes
+FILE. Prints one JSON line and writes S to FILE.s, in the order of the contact unknowns. All
+combinations of ordering and two-level factorisation are tried; the fastest numeric phase
+counts. MKL_NUM_THREADS sets the threads.
 """
 
 import ctypes
@@ -23,9 +23,9 @@ ORDERINGS = {2: "METIS", 3: "parallel METIS"}
 
 
 def library():
-    """The MKL runtime of this Python's prefix, or of the system."""
-    beside = sorted((Path(sys.prefix) / "lib").glob("libmkl_rt.so*"))
-    for path in [*map(str, beside), "libmkl_rt.so", "libmkl_rt.so.2"]:
+    """Load the MKL runtime of the prefix of this Python, or of the system."""
+    own = sorted((Path(sys.prefix) / "lib").glob("libmkl_rt.so*"))
+    for path in [*map(str, own), "libmkl_rt.so", "libmkl_rt.so.2"]:
         try:
             return ctypes.CDLL(path)
         except OSError:
@@ -34,7 +34,7 @@ def library():
 
 
 def read(path):
-    """Sizes n, m, d, and the lower triangle by columns: the upper one by rows."""
+    """Sizes n, m, d, and the lower triangle by columns, which is the upper one by rows."""
     with Path(path).open("rb") as file:
         n, m, d, nnz = np.fromfile(file, np.int64, 4)
         pointers = np.fromfile(file, np.int64, n + 1)
@@ -44,7 +44,7 @@ def read(path):
 
 
 class Pardiso:
-    """One matrix, with the arguments of the library kept alive."""
+    """One matrix; keeps the arguments of the library alive."""
 
     def __init__(self, mkl, path, ordering, two_level):
         (self.n, self.m, _), pointers, indices, self.a = read(path)
@@ -64,9 +64,11 @@ class Pardiso:
         self.schur = np.zeros((self.m, self.m))
 
     def phase(self, number):
-        """Seconds of a phase."""
+        """Run a phase and return its seconds."""
         error, one, zero = ctypes.c_int(0), ctypes.c_int(1), ctypes.c_int(0)
-        integers = [ctypes.c_int(x) for x in (POSITIVE_DEFINITE, number, self.n)]
+        # One factor, of number one; kind of the matrix, phase, order.
+        integers = (1, 1, POSITIVE_DEFINITE, number, self.n)
+        first = [ctypes.byref(ctypes.c_int(x)) for x in integers]
         arrays = (self.pt, self.a, self.ia, self.ja, self.perm, self.iparm, self.schur)
         pt, a, ia, ja, perm, iparm, schur = (
             x.ctypes.data_as(ctypes.c_void_p) for x in arrays
@@ -74,11 +76,9 @@ class Pardiso:
         none = np.zeros(self.n)
         b = none.ctypes.data_as(ctypes.c_void_p)
         by = ctypes.byref
+        rest = [a, ia, ja, perm, by(one), iparm, by(zero), b, schur, by(error)]
         start = perf_counter()
-        self.call(
-            *(pt, by(one), by(one), by(integers[0]), by(integers[1]), by(integers[2])),
-            *(a, ia, ja, perm, by(one), iparm, by(zero), b, schur, by(error)),
-        )
+        self.call(pt, *first, *rest)
         seconds = perf_counter() - start
         if error.value:
             raise SystemExit(f"PARDISO: error {error.value} in phase {number}")
@@ -86,13 +86,13 @@ class Pardiso:
 
 
 def main():
-    """Factor, and print."""
+    """Factorise, and print the JSON line."""
     path, repeat = sys.argv[1], int(sys.argv[2])
     mkl, best = library(), None
     for ordering, two_level in product(ORDERINGS, (0, 1)):
         solver = Pardiso(mkl, path, ordering, two_level)
         analyse = solver.phase(11)
-        # A second look only at what is near the best.
+        # Repeat only what is near the best.
         numeric = solver.phase(22)
         if best is None or numeric < 1.3 * best["numeric"]:
             numeric = min([numeric] + [solver.phase(22) for _ in range(repeat - 1)])

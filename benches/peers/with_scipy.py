@@ -1,9 +1,9 @@
-"""The whole job of a shipped scene in NumPy, SciPy and scikit-fem alone.
+"""Solve a whole shipped scene with NumPy, SciPy and scikit-fem alone.
 
     python benches/peers/with_scipy.py SCENE N [--save FILE.npz] [--tol TOL]
 
-What a careful user writes without this package: scikit-fem's general form,
-SuperLU with a symmetric ordering, one back-solve a contact component for W, and a
+The script that a careful user writes without this package: scikit-fem's general form,
+SuperLU with a symmetric ordering, one back-solve per contact component for W, and a
 semismooth Newton method with a line search. It shares no code with the package. Prints
 one JSON line; ``TOL`` is the natural map relative to max |R|.
 """
@@ -17,7 +17,7 @@ from system import Condensed, build, natural_map, scale_of
 def solve_step(W, A, q, mu, r, v, scale, tol):
     """Alart–Curnier Newton on A v = W r + q (A None: the identity) from (r, v).
 
-    ``scale`` (one number a component) is the step of the projection; the
+    ``scale`` (one number per component) is the step of the projection; the
     residual is relative to max |R|. Returns r, v, residual, iterations.
     """
     m, d = len(q), len(q) // len(mu)
@@ -65,15 +65,15 @@ def solve_step(W, A, q, mu, r, v, scale, tol):
 
 def main():
     """Run one scene."""
-    asked = report.arguments(__doc__)
+    args = report.arguments(__doc__)
     clock = report.Clock()
-    system = build(asked.scene, asked.n)
+    system = build(args.scene, args.n)
     clock.lap("assemble")
     nodes, d = system.gap.shape
-    # Bodies held by contact alone: springs on the contact nodes make K regular, and
-    # A v = W r + q takes them out again.
+    # For a body that only contact holds, springs on the contact nodes make K regular;
+    # A v = W r + q removes them again.
     spring = 0.0
-    if asked.scene == "pressed_block":
+    if args.scene == "pressed_block":
         spring = 1e-2 * system.K.diagonal().max()
     body = Condensed(system, spring, clock)
     W, B, normal = body.W, system.B, body.normal
@@ -85,10 +85,10 @@ def main():
         u = body.free_displacement(prescribed)
         q = B @ u + (A @ offset if spring else offset)
         if spring:
-            # From open contact the springless body is free: start from sticking.
+            # With open contacts the body without springs is free, so start with stick.
             r = np.linalg.lstsq(W, -q, rcond=None)[0]
         v = np.zeros_like(q) if spring else W @ r + q
-        r, v, residual, count = solve_step(W, A, q, system.mu, r, v, scale, asked.tol)
+        r, v, residual, count = solve_step(W, A, q, system.mu, r, v, scale, args.tol)
         body.add(u, r + spring * (normal @ (v - offset)))
         offset = system.gap.copy()
         offset[:, 1:] -= (B @ u).reshape(-1, d)[:, 1:]
@@ -99,7 +99,13 @@ def main():
         iterations += count
         clock.step()
     report.write(
-        *(asked, clock, "SciPy", system.x, system.area, reactions, displacements),
+        args,
+        clock,
+        "SciPy",
+        system.x,
+        system.area,
+        reactions,
+        displacements,
         dofs=system.K.shape[0],
         residual=max(residuals),
         iterations=iterations,

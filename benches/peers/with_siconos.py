@@ -1,16 +1,15 @@
-"""A shipped scene by Siconos, from the K of scikit-fem on.
+"""Solve a shipped scene with Siconos, from the K of scikit-fem on.
 
     python benches/peers/system.py SCENE N --save SYSTEM.npz
     /usr/bin/python3 benches/peers/with_siconos.py SCENE N --matrices SYSTEM.npz
 
-Needs siconos and SciPy, and nothing of this package. W is made by SuperLU and one
-back-solve a contact unknown; Siconos solves the reduced problem, its tolerance tightened
-by factors of a hundred until the natural map relative to max |R| is ``TOL``, and only the run
-that meets it is timed. It is given node-scaled variables, the largest of q being 1: its
-measures are absolute. Bodies that contact alone holds have no W: there the proximal
-point method, springs towards the contact's place in the iteration before, whose fixed
-point is the answer without springs. Assembly counts as measured when the matrices were
-made.
+Needs siconos and SciPy, not this package. SuperLU and one back-solve per contact unknown
+give W. Siconos solves the reduced problem; its tolerance is reduced by factors of a hundred
+until the natural map relative to max |R| is ``TOL``, and only that run is timed. It gets
+node-scaled variables with largest q = 1, because its measures are absolute. Bodies that only
+contact holds have no W: for them the proximal point method is used, with springs to the
+position of the previous iteration, whose fixed point is the solution without springs.
+Assembly counts with the seconds measured when the matrices were written.
 """
 
 from time import perf_counter
@@ -25,8 +24,8 @@ try:
 except ImportError:
     raise SystemExit("siconos is not installed") from None
 
-# Its Newton method exists in space only; a plane problem is lifted for it. In the plane
-# sweeps are tried first, being native.
+# Its Newton method exists in 3D only; a 2D problem is written in 3D for it. In 2D the
+# sweeps, which need no such conversion, are tried first.
 METHODS = {2: ("NSGS", "NSN_AC"), 3: ("NSN_AC", "NSGS")}
 ITERATIONS = {"NSGS": 100_000, "NSN_AC": 400}
 
@@ -58,25 +57,25 @@ def reduced(W, q, mu, tol, scale, methods):
             if residual <= tol:
                 return *best, perf_counter() - begin
     if best is None:
-        raise SystemExit("no finite answer")
+        raise SystemExit("Siconos returned no finite reactions")
     return *best, perf_counter() - begin
 
 
 def main():
     """Run one scene."""
-    asked = report.arguments(__doc__)
+    args = report.arguments(__doc__)
     sn.numerics_set_verbose(0)
-    system, more = load(asked.matrices)
+    system, more = load(args.matrices)
     clock = report.Clock()
     clock.phases["assemble"] = float(more["assemble"])
     clock.begin -= clock.phases["assemble"]
     nodes, d = system.gap.shape
-    floating = asked.scene == "pressed_block"
+    floating = args.scene == "pressed_block"
     spring = 1e-2 * system.K.diagonal().max() if floating else 0.0
     body = Condensed(system, spring, clock)
     W, B = body.W, system.B
     scale = scale_of(W, nodes)
-    methods = (asked.solver,) if asked.solver else METHODS[d]
+    methods = (args.solver,) if args.solver else METHODS[d]
     offset = system.gap.ravel()
     reactions, displacements, residuals, used = [], [], [], set()
     for prescribed in system.prescribed:
@@ -86,13 +85,13 @@ def main():
         for _ in range(rounds):
             shifted = q + W @ pull
             r, residual, method, last, spent = reduced(
-                *(W, shifted, system.mu, asked.tol, scale, methods)
+                W, shifted, system.mu, args.tol, scale, methods
             )
             clock.discount(spent - last)
             v = W @ r + shifted
             before, pull = pull, spring * (body.normal @ (v - offset))
             change = np.abs(pull - before).max()
-            if change <= 0.1 * asked.tol * np.abs(r).max():
+            if change <= 0.1 * args.tol * np.abs(r).max():
                 break
         residuals.append(max(residual, change / np.abs(r).max()))
         used.add(method)
@@ -104,7 +103,13 @@ def main():
         displacements.append(v.reshape(-1, d))
         clock.step()
     report.write(
-        *(asked, clock, "Siconos", system.x, system.area, reactions, displacements),
+        args,
+        clock,
+        "Siconos",
+        system.x,
+        system.area,
+        reactions,
+        displacements,
         dofs=system.K.shape[0],
         residual=max(residuals),
         settings=f"SuperLU, back-solves for W, {' and '.join(sorted(used))}",

@@ -1,1 +1,1 @@
-"""Stability studies: one parameter, its whole range, errors beside what rounding allows."""
+"""Stability studies: errors over the whole range of one parameter, and rounding bounds."""

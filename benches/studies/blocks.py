@@ -1,4 +1,4 @@
-"""Blocks of bilinear cells on a plane, as cases, and the closed form of a column."""
+"""Blocks of bilinear cells on a plane as cases, and the closed form of a column."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ CELLS = {2: "quadrilateral", 3: "hexahedron"}
 def body(
     axes: Sequence[ArrayLike], nu: float, young: float = 1.0, name: str = "block"
 ) -> fem.Body:
-    """A box with its grid lines."""
+    """Box with the given grid lines."""
     return fem.Body(name, fem.box(axes, CELLS[len(axes)]), fem.Material(young, nu))
 
 
@@ -30,7 +30,7 @@ def on_plane(
     height: float = 0.0,
     within: Box | None = None,
 ) -> fem.Contact:
-    """Contact of a body's lower face with the plane at a height."""
+    """Contact of the lower face of a body with a horizontal plane."""
     up = np.eye(dim)[-1]
     return fem.Contact(name, "bottom", mu, plane=(height * up, up), within=within)
 
@@ -38,7 +38,7 @@ def on_plane(
 def case(
     model: fem.Assembly, load: Array | None = None, prescribed: Array | None = None
 ) -> Case:
-    """The arrays of a model under one load."""
+    """Case of a model under one load."""
     gap = np.zeros((len(model.gap), model.dim))
     gap[:, 0] = model.gap
     return Case(
@@ -60,7 +60,7 @@ def pressed(
     moved: Sequence[float] = (0.004, -0.01),
     young: float = 1.0,
 ) -> Case:
-    """A block held at its top, which is pressed and pushed aside: stick, slip, open."""
+    """Block whose top is pressed and moved aside: its contacts stick, slip and open."""
     dim = len(axes)
     model = fem.assemble(
         [body(axes, nu, young)],
@@ -71,10 +71,10 @@ def pressed(
 
 
 def twins(make: Callable[[float], Case]) -> tuple[Case, tuple[Case, float]]:
-    """A case of Young's modulus 1, and its twin of modulus 3.
+    """Case with Young's modulus 1, and its twin with modulus 3.
 
-    Numbers times three are rounded anew: the answers, made the same by homogeneity,
-    differ by what the rounding of K does.
+    By homogeneity both have the same solution. Their K are rounded differently, so the
+    difference of the computed solutions is the effect of the rounding of K.
     """
     return make(1.0), (make(3.0), 3.0)
 
@@ -82,10 +82,10 @@ def twins(make: Callable[[float], Case]) -> tuple[Case, tuple[Case, float]]:
 def column(
     youngs: Sequence[float], nu: float, lines: Sequence[Array], *, bonded: bool = False
 ) -> tuple[Case, Answer]:
-    """Unit squares between smooth walls, on each other and on a plane, pressed from above.
+    """Stack of unit squares between smooth walls on a plane, pressed from above.
 
-    `lines` are the grid lines of each across and up, from 0 to 1. Contacts slide
-    without moving, and transmit the pressure: ``u = -p y / M`` in each square.
+    `lines` are the grid lines of each square across and up, from 0 to 1. The contacts
+    do not move and transmit the pressure: ``u = -p y / M`` in each square.
     """
     across, up = lines
     names = [f"square {k}" for k in range(len(youngs))]
@@ -119,7 +119,7 @@ def column(
 
 
 def merged(model: fem.Assembly, whole: Case, answer: Answer) -> tuple[Case, Answer]:
-    """The same with nodes at the same place made one."""
+    """Same case with coincident nodes merged."""
     _, first, node = np.unique(
         model.nodes, axis=0, return_index=True, return_inverse=True
     )
@@ -143,7 +143,7 @@ def merged(model: fem.Assembly, whole: Case, answer: Answer) -> tuple[Case, Answ
 def at_rest(case: Case) -> Array:
     """Statuses of contacts that are pressed without a tangential force.
 
-    They stick; those without friction, at the walls, are called sliding.
+    They stick; those without friction, at the walls, have status slip.
     """
     return np.where(case.mu > 0, STICK, SLIP).astype(np.int8)
 
@@ -151,7 +151,7 @@ def at_rest(case: Case) -> Array:
 def sheared(
     axes: Sequence[ArrayLike], pressure: float, shear: float
 ) -> tuple[Case, Answer]:
-    """A block with ν = 0 in uniform stress that sticks, held by contact alone.
+    """Block with ν = 0 in uniform stress that sticks; only contact holds it.
 
     ``σ_nn = -pressure`` on top, ``σ_nt = shear`` on top and on the faces across x.
     """

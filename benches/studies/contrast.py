@@ -1,4 +1,4 @@
-"""Stiffness of the upper of two squares over that of the lower one."""
+"""Contrast of stiffness: the upper of two squares and the lower one."""
 
 from collections.abc import Iterable, Iterator
 
@@ -11,7 +11,7 @@ VALUES = powers(-12, 12)
 
 
 def rows(values: Iterable[float] = VALUES) -> Iterator[Row]:
-    """Two squares that touch, and the same in one piece: columns with a closed form."""
+    """Rows of two squares, touching and bonded: columns with a closed form."""
     line = np.linspace(0, 1, 5)
     for bonded in (False, True):
         for value in values:

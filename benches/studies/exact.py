@@ -1,18 +1,17 @@
-"""The answer of a contact problem with its matrices taken as they are, without rounding.
+"""Exact solution of a contact problem whose matrices are taken without rounding.
 
-The statuses of an approximate answer make (1), (2) and the law a square system of
-linear equations for displacements and reactions, in the plane with slip and in space
-without: open ``r = 0``, stick ``v = 0``, slip ``v_n = 0`` and ``r_t = -s μ r_n`` with the
-sign s of the slip. It is solved by refinement: a factorisation in double precision,
-residuals in integers. Whether the answer obeys the law, inequalities included, is
-then tested on it, so wrong statuses are seen.
+The statuses of an approximate solution turn (1), (2) and the law into a square linear
+system for displacements and reactions, in 2D with slip and in 3D without: open ``r = 0``,
+stick ``v = 0``, slip ``v_n = 0`` and ``r_t = -s μ r_n`` with the sign s of the slip. It is
+solved by refinement: a factorisation in double precision, residuals in integers. Then the
+inequalities of the law are tested, which reveals wrong statuses.
 
-`Exact.condition` is what no arithmetic with 53 bits gets around. An answer of data
-that are off by ε in each entry, as the rounding of K alone makes them, is off by
+`Exact.condition` is the limit of any arithmetic with 53 bits. If each entry of the data has
+a relative error ε, as the rounding of K alone causes, the solution has an error
 
     |z - z'| ≤ ε |A⁻¹| (|A||z| + |b|)                                      (Skeel)
 
-to first order, and for some signs of the roundings by that much.
+to first order, and reaches that bound for some signs of the rounding errors.
 """
 
 from dataclasses import dataclass
@@ -28,17 +27,17 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.object_]
 OPEN, SLIP, STICK = 0, 1, 2
 EPS = float(np.finfo(float).eps)
-# Bits after the point of exact numbers. Data are refused that have bits below.
+# Bits after the binary point of exact numbers. Data with smaller bits are refused.
 BITS = 400
-# Corrections below this leave errors that no double can show.
+# Smaller corrections leave errors below double precision.
 ENOUGH = 1e-25
-# Up to this order |A⁻¹| is formed; above it its product is estimated.
+# Up to this order |A⁻¹| is formed; above it, its product is estimated.
 DENSE = 800
 
 
 @dataclass(frozen=True)
 class Case:
-    """The data of one load step, (1), (2), with the slip of earlier steps in `gap`.
+    """Data of one load step, (1), (2), with the slip of earlier steps in `gap`.
 
     Attributes
     ----------
@@ -61,7 +60,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Exact:
-    """An exact answer; integers count units of ``2**-BITS``."""
+    """Exact solution; integers are in units of ``2**-BITS``."""
 
     case: Case
     u: Integers
@@ -73,9 +72,9 @@ class Exact:
     lu: Any
 
     def errors(self, r: Array, v: Array, u: Array) -> tuple[float, float, float]:
-        """Errors of r, v and u, beside the largest r, u or gap, and u.
+        """Errors of r, v and u, relative to the largest r, u or gap, and u.
 
-        v is a difference of u and the gap: these are its size where it vanishes.
+        v is a difference of u and gap and may vanish, so it is compared with those.
         """
         force = _largest(self.r)
         size = _largest(self.u)
@@ -86,17 +85,17 @@ class Exact:
         )
 
     def condition(self, at_contacts: Array | None = None) -> tuple[float, float, float]:
-        """Skeel's conditions of r, v and u, relative as `errors` are.
+        """Skeel's condition numbers of r, v and u, relative as in `errors`.
 
-        `at_contacts` ``(d n_c,)`` is what v is off by besides, in ε, where it is
-        prescribed by the law.
+        `at_contacts` ``(d n_c,)`` is a further error of v, in ε, where the law
+        prescribes v.
         """
         case, n = self.case, self.case.K.shape[0]
         free = np.setdiff1d(np.arange(n), case.fixed)
         m, K, B = len(free), sparse.csr_array(case.K), sparse.csr_array(case.B)
         r, u = to_floats(self.r), to_floats(self.u)
         w = abs(self.A) @ np.abs(np.append(u[free], r)) + np.abs(self.b)
-        # Of the right side, what comes from prescribed displacements.
+        # Part of the right side due to prescribed displacements.
         moved = np.abs(u)
         moved[free] = 0
         w[:m] += (abs(K) @ moved)[free]
@@ -128,7 +127,7 @@ class Exact:
 
 
 def _hager(pick: Any, lu: Any, w: Array) -> float:
-    """``‖P A⁻¹ diag(w)‖_∞`` from below, seldom by more than a factor of three."""
+    """Lower estimate of ``‖P A⁻¹ diag(w)‖_∞``, rarely below a third of it."""
     x = np.full(pick.shape[0], 1 / pick.shape[0])
     best = 0.0
     for _ in range(6):
@@ -145,12 +144,12 @@ def _hager(pick: Any, lu: Any, w: Array) -> float:
 
 
 def solve(case: Case, status: NDArray[np.int8], slip: Array) -> Exact:
-    """The answer with these statuses, and ``slip (n_c, d-1)`` towards those sides.
+    """Exact solution with the given statuses and directions of ``slip (n_c, d-1)``.
 
     Raises
     ------
     ArithmeticError
-        Refinement does not converge: A is singular to double precision.
+        If refinement does not converge: A is singular to double precision.
     """
     n, (contacts, d) = case.K.shape[0], case.gap.shape
     free = np.setdiff1d(np.arange(n), case.fixed)
@@ -158,7 +157,7 @@ def solve(case: Case, status: NDArray[np.int8], slip: Array) -> Exact:
     u[case.fixed] = case.prescribed
     K, B = sparse.csr_array(case.K), sparse.csr_array(case.B)
     A, b = _system(case, status, slip, free)
-    # What prescribed displacements make of the right side is kept exact.
+    # The part of the right side due to prescribed displacements is exact.
     whole = to_integers(u)
     shift_K = _product(_exact(K), whole)[free]
     at_v = _product(_exact(B), whole)
@@ -184,10 +183,14 @@ def solve(case: Case, status: NDArray[np.int8], slip: Array) -> Exact:
         if moved <= ENOUGH:
             break
         if not moved < 0.9 * last and moved < 1:
-            raise ArithmeticError(f"refinement stands at {moved:g}")
+            raise ArithmeticError(
+                f"refinement does not converge: relative correction {moved:g}"
+            )
         last = moved
     else:
-        raise ArithmeticError(f"refinement ends at {moved:g}")
+        raise ArithmeticError(
+            f"refinement does not converge in 60 steps: relative correction {moved:g}"
+        )
     whole[free] = z[:m]
     gap = to_integers(case.gap.ravel())
     v = (_product(_exact(B), whole) >> BITS) + gap
@@ -200,12 +203,14 @@ def _system(
 ) -> tuple[Any, Array]:
     contacts, d = case.gap.shape
     if d > 2 and (status == SLIP).any() and case.mu.any():
-        raise ValueError("slip in space makes no linear system")
+        raise ValueError(
+            "slip in 3D: the law is not linear; give statuses without slip"
+        )
     kind = np.repeat(status[:, None], d, axis=1)
     normal = np.zeros((contacts, d), bool)
     normal[:, 0] = True
     moves = ((kind == STICK) | ((kind == SLIP) & normal)).ravel()
-    # Rows of v = 0, and rows of the law of r.
+    # Rows of v = 0, then rows of the law of r.
     B_f = sparse.csr_array(case.B)[:, free]
     top = sparse.hstack([sparse.csr_array(case.K)[free][:, free], -B_f.T])
     of_u = sparse.diags_array(moves.astype(float)) @ B_f
@@ -223,10 +228,10 @@ def _system(
 def _lawful(
     r: Array, v: Array, case: Case, status: NDArray[np.int8], slip: Array
 ) -> bool:
-    """The inequalities of (6) and (8); the equations are those that were solved."""
+    """Whether the inequalities of (6) and (8) hold; the equations were solved."""
     r, v = r.reshape(case.gap.shape), v.reshape(case.gap.shape)
     closed, slides, sticks = status != OPEN, status == SLIP, status == STICK
-    # Ties are decided by rounding: of the load, and of u.
+    # Rounding of the load and of u decides ties.
     force, length = 1e-13 * np.abs(r).max(initial=0), 1e-13 * np.abs(v).max(initial=0)
     r_t, along = np.linalg.norm(r[:, 1:], axis=1), (v[:, 1:] * np.sign(slip)).sum(1)
     with_friction = slides & (case.mu > 0)
@@ -239,17 +244,17 @@ def _lawful(
 
 
 def to_integers(x: Array) -> Integers:
-    """``x 2^BITS``, refused where that is no integer."""
+    """``x 2^BITS``; raises `ArithmeticError` if that is not an integer."""
     mantissa, exponent = np.frexp(np.asarray(x, float))
     whole = (mantissa * 2.0**53).astype(np.int64).astype(object)
     shift = exponent.astype(int) + (BITS - 53)
     if np.any((shift < 0) & (mantissa != 0)):
-        raise ArithmeticError("a number has bits below those that are kept")
+        raise ArithmeticError(f"a number has bits below 2^-{BITS}")
     return np.asarray(whole << np.maximum(shift, 0).astype(object), dtype=object)
 
 
 def to_floats(x: Integers) -> Array:
-    """Rounded once."""
+    """Floating-point numbers from integers, rounded once."""
     return _floats(x, BITS)
 
 
@@ -259,7 +264,7 @@ def _floats(x: Integers, bits: int) -> Array:
 
 
 def _cut(x: Array) -> Array:
-    """Without what lies below 2^-BITS."""
+    """Set numbers to zero that have bits below 2^-BITS."""
     return np.where(np.abs(x) >= 2.0 ** (54 - BITS), x, 0.0)
 
 

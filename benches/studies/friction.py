@@ -13,7 +13,7 @@ VALUES = [0.0, *powers(-8, -1), 0.3, *powers(0, 8)]
 
 
 def rows(values: Iterable[float] = VALUES) -> Iterator[Row]:
-    """A block whose contacts come to stick, and a contact that slides for every μ."""
+    """Rows of a block that sticks at large μ, and of a contact that slides for every μ."""
     axes = [np.linspace(0, 2, 9), np.linspace(0, 1, 5)]
     for value in values:
 
@@ -27,7 +27,7 @@ def rows(values: Iterable[float] = VALUES) -> Iterator[Row]:
 
 
 def slider(mu: float) -> tuple[Case, Answer]:
-    """Drawn into the obstacle by its slip.
+    """Contact whose slip draws it into the obstacle.
 
     With ``K = [[2, 1/2], [1/2, 1]]``, ``f = (0.1, 1)`` no other status fits, for any μ:
     ``u_t = (1 + μ/10)/(1 + μ/2)``, ``r_n = 0.4/(1 + μ/2)``, ``r_t = -μ r_n``.

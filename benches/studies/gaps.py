@@ -1,4 +1,4 @@
-"""Gaps from nothing to a thousandth of the size."""
+"""Gaps from 1e-16 to a thousandth of the size of the body."""
 
 from collections.abc import Iterable, Iterator
 
@@ -14,14 +14,14 @@ VALUES = powers(-16, -3)
 
 
 def rows(values: Iterable[float] = VALUES) -> Iterator[Row]:
-    """A block pressed by twice its gap: the gap given, and made of coordinates.
+    """Rows of a block pressed by twice its gap, given or computed from coordinates.
 
-    The third has gaps that differ from contact to contact, and is pushed aside.
+    The third case has a different gap at each contact, and is moved aside.
     """
     for value in values:
         yield row("given", value, *closing(value))
     for value in values:
-        # The height of the plane, a little below 1, is rounded by ε/4 at the most.
+        # The height of the plane, slightly below 1, has a rounding error of at most ε/4.
         case, closed = closing(value, measured=True)
         yield row("from coordinates", value, case, closed, data=EPS / (4 * value))
     whole = answer(exact.solve(*known(uneven(1.0))))
@@ -32,7 +32,7 @@ def rows(values: Iterable[float] = VALUES) -> Iterator[Row]:
 
 
 def uneven(gap: float) -> Case:
-    """Everything in proportion to the gap, so is the answer."""
+    """Block whose load and solution are proportional to the gap."""
     axes = [np.linspace(0, 2, 9), np.linspace(0, 1, 5)]
     case = blocks.pressed(axes, 0.3, moved=(0.4 * gap, -gap))
     case.gap[:, 0] = gap * (np.arange(9) % 3)
@@ -40,15 +40,15 @@ def uneven(gap: float) -> Case:
 
 
 def known(case: Case) -> tuple[Case, NDArray[np.int8], Array]:
-    """With statuses and slip, which `exact.solve` then tests."""
+    """Case with computed statuses and slip, which `exact.solve` tests."""
     _, step = solved(case)
     return case, step.status, step.slip
 
 
 def closing(gap: float, *, measured: bool = False) -> tuple[Case, Answer]:
-    """Uniaxial strain of a block whose top is lowered by twice the gap.
+    """Block in uniaxial strain whose top is lowered by twice the gap.
 
-    `measured`: the gap is the difference of two heights of size 1.
+    With `measured` the gap is the difference of two heights of size 1.
     """
     young, nu, line = 1.0, 0.3, np.linspace(0, 1, 5)
     height = 1.0 - gap if measured else 1.0

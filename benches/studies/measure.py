@@ -1,4 +1,4 @@
-"""One solved case beside its exact answer: a row of a study's table."""
+"""Solve a case and compare it with its exact solution: a row of the table of a study."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
@@ -11,14 +11,14 @@ import bipot_rs as bp
 from studies import exact
 from studies.exact import EPS, Array, Case, Exact
 
-# Asked of the solver: what its tolerance gives way to is rounding.
+# Tolerance of the solver, so small that rounding limits the result.
 TOL = 1e-14
 NAN = float("nan")
-# `LoadPath` corrects by K what W has lost more than this of, in ε.
+# `LoadPath` corrects with K if W has lost more than this, in ε.
 CORRECTED = 1e5
-# Violations of the law below this are what η and the condition of W leave.
+# Violations of the law below this are due to η and the condition of W.
 LAWFUL = 1e-12
-# Contacts above which W is not made a second time, for bounds.
+# Number of contacts above which W is not computed a second time for the bounds.
 LARGE = 3000
 
 
@@ -32,14 +32,14 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True)
 class Row:
-    """Errors beside their bounds, and the work, at one value of the parameter.
+    """Errors, their bounds, and the work, at one value of the parameter.
 
-    ``error_*`` is against the closed form, or the exact answer of the same body in
-    other units, whose K is rounded otherwise; ``own_*`` against the exact answer of
-    the matrices as they are. Both are relative to the largest r and u; v, which may
-    vanish, to the largest u or gap. ``bound_*`` is that of `bounds`, without a
-    constant. ``law`` is the largest violation of (1), (6) and (8). Where an answer
-    is refused `outcome` says how, and numbers are NaN.
+    ``error_*`` is against the closed form, or against the exact solution of the same body
+    in other units, whose K is rounded differently; ``own_*`` is against the exact solution
+    of the given matrices. Both are relative to the largest r and u; v, which may vanish,
+    to the largest u or gap. ``bound_*`` is that of `bounds`, without a constant. ``law`` is
+    the largest violation of (1), (6) and (8). If the solver refuses the case, `outcome`
+    is the name of the error and the numbers are NaN.
     """
 
     case: str
@@ -79,25 +79,25 @@ def row(
     exactly: bool = True,
     data: float = 0.0,
 ) -> Row:
-    """Solve a case and compare.
+    """Solve a case, compare, and return the row.
 
     Parameters
     ----------
     name, parameter
-        What the row is called.
+        Name of the case, value of the parameter.
     case
-        The problem, of a path of one step.
+        The problem, with one load step.
     closed
-        Its closed form, if there is one.
+        Closed form of the solution, if there is one.
     twin
-        Without one: the case in other units of force, and that unit.
+        Without a closed form: the case in other units of force, and that unit.
     statuses
-        Those of the closed form; without them the law's inequalities on the exact
-        answer tell whether the statuses are right.
+        Statuses of the closed form. Without them the inequalities of the law, tested on
+        the exact solution, decide whether the statuses are right.
     exactly
-        Whether the exact answer is sought: not where contacts slide in space.
+        Whether to compute the exact solution: not possible with slip in 3D.
     data
-        Relative error of the answer that comes from data other than K, B and loads.
+        Relative error of the solution due to data other than K, B and loads.
     """
     sizes = (name, parameter, len(case.load), len(case.mu))
     try:
@@ -120,7 +120,7 @@ def row(
     if closed is not None:
         work = replace(work, **named("error", against(found, closed, case)))
     if not exactly:
-        # A wrong status breaks the law by what it takes a contact to change it.
+        # A wrong status violates the law by more than this.
         return replace(work, statuses_right=bool(agree and work.law <= LAWFUL))
     right = exact.solve(case, step.status, step.slip)
     own = right.errors(*found)
@@ -141,7 +141,7 @@ def row(
 
 
 def solved(case: Case) -> tuple[bp.ContactProblem, bp.Step]:
-    """The problem and its answer."""
+    """Problem of a case, and its solution."""
     dim = case.gap.shape[1]
     problem = bp.ContactProblem(
         case.K, case.B, gap=case.gap, mu=case.mu, fixed=case.fixed, dim=dim
@@ -150,12 +150,12 @@ def solved(case: Case) -> tuple[bp.ContactProblem, bp.Step]:
 
 
 def named(prefix: str, values: tuple[float, float, float]) -> dict[str, float]:
-    """Fields of a row."""
+    """Fields of a row with a common prefix."""
     return {f"{prefix}_{x}": y for x, y in zip("rvu", values, strict=True)}
 
 
 def answer(right: Exact, unit: float = 1.0) -> Answer:
-    """An exact answer, rounded, in units of force that are so many times as large."""
+    """Exact solution, rounded, with forces divided by ``unit``."""
     shape = right.case.gap.shape
     r, v, u = (exact.to_floats(x) for x in (right.r, right.v, right.u))
     return Answer(r.reshape(shape) / unit, v.reshape(shape), u)
@@ -164,15 +164,15 @@ def answer(right: Exact, unit: float = 1.0) -> Answer:
 def bounds(
     right: Exact, problem: bp.ContactProblem, residual: float, data: float = 0.0
 ) -> tuple[float, float, float]:
-    """What rounding makes of r, v and u, to first order and for the worst signs.
+    """Effect of rounding on r, v and u, to first order and for the worst signs.
 
-    Three things are rounded. Data: ``ε |A⁻¹| (|A||z| + |b|)`` of `Exact.condition`.
-    Reactions, from which v and u are then made: ``ε |W||r|``. And W, the inverse of
-    S, a difference of matrices of the size of the contact block of K: it is off by
-    ``W δS W``, ``|δS| ≤ ε max K_cc``, unless that is more than 1e5 ε of W, where the
-    answer is corrected by K itself. Besides, the law holds to the residual η of (13),
-    so that ``v_i`` is off by ``η ‖r̂‖ / D_i``; where a large μ lifts the floor of η
-    above the tolerance, it is v that is multiplied by μ, and the tolerance counts.
+    Three things are rounded. The data: ``ε |A⁻¹| (|A||z| + |b|)`` of `Exact.condition`.
+    The reactions, from which v and u are computed: ``ε |W||r|``. And W, the inverse of
+    S, which is a difference of matrices of the size of the contact block of K: its error
+    is ``W δS W``, ``|δS| ≤ ε max K_cc``, unless that exceeds 1e5 ε of W, where the
+    solution is corrected with K. In addition the law holds to the residual η of (13), so
+    that the error of ``v_i`` is ``η ‖r̂‖ / D_i``; if a large μ lifts the floor of η
+    above the tolerance, the tolerance counts, because only v is multiplied by μ.
     `data` is the relative error of other data.
     """
     case, contacts = right.case, len(right.case.mu)
@@ -181,7 +181,7 @@ def bounds(
     W, d = np.abs(problem.compliance), case.gap.shape[1]
     r, u = np.abs(exact.to_floats(right.r)), np.abs(exact.to_floats(right.u))
     of_r = W @ r
-    # 1 / D_i of (15), a number a component.
+    # 1 / D_i of (15), one for each component.
     each = np.repeat(np.sqrt(W.diagonal().reshape(-1, d).sum(axis=1) / d), d)
     passed = min(residual, TOL) / EPS * np.linalg.norm(r * each) * each
     touched = np.unique(abs(case.B).indices)
@@ -202,8 +202,8 @@ def bounds(
 def violation(case: Case, found: Answer) -> float:
     """Largest violation of equilibrium and of the law, in extended precision.
 
-    Of equilibrium beside ``|K||u|`` and the forces, of the law as by its textbook
-    inequalities, beside the largest r, and u or gap.
+    Equilibrium is relative to ``|K||u|`` and the forces; the law, in its textbook
+    inequalities, is relative to the largest r, and u or gap.
     """
     long = np.longdouble
     u, r, v = (np.asarray(x, long) for x in (found.u, found.r, found.v))
@@ -246,10 +246,10 @@ def against(found: Answer, closed: Answer, case: Case) -> tuple[float, float, fl
 
 
 def largest(x: Any) -> float:
-    """Largest entry by size, 0 of none."""
+    """Largest absolute entry; 0 if there is none."""
     return float(np.abs(x).max(initial=0))
 
 
 def powers(first: int, last: int, each: int = 1) -> Iterable[float]:
-    """Powers of ten, as decimals are read."""
+    """Powers of ten, each the double nearest to its decimal."""
     return [float(f"1e{k}") for k in range(first, last + 1, each)]

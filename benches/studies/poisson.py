@@ -1,4 +1,4 @@
-"""Poisson's ratio towards 1/2."""
+"""Poisson's ratio near 1/2."""
 
 from collections.abc import Iterable, Iterator
 
@@ -12,7 +12,7 @@ VALUES = [0.2, 0.1, *powers(-12, -2)[::-1]]
 
 
 def rows(values: Iterable[float] = VALUES) -> Iterator[Row]:
-    """At ``1/2 - value``: a column with a closed form, and a block that slips and sticks."""
+    """Rows at ``1/2 - value``: a column in closed form, a block that slips and sticks."""
     line = np.linspace(0, 1, 5)
     for value in values:
         case, closed = blocks.column([1.0], 0.5 - value, (line, line))

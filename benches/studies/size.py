@@ -1,4 +1,4 @@
-"""Contacts from none to many."""
+"""Number of contacts, from none to thousands."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 from problems import Problem
-from refine import refine
+from reference_solution import refine
 from scipy import sparse
 
 from studies import blocks
@@ -18,7 +18,7 @@ SPACE = [2, 4, 8, 16, 32, 54]
 ISLANDS = [1, 10, 100]
 # Cells up, and contacts of an island.
 UP, EACH = 4, 100
-# Nodes a side above which an answer in space is not compared with an exact one.
+# Nodes per side above which a solution in 3D is not compared with an exact one.
 COMPARED = 16
 
 
@@ -27,7 +27,7 @@ def rows(
     islands: Iterable[int] = ISLANDS,
     space: Iterable[int] = SPACE,
 ) -> Iterator[Row]:
-    """One block that sticks, one that slips too, many blocks; in space the same two."""
+    """Rows of one block and of many blocks in 2D, of a sticking and a slipping one in 3D."""
     plane, space = list(plane), list(space)
     for count in plane:
         case, twin = blocks.twins(partial(strip, count))
@@ -36,7 +36,7 @@ def rows(
     for count in islands:
         case, twin = blocks.twins(partial(many, count))
         found = row("plane, blocks of 100", EACH * count, case, twin=twin)
-        # The blocks are alike, and so is what bounds each beside its own sizes.
+        # The blocks are equal, and so are their bounds relative to their own size.
         whole = whole or found
         limits = (whole.bound_r, whole.bound_v, whole.bound_u)
         yield replace(found, **named("bound", limits))
@@ -51,17 +51,17 @@ def rows(
         axes = [grid, grid, np.linspace(0, UP, UP + 1)]
         case = blocks.pressed(axes, 0.3, moved=(0.02, 0.01, -0.04))
         found = row("space, slipping", side**2, case, exactly=False)
-        yield beside_reduced(found, case) if side <= COMPARED else found
+        yield against_reduced(found, case) if side <= COMPARED else found
 
 
 def strip(contacts: int, young: float) -> Case:
-    """So many contacts a length of one apart, in one block that slips at its ends."""
+    """Block with contacts at a distance of 1 that slips at its ends."""
     across = np.arange(max(contacts, 2), dtype=float)
     axes = [across, np.linspace(0, UP, UP + 1)]
     case = blocks.pressed(axes, 0.3, moved=(0.02, -0.04), young=young)
     if contacts >= 2:
         return case
-    # Fewer than a cell has: the rest of its nodes is free.
+    # Fewer contacts than nodes of a cell: the other nodes are free.
     kept = 2 * contacts
     return Case(
         case.K,
@@ -75,7 +75,7 @@ def strip(contacts: int, young: float) -> Case:
 
 
 def many(count: int, young: float) -> Case:
-    """Blocks on their own, each moved otherwise."""
+    """Independent blocks, each with its own prescribed motion."""
     one = strip(EACH, young)
     moved = 1 + np.arange(count) / max(count, 1)
     n = one.K.shape[0]
@@ -90,8 +90,8 @@ def many(count: int, young: float) -> Case:
     )
 
 
-def beside_reduced(found: Row, case: Case) -> Row:
-    """With errors against the exact answer of ``v = W r + q``, W as it was made."""
+def against_reduced(found: Row, case: Case) -> Row:
+    """Row with errors against the exact solution of ``v = W r + q`` with the computed W."""
     problem, step = solved(case)
     reduced = problem.reduced(case.load, case.prescribed)
     given = Problem(found.case, reduced.W, reduced.q, case.mu)

@@ -1,4 +1,4 @@
-"""Slender bodies, and needles among their elements."""
+"""Slender bodies, and flat cells at the contact."""
 
 from collections.abc import Iterable, Iterator
 from functools import partial
@@ -15,7 +15,7 @@ NEEDLES = powers(0, 6)
 
 
 def slender(values: Iterable[float] = SLENDER) -> Iterator[Row]:
-    """A beam of that length, clamped at one end, pressed on a plane near the other."""
+    """Rows of a beam, clamped at one end and pressed on a plane near the other."""
     for value in values:
         case, twin = blocks.twins(partial(beam, value))
         yield row("beam", value, case, twin=twin)
@@ -25,7 +25,7 @@ def slender(values: Iterable[float] = SLENDER) -> Iterator[Row]:
 
 
 def beam(length: float, young: float) -> Case:
-    """Two cells high, 32 long. The clamped end sinks, so that friction holds the other."""
+    """Beam of 32 by 2 cells. The clamped end is lowered, so that friction holds the other."""
     lines = [np.linspace(0, length, 33), np.linspace(0, 1, 3)]
     end = {0: (0.8 * length, length)}
     model = fem.assemble(
@@ -38,7 +38,7 @@ def beam(length: float, young: float) -> Case:
 
 
 def needles(values: Iterable[float] = NEEDLES) -> Iterator[Row]:
-    """Layers of cells at the contact that are so many times as wide as high."""
+    """Rows of bodies with layers of flat cells at the contact."""
     for value in values:
         lines = np.linspace(0, 1, 5), layers(value)
         yield row("column", value, *blocks.column([1.0], 0.3, lines))
@@ -48,11 +48,11 @@ def needles(values: Iterable[float] = NEEDLES) -> Iterator[Row]:
 
 
 def layers(aspect: float) -> Array:
-    """Three layers of cells, 1/4 wide and so many times less high, then two thick ones."""
+    """Grid lines: three layers of cells 1/4 wide and of the given aspect, two thick layers."""
     return np.append(np.linspace(0, 0.75, 4) / aspect, [0.9, 1.0])
 
 
 def needle_block(aspect: float, young: float) -> Case:
-    """It sticks and slips on its flat cells."""
+    """Block that sticks and slips on flat cells."""
     axes = [np.linspace(0, 2, 9), layers(aspect)]
     return blocks.pressed(axes, 0.3, young=young)

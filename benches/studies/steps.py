@@ -1,4 +1,4 @@
-"""Load steps down to rounding of the load."""
+"""Load steps down to the rounding error of the load."""
 
 import itertools
 from collections.abc import Iterable, Iterator
@@ -29,10 +29,9 @@ NODES, PULL, STEPS, MU = 20, 10.3, 10, 0.4
 
 
 def bar() -> Case:
-    """A bar on a frictional foundation, (u_n, u_t) a node, its far end held.
+    """Bar on a frictional foundation, (u_n, u_t) at each node, far end fixed, not yet pulled.
 
-    EA = 1000, length 1; the foundation presses so that a node carries 50/`NODES`
-    of tangential force. The end is not pulled yet.
+    EA = 1000, length 1. The normal force gives each node a friction limit of 50/`NODES`.
     """
     chain = 2 * np.eye(NODES) - np.eye(NODES, k=1) - np.eye(NODES, k=-1)
     chain[-1, -1] = 1.0
@@ -58,9 +57,9 @@ def pulled(case: Case, force: float) -> Case:
 
 
 def front(case: Case, force: float) -> tuple[NDArray[np.int8], Array]:
-    """Statuses and sides of slip when the pull has only grown.
+    """Statuses and directions of slip while the pull only grows.
 
-    The nodes that carry the pull at their full limit slide, from the end.
+    The nodes at their friction limit slide, from the pulled end on.
     """
     limit = -case.load[::2] * MU
     carried = np.cumsum(limit[::-1])[::-1]
@@ -69,17 +68,17 @@ def front(case: Case, force: float) -> tuple[NDArray[np.int8], Array]:
 
 
 def rows(values: Iterable[float] = VALUES) -> Iterator[Row]:
-    """Ten steps of that share of the load: totals, and slip of a step beside the step's.
+    """Rows of ten steps of a share of the load: totals, and the slip of a step.
 
-    As the pull only grows, totals are those of one step, and the slip of each is the
-    difference of two exact answers.
+    As the pull only grows, totals equal those of one step, and the slip of a step is the
+    difference of two exact solutions.
     """
     for value in values:
         yield from path(value)
 
 
 def path(share: float) -> tuple[Row, Row]:
-    """Rows of the totals at the end, and of the increments."""
+    """Row of the totals at the end, and row of the increments."""
     case = bar()
     pulls = PULL * (1 + share * np.arange(STEPS + 1))
     problem = bp.ContactProblem(case.K, case.B, gap=case.gap, mu=case.mu)
@@ -118,7 +117,7 @@ def path(share: float) -> tuple[Row, Row]:
         largest(step.slip[:, 0] - x)
         for step, x in zip(list(result)[1:], exact_slip, strict=True)
     )
-    # Two totals, each off by its bound, make a slip.
+    # A slip is the difference of two totals, each with an error up to its bound.
     whole = largest(answer(right[-1]).u)
     slip = replace(
         totals,

@@ -2,7 +2,7 @@
 
     python docs/paper/figures_discretisation.py
 
-The curves are those of the chapter's table, which benches/discretisation.py writes.
+The curves are those of the chapter's table, which benches/discretisation_error.py writes.
 """
 
 from pathlib import Path

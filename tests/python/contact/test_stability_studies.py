@@ -12,7 +12,17 @@ import pytest
 import stability
 from studies import blocks, contrast, exact, friction, gaps, poisson, size, slender
 from studies import steps as load_steps
-from studies.measure import CORRECTED, LAWFUL, Answer, Row, against, bounds, row, solved
+from studies.measure import (
+    COLUMNS,
+    CORRECTED,
+    LAWFUL,
+    Answer,
+    Row,
+    against,
+    bounds,
+    row,
+    solved,
+)
 
 import bipot_rs as bp
 
@@ -235,15 +245,15 @@ def test_the_page_shows_what_was_measured(repository: Path) -> None:
     page = (repository / "docs" / "stability.md").read_text(encoding="utf-8")
     assert stability.summary() in page
     for name in stability.STUDIES:
-        picture = repository / "benches" / f"stability_{name}.png"
-        assert f"../benches/{picture.name}" in page
+        picture = repository / "benches" / "results" / f"stability_{name}.png"
+        assert f"../benches/results/{picture.name}" in page
         assert 5_000 < picture.stat().st_size < 80_000
 
 
 @pytest.mark.parametrize("name", stability.STUDIES)
 def test_the_tables_keep_the_bounds(name: str) -> None:
     with stability.table(name).open() as file:
-        assert next(csv.reader(file)) == list(stability.COLUMNS)
+        assert next(csv.reader(file)) == list(COLUMNS)
     for rows in stability.read(name).values():
         solved_rows = [x for x in rows if x.outcome == "converged"]
         assert all(x.statuses_right for x in solved_rows)

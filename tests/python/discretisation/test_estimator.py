@@ -5,7 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import discretisation as bench
+import discretisation_error as bench
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,6 +1,6 @@
 """A tolerance that the mesh is worth: the error it leaves is small beside the mesh's."""
 
-import discretisation as bench
+import discretisation_error as bench
 import numpy as np
 import pytest
 

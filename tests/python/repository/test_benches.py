@@ -1,21 +1,23 @@
-"""The benches keep prose they did not write, and peers answer in one form."""
+"""Tables that the benches write, results of the peers, and their comparison."""
 
-import csv
 import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
-import beside
-import judge
+import compare_tractions
+import criterion_tables
+import fclib
 import numpy as np
-import programs
 import pytest
-import rust
-import slopes
+import scaling
+import speed_against_error
 import tables
+import whole_job
+from peers import commands
 
 PAGE = """before | kept |
 <!-- one, written by benches/one.py -->
@@ -58,7 +60,7 @@ def test_a_row_of_another_length_is_refused() -> None:
 
 @pytest.mark.parametrize("page", ["README.md", "benches/README.md"])
 def test_the_pages_have_the_markers(repository: Path, page: str) -> None:
-    """Each table of a page is between a pair, and its program writes that name."""
+    """Each table of a page is between two markers that its program names."""
     text = (repository / page).read_text(encoding="utf-8")
     beyond = re.sub(r"(?s)<!-- (.*?), written by .*?<!-- end of \1 -->", "", text)
     if page.startswith("benches"):
@@ -78,8 +80,8 @@ def test_make_bench_runs_all_that_write(repository: Path) -> None:
         assert f"$(PY) {program}" in recipe
 
 
-def test_what_criterion_kept_becomes_rates(tmp_path: Path) -> None:
-    """A million elements in 10 ms are 100 M/s; groups of other sizes, tables apart."""
+def test_rates_from_the_files_of_criterion(tmp_path: Path) -> None:
+    """A million elements in 10 ms are 100 M/s; each set of sizes has its own table."""
     for group, function, value, counted, ns in (
         ("project", "threads", "1", {"Elements": 1_000_000}, 1e7),
         ("project", "threads", "2", {"Elements": 1_000_000}, 5e6),
@@ -87,45 +89,46 @@ def test_what_criterion_kept_becomes_rates(tmp_path: Path) -> None:
     ):
         folder = tmp_path / group / str(function) / value / "new"
         folder.mkdir(parents=True)
-        told = {"group_id": group, "function_id": function, "value_str": value}
-        told["throughput"] = counted
-        (folder / "benchmark.json").write_text(json.dumps(told))
+        entry = {"group_id": group, "function_id": function, "value_str": value}
+        entry["throughput"] = counted
+        (folder / "benchmark.json").write_text(json.dumps(entry))
         median = {"median": {"point_estimate": ns}}
         (folder / "estimates.json").write_text(json.dumps(median))
-    assert rust.pivoted(rust.samples(tmp_path)).split("\n\n") == [
-        tables.table(("bench, unit", "of", "900"), [("product, GiB/s", "", "2")]),
+    pages = criterion_tables.pivoted(criterion_tables.samples(tmp_path))
+    assert pages.split("\n\n") == [
+        tables.table(("bench, unit", "function", "900"), [("product, GiB/s", "", "2")]),
         tables.table(
-            ("bench, unit", "of", "1", "2"), [("project, M/s", "threads", "100", "200")]
+            ("bench, unit", "function", "1", "2"),
+            [("project, M/s", "threads", "100", "200")],
         ),
     ]
-    with pytest.raises(SystemExit, match="no rates"):
-        rust.samples(tmp_path / "empty")
+    with pytest.raises(SystemExit, match="no rates of criterion"):
+        criterion_tables.samples(tmp_path / "empty")
 
 
-def test_the_sheet_gives_the_table(repository: Path) -> None:
-    """Rows of the page are those of its sheet, none retyped."""
+def test_the_csv_file_gives_the_table(repository: Path) -> None:
+    """The rows of the page are those of its CSV file."""
     page = (repository / "benches" / "README.md").read_text(encoding="utf-8")
-    with (repository / "benches" / "beside.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = tables.read_rows(tables.RESULTS / whole_job.SHEET)
     assert rows
     for row in rows:
-        assert "| " + " | ".join(beside.cells(row)) + " |" in page
+        assert "| " + " | ".join(whole_job.cells(row)) + " |" in page
     first = (repository / "README.md").read_text(encoding="utf-8")
-    assert beside.short(rows) in first
+    assert whole_job.short(rows) in first
     assert len(first.splitlines()) <= 150
 
 
 @pytest.fixture(scope="module")
-def answers() -> dict[str, programs.Run]:
-    peer = programs.Peer("SciPy", "with_scipy.py", "scipy, skfem", 1e-9, "").find()
+def answers() -> dict[str, commands.Run]:
+    peer = commands.Peer("SciPy", "with_scipy.py", "scipy, skfem", 1e-9, "").find()
     assert peer.python
     return {
-        "ours": programs.Ours().run("sheared_cube", 4, 1),
+        "ours": commands.Bipot().run("sheared_cube", 4, 1),
         "peer": peer.run("sheared_cube", 4, 1),
     }
 
 
-def test_programs_answer_in_one_form(answers: dict[str, programs.Run]) -> None:
+def test_results_of_programs_have_one_form(answers: dict[str, commands.Run]) -> None:
     for run in answers.values():
         assert run.dofs == 3 * 5**3
         assert run.R.shape == run.v.shape == (2, 25, 3)
@@ -135,40 +138,43 @@ def test_programs_answer_in_one_form(answers: dict[str, programs.Run]) -> None:
         assert run.peak_mb > 20  # a Python with NumPy
 
 
-def test_programs_agree(answers: dict[str, programs.Run]) -> None:
+def test_programs_agree(answers: dict[str, commands.Run]) -> None:
     ours = answers["ours"]
     reference = {key: getattr(ours, key) for key in ("x", "area", "mu", "R", "v")}
-    error, wrong = judge.compare(answers["peer"], reference)
+    error, wrong = compare_tractions.compare(answers["peer"], reference)
     # The peer stops at 1e-9 of the largest force; W's condition adds a digit at most.
     assert error <= 1e-8
     assert wrong == 0
 
 
-def test_a_wrong_answer_is_marked(answers: dict[str, programs.Run]) -> None:
+def test_a_wrong_answer_is_marked(answers: dict[str, commands.Run]) -> None:
     ours, peer = answers["ours"], answers["peer"]
     reference = {key: getattr(ours, key) for key in ("x", "area", "mu", "R", "v")}
     # The node in the middle of the face, which sticks, is taken off the plane.
     R, v = peer.R.copy(), peer.v.copy()
     R[-1, 12], v[-1, 12] = 0.0, (1e-3, 0.0, 0.0)
-    spoilt = programs.Run(**(vars(peer) | {"R": R, "v": v}))
-    error, wrong = judge.compare(spoilt, reference)
+    spoilt = commands.Run(**(vars(peer) | {"R": R, "v": v}))
+    error, wrong = compare_tractions.compare(spoilt, reference)
     assert error > 1e-3
     assert wrong == 1
-    row = dict.fromkeys(beside.COLUMNS, "") | {"error": error, "wrong_statuses": wrong}
-    assert not beside.trusted(row)
+    row = dict.fromkeys(whole_job.COLUMNS, "") | {
+        "error": error,
+        "wrong_statuses": wrong,
+    }
+    assert not whole_job.trusted(row)
 
 
-def test_statuses_do_not_count_on_the_border() -> None:
-    """A node at its friction limit that does not move may be called either."""
+def test_statuses_on_a_border_are_not_compared() -> None:
+    """A node at its friction limit that does not move may have status slip or stick."""
     R = np.array([[[1.0, 0.3], [1.0, 0.3], [1.0, 0.1], [0.0, 0.0], [1.0, 0.0]]])
     v = np.array([[[0.0, 0.0], [0.0, -1.0], [0.0, 0.0], [1.0, 0.5], [0.0, 0.0]]])
     mu = np.array([0.3, 0.3, 0.3, 0.3, 0.0])
-    status, clear = judge.statuses(R, v, mu)
+    status, clear = compare_tractions.statuses(R, v, mu)
     assert status[0, 1:].tolist() == [1, 2, 0, 1]
     assert clear[0].tolist() == [False, True, True, True, True]
 
 
-def test_peers_say_why_they_do_not_run(repository: Path) -> None:
+def test_a_peer_without_its_package_names_it(repository: Path) -> None:
     peers = repository / "benches" / "peers"
     # An isolated Python sees neither package.
     for script, package in (("getfem", "getfem"), ("siconos", "siconos")):
@@ -186,13 +192,13 @@ def test_peers_say_why_they_do_not_run(repository: Path) -> None:
         assert run.stderr.strip() == f"{package} is not installed"
 
 
-def test_a_peer_that_nobody_has_is_missing() -> None:
-    peer = programs.Peer("none", "none.py", "no_such_package, numpy", 1.0, "").find()
+def test_a_peer_that_no_python_has_is_missing() -> None:
+    peer = commands.Peer("none", "none.py", "no_such_package, numpy", 1.0, "").find()
     assert peer.python is None
     assert peer.missing == "no Python here has no_such_package and numpy"
 
 
-def test_rows_measured_anew_take_the_place_of_the_old() -> None:
+def test_rows_measured_again_replace_the_old_ones() -> None:
     def row(scene: str, n: int | str, program: str) -> dict[str, object]:
         return {"scene": scene, "n": n, "program": program}
 
@@ -202,10 +208,10 @@ def test_rows_measured_anew_take_the_place_of_the_old() -> None:
         row("two_blocks", "8", "bipot_rs"),
     ]
     new = [row("pressed_block", 32, "bipot_rs"), row("sheared_cube", 9, "bipot_rs")]
-    assert beside.merged(old, new) == [new[0], new[1], old[2]]
+    assert whole_job.merged(old, new) == [new[0], new[1], old[2]]
 
 
-def test_a_peer_is_predicted_by_its_own_slope() -> None:
+def test_seconds_of_a_peer_are_predicted_from_its_slope() -> None:
     history = [(100, 1.0, 1), (200, 4.0, 2)]
     # Twice the unknowns took four times as long: sixteen seconds next.
     for known, scene, seconds in (
@@ -213,26 +219,60 @@ def test_a_peer_is_predicted_by_its_own_slope() -> None:
         (history[:1], "sheared_cube", 16.0),
         (history[:1], "pressed_block", 8.0),
     ):
-        found = beside.predicted(known, 400, scene)
+        found = whole_job.predicted(known, 400, scene)
         assert found == pytest.approx(seconds, rel=1e-12)
 
 
-def test_sheets_give_their_tables(repository: Path) -> None:
-    """`--again`, of the sheets that are there and of older ones without a machine."""
-    rows = beside.read(repository / "benches" / beside.SHEET)
-    assert beside.written(rows).count("\n| ") == len(rows) + 1
-    with (repository / "benches" / slopes.SHEET).open(encoding="utf-8") as file:
-        assert "Expected: " in slopes.written(list(csv.DictReader(file)))
+def test_csv_files_with_and_without_machine_give_tables() -> None:
+    """`--again` with the stored CSV files, and with older ones without a machine."""
+    rows = tables.read_rows(tables.RESULTS / whole_job.SHEET)
+    assert whole_job.written(rows).count("\n| ") == len(rows) + 1
+    assert "Expected: " in scaling.written(
+        tables.read_rows(tables.RESULTS / scaling.SHEET)
+    )
     for row in rows:
         row.pop("machine", None)
     rows[0]["machine"] = "one, 2 cores"
-    assert beside.written(rows).startswith("one, 2 cores; machine not noted, load ")
+    assert whole_job.written(rows).startswith(
+        "one, 2 cores; machine not recorded, load "
+    )
+
+
+@pytest.mark.parametrize(
+    "bench", [fclib, speed_against_error], ids=lambda b: b.__name__
+)
+def test_print_writes_no_files(
+    bench: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rungs = [{"tol": 0.0, "work": 1.0, "seconds": 1.0, "eta": 0.0, "error": 0.0}]
+    line = dict.fromkeys(fclib.COLUMNS, 1.0) | {"program": "auto", "file": "a.h5"}
+    lines = [line | {"target": target} for target in fclib.TARGETS]
+    results, data = tmp_path / "results", tmp_path / "data"
+    results.mkdir()
+    data.mkdir()
+    (data / "a.h5").touch()
+    monkeypatch.setattr(tables, "RESULTS", results)
+    monkeypatch.setattr(fclib, "find", lambda *_: None)
+    monkeypatch.setattr(fclib, "measure", lambda *_: lines)
+    monkeypatch.setattr(
+        speed_against_error, "collect", lambda *_: {("held", "auto", 0): rungs}
+    )
+    asked = ["--data", str(data)] if bench is fclib else []
+    monkeypatch.setattr(sys, "argv", ["bench", "--methods", "auto", "--print", *asked])
+    bench.main()
+    assert list(results.iterdir()) == []
+
+
+def test_the_error_bound_finds_the_problems_of_the_tests(repository: Path) -> None:
+    """Without the path of pytest, which has the folder of these problems."""
+    script = str(repository / "benches" / "error_bound.py")
+    subprocess.run([sys.executable, script, "--help"], check=True, capture_output=True)
 
 
 def test_exponents_are_slopes() -> None:
     n = np.array([1e3, 1e4, 1e5])
     # Logarithms of a power law lie on a line, to rounding.
-    assert slopes.exponent(n, 3 * n**1.5) == pytest.approx(1.5, rel=1e-12)
+    assert scaling.exponent(n, 3 * n**1.5) == pytest.approx(1.5, rel=1e-12)
 
 
 def test_the_matrices_of_a_peer_are_those_of_the_scene(

@@ -73,7 +73,7 @@ STOPS = (
     ],
 )
 def test_the_table_of_the_stop_rule(name: str, n: int) -> None:
-    bench = script("discretisation")
+    bench = script("discretisation_error")
     assert (name, n) in bench.STOPS
     assert len(bench.STOPS) == len(STOPS)
     printed = rows("10-discretisation-error.md", "stop rule")
@@ -89,7 +89,7 @@ def test_the_table_of_the_stop_rule(name: str, n: int) -> None:
 
 
 def effectivities() -> Iterator[tuple[str, tuple[str, ...], int, int]]:
-    for name, settings, sizes in script("discretisation").ROWS:
+    for name, settings, sizes in script("discretisation_error").ROWS:
         for n, factor in sizes:
             yield name, settings, n, factor
 
@@ -97,7 +97,7 @@ def effectivities() -> Iterator[tuple[str, tuple[str, ...], int, int]]:
 def effectivity_is_printed(
     name: str, settings: tuple[str, ...], n: int, f: int
 ) -> None:
-    fresh = script("discretisation").compare(name, settings, n, f).cells()
+    fresh = script("discretisation_error").compare(name, settings, n, f).cells()
     shown = row(rows("10-discretisation-error.md", "effectivity"), *fresh[:3])
     for a, b in zip(shown, fresh, strict=True):
         # One in the last of the digits, which are four.

@@ -1,15 +1,15 @@
-"""Draws speed_against_error.csv: products with W against true error, a panel a set.
+"""Draw speed_against_error.csv: products with W against true error, one panel for each set.
 
-python benches/speed_figure.py
+python benches/speed_against_error_figure.py
 """
 
-import csv
-from pathlib import Path
 from textwrap import fill
 
 import numpy as np
+import tables
+from plot_style import light_grid, pyplot
 
-# Wong's colours, told apart by colour-blind eyes; the marks say the same again.
+# Wong's colours, which colour-blind readers can distinguish; each has its own mark.
 STYLES = {
     "auto": ("#000000", "o", "auto"),
     "newton": ("#D55E00", "s", "Newton"),
@@ -35,14 +35,13 @@ TITLES = {
 
 
 def read(path):
-    """``{set: {method: (targets, median products, unsolved at each)}}``."""
+    """Targets and median products, ``{set: {method: (2, targets)}}``."""
     curves = {}
-    with Path(path).open() as file:
-        for line in csv.DictReader(file):
-            if line["measure"] == "error":
-                point = [float(line[k]) for k in ("target", "products_median")]
-                methods = curves.setdefault(line["set"], {})
-                methods.setdefault(line["method"], []).append(point)
+    for line in tables.read_rows(path):
+        if line["measure"] == "error":
+            point = [float(line[k]) for k in ("target", "products_median")]
+            methods = curves.setdefault(line["set"], {})
+            methods.setdefault(line["method"], []).append(point)
     return {
         name: {method: np.array(points).T for method, points in methods.items()}
         for name, methods in curves.items()
@@ -50,14 +49,9 @@ def read(path):
 
 
 def draw(source, target):
-    """Write the figure of a CSV file."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    """Draw the figure of a CSV file."""
+    plt = pyplot()
     curves = read(source)
-    plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
     rows = -(-(len(curves) + 1) // 4)
     figure, axes = plt.subplots(
         rows, 4, figsize=(11, 2.9 * rows), sharex=True, sharey=True, squeeze=False
@@ -65,7 +59,7 @@ def draw(source, target):
     panels, open_ends = axes.ravel(), False
     for panel, (name, methods) in zip(panels, curves.items(), strict=False):
         missing = []
-        # The default last, so that it lies on top.
+        # `auto` last, so that it lies on top.
         for method in sorted(methods, key=lambda m: m == "auto"):
             error, products = methods[method]
             colour, mark, label = STYLES[method]
@@ -77,18 +71,16 @@ def draw(source, target):
             width = 2.2 if method == "auto" else 1.3
             panel.plot(error[reached], products[reached], lw=width, **style)
             if not reached.all():
-                # Where more than half are unsolved the median is infinite.
+                # If more than half are unsolved, the median is infinite.
                 at, open_ends = np.flatnonzero(reached)[-1], True
                 end = {"marker": "o", "mfc": "white", "mec": colour, "ms": 8}
                 panel.plot(error[at], products[at], mew=1.5, **end)
         if missing:
-            # In lines, lest a long one push the panels apart.
-            told = fill("over half unsolved: " + ", ".join(missing), 32)
-            panel.text(0.04, 0.04, told, transform=panel.transAxes, color="0.35")
+            # Wrapped, because a long line would push the panels apart.
+            note = fill("over half unsolved: " + ", ".join(missing), 32)
+            panel.text(0.04, 0.04, note, transform=panel.transAxes, color="0.35")
         panel.set(xscale="log", yscale="log", title=TITLES[name])
-        panel.grid(color="0.9", lw=0.6)
-        panel.set_axisbelow(True)
-        panel.spines[["top", "right"]].set_visible(False)
+        light_grid(panel)
     panels[0].set(xlim=(2e-2, 5e-13), xticks=[1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
     panels[0].minorticks_off()
     for row in axes:
@@ -116,5 +108,5 @@ def draw(source, target):
 
 
 if __name__ == "__main__":
-    path = Path(__file__).with_name("speed_against_error.csv")
+    path = tables.RESULTS / "speed_against_error.csv"
     draw(path, path.with_suffix(".png"))

@@ -1,24 +1,24 @@
-"""Seconds to η ≤ 1e-8 beside Siconos and a NumPy sweep, on the same W, q and μ.
+"""Time to η ≤ 1e-8 of bipot_rs, Siconos and a NumPy sweep, on the same W, q and μ.
 
-    python benches/beside_peers.py
-    python benches/beside_peers.py --seeds 10 --sets held,random
+    python benches/solvers_and_peers.py
+    python benches/solvers_and_peers.py --seeds 10 --sets held,random
 
-For each problem in turn: ours, the sweep of `peers/sweep.py`, and Siconos' projected
-Gauss–Seidel (NSGS) and Alart–Curnier Newton (NSN_AC) with its default parameters, one
-thread each. Siconos runs in a process of its own (`peers/siconos_reduced.py`) under the first
-Python that has it, or the one of ``--siconos``; only its driver is timed. Every answer
-is judged by `ReducedProblem.residual`: Siconos' tolerance, which means something else,
-is tightened by factors of ten until that is 1e-8 or less, and only the run that met it
-counts. The peers are given node-scaled variables, the largest of q being 1: the same
-problem, and the kindest form of it. Siconos' measures are absolute: in SI units it
-stops at once or never, and with stiff beside soft contacts too early for good.
+Each problem is solved in turn, on one thread, by bipot_rs, by the sweep of
+`peers/sweep.py`, and by Siconos' projected Gauss–Seidel (NSGS) and Alart–Curnier Newton
+(NSN_AC) with default parameters. Siconos runs in its own process
+(`peers/siconos_reduced.py`) under the first Python that has it, or that of ``--siconos``;
+only its driver is timed. `ReducedProblem.residual` computes η of every result. Siconos'
+tolerance has another meaning: it is reduced by factors of ten until η is met, and only
+that run counts. The peers get node-scaled variables with largest q = 1, the easiest form
+of the problem for them: Siconos' error measures are absolute, so that in SI units it
+stops at once or never, and with stiff and soft contacts together it stops too early.
 
-Ours is told twice: the call from Python, checks and conversions of arrays included, and
-what the solver takes of that, which is what Siconos' driver is to its own.
+bipot_rs has two rows: the call from Python, with checks and conversions of arrays, and
+the solver alone, which corresponds to Siconos' driver.
 
-Sets with bodies held by contact alone are left out: the peers have no such unknowns.
-Unsolved counts as infinite. Rewrites the table of the README where all sets and seeds
-were asked for.
+Sets whose bodies only contact holds are left out, because the peers have no such
+unknowns. Unsolved counts as infinite. The table of the README is rewritten if all sets and
+seeds are solved.
 """
 
 import json
@@ -28,25 +28,24 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from shutil import which
 from time import perf_counter
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import problems
 import tables
+from peers.commands import PEERS, pythons
 from peers.sweep import sweep
-from refine import Scaled
+from reference_solution import Scaled
 from speed_against_error import timed
 
 import bipot_rs as bp
 
-HERE = Path(__file__).resolve().parent
-WISH = 1e-8
+TARGET = 1e-8
 SETS = [name for name in problems.SETS if name != "floating"]
 PROGRAMS = {
-    "call": "bipot_rs auto, the call",
-    "auto": "bipot_rs auto, the solver",
+    "call": "bipot_rs auto, call from Python",
+    "auto": "bipot_rs auto, solver alone",
     "sweep": "NumPy sweep",
     "NSGS": "Siconos NSGS",
     "NSN_AC": "Siconos NSN_AC",
@@ -54,14 +53,14 @@ PROGRAMS = {
 
 
 class Siconos:
-    """The other process; started again when it has to be stopped."""
+    """The process of Siconos; started again after a time limit."""
 
     def __init__(self, python, folder, limit):
-        self.command = [python, str(HERE / "peers" / "siconos_reduced.py")]
+        self.command = [python, str(PEERS / "siconos_reduced.py")]
         self.folder, self.limit, self.process = Path(folder), limit, None
 
     def start(self):
-        """Whether it runs."""
+        """Start the process; return whether it runs."""
         pipe, environment = subprocess.PIPE, {**os.environ, "PYTHONPATH": ""}
         self.process = subprocess.Popen(
             self.command,
@@ -74,7 +73,7 @@ class Siconos:
         return bool(self.process.stdout.readline())
 
     def ask(self, solver, tol):
-        """Reactions and seconds, or ``None`` after the time limit."""
+        """Solve the stored problem: reactions and seconds, ``None`` after the time limit."""
         if self.process is None:
             self.start()
         files = {
@@ -82,7 +81,7 @@ class Siconos:
             "answer": self.folder / "r.npy",
         }
         question = {key: str(path) for key, path in files.items()}
-        # More than it can do in the time limit.
+        # More than it reaches within the time limit.
         question |= {"solver": solver, "tol": tol, "iterations": 1_000_000}
         self.process.stdin.write(json.dumps(question) + "\n")
         self.process.stdin.flush()
@@ -103,12 +102,9 @@ class Siconos:
             self.process = None
 
 
-def find(asked, folder, limit):
-    """Siconos under the Python asked for, or any; ``None`` where it is not installed."""
-    pythons = (
-        [asked] if asked else [sys.executable, "/usr/bin/python3", which("python3")]
-    )
-    for python in dict.fromkeys(p for p in pythons if p and Path(p).exists()):
+def find(wanted, folder, limit):
+    """Start Siconos under the given Python or any; ``None`` if it is not installed."""
+    for python in [wanted] if wanted else pythons():
         siconos = Siconos(python, folder, limit)
         if siconos.start():
             return siconos
@@ -117,42 +113,42 @@ def find(asked, folder, limit):
     return None
 
 
-def judged(reduced, answer):
-    """Whether reactions meet the wish."""
-    return bool(np.isfinite(answer).all()) and reduced.residual(answer) <= WISH
+def meets_target(reduced, answer):
+    """Whether η of the reactions meets the target."""
+    return bool(np.isfinite(answer).all()) and reduced.residual(answer) <= TARGET
 
 
-def ours(reduced, limit):
-    """Seconds of the call and of the solver within it, infinite where not solved."""
-    seconds, answer = timed(reduced, tol=WISH, max_seconds=limit)
-    if not (answer.converged and judged(reduced, answer.reaction)):
+def bipot_seconds(reduced, limit):
+    """Seconds of the call and of the solver within it; infinite if not solved."""
+    seconds, answer = timed(reduced, tol=TARGET, max_seconds=limit)
+    if not (answer.converged and meets_target(reduced, answer.reaction)):
         return np.inf, np.inf
     return seconds, min(answer.seconds, seconds)
 
 
-def seconds_of(peer, problem, reduced, siconos, limit):
-    """Seconds of a peer to the wish, infinite where it did not reach it."""
+def peer_seconds(peer, problem, reduced, siconos, limit):
+    """Seconds of a peer to the target; infinite if it does not reach it."""
     scaled = Scaled(problem)
     largest = np.abs(scaled.q).max()
     W, q, mu, force = scaled.W, scaled.q / largest, problem.mu, largest * scaled.to_v
     if peer == "sweep":
         start = perf_counter()
-        r = sweep(W, q, mu, WISH, limit)
+        r = sweep(W, q, mu, TARGET, limit)
         seconds = perf_counter() - start
-        return seconds if judged(reduced, r * force) else np.inf
+        return seconds if meets_target(reduced, r * force) else np.inf
     np.savez(siconos.folder / "problem.npz", W=W, q=q, mu=mu)
     for tol in 10.0 ** -np.arange(6, 15):
         answer = siconos.ask(peer, tol)
         if answer is None:
             break
         r, seconds = answer
-        if judged(reduced, r * force):
+        if meets_target(reduced, r * force):
             return seconds
     return np.inf
 
 
 def compare(name, seeds, programs, siconos, limit):
-    """Seconds of every program on the problems of a set, ``{program: (problems,)}``."""
+    """Seconds of every program on every problem of a set, ``{program: (problems,)}``."""
     found = {program: [] for program in programs}
     for seed in seeds:
         problem = problems.SETS[name](seed)
@@ -160,33 +156,33 @@ def compare(name, seeds, programs, siconos, limit):
             continue
         reduced = bp.ReducedProblem(problem.W, problem.q, problem.mu)
         for program, seconds in zip(
-            ("call", "auto"), ours(reduced, limit), strict=True
+            ("call", "auto"), bipot_seconds(reduced, limit), strict=True
         ):
             found[program].append(seconds)
         for peer in programs[2:]:
-            found[peer].append(seconds_of(peer, problem, reduced, siconos, limit))
+            found[peer].append(peer_seconds(peer, problem, reduced, siconos, limit))
     return {program: np.array(seconds) for program, seconds in found.items()}
 
 
-def ratio(seconds, ours):
-    """Median of the ratios, problem by problem, of those that one of the two solved."""
-    either = np.isfinite(ours) | np.isfinite(seconds)
+def ratio(seconds, own):
+    """Median of the ratios of the problems that at least one of the two solved."""
+    either = np.isfinite(own) | np.isfinite(seconds)
     if not either.any():
         return np.inf
-    return np.quantile(seconds[either] / ours[either], 0.5, method="higher")
+    return np.quantile(seconds[either] / own[either], 0.5, method="higher")
 
 
-HEAD = (
-    *("set", "problems", "program", "solved", "median, ms", "90 %, ms"),
-    *("/ call", "/ solver"),
+HEAD = tables.columns(
+    "set | problems | program | solved | median, ms | 90 %, ms | "
+    "time / call | time / solver"
 )
 
 
 def rows(name, found):
-    """A row for each program on the problems of a set."""
+    """Row of each program for one set."""
     for program, seconds in found.items():
         middle, high = np.quantile(seconds, [0.5, 0.9], method="higher")
-        ratios = (ratio(seconds, found[own]) for own in ("call", "auto"))
+        ratios = (ratio(seconds, found[key]) for key in ("call", "auto"))
         figures = (1e3 * middle, 1e3 * high, *ratios)
         cells = (f"{x:.2g}" if x < np.inf else "∞" for x in figures)
         solved = int(np.isfinite(seconds).sum())
@@ -194,21 +190,23 @@ def rows(name, found):
 
 
 def main():
-    """Compare, and rewrite the table."""
+    """Measure, and rewrite the table."""
     parser = tables.parser(__doc__)
     parser.add_argument("--sets", default=",".join(SETS))
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--seconds-limit", type=float, default=5.0, help="of a solve")
+    parser.add_argument(
+        "--seconds-limit", type=float, default=5.0, help="for one solve"
+    )
     parser.add_argument("--siconos", help="the Python that has it")
-    asked = parser.parse_args()
-    limit, lines = asked.seconds_limit, []
-    whole = tables.whole(parser, asked, "sets", "seeds", "first_seed")
+    args = parser.parse_args()
+    limit, lines = args.seconds_limit, []
+    whole = tables.whole(parser, args, "sets", "seeds", "first_seed")
     with tempfile.TemporaryDirectory() as folder:
-        siconos = find(asked.siconos, folder, limit)
+        siconos = find(args.siconos, folder, limit)
         programs = list(PROGRAMS) if siconos else ["call", "auto", "sweep"]
-        for name in asked.sets.split(","):
-            seeds = problems.seeds(name, asked.seeds, asked.first_seed)
+        for name in args.sets.split(","):
+            seeds = problems.seeds(name, args.seeds, args.first_seed)
             found = compare(name, seeds, programs, siconos, limit)
             for row in rows(name, found):
                 print("| " + " | ".join(row) + " |", flush=True)
@@ -216,7 +214,7 @@ def main():
         if siconos:
             siconos.close()
     tables.publish(
-        "beside Siconos", tables.table(HEAD, lines), write=whole and not asked.print
+        "solvers and peers", tables.table(HEAD, lines), write=whole and not args.print
     )
 
 

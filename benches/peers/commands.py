@@ -1,4 +1,4 @@
-"""Ours and the peers as commands: who is installed, one run of each, what it answered."""
+"""Run bipot_rs and the peers as commands: find them, run them once, read their results."""
 
 import json
 import os
@@ -17,18 +17,17 @@ import numpy as np
 
 from bipot_rs.files.export import read_result
 
-HERE = Path(__file__).resolve().parent
-PEERS = HERE / "peers"
+PEERS = Path(__file__).resolve().parent
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write")
 
 
 class Failed(Exception):
-    """A run that gave no answer, with the last line it wrote."""
+    """A run without a result; the message is the last line it printed."""
 
 
 @dataclass(eq=False)
 class Run:
-    """What one run answered: seconds, and forces and displacements at the contacts."""
+    """Result of one run: seconds, contact forces and relative displacements."""
 
     dofs: int
     phases: dict[str, float]
@@ -46,23 +45,23 @@ class Run:
 
 
 def as_installed(folder):
-    """Environment in which Python keeps what it compiles, as it does by itself.
+    """Environment in which Python stores its compiled modules.
 
-    Where the caller forbids it, sources would be compiled each time.
+    If the caller forbids that, every process would compile its sources again.
     """
     kept = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(folder / "pyc")}
     return os.environ | kept
 
 
-# Compiled by the first round, which is never the best.
+# The first round fills this folder.
 _COMPILED = tempfile.TemporaryDirectory()
 
 
 def lines_of(command, threads, limit):
-    """Seconds of a command, and the JSON lines it printed.
+    """Seconds of a command, and the JSON lines that it printed.
 
-    ``threads`` is that of BLAS and of ours. Libraries below print on both streams: what
-    is no JSON object is not looked at.
+    ``threads`` is the number for BLAS and for bipot_rs. Libraries print on both streams,
+    so lines that are not JSON objects are ignored.
     """
     environment = as_installed(Path(_COMPILED.name)) | {
         "OPENBLAS_NUM_THREADS": str(threads),
@@ -70,7 +69,7 @@ def lines_of(command, threads, limit):
         "BIPOT_NUM_THREADS": str(threads),
     }
     if Path(command[0]).resolve() != Path(sys.executable).resolve():
-        # Another Python must not meet the packages of this one.
+        # Another Python must not import the packages of this one.
         environment.pop("PYTHONPATH", None)
     start = perf_counter()
     try:
@@ -86,15 +85,32 @@ def lines_of(command, threads, limit):
         raise Failed(f"stopped after {limit:.0f} s") from None
     seconds = perf_counter() - start
     if run.returncode:
-        said = (run.stderr.strip() or run.stdout.strip() or "no word").splitlines()
-        raise Failed(said[-1][:200])
+        output = run.stderr.strip() or run.stdout.strip() or "no output"
+        raise Failed(output.splitlines()[-1][:200])
     return seconds, [
         json.loads(line) for line in run.stdout.splitlines() if line.startswith("{")
     ]
 
 
-class Ours:
-    """`bipot run`, with its HDF5, VTU and PVD files."""
+def pythons():
+    """Interpreters to try: this one, then those of the path and of the system."""
+    found = (sys.executable, which("python3"), "/usr/bin/python3")
+    return tuple(dict.fromkeys(p for p in found if p and Path(p).exists()))
+
+
+def python_with(modules):
+    """The first interpreter that can import the modules, or ``None``."""
+    for python in pythons():
+        try:
+            lines_of([python, "-c", f"import {modules}"], 1, 60)
+        except Failed:
+            continue
+        return python
+    return None
+
+
+class Bipot:
+    """`bipot run`, which writes HDF5, VTU and PVD files."""
 
     name = "bipot_rs"
     threads = (os.cpu_count() or 1,)
@@ -114,9 +130,9 @@ class Ours:
             contacts, records, _ = read_result(Path(folder) / "result.h5")
         phases = {phase: last["seconds"][phase] for phase in PHASES}
         solving = [step["seconds"] for step in steps]
-        # What the solver does not count of a step, loads and recovery, is shared out.
-        beside = phases["solve"] + phases["recover"] - sum(solving)
-        later = median(solving[1:]) + beside / len(steps) if solving[1:] else None
+        # Loads and recovery, which the solver does not count, are shared by the steps.
+        rest = phases["solve"] + phases["recover"] - sum(solving)
+        later = median(solving[1:]) + rest / len(steps) if solving[1:] else None
         slip = np.array([record["slip"] for record in records])
         normal = np.array([record["relative_displacement"] for record in records])
         return Run(
@@ -136,37 +152,31 @@ class Ours:
 
 @dataclass(eq=False)
 class Peer:
-    """A script of ``peers/`` under the first Python that has what it imports."""
+    """A script of this folder, run by the first Python that has what it imports."""
 
     name: str
     script: str
     needs: str
-    tol: float  # its own measure; what gives a traction error of 1e-8 or less
-    package: str  # as Debian calls it
+    tol: float  # in its own measure, for a traction error of 1e-8 or less
+    package: str  # of Debian
     reads_matrices: bool = False
     python: str | None = None
     missing: str = ""
 
     @property
     def threads(self):
-        """SuperLU and MUMPS meet BLAS on small blocks: one thread is often faster."""
+        """One thread and all: one is often faster for BLAS on the small blocks of a factor."""
         return tuple(dict.fromkeys((1, os.cpu_count() or 1)))
 
     def find(self):
-        """Look for a Python that has it; ``missing`` says why there is none."""
-        pythons = (sys.executable, which("python3"), "/usr/bin/python3")
-        for python in dict.fromkeys(p for p in pythons if p and Path(p).exists()):
-            try:
-                lines_of([python, "-c", f"import {self.needs}"], 1, 60)
-            except Failed:
-                continue
-            self.python = python
-            return self
-        self.missing = f"no Python here has {self.needs.replace(', ', ' and ')}"
+        """Find a Python that has the peer, or set ``missing`` to the reason."""
+        self.python = python_with(self.needs)
+        if self.python is None:
+            self.missing = f"no Python here has {self.needs.replace(', ', ' and ')}"
         return self
 
     def version(self):
-        """Name and version of what it stands on."""
+        """Name and version of the peer."""
         if str(self.python).startswith("/usr/bin"):
             return self.name + debian(self.package)
         module = self.needs.split(",")[0]
@@ -212,21 +222,24 @@ class Peer:
 
 
 def debian(package):
-    """A version as Debian names it, where it is Debian's; else nothing."""
+    """Version of a Debian package with a space before it; empty if not installed."""
     try:
-        asked = ["dpkg-query", "-W", "-f", "${Version}", package]
-        found = subprocess.run(asked, capture_output=True, text=True, check=True)
+        command = ["dpkg-query", "-W", "-f", "${Version}", package]
+        found = subprocess.run(command, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return ""
     return " " + found.stdout
 
 
 def peers():
-    """All of them, installed or not."""
+    """All peers, installed or not."""
     return [
         Peer("GetFEM", "with_getfem.py", "getfem", 1e-8, "python3-getfem++").find(),
         Peer(
-            *("Siconos", "with_siconos.py", "siconos.numerics, scipy", 1e-9),
+            "Siconos",
+            "with_siconos.py",
+            "siconos.numerics, scipy",
+            1e-9,
             "python3-siconos",
             reads_matrices=True,
         ).find(),

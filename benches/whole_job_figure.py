@@ -1,15 +1,15 @@
-"""Draw beside.csv and time_against_error.csv: seconds against unknowns, and against error.
+"""Draw whole_job.csv and time_against_error.csv: seconds against unknowns and against error.
 
-python benches/beside_figure.py [--quick]
+python benches/whole_job_figure.py [--quick]
 """
 
 import argparse
-import csv
 
 import numpy as np
 import tables
+from plot_style import light_grid, pyplot
 
-# Wong's colours, told apart by colour-blind eyes; the marks say the same again.
+# Wong's colours, which colour-blind readers can distinguish; each has its own mark.
 STYLES = {
     "bipot_rs": ("#000000", "o"),
     "GetFEM": ("#D55E00", "s"),
@@ -17,28 +17,20 @@ STYLES = {
     "SciPy": ("#009E73", "D"),
 }
 PANELS = {
-    "in the plane": {"pressed_block": "-", "cattaneo_mindlin": "--"},
-    "in space": {"sheared_cube": "-", "two_blocks": "--", "cyclic_cube": ":"},
+    "2D": {"pressed_block": "-", "cattaneo_mindlin": "--"},
+    "3D": {"sheared_cube": "-", "two_blocks": "--", "cyclic_cube": ":"},
 }
 
 
-def lines(path):
-    """Rows of a sheet."""
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def dress(axis):
-    """Logarithmic axes on a light grid."""
+    """Set logarithmic axes and a light grid."""
     axis.set(xscale="log", yscale="log")
     axis.tick_params(axis="x", which="minor", labelbottom=False)
-    axis.grid(color="0.9", lw=0.6)
-    axis.set_axisbelow(True)
-    axis.spines[["top", "right"]].set_visible(False)
+    light_grid(axis)
 
 
 def unknowns(plt, rows, target):
-    """Job seconds against unknowns, the plane and space side by side."""
+    """Draw job seconds against unknowns, one panel for 2D and one for 3D."""
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), sharey=True)
     for axis, (title, scenes) in zip(axes, PANELS.items(), strict=True):
         for scene, dash in scenes.items():
@@ -69,7 +61,7 @@ def unknowns(plt, rows, target):
 
 
 def legend(plt, figure, present):
-    """The programs, below the panels."""
+    """Draw the names of the programs below the panels."""
     handles = [
         plt.Line2D([], [], color=colour, marker=mark, label=program)
         for program, (colour, mark) in STYLES.items()
@@ -80,7 +72,7 @@ def legend(plt, figure, present):
 
 
 def frontier(points):
-    """For each error reached the fewest seconds that reach it, or a smaller one."""
+    """For each error the least seconds that reach it or a smaller one."""
     best = []
     for error, seconds in sorted(points):
         if not best or seconds < best[-1][1]:
@@ -89,10 +81,10 @@ def frontier(points):
 
 
 def errors(plt, rows, target):
-    """Seconds against error: the whole job, and what contact takes of it."""
+    """Draw seconds against error, of the whole job and of its load steps."""
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), sharex=True)
-    said = {"job": "mesh to written result", "contact": "load steps alone"}
-    for axis, (key, title) in zip(axes, said.items(), strict=True):
+    titles = {"job": "mesh to written result", "contact": "load steps alone"}
+    for axis, (key, title) in zip(axes, titles.items(), strict=True):
         for program, (colour, mark) in STYLES.items():
             points = [
                 (float(row["error"]), float(row[key]))
@@ -102,7 +94,7 @@ def errors(plt, rows, target):
             if points:
                 axis.scatter(*np.array(points).T, s=14, c=colour, marker=mark)
                 best = np.array(frontier(points)).T
-                # What reaches a small error reaches any larger one.
+                # A run that reaches a small error also reaches a larger one.
                 far = np.insert(best[0], 0, 1.0), np.insert(best[1], 0, best[1, 0])
                 width = 2.2 if program == "bipot_rs" else 1.3
                 axis.step(*far, where="pre", lw=width, color=colour)
@@ -118,19 +110,20 @@ def errors(plt, rows, target):
 
 
 def main():
-    """Draw both."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    plt.rcParams.update({"font.size": 9, "axes.titlesize": 10})
+    """Draw both figures."""
+    plt = pyplot()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="what is in out/bench")
-    folder = tables.folder(parser.parse_args().quick)
-    unknowns(plt, lines(folder / "beside.csv"), folder / "time_against_unknowns.png")
+    parser.add_argument(
+        "--quick", action="store_true", help="draw the files of out/bench"
+    )
+    folder = tables.folder(parser.parse_args().quick) / "results"
+    unknowns(
+        plt,
+        tables.read_rows(folder / "whole_job.csv"),
+        folder / "time_against_unknowns.png",
+    )
     sheet = folder / "time_against_error.csv"
-    errors(plt, lines(sheet), sheet.with_suffix(".png"))
+    errors(plt, tables.read_rows(sheet), sheet.with_suffix(".png"))
 
 
 if __name__ == "__main__":

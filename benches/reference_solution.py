@@ -1,14 +1,14 @@
-"""The exact answer beside an approximate one, by a route no solver takes.
+"""Reference solution near an approximate one, by a method that no solver uses.
 
-The statuses of the approximate answer make the law a system of equations: open r = 0,
-stick v = 0, slip v_n = 0 and r_t = μ r_n t with t along r_t − v_t, which points
-against the slip. Newton's method solves them with factors in double precision and
-residuals in extended precision, or, where W has lost so many digits that this is too
-little, in exact integers. Then (6) and (8) are tested as textbooks have them. Where
-they fail, the statuses are read off anew. Extended precision is `numpy.longdouble` of
-64 bits or more; where that is a plain double no answer is trusted.
+The statuses of the approximate solution turn the law into a system of equations: open
+r = 0, stick v = 0, slip v_n = 0 and r_t = μ r_n t with t along r_t − v_t, which points
+against the slip. Newton's method solves it with factors in double precision and residuals
+in extended precision, or in exact integers if W has lost too many digits for that.
+Then (6) and (8) are tested in their textbook form. Where they fail, the statuses are
+determined again. Extended precision is `numpy.longdouble` with 64 bits or more; where it is
+a plain double, no solution is trusted.
 
-Among several answers this finds the one that the approximate answer belongs to.
+If several solutions exist, this finds the one near the approximate solution.
 """
 
 from functools import cached_property
@@ -21,18 +21,18 @@ from scipy.linalg import LinAlgError, lu_factor, lu_solve
 
 Long = NDArray[np.longdouble]
 OPEN, SLIP, STICK = 0, 1, 2
-# Of Newton's last correction, relative, and of the law: since Newton converges
-# quadratically, the answer is as good as that or better.
+# Limit of Newton's last relative correction and of the violation of the law. Newton
+# converges quadratically, so the solution is at least as accurate.
 ACCURACY = 1e-15
-# Redundant reactions may leave their cones by the error of the approximate answer;
-# v, which is all that is taken then, does not depend on them.
+# Redundant reactions may leave their cones by the error of the approximate solution;
+# then only v is used, which does not depend on them.
 REDUNDANT = 1e-8
-# Bits after the point of exact numbers: no entry of a scaled W has bits below.
+# Bits after the binary point of exact numbers: scaled W has no smaller bits.
 BITS = 200
 
 
 class Exact(NamedTuple):
-    """Reactions, relative displacements ``(n_c, d)``, and whether to believe them."""
+    """Reactions and relative displacements ``(n_c, d)``, and whether to trust them."""
 
     r: Long
     v: Long
@@ -40,7 +40,7 @@ class Exact(NamedTuple):
 
 
 class Scaled:
-    """A problem in node-scaled variables; powers of two, so that no bit of it changes."""
+    """Problem in node-scaled variables; scaled by powers of two, which changes no bit."""
 
     def __init__(self, problem: Problem) -> None:
         self.n, self.d = problem.q.shape
@@ -64,7 +64,7 @@ class Scaled:
         return _fixed_point(np.hstack([self.W, self.R])), _fixed_point(self.q.ravel())
 
     def displacement(self, r: Long, a: Long, *, exact: bool) -> Long:
-        """``v = W r + R a + q``, in extended precision or rounded once."""
+        """``v = W r + R a + q``, in extended precision, or exact and rounded once."""
         x = np.append(r.ravel(), a)
         if not exact:
             return (self._long @ x).reshape(r.shape) + self.q
@@ -72,7 +72,7 @@ class Scaled:
         low = (x - high).astype(float)
         matrix, q = self._integers
         v = matrix @ (_fixed_point(high) + _fixed_point(low)) + (q << BITS)
-        # Two doubles hold more digits than the extended number they make.
+        # Two doubles hold more digits than their sum in extended precision.
         high = np.array([_float(i, 2 * BITS) for i in v])
         low = v - (_fixed_point(high) << BITS)
         low = np.array([_float(i, 2 * BITS) for i in low])
@@ -80,7 +80,7 @@ class Scaled:
 
 
 def _fixed_point(x: Array) -> NDArray[Any]:
-    """``x 2^BITS`` as integers, cut off."""
+    """``x 2^BITS`` as integers, truncated."""
     mantissa, exponent = np.frexp(x)
     whole = (mantissa * 2.0**53).astype(np.int64).astype(object)
     shift = exponent.astype(int).astype(object) + (BITS - 53)
@@ -89,25 +89,25 @@ def _fixed_point(x: Array) -> NDArray[Any]:
 
 
 def _float(i: int, bits: int) -> float:
-    return i / (1 << bits)  # division of integers rounds once
+    return i / (1 << bits)  # Python rounds the division of integers once
 
 
 def refine(
     problem: Problem, reaction: Array, motion: Array | None, status: NDArray[np.int8]
 ) -> Exact:
-    """The answer with those statuses, or with the ones Newton finds near them.
+    """Solution with the given statuses, or with those that Newton finds near them.
 
     Parameters
     ----------
     problem
         The problem.
     reaction, motion, status
-        Of an approximate answer: ``(n_c, d)``, ``(k,)`` or ``None``, ``(n_c,)``.
+        Of an approximate solution: ``(n_c, d)``, ``(k,)`` or ``None``, ``(n_c,)``.
 
     Returns
     -------
     Exact
-        In the units of the problem.
+        Solution in the units of the problem.
     """
     p = Scaled(problem)
     enough = np.finfo(np.longdouble).nmant >= 63
@@ -119,7 +119,7 @@ def refine(
     for _ in range(60):
         try:
             dr, da = _newton_step(p, r, v, status)
-        except (LinAlgError, ValueError):  # singular, or grown beyond numbers
+        except (LinAlgError, ValueError):  # singular, or overflow
             break
         r, a, before, start = r + dr, a + da, correction, v
         v = p.displacement(r, a, exact=exact)
@@ -143,7 +143,7 @@ def _largest(x: Any) -> float:
 
 
 def _statuses(p: Scaled, r: Long, v: Long) -> NDArray[np.int8]:
-    """Statuses of r − v, the point that the law projects."""
+    """Statuses of the projection of r − v."""
     x = r - v
     length = np.linalg.norm(x[:, 1:].astype(float), axis=1)
     sticks = (length <= p.mu * x[:, 0]) & (p.mu > 0)
@@ -153,7 +153,7 @@ def _statuses(p: Scaled, r: Long, v: Long) -> NDArray[np.int8]:
 def _newton_step(
     p: Scaled, r: Long, v: Long, status: NDArray[np.int8]
 ) -> tuple[Long, Long]:
-    """Newton's correction of the equations that the statuses make of the law."""
+    """Newton's correction for the equations of the law with given statuses."""
     closed = np.flatnonzero(status != OPEN)
     n, d = len(closed), p.d
     rows = (d * closed[:, None] + np.arange(d)).ravel()
@@ -166,7 +166,7 @@ def _newton_step(
     sliding = np.hstack([v_c[:, :1], r_c[:, 1:] - limit * t])
     value = np.where(slip, sliding, v_c).ravel()
 
-    # Derivatives by r and by v; t turns as x does.
+    # Derivatives with respect to r and v; t changes with x.
     t, length = t.astype(float), np.where(length > 0, length, 1).astype(float)
     across = np.eye(d - 1) - t[:, :, None] * t[:, None, :]
     turn = (limit.astype(float) / length)[:, :, None] * across
@@ -184,15 +184,15 @@ def _newton_step(
     matrix = np.vstack([law, np.hstack([R.T, np.zeros((k, k))])])
     balance = R.T.astype(np.longdouble) @ r_c.ravel() + p.e
     step = _solve(matrix, -np.append(value, balance), full_rank=p.full_rank)
-    dr = -r  # open contacts end at zero
+    dr = -r  # open contacts get r = 0
     dr[closed] = step[: n * d].reshape(n, d)
     return dr, step[n * d :]
 
 
 def _solve(matrix: Array, right: Long, *, full_rank: bool) -> Long:
-    """A double factorisation, refined against residuals in extended precision."""
+    """Solve with a double factorisation, refined by residuals in extended precision."""
     if not full_rank:
-        # Redundant supports leave r free, but not v: the least change of r will do.
+        # Redundant supports determine v, not r: the smallest change of r is enough.
         step = np.linalg.lstsq(matrix, right.astype(float), rcond=1e-12)[0]
         return step.astype(np.longdouble)
     step = np.zeros(len(right), np.longdouble)

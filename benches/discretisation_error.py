@@ -1,11 +1,12 @@
-"""The discretisation error of scenes beside the true one, under refinement.
+"""Compare the estimated discretisation error of scenes with the true one, under refinement.
 
-    python benches/discretisation.py
+    python benches/discretisation_error.py
 
-On linear triangles and tetrahedra. The true error is measured against a mesh whose cells
-are cut in four along each axis, or eight, which contains the coarse one. Rows of the last
-load step, each mesh along its own path. Then what it saves to iterate no further than the
-mesh is worth. Writes the two tables of docs/paper/10-discretisation-error.md.
+On linear triangles and tetrahedra. The true error is the difference to a mesh that contains
+the coarse one, with each cell cut in four (or eight) along each axis. Rows are of the last
+load step; each mesh has its own load path. The second table shows the iterations saved by
+stopping at the error of the mesh. Writes the two tables of
+docs/paper/10-discretisation-error.md.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from bipot_rs.fem import Body, box
 
 Floats = NDArray[np.float64]
 
-# Name, settings, sizes, and by how much the reference cuts the cells.
+# Scene, settings, pairs of size and of the factor by which the reference is finer.
 ROWS: tuple[tuple[str, tuple[str, ...], tuple[tuple[int, int], ...]], ...] = (
     ("cattaneo_mindlin", ("contact.0.mu=0.0",), ((5, 4), (10, 4), (20, 4))),
     ("cattaneo_mindlin", (), ((5, 4), (10, 4), (20, 4))),
@@ -34,23 +35,15 @@ ROWS: tuple[tuple[str, tuple[str, ...], tuple[tuple[int, int], ...]], ...] = (
     ("sheared_cube", ("contact.0.mu=0.0",), ((2, 4), (3, 4), (4, 4), (6, 4))),
     ("sheared_cube", (), ((2, 4), (3, 4), (4, 4), (6, 4))),
 )
-HEAD = (
-    "scene",
-    "mu",
-    "n",
-    "unknowns",
-    "kind",
-    "estimate",
-    "true",
-    "effectivity",
-    "term/B",
-    "contact/B",
+HEAD = tables.columns(
+    "scene | mu | n | unknowns | kind | estimate | true | effectivity | "
+    "term/B | contact/B"
 )
 
 
 @dataclass(frozen=True)
 class Row:
-    """One mesh: relative errors in the energy norm, and the term without sign."""
+    """One mesh: relative errors in the energy norm, and the term of either sign."""
 
     name: str
     mu: float
@@ -66,7 +59,7 @@ class Row:
         return self.error.relative / self.true
 
     def cells(self) -> list[str]:
-        """Of the table."""
+        """Cells of the table."""
         return [
             self.name,
             f"{self.mu:g}",
@@ -84,21 +77,21 @@ class Row:
 def solved(
     name: str, settings: Sequence[str], bodies: Sequence[Body] | None = None
 ) -> tuple[scene.Case, Any]:
-    """A scene on P1 cells, or on other meshes, and its result."""
+    """Solve a scene on P1 cells, or on the given meshes."""
     read = scene.read(name, ["mesh.element=P1", *settings])
     case = scene.assemble(read, scene.bodies(read) if bodies is None else bodies)
     return case, case.model.problem().solve(case.load, case.prescribed, tol=1e-12)
 
 
 def finer(body: Body, cuts: int) -> tuple[Body, list[tuple[Floats, Any]]]:
-    """A box with its cells halved ``cuts`` times, and the steps of `prolonged`."""
+    """Halve the cells of a box ``cuts`` times; also the steps that `prolonged` takes."""
     steps = []
     kind = "triangle" if body.dim == 2 else "tetrahedron"
     for _ in range(cuts):
         grids = [np.unique(x) for x in body.mesh.p]
         fine = [np.sort(np.concatenate([g, 0.5 * (g[1:] + g[:-1])])) for g in grids]
         mesh = box(fine, kind)
-        # A node in the middle of coarse ones, along the edge that climbs on all axes.
+        # A new node is the middle of two coarse ones, on the edge that rises along all axes.
         place = [np.searchsorted(g, x) for g, x in zip(fine, mesh.p, strict=True)]
         shape = tuple(len(g) for g in grids)
         number = np.empty(shape, dtype=int)
@@ -114,14 +107,14 @@ def finer(body: Body, cuts: int) -> tuple[Body, list[tuple[Floats, Any]]]:
 
 
 def prolonged(values: Floats, steps: Sequence[tuple[Any, Any]]) -> Floats:
-    """Linear functions ``(nodes, k)`` of a coarse mesh at the nodes of a fine one."""
+    """Interpolate nodal values ``(nodes, k)`` of a coarse mesh to a fine one."""
     for low, high in steps:
         values = 0.5 * (values[low] + values[high])
     return values
 
 
 def compare(name: str, settings: Sequence[str], n: int, factor: int) -> Row:
-    """Estimate on one mesh, the error against one ``factor`` times as fine."""
+    """Estimate on one mesh, and the error against a mesh ``factor`` times as fine."""
     case, result = solved(name, [*settings, f"mesh.n={n}"])
     error = Estimator(case).error(result, -1)
     model, dim = case.model, case.model.dim
@@ -162,21 +155,14 @@ STOPS = (
     ("two_blocks", 6),
     ("pressed_block", 32),
 )
-STOP_HEAD = (
-    "scene",
-    "n",
-    "method",
-    "mesh error",
-    "tol",
-    "products to find it",
-    "products",
-    "products to 1e-10",
-    "error left",
+STOP_HEAD = tables.columns(
+    "scene | n | method | mesh error | tol | products to find it | products | "
+    "products to 1e-10 | error left"
 )
 
 
 def stops(name: str, n: int) -> list[list[str]]:
-    """Products with W up to a tenth of the mesh's error, and to 1e-10."""
+    """Products with W to a tenth of the error of the mesh, and to 1e-10."""
     case, reference = solved(name, [f"mesh.n={n}"])
     problem, estimator = case.model.problem(), Estimator(case)
     K, exact = case.model.K, reference.displacement
@@ -209,17 +195,20 @@ def stops(name: str, n: int) -> list[list[str]]:
 
 def main() -> None:
     """Measure, and write both tables."""
+    args = tables.parser(__doc__ or "").parse_args()
     page = Path(__file__).parents[1] / "docs" / "paper" / "10-discretisation-error.md"
     rows = []
     for name, settings, sizes in ROWS:
         for n, factor in sizes:
             rows.append(compare(name, settings, n, factor).cells())
             print(*rows[-1], flush=True)
-    tables.rewrite(page, "effectivity", tables.table(HEAD, rows))
+    if not args.print:
+        tables.rewrite(page, "effectivity", tables.table(HEAD, rows))
     saved = [row for name, n in STOPS for row in stops(name, n)]
     for row in saved:
         print(*row)
-    tables.rewrite(page, "stop rule", tables.table(STOP_HEAD, saved))
+    if not args.print:
+        tables.rewrite(page, "stop rule", tables.table(STOP_HEAD, saved))
 
 
 if __name__ == "__main__":

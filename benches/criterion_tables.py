@@ -1,10 +1,10 @@
-"""The benches of the crate, `cargo bench`, as tables of the README.
+"""Run the benches of the crate, `cargo bench`, and write their tables into the README.
 
-    python benches/rust.py                 # all, condensation with the cube of 148,000
-    python benches/rust.py --only fronts
+    python benches/criterion_tables.py                 # all, with the cube of 148,000
+    python benches/criterion_tables.py --only fronts
 
-`condense` and `fronts` print what they measure; of `projection` and `solvers` criterion
-keeps medians and what a call works on, from which the rates are.
+`condense` and `fronts` print their tables. For `projection` and `solvers` criterion stores
+medians and the amount of work of a call, which give the rates.
 """
 
 import json
@@ -16,15 +16,15 @@ from pathlib import Path
 import tables
 
 ROOT = Path(__file__).resolve().parent.parent
-# Of its own: what others measured by criterion stays.
+# A folder of its own, so that other results of criterion are kept.
 SAMPLES = ROOT / "target" / "bench-tables"
 PRINTED, SAMPLED = ("condense", "fronts"), ("projection", "solvers")
-# What a rate counts: its unit, and how many of it a call works on.
+# Throughput of criterion: unit of the rate and its scale.
 RATES = {"Elements": ("M/s", 1e6), "Bytes": ("GiB/s", 2.0**30)}
 
 
 def cargo(bench):
-    """Run a bench; what it printed."""
+    """Run a bench; return its output."""
     run = subprocess.run(
         ["cargo", "bench", "--locked", "--bench", bench],
         cwd=ROOT,
@@ -37,26 +37,26 @@ def cargo(bench):
 
 
 def samples(folder):
-    """``{group: {function: {value: rate}}}`` of all that criterion kept in a folder."""
+    """Rates that criterion stored in a folder, ``{group: {function: {value: rate}}}``."""
     found = {}
     for path in sorted(folder.glob("**/new/benchmark.json")):
-        told = json.loads(path.read_text(encoding="utf-8"))
+        entry = json.loads(path.read_text(encoding="utf-8"))
         estimates = json.loads((path.parent / "estimates.json").read_text("utf-8"))
-        ((kind, amount),) = (told["throughput"] or {None: 0}).items()
+        ((kind, amount),) = (entry["throughput"] or {None: 0}).items()
         if kind not in RATES:
             continue
         unit, scale = RATES[kind]
         rate = amount / scale / (1e-9 * estimates["median"]["point_estimate"])
-        functions = found.setdefault(f"{told['group_id']}, {unit}", {})
-        values = functions.setdefault(told["function_id"] or "", {})
-        values[told["value_str"] or ""] = f"{rate:.3g}"
+        functions = found.setdefault(f"{entry['group_id']}, {unit}", {})
+        values = functions.setdefault(entry["function_id"] or "", {})
+        values[entry["value_str"] or ""] = f"{rate:.3g}"
     if not found:
-        raise SystemExit(f"criterion left no rates in {folder}")
+        raise SystemExit(f"no rates of criterion in {folder}: did the bench run?")
     return found
 
 
 def pivoted(found):
-    """A table for each set of values: groups and their functions down, values across."""
+    """One table for each set of values: rows are functions, columns are values."""
     pages = {}
     for group, functions in found.items():
         for function, values in functions.items():
@@ -64,15 +64,16 @@ def pivoted(found):
             cells = (values[value] for value in head)
             pages.setdefault(head, []).append((group, function, *cells))
     return "\n\n".join(
-        tables.table(("bench, unit", "of", *head), rows) for head, rows in pages.items()
+        tables.table(("bench, unit", "function", *head), rows)
+        for head, rows in pages.items()
     )
 
 
 def measured(bench):
-    """The text of a bench."""
+    """Run a bench and format its table."""
     if bench in PRINTED:
         return f"```text\n{cargo(bench).strip()}\n```"
-    # Emptied before: what is found there after is of this run.
+    # Emptied first, so that it holds the results of this run only.
     shutil.rmtree(SAMPLES, ignore_errors=True)
     cargo(bench)
     return pivoted(samples(SAMPLES))
@@ -83,9 +84,9 @@ def main():
     parser = tables.parser(__doc__)
     every = (*PRINTED, *SAMPLED)
     parser.add_argument("--only", choices=every)
-    asked = parser.parse_args()
-    for bench in [asked.only] if asked.only else every:
-        tables.publish(bench, measured(bench), write=not asked.print)
+    args = parser.parse_args()
+    for bench in [args.only] if args.only else every:
+        tables.publish(bench, measured(bench), write=not args.print)
 
 
 if __name__ == "__main__":

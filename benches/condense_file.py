@@ -1,11 +1,11 @@
-"""Our condensation of a matrix file, timed: what `condensation_peers.py` runs for ours.
+"""Time the condensation of a matrix file with bipot_rs, for `condensation_peers.py`.
 
-    python benches/condensation_ours.py FILE REPEAT
+    python benches/condense_file.py FILE REPEAT
 
-FILE is that of `peers/cholmod.c`. Prints one JSON line: seconds of each phase, the
-smallest of a construction and, as with the peers, of REPEAT updates that know the pattern
-and have memory that was used before; counts, and the rate of NumPy's matrix product on as
-many threads. Writes W to FILE.s. Threads are BIPOT_NUM_THREADS.
+`peers/cholmod.c` describes FILE. Prints one JSON line: seconds of each phase, the minimum
+of a construction and, as for the peers, of REPEAT updates that know the pattern and reuse
+memory; counts; and the rate of NumPy's matrix product on as many threads. Writes W to
+FILE.s. BIPOT_NUM_THREADS sets the threads.
 """
 
 import json
@@ -22,7 +22,7 @@ PHASES = ("order", "symbolic", "factor", "compliance")
 
 
 def rate():
-    """Flops a second of a matrix product of 1500."""
+    """Flops per second of a matrix product of size 1500."""
     a = np.random.default_rng(1).standard_normal((1500, 1500))
     seconds = []
     for _ in range(4):
@@ -33,7 +33,7 @@ def rate():
 
 
 def main():
-    """Condense, and print."""
+    """Condense, and print the JSON line."""
     path, repeat = Path(sys.argv[1]), int(sys.argv[2])
     with path.open("rb") as file:
         n, m, d, nnz = np.fromfile(file, np.int64, 4)
@@ -45,20 +45,19 @@ def main():
     B = sparse.csr_array((np.ones(m), (np.arange(m), np.arange(n - m, n))), (m, n))
     problem = bp.ContactProblem(K, B, gap=np.zeros(m // d), mu=0.3)
     best = {phase: problem.stats[f"seconds_{phase}"] for phase in PHASES}
-    # The first update has the old factor beside it, later ones the memory of the one
-    # before that.
+    # The first update still holds the old factor; later ones reuse its memory.
     for _ in range(repeat if repeat > 1 else 0):
         problem.update(K)
         for phase in ("factor", "compliance"):
             best[phase] = min(best[phase], problem.stats[f"seconds_{phase}"])
     stats = problem.stats
     problem.compliance.tofile(f"{path}.s")
-    # Pressed onto the contact plane, and pulled along it so that some nodes slip.
+    # Press the body onto the contact plane and pull it along so that some nodes slip.
     load = np.zeros((n // d, d))
     load[:, -1], load[:, 0] = -1.0, 0.2
     for _ in range(2):
         result = problem.solve(load.ravel())
-        # Recovered when asked for.
+        # Displacements are computed when they are asked for.
         start = perf_counter()
         if not np.isfinite(result.displacement).all():
             raise SystemExit("a displacement is not finite")

@@ -1,16 +1,15 @@
-"""How each phase grows with the number of unknowns, and what that says of larger ones.
+"""Growth of each phase with the number of unknowns, and a prediction for larger sizes.
 
-    python benches/slopes.py
-    python benches/slopes.py --quick
+    python benches/scaling.py
+    python benches/scaling.py --quick
 
 Squares and cubes with their base in contact, four sizes each: seconds of each phase,
-operations, nonzeros and bytes. An exponent is the least-squares slope of logarithms;
+operations, nonzeros and bytes. The exponent is the least-squares slope of the logarithms;
 the prediction starts at the largest size measured. Rewrites the table of
-`benches/README.md`, and `slopes.csv`.
+`benches/README.md` and `results/scaling.csv`.
 """
 
 import argparse
-import csv
 import os
 import sys
 import tempfile
@@ -19,14 +18,14 @@ from pathlib import Path
 import matrix_file
 import numpy as np
 import tables
-from programs import lines_of
+from peers.commands import lines_of
 
 HERE = Path(__file__).resolve().parent
-SHEET = "slopes.csv"
+SHEET = "scaling.csv"
 CELLS = {2: (158, 223, 316, 447), 3: (14, 18, 25, 32)}
 QUICK = {2: (30, 45, 65, 90), 3: (5, 7, 9, 11)}
-# The exponents of theory for nested dissection, a whole side in contact: its m unknowns
-# are n^(1/2) in the plane and n^(2/3) in space, and W costs m³. Logarithms left out.
+# Theoretical exponents of nested dissection in 2D and 3D, without logarithms. One side is
+# in contact: its m unknowns grow as n^(1/2) and n^(2/3), and W costs m³.
 THEORY = {
     "order": (1, 1),
     "symbolic": (1, 1),
@@ -50,7 +49,7 @@ NAMES = {
 SCALE = {"bytes_factor": 1e-9, "bytes_peak": 1e-9}
 FAR = (10**6, 10**7)
 HEAD = (
-    *("", "quantity", "smallest", "largest", "exponent", "theory"),
+    *tables.columns("unknowns | quantity | smallest | largest | exponent | theory"),
     *(f"at 10^{len(str(n)) - 1}" for n in FAR),
 )
 
@@ -61,8 +60,8 @@ def exponent(n, values):
 
 
 def measured(dim, cells, threads):
-    """Rows of the sheet, a size each."""
-    command = [sys.executable, str(HERE / "condensation_ours.py")]
+    """Rows of the CSV file, one for each size."""
+    command = [sys.executable, str(HERE / "condense_file.py")]
     for count in cells:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "matrix"
@@ -77,7 +76,7 @@ def measured(dim, cells, threads):
 
 
 def predictions(rows):
-    """For each quantity its values, exponent, theory, and values far away."""
+    """Values, exponent, theoretical exponent and prediction of each quantity."""
     n = np.array([float(row["n"]) for row in rows])
     dim = int(rows[0]["dim"])
     for key, theory in THEORY.items():
@@ -88,44 +87,48 @@ def predictions(rows):
 
 
 def written(rows):
-    """Table and conclusion."""
+    """Text between the markers: table and conclusion."""
     lines, words = [], []
     for dim in (2, 3):
-        ours = [row for row in rows if int(row["dim"]) == dim]
-        sizes = [int(row["n"]) for row in ours]
+        own = [row for row in rows if int(row["dim"]) == dim]
+        sizes = [int(row["n"]) for row in own]
         total, far = np.zeros(len(FAR)), {}
-        for key, values, slope, theory, predicted in predictions(ours):
+        for key, values, slope, theory, predicted in predictions(own):
             first = f"{dim}D, {sizes[0]:,} to {sizes[-1]:,}" if key == "order" else ""
             lines.append(
                 (
-                    *(first, NAMES.get(key, key)),
-                    *(tables.figures(values[0]), tables.figures(values[-1])),
-                    *(f"{slope:.2f}", f"{theory:.2f}".rstrip("0").rstrip(".")),
+                    first,
+                    NAMES.get(key, key),
+                    tables.figures(values[0]),
+                    tables.figures(values[-1]),
+                    f"{slope:.2f}",
+                    f"{theory:.2f}".rstrip("0").rstrip("."),
                     *(tables.figures(float(f"{x:.2g}")) for x in predicted),
                 )
             )
             far[key] = predicted
             if key in ("order", "symbolic", "factor", "compliance", "solve", "recover"):
                 total += predicted
-        place = "in the plane" if dim == 2 else "in space"
+        place = f"in {dim}D"
         for size, seconds, memory in zip(FAR, total, far["bytes_peak"], strict=True):
-            told = [tables.figures(float(f"{x:.2g}")) for x in (seconds, memory)]
-            words.append(f"{told[0]} s and {told[1]} GB for {size:,} unknowns {place}")
+            shown = [tables.figures(float(f"{x:.2g}")) for x in (seconds, memory)]
+            words.append(
+                f"{shown[0]} s and {shown[1]} GB for {size:,} unknowns {place}"
+            )
     text = tables.table(HEAD, lines)
-    return f"{text}\n\n{tables.machines(rows)}. Seconds but where said. {verdict(rows, words)}"
+    return f"{text}\n\n{tables.machines(rows)}. Times in seconds. {conclusion(rows, words)}"
 
 
-def verdict(rows, words):
-    """What to conclude, with the memory of this machine as the measure."""
+def conclusion(rows, words):
+    """Predictions, and the largest size that fits the memory of this machine."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
     space = [row for row in rows if int(row["dim"]) == 3]
     found = {key: rest for key, *rest in predictions(space)}
     values, slope, *_ = found["bytes_peak"]
     largest = float(space[-1]["n"]) * (memory / values[-1]) ** (1 / slope)
-    said = ", ".join(words)
     return (
-        f"Expected: {said}. Memory, not time, is what ends a direct method in space: this "
-        f"machine's {memory:.0f} GB are full at some {largest:.1g} unknowns there."
+        f"Expected: {', '.join(words)}. In 3D memory limits a direct method before time "
+        f"does: the {memory:.0f} GB of this machine are full at about {largest:.1g} unknowns."
     )
 
 
@@ -134,27 +137,25 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="small sizes")
     parser.add_argument("--print", action="store_true", help="write no files")
-    parser.add_argument("--again", action="store_true", help="table from slopes.csv")
-    asked = parser.parse_args()
-    threads, folder = os.cpu_count() or 1, tables.folder(asked.quick)
-    if asked.again:
-        with (folder / SHEET).open(encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
+    parser.add_argument(
+        "--again", action="store_true", help="write the table from the stored CSV file"
+    )
+    args = parser.parse_args()
+    threads, folder = os.cpu_count() or 1, tables.folder(args.quick)
+    if args.again:
+        rows = tables.read_rows(folder / "results" / SHEET)
     else:
         rows = [
             row
-            for dim, cells in (QUICK if asked.quick else CELLS).items()
+            for dim, cells in (QUICK if args.quick else CELLS).items()
             for row in measured(dim, cells, threads)
         ]
     text = written(rows)
     print(text)
-    if asked.print:
+    if args.print:
         return
-    with (folder / SHEET).open("w", newline="", encoding="utf-8") as file:
-        sheet = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        sheet.writeheader()
-        sheet.writerows(rows)
-    tables.rewrite(folder / "README.md", "slopes", text)
+    tables.write_rows(folder / "results" / SHEET, rows)
+    tables.rewrite(folder / "README.md", "scaling", text)
 
 
 if __name__ == "__main__":

@@ -1,43 +1,42 @@
-"""What is left undone where a scene does not need it: each beside doing it all the same.
+"""Time saved by work that a scene does not need, compared with doing that work.
 
-    python benches/needs.py            # the table of the README
-    python benches/needs.py --small    # without the cube of 148,000
+    python benches/skipped_work.py            # the table of the README
+    python benches/skipped_work.py --small    # without the cube of 148,000 unknowns
 
-Cubes, their top held and pressed down, their base the candidates. The two sides run in
-turn, the smaller of each counts, and the answers of both are compared:
+Cubes whose top is prescribed and pressed down and whose base holds the candidates. The two
+sides run in turn, the minimum of each counts, and their results are compared:
 
-- a face of candidates over a round obstacle, of which some 2 % close, beside condensing
-  onto those alone, which nobody knows beforehand;
-- a stiffness of the same pattern and other numbers by `update`, beside a problem of a
-  pattern that was not met before;
-- eight friction coefficients by `solve_many`, beside one after the other;
-- sixteen load steps, a displacement asked for at the end alone, beside one at each.
+- a face of candidates over a round obstacle, of which about 2 % close, compared with
+  condensing onto those alone, which nobody knows beforehand;
+- a stiffness with the same pattern and other values by `update`, compared with a problem
+  of a pattern that this process has not met before;
+- eight friction coefficients by `solve_many`, compared with one after the other;
+- sixteen load steps, displacement asked for at the end only, compared with at each step.
 """
 
 from copy import copy
-from time import perf_counter
 
 import numpy as np
 import tables
 from scipy import sparse
+from timing import fastest
+from unit_body import unit_body
 
 import bipot_rs as bp
-from bipot_rs.fem.elasticity import Body, Material, box, stiffness
 
-HEAD = ("need", "unknowns", "contacts", "ours, s", "beside, s", "ours / it", "differs")
+HEAD = tables.columns(
+    "case | unknowns | contacts | bipot_rs, s | compared with, s | ratio | difference"
+)
 DIM, MU = 3, 0.3
-# Of the face that closes.
+# Share of the face that closes.
 SHARE = 0.02
 
 
 class Cube:
-    """Arrays of a cube of side 1, Young's modulus 1."""
+    """Arrays of a cube of side 1 with Young's modulus 1."""
 
     def __init__(self, cells):
-        axis = np.linspace(0.0, 1.0, cells + 1)
-        mesh = box([axis] * DIM, "hexahedron")
-        self.K = sparse.csr_array(stiffness(Body("cube", mesh, Material(1.0, 0.3))))
-        base, top = (np.flatnonzero(mesh.p[-1] == end) for end in (0.0, 1.0))
+        mesh, self.K, base, top = unit_body(DIM, cells)
         self.places = mesh.p[:, base].T
         self.fixed = (DIM * top[:, None] + np.arange(DIM)).ravel()
         self.dofs = (DIM * base[:, None] + np.roll(np.arange(DIM), 1)).ravel()
@@ -45,19 +44,19 @@ class Cube:
         self.drag = np.tile([0.003, 0.0, -0.01], len(top))
 
     def gap(self, share):
-        """Of a round obstacle that so much of the face closes on, roughly."""
+        """Gap to a round obstacle on which about this share of the face closes."""
         across = self.places[:, :2] - 0.5
-        # Hertz: a² = R δ; of the depth, the cube's own compliance takes a part.
+        # Hertz: a² = R δ; the compliance of the cube takes part of the depth δ.
         radius = 1.1 * share / np.pi / 0.01
         return (across**2).sum(axis=1) / (2 * radius)
 
     @property
     def unknowns(self):
-        """Degrees of freedom that nothing prescribes."""
+        """Number of free degrees of freedom."""
         return self.K.shape[0] - len(self.fixed)
 
     def problem(self, gap, kept=None):
-        """Contacts of the whole base or of those kept, ascending."""
+        """Problem with contacts on the whole base or on the nodes ``kept``, ascending."""
         rows = self.dofs.reshape(-1, DIM)
         rows, gap = (rows, gap) if kept is None else (rows[kept], gap[kept])
         m = rows.size
@@ -66,7 +65,7 @@ class Cube:
         return bp.ContactProblem(self.K, B, gap=gap, mu=MU, fixed=self.fixed)
 
     def shuffled(self, seed):
-        """The same with its nodes in another order, a pattern never met before."""
+        """Same cube with its nodes in another order, so that its pattern is new."""
         count = self.K.shape[0] // DIM
         order = np.random.default_rng(seed).permutation(count)
         place = np.argsort(order)
@@ -79,35 +78,32 @@ class Cube:
         return other
 
 
-def timed(work):
-    """Seconds, and what came out."""
-    start = perf_counter()
-    found = work()
-    return perf_counter() - start, found
-
-
-def apart(found, expected):
-    """Largest difference, of the largest."""
+def difference(found, expected):
+    """Largest difference, relative to the largest entry."""
     return np.abs(found - expected).max() / np.abs(expected).max()
 
 
-def row(need, cube, contacts, rounds, ours, other, differs=apart):
-    """In turn: `ours` and `other` work, `differs` compares what they return."""
-    mine, its = [], []
+def row(case, cube, contacts, rounds, skip, do_all, compare=difference):
+    """Row of one case: ``skip`` and ``do_all`` run in turn, and their results are compared."""
+    fast, slow = [], []
     for _ in range(rounds):
-        seconds, found = timed(ours)
-        mine.append(seconds)
-        seconds, expected = timed(other)
-        its.append(seconds)
+        seconds, found = fastest(1, skip)
+        fast.append(seconds)
+        seconds, expected = fastest(1, do_all)
+        slow.append(seconds)
     return (
-        *(need, f"{cube.unknowns:,}", contacts),
-        *(tables.figures(min(mine)), tables.figures(min(its))),
-        *(f"{min(mine) / min(its):.2f}", f"{differs(found, expected):.0e}"),
+        case,
+        f"{cube.unknowns:,}",
+        contacts,
+        tables.figures(min(fast)),
+        tables.figures(min(slow)),
+        f"{min(fast) / min(slow):.2f}",
+        f"{compare(found, expected):.0e}",
     )
 
 
 def face(cells, rounds):
-    """A face of candidates, of which few close."""
+    """Time a face of candidates of which few close."""
     cube = Cube(cells)
     gap = cube.gap(SHARE)
 
@@ -122,16 +118,16 @@ def face(cells, rounds):
         rounds,
         reactions,
         lambda: reactions(closed),
-        lambda all_of_them, alone: apart(all_of_them[closed], alone),
+        lambda all_of_them, alone: difference(all_of_them[closed], alone),
     )
 
 
 def pattern(cells, rounds):
-    """The same pattern with other numbers."""
+    """Time new values in a known pattern."""
     cube = Cube(cells)
     gap = np.zeros(len(cube.places))
-    # Patterns are remembered within a process: one that is anew must be another. Nodes of
-    # both sides are in no order.
+    # A process remembers patterns, so a new one must differ. Both sides number their nodes
+    # at random.
     cube, *others = [cube.shuffled(seed) for seed in range(rounds + 1)]
     kept, unknown = cube.problem(gap), iter(others)
     stiffer = iter([(1.0 + 0.1 * (k + 1)) * cube.K for k in range(rounds)])
@@ -140,7 +136,7 @@ def pattern(cells, rounds):
         kept.update(next(stiffer))
         return kept.compliance
 
-    def anew():
+    def new_problem():
         return next(unknown).problem(gap).compliance
 
     return row(
@@ -149,14 +145,14 @@ def pattern(cells, rounds):
         f"{len(gap):,}",
         rounds,
         updated,
-        anew,
-        # The moduli differ, and W as their inverses.
-        lambda W, other: apart(W * (1.0 + 0.1 * rounds), other),
+        new_problem,
+        # The moduli differ, and W is inverse to them.
+        lambda W, other: difference(W * (1.0 + 0.1 * rounds), other),
     )
 
 
 def coefficients(cells, rounds):
-    """Eight paths on one factorisation."""
+    """Time eight paths with one factorisation."""
     cube = Cube(cells)
     problem = cube.problem(np.zeros(len(cube.places)))
     several = np.linspace(0.1, 0.8, 8)
@@ -185,7 +181,7 @@ def coefficients(cells, rounds):
 
 
 def steps(cells, rounds):
-    """A path whose displacement is asked for once."""
+    """Time a path whose displacement is asked for once."""
     cube = Cube(cells)
     problem = cube.problem(np.zeros(len(cube.places)))
     path = np.linspace(0.1, 1.0, 16)[:, None] * cube.drag
@@ -212,11 +208,11 @@ def main():
     """Measure, and rewrite the table."""
     parser = tables.parser(__doc__)
     parser.add_argument("--small", action="store_true", help="without 148,000 unknowns")
-    asked = parser.parse_args()
+    args = parser.parse_args()
     rows = [face(25, 3)]
-    rows += [] if asked.small else [face(36, 2)]
+    rows += [] if args.small else [face(36, 2)]
     rows += [pattern(25, 3), coefficients(25, 3), steps(25, 3)]
-    tables.publish("needs", tables.table(HEAD, rows), write=not asked.print)
+    tables.publish("skipped work", tables.table(HEAD, rows), write=not args.print)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
-"""What could grow with a product of sizes, beside a neighbour of the same size.
+"""Memory and time of operations whose cost could grow with a product of two sizes.
 
-    python benches/neighbours.py            # the table of the README
+    python benches/memory_and_time.py            # the table of the README
 
-Each side is a process of its own, whose peak memory is that of its arrays and ours.
-Seconds are the processor's, of all threads: a busy machine does not count.
+Each is compared with a similar operation whose cost does not. Both run in their own
+process, whose peak memory is measured. Seconds are processor time of all threads, so that
+other load does not count.
 """
 
 import json
@@ -18,11 +19,11 @@ from peers.report import peak_mb
 import bipot_rs as bp
 from bipot_rs.obstacle import Surface
 
-HEAD = ("work", "of", "s", "MB", "beside", "s", "MB")
+HEAD = ("operation", "size", "s", "MB", "compared with", "s", "MB")
 
 
 def sheet(n, up):
-    """A unit square of n × n quadrilaterals."""
+    """Unit square of n × n quadrilaterals."""
     axis = np.linspace(0.0, 1.0, n + 1)
     x, y = np.meshgrid(axis, axis, indexing="ij")
     corner = np.arange(n * (n + 1)).reshape(n, n + 1)[:, :-1].ravel()
@@ -31,14 +32,14 @@ def sheet(n, up):
     return points, facets if up else facets[:, ::-1]
 
 
-def mortar(ours, theirs):
-    """Pairs of two sheets."""
-    sheets = *sheet(ours, up=False), *sheet(theirs, up=True)
+def mortar(upper, lower):
+    """Mortar pairs of two sheets."""
+    sheets = *sheet(upper, up=False), *sheet(lower, up=True)
     return lambda: bp.pairs(*sheets)
 
 
 def sphere(bands, off):
-    """Closest points on circles of latitude, of points so far from the centre."""
+    """Closest points on a sphere of radius 1 of points at distance ``off`` from its centre."""
     theta = np.linspace(0, np.pi, bands + 1)[1:-1, None]
     phi = np.arange(bands) * 2 * np.pi / bands
     rings = np.stack(
@@ -49,11 +50,11 @@ def sphere(bands, off):
     )
     x = np.concatenate([rings.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
     node = np.arange((bands - 1) * bands).reshape(bands - 1, bands)
-    beside = np.roll(node, -1, axis=1)
-    a, b, c, d = node[:-1], node[1:], beside[1:], beside[:-1]
+    following = np.roll(node, -1, axis=1)
+    a, b, c, d = node[:-1], node[1:], following[1:], following[:-1]
     top, bottom = np.full(bands, len(x) - 2), np.full(bands, len(x) - 1)
-    triangles = ((a, b, c), (a, c, d), (top, node[0], beside[0]))
-    triangles = (*triangles, (bottom, beside[-1], node[-1]))
+    triangles = ((a, b, c), (a, c, d), (top, node[0], following[0]))
+    triangles = (*triangles, (bottom, following[-1], node[-1]))
     facets = [np.stack(one, axis=-1).reshape(-1, 3) for one in triangles]
     surface = Surface(x, np.concatenate(facets))
     points = np.random.default_rng(0).normal(size=(200, 3))
@@ -62,7 +63,7 @@ def sphere(bands, off):
 
 
 def line(contacts, mu):
-    """Contacts along a line on an elastic body, all of which feel each other."""
+    """Uniqueness of contacts along a line on an elastic body, all coupled."""
     along = np.arange(contacts)
     W = np.zeros((contacts, 2, contacts, 2))
     kernel = 0.5 * np.exp(-np.abs(along[:, None] - along) / 3)
@@ -76,7 +77,7 @@ def line(contacts, mu):
 
 
 def statuses(kind, contacts, mu):
-    """All answers of a random plane problem."""
+    """All solutions of a random plane problem."""
     rng = np.random.default_rng(0)
     n = 2 * contacts
     if kind == "definite":
@@ -91,7 +92,7 @@ def statuses(kind, contacts, mu):
     return problem.answers
 
 
-# Of each row: the work, its size, and the arguments; then those of its neighbour.
+# For each row: operation, size, function, arguments; then what it is compared with.
 ROWS = (
     *(
         (
@@ -102,7 +103,12 @@ ROWS = (
     ),
     *(
         (
-            (f"200 points at {off:g} R from a centre", "199,080 facets", sphere, args),
+            (
+                f"200 points at {off:g} R from the centre",
+                "199,080 facets",
+                sphere,
+                args,
+            ),
             ("at 0.5 R", sphere, (316, 0.5)),
         )
         for off, args in ((1e-3, (316, 1e-3)), (1e-9, (316, 1e-9)))
@@ -113,8 +119,13 @@ ROWS = (
     ),
     *(
         (
-            (f"`answers`, {kind} W, friction {mu:g}", "12", statuses, (kind, 12, mu)),
-            ("of 10", statuses, (kind, 10, mu)),
+            (
+                f"`answers`, {kind} W, friction {mu:g}",
+                "12 contacts",
+                statuses,
+                (kind, 12, mu),
+            ),
+            ("10 contacts", statuses, (kind, 10, mu)),
         )
         for kind in ("definite", "indefinite", "weakly coupled")
         for mu in (0.4, 5.0)
@@ -123,10 +134,10 @@ ROWS = (
 
 
 def measured(make, arguments):
-    """Seconds and megabytes of one side."""
-    asked = json.dumps([make.__name__, *arguments])
+    """Seconds and megabytes of one operation, in a process of its own."""
+    call = json.dumps([make.__name__, *arguments])
     run = subprocess.run(
-        [sys.executable, __file__, "--one", asked],
+        [sys.executable, __file__, "--one", call],
         capture_output=True,
         text=True,
         check=True,
@@ -135,9 +146,9 @@ def measured(make, arguments):
     return [f"{seconds:.2g}", f"{peak:.0f}"]
 
 
-def one(asked):
-    """Measure one side in this process."""
-    name, *arguments = json.loads(asked)
+def one(call):
+    """Measure one operation in this process."""
+    name, *arguments = json.loads(call)
     work = globals()[name](*arguments)
     start = process_time()
     work()
@@ -146,21 +157,23 @@ def one(asked):
 
 
 def rows():
-    """A row for each work and its neighbour."""
-    for (work, size, make, arguments), (neighbour, other, others) in ROWS:
-        ours = measured(make, arguments)
-        yield (work, size, *ours, neighbour, *measured(other, others))
+    """Row of each operation."""
+    for (name, size, make, arguments), (other_name, other, others) in ROWS:
+        found = measured(make, arguments)
+        yield (name, size, *found, other_name, *measured(other, others))
 
 
 def main():
     """Measure, and rewrite the table."""
     parser = tables.parser(__doc__)
-    parser.add_argument("--one", help="one side, by its name and arguments")
-    asked = parser.parse_args()
-    if asked.one:
-        one(asked.one)
+    parser.add_argument(
+        "--one", help="measure one function, a JSON list of its name and arguments"
+    )
+    args = parser.parse_args()
+    if args.one:
+        one(args.one)
         return
-    tables.publish("neighbours", tables.table(HEAD, rows()), write=not asked.print)
+    tables.publish("memory and time", tables.table(HEAD, rows()), write=not args.print)
 
 
 if __name__ == "__main__":

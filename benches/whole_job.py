@@ -1,46 +1,49 @@
-"""Whole jobs beside the peers: mesh to written result, every program in turn.
+"""Time whole jobs of bipot_rs and its peers, from the mesh to the written result.
 
-    python benches/beside.py                  # the table and figures of the README
-    python benches/beside.py --quick
-    python benches/beside.py --scenes sheared_cube=9,15 --rounds 2 --budget 60 --print
+    python benches/whole_job.py                  # the tables of both README files
+    python benches/whole_job.py --quick
+    python benches/whole_job.py --scenes sheared_cube=9,15 --rounds 2 --budget 60 --print
 
-For each scene and size: ours, a peer, the next peer, and again, so that all meet the
-same machine; a ratio is the median of those within a round. Each run is a process of its
-own. Ours has the threads of the machine; a peer is run with BLAS on one thread and on
-all, and goes on with what was faster; where a run is foretold to take over half a minute,
-with what was faster at the size before. A peer whose own slope predicts more than
-``--budget`` seconds is not run, and says so. Every answer is compared with the stored
-reference of the mesh: an error above 1e-8 or a wrong status is marked. Where there is no
-reference, ours is compared with the first peer, the peers with ours.
+The programs run in turn, round after round, so that all meet the same load of the
+machine; a ratio is the median of the ratios within a round. Each run is its own process.
+bipot_rs uses all threads. A peer runs with one BLAS thread and with all, and continues
+with the faster; if a run is predicted to take more than half a minute, it keeps the
+choice of the previous size. A peer whose own slope predicts more than ``--budget``
+seconds is not run. Every result is compared with the stored reference of the mesh; an
+error above 1e-8 or a wrong status is marked. Without a reference, bipot_rs is compared
+with the first peer, and the peers with bipot_rs.
 
-Rewrites the table of `benches/README.md`, the short one of the first README, and
-`beside.csv`, which `beside_figure.py` draws. ``--quick`` writes copies of them into
-`out/bench`.
+Rewrites the table of `benches/README.md`, the short one of `README.md`, and
+`results/whole_job.csv`, which `whole_job_figure.py` draws. ``--quick`` writes copies
+into `out/bench`.
 """
 
 import argparse
-import csv
 import math
 import os
 from pathlib import Path
 from statistics import median
 
-import judge
-import programs
+import compare_tractions
 import tables
+from peers import commands
 
 HERE = Path(__file__).resolve().parent
-SHEET = "beside.csv"
+SHEET = "whole_job.csv"
 FIRST = HERE.parent / "README.md"
-# The rows that the first README shows.
+# Rows of the table of the first README.
 SHOWN = (
-    *(("pressed_block", 32), ("pressed_block", 128), ("sheared_cube", 15)),
-    *(("sheared_cube", 24), ("cattaneo_mindlin", 40), ("two_blocks", 16)),
+    ("pressed_block", 32),
+    ("pressed_block", 128),
+    ("sheared_cube", 15),
+    ("sheared_cube", 24),
+    ("cattaneo_mindlin", 40),
+    ("two_blocks", 16),
     ("cyclic_cube", 15),
 )
-# Errors above this are no answer to the same question.
-WISH = 1e-8
-# Seconds of a run above which a peer's threads are not tried anew.
+# A result with a larger traction error is not comparable.
+TARGET = 1e-8
+# Seconds of a run above which a peer keeps its number of threads.
 LONG = 30.0
 SIZES = {
     "pressed_block": (32, 64, 128),
@@ -57,7 +60,7 @@ QUICK = {
     "cyclic_cube": (5,),
 }
 PLANE = ("pressed_block", "cattaneo_mindlin")
-# What each program calls the three parts of a job.
+# Phases of the programs that make up each part of a job.
 PARTS = {
     "assemble": ("mesh", "assemble"),
     "condense": ("condense", "bricks", "factor", "compliance"),
@@ -65,18 +68,21 @@ PARTS = {
     "write": ("write",),
 }
 COLUMNS = (
-    *("scene", "n", "dofs", "contacts", "steps", "program", "threads", "rounds"),
-    *(*PARTS, "job_min", "job_median", "process", "later_step"),
-    *("error", "wrong_statuses", "against", "peak_mb", "ratio", "later_ratio", "note"),
-    *("version", "machine", "load"),
+    *tables.columns("scene | n | dofs | contacts | steps | program | threads | rounds"),
+    *PARTS,
+    *tables.columns(
+        "job_min | job_median | process | later_step | error | wrong_statuses | "
+        "against | peak_mb | ratio | later_ratio | note | version | machine | "
+        "load"
+    ),
 )
 
 
-def predicted(known, asked, scene):
-    """Seconds expected of a peer at ``asked`` unknowns, from its smaller sizes of the scene.
+def predicted(known, unknowns, scene):
+    """Seconds predicted for a peer, from its smaller sizes of the scene.
 
-    ``known`` is ``[(dofs, seconds, threads), …]``; the slope is that of the last two
-    sizes, with one size the theoretical one.
+    ``known`` is ``[(dofs, seconds, threads), …]``. The slope is that of the last two
+    sizes; with one size it is the theoretical one.
     """
     if not known:
         return 0.0
@@ -85,35 +91,35 @@ def predicted(known, asked, scene):
         (n0, s0, _), (n1, s1, _) = known[-2:]
         slope = max(1.0, math.log(s1 / s0) / math.log(n1 / n0))
     dofs, seconds, _ = known[-1]
-    return seconds * (asked / dofs) ** slope
+    return seconds * (unknowns / dofs) ** slope
 
 
-class Contest:
+class Comparison:
     """All programs on one scene at one size."""
 
-    def __init__(self, scene, n, ours, peers, asked, histories):
-        self.scene, self.n, self.asked = scene, n, asked
-        self.ours, self.histories = ours, histories
-        self.runs = {ours: []}
-        self.threads = {ours: ours.threads}
+    def __init__(self, scene, n, bipot, peers, args, histories):
+        self.scene, self.n, self.args = scene, n, args
+        self.bipot, self.histories = bipot, histories
+        self.runs = {bipot: []}
+        self.threads = {bipot: bipot.threads}
         self.notes, self.settings = {}, {}
-        # Ours goes first: its count of unknowns is what peers are predicted by.
-        self.add(ours)
-        self.dofs = self.runs[ours][0].dofs
+        # bipot_rs first: the predictions for the peers need its number of unknowns.
+        self.add(bipot)
+        self.dofs = self.runs[bipot][0].dofs
         for peer in peers:
             self.runs[peer], self.threads[peer] = [], peer.threads
             expected = predicted(histories[peer], self.dofs, scene)
             if expected > LONG:
                 self.threads[peer] = (histories[peer][-1][2],)
-                self.settings[peer] = "threads as at the size before"
+                self.settings[peer] = "threads as at the previous size"
             if peer.missing:
                 self.notes[peer] = f"not run: {peer.missing}"
-            elif expected > asked.budget:
+            elif expected > args.budget:
                 self.notes[peer] = f"not run: predicted {expected:.0f} s"
 
     def add(self, program):
-        """One run at each number of threads still in question."""
-        limit = None if program is self.ours else 3 * self.asked.budget
+        """Run a program once with each number of threads not yet excluded."""
+        limit = None if program is self.bipot else 3 * self.args.budget
         found = {}
         for threads in self.threads[program]:
             found[threads] = program.run(self.scene, self.n, threads, limit=limit)
@@ -121,33 +127,33 @@ class Contest:
         self.threads[program] = (best,)
         self.runs[program].append(found[best])
 
-    def play(self):
-        """Rounds of all programs, and the rows."""
+    def run(self):
+        """Run all rounds of all programs; return the rows."""
         spent = 0.0
-        for turn in range(self.asked.rounds):
+        for turn in range(self.args.rounds):
             if turn:
                 alone = len(self.notes) + 1 == len(self.runs)
-                if spent * (turn + 1) / turn > self.asked.patience or (
+                if spent * (turn + 1) / turn > self.args.patience or (
                     alone and turn > 1
                 ):
                     break
-                self.add(self.ours)
-            spent += self.runs[self.ours][-1].process
+                self.add(self.bipot)
+            spent += self.runs[self.bipot][-1].process
             for peer in self.runs:
-                if peer is self.ours or peer in self.notes:
+                if peer is self.bipot or peer in self.notes:
                     continue
                 try:
                     self.add(peer)
                     spent += self.runs[peer][-1].process
-                except programs.Failed as why:
+                except commands.Failed as why:
                     self.notes[peer] = f"not solved: {why}"
                     self.runs[peer].clear()
         return list(self.rows())
 
     def rows(self):
-        """One dictionary a program."""
-        reference, against = judge.stored(self.scene, self.n), "reference"
-        own = self.runs[self.ours]
+        """One dictionary for each program."""
+        reference, against = compare_tractions.stored(self.scene, self.n), "reference"
+        own = self.runs[self.bipot]
         for program, runs in self.runs.items():
             row = dict.fromkeys(COLUMNS, "")
             row |= {"scene": self.scene, "n": self.n, "dofs": self.dofs}
@@ -161,7 +167,7 @@ class Contest:
             if reference is None:
                 other, against = self.other(program)
             if other is not None:
-                error, wrong = judge.compare(answer, other)
+                error, wrong = compare_tractions.compare(answer, other)
                 row |= {"error": error, "wrong_statuses": wrong, "against": against}
             jobs = [run.job for run in runs]
             row |= {
@@ -175,11 +181,11 @@ class Contest:
                 "job_median": median(jobs),
                 "process": answer.process,
                 "peak_mb": max(run.peak_mb for run in runs),
-                "note": row["note"] or self.said(program, answer),
+                "note": row["note"] or self.remarks(program, answer),
             }
             if answer.later is not None:
                 row["later_step"] = min(run.later for run in runs)
-            if program is not self.ours:
+            if program is not self.bipot:
                 pairs = list(zip(runs, own, strict=False))
                 row["ratio"] = median(run.job / mine.job for run, mine in pairs)
                 if answer.later is not None:
@@ -191,41 +197,44 @@ class Contest:
                 )
             yield row
 
-    def said(self, program, answer):
-        """What a run tells of its settings, and what was settled before it."""
+    def remarks(self, program, answer):
+        """Settings that the run reports, and those chosen before it."""
         return "; ".join(filter(None, (answer.settings, self.settings.get(program))))
 
     def other(self, program):
-        """What a run without a stored reference is compared with, and its name."""
-        own = self.runs[self.ours][0]
+        """Result to compare with if no reference is stored, and its program."""
+        own = self.runs[self.bipot][0]
         as_reference = {"x": own.x, "area": own.area, "mu": own.mu}
-        if program is not self.ours:
-            return as_reference | {"R": own.R, "v": own.v}, self.ours.name
+        if program is not self.bipot:
+            return as_reference | {"R": own.R, "v": own.v}, self.bipot.name
         for peer, runs in self.runs.items():
-            if peer is not self.ours and runs:
+            if peer is not self.bipot and runs:
                 run = runs[0]
-                order = judge.nearest(run.x, own.x)
+                order = compare_tractions.nearest(run.x, own.x)
                 found = {"R": run.R[:, order], "v": run.v[:, order]}
                 return as_reference | found, peer.name
         return None, ""
 
 
 def trusted(row):
-    """Whether the row answers the question: error and statuses."""
+    """Whether the error and the statuses of a row are right."""
     return row["error"] == "" or (
-        float(row["error"]) <= WISH and int(row["wrong_statuses"]) == 0
+        float(row["error"]) <= TARGET and int(row["wrong_statuses"]) == 0
     )
 
 
 HEAD = (
-    *("scene, n", "dofs", "contacts", "steps", "program", "threads"),
-    *(*PARTS, "job", "median", "process", "later step"),
-    *("traction error", "statuses", "peak MB", "ratio"),
+    *tables.columns("scene, n | dofs | contacts | steps | program | threads"),
+    *PARTS,
+    *tables.columns(
+        "job | median | process | later step | traction error | statuses | "
+        "peak MB | ratio"
+    ),
 )
 
 
 def cells(row):
-    """A row of the table from a row of the sheet."""
+    """Row of the table from a row of the CSV file."""
     first = row["program"] == "bipot_rs"
     scene = (f"{row['scene']}, {row['n']}", f"{int(row['dofs']):,}")
     scene += (str(row["contacts"]), str(row["steps"]))
@@ -247,17 +256,20 @@ def cells(row):
     else:
         statuses = "unchecked"
     return (
-        *(*head, str(row["threads"])),
+        *head,
+        str(row["threads"]),
         *(tables.figures(s) if s else "" for s in seconds),
         tables.figures(times[0]) + mark,
         *(tables.figures(s) for s in times[1:]),
-        *(error, statuses, f"{float(row['peak_mb']):.0f}"),
+        error,
+        statuses,
+        f"{float(row['peak_mb']):.0f}",
         f"{float(row['ratio']):.1f}" if row["ratio"] != "" else "",
     )
 
 
 def conclusion(rows):
-    """What the table says, best peer by best peer."""
+    """Ratio of the fastest correct peer to bipot_rs, scene by scene."""
     best, later = {}, {}
     for row in rows:
         key = place(row)
@@ -271,7 +283,7 @@ def conclusion(rows):
                     (float(row["later_ratio"]), row["program"]),
                 )
     if not best:
-        return "No peer is installed: nothing to compare."
+        return "No peer is installed."
 
     def words(found, keys):
         return ", ".join(
@@ -281,16 +293,18 @@ def conclusion(rows):
 
     won = sorted((k for k in best if best[k][0] >= 1), key=lambda k: -best[k][0])
     lost = [k for k in best if best[k][0] < 1]
-    text = "Times the job of the fastest peer that is right takes ours: "
-    text += (words(best, won) or "never more than once") + "."
+    text = (
+        "Job of the fastest peer with a correct result, divided by that of bipot_rs: "
+    )
+    text += (words(best, won) or "nowhere above 1") + "."
     text += f" Slower than a peer: {words(best, lost) if lost else 'nowhere'}."
     if later:
-        text += f" A later load step: {words(later, later)}."
+        text += f" The same ratio of a later load step: {words(later, later)}."
     return text
 
 
 def written(rows):
-    """The text between the markers."""
+    """Text between the markers of the page."""
     machines = tables.machines(rows)
     versions = ", ".join(
         dict.fromkeys(row["version"] for row in rows if row["version"])
@@ -306,32 +320,34 @@ def written(rows):
 
 
 def short(rows):
-    """The table of the first README: ours beside the fastest peer of each size shown."""
-    head = ("scene, n", "unknowns", "contacts", "steps")
-    head = (*head, "bipot_rs", "fastest other", "ratio", "traction error")
+    """Table of the first README: bipot_rs and the fastest peer of each size shown."""
+    head = tables.columns(
+        "scene, n | unknowns | contacts | steps | "
+        "bipot_rs | fastest other | ratio | traction error"
+    )
     lines = []
     for scene, n in SHOWN:
         own = [row for row in rows if place(row) == (scene, n) and row["job_min"]]
-        ours = next(row for row in own if row["program"] == "bipot_rs")
-        peers = (row for row in own if row is not ours)
+        bipot = next(row for row in own if row["program"] == "bipot_rs")
+        peers = (row for row in own if row is not bipot)
         best = min(peers, key=lambda row: float(row["job_min"]))
         lines.append(
             (
                 f"{scene}, {n}",
-                f"{int(ours['dofs']):,}",
-                ours["contacts"],
-                ours["steps"],
-                tables.figures(float(ours["job_min"])),
+                f"{int(bipot['dofs']):,}",
+                bipot["contacts"],
+                bipot["steps"],
+                tables.figures(float(bipot["job_min"])),
                 f"{tables.figures(float(best['job_min']))} {best['program']}",
                 f"{float(best['ratio']):.1f}",
-                f"{float(ours['error']):.0e}",
+                f"{float(bipot['error']):.0e}",
             )
         )
     return tables.table(head, lines)
 
 
 def chosen(argument, sizes):
-    """Scenes and sizes of the command line."""
+    """Scenes and sizes that the command line asks for."""
     if not argument:
         return sizes
     pairs = (one.partition("=") for one in argument)
@@ -341,17 +357,18 @@ def chosen(argument, sizes):
     }
 
 
-def measure(asked):
-    """Rows of one scene and size after the other."""
-    ours, peers = programs.Ours(), programs.peers()
+def measure(args):
+    """Yield the rows of each scene and size."""
+    bipot, peers = commands.Bipot(), commands.peers()
     versions = {
-        p.name: "" if getattr(p, "missing", "") else p.version() for p in (ours, *peers)
+        p.name: "" if getattr(p, "missing", "") else p.version()
+        for p in (bipot, *peers)
     }
     print(", ".join(filter(None, versions.values())), flush=True)
-    for scene, sizes in chosen(asked.scenes, QUICK if asked.quick else SIZES).items():
+    for scene, sizes in chosen(args.scenes, QUICK if args.quick else SIZES).items():
         histories = {peer: [] for peer in peers}
         for n in sizes:
-            found = Contest(scene, n, ours, peers, asked, histories).play()
+            found = Comparison(scene, n, bipot, peers, args, histories).run()
             for row in found:
                 row["version"] = versions[row["program"]]
                 row["machine"] = tables.processor()
@@ -366,28 +383,17 @@ def place(row):
 
 
 def merged(old, new):
-    """Rows of a sheet with those measured anew in their place, in the order of `SIZES`."""
-    again = {place(row) for row in new}
-    rows = [row for row in old if place(row) not in again] + new
+    """Replace the rows of the sizes measured again; order as in `SIZES`."""
+    measured = {place(row) for row in new}
+    rows = [row for row in old if place(row) not in measured] + new
     order = list(SIZES)
     return sorted(rows, key=lambda row: (order.index(row["scene"]), int(row["n"])))
 
 
-def read(path):
-    """Rows of a sheet, none where there is no file."""
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def store(rows, folder, first):
-    """Write the sheet and the tables; ``first``, whether into the first README, too."""
+    """Write the CSV file and the tables; with ``first`` that of the first README too."""
     text = written(rows)
-    with (folder / SHEET).open("w", newline="", encoding="utf-8") as file:
-        sheet = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        sheet.writeheader()
-        sheet.writerows(rows)
+    tables.write_rows(folder / "results" / SHEET, rows)
     tables.rewrite(folder / "README.md", "whole jobs", text)
     if first:
         text = f"{short(rows)}\n\n{tables.machines(rows)}."
@@ -395,26 +401,32 @@ def store(rows, folder, first):
 
 
 def main():
-    """Run, and rewrite the pages after each size: a long run may be broken off."""
+    """Measure; rewrite the pages after each size, because a long run may be interrupted."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", nargs="*", help="SCENE=N,N…; other rows are kept")
     parser.add_argument("--quick", action="store_true", help="small sizes, two rounds")
     parser.add_argument("--rounds", type=int)
-    parser.add_argument("--budget", type=float, help="seconds of one run of a peer")
-    parser.add_argument("--patience", type=float, default=400.0, help="of one size, s")
+    parser.add_argument("--budget", type=float, help="seconds for one run of a peer")
+    parser.add_argument(
+        "--patience", type=float, default=400.0, help="seconds for one size"
+    )
     parser.add_argument("--print", action="store_true", help="write no files")
-    parser.add_argument("--again", action="store_true", help="tables from the sheet")
-    asked = parser.parse_args()
-    asked.rounds = asked.rounds or (2 if asked.quick else 5)
-    asked.budget = asked.budget or (20.0 if asked.quick else 240.0)
-    folder = tables.folder(asked.quick)
-    rows = read(folder / SHEET) if asked.scenes or asked.again else []
-    for found in () if asked.again else measure(asked):
+    parser.add_argument(
+        "--again", action="store_true", help="write the tables from the stored CSV file"
+    )
+    args = parser.parse_args()
+    args.rounds = args.rounds or (2 if args.quick else 5)
+    args.budget = args.budget or (20.0 if args.quick else 240.0)
+    folder = tables.folder(args.quick)
+    stored = folder / "results" / SHEET
+    kept = (args.scenes or args.again) and stored.exists()
+    rows = tables.read_rows(stored) if kept else []
+    for found in () if args.again else measure(args):
         rows = merged(rows, found)
-        if not asked.print:
-            store(rows, folder, first=not asked.quick)
-    if asked.again:
-        store(rows, folder, first=not asked.quick)
+        if not args.print:
+            store(rows, folder, first=not args.quick)
+    if args.again:
+        store(rows, folder, first=not args.quick)
     print(conclusion(rows))
 
 

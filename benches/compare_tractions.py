@@ -1,4 +1,4 @@
-"""How far the tractions of a run are from the reference, and whether statuses agree."""
+"""Error of the tractions of a run against a reference, and nodes with a wrong status."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ LETTER = {"pressed_block": "A", "sheared_cube": "B", "two_blocks": "D"}
 
 
 def stored(scene, n):
-    """Reference of a mesh: x, area, mu, R, v; ``None`` where there is none."""
+    """Stored reference of a mesh: x, area, mu, R, v; ``None`` if there is none."""
     path = DATA / f"{LETTER.get(scene)}_{n}.npz"
     if not path.exists():
         return None
@@ -23,37 +23,36 @@ def stored(scene, n):
 
 
 def statuses(R, v, mu):
-    """0 open, 1 slip, 2 stick for each load step and node, by one rule for all programs.
+    """Status of each load step and node: 0 open, 1 slip, 2 stick.
 
-    The status of the projection of ``R - ρ v``: of an answer it is the same for every
-    ρ > 0, which here only brings the two to one size. Also whether the node is clear of
-    the border between two of them: on a border, as where a load path turns round, the
-    status is decided by rounding, and any of the two is right.
+    One rule for all programs, the projection of ``R - ρ v``. For a solution the status
+    does not depend on ρ > 0, which only scales v to the size of R. The second result
+    tells whether the node is far from the border between two statuses. On a border, for
+    example where a load path reverses, rounding decides, and both statuses are right.
     """
     rho = np.abs(R).max() / np.abs(v).max()
     tau = R - rho * v
     n, t = tau[..., 0], np.linalg.norm(tau[..., 1:], axis=-1)
     bound = mu * np.maximum(n, 0.0)
     slips = (t > bound) | (mu == 0)
-    # The tractions asked for are right to 1e-8 in the mean: a node may have ten times.
+    # Tractions are right to 1e-8 in the mean; the error of a node may be ten times as large.
     near = 1e-7 * np.abs(tau).max()
     clear = (np.abs(n) > near) & ((n < 0) | (mu == 0) | (np.abs(t - bound) > near))
     return np.where(n <= 0, 0, np.where(slips, 1, 2)), clear
 
 
 def nearest(points, wanted):
-    """For each wanted point the number of the one that is there, which must be."""
+    """Index of the point at each wanted place; raises `ValueError` if one is missing."""
     distance, order = cKDTree(points).query(wanted)
     if distance.max() > 1e-9 * np.ptp(points):
-        raise ValueError("the contact nodes are not those of the reference")
+        raise ValueError("the contact nodes differ from those of the reference")
     return order
 
 
 def compare(run, reference):
-    """Largest traction error of a load step, and nodes whose status differs.
+    """Largest traction error of the load steps, and number of different statuses.
 
-    The error is that of ``R / area``, in the norm of the contact face, relative to the
-    reference.
+    The error of ``R / area`` in the L2 norm of the contact face, relative to the reference.
     """
     order = nearest(run.x, reference["x"])
     if run.R.shape != reference["R"].shape:
@@ -62,6 +61,6 @@ def compare(run, reference):
     R, v, mu = run.R[:, order], run.v[:, order], reference["mu"]
     square = (weight * (R - reference["R"]) ** 2).sum(axis=(1, 2))
     error = np.sqrt(square / (weight * reference["R"] ** 2).sum(axis=(1, 2))).max()
-    theirs, clear = statuses(reference["R"], reference["v"], mu)
-    ours, _ = statuses(R, v, mu)
-    return float(error), int(((ours != theirs) & clear).sum())
+    expected, clear = statuses(reference["R"], reference["v"], mu)
+    found, _ = statuses(R, v, mu)
+    return float(error), int(((found != expected) & clear).sum())

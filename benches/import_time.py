@@ -1,11 +1,11 @@
-"""What it costs to start: whole processes, in turn.
+"""Time to start whole processes, in turn.
 
-    python benches/start.py                # the table of the README, of 9 rounds
-    python benches/start.py --rounds 21
+    python benches/import_time.py                # the table of the README, 9 rounds
+    python benches/import_time.py --rounds 21
 
-Each round runs every command once, so that all meet the same machine, and the first
-round, which fills the caches of the disk and of Python, is not counted. The least of
-the rounds is what the command costs, the median what it took on this machine.
+Each round runs every command once, so that all meet the same load of the machine. The
+first round fills the caches of the disk and of Python and is not counted. The minimum
+is the cost of the command, the median its time on this machine.
 """
 
 import statistics
@@ -16,7 +16,7 @@ from pathlib import Path
 from time import perf_counter
 
 import tables
-from programs import as_installed
+from peers.commands import as_installed
 
 PYTHON = sys.executable
 COMMANDS = {
@@ -32,7 +32,7 @@ COMMANDS = {
 
 
 def milliseconds(command, folder):
-    """Wall clock of one process."""
+    """Wall-clock time of one process."""
     environment = as_installed(folder)
     start = perf_counter()
     subprocess.run(
@@ -45,19 +45,19 @@ def main():
     """Measure, and rewrite the table."""
     parser = tables.parser(__doc__)
     parser.add_argument("--rounds", type=int, default=9)
-    asked = parser.parse_args()
+    args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         times = [
             [milliseconds(command, folder) for command in COMMANDS.values()]
-            for _ in range(asked.rounds + 1)
+            for _ in range(args.rounds + 1)
         ]
     rows = [
         (f"`{name}`", f"{min(column):.0f} ms", f"{statistics.median(column):.0f} ms")
         for name, column in zip(COMMANDS, zip(*times[1:], strict=True), strict=True)
     ]
-    text = tables.table(("process", "least", "median"), rows)
-    tables.publish("start", text, write=not asked.print)
+    text = tables.table(("process", "minimum", "median"), rows)
+    tables.publish("import time", text, write=not args.print)
 
 
 if __name__ == "__main__":
