@@ -144,12 +144,12 @@ def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
 
 def _at_rest(case: Any, result: Any, found: Any, step: int) -> Floats | None:
     """What initial strains of a case add to the stress of a step."""
-    place = number_of(result, step)
+    number = number_of(result, step)
     whole: Floats | None
     if getattr(found, "s", None) is not None:
         whole = case.stress_at_rest(found)
-    elif place is not None:
-        whole = case.stress_at_rest(place[0])
+    elif number is not None:
+        whole = case.stress_at_rest(number.index)
     else:
         whole = case.stress_at_rest(0)
         if whole is not None:
@@ -163,7 +163,7 @@ def _at_rest(case: Any, result: Any, found: Any, step: int) -> Floats | None:
 def _plane(model: Assembly, places: Floats, stress: Floats, ax: Any) -> Any:
     from matplotlib.collections import LineCollection, PolyCollection
 
-    corners = [c for cells in model.cells for c in places[corners_of(*cells)[1]]]
+    corners = [c for kind, n in model.cells for c in places[corners_of(kind, n)]]
     image = PolyCollection(
         corners, array=stress, cmap="viridis", lw=0, antialiased=False
     )

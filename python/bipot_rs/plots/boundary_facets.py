@@ -25,18 +25,23 @@ _FACETS: dict[str, list[tuple[int, ...]]] = {
 }
 
 
-# Of cells and facets; those of second order have the same corners, before other nodes.
+# Number of corners. Cells of second order list their corners before their other nodes.
 _CORNERS = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8}
 
 
-def corners_of(kind: str, nodes: Ints) -> tuple[str, Ints]:
-    """Kind and corners of cells of either order: pictures have straight edges."""
-    first = kind.rstrip("0123456789")
-    if first not in _CORNERS:
+def corners_of(kind: str, nodes: Ints) -> Ints:
+    """Corners of cells of first or second order: pictures have straight edges."""
+    shape = _shape(kind)
+    if shape not in _CORNERS:
         raise ValueError(
             f"kind of cells is {kind!r}, expected one of {', '.join(_CORNERS)}"
         )
-    return first, nodes[:, : _CORNERS[first]]
+    return nodes[:, : _CORNERS[shape]]
+
+
+def _shape(kind: str) -> str:
+    """Name of the cell of first order with the same corners."""
+    return kind.rstrip("0123456789")
 
 
 def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
@@ -54,9 +59,9 @@ def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
     """
     found: list[tuple[Ints, Ints]] = []
     first = 0
-    for given, nodes in cells:
-        kind, corners = corners_of(given, nodes)
-        facets = np.concatenate([corners[:, list(f)] for f in _FACETS[kind]])
+    for kind, nodes in cells:
+        corners = corners_of(kind, nodes)
+        facets = np.concatenate([corners[:, list(f)] for f in _FACETS[_shape(kind)]])
         _, at, count = np.unique(
             np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
         )

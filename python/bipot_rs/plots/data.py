@@ -166,20 +166,28 @@ def one_step(found: Any, step: int) -> Solution:
     return solution
 
 
-def number_of(found: Any, step: int) -> tuple[int, int] | None:
-    """Of a step of a result its number from 0 on the whole path, and how many it has."""
+@dataclass(frozen=True)
+class StepNumber:
+    """Index of a step, from 0, on the whole path, and the number of steps."""
+
+    index: int
+    count: int
+
+
+def number_of(found: Any, step: int) -> StepNumber | None:
+    """Number of a step of a `Result`; None for a single step."""
     if not isinstance(found, Result):
         return None
     count = found._first + len(found)
-    return (step if step < 0 else found._first + step) % count, count
+    return StepNumber((step if step < 0 else found._first + step) % count, count)
 
 
 def said_of(found: Any, step: int) -> str:
-    """Which load step, in words; none of a single one."""
-    place = number_of(found, step)
-    if place is None or place[1] == 1:
+    """``load step 3 of 8``; empty for a path of one step."""
+    number = number_of(found, step)
+    if number is None or number.count == 1:
         return ""
-    return f"load step {place[0] + 1} of {place[1]}"
+    return f"load step {number.index + 1} of {number.count}"
 
 
 def look(

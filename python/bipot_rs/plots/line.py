@@ -159,7 +159,7 @@ def _styles(what: tuple[str, str], limited: bool) -> list[Any]:
     """Of lines that have the colours of surfaces."""
     from matplotlib.lines import Line2D
 
-    looks = [("-", what[0]), ("--", what[1]), *([(":", "±μ × pressure")] * limited)]
+    looks = [("-", what[0]), ("--", what[1])] + [(":", "±μ × pressure")] * limited
     return [Line2D([], [], color="black", lw=1.2, ls=ls, label=s) for ls, s in looks]
 
 

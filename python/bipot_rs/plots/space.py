@@ -99,8 +99,11 @@ def _values(
 def _polygons(model: Assembly) -> list[Any]:
     from bipot_rs.fem.contact_surface import contact_surface
 
-    facets = [facet for facet in contact_surface(model) if facet[0] != "vertex"]
-    return [corners_of(*facet)[1] for facet in facets]
+    return [
+        corners_of(kind, facets)
+        for kind, facets in contact_surface(model)
+        if kind != "vertex"
+    ]
 
 
 def _zones(status: Floats, parts: list[Any]) -> list[Floats]:

@@ -302,7 +302,9 @@ def test_where_nothing_can_be_told_that_is_said() -> None:
         ([1.0, 0.0, 0.0], "pressure", "all contacts are open"),
     ):
         result = bp.solve(
-            *(np.eye(3 * n), np.eye(3 * n), np.tile(load, n)),
+            np.eye(3 * n),
+            np.eye(3 * n),
+            np.tile(load, n),
             gap=np.zeros(n),
             mu=0.3,
             points=x,

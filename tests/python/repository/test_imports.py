@@ -52,8 +52,16 @@ def loaded(code: str, folder: Path) -> set[str]:
         (COMMAND.format(RUN[:-1]), set(HEAVY) - {"matplotlib", "meshio"}),
     ],
     ids=[
-        *("import", "project", "arrays", "help", "scenes", "scene", "new", "check"),
-        *("json", "table"),
+        "import",
+        "project",
+        "arrays",
+        "help",
+        "scenes",
+        "scene",
+        "new",
+        "check",
+        "json",
+        "table",
     ],
 )
 def test_loads_only_what_it_uses(

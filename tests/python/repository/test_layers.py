@@ -113,8 +113,10 @@ RUST_NAMES = {
     "pyo3": ("python/",),
     "numpy": ("python/",),
     "unsafe": (
-        *("linalg/dense/kernels.rs", "linalg/pages.rs"),
-        *("linalg/sparse/ordering.rs", "linalg/sparse/arena.rs"),
+        "linalg/dense/kernels.rs",
+        "linalg/pages.rs",
+        "linalg/sparse/ordering.rs",
+        "linalg/sparse/arena.rs",
     ),
 }
 # Library, and the only modules that may name it.
@@ -178,7 +180,8 @@ def lint(package: Path, settings: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [
             Path(sys.executable).with_name("lint-imports"),
-            *("--config", settings, "--no-cache"),
+            f"--config={settings}",
+            "--no-cache",
         ],
         env=os.environ | {"PYTHONPATH": str(package)},
         capture_output=True,

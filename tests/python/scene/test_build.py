@@ -378,8 +378,10 @@ def test_mistakes_of_files_are_all_told(tmp_path: Path) -> None:
         m.assemble()
     places = [problem.partition(":")[0] for problem in refused.value.problems]
     assert places == [
-        *("support.1.on", "strain.1.on"),
-        *("contact.1.plane.point", "contact.1.plane.normal"),
+        "support.1.on",
+        "strain.1.on",
+        "contact.1.plane.point",
+        "contact.1.plane.normal",
     ]
     m = of_file()
     m._table["body"]["part"]["surface"] = {"base": {"normal": [0, 1]}}

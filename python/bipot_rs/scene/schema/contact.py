@@ -101,8 +101,17 @@ class Rigid(Table):
     move: Components | None = None
     turn: Turn | None = None
 
+    @property
+    def centre(self) -> list[float] | None:
+        """The point that it turns about by default; None for the surface of a file."""
+        if self.plane is not None:
+            return self.plane.point
+        if self.sphere is not None:
+            return self.sphere.centre
+        return None if self.cylinder is None else self.cylinder.point
+
     def varying(self) -> dict[str, Varying]:
-        """Its numbers that may have an amplitude, by the ends of their places."""
+        """Numbers that may have an amplitude, by the end of their key path."""
         found = {}
         if self.move is not None:
             letters = "xyz"
