@@ -1,4 +1,4 @@
-"""Scenes: TOML files and tables that describe a contact problem and its load path."""
+"""Scenes: TOML files and tables that define a contact problem and its load path."""
 
 from typing import TYPE_CHECKING
 

@@ -385,7 +385,7 @@ def test_mistakes_of_files_are_all_told(tmp_path: Path) -> None:
     ]
     m = of_file()
     m._table["body"]["part"]["surface"] = {"base": {"normal": [0, 1]}}
-    with pytest.raises(ValueError, match=r"body\.part\.surface\.base: the mesh names"):
+    with pytest.raises(ValueError, match=r"body\.part\.surface\.base: the mesh has"):
         m.assemble()
     m._table["body"]["part"]["surface"] = {"side": {"within": {"x": [7, 8]}}}
     with pytest.raises(ValueError, match=r"body\.part\.surface\.side: no facet"):

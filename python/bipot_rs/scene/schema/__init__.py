@@ -1,7 +1,7 @@
-"""Tables of a scene, and what is wrong with them: pydantic says what is, by file.
+"""The tables of a scene as pydantic models; `Scene` is the root.
 
-`Scene` is the root of all. A name `on` is ``"body.surface"``; what no table shows by
-itself is said by `inconsistencies`.
+Pydantic checks each table by itself, `inconsistencies` checks them against each other. The
+key `on` is ``"body.surface"``.
 """
 
 from bipot_rs.scene.schema.consistency import (
