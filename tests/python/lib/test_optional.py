@@ -97,8 +97,8 @@ def test_what_to_install_is_said(
     last = done.stderr.strip().splitlines()[-1]
     extra = {"h5py": "io", "skfem": "fem"}.get(library, "cli")
     assert last == (
-        f"ModuleNotFoundError: {told}, which is not installed: it comes with the extra "
-        f"{extra}, as in pip install 'bipot-rs[{extra}]'"
+        f"ModuleNotFoundError: {told}, which is not installed: run pip install "
+        f"'bipot-rs[{extra}]'"
     )
 
 
