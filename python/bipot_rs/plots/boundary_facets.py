@@ -1,4 +1,4 @@
-"""The outside of bodies: facets that belong to one cell only."""
+"""Boundary facets of bodies: those that belong to one cell only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.plots.style import round_number
 
-# Facets by the corners of a cell of VTK.
+# Facets of a cell, as indices of its corners in the order of VTK.
 _FACETS: dict[str, list[tuple[int, ...]]] = {
     "triangle": [(0, 1), (1, 2), (2, 0)],
     "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -45,17 +45,17 @@ def _shape(kind: str) -> str:
 
 
 def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
-    """Facets on the outside, and the cell that each is of, body by body.
+    """Boundary facets of each body, and the cell of each facet.
 
     Parameters
     ----------
     cells
-        As `fem.Assembly.cells`; those of all bodies are numbered through.
+        As `fem.Assembly.cells`; numbers of cells continue from body to body.
 
     Returns
     -------
     list of (facets, cell)
-        Nodes ``(m, corners)``, around the facet, and ``(m,)``.
+        Nodes ``(m, corners)`` in order around the facet, and cells ``(m,)``.
     """
     found: list[tuple[Ints, Ints]] = []
     first = 0
@@ -74,10 +74,10 @@ def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
 def deformed_nodes(
     nodes: Floats, displacement: Floats, scale: float | None, share: float
 ) -> tuple[Floats, float]:
-    """Places ``nodes + scale * u``, and the scale.
+    """Points ``nodes + scale * u``, and the scale.
 
-    Without a scale it is a round number with which the largest displacement is about
-    ``share`` of the largest extent of the bodies, and 1 at the least.
+    The default scale is a round number, 1 or more, for which the largest displacement is
+    about ``share`` of the largest extent of the bodies.
     """
     u = displacement.reshape(nodes.shape)
     if scale is None:
