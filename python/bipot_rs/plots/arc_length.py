@@ -77,8 +77,8 @@ def places(x: Floats, along: ArrayLike | str | None) -> Places:
         return _projected(x, _unit(along, d))
     if d == 3:
         raise ValueError(
-            "along is missing: in three dimensions pass a direction or 'arc', and where= to "
-            "select the contacts of a line; or draw the whole surface with surface_map"
+            "along is missing: in three dimensions pass a direction or 'arc', and select the "
+            "contacts of a line by where=; or draw the whole surface by surface_map"
         )
     direction = _straight(x)
     return _arc(x) if direction is None else _projected(x, direction)
@@ -189,7 +189,7 @@ def _chain(x: Floats) -> Ints:
     if max(map(len, links)) > 2:
         if x.shape[1] == 3:
             raise ValueError(
-                "the contacts do not lie on one line: select those of a line with where="
+                "the contacts do not lie on one line: select those of a line by where="
             )
         return _greedy(x, links)
     return np.array(_walk(links, _end(links)))

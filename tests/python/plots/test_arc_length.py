@@ -136,7 +136,7 @@ def test_a_ring_in_space_is_seen_from_an_axis() -> None:
 def test_a_surface_is_no_line() -> None:
     u, v = np.meshgrid(np.arange(6.0), np.arange(6.0))
     x = np.stack([u.ravel(), v.ravel(), 0 * u.ravel()], axis=1)
-    with pytest.raises(ValueError, match="do not lie on one line"):
+    with pytest.raises(ValueError, match="do not lie on one line: select"):
         places(x, "arc")
     assert not places(x, "x").once
     assert places(x[:6], "x").once

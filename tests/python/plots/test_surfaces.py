@@ -417,8 +417,8 @@ def test_surfaces_off_one_plane_are_drawn_in_space(bipot: Any) -> None:
     status, _, err = bipot("plot", "out/corner", "--kind", "pressure_map")
     assert status == 2
     assert (
-        "choose those of one by --contact (there are block.bottom, block.left), or draw "
-        "them in space by --kind pressure_3d" in " ".join(err.split())
+        "select those of one by --contact (one of block.bottom, block.left), or draw "
+        "them in 3D by --kind pressure_3d" in " ".join(err.split())
     )
     chosen = ("--kind", "pressure_map", "--contact", "block.bottom")
     assert bipot("plot", "out/corner", *chosen)[0] == 0
