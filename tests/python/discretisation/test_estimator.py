@@ -314,7 +314,7 @@ def test_bad_calls(tmp_path: Path) -> None:
         Estimator(case)
     case, result = bench.solved("sheared_cube", ["mesh.n=2"])
     estimator = Estimator(case)
-    with pytest.raises(ValueError, match="step is 2, the path has 2 steps"):
+    with pytest.raises(ValueError, match="step is 2, but the path has 2 steps"):
         estimator.error(result, 2)
     with pytest.raises(ValueError, match=r"threshold has shape \(3,\)"):
         estimator.error(result, 0, threshold=np.ones(3))
@@ -366,16 +366,16 @@ def test_an_iterate_is_not_called_a_bound() -> None:
         assert (depth > 1e-9) == (tol == 1e-2)
     assert kinds[1e-12].kind == BOUND
     assert kinds[1e-2].kind == INDICATOR
-    assert kinds[1e-2].reasons == ("contacts that penetrate: solve to a smaller tol",)
+    assert kinds[1e-2].reasons == ("contacts that penetrate: solve with a smaller tol",)
     case, result = bench.solved("sheared_cube", ["mesh.n=2"])
     error = discretisation_error(case, result, 0, threshold=np.zeros(9))
-    assert error.reasons == ("tractions beyond the threshold of friction",)
+    assert error.reasons == ("tractions above the threshold of friction",)
 
 
 def test_nodal_forces_alone_do_not_do(tmp_path: Path) -> None:
     case = block(tmp_path)
     result = case.model.problem().solve(case.load, case.prescribed)
-    with pytest.raises(ValueError, match="nodal forces do not do"):
+    with pytest.raises(ValueError, match="supports no other nodal forces"):
         discretisation_error(replace(case, loads=()), result)
 
 
