@@ -151,7 +151,7 @@ def test_bound_with_tresca_friction(tmp_path: Path) -> None:
     assert discretisation_error(coarse, step, 0).kind == INDICATOR
 
 
-def test_nothing_is_missing_where_the_mesh_has_the_answer() -> None:
+def test_error_is_zero_for_exact_solutions() -> None:
     """Uniform pressure without friction: a linear displacement."""
     case, result = bench.solved("pressed_block", [SMOOTH, "mesh.n=4"])
     error = discretisation_error(case, result)
@@ -280,7 +280,7 @@ def test_no_penetration_between_nodes_of_a_curved_gap() -> None:
         assert lifted == pytest.approx((facets.curvature - lift.kept).sum())
 
 
-def test_the_lift_costs_what_it_should() -> None:
+def test_energy_of_the_edge_functions() -> None:
     """An edge function on one facet of a body: its energy, against quadrature."""
     case, result = bench.solved("cattaneo_mindlin", ["mesh.n=2"])
     estimator = Estimator(case)
@@ -354,7 +354,7 @@ def test_loads_that_contact_alone_cannot_spread(tmp_path: Path) -> None:
         discretisation_error(wrong, result)
 
 
-def test_an_iterate_is_not_called_a_bound() -> None:
+def test_unconverged_solution_gives_an_indicator() -> None:
     """What penetrates is not admissible, and a limit that is passed neither."""
     case, _ = bench.solved("sheared_cube", [SMOOTH, "mesh.n=3"])
     problem = case.model.problem()
@@ -372,7 +372,7 @@ def test_an_iterate_is_not_called_a_bound() -> None:
     assert error.reasons == ("tractions above the threshold of friction",)
 
 
-def test_nodal_forces_alone_do_not_do(tmp_path: Path) -> None:
+def test_nodal_forces_without_loads_are_refused(tmp_path: Path) -> None:
     case = block(tmp_path)
     result = case.model.problem().solve(case.load, case.prescribed)
     with pytest.raises(ValueError, match="supports no other nodal forces"):

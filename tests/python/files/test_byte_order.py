@@ -121,7 +121,7 @@ def test_tables_of_sweeps(bipot: Any) -> None:
     assert "2 rows of 2 are done already" in err
 
 
-def test_copies_do_not_stay(tmp_path: Path) -> None:
+def test_temporary_copies_are_removed(tmp_path: Path) -> None:
     path = tmp_path / "K.mtx"
     mmwrite(path, sparse.identity(2, format="coo"))
     with unmarked(path) as source:

@@ -158,7 +158,7 @@ def test_a_wrong_answer_is_marked(answers: dict[str, programs.Run]) -> None:
     assert not beside.trusted(row)
 
 
-def test_statuses_do_not_count_on_the_border() -> None:
+def test_tied_statuses_are_not_counted() -> None:
     """A node at its friction limit that does not move may be called either."""
     R = np.array([[[1.0, 0.3], [1.0, 0.3], [1.0, 0.1], [0.0, 0.0], [1.0, 0.0]]])
     v = np.array([[[0.0, 0.0], [0.0, -1.0], [0.0, 0.0], [1.0, 0.5], [0.0, 0.0]]])
@@ -186,7 +186,7 @@ def test_peers_say_why_they_do_not_run(repository: Path) -> None:
         assert run.stderr.strip() == f"{package} is not installed"
 
 
-def test_a_peer_that_nobody_has_is_missing() -> None:
+def test_unavailable_peer_is_reported() -> None:
     peer = programs.Peer("none", "none.py", "no_such_package, numpy", 1.0, "").find()
     assert peer.python is None
     assert peer.missing == "no Python here has no_such_package and numpy"

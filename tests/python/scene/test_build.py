@@ -355,7 +355,7 @@ def test_mistakes(changes: dict[str, Any], words: str) -> None:
     assert words in str(refused.value)
 
 
-def test_mistakes_of_files_are_all_told(tmp_path: Path) -> None:
+def test_all_mistakes_of_files_are_reported(tmp_path: Path) -> None:
     m = of_file()
     m.body("gone", mesh=tmp_path / "gone.msh", material="steel")
     m.body(
@@ -415,7 +415,7 @@ def test_files_beside_the_scene(
     assert read.solve().reaction.tobytes() == by_cwd.tobytes()
 
 
-def test_what_the_error_of_the_mesh_refuses() -> None:
+def test_unsupported_models_of_the_discretisation_error() -> None:
     """Each in a sentence; what moves flat is known, and proved."""
     p1 = {"mesh.element": "P1"}
     heated = block().with_(**p1)

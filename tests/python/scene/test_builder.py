@@ -82,7 +82,7 @@ def test_three_ways_to_the_same_bits(tmp_path: Path) -> None:
             assert by_arrays[name] == content, name
 
 
-def test_automatic_steps_likewise(tmp_path: Path) -> None:
+def test_automatic_steps_from_toml_and_python_are_equal(tmp_path: Path) -> None:
     m = blocks(automatic={"slip": 4e-4})
     m.to_toml(tmp_path / "blocks.toml")
     run = bipot("run", "blocks.toml", "--out", "here", cwd=tmp_path)
@@ -260,7 +260,7 @@ def test_random_models_there_and_back(
         ("spring.0.normal", "spring has no entries"),
     ],
 )
-def test_numbers_of_entries_that_are_none(key: str, said: str) -> None:
+def test_wrong_indices_of_list_entries(key: str, said: str) -> None:
     m = bp.Model.from_toml("pressed_block")
     m._table["spring"] = []
     with pytest.raises(scene.SceneError) as refused:
@@ -268,7 +268,7 @@ def test_numbers_of_entries_that_are_none(key: str, said: str) -> None:
     assert refused.value.problems == [f"{key}: {said}"]
 
 
-def test_text_that_no_file_holds(tmp_path: Path) -> None:
+def test_lone_surrogates_are_refused(tmp_path: Path) -> None:
     """Half of a surrogate pair, as file names of other systems leave in strings."""
     half = "caf\udce9"
     m = blocks()
@@ -309,7 +309,7 @@ def test_mistakes_are_those_of_the_file(tmp_path: Path) -> None:
     assert len(of_model.value.problems) == 6
 
 
-def test_what_is_wrong_at_once() -> None:
+def test_mistakes_reported_by_the_call_itself() -> None:
     m = blocks()
     with pytest.raises(ValueError, match="body 'upper' is already defined"):
         m.body("upper", material="steel")
@@ -324,7 +324,7 @@ def test_what_is_wrong_at_once() -> None:
         bp.Model.from_toml("a = 1\nb = \n")
 
 
-def test_what_was_reached_has_names_and_goes_on(tmp_path: Path) -> None:
+def test_interrupted_result_continues(tmp_path: Path) -> None:
     """Left off by too few iterations, through a file, and by pieces."""
     m = blocks(shear=[0.0, 0.5, 1.0])
     whole = m.solve()

@@ -227,7 +227,7 @@ def test_graded_grid() -> None:
 
 
 @pytest.mark.parametrize(("settings", "problems"), MISTAKES)
-def test_mistakes_are_all_told(settings: list[str], problems: list[str]) -> None:
+def test_all_mistakes_are_reported(settings: list[str], problems: list[str]) -> None:
     with pytest.raises(scene.SceneError) as caught:
         scene.read("two_blocks", settings)
     found = caught.value.problems
@@ -242,7 +242,7 @@ def test_numbers_of_a_setting_may_lack_a_digit(value: str) -> None:
     assert scene.read("two_blocks", [f"contact.0.mu={value}"]).contact[0].mu == 0.25
 
 
-def test_a_key_that_is_wrong_twice_is_meant_for_neither() -> None:
+def test_suggestions_for_keys_that_exist_elsewhere() -> None:
     """A key is looked for where the scene has it, and in one walk for all mistakes."""
     table = scene.parsed("sheared_cube", scene.text("sheared_cube"))
     contact = table["contact"][0]
@@ -264,7 +264,7 @@ def test_a_key_that_is_wrong_twice_is_meant_for_neither() -> None:
         assert meant.startswith(f"contact.{k}.zzz: unknown key, expected one of on, mu")
 
 
-def test_files_that_are_no_scenes(tmp_path: Path) -> None:
+def test_files_that_are_not_scenes(tmp_path: Path) -> None:
     with pytest.raises(scene.SceneError, match="neither a file nor one of cattaneo"):
         scene.read("nothing")
     broken = tmp_path / "broken.toml"
@@ -279,7 +279,7 @@ def test_a_file_is_read_like_a_shipped_scene(tmp_path: Path) -> None:
     assert scene.read(str(own)) == scene.read("sheared_cube")
 
 
-def test_mistakes_that_show_on_the_mesh() -> None:
+def test_mistakes_found_on_the_mesh() -> None:
     read = scene.read("two_blocks", ["body.lower.x.to=90.0"])
     with pytest.raises(scene.SceneError, match="do not match"):
         scene.assemble(read, scene.bodies(read))
@@ -373,7 +373,7 @@ def test_triangles_of_a_scene_stay_as_the_body_says() -> None:
     assert kinds == ["MeshTri1", "MeshTri1", "MeshQuad1"]
 
 
-def test_elements_that_there_are_not() -> None:
+def test_unknown_element_is_refused() -> None:
     with pytest.raises(scene.SceneError, match=r"mesh.element: should be 'P1', 'Q1'"):
         scene.read("pressed_block", ["mesh.element=P3"])
 
