@@ -10,7 +10,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs.discretisation import discretisation_error
 from bipot_rs.scene import assemble, bodies, read
-from bipot_rs.scene.schema import Amplitude
+from bipot_rs.scene.schema.path import Amplitude
 from children import bipot, bipot_with
 from comparisons import bits, content
 

@@ -15,7 +15,7 @@ import bipot_rs as bp
 from bipot_rs import scene
 from bipot_rs._lib import toml_text
 from bipot_rs.scene import builder
-from bipot_rs.scene.schema import Scene
+from bipot_rs.scene.schema.root import Scene
 from children import bipot
 from models_and_arrays import datasets, of_arrays
 

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 import places
 from bipot_rs import scene
-from bipot_rs.scene import schema
+from bipot_rs.scene.schema.mesh import Axis
 from faulty_scenes import MISTAKES
 
 DATA = places.DATA
@@ -208,17 +208,13 @@ def test_a_ramp_takes_any_number_of_steps() -> None:
 
 
 def test_graded_grid() -> None:
-    axis = schema.Axis.model_validate(
-        {"from": 0.0, "to": 10.0, "cell": 1.0, "growth": 2.0}
-    )
+    axis = Axis.model_validate({"from": 0.0, "to": 10.0, "cell": 1.0, "growth": 2.0})
     # 0 1 3 7 15 → clipped to 10, the last cell of 3 not under half of 4.
     np.testing.assert_array_equal(axis.grid(None), [0, 1, 3, 7, 10])
-    axis = schema.Axis.model_validate(
-        {"from": 0.0, "to": -8.0, "cell": 1.0, "growth": 2.0}
-    )
+    axis = Axis.model_validate({"from": 0.0, "to": -8.0, "cell": 1.0, "growth": 2.0})
     # The last cell would be 1, under half of 4: its inner point goes.
     np.testing.assert_array_equal(axis.grid(None), [-8, -3, -1, 0])
-    axis = schema.Axis.model_validate(
+    axis = Axis.model_validate(
         {"from": -8.0, "to": 4.0, "cell": "2/n", "uniform": [-1.0, 1.0], "growth": 2.0}
     )
     # From -1: cells of 2, 4, then 1 left over, which is under half of 4. From 1:
