@@ -1,12 +1,13 @@
 """Draw the layers of the package and what each uses: `python docs/draw_architecture.py`.
 
-The order is that of the contract in pyproject.toml, the sentence of a layer the first line
-of its docstring, and the width of an arrow the number of imports.
+The order comes from the contract in pyproject.toml, the text beside a name from the first
+line of the layer's docstring. The width of an arrow grows with the number of imports.
 """
 
 import ast
 import tomllib
 from collections import Counter
+from collections.abc import Iterator
 from html import escape
 from pathlib import Path
 
@@ -17,7 +18,7 @@ BOX, ROW, LEFT, WIDE = 30, 42, 10, 560
 
 
 def layers() -> list[str]:
-    """Names from the top, which may use all others, to the bottom."""
+    """Names from the top, which may use all others, to the bottom, which uses none."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     (contract,) = (
         contract
@@ -27,23 +28,25 @@ def layers() -> list[str]:
     return [name for name in contract["layers"] if not name.startswith("__")]
 
 
-def arrows(names: list[str]) -> Counter[tuple[str, str]]:
-    """How many imports one layer has of another, those within functions included."""
+def imports(text: str) -> Iterator[tuple[str, list[str]]]:
+    """Module and names of each import, those within functions included."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, []) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module or "", [alias.name for alias in node.names]
+
+
+def arrows(layers: list[str]) -> Counter[tuple[str, str]]:
+    """Number of imports that each layer makes from each other one."""
     found: Counter[tuple[str, str]] = Counter()
     for file in PACKAGE.rglob("*.py"):
         user = file.relative_to(PACKAGE).with_suffix("").parts[0]
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom):
-                parts = (node.module or "").split(".")
-                heads = parts[1:2] or [alias.name for alias in node.names]
-                used = [head for head in heads if parts[0] == "bipot_rs"]
-            elif isinstance(node, ast.Import):
-                paths = [alias.name.split(".") for alias in node.names]
-                used = [path[1] for path in paths if path[0] == "bipot_rs" and path[1:]]
-            else:
-                continue
+        for module, names in imports(file.read_text(encoding="utf-8")):
+            package, *path = module.split(".")
+            used = (path[:1] or names) if package == "bipot_rs" else []
             both = [(user, name) for name in used if name != user]
-            found.update(pair for pair in both if set(pair) <= set(names))
+            found.update(pair for pair in both if set(pair) <= set(layers))
     return found
 
 
@@ -57,7 +60,7 @@ def sentence(name: str) -> str:
 
 
 def picture() -> str:
-    """The SVG: boxes from top to bottom, an arc from each layer to each that it uses."""
+    """SVG text: a box for each layer, an arc from a layer to each that it uses."""
     names = layers()
     top = {name: LEFT + ROW * row for row, name in enumerate(names)}
     found = sorted(arrows(names).items())

@@ -1,13 +1,11 @@
-"""Closed forms that numerical contact solutions are judged by.
+"""Closed forms to compare numerical contact solutions with.
 
-Every formula is homogeneous: any consistent set of units will do, and the units
-in the docstrings (N, m, Pa) only fix the dimensions. Forces of the plane cases
-are per unit thickness. Signs are those of the package: a pressure and a normal
-reaction are positive when they press, `mu` is Coulomb's coefficient.
+Every formula holds in any consistent system of units; the units in the docstrings (N, m, Pa)
+only show the dimensions. In two dimensions forces are per unit thickness. Pressures and
+normal reactions are positive in compression; `mu` is Coulomb's coefficient.
 
-Sources: K. L. Johnson, *Contact Mechanics*, Cambridge University Press, 1985,
-doi:10.1017/CBO9781139171731, quoted as [J85]; the discrete cases are derived
-where they stand.
+Source: K. L. Johnson, *Contact Mechanics*, Cambridge University Press, 1985,
+doi:10.1017/CBO9781139171731, cited as [J85]. The discrete cases are derived here.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ T = TypeVar("T")
 
 
 def _within_range(function: Callable[P, T]) -> Callable[P, T]:
-    """Refuse arguments whose answer is no number: sizes multiply and divide here."""
+    """Refuse arguments whose result overflows or underflows."""
 
     @wraps(function)
     def checked(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -79,7 +77,7 @@ def _poisson(name: str, nu: float) -> None:
 
 
 def _stick_ratio(force: float, tangential: float, mu: float) -> float:
-    """1 - |Q|/(mu P), which every partial-slip formula is a power of."""
+    """1 - |Q|/(mu P); the partial-slip formulas are powers of it."""
     _positive(force=force, mu=mu)
     _numbers(tangential=tangential)
     if not abs(tangential) <= mu * force:
@@ -108,7 +106,7 @@ def contact_modulus(
     e1, nu1
         Young's modulus, E₁ > 0 [Pa], and Poisson's ratio, -1 < ν₁ ≤ 1/2, of one body.
     e2, nu2
-        The same of the other; an infinite modulus, the default, makes it rigid.
+        The same for the other body; the default, an infinite modulus, makes it rigid.
 
     Returns
     -------
@@ -132,8 +130,8 @@ def contact_modulus(
 def hertz_line(force: float, radius: float, e_star: float) -> tuple[float, float]:
     """Frictionless contact of a cylinder along a line, [J85, ch. 4].
 
-    The approach of the bodies is not a property of the contact in two dimensions
-    (it grows with the logarithm of their size) and is not given.
+    The approach of the bodies is not returned: in two dimensions it depends on their size
+    (logarithmically).
 
     Parameters
     ----------
@@ -203,8 +201,8 @@ def partial_slip_traction(
     """Tangential traction under a Hertz pressure, stuck for `distance <= c`, [J85, ch. 7].
 
     `μ p0 [sqrt(1 - x²/a²) - (c/a) sqrt(1 - x²/c²)]`, each term 0 outside its range.
-    It is the size of the traction on the body that is pushed; the reaction of the
-    obstacle points against the force.
+    It is the magnitude of the traction on the pushed body; the reaction of the obstacle
+    is opposite to the force.
 
     Parameters
     ----------
@@ -233,7 +231,7 @@ def partial_slip_traction(
 def cattaneo_mindlin_line(
     force: float, tangential: float, radius: float, e_star: float, mu: float
 ) -> tuple[float, float, float]:
-    """Line contact pressed, then pushed sideways, [J85, ch. 7].
+    """Line contact under a normal force, then a tangential force, [J85, ch. 7].
 
     Holds for bodies whose normal and tangential responses are uncoupled: equal
     materials, or both incompressible.
@@ -262,7 +260,7 @@ def cattaneo_mindlin_line(
 
 
 class MindlinSphere(NamedTuple):
-    """What `mindlin_sphere` returns."""
+    """Result of `mindlin_sphere`."""
 
     a: float
     """Contact radius [m]."""
@@ -283,10 +281,10 @@ def mindlin_sphere(
     mu: float,
     shear_compliance: float,
 ) -> MindlinSphere:
-    """Sphere pressed, then pushed sideways once, [J85, ch. 7].
+    """Sphere under a normal force, then a tangential force, [J85, ch. 7].
 
-    For ν > 0 the theory neglects the slip across the direction of the force: the
-    resultants are good to a few percent, at ν = 0 it is exact.
+    For ν > 0 the theory neglects slip at right angles to the force: its resultants have an
+    error of a few percent. For ν = 0 it is exact.
 
     Parameters
     ----------
@@ -319,12 +317,12 @@ def mindlin_sphere(
 def sheared_patch(
     height: ArrayLike, pressure: float, shear: float, young: float
 ) -> tuple[Floats, Floats]:
-    """Block with ν = 0 under uniform pressure and shear, stuck to a rigid plane.
+    """Block with ν = 0 under uniform pressure and shear, sticking to a rigid plane.
 
-    With `σ_yy = -p`, `σ_xy = τ` on all loaded faces the state is uniform, so any
-    finite elements that hold linear displacements give it exactly. The nodal
-    reactions are `p` and `-τ` times the tributary length. It sticks if and only
-    if ``|τ| ≤ μp``; beyond that there is no equilibrium.
+    With `σ_yy = -p`, `σ_xy = τ` on all loaded faces the stress is uniform, so that finite
+    elements that represent linear displacements are exact. The nodal reactions are `p` and
+    `-τ` times the tributary length. It sticks if and only if ``|τ| ≤ μp``; otherwise there
+    is no equilibrium.
 
     Parameters
     ----------
@@ -358,7 +356,7 @@ def oedometer(height: ArrayLike, pressure: float, young: float, nu: float) -> Fl
     height
         Height over the plane, any shape [m].
     pressure, young, nu
-        p [Pa]; E > 0 [Pa]; Poisson's ratio, up to 1/2, where the answer is 0.
+        p [Pa]; E > 0 [Pa]; Poisson's ratio, at most 1/2, for which the result is 0.
 
     Returns
     -------
@@ -376,18 +374,18 @@ def oedometer(height: ArrayLike, pressure: float, young: float, nu: float) -> Fl
 def bar_end_displacement(loads: ArrayLike, stiffness: float, limit: float) -> Floats:
     """End displacement of a bar on a frictional foundation over a load history.
 
-    A bar of stiffness EA lies on a foundation that resists slip with at most q per
-    length; its end is pulled with P, and the bar is long enough not to slip as a
-    whole (``|P| < qL``). First loading slips over the length ``|P|/q`` and gives
-    `u = P|P|/(2 EA q)`. A reversal at P₀ starts from rest with twice the limit to
-    overcome, `u = u₀ ∓ (P₀ - P)²/(4 EA q)`; when the load comes back to the reversal
-    before the last one, the two are forgotten and the branch before goes on.
+    A bar of stiffness EA lies on a foundation with the friction limit q per length. P acts
+    at its end; the bar is so long that it never slips as a whole (``|P| < qL``). In first
+    loading it slips over the length ``|P|/q``, and `u = P|P|/(2 EA q)`. After a reversal
+    at P₀ the limit counts twice: `u = u₀ ∓ (P₀ - P)²/(4 EA q)`. When the load returns to
+    the reversal before the last one, the loop is closed: both reversals are removed, and
+    the earlier branch continues.
 
     Parameters
     ----------
     loads
-        End loads in their order from the unloaded state, (steps,) [N]. Between two
-        entries the load is monotone.
+        End loads from the unloaded state on, (steps,) [N]. Between two entries the load is
+        monotone.
     stiffness, limit
         EA > 0 [N]; q > 0 [N/m], friction coefficient times normal load per length.
 
@@ -444,7 +442,7 @@ def bar_cycle_dissipation(
     Returns
     -------
     float
-        `2 P₀³/(3 EA q) + P₀ q h²/(3 EA)` [J]: exact for both, the same every cycle.
+        `2 P₀³/(3 EA q) + P₀ q h²/(3 EA)` [J]: exact in both cases, equal in each cycle.
     """
     _positive(peak=peak, stiffness=stiffness, limit=limit)
     _numbers(element=element)
@@ -456,7 +454,7 @@ def bar_cycle_dissipation(
 
 
 class Branch(NamedTuple):
-    """One answer of `one_contact_branches`; vectors hold (normal, tangential)."""
+    """One solution of `one_contact_branches`; vectors are (normal, tangential)."""
 
     status: str
     """`"open"`, `"slip"` or `"stick"`."""
@@ -470,11 +468,11 @@ class Branch(NamedTuple):
 def one_contact_branches(
     stiffness: ArrayLike, load: ArrayLike, mu: float
 ) -> list[Branch]:
-    """Every answer of one plane contact with zero gap and no history.
+    """All solutions of one contact in two dimensions, with zero gap and no history.
 
-    `K u = f + r` with `u_n ≥ 0`. Below `μ = k_t/|k_c|` there is exactly one answer for
-    every load; above it there may be three; there is always at least one. Follows
-    from trying the three statuses, (6) and (8) of `docs/theory.md`.
+    `K u = f + r` with `u_n ≥ 0`. For `μ < k_t/|k_c|` there is exactly one solution for
+    every load; above there are one to three. They are found by trying the three statuses
+    in (6) and (8) of `docs/theory.md`.
 
     Parameters
     ----------
@@ -488,8 +486,8 @@ def one_contact_branches(
     Returns
     -------
     list of Branch
-        Open, stick, then slip towards +t and -t, those that exist. At a limit between
-        two statuses both are listed.
+        The solutions that exist, in the order open, stick, slip towards +t, slip towards
+        -t. At a limit between two statuses both are listed.
 
     Raises
     ------
@@ -527,11 +525,11 @@ def one_contact_branches(
 def rotating_load(
     stiffness: float, force: float, limit: float, steps: int | None = None
 ) -> tuple[float, float]:
-    """Steady slip of one contact under a tangential force that turns.
+    """Steady slip of one contact under a rotating tangential force.
 
-    A contact pressed with N, tangential stiffness k the same in both directions, is
-    pulled by a force of constant size F > μN. In `steps` equal implicit steps a turn
-    of angle D the displacement settles on a circle,
+    A contact has the normal force N and the tangential stiffness k in both directions. A
+    force of constant magnitude F > μN rotates in `steps` equal implicit steps of the angle
+    D per revolution. The displacement approaches a circle with
     `k |u| = sqrt(F² - μ²N² cos²(D/2)) - μN sin(D/2)`, whose error is of first order in D.
 
     Parameters
@@ -541,12 +539,12 @@ def rotating_load(
     limit
         μN, 0 < μN < F [N].
     steps
-        Steps a turn, at least 3; `None` gives the limit of infinitely many.
+        Steps per revolution, at least 3; `None` gives the limit of infinitely many.
 
     Returns
     -------
     radius, dissipation
-        ``|u|`` [m]; energy lost to friction in a turn, `2 M |u| sin(D/2) μN` [J].
+        ``|u|`` [m]; energy dissipated in a revolution of M steps, `2 M |u| sin(D/2) μN` [J].
     """
     _positive(stiffness=stiffness, force=force, limit=limit)
     if limit >= force:
@@ -590,7 +588,7 @@ def flat_punch_pressure(
     Raises
     ------
     ValueError
-        When a position lies at an edge, where the pressure is infinite, or beyond.
+        When a position is at an edge, where the pressure is infinite, or outside.
     """
     _positive(force=force, half_width=half_width)
     _friction(mu)

@@ -1,16 +1,15 @@
-"""Files of FCLIB, the collection of frictional contact problems: HDF5 in and out.
+"""Read and write FCLIB files, the HDF5 format of a collection of contact problems.
 
-The local form is the reduced problem (5), the global one `GlobalProblem`; both are
-normal first, as here. A group ``/fclib_local`` holds ``spacedim``, the matrix ``W`` and
-``vectors/{q, mu}``, ``/fclib_global`` the matrices ``M`` and ``H`` and
-``vectors/{f, w, mu}``. A matrix is ``m, n, nz, nzmax, p, i, x``: ``nz >= 0`` triplets (rows
-``i``, columns ``p``), -1 compressed columns, -2 compressed rows. Answers and starts lie
-beside them in ``/solution`` and ``/guesses``.
+The local form is the reduced problem (5), the global form a `GlobalProblem`; components
+are normal first. ``/fclib_local`` contains ``spacedim``, the matrix ``W`` and
+``vectors/{q, mu}``; ``/fclib_global`` the matrices ``M``, ``H`` and ``vectors/{f, w, mu}``.
+A matrix is ``m, n, nz, nzmax, p, i, x``: ``nz >= 0`` means triplets (rows ``i``, columns
+``p``), -1 compressed columns, -2 compressed rows. ``/solution`` and ``/guesses`` contain
+solutions and starts.
 
-Of the optional parts, ``V``, ``R`` and ``s`` of the local form (``u = W r + V λ + q`` with
-``Vᵀ r + R λ + s = 0``) are the ``rigid`` of `ReducedProblem` where ``R`` is zero, and are
-written for it. Any other ``R``, and the constraints ``G``, ``b`` of the global form, are
-refused by name.
+The optional ``V``, ``R`` and ``s`` of the local form (``u = W r + V λ + q`` with
+``Vᵀ r + R λ + s = 0``) are the ``rigid`` of `ReducedProblem` if ``R`` is zero. Any other
+``R``, and the constraints ``G``, ``b`` of the global form, are refused.
 """
 
 from __future__ import annotations
@@ -47,22 +46,22 @@ __all__ = [
 Path_ = str | os.PathLike[str]
 _TRIPLETS, _COLUMNS, _ROWS = 0, -1, -2
 _INFO = ("title", "description", "math_info")
-# A deflated file holds at most about a thousand times its size; what claims more is
-# damaged, and would be filled with zeros until memory ends.
+# A compressed array has at most about a thousand times the size of its file. One that
+# claims more is damaged; reading it would fill the memory with zeros.
 _INFLATION = 2000
 
 
 class Vectors(NamedTuple):
-    """A solution or a guess as a file holds it.
+    """A solution or a guess in a file.
 
     Attributes
     ----------
     u, r
         Relative displacement (in dynamics, velocity) and reaction, ``(n_c, d)``.
     v
-        Of the global form, ``(n,)``; ``None`` where there is none.
+        Velocity ``(n,)`` of the global form; ``None`` for the local form.
     multiplier
-        λ, the file's ``l``, ``(p,)``: the amounts of rigid motions. ``None`` without.
+        λ, ``l`` in the file, ``(p,)``: the amplitudes of rigid motions; or ``None``.
     """
 
     u: Floats
@@ -72,25 +71,25 @@ class Vectors(NamedTuple):
 
 
 def require() -> None:
-    """Import what files need: better missing, or slow, before any work than within."""
+    """Import the libraries for files early: an import may fail, or take long."""
     library("h5py")
     import scipy.sparse.csgraph  # noqa: F401
 
 
 def read(path: Path_) -> ReducedProblem | GlobalProblem:
-    """The problem of a file: a `ReducedProblem` for a local one, or a `GlobalProblem`.
+    """Read a problem: a `ReducedProblem` (local form) or a `GlobalProblem`.
 
     Matrices stay sparse, in the storage and order of the file.
 
     Raises
     ------
     OSError
-        There is no such file, or it may not be read.
+        There is no such file, or no permission to read it.
     ValueError
         It is not HDF5, or not FCLIB; the message gives the full name of the group or
         dataset that is missing, wrong, or unknown.
     MemoryError
-        It does not fit.
+        The problem does not fit into memory.
     """
     with _opened(path) as file:
         if file.form() == "local":
@@ -101,13 +100,13 @@ def read(path: Path_) -> ReducedProblem | GlobalProblem:
 
 
 def read_solution(path: Path_) -> Vectors | None:
-    """The ``/solution`` of a file, ``None`` where there is none; raises as `read`."""
+    """Read the ``/solution`` of a file, ``None`` if there is none; raises as `read`."""
     with _opened(path) as file:
         return _vectors(file, "/solution") if "solution" in file.names("/") else None
 
 
 def read_guesses(path: Path_) -> list[Vectors]:
-    """The ``/guesses`` of a file, none where there are none; raises as `read`."""
+    """Read the ``/guesses`` of a file, ``[]`` if there are none; raises as `read`."""
     with _opened(path) as file:
         if "guesses" not in file.names("/"):
             return []
@@ -117,14 +116,14 @@ def read_guesses(path: Path_) -> list[Vectors]:
         ]
         if count != len(numbers):
             raise _Fault(
-                f"/guesses/number_of_guesses is {count}, but {len(numbers)} are there"
+                f"/guesses/number_of_guesses is {count}, but there are {len(numbers)}"
             )
         file.expect("/guesses", ("number_of_guesses", *numbers))
         return [_vectors(file, f"/guesses/{k}") for k in numbers]
 
 
 def read_info(path: Path_) -> dict[str, str]:
-    """``title``, ``description`` and ``math_info``, those that there are."""
+    """Read ``title``, ``description`` and ``math_info``, as far as they exist."""
     with _opened(path) as file:
         group = f"/fclib_{file.form()}"
         if "info" not in file.names(group):
@@ -141,44 +140,44 @@ def write(
     guesses: Sequence[Solution | Vectors] = (),
     info: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a problem, and what is known of its answer, to a file.
+    """Write a problem to a file, with a solution and guesses if given.
 
-    Matrices keep their storage: SciPy's COO as triplets, CSC, and CSR, entry by entry;
-    other sparse ones and dense ones are written as CSR, the dense ones with all their
-    entries, zeros included. Numbers come back bit for bit.
+    Sparse matrices in COO, CSC or CSR keep their storage and entries. Other sparse
+    matrices and dense ones are written as CSR, dense ones with all entries, zeros
+    included. `read` returns bitwise the same numbers.
 
     Parameters
     ----------
     path
         File to write or to replace.
     solution
-        Goes to ``/solution``; a `Solution` that has not converged is the last of the
-        guesses instead.
+        Written to ``/solution``; a `Solution` that has not converged becomes the last of
+        the guesses instead.
     guesses
-        Starts, for ``/guesses``.
+        Starts, written to ``/guesses``.
     info
-        ``title``, ``description``, ``math_info``. What is not given tells the name of the
-        file, this program and its version, and the residual η reached.
+        ``title``, ``description``, ``math_info``. The defaults give the name of the file,
+        this program and its version, and the residual η.
 
     Raises
     ------
     TypeError, ValueError
-        An argument of the wrong kind or shape, or with more entries than the 32-bit
-        numbers of the format count.
+        An argument of the wrong type or shape, or with too many entries for the 32-bit
+        integers of the format.
     OSError
-        The file cannot be written; an earlier one is intact.
+        The file cannot be written; an earlier one is unchanged.
     """
     h5py = library("h5py")
     target = place(path)
     if not isinstance(problem, (ReducedProblem, GlobalProblem)):
         raise TypeError(
             f"problem is a {type(problem).__name__}, expected a ReducedProblem or a "
-            "GlobalProblem: ContactProblem.reduced gives one, write_path a whole path"
+            "GlobalProblem: use ContactProblem.reduced, or write_path for a whole path"
         )
     if problem.mu.ndim == 2:
         raise ValueError(
-            f"mu has shape {problem.mu.shape}, expected ({len(problem.mu)},): FCLIB holds "
-            "one friction coefficient a contact, and none for each tangent"
+            f"mu has shape {problem.mu.shape}, expected ({len(problem.mu)},): FCLIB has one "
+            "friction coefficient for each contact, not two"
         )
     unknown = sorted(set(info or {}) - set(_INFO))
     if unknown:
@@ -189,7 +188,7 @@ def write(
     if isinstance(solution, Solution) and not solution.converged and answer is not None:
         stored.append(answer)
         answer = None
-    # Through Python's file, as in `export.write_result`.
+    # Through a file of Python, as in `export.write_result`.
     with (
         aside(target) as draft,
         draft.open("w+b") as raw,
@@ -214,10 +213,10 @@ def write(
         vectors = group.create_group("vectors")
         for name, array in named.items():
             vectors[name] = array.ravel()
-        told = group.create_group("info")
+        texts = group.create_group("info")
         for name, text in words.items():
-            # Fixed length, ended by a zero: what the C library reads.
-            told[name] = np.bytes_(text.encode() + b"\0")
+            # The C library reads strings of fixed length that end with a zero byte.
+            texts[name] = np.bytes_(text.encode() + b"\0")
         if answer is not None:
             _write_vectors(file.create_group("solution"), answer)
         if stored:
@@ -236,8 +235,7 @@ def write_path(
 ) -> list[Path]:
     """Write each step of a load path as a local problem with its solution.
 
-    The slip history of the steps before is folded into ``q``, (22), so that each file
-    stands alone.
+    ``q`` contains the slip of the earlier steps, (22): each file is a complete problem.
 
     Parameters
     ----------
@@ -256,9 +254,10 @@ def write_path(
     Raises
     ------
     TypeError, ValueError
-        As in `write`; the loads of the result are not known (it was read from a file).
+        As in `write`; or the loads of the result are unknown, since it was read from a
+        file.
     MemoryError
-        The dense ``W`` does not fit.
+        The dense ``W`` does not fit into memory.
     OSError
         A file cannot be written.
     """
@@ -273,8 +272,8 @@ def write_path(
     for k, step in enumerate(result):
         if step.load is None:
             raise ValueError(
-                "the loads of the result are not known: it was read from a file. Write "
-                "the path where it was solved"
+                "the loads of the result are unknown, since it was read from a file: pass "
+                "the result that solve returned"
             )
         reduced = problem.reduced(step.load, step.prescribed, before, gap=step.gap)
         u = np.column_stack([step.relative_displacement[:, 0], step.slip])
@@ -289,11 +288,11 @@ def write_path(
 
 
 class _Fault(ValueError):
-    """What is wrong with the content of a file, without its path."""
+    """A mistake in the content of a file; the message does not name the file."""
 
 
 class _File:
-    """An open file; everything is looked up by its full name."""
+    """An open file; its methods take full names of groups and datasets."""
 
     def __init__(self, file: Any, size: int) -> None:
         self.file, self.size = file, size
@@ -303,8 +302,10 @@ class _File:
         here = self.names("/")
         forms = [form for form in ("local", "global") if f"fclib_{form}" in here]
         if len(forms) != 1:
-            found = "both are there" if forms else "neither is there"
-            raise _Fault(f"/fclib_local or /fclib_global is expected, {found}")
+            found = "both" if forms else "neither"
+            raise _Fault(
+                f"expected one of /fclib_local and /fclib_global, found {found}"
+            )
         self.expect("/", (f"fclib_{forms[0]}",), ("solution", "guesses"))
         return forms[0]
 
@@ -322,7 +323,7 @@ class _File:
     def expect(
         self, group: str, needed: Collection[str], optional: Collection[str] = ()
     ) -> None:
-        """Check that a group has what it needs, and nothing unknown."""
+        """Refuse a group with a missing or an unknown member."""
         here = self.names(group)
         below = group.rstrip("/")
         for name in needed:
@@ -330,7 +331,7 @@ class _File:
                 raise _Fault(f"{below}/{name} is missing")
         for name in here:
             if name not in needed and name not in optional:
-                raise _Fault(f"{below}/{name} is no part of the format")
+                raise _Fault(f"{below}/{name} is unknown, not part of the format")
 
     def _data(self, name: str, kinds: str, expected: str) -> NDArray[Any]:
         import h5py
@@ -349,7 +350,7 @@ class _File:
         return np.asarray(item[()])
 
     def number(self, name: str) -> int:
-        """One integer, alone or as an array of one."""
+        """One integer, a scalar or an array with one entry."""
         found = self._data(name, "iu", "an integer")
         if found.size != 1:
             raise _Fault(f"{name} has {found.size} entries, expected one")
@@ -386,10 +387,10 @@ class _File:
         return mu
 
     def text(self, name: str) -> str:
-        """A string, of whatever length and code it was written in."""
+        """A string of fixed or variable length."""
         found = self._data(name, "SO", "text").ravel()
         if found.size != 1 or not isinstance(found[0], (bytes, str)):
-            raise _Fault(f"{name} is not one text")
+            raise _Fault(f"{name} has {found.size} entries, expected one text")
         raw = found[0]
         text = raw if isinstance(raw, str) else raw.decode("utf-8", errors="replace")
         return text.rstrip("\0")
@@ -408,7 +409,7 @@ class _File:
         return rows, columns
 
     def matrix(self, name: str) -> Any:
-        """A matrix in the storage of the file; its shape is checked before."""
+        """A matrix in the storage of the file; the caller has checked its shape."""
         from scipy.sparse import coo_array, csc_array, csr_array
 
         rows, columns = shape = self.shape(name)
@@ -430,12 +431,12 @@ class _File:
                     f"{name}/p has {counted(len(p), 'entry')}, expected {pointers}"
                 )
             if p[0] != 0 or (np.diff(p.astype(np.int64)) < 0).any():
-                raise _Fault(f"{name}/p does not rise from 0")
+                raise _Fault(f"{name}/p should ascend from 0")
             count = int(p[-1])
             lengths = {}
         if count > room:
             raise _Fault(f"{name}/nzmax is {room}, expected {count} or more")
-        # Room that is not used may be there or not.
+        # Unused space at the end may be stored or not.
         for letter, length in (lengths | {"i": len(i), "x": len(x)}).items():
             if length not in (count, room):
                 raise _Fault(
@@ -468,11 +469,11 @@ def _inside(name: str, found: NDArray[Any], limit: int) -> None:
 
 @contextmanager
 def _opened(path: Path_) -> Iterator[_File]:
-    """The file, with its path before every complaint about its content."""
+    """Open a file; messages about its content begin with its path."""
     h5py = library("h5py")
     name = str(place(path))
     if not Path(name).is_file():
-        # h5py tells a folder from a missing file by a number in a long sentence.
+        # The message of h5py does not distinguish a folder from a missing file.
         kind = IsADirectoryError if Path(name).is_dir() else FileNotFoundError
         raise kind(f"{name} is not a file")
     try:
@@ -485,10 +486,10 @@ def _opened(path: Path_) -> Iterator[_File]:
         try:
             yield _File(file, Path(name).stat().st_size)
         except ValueError as fault:
-            # Ours, or that of the problem made of it: numbers that cannot be scaled.
+            # A `_Fault`, or an error of the problem made from the file.
             raise ValueError(f"{name}: {fault}") from None
         except (OSError, RuntimeError, KeyError, TypeError, OverflowError) as error:
-            # What HDF5 says of a damaged file; numbers and names are checked above.
+            # Errors of HDF5 for a damaged file.
             raise ValueError(f"{name} is damaged: {error}") from None
 
 
@@ -536,7 +537,7 @@ def _read_global(file: _File) -> tuple[Any, Any, Floats, Floats, Floats]:
                 f"{group}/G is not empty: equality constraints are not supported"
             )
     elif "b" in file.names(f"{group}/vectors"):
-        raise _Fault(f"{group}/vectors/b is there, but {group}/G is missing")
+        raise _Fault(f"{group}/G is missing, but there is {group}/vectors/b")
     f = file.floats(f"{group}/vectors/f", n)
     w = file.floats(f"{group}/vectors/w", size).reshape(-1, d)
     mu = file.friction(f"{group}/vectors/mu", size // d)
@@ -544,7 +545,7 @@ def _read_global(file: _File) -> tuple[Any, Any, Floats, Floats, Floats]:
 
 
 def _sizes(file: _File) -> tuple[int, int]:
-    """Components of all contacts and of one, ``d n_c`` and ``d``, of either form."""
+    """Number of components of all contacts and of one: ``d n_c`` and ``d``."""
     group = f"/fclib_{file.form()}"
     d = file.number(f"{group}/spacedim")
     if d not in (2, 3):
@@ -574,12 +575,12 @@ def _vectors(file: _File, group: str) -> Vectors:
     v = multiplier = None
     if "v" in here:
         if form.endswith("local"):
-            raise _Fault(f"{group}/v is there, but {form} has no v")
+            raise _Fault(f"{group}/v is unknown: {form} has no v")
         v = file.floats(f"{group}/v", file.shape(f"{form}/M")[0])
     if "l" in here:
         constraint = f"{form}/{'V' if form.endswith('local') else 'G'}"
         if constraint[-1] not in file.names(form):
-            raise _Fault(f"{group}/l is there, but {constraint} is missing")
+            raise _Fault(f"{constraint} is missing, but there is {group}/l")
         multiplier = file.floats(f"{group}/l", file.shape(constraint)[1])
     return Vectors(u, r, v, multiplier)
 
@@ -587,7 +588,7 @@ def _vectors(file: _File, group: str) -> Vectors:
 def _stored(
     what: str, problem: ReducedProblem | GlobalProblem, known: Solution | Vectors
 ) -> Vectors:
-    """What is written of a solution or guess, checked against its problem."""
+    """Arrays of a solution or guess, checked against its problem."""
     if not isinstance(known, (Solution, Vectors)):
         raise TypeError(
             f"{what} is a {type(known).__name__}, expected a Solution or Vectors"
@@ -599,7 +600,7 @@ def _stored(
         count = None if problem.rigid is None else len(problem.rigid[1])
     if isinstance(known, Solution):
         v = problem.velocity(known) if isinstance(problem, GlobalProblem) else None
-        # Rigid motions that condensation finds in M are no part of the file's problem.
+        # The problem in the file has no rigid motions that condensation finds in M.
         multiplier = None if count is None else known.rigid_motion
         known = Vectors(known.relative_displacement, known.reaction, v, multiplier)
 
@@ -607,7 +608,7 @@ def _stored(
         if value is None:
             return None
         if length is None:
-            raise ValueError(f"{name} of {what} is there, but the problem has none")
+            raise ValueError(f"{name} of {what} should be None: the problem has none")
         return floats(f"{name} of {what}", value, shape=(length,))
 
     return Vectors(
@@ -623,7 +624,7 @@ def _words(
     problem: ReducedProblem | GlobalProblem,
     solution: Solution | Vectors | None,
 ) -> dict[str, str]:
-    """What ``info`` says where the caller does not."""
+    """Default texts of ``info``."""
     from importlib.metadata import version
 
     form = "M v = H r + f, u = H^T v + w" if isinstance(problem, GlobalProblem) else ""
@@ -648,8 +649,8 @@ def _words(
 def _int32(value: int) -> NDArray[np.int32]:
     if value > np.iinfo(np.int32).max:
         raise ValueError(
-            f"a matrix of the problem counts {value} entries or rows, and the format "
-            "32-bit numbers"
+            f"a matrix of the problem has {value} rows or entries, too many for the 32-bit "
+            "integers of FCLIB"
         )
     return np.array([value], np.int32)
 
@@ -675,7 +676,7 @@ def _write_matrix(group: Any, matrix: Any) -> None:
         if matrix.format not in ("csc", "csr"):
             matrix = csr_array(matrix)
         shape, storage = matrix.shape, _COLUMNS if matrix.format == "csc" else _ROWS
-        # SciPy may hold room for more.
+        # SciPy may have allocated more than it uses.
         used = int(matrix.indptr[-1])
         p, i, x = matrix.indptr, matrix.indices[:used], matrix.data[:used]
     for name, value in {"m": shape[0], "n": shape[1], "nzmax": len(x)}.items():

@@ -72,7 +72,7 @@ def test_local_problems_are_solved(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_written_anew_is_the_same(name: str, tmp_path: Path) -> None:
+def test_writing_a_file_twice_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
     """Every number of problem and answers, in the storage and order of the file."""
     problem, copy = fclib.read(path(name)), tmp_path / "copy.hdf5"
     solution, guesses = fclib.read_solution(path(name)), fclib.read_guesses(path(name))
@@ -88,7 +88,7 @@ def test_a_file_written_anew_is_the_same(name: str, tmp_path: Path) -> None:
     assert fclib.read_info(copy) == info
 
 
-def test_what_lies_beside_the_problem() -> None:
+def test_solutions_guesses_and_info() -> None:
     found = fclib.read_solution(path("box_stacks_i0122_82"))
     assert found is not None
     assert found.u.shape == found.r.shape == (82, 3)
@@ -210,7 +210,7 @@ def test_a_dense_matrix_is_written_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("make", [pressed.square, pressed.cube, pressed.free])
-def test_our_problems_go_out_with_their_answers(
+def test_problems_are_written_with_solutions(
     make: Callable[[], bp.ReducedProblem], tmp_path: Path
 ) -> None:
     problem, target = make(), tmp_path / "a.hdf5"
@@ -246,7 +246,7 @@ def test_our_problems_go_out_with_their_answers(
     assert f"residual eta {eta:.1e}" in info["math_info"]
 
 
-def test_text_is_what_a_c_program_reads(tmp_path: Path) -> None:
+def test_strings_end_with_a_zero_byte(tmp_path: Path) -> None:
     """Fixed length and ended by a zero, as in the files of the collection."""
     fclib.write(tmp_path / "a.hdf5", pressed.square(), info={"title": "it"})
     with h5py.File(tmp_path / "a.hdf5") as file:
@@ -257,7 +257,7 @@ def test_text_is_what_a_c_program_reads(tmp_path: Path) -> None:
         assert file["fclib_local/spacedim"].shape == (1,)
 
 
-def test_what_has_not_converged_is_a_guess(tmp_path: Path) -> None:
+def test_unconverged_solution_is_written_as_guess(tmp_path: Path) -> None:
     problem = pressed.cube()
     solution = problem.solve("uzawa", tol=1e-12, max_iterations=2)
     assert not solution.converged
@@ -268,7 +268,7 @@ def test_what_has_not_converged_is_a_guess(tmp_path: Path) -> None:
     assert "iteration_limit" in fclib.read_info(tmp_path / "a.hdf5")["math_info"]
 
 
-def test_a_global_solution_brings_its_velocity(tmp_path: Path) -> None:
+def test_global_solution_contains_the_velocity(tmp_path: Path) -> None:
     problem = fclib.read(path("rods_2_3c"))
     assert isinstance(problem, fclib.GlobalProblem)
     solution = problem.solve()
@@ -279,7 +279,7 @@ def test_a_global_solution_brings_its_velocity(tmp_path: Path) -> None:
     assert stored.v.tobytes() == problem.velocity(solution).tobytes()
 
 
-def test_each_step_of_a_path_stands_alone(tmp_path: Path) -> None:
+def test_each_step_is_written_as_a_complete_problem(tmp_path: Path) -> None:
     body = block((2.0, 1.0), (6, 3), 100.0, 0.3)
     fixed = np.concatenate([body.dofs(1, 1.0, component) for component in (0, 1)])
     problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=0.3, fixed=fixed)
@@ -312,7 +312,7 @@ def test_each_step_of_a_path_stands_alone(tmp_path: Path) -> None:
         assert isinstance(before, bp.ReducedProblem)
         assert other.q.tobytes() == before.q.tobytes()
     result.save(tmp_path / "a.h5")
-    with pytest.raises(ValueError, match="loads of the result are not known"):
+    with pytest.raises(ValueError, match="loads of the result are unknown"):
         fclib.write_path(tmp_path / "no", problem, bp.load(tmp_path / "a.h5"))
 
 
@@ -391,7 +391,7 @@ ALL = [
 
 
 @pytest.mark.parametrize(("source", "name"), ALL)
-def test_what_is_missing_or_of_the_wrong_kind_is_named(
+def test_missing_or_wrong_data_are_named(
     source: str, name: str, tmp_path: Path
 ) -> None:
     assert f"{name} is missing" in said_of(source, without(name), tmp_path)
@@ -418,12 +418,16 @@ LOCAL, GLOBAL = "/fclib_local", "/fclib_global"
 @pytest.mark.parametrize(
     ("source", "change", "said"),
     [
-        ("nespheres_10", without(LOCAL), "/fclib_local or /fclib_global is expected"),
-        ("nespheres_10", put(GLOBAL + "/a", 1), "both are there"),
-        ("nespheres_10", put("/more", 1), "/more is no part of the format"),
-        ("nespheres_10", put(LOCAL + "/X", 1), "/fclib_local/X is no part"),
-        ("nespheres_10", put(LOCAL + "/W/y", 1), "/fclib_local/W/y is no part"),
-        ("nespheres_10", put(LOCAL + "/vectors/b", [1.0]), "/vectors/b is no part"),
+        (
+            "nespheres_10",
+            without(LOCAL),
+            "expected one of /fclib_local and /fclib_global",
+        ),
+        ("nespheres_10", put(GLOBAL + "/a", 1), "found both"),
+        ("nespheres_10", put("/more", 1), "/more is unknown, not part of"),
+        ("nespheres_10", put(LOCAL + "/X", 1), "/fclib_local/X is unknown"),
+        ("nespheres_10", put(LOCAL + "/W/y", 1), "/fclib_local/W/y is unknown"),
+        ("nespheres_10", put(LOCAL + "/vectors/b", [1.0]), "/vectors/b is unknown"),
         ("nespheres_10", put(LOCAL + "/spacedim", [4]), "/spacedim is 4, expected 2"),
         ("nespheres_10", put(LOCAL + "/spacedim", [2]), "/W/m is 27, expected a mult"),
         ("nespheres_10", put(LOCAL + "/W/n", [28]), "/W/n is 28, expected 27"),
@@ -440,8 +444,8 @@ LOCAL, GLOBAL = "/fclib_local", "/fclib_global"
             edit(LOCAL + "/W/i", spoil(3, -1)),
             "/W/i is -1 at position 3",
         ),
-        ("nespheres_10", edit(LOCAL + "/W/p", spoil(0, 1)), "/W/p does not rise"),
-        ("nespheres_10", edit(LOCAL + "/W/p", spoil(3, 999)), "/W/p does not rise"),
+        ("nespheres_10", edit(LOCAL + "/W/p", spoil(0, 1)), "/W/p should ascend"),
+        ("nespheres_10", edit(LOCAL + "/W/p", spoil(3, 999)), "/W/p should ascend"),
         (
             "nespheres_10",
             edit(LOCAL + "/W/x", spoil(7, np.nan)),
@@ -478,7 +482,7 @@ LOCAL, GLOBAL = "/fclib_local", "/fclib_global"
         ("fe_cube_h8_9c", edit(GLOBAL + "/vectors/f", shorter), "/vectors/f has 161"),
     ],
 )
-def test_what_is_wrong_is_named(
+def test_wrong_content_is_named(
     source: str, change: Change, said: str, tmp_path: Path
 ) -> None:
     assert said in said_of(source, change, tmp_path)
@@ -546,7 +550,7 @@ def test_constraints_are_refused_or_rigid_motions(tmp_path: Path) -> None:
         (edit("/solution/u", shorter), "/solution/u has 245 entries, expected 246"),
         (edit("/solution/v", spoil(0, np.nan)), "/solution/v is nan at position 0"),
         (put("/solution/l", [1.0]), "/fclib_global/G is missing"),
-        (put("/solution/z", [1.0]), "/solution/z is no part of the format"),
+        (put("/solution/z", [1.0]), "/solution/z is unknown, not part of"),
     ],
 )
 def test_a_wrong_solution_is_named(change: Change, said: str, tmp_path: Path) -> None:
@@ -559,7 +563,7 @@ def test_a_wrong_solution_is_named(change: Change, said: str, tmp_path: Path) ->
     [
         (without("/guesses/number_of_guesses"), "number_of_guesses is missing"),
         (put("/guesses/number_of_guesses", [2]), "/guesses/2 is missing"),
-        (put("/guesses/number_of_guesses", [0]), "/guesses/1 is no part"),
+        (put("/guesses/number_of_guesses", [0]), "/guesses/1 is unknown"),
         (put("/guesses/number_of_guesses", [-1]), "number_of_guesses is -1"),
         (put("/guesses/number_of_guesses", [2**30]), "number_of_guesses is 1073741824"),
         (edit("/guesses/1/u", shorter), "/guesses/1/u has 245 entries"),
@@ -570,7 +574,7 @@ def test_wrong_guesses_are_named(change: Change, said: str, tmp_path: Path) -> N
         fclib.read_guesses(altered("box_stacks_i0122_82", change, tmp_path))
 
 
-def test_numbers_that_no_problem_can_have(tmp_path: Path) -> None:
+def test_out_of_range_numbers_are_refused(tmp_path: Path) -> None:
     """Fine as numbers, refused as a problem: with the path all the same."""
     large = edit(LOCAL + "/W/x", lambda x: 1e300 * x)
     small = edit(LOCAL + "/vectors/q", lambda q: 1e-300 * q)
@@ -631,7 +635,7 @@ def test_room_that_is_not_used_is_not_read(tmp_path: Path) -> None:
         (
             {"solution": fclib.Vectors(np.zeros((7, 2)), np.zeros((7, 2)), np.ones(2))},
             ValueError,
-            "v of solution is there, but the problem has none",
+            "v of solution should be None: the problem has none",
         ),
     ],
 )
@@ -645,7 +649,7 @@ def test_wrong_arguments(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_names_of_files_are_told(tmp_path: Path) -> None:
+def test_messages_name_the_file(tmp_path: Path) -> None:
     problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.2]], 0.3)
     words = "path is a int, expected the name of a file"
     with pytest.raises(TypeError, match=words):

@@ -1,1 +1,1 @@
-"""What every layer uses: checks of arguments, words of messages, optional libraries."""
+"""Used by every layer: checks of arguments, parts of messages, optional libraries."""

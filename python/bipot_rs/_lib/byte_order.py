@@ -1,7 +1,7 @@
-"""The byte-order mark that programs on Windows put before a text in UTF-8.
+"""Remove the byte-order mark with which programs on Windows begin a text in UTF-8.
 
-What reads text of its own takes the encoding ``utf-8-sig``, which leaves the mark out.
-Libraries that read by the name of a file are given a copy without it.
+Our own readers use the encoding ``utf-8-sig``, which drops the mark. Libraries that take
+the name of a file get a copy of the file without it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ MARK = b"\xef\xbb\xbf"
 
 
 def without(content: bytes) -> bytes:
-    """Bytes of a text, without the mark.
+    """Bytes of a text without the mark.
 
     >>> without(MARK + b"a"), without(b"a")
     (b'a', b'a')
@@ -26,12 +26,12 @@ def without(content: bytes) -> bytes:
 
 @contextmanager
 def unmarked(path: Path) -> Iterator[Path]:
-    """A file that begins with its text: ``path`` itself, or a copy without the mark.
+    """Path of a file without the mark: ``path`` itself, or a temporary copy.
 
     Raises
     ------
     OSError
-        It cannot be read, or there is no place for the copy.
+        The file cannot be read, or the copy not written.
     """
     with path.open("rb") as file:
         if file.read(len(MARK)) != MARK:

@@ -1,4 +1,4 @@
-"""Names of a package that are imported when they are first used."""
+"""Import the public names of a package when they are first used."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ def lazily(
     names: Mapping[str, Sequence[str]],
     modules: Mapping[str, str] | None = None,
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """``__getattr__`` and ``__dir__`` of a package.
+    """Make ``__getattr__`` and ``__dir__`` of a package.
 
     Parameters
     ----------
     package
         ``__name__`` of the package.
     names
-        For each module, by its absolute name, the names that the package takes from it.
+        Names that the package exports, by the absolute name of the module with them.
     modules
-        Attributes that are modules, with their absolute names.
+        Exported modules: name of the attribute, absolute name of the module.
     """
     places = {name: module for module, own in names.items() for name in own}
     whole = dict(modules or {})
@@ -41,7 +41,7 @@ def lazily(
             what = f"{package}.{name} and what uses it"
             raise missing(error, what, error.name or "", "cli") from None
         value = found if name in whole else getattr(found, name)
-        # The next access does not come here.
+        # Python does not call this function for an attribute that exists.
         setattr(sys.modules[package], name, value)
         return value
 

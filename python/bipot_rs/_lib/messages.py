@@ -1,4 +1,4 @@
-"""Numbers and names in a sentence."""
+"""Numbers, names and suggestions in messages."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ def counted(number: int, noun: str) -> str:
 
 
 def printable(text: str) -> str:
-    """On one line, in characters that any terminal takes: file names hold all but /."""
+    """``text`` on one line, unprintable characters escaped: file names may contain them."""
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode() for c in text
     )
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """The known name that was probably meant, or nothing: case and ``-`` do not count."""
+    """The known name most similar to ``word``, or ""; case and ``-`` are ignored."""
     from difflib import get_close_matches
 
     def plain(name: str) -> str:
@@ -35,41 +35,41 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def meant(word: str, known: Iterable[str]) -> str:
-    """``, did you mean 'x'?``, or nothing."""
+    """``, did you mean 'x'?``, or "" without a similar name."""
     found = nearest(word, known)
     return f", did you mean {found!r}?" if found and found != word else ""
 
 
-def instead(word: str, known: Collection[str], otherwise: str = "") -> str:
-    """What there is in place of a name that is not known, to end a sentence.
+def instead(word: str, known: Collection[str], hint: str = "") -> str:
+    """End of a message about an unknown name: the known names, else ``hint``.
 
     >>> "there is no 'a'" + instead("a", ["b", "c"])
     "there is no 'a', expected one of b, c"
     >>> "there is no 'a'" + instead("a", [], "its mesh names no surface")
-    "there is no 'a', nor any other: its mesh names no surface"
+    "there is no 'a': its mesh names no surface"
     """
     if known:
         return f", expected one of {', '.join(known)}{meant(word, known)}"
-    return ", nor any other" + (f": {otherwise}" if otherwise else "")
+    return f": {hint}" if hint else ""
 
 
 def later(message: str, steps: int, of: str = "") -> str:
-    """What is said of a load step of a path that has gone on after others, of the whole.
+    """Renumber the load step in a message of a resumed path: add the earlier steps.
 
     >>> later("load step 2: not converged", 3, " of 9")
     'load step 5 of 9: not converged'
     """
 
-    def counted_on(found: re.Match[str]) -> str:
+    def renumbered(found: re.Match[str]) -> str:
         return f"load step {int(found[1]) + steps}{of}: "
 
-    return re.sub(r"^load step (\d+): ", counted_on, message)
+    return re.sub(r"^load step (\d+): ", renumbered, message)
 
 
 def body_of(dof: int, bodies: Mapping[str, int] | None) -> str:
-    """``body 'name'``, whose degree of freedom it is, or what it is known by.
+    """``body 'name'`` for the body that has a degree of freedom.
 
-    ``bodies`` are their names, each with its first degree of freedom.
+    ``bodies`` maps each name to its first degree of freedom; None if there are no names.
 
     >>> body_of(7, {"upper": 0, "lower": 6}), body_of(7, None)
     ("body 'lower'", 'the body of degree of freedom 7')

@@ -1,31 +1,30 @@
-"""What to install for a part of the package that needs more than NumPy and SciPy."""
+"""Error messages that say which extra to install for an optional library."""
 
 from __future__ import annotations
 
-# How a library is called where it is installed, if not by the name it is imported by.
+# Name of the distribution, if it is not the name of the module.
 _DISTRIBUTIONS = {"skfem": "scikit-fem"}
 
 
 def missing(
     error: ModuleNotFoundError, what: str, library: str, extra: str
 ) -> ModuleNotFoundError:
-    """The error of an import, in words that say what to install.
+    """The error of a failed import, with a message that says what to install.
 
     Parameters
     ----------
     error
-        As Python raised it. Where it is about another module, one that is lacking
-        *inside* of the library, it comes back as it is: installing the extra would not
-        help.
+        As raised by Python. It is returned unchanged if it is about another module, for
+        example one that the library itself imports: installing the extra would not help.
     what
-        What needs it, in the plural: ``"finite elements"``.
+        What needs the library, in the plural: ``"finite elements"``.
     library, extra
-        Name it is imported by, and the extra of this package that brings it.
+        Name of the module, and the extra of this package that installs it.
     """
     if error.name is None or error.name.partition(".")[0] != library:
         return error
     return ModuleNotFoundError(
-        f"{what} need {_DISTRIBUTIONS.get(library, library)}, which is not installed: it "
-        f"comes with the extra {extra}, as in pip install 'bipot-rs[{extra}]'",
+        f"{what} need {_DISTRIBUTIONS.get(library, library)}, which is not installed: "
+        f"run pip install 'bipot-rs[{extra}]'",
         name=error.name,
     )

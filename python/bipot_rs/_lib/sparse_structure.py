@@ -1,6 +1,6 @@
-"""Whether the indices of a sparse matrix lie within it.
+"""Check that the index arrays of a sparse matrix fit its shape.
 
-SciPy takes them as they are: its conversions then read and write elsewhere in memory.
+SciPy does not check them: with wrong indices it reads and writes outside its arrays.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ def check(what: str, matrix: Any) -> None:
     Raises
     ------
     ValueError
-        Indices outside the shape, or row pointers that do not go up from 0 to the
-        number of entries.
+        Indices outside the shape, or row pointers that do not ascend from 0 to the number
+        of entries.
     """
     rows, columns = matrix.shape
     kind = matrix.format

@@ -1,7 +1,7 @@
-"""Numbers as files write them.
+"""Convert text from files to numbers, without the extensions of Python.
 
-``int`` and ``float`` take Python's ``1_000`` and the digits of any alphabet too: of a
-damaged file, ``1_000`` for ``1,000``, they would make another number.
+``int`` and ``float`` also accept ``1_000`` and the digits of any script. A damaged file
+with ``1_000`` in place of ``1,000`` would silently give another number.
 """
 
 from __future__ import annotations
@@ -19,5 +19,5 @@ def real(text: str) -> float:
 
 def _plain(text: str) -> str:
     if "_" in text or not text.isascii():
-        raise ValueError(f"{text!r} is no number")
+        raise ValueError(f"{text!r} is not a number")
     return text

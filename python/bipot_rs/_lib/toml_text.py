@@ -1,4 +1,4 @@
-"""Tables as TOML: what `tomllib` reads and Python does not write."""
+"""Write tables as TOML: the standard library can only read it."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-# Half of a surrogate pair: names of files in other encodings leave it in strings.
+# A lone surrogate. File names in other encodings put them into strings.
 HALF = re.compile("[\\ud800-\\udfff]")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def text(table: Mapping[str, Any]) -> str:
-    """TOML of a table of tables, lists, strings, numbers and truth values.
+    """TOML text of a table of tables, lists, strings, numbers and booleans.
 
-    ``tomllib.loads`` gives the same table back, numbers to the bit.
+    ``tomllib.loads`` returns the same table, with bitwise the same numbers.
 
     Raises
     ------
     TypeError
-        Something that TOML has no word for; the message names its place.
+        A value that TOML cannot represent; the message names its key path.
     ValueError
-        Half of a surrogate pair in a string, which no file of TOML holds.
+        A lone surrogate in a string, which UTF-8 cannot encode.
     """
-    # Plain values first: below a heading, they would be of its table.
+    # Plain values first: after a heading they would belong to that table.
     plain = {k: v for k, v in table.items() if not _has_heading(v)}
     lines = list(_flat(plain, ()))
     for key, value in table.items():
@@ -35,7 +35,7 @@ def text(table: Mapping[str, Any]) -> str:
             for k, one in enumerate(value):
                 lines += ["", f"[[{name}]]", *_flat(one, (key, str(k)))]
         elif value and all(map(_is_table, value.values())):
-            # A table of tables alone, such as materials by name, needs no heading.
+            # A table that contains tables only needs no heading.
             for one, content in value.items():
                 lines += ["", f"[{name}.{_key(one)}]", *_flat(content, (key, one))]
         else:
@@ -67,10 +67,9 @@ def _key(key: Any) -> str:
 def _string(value: str) -> str:
     if half := HALF.search(value):
         raise ValueError(
-            f"{value!r} holds {half[0]!r}, half of a surrogate pair, expected text that "
-            "UTF-8 can write"
+            f"{value!r} contains the lone surrogate {half[0]!r}, which UTF-8 cannot encode"
         )
-    # JSON escapes all that TOML wants escaped, but for DEL.
+    # JSON escapes all characters that TOML escapes, except DEL.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
@@ -80,7 +79,6 @@ def _inline(value: Any, path: tuple[str, ...]) -> str:
     if isinstance(value, int):
         return str(value)
     if isinstance(value, float):
-        # 17 digits where they are needed: read back to the bit.
         return repr(value)
     if isinstance(value, str):
         return _string(value)
@@ -92,5 +90,5 @@ def _inline(value: Any, path: tuple[str, ...]) -> str:
         return "{ " + ", ".join(pairs) + " }" if value else "{}"
     raise TypeError(
         f"{'.'.join(path)} is a {type(value).__name__}, expected a table, a list, a "
-        "string, a number or a truth value"
+        "string, a number or a boolean"
     )

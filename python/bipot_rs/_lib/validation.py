@@ -1,4 +1,4 @@
-"""What crosses the border is checked here, once, before any work.
+"""Check arguments once, before any work.
 
 Each message names the argument, what was found and what was expected.
 """
@@ -21,7 +21,7 @@ R = TypeVar("R")
 S = TypeVar("S")
 T = TypeVar("T")
 
-# NumPy's and Python's numbers, fractions too; not its complex ones, nor its booleans.
+# Real numbers of NumPy and Python, fractions included; no complex numbers or booleans.
 _REAL = numbers.Real
 
 
@@ -30,7 +30,7 @@ Parts = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]], Floats]
 
 
 class Csr(NamedTuple):
-    """A checked sparse matrix and its parts as the core takes them."""
+    """A checked sparse matrix, and its arrays in the form that the core takes."""
 
     matrix: Any
     shape: tuple[int, int]
@@ -46,7 +46,7 @@ def floats(
     finite: bool = True,
     copy: bool = True,
 ) -> Floats:
-    """``value`` as a C-ordered array of float64, by default one of our own."""
+    """``value`` as a C-ordered array of float64, by default a copy."""
     try:
         found = np.asarray(value)
     except ValueError as error:
@@ -57,7 +57,7 @@ def floats(
         )
     if np.ma.is_masked(value) or (isinstance(value, (list, tuple)) and _hides(value)):
         raise ValueError(f"{what} has masked entries, expected an array without a mask")
-    # What is too large for a double becomes infinite, and is refused as that below.
+    # Numbers too large for float64 become infinite and are refused below.
     with np.errstate(over="ignore"):
         if copy:
             array = np.array(found, dtype=np.float64, order="C")
@@ -78,12 +78,12 @@ def floats(
 
 
 def _hides(rows: Sequence[Any]) -> bool:
-    """Whether a mask would be lost among rows that are put together."""
+    """Whether a row has masked entries, which `numpy.asarray` would unmask."""
     return any(isinstance(row, np.ma.MaskedArray) and row.mask.any() for row in rows)
 
 
 def csr(what: str, value: Any) -> Csr:
-    """A sparse or dense matrix in CSR form, without duplicates, indices sorted."""
+    """A sparse or dense matrix in CSR form, without duplicates, with sorted indices."""
     from scipy.sparse import csr_array, issparse
 
     if what == "K" and isinstance(value, tuple) and value and issparse(value[0]):
@@ -114,12 +114,12 @@ def csr(what: str, value: Any) -> Csr:
     if not np.isfinite(data).all():
         at = int(np.argmin(np.isfinite(data)))
         row = int(np.searchsorted(matrix.indptr, at, side="right")) - 1
-        # In the words of the core, which looks at dense matrices itself.
+        # The same message as that of the core, which checks dense matrices.
         found = "NaN" if np.isnan(data[at]) else data[at]
         raise ValueError(
             f"{what} is not finite at row {row}, column {int(matrix.indices[at])}: {found}"
         )
-    # 32 bits are taken as they are: a copy would be a good part of K.
+    # Indices of 32 bits are not copied: a copy would take much memory.
     wide = np.int32 if matrix.indices.dtype == np.int32 else np.int64
     parts = (
         np.require(matrix.indptr, wide, ["C", "A"]),
@@ -131,7 +131,7 @@ def csr(what: str, value: Any) -> Csr:
 
 
 def one_triangle(parts: Parts) -> str:
-    """What to say of a matrix by rows that holds one triangle alone, else nothing."""
+    """End of a message about a matrix that stores one triangle only; "" otherwise."""
     pointers, columns, _ = parts
     rows = np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
     below, above = bool((columns < rows).any()), bool((columns > rows).any())
@@ -139,13 +139,13 @@ def one_triangle(parts: Parts) -> str:
         return ""
     held, other = ("lower", "-1") if below else ("upper", "1")
     of = "tril" if below else "triu"
-    return f"; K holds its {held} triangle alone, expected K + scipy.sparse.{of}(K, {other}).T"
+    return f"; K stores its {held} triangle only, expected K + scipy.sparse.{of}(K, {other}).T"
 
 
 def enforced(parts: Parts) -> str:
-    """What to say of a matrix by rows that supports were written into, else nothing.
+    """End of a message about a matrix into which supports were written; "" otherwise.
 
-    Their rows hold the diagonal alone, and their columns more: it is not symmetric.
+    Rows of supports then contain the diagonal only, but their columns contain more.
     """
     pointers, columns, values = parts
     n = len(pointers) - 1
@@ -160,23 +160,24 @@ def enforced(parts: Parts) -> str:
         if held.any() and not held.all():
             return (
                 f"; {counted(int(held.sum()), word[:-1])} of K, first {int(np.argmax(held))}, "
-                f"{'holds' if held.sum() == 1 else 'hold'} the diagonal alone and the {what} "
-                "more: supports were written into K, as by skfem.enforce; expected K as it "
-                "was assembled, with fixed= for the degrees of freedom that are held"
+                f"{'contains' if held.sum() == 1 else 'contain'} the diagonal only, but the "
+                f"{what} more: supports were written into K, as by skfem.enforce; expected K "
+                "as assembled, with fixed= for the supported degrees of freedom"
             )
     return ""
 
 
-# Squares of these, and what they are multiplied by, stay in the range of doubles.
+# Products of squares of such numbers do not overflow or underflow.
 _LEAST, _MOST = 1e-75, 1e75
-# Beyond, the slip along the tangent of little friction has lost the digits of the judge.
+# Beyond this ratio, rounding of the slip along the tangent with the smaller coefficient
+# exceeds the tolerances of the residual.
 RATIO = 1e6
 
 
 def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> Floats:
-    """Friction coefficients ``(n_c,)``, or in space one a tangent, ``(n_c, 2)``.
+    """Friction coefficients ``(n_c,)``, or in 3D one for each tangent, ``(n_c, 2)``.
 
-    Those of one contact are within ``ratio`` of each other, or both zero.
+    The two of one contact are within a factor ``ratio`` of each other, or both zero.
     """
     found = floats("mu", mu)
     if found.ndim == 0:
@@ -187,7 +188,7 @@ def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> 
         raise ValueError(f"mu has shape {found.shape}, expected a number or {wished}")
     if (found < 0).any():
         at = np.argwhere(found < 0)[0]
-        along = "" if len(at) == 1 else f" along its tangent {at[1] + 1}"
+        along = "" if len(at) == 1 else f" along tangent {at[1] + 1}"
         raise ValueError(
             f"mu of contact {at[0]}{along} is {found[tuple(at)]}, expected zero or positive"
         )
@@ -197,7 +198,7 @@ def friction(mu: ArrayLike, contacts: int, d: int, *, ratio: float = np.inf) -> 
 
 
 def by_contact(what: str, value: ArrayLike, contacts: int) -> Floats:
-    """A number, the same for all contacts, or one each ``(n_c,)``."""
+    """One number for all contacts, or one for each, as ``(n_c,)``."""
     found = floats(what, value)
     if found.ndim == 0:
         found = np.full(contacts, float(found))
@@ -209,7 +210,7 @@ def by_contact(what: str, value: ArrayLike, contacts: int) -> Floats:
 
 
 def coulomb(mu: ArrayLike, contacts: int) -> Floats:
-    """Friction coefficients ``(n_c,)``, where one a contact is all that is understood."""
+    """Friction coefficients ``(n_c,)``, one for each contact."""
     return friction(mu, contacts, 2)
 
 
@@ -219,11 +220,11 @@ def _two_coefficients(mu: Floats, ratio: float) -> None:
     for wrong, expected in (
         (
             apart & (least == 0),
-            "two positive numbers, or twice zero",
+            "two positive numbers, or two zeros",
         ),
         (
             apart & ((least < _LEAST) | (most > _MOST)),
-            f"numbers from {_LEAST:g} to {_MOST:g} where they differ",
+            f"numbers from {_LEAST:g} to {_MOST:g} if they differ",
         ),
         (
             apart & (least < most / ratio),
@@ -242,7 +243,7 @@ def indices(what: str, value: ArrayLike | None, limit: int) -> Ints:
     found = np.asarray([] if value is None else value)
     if found.dtype == np.bool_:
         raise TypeError(
-            f"{what} is a boolean mask, expected integers: give numpy.flatnonzero of it"
+            f"{what} is a boolean mask, expected integers: use numpy.flatnonzero(mask)"
         )
     if found.size == 0:
         return np.empty(0, np.int64)
@@ -272,12 +273,12 @@ def positive(what: str, value: Any) -> int:
 
 
 def threads(value: Any) -> int:
-    """A number of threads; the core holds what the environment says to the same range."""
+    """A number of threads; the core limits environment variables to the same range."""
     return integer("num_threads", value, least=1, most=1024)
 
 
 def integer(what: str, value: Any, *, least: int, most: int | None = None) -> int:
-    """An integer of ``least`` or more, ``most`` at the most."""
+    """An integer from ``least`` to ``most``."""
     try:
         number = operator.index(cast("SupportsIndex", value))
     except TypeError:
@@ -291,16 +292,16 @@ def integer(what: str, value: Any, *, least: int, most: int | None = None) -> in
 
 
 def shown(value: Any) -> str:
-    """What was found, on one line and short enough for a message."""
+    """``repr`` of a value on one line, short enough for a message."""
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # noqa: BLE001 - whatever is handed over must be refused in words
+    except Exception:  # noqa: BLE001 - any value must be refused with a clear message
         text = f"a {type(value).__name__}"
     return text if len(text) <= 80 else f"{text[:76]} ..."
 
 
 def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Floats) -> int:
-    """``d`` from the rows of ``B``, or from ``dim`` where there are no contacts."""
+    """``d`` from the rows of ``B``, or from ``dim`` if there are no contacts."""
     if dim is not None and (not isinstance(dim, _REAL) or dim not in (2, 3)):
         raise ValueError(f"dim is {shown(dim)}, expected 2 or 3")
     if contacts == 0:
@@ -311,9 +312,7 @@ def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Floats) -> int:
         if gap.ndim == 2 and gap.shape[1] in (2, 3):
             dim = dim or gap.shape[1]
         if dim is None:
-            raise ValueError(
-                "dim is missing: without contacts it cannot be told from B"
-            )
+            raise ValueError("dim is missing: without contacts B does not determine it")
         if gap.ndim == 2 and gap.shape[1] != dim:
             raise ValueError(f"gap has shape {gap.shape}, expected (0,) or (0, {dim})")
         return int(dim)
@@ -335,20 +334,20 @@ def choice_of_dimension(dim: Any, contacts: int, rows: int, gap: Floats) -> int:
 def contact_array(
     what: str, value: ArrayLike | None, contacts: int, d: int
 ) -> Floats | None:
-    """An optional array of one row a contact."""
+    """An optional array with one row for each contact."""
     return None if value is None else floats(what, value, shape=(contacts, d))
 
 
-# Axes that are written down have six digits or more.
+# Files give axes with six digits or more.
 _TILT = 1e-6
 
 
 def frames(value: ArrayLike | None, contacts: int, d: int) -> Floats | None:
-    """Optional local bases ``(n_c, d, d)``, orthonormal to 1e-6, of either hand."""
+    """Optional local bases ``(n_c, d, d)``, orthonormal to 1e-6, of either handedness."""
     if value is None:
         return None
     found = floats("frame", value, shape=(contacts, d, d))
-    # What overflows is no unit vector either.
+    # Vectors whose product overflows are refused below as well.
     with np.errstate(over="ignore", invalid="ignore"):
         lack = np.abs(found @ found.swapaxes(1, 2) - np.eye(d)).max(axis=(1, 2))
     wrong = ~(lack <= _TILT)
@@ -362,7 +361,7 @@ def frames(value: ArrayLike | None, contacts: int, d: int) -> Floats | None:
 
 
 def matrices(K: Any, B: Any) -> tuple[Csr, Csr]:
-    """A stiffness ``(n, n)`` and a contact operator of as many columns."""
+    """A stiffness ``(n, n)`` and a contact operator with n columns."""
     stiffness, contact = csr("K", K), csr("B", B)
     n = stiffness.shape[0]
     if stiffness.shape != (n, n):
@@ -372,9 +371,9 @@ def matrices(K: Any, B: Any) -> tuple[Csr, Csr]:
         fewer, other = ("K", "B") if n < columns else ("B", "K")
         raise ValueError(
             f"B has shape {contact.shape}, expected {counted(n, 'column')}, as many "
-            f"as K has rows: were degrees of freedom taken out of {fewer}, as by "
-            f"skfem.condense, and not out of {other}? Give both whole, and fixed= for the "
-            "degrees of freedom that are held"
+            f"as K has rows: were degrees of freedom removed from {fewer}, as by "
+            f"skfem.condense, but not from {other}? Pass both complete, and fixed= for the "
+            "supported degrees of freedom"
         )
     return stiffness, contact
 
@@ -393,7 +392,7 @@ def areas(area: ArrayLike | None, contacts: int) -> Floats | None:
 
 
 def places(coordinates: ArrayLike | None, n: int) -> Floats | None:
-    """Places of degrees of freedom as the core takes them, three coordinates each."""
+    """Coordinates of degrees of freedom, three for each, as the core takes them."""
     if coordinates is None:
         return None
     given = floats("coordinates", coordinates, ndim=2)
@@ -433,13 +432,13 @@ def together(
     theirs: Sequence[T],
     both: Callable[[S, T], R],
 ) -> list[R]:
-    """What is given step by step, put together; of one step it stands for all."""
+    """Combine two sequences step by step; one with a single step is used for all steps."""
     counts = len(ours), len(theirs)
     steps = 0 if 0 in counts else max(counts)
     if len(set(counts)) == 2 and 1 not in counts:
         raise ValueError(
             f"{what} has {counted(len(ours), 'step')} but {other} has {len(theirs)}: "
-            "expected as many, or one of them with one"
+            "expected the same number, or one step in either"
         )
     return [
         both(ours[min(k, len(ours) - 1)], theirs[min(k, len(theirs) - 1)])
@@ -448,7 +447,7 @@ def together(
 
 
 def gap(value: ArrayLike, contacts: int, d: int, what: str = "gap") -> Floats:
-    """Gaps of contacts ``(n_c,)``, or by component ``(n_c, d)``, as the latter."""
+    """Gaps ``(n_c, d)``, from normal gaps ``(n_c,)`` or all components ``(n_c, d)``."""
     found = floats(what, value)
     if found.shape not in ((contacts,), (contacts, d)):
         raise ValueError(
@@ -458,10 +457,7 @@ def gap(value: ArrayLike, contacts: int, d: int, what: str = "gap") -> Floats:
 
 
 def gaps(value: ArrayLike, contacts: int, d: int) -> Floats:
-    """Gaps of each step, ``(steps, n_c)`` or ``(steps, n_c, d)``, as the latter.
-
-    Of one step also ``(n_c,)``.
-    """
+    """Gaps ``(steps, n_c, d)``, from the same, ``(steps, n_c)`` or ``(n_c,)``."""
     found = floats("gap", value)
     if found.shape == (contacts,):
         found = found[None]
@@ -474,7 +470,7 @@ def gaps(value: ArrayLike, contacts: int, d: int) -> Floats:
 
 
 def by_component(normal: Floats, d: int) -> Floats:
-    """Gaps of all components ``(..., d)`` from those along the normals ``(...)``."""
+    """Gaps ``(..., d)`` from normal gaps ``(...)``; the other components are zero."""
     whole = np.zeros((*normal.shape, d))
     whole[..., 0] = normal
     return whole
@@ -483,7 +479,7 @@ def by_component(normal: Floats, d: int) -> Floats:
 def settings(
     method: str, tol: float, max_iterations: int | None, max_seconds: float | None
 ) -> tuple[str, float, int | None, float | None]:
-    """Settings of the solver, as the core takes them; it checks their ranges."""
+    """Settings of the solver as the core takes them; the core checks their ranges."""
     if not isinstance(method, str):
         raise TypeError(f"method is {shown(method)}, expected a name")
     limit = (
@@ -494,15 +490,13 @@ def settings(
 
 
 def callback(what: str, value: Any) -> None:
-    """Something to call, or nothing."""
+    """Refuse a callback that is neither callable nor None."""
     if value is not None and not callable(value):
-        raise TypeError(
-            f"{what} is {shown(value)}, expected something to call, or None"
-        )
+        raise TypeError(f"{what} is {shown(value)}, expected a function, or None")
 
 
 def number(what: str, value: Any) -> float:
-    """A real number; an array without dimensions is one."""
+    """A real number, or an array without dimensions, as float."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if isinstance(value, bool) or not isinstance(value, _REAL):

@@ -1,4 +1,4 @@
-"""What an answer was computed with: versions, machine and threads."""
+"""Versions, processor and threads of this installation."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bipot_rs import _core
 
 __version__ = _core.version
 
-# What an extra brings, by the name of its distribution.
+# Distributions that the package needs, and those that its extras install.
 _NEEDED = ("numpy", "scipy")
 _OPTIONAL = (
     "scikit-fem",
@@ -25,23 +25,23 @@ _OPTIONAL = (
     "gmsh",
 )
 _THREADS = ("BIPOT_NUM_THREADS", "RAYON_NUM_THREADS")
-# Instructions that the dense kernels have code of their own for.
+# Instruction sets for which the dense kernels have special code.
 _VECTORS = ("avx", "avx2", "fma", "avx512f", "asimd")
 
 
 def versions() -> dict[str, str]:
-    """Everything a report of a fault needs, each as a line of words.
+    """Everything that a bug report needs, as text by name.
 
-    Nothing is imported for it: an optional library is asked for the version that was
-    installed, so that this is quick, and works where one of them does not.
+    No library is imported: the versions come from the metadata of the installation. This
+    is quick, and works if a library is broken.
 
     Returns
     -------
     dict
         ``bipot-rs``, ``core`` (version and build of the compiled part), ``python``,
         ``system``, ``processor``, ``vector instructions``, ``cores``, ``threads``
-        (how many a solve uses, and what says so), ``ordering``, and a version or ``not
-        installed`` for each library.
+        (number used by a solve, and the variable that sets it), ``ordering``, and for
+        each library its version or ``not installed``.
 
     Examples
     --------
@@ -66,10 +66,10 @@ def versions() -> dict[str, str]:
 
 
 def show_versions() -> None:
-    """Print `versions`, a line each: to be pasted into a report of a fault."""
-    told = versions()
-    width = max(map(len, told))
-    lines = [f"{name:{width}}  {value}" for name, value in told.items()]
+    """Print `versions`, one line each, for a bug report."""
+    known = versions()
+    width = max(map(len, known))
+    lines = [f"{name:{width}}  {value}" for name, value in known.items()]
     sys.stdout.write("\n".join(lines) + "\n")
 
 
@@ -83,7 +83,7 @@ def _version(name: str) -> str:
 
 
 def _processor() -> tuple[str, set[str]]:
-    """Its name and instructions where the system tells; of Linux alone the latter."""
+    """Name and instruction sets of the processor; the latter on Linux only."""
     model, flags = platform.processor() or platform.machine() or "unknown", set[str]()
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
@@ -99,7 +99,7 @@ def _processor() -> tuple[str, set[str]]:
 
 
 def _cores() -> int:
-    """Those that this process may run on, where the system tells."""
+    """Number of cores; on Linux only those that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -109,7 +109,7 @@ def _threads() -> str:
     try:
         number = str(_core.threads())
     except ValueError as error:
-        # What is wrong with a variable is what a report should say.
+        # An invalid environment variable belongs into the report.
         return str(error)
     given = [f"{name}={os.environ[name]}" for name in _THREADS if name in os.environ]
     return f"{number} ({', '.join(given)})" if given else number

@@ -1,4 +1,4 @@
-"""The error that the mesh leaves, as an energy, by equilibrated stresses."""
+"""Discretisation error of a mesh, as an energy, from equilibrated stresses."""
 
 from typing import TYPE_CHECKING
 

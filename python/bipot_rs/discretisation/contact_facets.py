@@ -1,4 +1,4 @@
-"""Where contact acts between nodes: whole facets, and the curvature of the gap on them."""
+"""Facets on which contact acts, and the curvature of the gap on them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from bipot_rs.fem.contact import both
 
 @dataclass(frozen=True)
 class Side:
-    """Facets of contact on one of the two bodies.
+    """Contact facets on one of the two bodies.
 
     Attributes
     ----------
     body, facet : (m,)
-        Number of the body, and of the facet in its mesh.
+        Index of the body, and of the facet in its mesh.
     contact : (m, d)
-        Contact at each node, in the order of the facet's nodes.
+        Contact at each node of the facet.
     """
 
     body: Ints
@@ -33,25 +33,25 @@ class Side:
 
 @dataclass(frozen=True)
 class ContactFacets:
-    """Facets all of whose nodes may meet the obstacle.
+    """Facets whose nodes are all contacts.
 
     Attributes
     ----------
     first, second : Side
-        On the bodies that have the contacts; on those that they may meet, which are
-        fewer where the obstacle is a plane.
+        Facets of the bodies that have the contacts, and the opposite facets; the latter
+        are missing for a rigid obstacle.
     area : (m,)
-        Of ``first``, with the thickness [m²].
+        Areas of ``first``, including the thickness [m²].
     node_area : (n_c,)
-        Tributary to each contact [m²]; less than that of the model at the rim of
-        ``within``.
+        Tributary area of each contact [m²]; at the rim of ``within`` smaller than that of
+        the model.
     edges : (e, 2)
         Contacts at the ends of the edges of ``first``.
     edge_of : (m, d (d - 1)/2)
-        Edges of each facet, by `itertools.combinations` of its nodes.
+        Edges of each facet, in the order of `itertools.combinations` of its nodes.
     curvature : (e,)
-        k of ``g = Σ φ_i g_i - Σ k_ij φ_i φ_j`` on a facet [m]: the gap between its nodes,
-        as far as the middles of the edges tell; exact for ``r²/(2 radius)``.
+        k_ij of the gap ``g = Σ φ_i g_i - Σ k_ij φ_i φ_j`` on a facet [m], from the gap at
+        the midpoints of edges; exact for ``r²/(2 radius)``.
     """
 
     first: Side
@@ -65,14 +65,14 @@ class ContactFacets:
     def traction_moments(
         self, bodies: Sequence[Simplices], traction: Floats
     ) -> list[Floats]:
-        """Moments ``(facets, d nodes, d)`` on each body of tractions linear on facets.
+        """Moments ``(facets, d nodes, d)`` on each body, of tractions linear on facets.
 
         Parameters
         ----------
         bodies
-            All of them.
+            All bodies.
         traction
-            On ``first`` at the contacts, ``(n_c, d)`` in global components.
+            Traction on ``first`` at the contacts, ``(n_c, d)`` in global components.
         """
         found = [np.zeros((len(b.facets), b.dim, b.dim)) for b in bodies]
         for side, sign in ((self.first, 1.0), (self.second, -1.0)):
@@ -85,14 +85,13 @@ class ContactFacets:
 
 
 def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacets:
-    """Facets of contact of a model.
+    """Find the contact facets of a model.
 
     Raises
     ------
     ValueError
-        Meshes in contact that do not match, a contact node without such a facet, normals
-        that change on a facet, or opposite facets that are split along different
-        diagonals.
+        Meshes in contact that do not match, a contact node without contact facet, normals
+        that change on a facet, or opposite quadrilaterals split along different diagonals.
     """
     dim = model.dim
     names = [body.name for body in model.bodies]
@@ -101,9 +100,8 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
     for group, contact in enumerate(model.contacts):
         if contact.against is not None and contact.pairing != "match":
             raise ValueError(
-                f"surfaces {both(contact)} are paired by {contact.pairing!r}: tractions linear "
-                "on the facets of the one are not so on those of the other; expected "
-                "pairing='match'"
+                f"surfaces {both(contact)} are paired by {contact.pairing!r}: the "
+                "discretisation error needs facets that match, pairing='match'"
             )
         mine = np.flatnonzero(model.group == group)
         owner = names.index(contact.body)
@@ -126,17 +124,17 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
         match = [known.get(tuple(sorted(c)), -1) for c in at[whole].tolist()]
         if -1 in match:
             raise ValueError(
-                f"surfaces {both(contact)} do not match facet by facet: tractions of one cannot "
-                "act on the other"
+                f"surfaces {both(contact)} do not match facet by facet: mesh both with the "
+                "same facets"
             )
         second.append((obstacle, facets[match], theirs[match]))
     ours, opposite = _side(first, dim), _side(second, dim)
     frames = model.frame[ours.contact]
-    # Axes of equal facets, but for rounding.
+    # 1e-9: frames on a flat facet are equal up to rounding.
     if (np.abs(frames - frames[:, :1]) > 1e-9).any():
         raise ValueError(
-            "a surface of contact is curved: tractions between its nodes are not those "
-            "of the nodes' frames; expected plane facets with one normal each"
+            "a contact surface is curved: the discretisation error needs flat facets, each "
+            "with one normal"
         )
     area = np.zeros(len(ours.facet))
     for owner, body in enumerate(model.bodies):
@@ -148,8 +146,8 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
     if (node_area == 0).any():
         place = ", ".join(f"{x:g}" for x in model.points[np.argmin(node_area)])
         raise ValueError(
-            f"the contact node at ({place}) has no facet all of whose nodes may meet the "
-            "obstacle: its force acts on no area"
+            f"the contact node at ({place}) belongs to no facet whose nodes are all contacts, "
+            "so that its force acts on no area: extend the contact surface"
         )
     pairs = [ours.contact[:, list(pair)] for pair in combinations(range(dim), 2)]
     ends = np.sort(np.stack(pairs, axis=1), axis=2)
@@ -166,7 +164,7 @@ def contact_facets(model: Assembly, bodies: Sequence[Simplices]) -> ContactFacet
 
 
 def prescribed_facets(model: Assembly, bodies: Sequence[Simplices]) -> list[Bools]:
-    """Components prescribed on whole facets of each body, ``(facets, d)``."""
+    """Mask of components prescribed on whole facets of each body, ``(facets, d)``."""
     dim = model.dim
     names = [body.name for body in model.bodies]
     held = [np.zeros((len(one.facets), dim), dtype=np.bool_) for one in bodies]

@@ -1,15 +1,15 @@
-"""Facet tractions in exact equilibrium with the loads, element by element.
+"""Facet tractions in exact equilibrium with the loads on each element.
 
-From a displacement of linear triangles or tetrahedra, vertex by vertex, by the
-prolongation condition of Ladeveze and Leguillon (1983): on every cell T, with corners i,
+They are computed from a displacement of linear triangles or tetrahedra, node by node, by
+the prolongation condition of Ladeveze and Leguillon (1983): on every cell T with corners i
 
     Σ_F ∫_F φ_i t_T dA  =  ∫_T σ_h ∇φ_i dV - ∫_T φ_i f dV,                            (P)
 
-over the facets of T that have corner i, with ``t_T = ± t_F``, one traction a facet. The
-sum of (P) over the corners, with any rigid motion as weights, is the equilibrium of forces
-and torques of T; the sum over the cells around i is the equation of node i of the finite
-elements, which makes it solvable. Of its solutions the one nearest to the mean traction
-of the two cells is taken.
+over the facets of T with corner i, where ``t_T = ± t_F`` and t_F is the traction of the
+facet. The sum of (P) over the corners, weighted by a rigid motion, is the equilibrium of
+forces and torques of T. The sum over the cells around i is the finite-element equation of
+node i; therefore a solution exists. The one nearest to the mean traction of the two cells
+is used.
 """
 
 from __future__ import annotations
@@ -27,38 +27,38 @@ def moments(
     given: Floats,
     known: Bools,
 ) -> Floats:
-    """Moments ``∫_F φ_i t_F`` of tractions that obey (P), ``(facets, d nodes, d)``.
+    """Moments ``∫_F φ_i t_F`` of tractions that satisfy (P), ``(facets, d nodes, d)``.
 
     Parameters
     ----------
     cells
         The body.
     stress
-        Of the finite elements, ``(cells, d, d)``, in equilibrium at the nodes with the
-        loads below.
+        Stress of the finite elements, ``(cells, d, d)``, in equilibrium at the nodes with
+        the following loads.
     body_force
         ``(cells, d)``, force per volume.
     given
-        Moments of the tractions that act on facets outside, ``(facets, d nodes, d)``.
+        Moments of the tractions on boundary facets, ``(facets, d nodes, d)``.
     known
-        Components that are given, ``(facets, d)``; those of prescribed displacements are
-        not, and facets inside have none.
+        Mask of given components, ``(facets, d)``: false for prescribed displacements and
+        for interior facets.
 
     Raises
     ------
     ValueError
-        Around a node nothing can balance its force: a component is prescribed at the
-        node, and on no facet that ends in it.
+        No tractions can balance the force at a node: a component is prescribed at the
+        node, but on no facet with this node.
     """
     dim = cells.dim
-    # What each cell asks at each of its corners, less the mean of the two tractions.
+    # Right-hand side of (P).
     asked = cells.volume[:, None, None] * (
         np.einsum("cij,caj->cai", stress, cells.gradients)
         - body_force[:, None] / (dim + 1)
     )
     size = cells.size
     guess = np.zeros((len(size), dim))
-    # Twice the mean where there are two cells, the only one outside.
+    # Mean traction of the two cells of an interior facet; that of the cell of a boundary one.
     np.add.at(
         guess,
         cells.facet_of,
@@ -73,11 +73,11 @@ def moments(
     for p, (_, a) in enumerate(local):
         rest[:, a] -= sign[:, p, None] * found[facet[:, p], at[:, p]]
 
-    # The square of a change of moment over the area: that of the change of traction.
+    # Minimise the squared changes of moments over the area, as those of tractions.
     free = np.where(known, 0.0, size[:, None])
     shift = _potentials(cells, free, rest)
     for p, (_, a) in enumerate(local):
-        # Each facet inside is met from both its cells, and gets the difference.
+        # An interior facet is visited from both its cells, and gets the difference.
         change = sign[:, p, None] * free[facet[:, p]] * shift[:, a]
         np.add.at(found, (facet[:, p], at[:, p]), change)
     _check(cells, asked, found)
@@ -87,9 +87,9 @@ def moments(
 def _potentials(cells: Simplices, free: Floats, rest: Floats) -> Floats:
     """Multipliers of (P) at the corners of cells, ``(cells, d + 1, d)``.
 
-    The cells around a node are a graph, with an edge for each facet between two of them
-    and an open end for each facet outside; a change of moment is ``free`` times the
-    difference of the multipliers of its cells, and the sum of changes is ``rest``.
+    The cells around a node form a graph, with an edge for each facet between two of them
+    and an open end for each boundary facet. A change of moment is ``free`` times the
+    difference of the multipliers of its cells; the changes of a cell add up to ``rest``.
     """
     dim, corners = cells.dim, cells.corners
     corner = np.array([a for _, a in pairs(dim)])
@@ -102,14 +102,14 @@ def _potentials(cells: Simplices, free: Floats, rest: Floats) -> Floats:
     rank = np.empty(flat.size, dtype=np.int64)
     rank[order] = np.arange(flat.size) - np.repeat(start, many)
     mine = rank.reshape(corners.shape)[:, corner].ravel()
-    # The other cell of a facet: of two, their sum tells which.
+    # The other cell of a facet is the sum of both minus this one.
     ends = facet_node.ravel()
     total = np.bincount(ends, mine, minlength=cells.facets.size)
     shared = ~cells.outside[ends // dim]
     other = np.where(shared, total[ends] - mine, mine).astype(np.int64)
     node = corners[:, corner].ravel()
     found = np.zeros((flat.size, dim))
-    # Graphs of one size are solved together.
+    # Graphs of equal size are solved together.
     for n in np.unique(many[many > 0]):
         nodes = np.flatnonzero(many == n)
         index = np.full(len(many), -1)
@@ -127,8 +127,8 @@ def _potentials(cells: Simplices, free: Floats, rest: Floats) -> Floats:
             graph -= np.bincount(row + other[here], inside, entries)
             graph = graph.reshape(len(nodes), n, n)
             open_ends = np.bincount(which, weight - inside, len(nodes))
-            # Without an open end the equations sum up to that of the node, and one shift
-            # of all multipliers is free.
+            # Without an open end the equations add up to that of the node; a common shift
+            # of all multipliers is then free.
             scale = np.trace(graph, axis1=1, axis2=2) / n
             scale = np.where(scale > 0, scale, 1.0)
             graph += np.where(open_ends > 0, 0.0, scale)[:, None, None] / n
@@ -142,14 +142,14 @@ def _check(cells: Simplices, asked: Floats, found: Floats) -> None:
         moment = found[cells.facet_of[:, k], cells.place[:, k, a]]
         left[:, a] -= cells.sign[:, k, None] * moment
         terms[:, a] += np.abs(moment)
-    # Equations of nodes are met to the rounding of a factorisation; a force that
-    # nothing balances leaves its own size. Compared with the largest moment: next to a
-    # corner that carries everything, far cells know their digits only so far.
+    # Equations of nodes are satisfied up to the rounding of a factorisation, while an
+    # unbalanced force leaves a residual of its own size. The reference is the largest
+    # moment: it determines the rounding in all cells.
     bad = np.abs(left).max(axis=2)
     worst = np.unravel_index(int(np.argmax(bad)), bad.shape)
     if bad[worst] > 1e-6 * terms.max():
         place = ", ".join(f"{x:g}" for x in cells.points[cells.corners[worst]])
         raise ValueError(
             f"no tractions balance the forces at the node at ({place}): a displacement is "
-            "prescribed at this node, and on no whole facet that ends in it"
+            "prescribed at this node, but on no whole facet with this node; support a facet"
         )

@@ -1,13 +1,13 @@
-"""What the mesh leaves out, as an energy: the constitutive error of equilibrated stresses.
+"""Discretisation error: the constitutive relation error of equilibrated stresses.
 
-For a displacement u_h that is admissible (prescribed values met, no penetration on whole
-facets) and a stress σ̂ that is (in equilibrium with the loads in every point, contact
-tractions t̂ in the cone on whole facets),
+Let the displacement u_h be admissible (prescribed values met, no penetration on whole
+facets), and also the stress σ̂ (in equilibrium with the loads at every point, contact
+tractions t̂ in the cone on whole facets). Then
 
     B(u_h, σ̂) = ½ ∫ (σ̂ - σ(u_h)) : C⁻¹ (σ̂ - σ(u_h)) dV + ∫ t̂·ṽ(u_h) dA  ≥  0,
 
-the paper's bifunctional [dSF91, 23], [dSF91, 25] before discretisation: zero at the exact
-solution alone. docs/paper/10-discretisation-error.md has the proofs.
+It is the bifunctional [dSF91, 23], [dSF91, 25] of the continuous problem, and zero only at
+the exact solution. Proofs: docs/paper/10-discretisation-error.md.
 """
 
 from __future__ import annotations
@@ -45,37 +45,36 @@ from bipot_rs.scene.case import Case
 
 BOUND = "guaranteed bound"
 INDICATOR = "indicator"
-# Of B, what penetration may have to do with; and of the elastic energy, where B is
-# rounding.
+# Energy of penetration that counts as rounding: relative to B, and to the elastic energy.
 _SOLVED, _ROUNDING = 1e-6, 1e-12
 
 
 @dataclass(frozen=True)
 class DiscretisationError:
-    """The constitutive error of one load step; a picture of where the mesh is coarse.
+    """Constitutive relation error of one load step, in total and by element.
 
     Attributes
     ----------
     cells : (cells,)
-        Energy of ``σ̂ - σ(u_h)`` by element, all bodies, as `Model.cells` [J].
+        Energy of ``σ̂ - σ(u_h)`` of each element of all bodies, as `Assembly.cells` [J].
     contacts : (n_c,)
-        Work ``∫ φ_i t̂·ṽ`` by contact node, each ``>= 0`` [J].
+        Work ``∫ φ_i t̂·ṽ`` of each contact node, ``>= 0`` [J].
     volumes : (cells,)
         Volumes of the elements [m³].
     elastic_energy
-        Of u_h, ``½ uᵀK u`` [J].
+        ``½ uᵀK u`` of u_h [J].
     kind
-        ``"guaranteed bound"``: ``½‖u - û‖² + ½‖σ - σ̂‖² <= total``, in the energy norm,
-        for the exact solution u, σ of this load step (from the computed state at its
-        start), where û is u_h, and over curved gaps u_h with what opens facets that
-        would penetrate between nodes. Penetration at the nodes is taken for rounding up to
-        a millionth of B. Or ``"indicator"``, with no such promise.
+        ``"guaranteed bound"``: ``½‖u - û‖² + ½‖σ - σ̂‖² <= total`` in the energy norm. u, σ
+        is the exact solution of this load step, which starts from the computed state; û
+        is u_h, for curved gaps corrected so that facets do not penetrate between nodes.
+        Penetration at the nodes up to a millionth of B counts as rounding. Otherwise
+        ``"indicator"``: an estimate without guarantee.
     reasons
-        Why it is an indicator only.
+        Why it is only an indicator.
     traction : (n_c, d)
-        t̂ at the contact nodes, linear on facets between them, in their frames [Pa].
+        t̂ at the contact nodes, in their frames; linear on facets [Pa].
     stress : tuple of (cells, d + 1, d + 1, d, d)
-        σ̂ of each body, as of `johnson_mercier.stress` [Pa].
+        σ̂ of each body, as `johnson_mercier.stress` returns it [Pa].
     """
 
     cells: Floats
@@ -94,14 +93,14 @@ class DiscretisationError:
 
     @property
     def energy_share(self) -> float:
-        """B over the elastic energy of u_h; 0 where both vanish."""
+        """B over the elastic energy of u_h; 0 if both are zero."""
         if self.total == 0:
             return 0.0
         return self.total / self.elastic_energy if self.elastic_energy else np.inf
 
     @property
     def relative(self) -> float:
-        """Error of û in the energy norm, relative to u_h, that B allows: √share.
+        """Bound of the error relative to u_h in the energy norm: √energy_share.
 
         ``‖u - û‖ <= relative ‖u_h‖`` for a guaranteed bound.
         """
@@ -109,7 +108,7 @@ class DiscretisationError:
 
     @property
     def density(self) -> Floats:
-        """Error energy per volume by element, ``(cells,)`` [J/m³], without contacts."""
+        """Error energy per volume of each element, without contacts, ``(cells,)`` [J/m³]."""
         return self.cells / self.volumes
 
 
@@ -127,33 +126,33 @@ def discretisation_error(
     case
         The assembled scene, with ``mesh.element = "P1"``.
     result, step
-        Its result, and which load step; or the step itself, with its number.
+        Its result and the index of a load step; or a single step and its index.
     threshold
-        Friction limits of Tresca's law at the contacts, ``(n_c,)`` [Pa], for a result of
-        a problem with these limits; without them Coulomb's law.
+        Friction limits of Tresca's law at the contacts, ``(n_c,)`` [Pa], if the problem
+        was solved with these limits; by default Coulomb's law.
 
     Raises
     ------
     ValueError
-        Cells that are not P1, a surface of contact that is not plane, a step that the
-        path does not have, or loads that no tractions balance: a body that contact alone
-        keeps from turning, a node that is held apart from any facet.
+        Cells that are not P1, a contact surface that is not flat, a step that does not
+        exist, or loads that no tractions balance: a body that only contact keeps from
+        rotating, or a node with a support but no supported facet.
     """
     return Estimator(case).error(result, step, threshold=threshold)
 
 
 class Estimator:
-    """Errors of many steps of one scene: what they share is made once.
+    """Discretisation errors of many steps of one scene; common parts are computed once.
 
     Parameters
     ----------
     case
-        As of `discretisation_error`.
+        As in `discretisation_error`.
 
     Raises
     ------
     ValueError
-        As there, for what does not depend on the step.
+        As in `discretisation_error`, if it does not depend on the step.
     """
 
     def __init__(self, case: Case) -> None:
@@ -163,26 +162,27 @@ class Estimator:
             if len(set(np.ravel(contact.mu).tolist())) > 1:
                 raise ValueError(
                     f"mu of contacts[{k}] is {np.ravel(contact.mu).tolist()}, expected one "
-                    "number: the error of the mesh knows Coulomb's law only"
+                    "number: the discretisation error supports isotropic friction only"
                 )
             if contact.pairing != "match":
                 raise ValueError(
-                    f"contacts[{k}] is paired by {contact.pairing!r}, which means gaps "
-                    "over facets: the error of the mesh knows those of nodes only, "
-                    "pairing='match'"
+                    f"contacts[{k}] is paired by {contact.pairing!r}: the discretisation "
+                    "error supports pairing='match' only"
                 )
         if any(load.strain is not None for load in case.loads):
             raise ValueError(
-                "the case has initial strains: the error of the mesh does not know them"
+                "the case has initial strains: the discretisation error does not support "
+                "them"
             )
         if model.springs:
             raise ValueError(
-                "the model has springs: the error of the mesh knows rigid supports only"
+                "the model has springs: the discretisation error supports rigid supports "
+                "only"
             )
         if model.inclined is not None:
             raise ValueError(
-                "the model has a plane of symmetry that no axis is normal to: the error of "
-                "the mesh does not know it, turn the meshes"
+                "the model has a plane of symmetry that is not normal to an axis: the "
+                "discretisation error does not support it, rotate the meshes"
             )
         self.bodies = [simplices(body) for body in model.bodies]
         self.materials = [body.isotropic for body in model.bodies]
@@ -207,19 +207,21 @@ class Estimator:
         *,
         threshold: ArrayLike | None = None,
     ) -> DiscretisationError:
-        """Error of a load step, as `discretisation_error`."""
+        """Discretisation error of a load step, as `discretisation_error`."""
         case, model = self.case, self.case.model
         if isinstance(result, Result) and result.s is not None:
             result = result[_number(step, len(result))]
         if isinstance(result, Step) and result.s is not None:
-            # The loads where it ends, which may be between those of the load steps.
+            # An automatic step may end between load steps: use the loads there.
             there = copy.copy(self)
             there.case = case.sampled(result.s)
             return there.error(replace(result, s=None), 0, threshold=threshold)
         k = _number(step, len(case.parameter))
         if isinstance(result, Result):
             if k >= len(result):
-                raise ValueError(f"step is {step}, the result has {len(result)} steps")
+                raise ValueError(
+                    f"step is {step}, expected 0 to {len(result) - 1}, the steps of result"
+                )
             at: Step = result[k]
         else:
             at = result
@@ -228,7 +230,7 @@ class Estimator:
             limit = floats("threshold", threshold, shape=model.mu.shape)
             if (limit < 0).any():
                 raise ValueError(
-                    f"threshold is {limit.min():g} at a contact, expected none below zero"
+                    f"threshold is {limit.min():g} at a contact, expected zero or positive"
                 )
         traction = at.reaction / self.facets.node_area[:, None]
         given = self.facets.traction_moments(
@@ -269,25 +271,25 @@ class Estimator:
         mu = np.array([np.max(c.mu) for c in model.contacts])[model.group]
         if limit is None and mu.any():
             reasons.append(
-                "Coulomb friction, whose limit follows the exact pressure, not this one"
+                "Coulomb friction, whose limit depends on the unknown exact pressure"
             )
         if any(not _quadratic(contact.clearance) for contact in model.contacts):
             reasons.append(
-                "a gap that is known at the nodes and at the middles of edges only"
+                "a gap that is known only at the nodes and the midpoints of edges"
             )
         if any(not _flat(contact.obstacle) for contact in model.contacts):
-            reasons.append("an obstacle whose shape is known at the nodes only")
+            reasons.append("an obstacle whose shape is known only at the nodes")
         if limit is not None:
             shear = np.linalg.norm(traction[:, 1:], axis=1)
             if (shear > limit + 1e-9 * shear.max(initial=0.0)).any():
-                reasons.append("tractions beyond the threshold of friction")
+                reasons.append("tractions above the threshold of friction")
         contacts = self._work(traction, at, mu, limit, lift.kept)
         total = float(sum(c.sum() for c in cells) + contacts.sum())
-        # Exact pressures work on it; they are about as large as these.
+        # Work of the exact pressures on the penetration; they are about as large as these.
         depth = np.maximum(-at.relative_displacement[:, 0], 0.0).sum()
         through = depth * at.reaction[:, 0].max(initial=0.0)
         if through > _SOLVED * total + _ROUNDING * energy:
-            reasons.append("contacts that penetrate: solve to a smaller tol")
+            reasons.append("contacts that penetrate: solve with a smaller tol")
         return DiscretisationError(
             cells=np.concatenate(cells),
             contacts=contacts,
@@ -302,9 +304,9 @@ class Estimator:
     def _consistent(
         self, given: list[Floats], forces: list[Floats], pulls: list[Floats], k: int
     ) -> Floats:
-        """Displacement under the loads of step k and contact tractions of these moments.
+        """Displacement under the loads of step k and contact tractions with these moments.
 
-        u_h is in equilibrium with nodal forces; around a node they are not those of any
+        u_h is in equilibrium with nodal contact forces, which in general are not those of
         tractions in the cone.
         """
         case, model = self.case, self.case.model
@@ -324,16 +326,16 @@ class Estimator:
             np.add.at(nodal, one.facets, given[owner])
             contact[own] = body.depth * nodal.ravel()
         nodal_load = np.zeros(model.n) if case.load is None else case.load[k]
-        # Sums of the same forces in another order.
+        # Sums of the same forces in another order: they differ by rounding.
         if np.abs(load - nodal_load).max() > 1e-9 * np.abs(load).max(initial=0.0):
             raise ValueError(
-                "loads of the case are not those whose nodal forces are in its load: "
-                "tractions and forces per volume are needed, nodal forces do not do"
+                "case.load is not the sum of case.loads: the discretisation error needs "
+                "tractions and forces per volume, and supports no other nodal forces"
             )
         return self.elastic.solve(load + contact, case.prescribed[k])
 
     def _loads(self, k: int) -> tuple[list[Floats], list[Floats]]:
-        """Forces per volume by cell, and moments of what acts on facets, of each body."""
+        """Force per volume of each cell, and moments of loads on facets, for each body."""
         forces = [np.zeros((len(one.corners), one.dim)) for one in self.bodies]
         pulls = [np.zeros((len(one.facets), one.dim, one.dim)) for one in self.bodies]
         for load in self.case.loads:
@@ -349,11 +351,11 @@ class Estimator:
         return forces, pulls
 
     def _lift(self, opening: Floats) -> _Lift:
-        """Open what a curved gap would close between nodes.
+        """Remove the penetration of a curved gap between nodes.
 
-        On a facet ``v_n = Σ φ_i v_i - Σ k_ij φ_i φ_j``, k the curvature of the gap along
-        the edges. With ``k_ij <= v_i + v_j`` on all edges this is not negative, as
-        Σ φ_i = 1. What k has beyond, an edge function of the normal displacement takes.
+        On a facet ``v_n = Σ φ_i v_i - Σ k_ij φ_i φ_j``, with k the curvature of the gap
+        along the edges. If ``k_ij <= v_i + v_j`` on all edges, v_n is not negative, since
+        Σ φ_i = 1. An edge function of the normal displacement compensates the excess of k.
         """
         facets, model = self.facets, self.case.model
         room = np.maximum(opening[facets.edges], 0.0).sum(axis=1)
@@ -365,7 +367,7 @@ class Estimator:
         ends = facets.edges[moved]
         normal = model.frame[ends[:, 0], 0]
         dofs = model.contact_dofs[ends]  # (edges, ends, sides)
-        # Half to each of two bodies, all to one on a plane.
+        # Half on each of two bodies; all on one body against a rigid obstacle.
         share = amount[moved] * np.where(dofs[:, 0, 1] >= 0, 0.5, 1.0)
         owner = np.searchsorted(model.offset, dofs[:, 0], side="right") - 1
         fixed = np.zeros(model.n, dtype=np.bool_)
@@ -395,16 +397,16 @@ class Estimator:
         limit: Floats | None,
         kept: Floats,
     ) -> Floats:
-        """``∫ φ_i t̂·ṽ`` by contact, with ``μ t̂_n`` or the limit of Tresca.
+        """``∫ φ_i t̂·ṽ`` of each contact, with the limit ``μ t̂_n`` or that of Tresca.
 
-        ‖v_t‖ is replaced by the interpolant of its nodal values, which by convexity is
-        not below it, and equal where the slip does not turn: every part stays ``>= 0``,
-        the sum on the safe side. Penetration of an iterate counts as contact.
+        ‖v_t‖ is replaced by the interpolant of its nodal values. By convexity this is an
+        upper bound, exact where the slip has one direction: every part is ``>= 0``, and
+        the sum is an upper bound. Penetration counts as closed contact.
         """
         facets, dim = self.facets, self.case.model.dim
         length = np.linalg.norm(step.slip, axis=1)
         normal = np.maximum(step.relative_displacement[:, 0], 0.0)
-        # A limit of its own is one more component of force, dual to ‖v_t‖.
+        # The friction limit is treated as another component of force, dual to ‖v_t‖.
         resistance = mu * traction[:, 0] if limit is None else limit
         force = np.column_stack([traction, resistance])[facets.first.contact]
         v = np.column_stack([normal, step.slip, length])[facets.first.contact]
@@ -433,7 +435,7 @@ class _Bubbles:
     vector: Floats
 
     def subtract(self, one: Simplices, material: Material, stress: Floats) -> None:
-        """Take their stress from ``(cells, d + 1, d + 1, d, d)``, linear in each part."""
+        """Subtract their stress from ``(cells, d + 1, d + 1, d, d)``, linear in each part."""
         nodes = len(one.points)
         low, high = np.sort(self.edges, axis=1).T
         keys = low * nodes + high
@@ -462,7 +464,7 @@ class _Bubbles:
 
 @dataclass(frozen=True)
 class _Lift:
-    """Curvature that stays in the gap, what takes the rest, and what it cannot take."""
+    """Curvature kept in the gap, displacements for the rest, reasons against a bound."""
 
     kept: Floats
     bubbles: list[_Bubbles]
@@ -470,7 +472,7 @@ class _Lift:
 
 
 def _quadratic(clearance: Any) -> bool:
-    """Whether three values on an edge tell a clearance: a number, or a table of a scene."""
+    """Whether a clearance is quadratic on an edge: a number, or a table of a scene."""
     if not callable(clearance):
         return True
     return getattr(getattr(clearance, "__self__", None), "QUADRATIC", False)
@@ -482,14 +484,15 @@ def _flat(obstacle: Obstacle | None) -> bool:
 
 
 class _Elastic:
-    """The bodies without their contacts, factored."""
+    """The bodies without their contacts, with a factored stiffness."""
 
     def __init__(self, model: Assembly) -> None:
         self.model = model
         self.motions = _free_motions(model)
         pins: Ints = np.zeros(0, np.int64)
         if self.motions.shape[1]:
-            # Forces that balance need no pins: those at which the motions are known best.
+            # Balanced forces cause no reaction at pins. Choose the pins that determine the
+            # rigid motions best.
             free = np.setdiff1d(np.arange(model.n), model.fixed)
             _, _, order = linalg.qr(
                 self.motions[free].T, pivoting=True, mode="economic"
@@ -507,17 +510,16 @@ class _Elastic:
         )
 
     def solve(self, load: Floats, prescribed: Floats) -> Floats:
-        """Displacements ``(n,)``, of free bodies up to a rigid motion."""
+        """Displacements ``(n,)``, for free bodies up to a rigid motion."""
         model = self.model
         force = load.copy()
         force[model.fixed] = 0.0
         left = np.abs(self.motions.T @ force)
-        # Contact forces balance as far as they were solved for; see `Solution.tolerance`.
+        # Contact forces balance only up to the tolerance of the solver.
         if (left > 1e-6 * (np.abs(self.motions.T) @ np.abs(force))).any():
             raise ValueError(
-                "contact alone keeps a body from moving, and its forces at the nodes, "
-                "spread over facets, do not balance the loads: support the body, or solve "
-                "to a smaller tol"
+                "contact alone keeps a body from moving, and its contact tractions do not "
+                "balance the loads: support the body, or solve with a smaller tol"
             )
         values = np.concatenate(
             [prescribed, np.zeros(len(self.held) - len(prescribed))]
@@ -541,7 +543,7 @@ def _free_motions(model: Assembly) -> Floats:
             spin[:, i], spin[:, j] = -x[:, j], x[:, i]
             motions.append(spin)
         span = np.stack([m.ravel() for m in motions], axis=1)
-        # Motions are of size 1, and supports hold them by whole lengths or not at all.
+        # Motions have size 1; a supported one differs from zero by much more than 1e-9.
         null = linalg.null_space(
             np.vstack(
                 [span[fixed[ends[b] : ends[b + 1]]], np.zeros((1, span.shape[1]))]
@@ -556,5 +558,5 @@ def _free_motions(model: Assembly) -> Floats:
 
 def _number(step: int, steps: int) -> int:
     if not -steps <= step < steps:
-        raise ValueError(f"step is {step}, the path has {steps} steps")
+        raise ValueError(f"step is {step}, but the path has {steps} steps")
     return step % steps

@@ -1,10 +1,9 @@
-"""Symmetric stresses on a simplex cut at its centre, from the forces on its facets.
+"""Symmetric stresses on a simplex split at its centre, from the forces on its facets.
 
-The element of Johnson and Mercier (1978) for triangles, of Krizek (1982) for tetrahedra:
-linear on each of the d + 1 parts that join a facet to the centre, tractions continuous
-between them. Facet forces that balance a constant body force leave exactly one such
-stress, with ``div σ + f = 0`` in every part (docs/paper/10-discretisation-error.md), so
-that least energy has nothing left to choose.
+The element of Johnson and Mercier (1978) for triangles, of Krizek (1982) for tetrahedra. The
+stress is linear on each of the d + 1 parts between a facet and the centre, with continuous
+tractions between the parts. Facet forces that balance a constant body force f determine it
+uniquely, with ``div σ + f = 0`` in every part (docs/paper/10-discretisation-error.md).
 """
 
 from __future__ import annotations
@@ -29,16 +28,16 @@ def stress(edges: Floats, gradients: Floats, moments: Floats) -> Floats:
     moments
         ``(cells, d + 1, d + 1, d)``, entry ``[k, a]`` the integral of φ_a times the
         outward traction over the facet opposite to corner k; ``[k, k]`` is not read.
-        They have to balance the moments of a constant body force.
+        They must balance a constant body force.
 
     Returns
     -------
     stress : (cells, d + 1, d + 1, d, d)
-        Entry ``[k, a]`` in part k, which has the facet opposite to corner k, at corner
-        a; at the centre for a = k.
+        Entry ``[k, a]``: in part k, at the facet opposite to corner k, the value at corner
+        a; for a = k the value at the centre.
     """
-    # σ = J Ŝ Jᵀ/det J keeps symmetry, continuity of tractions and divergence; a force
-    # on a facet goes with J.
+    # σ = J Ŝ Jᵀ/det J preserves symmetry, continuity of tractions and divergence; a force
+    # on a facet is multiplied by J.
     there = np.einsum("cij,ckaj->ckai", gradients[:, 1:], moments)
     found = np.einsum("pqijkam,ckam->cpqij", operator(edges.shape[-1]), there)
     scaled = edges / np.abs(np.linalg.det(edges))[:, None, None]
@@ -48,7 +47,7 @@ def stress(edges: Floats, gradients: Floats, moments: Floats) -> Floats:
 
 @cache
 def operator(d: int) -> Floats:
-    """Stress on the reference simplex by facet moments, both as in `stress`."""
+    """Linear map from facet moments to stress on the reference simplex, as in `stress`."""
     places = np.vstack([np.zeros(d), np.eye(d)])
     gradient = np.vstack([-np.ones(d), np.eye(d)])
     volume = 1 / np.prod(np.arange(1, d + 1))
@@ -91,8 +90,8 @@ def operator(d: int) -> Floats:
                 inputs[k, a],
             )
     for k, other in combinations(range(d + 1), 2):
-        # The facet between two parts: the centre and the corners but these two. Its
-        # area is along the gradient, in part k, of the corner that part k alone has.
+        # The facet between two parts has all corners except these two, and the centre. Its
+        # normal is the gradient, in part k, of the corner that only part k has.
         normal = parts[k][other]
         for a in range(d + 1):
             if a in (k, other):
@@ -105,7 +104,7 @@ def operator(d: int) -> Floats:
     )
     for k in range(d + 1):
         add([(k, a, parts[k][a]) for a in range(d + 1)], mean / volume)
-    # More equations than unknowns, consistent where forces and torques balance.
+    # More equations than unknowns; they are consistent if forces and torques balance.
     solved = np.linalg.pinv(np.array(rows)) @ np.array(sides)
     operator = np.empty((d + 1, d + 1, d, d, d + 1, d + 1, d))
     for part in range(d + 1):

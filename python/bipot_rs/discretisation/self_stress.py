@@ -1,15 +1,15 @@
-"""Less energy for stresses in equilibrium: forces that a body carries without loads.
+"""Reduce the energy of stresses in equilibrium by adding self-stresses.
 
-Tractions that obey (P) of `equilibrium` are in equilibrium, and few of those that are: on
-stretched cells they may hold thousands of times the least energy. What may be added, linear
-on facets and in balance on every cell, is spanned by two kinds of functions:
+Tractions that satisfy (P) of `equilibrium` are in equilibrium, but on elongated cells their
+energy may be thousands of times the minimum. Self-stresses that are linear on facets and in
+equilibrium on every cell are spanned by two kinds of functions:
 
-- on one facet, forces at the ends of one of its edges that pull against each other;
-- around a ring of cells (about a vertex in the plane, an edge in space), one force and one
-  torque that every facet of the ring passes on to the next.
+- on one facet, two opposite forces along one of its edges;
+- around a ring of cells (about a vertex in 2D, an edge in 3D), one force and one torque that
+  each facet of the ring transmits to the next.
 
-Conjugate gradients in their amounts lower the complementary energy step by step; after any
-number of steps equilibrium is as exact as before.
+Conjugate gradients in their amplitudes reduce the complementary energy. Equilibrium stays
+exact after any number of iterations.
 """
 
 from __future__ import annotations
@@ -26,26 +26,25 @@ from bipot_rs.discretisation import johnson_mercier
 from bipot_rs.discretisation.simplices import Simplices, elastic, error_energy, pairs
 from bipot_rs.fem.materials import Material
 
-# The energy is asked for two digits: it is done when as many steps as `_LAST` together
-# gain less than this.
+# Two digits of the energy are enough: stop when the last `_LAST` iterations together gain
+# less than the fraction `_ENOUGH`; `_MOST` limits their number.
 _ENOUGH, _LAST, _MOST = 0.01, 8, 500
-# Forces that a given component of traction would have to carry are either of the size of
-# all others or rounding.
+# A force on a given component of traction is either of the size of the others or rounding.
 _NONE = 1e-12
-# What makes a singular matrix definite, its diagonal being one.
+# Added to the diagonal, scaled to one, of a singular matrix to make it definite.
 _SLACK = 1e-10
 _TINY = np.finfo(np.float64).tiny
 
 
 class SelfStress:
-    """What may be added to the tractions of one body, and what energy it has.
+    """Self-stresses of one body, and their energy.
 
     Parameters
     ----------
     cells, material
         The body.
     free
-        Components of facets that may change, ``(facets, d)``.
+        Mask of components of facets that may change, ``(facets, d)``.
     """
 
     def __init__(self, cells: Simplices, material: Material, free: Bools) -> None:
@@ -60,22 +59,23 @@ class SelfStress:
         )
 
     def relax(self, moments: Floats, displacement: Floats, stress: Floats) -> Floats:
-        """Lower ``½ ∫ (σ̂ - σ) : C⁻¹ (σ̂ - σ) dV`` over σ̂ in equilibrium.
+        """Reduce ``½ ∫ (σ̂ - σ) : C⁻¹ (σ̂ - σ) dV`` over σ̂ in equilibrium.
 
         Parameters
         ----------
         moments
-            Of tractions in equilibrium, ``(facets, d nodes, d)``.
+            Moments of tractions in equilibrium, ``(facets, d nodes, d)``.
         displacement, stress
             u at the nodes, ``(nodes, d)``, and its σ, ``(cells, d, d)``.
 
         Returns
         -------
         moments
-            Of tractions in the same equilibrium, with less energy.
+            Moments of tractions in equilibrium with the same loads, with less energy.
         """
         cells, H, Z = self.cells, self._H, self._Z
-        # ∫ σ̂ : ε(u) dV is what facets outside and loads do on u; inside it cancels.
+        # ∫ σ̂ : ε(u) dV is the work of boundary tractions and loads on u; the work on
+        # interior facets cancels.
         outward = np.zeros(len(cells.facets))
         np.add.at(outward, cells.facet_of, cells.sign)
         at_nodes = displacement[cells.facets] * outward[:, None, None]
@@ -86,7 +86,7 @@ class SelfStress:
         )
         missing = hat - stress[:, None, None]
         left = float(error_energy(cells, self.material, missing).sum())
-        # With the factor the first step is expected to gain all.
+        # In 2D the preconditioner is a factorisation: one iteration is almost exact.
         last = 1 if cells.dim == 2 else _LAST
         m = moments.ravel().copy()
         rest = Z.T @ (work.ravel() - H @ m)
@@ -129,12 +129,12 @@ def _assembled(cells: Simplices, energy: Floats) -> Any:
 
 
 def _factor(Z: Any, H: Any) -> Callable[[Floats], Floats]:
-    """Inverse of ``Zᵀ H Z``, whose columns may depend on each other."""
+    """Approximate inverse of ``Zᵀ H Z``, whose columns may be linearly dependent."""
     from scipy.sparse.linalg import splu
 
     S = (Z.T @ (H @ Z)).tocsc()
     diagonal = S.diagonal()
-    # Columns scaled to one; those that are left out get a pivot of their own.
+    # Columns are scaled to one; a zero column gets the pivot 1.
     scale = np.where(diagonal > 0, 1 / np.sqrt(np.maximum(diagonal, _TINY)), 0.0)
     D = sparse.diags_array(scale)
     pivot = np.where(scale > 0, _SLACK, 1.0)
@@ -148,10 +148,10 @@ def _factor(Z: Any, H: Any) -> Callable[[Floats], Floats]:
 
 
 class _Functions:
-    """The functions, facet by facet; amounts ``[of facets, of rings]``, flat.
+    """The self-stress functions by facet; amplitudes are ``[facets, rings]``, flat.
 
-    ``own (facets, d, d, k)`` and ``passed (facets, d rings, d, d, w)`` are moments at the
-    nodes by component; ring r of a facet is opposite to its node r.
+    ``own (facets, d, d, k)`` and ``passed (facets, d rings, d, d, w)`` are the moments at
+    the nodes by component; ring r of a facet is opposite to its node r.
     """
 
     def __init__(self, cells: Simplices, free: Bools) -> None:
@@ -177,7 +177,7 @@ class _Functions:
         self._forbid(forbidden)
 
     def _wrenches(self, names: Ints, x: Floats) -> Floats:
-        """Moments of a force and a torque about the middle of each ring."""
+        """Moments of a force and of a torque about the centre of each ring."""
         cells, dim = self.cells, self.cells.dim
         spins = _spins(dim)
         middle = x.mean(axis=1)
@@ -200,7 +200,7 @@ class _Functions:
                 axis = cells.points[names[at, 1]] - cells.points[names[at, 0]]
                 around = np.cross(axis, out)
             sense = np.where(np.einsum("fi,fi->f", around, cells.area) > 0, 1.0, -1.0)
-            # Torques about the middle of the facet that make up those about the ring's.
+            # Torques about the centre of the facet for a wrench about that of the ring.
             offset = np.einsum("kij,fj->fki", spins, middle - centre[at])
             torque = np.concatenate(
                 [
@@ -217,7 +217,7 @@ class _Functions:
         return passed
 
     def _forbid(self, forbidden: Bools) -> None:
-        """Leave of each ring what all its facets outside let pass."""
+        """Remove the functions of rings that act on given components of tractions."""
         bounded = np.flatnonzero(forbidden.any(axis=1))
         if not bounded.size:
             return
@@ -244,7 +244,7 @@ class _Functions:
         self.passed[np.broadcast_to(forbidden[:, None, None, :, None], shape)] = 0.0
 
     def matrix(self) -> Any:
-        """Moments, flat, by amounts."""
+        """Matrix from amplitudes to moments, flat."""
         dim, count = self.cells.dim, len(self.own)
         size = dim * dim
         row = np.arange(count * size).reshape(count, size, 1)
@@ -265,10 +265,10 @@ class _Functions:
         return found
 
     def preconditioner(self, energy: Floats) -> Callable[[Floats], Floats]:
-        """Inverse of the blocks of single facets and rings."""
+        """Block-diagonal preconditioner: the blocks of single facets and rings, inverted."""
         cells, dim = self.cells, self.cells.dim
         blocks = energy.reshape(len(energy), dim + 1, dim * dim, dim + 1, dim * dim)
-        # Nodes of a facet stand in a cell in the order of its corners.
+        # Corners of the facet opposite to corner k, in the order of the cell.
         corner = [[a for a in range(dim + 1) if a != k] for k in range(dim + 1)]
         facet = np.zeros((len(self.own), self.own.shape[-1], self.own.shape[-1]))
         ring = np.zeros((self.rings, self.passed.shape[-1], self.passed.shape[-1]))
@@ -285,7 +285,7 @@ class _Functions:
             local.append(passed.reshape(len(f), dim, dim * dim, -1))
         every = np.arange(len(energy))
         for k, m in combinations(range(dim + 1), 2):
-            # The ring about all corners but k and m, and its two facets in this cell.
+            # The ring about all corners except k and m has two facets in this cell.
             rk, rm = cells.place[:, k, m], cells.place[:, m, k]
             zk, zm = local[k][every, rk], local[m][every, rm]
             both = np.concatenate([zk, zm], axis=1)
@@ -315,7 +315,7 @@ class _Functions:
 
 
 def _spins(dim: int) -> Floats:
-    """Generators of rotations: ``spins[k] @ r`` is the motion of r."""
+    """Generators of rotations: ``spins[k] @ r`` is the velocity at r."""
     spins = np.zeros((1 if dim == 2 else 3, dim, dim))
     for spin, (i, j) in zip(spins, combinations(range(dim), 2), strict=True):
         spin[i, j], spin[j, i] = -1.0, 1.0
@@ -323,7 +323,7 @@ def _spins(dim: int) -> Floats:
 
 
 def _energy_matrices(cells: Simplices, material: Material) -> Floats:
-    """``∫ σ̂ : C⁻¹ σ̂ dV`` of each cell as ``mᵀ Q m``, m outward in the order of `pairs`."""
+    """Q with ``∫ σ̂ : C⁻¹ σ̂ dV = mᵀ Q m`` for each cell, m outward in the order of `pairs`."""
     dim = cells.dim
     basis = [(i, j) for i in range(dim) for j in range(i, dim)]
     unit = np.zeros((len(basis), dim, dim))
@@ -346,7 +346,7 @@ def _energy_matrices(cells: Simplices, material: Material) -> Floats:
     rows = len(k) * dim
     found = metric.reshape(len(stress), -1) @ mass.reshape(len(basis) ** 2, -1)
     found = found.reshape(-1, len(k), dim, len(k), dim)
-    # Forces on the reference cell are J⁻¹ times those here.
+    # Forces on the reference cell are J⁻¹ times the physical forces.
     found = np.einsum(
         "cmi,cpmqn,cnj->cpiqj", gradients, found, gradients, optimize=True
     )
@@ -354,7 +354,7 @@ def _energy_matrices(cells: Simplices, material: Material) -> Floats:
 
 
 def _tensor(material: Material, dim: int) -> Floats:
-    """C as a matrix on all d² components, made definite on the antisymmetric ones."""
+    """C as a matrix for d² components, extended to be definite on antisymmetric ones."""
     unit = np.eye(dim * dim).reshape(-1, dim, dim)
     symmetric = 0.5 * (unit + unit.swapaxes(1, 2))
     turned = 2 * material.lame(dim)[1] * (unit - symmetric)

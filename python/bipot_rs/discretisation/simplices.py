@@ -1,4 +1,4 @@
-"""Triangles and tetrahedra with their facets, and the elasticity of one cell."""
+"""Triangles and tetrahedra with their facets, and the elasticity of a cell."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from bipot_rs.fem.materials import Material
 
 
 def pairs(dim: int) -> list[tuple[int, int]]:
-    """Facets of a cell, by the corner opposite, with each corner that they have."""
+    """Pairs (k, a) of a cell: facet opposite to corner k, and corner a of this facet."""
     return [(k, a) for k in range(dim + 1) for a in range(dim + 1) if a != k]
 
 
 @dataclass(frozen=True)
 class Simplices:
-    """Cells, their facets, and which belong together; areas without thickness.
+    """Cells, their facets, and how they are connected; areas without thickness.
 
     Attributes
     ----------
@@ -29,19 +29,19 @@ class Simplices:
     facet_of : (cells, d + 1)
         The facet opposite to each corner.
     sign : (cells, d + 1)
-        1 where that facet's normal is the outward one of the cell, else -1.
+        1 if the normal of that facet points out of the cell, else -1.
     place : (cells, d + 1, d + 1)
-        Entry [k, a]: where corner a stands among the nodes of the facet opposite to
-        corner k; 0 for a = k.
+        Entry [k, a]: position of corner a among the nodes of the facet opposite to corner
+        k; 0 for a = k.
     gradients : (cells, d + 1, d)
-        Of the barycentric coordinates.
+        Gradients of the barycentric coordinates.
     edges : (cells, d, d)
         Column k goes from corner 0 to corner k + 1.
     volume : (cells,)
     area : (facets, d)
         Normal of the facet times its area.
     outside : (facets,)
-        Whether it has one cell only.
+        Whether the facet is on the boundary.
     """
 
     points: Floats
@@ -67,7 +67,7 @@ class Simplices:
         return np.asarray(np.linalg.norm(self.area, axis=1), dtype=np.float64)
 
     def local_moments(self) -> tuple[Ints, Floats]:
-        """Which moments of facets a cell has, facet by facet, and the signs they take.
+        """Indices of the facet moments of each cell, and their signs.
 
         Returns
         -------
@@ -94,7 +94,7 @@ class Simplices:
         Parameters
         ----------
         facets, traction
-            Numbers of facets ``(m,)``; values at their nodes ``(m, d nodes, d)``.
+            Indices of facets ``(m,)``; tractions at their nodes ``(m, d nodes, d)``.
         """
         total = traction.sum(axis=1, keepdims=True)
         share = self.size[facets, None, None] / (self.dim * (self.dim + 1))
@@ -107,7 +107,7 @@ def simplices(body: Body) -> Simplices:
     Raises
     ------
     ValueError
-        Its cells are no triangles or tetrahedra.
+        Its cells are not triangles or tetrahedra.
     """
     mesh, points, dim = body.mesh, body.points, body.dim
     corners = body.cells
@@ -118,7 +118,7 @@ def simplices(body: Body) -> Simplices:
         )
     facets = np.asarray(mesh.facets, dtype=np.int64).T
     listed = np.asarray(mesh.t2f, dtype=np.int64).T
-    # A cell lacks one of its corners in each of its facets: the sums tell which.
+    # The corner opposite to a facet is the sum of all corners minus those of the facet.
     missing = corners.sum(axis=1)[:, None] - facets[listed].sum(axis=2)
     order = np.argmax(missing[:, None] == corners[:, :, None], axis=2)
     facet_of = np.take_along_axis(listed, order, axis=1)
@@ -155,7 +155,7 @@ def strain(cells: Simplices, displacement: Floats) -> Floats:
 
 
 def elastic(material: Material, deformation: Floats) -> Floats:
-    """Stress ``(..., d, d)`` of a strain."""
+    """Stress ``(..., d, d)`` of a strain ``(..., d, d)``."""
     dim = deformation.shape[-1]
     lame_lambda, lame_mu = material.lame(dim)
     trace = np.trace(deformation, axis1=-2, axis2=-1)[..., None, None]
@@ -169,7 +169,7 @@ def complementary(material: Material, stress: Floats) -> Floats:
     lame_lambda, lame_mu = material.lame(dim)
     trace = np.trace(stress, axis1=-2, axis2=-1)
     square = np.einsum("...ij,...ij->...", stress, stress)
-    # With the deviator: near ν = 1/2 the plain form is a difference of large numbers.
+    # With the deviator: near ν = 1/2 the usual form subtracts large numbers.
     deviator = square - trace**2 / dim
     bulk = dim * lame_lambda + 2 * lame_mu
     found: Floats = deviator / (2 * lame_mu) + trace**2 / (dim * bulk)
@@ -177,7 +177,7 @@ def complementary(material: Material, stress: Floats) -> Floats:
 
 
 def error_energy(cells: Simplices, material: Material, stress: Floats) -> Floats:
-    """``½ ∫ σ : C⁻¹ σ dV`` by cell, of stresses as of `johnson_mercier.stress`; exact."""
+    """``½ ∫ σ : C⁻¹ σ dV`` of each cell, exact for stresses of `johnson_mercier.stress`."""
     dim = cells.dim
     own = complementary(material, stress).sum(axis=(1, 2))
     mean = complementary(material, stress.sum(axis=2)).sum(axis=1)

@@ -1,8 +1,8 @@
-"""The tolerance that a mesh is worth: iterating further than it changes nothing real.
+"""Tolerance of the solver that matches the error of the mesh.
 
-Where the mesh leaves an error of a tenth, digits of the iteration beyond a hundredth tell
-of the mesh, not of the bodies. `tolerance` compares the two errors, both relative, on a
-loose solution, and tightens until the iteration's is a tenth of the mesh's.
+A solver error far below the discretisation error does not improve the result. `tolerance`
+compares the two relative errors on a rough solution, and reduces the tolerance until the
+solver error is a tenth of the discretisation error.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from bipot_rs.contact.result import Step
 from bipot_rs.discretisation.estimator import Estimator
 
 SHARE = 0.1
-# Looser than this, statuses are guesses; tighter, nothing is left to save.
+# Above the first, statuses are unreliable; below the second, no time is saved.
 LOOSEST, TIGHTEST = 1e-2, 1e-10
 _ATTEMPTS = 4
 
 
 @dataclass(frozen=True)
 class Enough:
-    """A tolerance, and what it was found from.
+    """A tolerance, and the errors from which it was computed.
 
     Attributes
     ----------
     tol
         For the residual η, (13).
     discretisation
-        `DiscretisationError.relative` of the load step that was looked at.
+        `DiscretisationError.relative` of the load step that was examined.
     algebraic
-        The larger of `Solution.error_estimate` there; 0 where there is none.
+        The larger value of `Solution.error_estimate` there; 0 if there is none.
     work
-        What looking took, in products with W.
+        Work spent to find it, in products with W.
     """
 
     tol: float
@@ -52,30 +52,30 @@ def tolerance(
     max_iterations: int | None = None,
     share: float = SHARE,
 ) -> Enough:
-    """Tolerance at which the error of the iteration is ``share`` of that of the mesh.
+    """Tolerance at which the solver error is ``share`` of the discretisation error.
 
-    Found on the first load step with a contact force, by the method that will be used,
-    for all steps of the path. What it rests on is estimated on either side: the result is
-    a rule, no guarantee. Without an estimate it is `TIGHTEST`.
+    It is determined on the first load step with a contact force, with the given method,
+    and used for all steps. Both errors are estimates: there is no guarantee. If one cannot
+    be estimated, the result is `TIGHTEST`.
 
     Parameters
     ----------
     estimator, problem
-        Of one scene.
+        Estimator and problem of the same scene.
     method, max_iterations
-        As of `ContactProblem.solve`.
+        As in `ContactProblem.solve`.
     share
         In (0, 1].
     """
     if not 0 < share <= 1:
-        raise ValueError(f"share is {share:g}, expected it in (0, 1]")
+        raise ValueError(f"share is {share:g}, expected above 0 and at most 1")
     tol, work = LOOSEST, 0.0
     mesh, iteration = 0.0, 0.0
     for _ in range(_ATTEMPTS):
         try:
             done, spent = _first(estimator, problem, method, tol, max_iterations)
         except BipotError:
-            # The solve of the whole path will say so, with its result.
+            # Solving the whole path will raise the same error, with a result.
             break
         work += spent
         if done is None:
@@ -84,7 +84,7 @@ def tolerance(
         try:
             mesh = estimator.error(step, k).relative
         except ValueError:
-            # Where nodal forces do not balance well enough for tractions.
+            # The nodal forces do not balance well enough to compute tractions.
             tol *= 1e-3
             continue
         errors = step.error_estimate
@@ -93,7 +93,7 @@ def tolerance(
         iteration = max(errors)
         if iteration <= share * mesh:
             return Enough(tol, mesh, iteration, work)
-        # Errors fall with η; half of it, as they do so only roughly.
+        # The error is roughly proportional to η; the factor 0.5 is a margin.
         tol *= 0.5 * max(share * mesh / iteration, 1e-4)
         if tol <= TIGHTEST:
             break
@@ -107,7 +107,7 @@ def _first(
     tol: float,
     max_iterations: int | None,
 ) -> tuple[tuple[int, Step] | None, float]:
-    """The first load step that presses anything, and what it took to get there."""
+    """Number and solution of the first load step with a contact force, and the work."""
     case, start, work = estimator.case, None, 0.0
     moving = case.model.gaps(len(case.parameter))
     for k in range(len(case.parameter)):

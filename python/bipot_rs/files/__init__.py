@@ -1,1 +1,1 @@
-"""File formats: HDF5, VTK and CSV. Nothing here knows mechanics."""
+"""File formats: HDF5, VTK and CSV, without any mechanics."""

@@ -1,6 +1,6 @@
-"""Tables in text files: comma-separated with a header, and the node listing of `*NODE`.
+"""Tables in text files: CSV with a header, and node lists of Abaqus (`*NODE`).
 
-What is wrong is said with the file and the line.
+Messages name the file and the line.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from bipot_rs._lib.types import Floats, Ints
 
 
 class Table:
-    """Columns by name, each entry still text; lines count from 1.
+    """A CSV file, its entries as text; line numbers start at 1.
 
-    A first line of names is needed; blank lines and those that begin with ``#`` are
-    left out. Blank entries count as missing.
+    The first line contains the names of the columns. Blank lines and lines that begin
+    with ``#`` are ignored. A blank entry is a missing value.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -43,33 +43,35 @@ class Table:
                 if len(cells) != len(header):
                     raise self.wrong(
                         rows.line_num,
-                        f"has {counted(len(cells), 'entry')}, the header "
-                        f"{counted(len(header), 'name')}",
+                        f"has {counted(len(cells), 'entry')}, expected "
+                        f"{len(header)} as in the header",
                     )
                 self.lines.append(rows.line_num)
                 self.rows.append(cells)
         except csv.Error as error:
             raise self.wrong(rows.line_num, str(error)) from None
         if header is None:
-            raise ValueError(f"{self.path} is empty, expected a line of column names")
+            raise ValueError(f"{self.path} is empty, expected a line with column names")
         if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
             raise self.wrong(
                 self.header_line,
                 f"has one column, {header[0]!r}: expected names separated by commas",
             )
         if len(set(header)) < len(header):
-            raise self.wrong(self.header_line, f"repeats a name: {', '.join(header)}")
+            raise self.wrong(
+                self.header_line, f"repeats a column name: {', '.join(header)}"
+            )
         self.names = header
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def wrong(self, line: int, what: str) -> ValueError:
-        """An error that names the file and the line."""
+        """Make an error that names the file and the line."""
         return ValueError(f"{self.path} line {line}: {printable(what)}")
 
     def expect(self, needed: Sequence[str], optional: Sequence[str]) -> None:
-        """Refuse a table that lacks a column, or has one that nobody reads."""
+        """Refuse a table with a missing or an unknown column."""
         for name in needed:
             if name not in self.names:
                 raise self.wrong(
@@ -85,7 +87,7 @@ class Table:
                 )
 
     def numbers(self, name: str, missing: float | None = None) -> Floats:
-        """A column of finite numbers; ``missing`` for blank ones, if given."""
+        """A column of finite numbers; ``missing`` replaces blank entries."""
         if name not in self.names:
             return np.full(len(self), np.nan if missing is None else missing)
         at = self.names.index(name)
@@ -106,7 +108,7 @@ class Table:
         return value
 
     def integers(self, name: str, missing: int | None = None) -> Ints:
-        """A column of integers; ``missing`` for blank ones, if given."""
+        """A column of integers; ``missing`` replaces blank entries."""
         if name not in self.names and missing is not None:
             return np.full(len(self), missing, np.int64)
         at = self.names.index(name)
@@ -126,11 +128,11 @@ class Table:
 
 
 def nodes(path: str | os.PathLike[str]) -> tuple[Ints, Floats]:
-    """Labels and places of nodes, in the order of the file.
+    """Labels and coordinates of nodes, in the order of the file.
 
-    A table with the columns ``node, x, y[, z]``, or an input file of Abaqus or CalculiX
-    with `*NODE` blocks, of which the rest is not read. Where all z are zero they are
-    kept: how many dimensions there are, contacts say.
+    The file is a table with the columns ``node, x, y[, z]``, or an input file of Abaqus
+    or CalculiX, of which only the `*NODE` blocks are read. A z that is zero everywhere is
+    kept: the contacts determine the dimension.
 
     Returns
     -------
@@ -142,7 +144,8 @@ def nodes(path: str | os.PathLike[str]) -> tuple[Ints, Floats]:
     OSError
         The file cannot be read.
     ValueError
-        It is neither, or an entry is no number; with the line.
+        The file has neither form, or an entry is not a number; the message names the
+        line.
     """
     file = Path(path)
     if any(line.lstrip().lower().startswith("*node") for line in _lines(file)):
@@ -157,7 +160,7 @@ def nodes(path: str | os.PathLike[str]) -> tuple[Ints, Floats]:
     for label, line in labels:
         if label in seen:
             raise ValueError(
-                f"{file} line {line}: node {label} is at line {seen[label]} already"
+                f"{file} line {line}: repeats node {label} of line {seen[label]}"
             )
         seen[label] = line
     if not labels:
@@ -166,7 +169,7 @@ def nodes(path: str | os.PathLike[str]) -> tuple[Ints, Floats]:
 
 
 def _listing(path: Path) -> tuple[list[tuple[int, int]], list[list[float]]]:
-    """Lines ``label, x, y[, z]`` below `*NODE`; coordinates left out are zero."""
+    """Lines ``label, x, y[, z]`` after `*NODE`; missing coordinates are zero."""
     labels, rows, inside = [], [], False
     for number, line in enumerate(_lines(path), start=1):
         text = line.strip()
@@ -179,8 +182,9 @@ def _listing(path: Path) -> tuple[list[tuple[int, int]], list[list[float]]]:
                 o.startswith(("input=", "system=c", "system=s")) for o in options
             ):
                 raise ValueError(
-                    f"{path} line {number}: nodes of another file or in cylindrical or "
-                    "spherical coordinates are not read, write them out"
+                    f"{path} line {number}: nodes in another file, or in cylindrical or "
+                    "spherical coordinates, are not supported; write Cartesian coordinates "
+                    "into this file"
                 )
             continue
         if not inside:
@@ -212,7 +216,7 @@ def _lines(path: Path) -> Iterator[str]:
 
 
 def write(path: Path, header: Sequence[str], rows: Iterator[Sequence[Any]]) -> None:
-    """Write a table aside and put it in its place; floats to their last digit."""
+    """Write a table with all digits of floats; an earlier file is replaced at the end."""
     from bipot_rs.files.export import aside
 
     with aside(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:

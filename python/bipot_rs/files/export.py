@@ -1,8 +1,8 @@
-"""Files of results: HDF5 to read back, PVD and VTU for ParaView.
+"""Result files: HDF5, which can be read again, and PVD with VTU for ParaView.
 
-Every file is written aside and renamed when it is complete, so that a full disk
-or a kill leaves the earlier one as it was. Result files end in a checksum of what
-is before it: HDF5 itself reads flipped bits as other numbers.
+Every file is written under another name and renamed when it is complete: if the disk is
+full or the process is killed, the earlier file is unchanged. A result file ends with a
+checksum, since HDF5 does not notice changed bits.
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ from bipot_rs._lib.optional import missing
 
 FORMAT = "bipot-result"
 VERSION = 1
-# Numbers of a step that are datasets, so that they can be read as columns.
+# Numbers of a step that are stored as datasets, not as attributes.
 _SCALAR_DATASETS = ("residual", "load")
-# The last line of a file; HDF5 does not look behind its own end.
+# The last line of a file. HDF5 ignores what follows its own end.
 _SEAL = b"\nbipot-seal "
 _SEAL_BYTES = len(_SEAL) + 2 * 16 + 1
-# Results up to this many bytes are made in memory and written in one piece: HDF5
-# calls Python back for each of the hundreds of pieces that it writes of a small file.
+# Results up to this many bytes are built in memory and written at once: HDF5 writes even
+# a small file in hundreds of parts, and calls Python for each.
 _IN_MEMORY = 2**25
-# Deflate packs no tighter than 1032 to 1: an array that claims more is damaged.
+# Deflate compresses at most 1032 to 1: an array that claims more is damaged.
 _TIGHTEST = 1100
 
 
 def require() -> None:
-    """Import what files need: better missing before a long solve than after it."""
+    """Import the libraries for files before a long solve, so that it does not fail later."""
     library("h5py")
     import_module("bipot_rs.files.vtu")
 
 
 def library(name: str, *, extra: str = "io", need: str = "files") -> Any:
-    """A library that files need, or another thing that is said, and nothing else does.
+    """Import an optional library; ``need`` says what it is for.
 
     Raises
     ------
     ModuleNotFoundError
-        It is not installed; the message names the extra that brings it.
+        It is not installed; the message names the extra that installs it.
     """
     try:
         return import_module(name)
@@ -69,21 +69,21 @@ def write_result(
     path
         File to write or to replace.
     contacts
-        Arrays of ``/contacts``, such as ``x (n_c, d)`` and ``mu (n_c,)``; those
-        that are ``None`` are left out.
+        Arrays of ``/contacts``, such as ``x (n_c, d)`` and ``mu (n_c,)``; ``None`` is
+        left out.
     steps
-        One mapping a load step: arrays become datasets of ``/steps/0000``,
-        numbers and strings its attributes, ``residual`` and ``load`` scalar
+        One mapping for each load step. Arrays become datasets of ``/steps/0000``, numbers
+        and strings its attributes, except ``residual`` and ``load``, which become scalar
         datasets; ``None`` is left out.
     complete
-        Whether the load path came to its end.
+        Whether the whole load path was solved.
     attributes
         Further attributes of the file.
 
     Raises
     ------
     OSError
-        The file cannot be written; an earlier one is intact.
+        The file cannot be written; an earlier one is unchanged.
     """
     h5py = library("h5py")
 
@@ -110,8 +110,8 @@ def write_result(
 
     arrays = [contacts.values(), *(step.values() for step in steps)]
     held = sum(getattr(value, "nbytes", 0) for some in arrays for value in some)
-    # HDF5 writes through Python's file: with one of its own, a full disk leaves it
-    # unable to close what it cannot write, and it brings the process down.
+    # HDF5 writes through a file of Python: with a file of its own it could not close it
+    # on a full disk, and would end the process.
     with aside(path) as draft, draft.open("w+b") as raw:
         if held <= _IN_MEMORY:
             with h5py.File(draft.name, "w", driver="core", backing_store=False) as file:
@@ -126,20 +126,20 @@ def write_result(
         raw.seek(size)
         raw.write(seal)
         raw.flush()
-        # Some file systems find out that they are full when the data leaves memory.
+        # Some file systems report a full disk only now.
         os.fsync(raw.fileno())
 
 
 def read_result(
     path: str | os.PathLike[str],
 ) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]], dict[str, Any]]:
-    """Read what `write_result` wrote.
+    """Read a file written by `write_result`.
 
     Returns
     -------
     contacts, steps, attributes
-        As given to `write_result`; ``attributes`` holds ``complete`` and
-        ``version`` besides.
+        As given to `write_result`; ``attributes`` also contains ``complete`` and
+        ``version``.
 
     Raises
     ------
@@ -191,26 +191,26 @@ def write_series(
     steps: Iterable[Mapping[str, Any]],
     of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
 ) -> None:
-    """Write a PVD index and one binary VTU beside it for each load step.
+    """Write a PVD index, and one binary VTU file in the same folder for each load step.
 
     Parameters
     ----------
     path
-        ``DIR/NAME.pvd``; step k goes to ``DIR/NAME_000k.vtu``. Files of an
-        earlier and longer series of this name are removed.
+        ``DIR/NAME.pvd``; step k is written to ``DIR/NAME_000k.vtu``. Further files of an
+        earlier, longer series with this name are removed.
     points
         ``(points, d)``.
     cells
         Pairs of a kind (``"line"``, ``"triangle"``, ``"quad"``, ``"tetra"``,
-        ``"hexahedron"``) and corners in the order of VTK; without them each
-        point is a vertex.
+        ``"hexahedron"``) and corners in the order of VTK; without them each point is a
+        vertex.
     steps
-        One mapping a step: arrays ``(points,)`` and ``(points, k)`` become
-        fields, those of two components with a third that is zero; all else is
-        left out. The time of a step is its number.
+        One mapping for each step. Arrays ``(points,)`` and ``(points, k)`` become fields;
+        two components are extended by a zero. Everything else is left out. The time of a
+        step is its number.
     of_cells
-        One mapping a step, as many as ``steps``: arrays ``(cells,)`` or ``(cells, k)``,
-        which become fields of the cells.
+        One mapping for each step, with arrays ``(cells,)`` or ``(cells, k)``, which become
+        fields of the cells.
     """
     from bipot_rs.files.vtu import Grid, collection
 
@@ -245,7 +245,7 @@ def write_series(
 
 
 def _beside(path: Path) -> list[Path]:
-    """What a folder holds, where one may look into it."""
+    """Contents of the folder of ``path``; [] without permission to read it."""
     try:
         return list(path.parent.iterdir())
     except PermissionError:
@@ -253,7 +253,7 @@ def _beside(path: Path) -> list[Path]:
 
 
 def place(path: Any, what: str = "path") -> Path:
-    """A path, or a `TypeError` that says what was given for it."""
+    """Convert to a `Path`; a `TypeError` names the argument ``what``."""
     try:
         return Path(os.fsdecode(path))
     except TypeError:
@@ -264,9 +264,9 @@ def place(path: Any, what: str = "path") -> Path:
 
 @contextmanager
 def writing(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Name the file in what the system says of it; of two names, the outer one.
+    """Put the name of the file into system errors, instead of that of the draft.
 
-    What is written aside, or into a draft, has a name that nobody asked for.
+    If two such contexts are nested, the outer name is used.
     """
     try:
         yield
@@ -276,7 +276,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[None]:
 
 
 def indexed(path: str | os.PathLike[str]) -> Path:
-    """The place of the index of a series, by whose name ParaView knows it.
+    """Path of the index of a series, which must end in ``.pvd`` for ParaView.
 
     Raises
     ------
@@ -291,9 +291,9 @@ def indexed(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Place to write ``path`` to; renamed on success, removed on failure."""
+    """Draft to write instead of ``path``: renamed on success, removed on failure."""
     target = place(path)
-    # The name keeps its suffix and differs between processes.
+    # Libraries look at the suffix, and two processes may write the same path.
     draft = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix}")
     try:
         with writing(target):
@@ -304,10 +304,10 @@ def aside(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _store(h5py: Any, group: Any, name: str, value: Any) -> None:
-    """Make a dataset; numbers without what h5py's own way adds of choices and looks."""
+    """Make a dataset; numbers by the low-level interface, which is faster."""
     array = np.asarray(value, order="C")
     if array.dtype.kind == "U":
-        # HDF5 has no letters of four bytes.
+        # HDF5 has no characters of four bytes.
         group[name] = np.char.encode(array, "utf-8")
         return
     if array.dtype.kind not in "fiub":
@@ -319,7 +319,7 @@ def _store(h5py: Any, group: Any, name: str, value: Any) -> None:
 
 
 def _label(h5py: Any, group: Any, name: str, value: Any) -> None:
-    """Make an attribute, likewise; texts are such as h5py makes of them."""
+    """Make an attribute by the low-level interface; strings of the type that h5py uses."""
     text = isinstance(value, str)
     kind = h5py.string_dtype() if text else None
     array = np.asarray(value, dtype=kind, order="C")
@@ -330,21 +330,21 @@ def _label(h5py: Any, group: Any, name: str, value: Any) -> None:
 
 
 def _form(h5py: Any, array: NDArray[Any]) -> tuple[Any, Any]:
-    """Type and shape of numbers."""
+    """Type and dataspace of an array of numbers."""
     h5s = h5py.h5s
     space = h5s.create_simple(array.shape) if array.ndim else h5s.create(h5s.SCALAR)
     return h5py.h5t.py_create(array.dtype, logical=True), space
 
 
 def _three(array: NDArray[Any]) -> NDArray[Any]:
-    """Vectors of the plane with a third component: VTK knows no others."""
+    """Extend vectors of two components by a zero: VTK needs three."""
     if array.ndim == 2 and array.shape[1] == 2:
         return np.column_stack([array, np.zeros(len(array), array.dtype)])
     return np.ascontiguousarray(array)
 
 
 def _digest(file: BinaryIO, size: int) -> bytes:
-    """Checksum of the first ``size`` bytes, as text."""
+    """Checksum of the first ``size`` bytes, in hexadecimal."""
     import hashlib
 
     file.seek(0)
@@ -356,7 +356,7 @@ def _digest(file: BinaryIO, size: int) -> bytes:
 
 
 def _sealed(path: Path) -> bool:
-    """Whether the file ends in a checksum, and in the right one."""
+    """Whether the file ends with a checksum; a `ValueError` if it does not match."""
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END) - _SEAL_BYTES
         if size < 0:
@@ -366,7 +366,9 @@ def _sealed(path: Path) -> bool:
         if not seal.startswith(_SEAL):
             return False
         if seal != _SEAL + _digest(file, size) + b"\n":
-            raise ValueError(f"{path} is damaged: its checksum is another")
+            raise ValueError(
+                f"{path}: the checksum does not match: the file is damaged or was edited"
+            )
     return True
 
 
@@ -386,13 +388,13 @@ def _arrays(group: Any, limit: int) -> dict[str, NDArray[Any]]:
 
 
 def _sentence(error: Exception) -> str:
-    """What HDF5 says over several lines, in one."""
-    said = error.args[0] if error.args else error
-    return " ".join(str(said).split()) or type(error).__name__
+    """Message of an error on one line; HDF5 uses several."""
+    message = error.args[0] if error.args else error
+    return " ".join(str(message).split()) or type(error).__name__
 
 
 def _plain(value: Any) -> Any:
-    """Numbers of NumPy as those of Python; arrays and text as they are."""
+    """Convert bytes and NumPy numbers to those of Python; leave arrays unchanged."""
     if isinstance(value, bytes):
         return value.decode()
     return value.item() if isinstance(value, np.generic) else value

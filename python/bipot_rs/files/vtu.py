@@ -1,8 +1,8 @@
-"""Unstructured grids of VTK: one mesh, encoded once, with the fields of many steps.
+"""Write unstructured grids of VTK: the mesh is encoded once for the fields of many steps.
 
-XML with inline binary arrays in the compressed layout of VTK: the base64 of ``[blocks,
-bytes of a block, bytes of the last, packed bytes of each]``, followed by that of the
-blocks, each a zlib stream.
+XML with inline binary arrays in the compressed layout of VTK: ``[number of blocks, bytes
+of a block, bytes of the last block, compressed bytes of each block]`` in base64, followed
+by the blocks in base64, each a zlib stream.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
 
-# Numbers of the kinds of cells in VTK.
+# Cell types of VTK.
 KINDS = {
     "vertex": 1,
     "line": 3,
@@ -34,14 +34,14 @@ KINDS = {
     "quad9": 28,
     "hexahedron27": 29,
 }
-# VTK's own block size, small enough to unpack within a cache.
+# The block size of VTK; a block fits into the cache.
 _BLOCK = 2**15
-# Of each block this much is looked at to see what packing it is worth.
+# Bytes of each block that decide whether it is compressed.
 _SAMPLE = 2**11
 
 
 class Grid:
-    """A mesh, ready to be written with fields.
+    """An encoded mesh, to be written with fields.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Grid:
     Raises
     ------
     ValueError
-        A kind that is not known.
+        An unknown kind of cells.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Grid:
                     f"kind of cells is {kind!r}, expected one of {', '.join(KINDS)}"
                 )
         corners = [np.asarray(c) for _, c in cells]
-        # A node number of 64 bits is wasted on a mesh that fits into memory.
+        # 32 bits are enough for almost every mesh that fits into memory.
         short = len(points) < 2**31 > sum(c.size for c in corners)
         integer = np.dtype(np.int32 if short else np.int64)
         none = np.zeros(0, integer)
@@ -98,12 +98,14 @@ class Grid:
         fields: Mapping[str, NDArray[Any]],
         of_cells: Mapping[str, NDArray[Any]] | None = None,
     ) -> bytes:
-        """The whole file of one step.
+        """The file of one step as bytes.
 
         Parameters
         ----------
-        fields, of_cells
-            ``(points,)`` or ``(points, k)``, and likewise for cells.
+        fields
+            Arrays ``(points,)`` or ``(points, k)`` by name.
+        of_cells
+            Arrays ``(cells,)`` or ``(cells, k)`` by name.
         """
         parts = [self._head, *(_array(name, field) for name, field in fields.items())]
         parts.append(b"</PointData>\n")
@@ -115,7 +117,7 @@ class Grid:
 
 
 def collection(names: Sequence[str]) -> bytes:
-    """The PVD index of a series of files; the time of a step is its number."""
+    """PVD index of a series of files; the time of a step is its number."""
     head = '<?xml version="1.0" encoding="utf-8"?>\n<VTKFile type="Collection" version="0.1">'
     sets = (
         f'<DataSet timestep="{k}" group="" part="0" file={_quoted(name)} />'
@@ -126,7 +128,7 @@ def collection(names: Sequence[str]) -> bytes:
 
 
 def _quoted(text: str) -> str:
-    """A value of XML; what would bring a parser for it takes longer than a file."""
+    """Quote an XML attribute; `xml.sax.saxutils` takes long to import."""
     for sign, entity in (("&", "&amp;"), ("<", "&lt;"), ('"', "&quot;")):
         text = text.replace(sign, entity)
     return f'"{text}"'
@@ -152,7 +154,7 @@ def _array(name: str, array: NDArray[Any]) -> bytes:
 
 
 def _packed(data: bytes, size: int) -> tuple[bytes, bytes]:
-    """Header and blocks of an array of numbers of ``size`` bytes, in base64."""
+    """Header and compressed blocks of numbers of ``size`` bytes, in base64."""
     blocks = [data[k : k + _BLOCK] for k in range(0, len(data), _BLOCK)]
     packed = [zlib.compress(block, _level(block, size)) for block in blocks]
     last = len(blocks[-1]) if blocks else 0
@@ -161,10 +163,10 @@ def _packed(data: bytes, size: int) -> tuple[bytes, bytes]:
 
 
 def _level(block: bytes, size: int) -> int:
-    """Effort to spend on numbers of ``size`` bytes: 1, or 0 where digits look random.
+    """Compression level for numbers of ``size`` bytes: 1, or 0 if the digits look random.
 
-    A displacement loses a twentieth of its bytes by packing, and packing it takes
-    longer than all else of a file. Contact fields, zero at most nodes, all but vanish.
+    Compression shortens a displacement by only 5 %, and takes longer than the rest of
+    the file. Contact fields, zero at most nodes, become very short.
     """
     if size < 8:
         return 1

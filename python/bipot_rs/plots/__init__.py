@@ -1,18 +1,17 @@
-"""Pictures of contact, each a function that returns the axes it drew into.
+"""Pictures of contact; each function returns the axes it drew into.
 
 >>> import bipot_rs as bp
 >>> ax = bp.plots.tractions(result)  # doctest: +SKIP
 >>> ax.figure.savefig("tractions.png")  # doctest: +SKIP
 
-They take a `Result`, one of its steps or a `Solution`, where the mesh is needed the
-model, and ``ax=`` to draw into; figures of their own are made without pyplot and belong
-to whoever asked for them. Units stand in labels where they are known: by
-``units={"length": "mm", "force": "N", "stress": "MPa"}``, or as ``result.units``.
+The functions take a `Result`, one of its steps or a `Solution`, and the model if they need
+the mesh. They draw into the axes ``ax=``, or into a new figure, made without pyplot. Labels
+show units if they are known, from ``units={"length": "mm", "force": "N", "stress": "MPa"}``
+or ``result.units``.
 
-Along a line `tractions`, `slip`; on a plane surface `surface_map`, `status_map`, `slip`;
-on any surface in space `surface3d`; of the bodies `deformed`; over the load path
-`resultants`, `status_shares`, `force_displacement`, `dissipation`; of the solver
-`convergence`.
+Along a line: `tractions`, `slip`. On a flat surface: `surface_map`, `status_map`, `slip`.
+On any surface in 3D: `surface3d`. Bodies: `deformed`. Load path: `resultants`,
+`status_shares`, `force_displacement`, `dissipation`. Solver: `convergence`.
 """
 
 from bipot_rs.plots.body import deformed

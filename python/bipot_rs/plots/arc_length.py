@@ -1,4 +1,4 @@
-"""Places along a line of contacts, straight or curved: their order and what they are."""
+"""Order contacts along a straight or curved line, and compute their positions on it."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from bipot_rs._lib.validation import floats
 
 Ints = NDArray[np.intp]
 
-# Points on one line, to this part of its length.
+# Tolerance for points on one line, relative to its length.
 _STRAIGHT = 1e-6
-# The ends of a chain whose distance is at most so many times the spacing there are
-# neighbours: of a ring with one contact less it is twice.
+# A chain is closed if its ends are at most this many spacings apart: it is one spacing in
+# a ring, two in a ring with one contact missing.
 _CLOSED = 1.7
-# A chain longer than so many times what it spans goes to and fro: half a circle has π/2.
+# A chain longer than this many times its extent goes back and forth: half a circle has
+# the ratio π/2.
 _ONCE = 3.0
 
 
@@ -30,15 +31,15 @@ class Places:
     Attributes
     ----------
     order : (m,)
-        Numbers of the contacts; of a closed line the first one stands at the end again.
+        Numbers of the contacts; for a closed line the first one is repeated at the end.
     s : (m,)
-        Their places, ascending.
+        Their positions, ascending.
     towards : (m, d)
-        Unit vectors along which places grow.
+        Unit vectors in the direction of growing s.
     name
-        What places are, for an axis.
+        Label of s.
     once
-        Whether the contacts are one line, which is drawn as one.
+        Whether the contacts form one line, so that they can be joined.
     """
 
     order: Ints
@@ -49,20 +50,19 @@ class Places:
 
 
 def places(x: Floats, along: ArrayLike | str | None) -> Places:
-    """Places of contacts ``x (n_c, d)``.
+    """Positions of contacts ``x (n_c, d)`` along a line.
 
     Parameters
     ----------
     along
-        A direction ``(d,)`` or ``"x"``, ``"y"``, ``"z"``, on which contacts are projected;
-        ``"arc"`` for the length of the chain of contacts. By default in the plane the
-        direction of the line where it is straight, else the arc; in space it must be
-        given.
+        A direction ``(d,)`` or ``"x"``, ``"y"``, ``"z"``, onto which contacts are
+        projected; or ``"arc"`` for the arc length of the chain of contacts. Default in 2D:
+        the direction of a straight line, else the arc length. Required in 3D.
 
     Raises
     ------
     ValueError
-        What is wrong with ``along``; contacts in space that are on no line.
+        A wrong ``along``; contacts in 3D that do not lie on a line.
     """
     d = x.shape[1]
     if isinstance(along, str):
@@ -77,8 +77,8 @@ def places(x: Floats, along: ArrayLike | str | None) -> Places:
         return _projected(x, _unit(along, d))
     if d == 3:
         raise ValueError(
-            "along is missing: of contacts in space, a line is drawn along a direction or "
-            "its arc, with where= those on it; a whole surface is drawn by surface_map"
+            "along is missing: in three dimensions pass a direction or 'arc', and select the "
+            "contacts of a line by where=; or draw the whole surface by surface_map"
         )
     direction = _straight(x)
     return _arc(x) if direction is None else _projected(x, direction)
@@ -93,7 +93,7 @@ def _unit(along: ArrayLike, d: int) -> Floats:
 
 
 def _straight(x: Floats) -> Floats | None:
-    """Direction of a straight line, upwards along the axis nearest to it."""
+    """Direction of a straight line, ascending along the nearest axis; None if curved."""
     off = x - x.mean(axis=0)
     main = np.linalg.svd(off, full_matrices=False)[2]
     length = np.ptp(off @ main[0])
@@ -105,7 +105,7 @@ def _straight(x: Floats) -> Floats | None:
     nearest = int(np.argmax(np.abs(main[0])))
     axis = axes[nearest]
     direction = main[0] * np.sign(main[0][nearest])
-    # Coordinates as they were given, not but for rounding.
+    # Use the axis itself if it is the direction up to rounding: s is then a coordinate.
     near = np.abs(direction - axis).max() <= _STRAIGHT
     return np.asarray(axis if near else direction)
 
@@ -127,7 +127,7 @@ def _name(direction: Floats) -> str:
 
 
 def _arc(x: Floats) -> Places:
-    """Along a chain: from an end to the other, or once around."""
+    """Arc length along a chain: from one end to the other, or once around."""
     if len(x) < 2:
         return _projected(x, np.eye(x.shape[1])[0])
     order = _chain(x)
@@ -151,7 +151,7 @@ def _arc(x: Floats) -> Places:
 
 
 def _around(x: Floats, order: Ints, axis: int) -> tuple[Ints, str]:
-    """A ring from its largest coordinate counter-clockwise, and from where that is seen."""
+    """Order of a ring, counter-clockwise from its largest coordinate, and the view side."""
     ring = x[order] - x.mean(axis=0)
     a, b = ring, np.roll(ring, -1, axis=0)
     seen = ""
@@ -164,14 +164,14 @@ def _around(x: Floats, order: Ints, axis: int) -> tuple[Ints, str]:
     if area < 0:
         order = order[::-1]
     value = x[order, axis]
-    # Of several as far out, the one from which the others follow.
+    # If several are equally far out, begin with the first of them in this order.
     far = set(np.flatnonzero(value >= value.max() - _STRAIGHT * np.ptp(value)).tolist())
     first = next(k for k in sorted(far) if (k - 1) % len(order) not in far)
     return np.append(np.roll(order, -first), order[first]), seen
 
 
 def _tangents(x: Floats) -> Floats:
-    """Unit vectors along a chain: of the chord from the one before to the one behind."""
+    """Unit vectors along a chain, from the chord between the two neighbours of a point."""
     chord = np.gradient(x, axis=0)
     if len(x) > 2 and (x[0] == x[-1]).all():
         chord[0] = chord[-1] = (x[1] - x[-2]) / 2
@@ -180,24 +180,23 @@ def _tangents(x: Floats) -> Floats:
 
 
 def _chain(x: Floats) -> Ints:
-    """Points of a curve from one end to the other.
+    """Order of points of a curve from one end to the other.
 
-    The shortest tree that connects points of a curve, close enough to each other, is the
-    curve; of a closed one without its longest part.
+    If the points are dense enough, their minimum spanning tree is the curve; for a closed
+    curve, without its longest segment.
     """
     links = _tree(x)
     if max(map(len, links)) > 2:
         if x.shape[1] == 3:
             raise ValueError(
-                "the contacts do not lie on one line, along which they have an arc: choose "
-                "those of a line by where="
+                "the contacts do not lie on one line: select those of a line by where="
             )
         return _greedy(x, links)
     return np.array(_walk(links, _end(links)))
 
 
 def _tree(x: Floats) -> list[list[int]]:
-    """Neighbours of each point in the shortest tree, by Prim."""
+    """Neighbours of each point in the minimum spanning tree, by Prim's algorithm."""
     links: list[list[int]] = [[] for _ in x]
     left = np.ones(len(x), dtype=np.bool_)
     apart = np.full(len(x), np.inf)
@@ -229,7 +228,7 @@ def _walk(links: Sequence[Sequence[int]], start: int) -> list[int]:
 
 
 def _greedy(x: Floats, links: Sequence[Sequence[int]]) -> Ints:
-    """Each the nearest of the rest: where a curve turns sharper than its points tell."""
+    """Order by nearest neighbour, for a curve that turns sharply between its points."""
     ends = [k for k, near in enumerate(links) if len(near) == 1]
     far = np.linalg.norm(x[ends] - x.mean(axis=0), axis=1)
     order = [ends[int(np.argmax(far))]]
@@ -242,9 +241,9 @@ def _greedy(x: Floats, links: Sequence[Sequence[int]]) -> Ints:
 
 
 def common(x: Floats, parts: Sequence[Ints], along: Any) -> list[Places]:
-    """Places of several lines of contacts, the same along each.
+    """Positions on several lines of contacts, along the same direction.
 
-    Where they differ in direction, the arc of each.
+    If the lines differ in direction, the arc length of each.
     """
     found = [places(x[part], along) for part in parts]
     if along is None and len({one.name for one in found}) > 1:

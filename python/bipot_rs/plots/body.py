@@ -1,4 +1,4 @@
-"""Deformed bodies, with the stress in them and the forces of contact."""
+"""Pictures of deformed bodies, with their stress and the contact forces."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from bipot_rs.plots.data import model_of, number_of, one_step, said_of, units_of
 if TYPE_CHECKING:
     from bipot_rs.fem.assembly import Assembly
 
-# Of the size of the bodies: the largest displacement, and the longest arrow.
+# Largest drawn displacement and longest arrow, relative to the size of the bodies.
 _DEFORMED, _ARROW = 0.05, 0.12
-# More arrows than this would hide each other.
+# More arrows than this would overlap.
 _ARROWS = 25
-# Of the size of the bodies: how thick a rigid obstacle is drawn, and how much of what is
-# around the bodies it may claim. Enlarged gaps can be larger than the bodies.
+# Thickness of a rigid obstacle, and the margin that it may add to the picture, relative to
+# the size of the bodies. Enlarged gaps can be larger than the bodies.
 _THICK, _AROUND = 0.025, 0.15
 _FORCE = "#d55e00"
 
@@ -39,43 +39,44 @@ def deformed(
     ax: Any = None,
     at_rest: ArrayLike | None = None,
 ) -> Any:
-    """Deformed bodies in the colours of the stress of von Mises, with contact forces.
+    """Deformed bodies, coloured by the von Mises stress, with contact forces.
 
-    In the plane rigid obstacles are grey bands, as far as contacts face them, at the gaps
-    of the step times ``scale``: where a band is touched, a contact is closed.
+    In 2D rigid obstacles are grey bands, as far as contacts face them, at a distance of
+    the gap times ``scale``: a contact is closed where it touches the band.
 
     Parameters
     ----------
     model
-        The bodies: a `fem.Assembly`, a `Case`, a `Model`, or the `ModelResult` of one.
+        The bodies: a `fem.Assembly`, a `Case`, a `Model` or a `ModelResult`.
     result
-        A `Result` of them, or one of its `Step` s; of a `ModelResult` by itself it may be
-        left out.
+        A `Result` of these bodies or one of its steps; not needed if ``model`` is a
+        `ModelResult`.
     step
-        Which step of a result.
+        Step of a result.
     scale
-        Times the displacements; default a round number that lets them be seen, which
-        is told above the picture. The bodies where they began are a thin line.
+        Factor of the displacements; default a round number that makes them visible. It is
+        written above the picture. A thin line shows the undeformed bodies.
     forces
-        Whether arrows show the contact forces on the bodies that have the contacts, up
-        to 26, each the force at one node; the largest of all is told above the picture.
+        Whether arrows show the forces at up to 26 contact nodes, on the bodies that have
+        the contacts. The largest force is written above the picture.
     near
-        Draw what is within so many extents of the contacts; default all.
+        Draw only the surroundings of the contacts, up to this multiple of their extent;
+        default all.
     units, ax
         As in `tractions`.
     at_rest
-        What initial strains add to the stress of the displacements, ``(cells, 3, 3)``,
-        as `Case.stress_at_rest` has it; found by itself, but of a `fem.Assembly` alone.
+        Stress of initial strains, ``(cells, 3, 3)``, as `Case.stress_at_rest`, which is
+        added to that of the displacements. Needed only if ``model`` is a `fem.Assembly`.
 
     Returns
     -------
     matplotlib.axes.Axes
-        In space those of 3D, with the outside of the bodies.
+        For bodies in 3D, axes in 3D with the boundary of the bodies.
 
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named; a step that has lost its problem.
+        A wrong argument; the message names it. A step without its displacements.
     """
     given, result = model, model if result is None else result
     model, case = _bodies(given, result)
@@ -126,10 +127,10 @@ def deformed(
 
 
 def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
-    """`fem.Assembly` and, where one is known, the `Case` of what was given for the bodies."""
+    """The `fem.Assembly` of the argument ``model`` and, if there is one, its `Case`."""
     known = getattr(result, "case", None)
     if hasattr(type(given), "assemble") and known is not None:
-        # That of the very result need not be made again.
+        # The result has the assembled model already.
         if given.scene == known.scene:
             return known.model, known
     elif known is not None and known.model is given:
@@ -143,19 +144,19 @@ def _bodies(given: Any, result: Any) -> tuple[Any, Any]:
 
 
 def _at_rest(case: Any, result: Any, found: Any, step: int) -> Floats | None:
-    """What initial strains of a case add to the stress of a step."""
-    place = number_of(result, step)
+    """Stress of the initial strains of a case at a step."""
+    number = number_of(result, step)
     whole: Floats | None
     if getattr(found, "s", None) is not None:
         whole = case.stress_at_rest(found)
-    elif place is not None:
-        whole = case.stress_at_rest(place[0])
+    elif number is not None:
+        whole = case.stress_at_rest(number.index)
     else:
         whole = case.stress_at_rest(0)
         if whole is not None:
             raise ValueError(
-                "result is one load step, and initial strains act, which differ from step "
-                "to step: give the Result and step=, or at_rest="
+                "result is a single step, but the model has initial strains, which depend "
+                "on its number: pass the Result and step=, or at_rest="
             )
     return whole
 
@@ -163,11 +164,11 @@ def _at_rest(case: Any, result: Any, found: Any, step: int) -> Floats | None:
 def _plane(model: Assembly, places: Floats, stress: Floats, ax: Any) -> Any:
     from matplotlib.collections import LineCollection, PolyCollection
 
-    corners = [c for cells in model.cells for c in places[corners_of(*cells)[1]]]
+    corners = [c for kind, n in model.cells for c in places[corners_of(kind, n)]]
     image = PolyCollection(
         corners, array=stress, cmap="viridis", lw=0, antialiased=False
     )
-    # As one image: a polygon each would make a file of the size of the mesh.
+    # As an image: separate polygons would make a large file.
     image.set_rasterized(True)
     ax.add_collection(image)
     for nodes, colour, width in (
@@ -190,7 +191,7 @@ def _space(model: Assembly, places: Floats, stress: Floats, ax: Any) -> Any:
 def facets_in_space(
     polygons: list[Floats], values: Floats, ax: Any, **colours: Any
 ) -> Any:
-    """Polygons in space, each in the colour of its value."""
+    """Draw polygons in 3D, each in the colour of its value."""
     from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
         Poly3DCollection,
     )
@@ -205,9 +206,9 @@ def facets_in_space(
 
 
 def box_in_space(places: Floats, ax: Any, zoom: float = 0.82) -> None:
-    """Limits of axes in space, one length the same along all three."""
+    """Set the limits of axes in 3D, with equal scales."""
     low, high = places.min(axis=0), places.max(axis=0)
-    # What is flat still has to be seen.
+    # A flat box would not be visible.
     least = 0.15 * (high - low).max()
     middle, half = (low + high) / 2, np.maximum(high - low, least) / 2
     from matplotlib.ticker import FuncFormatter, MaxNLocator
@@ -215,36 +216,36 @@ def box_in_space(places: Floats, ax: Any, zoom: float = 0.82) -> None:
     for k, name in enumerate("xyz"):
         getattr(ax, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
         axis = getattr(ax, f"{name}axis")
-        # A short axis has room for few numbers.
+        # Fewer numbers on a short axis.
         count = max(1, round(4 * half[k] / half.max() + 0.4))
-        # Where x ends y begins: two numbers would lie on each other.
+        # The first number of y would overlap the last one of x.
         prune = "lower" if name == "y" else None
         ticks = {"min_n_ticks": min(count, 2), "prune": prune}
         axis.set_major_locator(MaxNLocator(min(count, 4), **ticks))
-        # It counts in what the other two axes are long.
+        # matplotlib scales labelpad with the lengths of the other two axes.
         axis.labelpad = 8 * min(half.max() / np.delete(half, k).max(), 3.0)
         axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
-    # Room for the labels, which the layout does not see.
+    # Space for the labels, which the layout ignores.
     ax.set_box_aspect(half, zoom=zoom)
 
 
 def _forces(
     model: Assembly, places: Floats, reaction: Floats, near: float | None, ax: Any
 ) -> tuple[Floats, float]:
-    """Draw arrows of forces; where they begin, ``(arrows, d)``, and the largest force."""
+    """Draw forces; return the tails of the arrows, ``(arrows, d)``, and the largest force."""
     force = np.einsum("ck,ckd->cd", reaction, model.frame)
     size = np.linalg.norm(force, axis=1)
     largest = float(size.max(initial=0.0))
     if largest == 0:
         return places[:0], 0.0
     loaded = np.flatnonzero(size > 1e-6 * largest)
-    # The largest of all is among those drawn.
+    # The largest force is always drawn.
     chosen = np.union1d(loaded[:: -(-len(loaded) // _ARROWS)], np.argmax(size))
     at = places[model.contact_dofs[chosen, 0] // model.dim]
     extent = np.ptp(places, axis=0).max()
     if near is not None:
         extent = (1 + 2 * near) * np.ptp(model.points, axis=0).max()
-    # Tips at the nodes: what presses comes from outside.
+    # Tips at the nodes: a pressing force comes from outside.
     arrows = force[chosen] * (_ARROW * extent / largest)
     if model.dim == 2:
         ax.quiver(
@@ -264,13 +265,13 @@ def _forces(
 
 
 def _obstacles(model: Assembly, found: Any, scale: float, ax: Any) -> Floats:
-    """Draw the rigid obstacles as contacts see them; corners of the bands, ``(k, 2)``."""
+    """Draw rigid obstacles opposite to the contacts; return corners ``(k, 2)``."""
     from matplotlib.collections import PolyCollection
 
     from bipot_rs.fem.contact_surface import contact_surface
 
     normal = model.frame[:, 0]
-    # Of this step: the obstacle may have moved.
+    # The gap at this step: the obstacle may have moved.
     gap = (
         found.relative_displacement[:, 0] - (model.B @ found.displacement)[:: model.dim]
     )
@@ -281,7 +282,7 @@ def _obstacles(model: Assembly, found: Any, scale: float, ax: Any) -> Floats:
     for kind, facets in contact_surface(model):
         if kind == "vertex":
             continue
-        # Of three nodes the last is the middle one.
+        # The third node of a quadratic line is the middle one.
         order = [0, 1] if kind == "line" else [0, 2, 1]
         line = facets[rigid[model.group[facets[:, 0]]]][:, order]
         bands += list(np.concatenate([near[line], far[line[:, ::-1]]], axis=1))

@@ -1,4 +1,4 @@
-"""The outside of bodies: facets that belong to one cell only."""
+"""Boundary facets of bodies: those that belong to one cell only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.plots.style import round_number
 
-# Facets by the corners of a cell of VTK.
+# Facets of a cell, as indices of its corners in the order of VTK.
 _FACETS: dict[str, list[tuple[int, ...]]] = {
     "triangle": [(0, 1), (1, 2), (2, 0)],
     "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -25,38 +25,43 @@ _FACETS: dict[str, list[tuple[int, ...]]] = {
 }
 
 
-# Of cells and facets; those of second order have the same corners, before other nodes.
+# Number of corners. Cells of second order list their corners before their other nodes.
 _CORNERS = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8}
 
 
-def corners_of(kind: str, nodes: Ints) -> tuple[str, Ints]:
-    """Kind and corners of cells of either order: pictures have straight edges."""
-    first = kind.rstrip("0123456789")
-    if first not in _CORNERS:
+def corners_of(kind: str, nodes: Ints) -> Ints:
+    """Corners of cells of first or second order: pictures have straight edges."""
+    shape = _shape(kind)
+    if shape not in _CORNERS:
         raise ValueError(
             f"kind of cells is {kind!r}, expected one of {', '.join(_CORNERS)}"
         )
-    return first, nodes[:, : _CORNERS[first]]
+    return nodes[:, : _CORNERS[shape]]
+
+
+def _shape(kind: str) -> str:
+    """Name of the cell of first order with the same corners."""
+    return kind.rstrip("0123456789")
 
 
 def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
-    """Facets on the outside, and the cell that each is of, body by body.
+    """Boundary facets of each body, and the cell of each facet.
 
     Parameters
     ----------
     cells
-        As `fem.Assembly.cells`; those of all bodies are numbered through.
+        As `fem.Assembly.cells`; numbers of cells continue from body to body.
 
     Returns
     -------
     list of (facets, cell)
-        Nodes ``(m, corners)``, around the facet, and ``(m,)``.
+        Nodes ``(m, corners)`` in order around the facet, and cells ``(m,)``.
     """
     found: list[tuple[Ints, Ints]] = []
     first = 0
-    for given, nodes in cells:
-        kind, corners = corners_of(given, nodes)
-        facets = np.concatenate([corners[:, list(f)] for f in _FACETS[kind]])
+    for kind, nodes in cells:
+        corners = corners_of(kind, nodes)
+        facets = np.concatenate([corners[:, list(f)] for f in _FACETS[_shape(kind)]])
         _, at, count = np.unique(
             np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True
         )
@@ -69,10 +74,10 @@ def skin(cells: Sequence[tuple[str, Ints]]) -> list[tuple[Ints, Ints]]:
 def deformed_nodes(
     nodes: Floats, displacement: Floats, scale: float | None, share: float
 ) -> tuple[Floats, float]:
-    """Places ``nodes + scale * u``, and the scale.
+    """Points ``nodes + scale * u``, and the scale.
 
-    Without a scale it is a round number with which the largest displacement is about
-    ``share`` of the largest extent of the bodies, and 1 at the least.
+    The default scale is a round number, 1 or more, for which the largest displacement is
+    about ``share`` of the largest extent of the bodies.
     """
     u = displacement.reshape(nodes.shape)
     if scale is None:

@@ -1,4 +1,4 @@
-"""How a solver came to its answer: residual over work."""
+"""Convergence of the solver: residual over work."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from bipot_rs.contact.result import Result, Solution
 from bipot_rs.plots import style
 from bipot_rs.plots.data import one_step, steps_of
 
-# More steps than this have their numbers on a colour bar.
+# With more steps than this, a colour bar shows their numbers.
 _NAMED = 6
 
 
 def convergence(result: Any, *, step: int | None = None, ax: Any = None) -> Any:
-    """Residual η over work in products with W, an iteration a point.
+    """Residual η over work in products with W, one point for each iteration.
 
     Parameters
     ----------
     result
         A `Solution`, a `Step` or a `Result`.
     step
-        Which step of a result; default all.
+        Step of a result; default all.
     ax
         As in `tractions`.
 
@@ -34,7 +34,7 @@ def convergence(result: Any, *, step: int | None = None, ax: Any = None) -> Any:
     Raises
     ------
     ValueError
-        There is no history: it is not written to files.
+        The result has no history, for example because it was read from a file.
     """
     path: Sequence[Solution]
     if isinstance(result, Result) and step is None:
@@ -44,18 +44,18 @@ def convergence(result: Any, *, step: int | None = None, ax: Any = None) -> Any:
     kept = [k for k, one in enumerate(path) if len(one.history)]
     if not kept:
         raise ValueError(
-            "history is empty, expected the residuals of iterations: files do not hold it"
+            "history is empty: result files do not contain it, pass a result of solve"
         )
     ax = style.axes_of(ax)
     from matplotlib import colormaps
     from matplotlib.colors import Normalize
 
     shade = Normalize(1, max(len(path), 2))
-    # The light end of the colours would vanish on white.
+    # The light end of the colours is hard to see on white.
     colours = colormaps["viridis"].resampled(256)
     for k in kept:
         work, eta = path[k].history.T
-        # A residual of nothing has no place on a logarithmic axis.
+        # A logarithmic axis cannot show a residual of zero.
         ax.semilogy(
             work,
             np.where(eta > 0, eta, np.nan),

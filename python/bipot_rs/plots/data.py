@@ -1,4 +1,4 @@
-"""What is drawn of a result: one step at the contacts, by whatever it was given as."""
+"""Data to draw: one step at the contacts, from a result, a step or a solution."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.result import Result, Solution, Step
 from bipot_rs.scene.units import inconsistent
 
-# The places, or the model, where a result does not know them.
+# The argument ``contacts``: a mapping with points and frames, or the model.
 Given = Mapping[str, Any] | Any
 
 
@@ -35,11 +35,11 @@ class Contacts:
     units
         Names by ``"length"``, ``"force"``, ``"stress"``.
     surface : (n_c,) or None
-        Number of the surface of each contact, where it is known.
+        Number of the surface of each contact, if known.
     names
-        Of the surfaces by number, ``"body.surface"``.
+        Names ``"body.surface"`` of the surfaces by number.
     said
-        Which load step it is, ``"load step 3 of 8"``; empty where there is but one.
+        ``"load step 3 of 8"``, or "" if there is one step only.
     """
 
     x: Floats
@@ -57,7 +57,7 @@ class Contacts:
 
     @property
     def surfaces(self) -> list[tuple[str, NDArray[np.intp]]]:
-        """Name and contacts of each surface that has some; all without a name if unknown."""
+        """Name and contacts of each surface; ("", all contacts) if surfaces are unknown."""
         if self.surface is None or not len(self.surface):
             return [("", np.arange(len(self.x)))]
         return [
@@ -66,7 +66,7 @@ class Contacts:
         ]
 
     def part(self, chosen: Any) -> Contacts:
-        """Some of the contacts, by a mask or numbers."""
+        """Some of the contacts, chosen by a mask or by numbers."""
         arrays = ("x", "frame", "area", "mu", "reaction", "status", "gap", "slip")
         given = {name: getattr(self, name) for name in (*arrays, "surface")}
         cut: dict[str, Any] = {
@@ -77,18 +77,18 @@ class Contacts:
 
     @property
     def traction(self) -> Floats:
-        """``reaction / area``, or the reaction itself where no areas are known."""
+        """``reaction / area``, or the reaction if areas are unknown."""
         if self.area is None:
             return self.reaction
         return np.asarray(self.reaction / self.area[:, None])
 
     @property
     def has_frame(self) -> Floats:
-        """The frames; a `ValueError` says how to give them."""
+        """The frames; a `ValueError` if they are unknown."""
         if self.frame is None:
             raise ValueError(
-                "the frames of the contacts are not known: give frame= to "
-                "ContactProblem, or contacts= here"
+                "the frames of the contacts are not known: pass frame= to "
+                "ContactProblem, or contacts= to this function"
             )
         return self.frame
 
@@ -99,7 +99,7 @@ class Contacts:
 
 
 def contacts_of(found: Any, given: Given | None) -> Mapping[str, Any]:
-    """What is known of the contacts of a result, or of ``contacts=``."""
+    """Data of the contacts: those of ``contacts=``, else those of the result."""
     if given is None:
         return found.contacts if isinstance(found, Result) else {}
     if isinstance(given, Mapping):
@@ -118,10 +118,10 @@ def contacts_of(found: Any, given: Given | None) -> Mapping[str, Any]:
 
 
 def model_of(given: Any) -> tuple[Any, Any]:
-    """The `fem.Assembly` of what has one, and the `Case` where there is one.
+    """The `fem.Assembly` and, if there is one, the `Case` of an argument.
 
-    Of a `fem.Assembly`, a `Case`, a `Model`, which is assembled, or a `ModelResult`; None and
-    None of anything else.
+    The argument is a `fem.Assembly`, a `Case`, a `Model` (which is assembled) or a
+    `ModelResult`; (None, None) for anything else.
     """
     if hasattr(given, "contact_dofs"):
         return given, None
@@ -134,7 +134,7 @@ def model_of(given: Any) -> tuple[Any, Any]:
 
 
 def units_of(found: Any, units: Mapping[str, str] | None) -> Mapping[str, str]:
-    """Names of units: those given, else those that the result knows."""
+    """Names of units: those given, else those of the result."""
     known: Mapping[str, str] = getattr(found, "units", {}) if units is None else units
     if not isinstance(known, Mapping):
         raise TypeError(
@@ -147,7 +147,7 @@ def units_of(found: Any, units: Mapping[str, str] | None) -> Mapping[str, str]:
 
 
 def steps_of(found: Any) -> Result:
-    """A path with steps, or an error."""
+    """The `Result` itself; an error if it is something else, or has no steps."""
     if not isinstance(found, Result):
         raise TypeError(f"result is a {type(found).__name__}, expected a Result")
     if not len(found):
@@ -161,25 +161,33 @@ def one_step(found: Any, step: int) -> Solution:
         return found
     path = steps_of(found)
     if not -len(path) <= step < len(path):
-        raise ValueError(f"step is {step}, expected one of 0 to {len(path) - 1}")
+        raise ValueError(f"step is {step}, expected 0 to {len(path) - 1}")
     solution: Solution = path[step]
     return solution
 
 
-def number_of(found: Any, step: int) -> tuple[int, int] | None:
-    """Of a step of a result its number from 0 on the whole path, and how many it has."""
+@dataclass(frozen=True)
+class StepNumber:
+    """Index of a step, from 0, on the whole path, and the number of steps."""
+
+    index: int
+    count: int
+
+
+def number_of(found: Any, step: int) -> StepNumber | None:
+    """Number of a step of a `Result`; None for a single step."""
     if not isinstance(found, Result):
         return None
     count = found._first + len(found)
-    return (step if step < 0 else found._first + step) % count, count
+    return StepNumber((step if step < 0 else found._first + step) % count, count)
 
 
 def said_of(found: Any, step: int) -> str:
-    """Which load step, in words; none of a single one."""
-    place = number_of(found, step)
-    if place is None or place[1] == 1:
+    """``load step 3 of 8``; empty for a path of one step."""
+    number = number_of(found, step)
+    if number is None or number.count == 1:
         return ""
-    return f"load step {place[0] + 1} of {place[1]}"
+    return f"load step {number.index + 1} of {number.count}"
 
 
 def look(
@@ -190,24 +198,23 @@ def look(
     where: ArrayLike | None = None,
     units: Mapping[str, str] | None = None,
 ) -> Contacts:
-    """What is drawn of a `Result`, a `Step` or a `Solution`.
+    """Data to draw of a `Result`, a `Step` or a `Solution`.
 
     Raises
     ------
     TypeError, ValueError
-        What is missing or of a wrong kind or shape, by its name.
+        An argument is missing, or of a wrong type or shape; the message names it.
     """
     solution = one_step(found, step)
     known = contacts_of(found, contacts)
     n, d = solution.reaction.shape
     if known.get("x") is None:
-        way = "contacts= here"
+        way = "contacts= to this function"
         if isinstance(found, Result):
             way = f"points= to ContactProblem, or {way}"
         elif isinstance(found, Step):
-            way = f"the whole result, which may know them, and step=, or {way}"
-        way = f"give {way}"
-        raise ValueError(f"the places of the contacts are not known: {way}")
+            way = f"the whole result with step=, or {way}"
+        raise ValueError(f"the places of the contacts are not known: pass {way}")
     mu = known.get("mu")
     both = (n, 2) if mu is not None and np.ndim(mu) == 2 else (n,)
     shapes = {"x": (n, d), "frame": (n, d, d), "area": (n,), "mu": both}
@@ -222,7 +229,7 @@ def look(
         "reaction": solution.reaction,
         "status": solution.status,
         "gap": v[:, 0],
-        # Of a problem in the reactions alone, v is that of its one step.
+        # In a problem in the reactions only, v is the displacement of its one step.
         "slip": getattr(solution, "slip", v[:, 1:]),
     }
     seen = Contacts(
@@ -237,7 +244,7 @@ def look(
 
 
 def surface_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
-    """Number of the surface of each contact, ``(n_c,)``, where it is known."""
+    """Number of the surface of each contact, ``(n_c,)``; None if unknown."""
     given = known.get("surface")
     if given is None:
         return None
@@ -251,7 +258,7 @@ def surface_of(known: Mapping[str, Any], contacts: int) -> Ints | None:
 
 
 def names_of(known: Mapping[str, Any]) -> list[str]:
-    """Names of the surfaces by number, where there are some."""
+    """Names of the surfaces by number; [] if surfaces are unknown."""
     surface = known.get("surface")
     if surface is None or not np.size(surface):
         return []
@@ -266,7 +273,7 @@ def selection(
     contacts: int,
     known: Mapping[str, Any] = MappingProxyType({}),
 ) -> Any:
-    """Which contacts: a mask, numbers or the name of a surface, all without."""
+    """Contacts chosen by a mask, by numbers or by the name of a surface; default all."""
     if where is None:
         return slice(None)
     if isinstance(where, str):
@@ -281,19 +288,19 @@ def selection(
             f"where has entries of type {chosen.dtype}, expected a mask or integers"
         )
     if not chosen.size:
-        raise ValueError("where leaves no contacts to draw")
+        raise ValueError("where selects no contacts, expected one or more")
     if chosen.min() < 0 or chosen.max() >= contacts:
-        raise ValueError(f"where names contacts outside of 0 to {contacts - 1}")
+        raise ValueError(f"where is out of range, expected 0 to {contacts - 1}")
     return chosen
 
 
 def _of_surface(name: str, known: Mapping[str, Any]) -> NDArray[np.intp]:
-    """Numbers of the contacts on a surface; those of one name may be numbered."""
+    """Numbers of the contacts on a surface, or on ``name 0``, ``name 1``, …."""
     names = names_of(known)
     if not names:
         raise ValueError(
-            f"where is {name!r}, but the surfaces of the contacts are not known: give the "
-            "model as contacts=, or a mask"
+            f"where is {name!r}, but the surfaces of the contacts are not known: pass the "
+            "model as contacts=, or a mask as where="
         )
     mine = [k for k, one in enumerate(names) if one in (name, *_numbered(name, names))]
     chosen = np.flatnonzero(np.isin(known["surface"], mine))

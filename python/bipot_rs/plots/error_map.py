@@ -1,4 +1,4 @@
-"""Where the mesh should be finer: each element's part of the discretisation error."""
+"""Map of the discretisation error by element: it shows where to refine the mesh."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.plots.boundary_facets import skin
 
-# A mesh has the least error for its size when all elements have about the same: below a
-# thousandth of the mean nothing is to be said any more, above it a hundredth part of the
-# elements has nearly all.
+# Range of the colours, relative to the mean element. A mesh is best for its size when all
+# elements have about the same error.
 _LOW, _HIGH = 1e-3, 1e2
 
 
@@ -28,7 +27,7 @@ def error_map(
     title: str = "",
     unit: str = "",
 ) -> None:
-    """Draw the energy of each element over that of the mean element.
+    """Draw the error energy of each element, relative to the mean.
 
     Parameters
     ----------
@@ -39,9 +38,9 @@ def error_map(
     energies
         ``(cells,)``, as `DiscretisationError.cells`, not all zero.
     contacts
-        Places ``(n_c, d)``; in the plane a second panel shows what is around them.
+        Points ``(n_c, d)``; in 2D a second panel shows their surroundings.
     title, unit
-        Line on top; name of the unit of length.
+        Title; name of the unit of length.
     """
     from matplotlib.figure import Figure
 
@@ -60,7 +59,7 @@ def draw(
     contacts: Floats | None = None,
     unit: str = "",
 ) -> None:
-    """Draw the picture of `error_map` on a figure of matplotlib, or a part of one."""
+    """Draw `error_map` into a figure of matplotlib, or a subfigure."""
     from matplotlib.colors import LogNorm
 
     count = sum(len(corners) for _, corners in cells)
@@ -106,7 +105,7 @@ def _plane(
         image = PolyCollection(
             list(nodes[corners]), array=share, lw=0, antialiased=False, **colours
         )
-        # As one image: a polygon each would make a file of the size of the mesh.
+        # As an image: separate polygons would make a large file.
         image.set_rasterized(True)
         axes.add_collection(image)
         axes.set_xlim(low[0], high[0])
@@ -125,7 +124,7 @@ def _space(
     share: Floats,
     colours: dict[str, Any],
 ) -> list[tuple[Any, Any]]:
-    """Facets outside, from above and from below, each in the colour of its cell."""
+    """Draw the boundary from above and from below, each facet in the colour of its cell."""
     from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
         Poly3DCollection,
     )

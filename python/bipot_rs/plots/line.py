@@ -1,4 +1,4 @@
-"""Contact along a line: tractions within friction's limit, slip, zones over the path."""
+"""Pictures along a line: tractions with the friction limit, slip, status over the path."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bipot_rs.plots import style
 from bipot_rs.plots.arc_length import Places, common
 from bipot_rs.plots.data import Contacts, Given, look
 
-# Beyond so many contacts markers would run into each other.
+# With more contacts, markers would overlap.
 _MARKERS = 60
 
 
@@ -30,31 +30,31 @@ def tractions(
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
-    """Pressure and shear along a line, within ±μ times the pressure, and the zones.
+    """Pressure and shear along a line, with the friction limit ±μ pressure and the status.
 
-    Shear is positive where it pulls the body that has the contacts the way that places
-    grow. Several surfaces have a line each, by name, over the same axis.
+    Shear is positive if it pulls the body that has the contacts in the direction of
+    growing position. Several surfaces are drawn over the same axis, each with its name.
 
     Parameters
     ----------
     result
         A `Result`, or a `Step` or `Solution` with ``contacts``.
     step
-        Which step of a result.
+        Step of a result.
     along
-        What places are: a direction ``(d,)`` or ``"x"``, ``"y"``, ``"z"``, on which
-        contacts are projected, in space the one of shear, too; or ``"arc"``, the length
-        of the chain of contacts. An open one begins at the end of least x (y, z where
-        x is the same), a closed one at its largest x and goes counter-clockwise. Default
-        in the plane: x, y or the direction of a straight line, of others the arc. The
-        label says what it is. Contacts that are no one line are drawn as marks.
+        Position on the horizontal axis: the projection on a direction ``(d,)`` or ``"x"``,
+        ``"y"``, ``"z"``, in 3D also the direction of shear; or ``"arc"``, the arc length
+        of the chain of contacts. An open chain begins at its end with the least x (y or z
+        if x is equal), a closed one at its largest x, counter-clockwise. Default in 2D:
+        the direction of a straight line, else the arc length. Contacts that do not form
+        one line are drawn as separate marks.
     where
-        Contacts to draw, a mask ``(n_c,)``, numbers, or the name of their surface,
-        ``"body.surface"``: in space those of one line.
+        Contacts to draw: a mask ``(n_c,)``, numbers, or the name of their surface,
+        ``"body.surface"``. In 3D select those of one line.
     contacts
-        ``x (n_c, d)``, ``frame``, ``area``, ``mu``, and to tell surfaces ``surface
-        (n_c,)`` and ``surface_names``, in a mapping, or the model, where the result does
-        not know them. Without areas, forces are drawn.
+        Needed if the result does not contain these data: the model, or a mapping with
+        ``x (n_c, d)``, ``frame``, ``area``, ``mu``, and for several surfaces
+        ``surface (n_c,)`` and ``surface_names``. Without areas, forces are drawn.
     units
         Names by ``"length"``, ``"force"``, ``"stress"``; default those of the result.
     ax
@@ -67,14 +67,14 @@ def tractions(
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named; what is not known of the contacts, and how to give it.
+        A wrong argument, or missing data of the contacts; the message names them.
     """
     seen = look(result, step, contacts=contacts, where=where, units=units)
     return draw_tractions(seen, along, style.axes_of(ax))
 
 
 def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
-    """`tractions` on axes that are there."""
+    """Draw `tractions` into existing axes."""
     lines, name = _lines(seen, along)
     pressure, shear = seen.traction[:, 0], seen.traction[:, 1:]
     what = ("pressure", "shear") if seen.area is not None else ("normal", "tangential")
@@ -115,7 +115,7 @@ def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> An
 def _lines(
     seen: Contacts, along: ArrayLike | str | None
 ) -> tuple[list[tuple[str, Places]], str]:
-    """Surfaces by name with the places of their contacts, and what these are."""
+    """Names of the surfaces with the positions of their contacts, and the axis label."""
     names, parts = zip(*seen.surfaces, strict=True)
     found = common(seen.x, parts, along)
     told = {one.name for one in found}
@@ -125,15 +125,15 @@ def _lines(
 
 def _mark(one: Places) -> dict[str, Any]:
     if not one.once:
-        # A line through them would go to and fro.
+        # A line through them would go back and forth.
         return {"marker": "o", "ms": 2, "ls": "none"}
     return {"marker": "o", "ms": 3} if len(one.s) <= _MARKERS else {}
 
 
 def _component(seen: Contacts, tangential: Floats, one: Places) -> Floats:
-    """The part of tangential vectors ``(n_c, d - 1)`` along a line, ``(m,)``.
+    """Component of tangential vectors ``(n_c, d - 1)`` along a line, ``(m,)``.
 
-    In the plane the whole of it, positive the way that places grow; t1 points either way.
+    In 2D the whole vector, positive in the direction of growing position.
     """
     own = tangential[one.order]
     if seen.frame is None and seen.x.shape[1] == 2:
@@ -156,17 +156,17 @@ def _limit(seen: Contacts, one: Places) -> Floats:
 
 
 def _styles(what: tuple[str, str], limited: bool) -> list[Any]:
-    """Of lines that have the colours of surfaces."""
+    """Legend entries for line styles, if colours distinguish surfaces."""
     from matplotlib.lines import Line2D
 
-    looks = [("-", what[0]), ("--", what[1]), *([(":", "±μ × pressure")] * limited)]
+    looks = [("-", what[0]), ("--", what[1])] + [(":", "±μ × pressure")] * limited
     return [Line2D([], [], color="black", lw=1.2, ls=ls, label=s) for ls, s in looks]
 
 
 def _legend(
     ax: Any, lines: list[tuple[str, Places]], kinds: list[Any], seen: Contacts
 ) -> None:
-    """What lines and zones are, above the axes; filled column by column."""
+    """Legend of lines and statuses above the axes, filled column by column."""
     zones = style.status_handles(seen.status)
     if len(lines) == 1:
         # Lines above zones.
@@ -192,7 +192,7 @@ def _padded(handles: list[Any], rows: int = 3) -> list[Any]:
 
 
 def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
-    """Slip of the step along a line; none where contact is open."""
+    """Draw the slip of the step along a line, except where contact is open."""
     lines, name = _lines(seen, along)
     for k, (_, one) in enumerate(lines):
         v = _component(seen, closed_slip(seen), one)
@@ -200,7 +200,7 @@ def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
         colour = style.SHEAR if len(lines) == 1 else style.cycle(k)
         mark = _mark(one)
         if np.isnan(v).any():
-            # Between open contacts one alone has no line.
+            # A single contact between open ones needs a marker: it has no line.
             mark = {"marker": "o", "ms": 2} | mark
         ax.plot(one.s, v, color=colour, lw=1.6, **mark)
     ax.axhline(0, color="black", lw=0.6)
@@ -217,28 +217,28 @@ def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
 
 
 def closed_slip(seen: Contacts) -> Floats:
-    """Slip of the step where contact slips, ``(n_c, d - 1)``; zero elsewhere.
+    """Slip of the step where the status is slip, ``(n_c, d - 1)``; zero elsewhere.
 
-    What sticks has that of the residual, and what is open moves, but on nothing.
+    At sticking contacts it is rounding; at open ones it is not slip.
     """
     return np.where(seen.status[:, None] == Status.SLIP, seen.slip, 0.0)
 
 
 def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any:
-    """Zones along a line, a row a load step, the first at the bottom.
+    """Draw the status along a line, one row for each load step, the first at the bottom.
 
-    Several surfaces lie above each other, each with rows of its own.
+    Several surfaces are drawn above each other.
 
     Parameters
     ----------
     seen
-        The last step, by which contacts are placed.
+        The last step, from which the positions are taken.
     status
-        ``(steps, n_c)`` of the contacts that are drawn.
+        ``(steps, n_c)`` of the contacts to draw.
     """
     lines, name = _lines(seen, None)
     steps = len(status)
-    # Between surfaces as much as a row, and of long paths more.
+    # One empty row between surfaces, more for long paths.
     apart = steps + max(1.0, 0.12 * steps)
     for k, (whose, one) in enumerate(lines):
         rows = k * apart + np.arange(steps + 1) + 0.5
@@ -264,7 +264,7 @@ def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any
 
 
 def _edges(s: Floats) -> Floats:
-    """Ends of the stretches of nodes: the middles between a node and the next."""
+    """Limits of the intervals of nodes: the midpoints between neighbours."""
     if len(s) == 1:
         return np.array([s[0] - 0.5, s[0] + 0.5])
     return np.concatenate([s[:1], (s[1:] + s[:-1]) / 2, s[-1:]])
@@ -273,7 +273,7 @@ def _edges(s: Floats) -> Floats:
 def _strips(
     ax: Any, lines: list[tuple[str, Places]], status: NDArray[np.integer[Any]]
 ) -> None:
-    """Strips of zones at the bottom of the axes, below what is drawn, one a surface."""
+    """Draw strips of statuses at the bottom of the axes, one for each surface."""
     lines = [(name, one) for name, one in lines if one.once]
     if not lines:
         return

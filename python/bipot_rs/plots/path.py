@@ -1,4 +1,4 @@
-"""Over the load path: resultants, loops of force and displacement, friction's work."""
+"""Pictures over the load path: resultants, force over displacement, work of friction."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from bipot_rs.plots.data import (
 )
 
 _STYLE: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 1.5}
-# A mean of normals shorter than this is the rounding of normals that cancel.
+# A mean of normals shorter than this is rounding: the normals cancel.
 _AROUND = 1e-6
-# A limit of friction is drawn up to so many times the force.
+# A friction limit above this multiple of the force is not drawn.
 _IN_SIGHT = 4.0
-# Beyond so many steps markers would run into each other.
+# With more steps, markers would overlap.
 _MARKERS = 80
 
 
@@ -42,20 +42,20 @@ def resultants(
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
-    """Normal and tangential force over the load steps, and what friction could hold.
+    """Normal and tangential force over the load steps, and the limit of friction.
 
-    Of a flat surface the tangential force is the one along the line that it follows;
-    friction could hold ``Σ μ r_n``, of nodes that all pull one way. Where normals differ
-    no such force is one that loads balance: of a curved surface ``Σ r_n`` and ``Σ ‖r_t‖``
-    are drawn, the latter within ``Σ μ r_n``, and the force in global components on the
-    body that has the contacts. Several surfaces have lines of their own, by name.
+    On a flat surface the tangential force is drawn along its main direction; its limit is
+    ``Σ μ r_n``, reached if all nodes slip in one direction. On a curved surface sums of
+    components are not forces: ``Σ r_n`` and ``Σ ‖r_t‖`` are drawn, the latter with the
+    limit ``Σ μ r_n``, and the force in global components on the body that has the
+    contacts. Several surfaces have separate lines, each with its name.
 
     Parameters
     ----------
     result
         A `Result`.
     where, contacts, units, ax
-        As in `tractions`. Without frames, forces are summed by components.
+        As in `tractions`. Without frames, components are added.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def draw_resultants(
     units: Mapping[str, str],
     ax: Any,
 ) -> Any:
-    """`resultants` on axes that are there.
+    """Draw `resultants` into existing axes.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _of_surface(
     ax: Any,
     colour: str | None,
 ) -> None:
-    """Lines of one surface, all in one colour where there are several."""
+    """Draw the lines of one surface; ``colour`` replaces the default colours."""
     number = np.arange(1, len(reaction) + 1)
     style = _style(len(reaction))
     force = None
@@ -180,7 +180,7 @@ def status_shares(
     ax: Any = None,
     contacts: Given | None = None,
 ) -> Any:
-    """Parts of the contacts that stick, slip and are open, over the load steps.
+    """Fractions of the contacts that stick, slip and are open, over the load steps.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def status_shares(
 
 
 def draw_shares(status: NDArray[Any], ax: Any) -> Any:
-    """`status_shares` on axes that are there, of statuses ``(steps, n_c)``."""
+    """Draw `status_shares` of statuses ``(steps, n_c)`` into existing axes."""
     steps = len(status)
     number = np.arange(1, steps + 1)
     below = np.zeros(steps)
@@ -235,24 +235,23 @@ def force_displacement(
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
-    """Tangential force over displacement: the loop that friction leaves.
+    """Tangential force over displacement: the hysteresis loop of friction.
 
-    The force is what drives the bodies that have the contacts, the opposite of friction.
-    The area of a closed loop is the work that friction took, where ``displacement`` is
-    that of the point that is driven. Dashes are the most that friction could hold, where
-    normals are parallel, or where that is over four times the force a figure above the axes;
-    of a curved surface the force is that at right angles to the mean
-    normal, all of it where normals cancel.
+    The force is opposite to friction: it drives the bodies that have the contacts. If
+    ``displacement`` is that of the driven point, the area of a closed loop is the work of
+    friction. If the normals are parallel, dashed lines show the limit of friction; a limit
+    above four times the force is written above the axes instead. On a curved surface the
+    force is the part at right angles to the mean normal, or all of it if normals cancel.
 
     Parameters
     ----------
     result
         A `Result`.
     displacement
-        ``(steps,)``, such as what is prescribed; default the mean relative displacement
-        of the contacts along the force.
+        ``(steps,)``, for example the prescribed one; default the mean relative
+        displacement of the contacts along the force.
     name
-        Of the displacement, for its axis.
+        Label of the displacement.
     where, contacts, units, ax
         As in `resultants`.
 
@@ -263,7 +262,7 @@ def force_displacement(
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named; frames that are not known.
+        A wrong argument, or unknown frames; the message names them.
     """
     path, units = steps_of(result), units_of(result, units)
     _, drag, limit, main = _forces(path, where, contacts)
@@ -286,7 +285,7 @@ def force_displacement(
         ax.plot(delta, -limit, **dashed)
         canvas.legend_above(ax)
     elif limit is not None:
-        # The loop is to be seen, however far below its limit it is.
+        # Drawing so large a limit would make the loop too small to see.
         most = f"friction could hold up to {limit.max():.3g} {units.get('force', '')}"
         canvas.note(ax, most.strip())
     canvas.name_axis(ax.xaxis, name, units.get("length"))
@@ -301,7 +300,7 @@ def dissipation(
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
-    """Work that friction took, of each step and from the beginning of the path.
+    """Work of friction in each step, and accumulated from the beginning of the path.
 
     Parameters
     ----------
@@ -342,7 +341,7 @@ def _style(steps: int) -> dict[str, Any]:
 def _chosen(
     path: Result, where: ArrayLike | str | None, known: Mapping[str, Any]
 ) -> tuple[Any, Floats | None, Floats | None]:
-    """Which contacts are drawn, their frames and their friction coefficients."""
+    """Contacts to draw, their frames and their friction coefficients."""
     n, d = path[0].reaction.shape
     chosen = selection(where, n, known)
     frame, mu = known.get("frame"), known.get("mu")
@@ -356,9 +355,10 @@ def _chosen(
 def _forces(
     path: Result, where: ArrayLike | str | None, contacts: Given | None
 ) -> tuple[Floats, Floats, Floats | None, Floats]:
-    """Normal and tangential force ``(steps,)``, friction's limit, and the line of the drag.
+    """Normal and tangential force ``(steps,)``, the friction limit, and the direction.
 
-    The line is a unit vector, global where frames are known, else along t1, t2.
+    The direction of the tangential force is a unit vector, in global components if frames
+    are known, else along t1, t2.
     """
     chosen, frame, mu = _chosen(path, where, contacts_of(path, contacts))
     return sums(path.reaction[:, chosen], frame, mu)
@@ -367,29 +367,28 @@ def _forces(
 def sums(
     reaction: Floats, frame: Floats | None, mu: Floats | None
 ) -> tuple[Floats, Floats, Floats | None, Floats]:
-    """As `_forces`, of reactions ``(steps, n_c, d)``; no limit where normals differ."""
+    """As `_forces`, from reactions ``(steps, n_c, d)``; no limit if normals differ."""
     parallel = True
     if frame is None:
         press, drag = reaction[..., 0].sum(axis=1), reaction[..., 1:].sum(axis=1)
     else:
-        # In the frame of each contact; summed in global components.
         force = np.einsum("sck,ckd->sd", reaction, frame)
-        # Of a clamp, too: opposite normals have one line.
+        # Opposite normals, as of a clamp, count as parallel.
         side = np.where(frame[:, 0] @ frame[0, 0] < 0, -1.0, 1.0)
         parallel = not is_curved(frame[:, 0] * side[:, None])
         normal = frame[0, 0] if parallel else frame[:, 0].mean(axis=0)
         length = np.linalg.norm(normal)
-        # Around a hole the normals cancel: all of the force is then tangential.
+        # Around a hole the normals cancel: the whole force is then tangential.
         normal = normal / length if length > _AROUND else np.zeros_like(normal)
         press = force @ normal
         drag = force - press[:, None] * normal
     main = np.linalg.svd(drag, full_matrices=False)[2][0]
-    # Of the two directions of the line that the drag follows, the ascending axis.
+    # Of the two opposite directions, take the one along the ascending axis.
     main = main * np.sign(main[np.argmax(np.abs(main))])
     limit = None
     if mu is not None and parallel:
         if mu.ndim == 2:
-            # The most that an ellipse's points reach along the line of the drag.
+            # Extent of the friction ellipse along the direction of the force.
             tangents = np.eye(2) if frame is None else frame[:, 1:]
             mu = by_pressure(mu, np.broadcast_to(tangents @ main, mu.shape))
         limit = reaction[..., 0] @ mu

@@ -1,4 +1,4 @@
-"""The picture that a run leaves: tractions, zones and the load path, in one file."""
+"""The picture of `bipot run --plot`: tractions, statuses and the load path in one file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bipot_rs.plots.surface import draw_map, draw_status, is_plane
 
 Arrays = Mapping[str, NDArray[Any]]
 
-# Surfaces that have maps of their own; more are drawn together.
+# Up to this many surfaces have separate maps; more are drawn together.
 _ROWS = 4
 
 
@@ -33,29 +33,29 @@ def tractions(
     units: Mapping[str, str] | None = None,
     step: int = -1,
 ) -> None:
-    """Draw a load step, and the path.
+    """Draw one load step, and the load path.
 
     Parameters
     ----------
     path
         Picture to write; the suffix chooses the format.
     contacts
-        ``x (n_c, d)``, ``area (n_c,)``, ``mu``, ``frame (n_c, d, d)``, and where there
-        are surfaces ``surface (n_c,)`` and ``surface_names``, as in a result file. Each
-        surface has lines, in space maps, of its own.
+        ``x (n_c, d)``, ``area (n_c,)``, ``mu``, ``frame (n_c, d, d)``, and for several
+        surfaces ``surface (n_c,)`` and ``surface_names``, as in a result file. Each
+        surface has separate lines, in 3D maps.
     steps
         At least one, each with ``load``, ``reaction (n_c, d)``, ``status (n_c,)``.
     title
-        Line on top; which load step is drawn follows.
+        Title; the number of the load step is added.
     units
         Names of units by ``"length"``, ``"force"``, ``"stress"``.
     step
-        Which of ``steps`` is drawn, the last if not given.
+        Index of the step to draw, default the last.
 
     Raises
     ------
     TypeError, ValueError
-        What is missing or of the wrong shape, by its name.
+        Data are missing or have a wrong shape; the message names them.
     """
     from matplotlib.figure import Figure
 
@@ -99,7 +99,7 @@ def tractions(
 
 
 def _rows(seen: Contacts) -> list[tuple[str, Contacts]]:
-    """What has a row of pictures: each surface where they are plane, else all in space."""
+    """Rows of pictures: one for each surface if all are flat, else one for all."""
     if is_plane(seen):
         return [("", seen)]
     each = [(name, seen.part(own)) for name, own in seen.surfaces]
@@ -123,7 +123,7 @@ def _checked(
     ) -> dict[str, Floats]:
         missing = [name for name in shapes if given.get(name) is None]
         if missing:
-            raise ValueError(f"{whose} lacks {', '.join(missing)}")
+            raise ValueError(f"{whose}: {', '.join(missing)} missing")
         return {
             name: floats(f"{name} of {whose}", given[name], shape=shape)
             for name, shape in shapes.items()
@@ -144,7 +144,7 @@ def _checked(
 
 
 def _maps(figure: Any, seen: Contacts) -> None:
-    """Contact on a plane: maps of pressure, of shear with its direction, of zones."""
+    """Draw contact on a flat surface: maps of pressure, shear with direction, status."""
     left, middle, right = figure.subplots(1, 3)
     draw_map(seen, "pressure", left)
     draw_map(seen, "shear", middle, seen.traction[:, 1:])
@@ -154,7 +154,7 @@ def _maps(figure: Any, seen: Contacts) -> None:
 
 
 def _clouds(figure: Any, seen: Contacts) -> None:
-    """Contact on surfaces that are not one plane: nodes in space."""
+    """Draw contact on other surfaces: nodes in 3D."""
     panels = figure.subplots(1, 3, subplot_kw={"projection": "3d"})
     x, unit = seen.x, style.stress_unit(seen.units)
     shear = np.linalg.norm(seen.traction[:, 1:], axis=1)

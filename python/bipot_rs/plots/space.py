@@ -1,4 +1,4 @@
-"""The surface of contact in space, by matplotlib or by PyVista."""
+"""Pictures of the contact surface in 3D, with matplotlib or PyVista."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ def surface3d(
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
-    """Facets of contact in space, whatever their shape, in the colours of a quantity.
+    """Contact facets in 3D, on surfaces of any shape, coloured by a quantity.
 
     Parameters
     ----------
     model
-        The bodies, in space: `fem.Assembly`, or what has one, as `deformed` takes it.
+        The bodies, in 3D, as in `deformed`.
     result, step, units
         As in `tractions`.
     quantity
         As in `surface_map`, or ``"status"``.
     backend
-        ``"matplotlib"``, or ``"pyvista"`` where that is installed: the picture can then
-        be turned, and near facets hide far ones rightly.
+        ``"matplotlib"``, or ``"pyvista"`` if installed: that picture can be rotated, and
+        near facets hide far ones correctly.
     bodies
-        Whether the outlines of the bodies are drawn too.
+        Whether to draw the outlines of the bodies.
     arrows
-        Whether arrows show slip, where that is the quantity.
+        Whether to draw arrows if the quantity is slip.
     ax
-        With matplotlib axes to draw into, of 3D. With PyVista the ``Plotter``; default
-        a new one, off screen: ``.screenshot("a.png")`` writes it.
+        For matplotlib: axes in 3D to draw into. For PyVista: a ``Plotter``; default a new
+        one, off screen, which ``.screenshot("a.png")`` writes.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def surface3d(
     ModuleNotFoundError
         The backend is not installed.
     TypeError, ValueError
-        A wrong argument, named.
+        A wrong argument; the message names it.
     """
     if backend not in BACKENDS:
         raise ValueError(
@@ -80,7 +80,7 @@ def surface3d(
             f"model is a {type(given).__name__}, expected a Model, a Case or a ModelResult"
         )
     if model.dim != 3:
-        raise ValueError("model lies in the plane, expected bodies in space")
+        raise ValueError("model has two dimensions, expected three")
     seen = look(result, step, contacts=model, units=units)
     draw = _matplotlib if backend == "matplotlib" else _pyvista
     return draw(model, seen, quantity, bodies, arrows and quantity == "slip", ax)
@@ -99,12 +99,15 @@ def _values(
 def _polygons(model: Assembly) -> list[Any]:
     from bipot_rs.fem.contact_surface import contact_surface
 
-    facets = [facet for facet in contact_surface(model) if facet[0] != "vertex"]
-    return [corners_of(*facet)[1] for facet in facets]
+    return [
+        corners_of(kind, facets)
+        for kind, facets in contact_surface(model)
+        if kind != "vertex"
+    ]
 
 
 def _zones(status: Floats, parts: list[Any]) -> list[Floats]:
-    """Status of each facet: the median of its corners, in the order open, slip, stick."""
+    """Status of each facet: the median of its corners, ordered open, slip, stick."""
     return [np.median(status[corners], axis=1).round() for corners in parts]
 
 
@@ -167,7 +170,7 @@ def _slip(model: Assembly, seen: Contacts, places: Floats, ax: Any) -> None:
 
 
 def _outline(model: Assembly, ax: Any) -> None:
-    """Edges of the bodies where their outside turns."""
+    """Draw the sharp edges of the bodies."""
     from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
         Line3DCollection,
     )
@@ -177,7 +180,7 @@ def _outline(model: Assembly, ax: Any) -> None:
 
 
 def sharp_edges(model: Assembly) -> Any:
-    """Edges ``(m, 2)`` of the outside of bodies where it turns by 30 degrees and more."""
+    """Edges ``(m, 2)`` of the boundary at which it turns by 30 degrees or more."""
     found = []
     for facets, _ in skin(model.cells):
         x = model.nodes[facets]
@@ -193,7 +196,7 @@ def sharp_edges(model: Assembly) -> Any:
         )
         order = np.argsort(which.ravel(), kind="stable")
         first = np.cumsum(count) - count
-        # Where more than two facets meet, parts of the body touch along the edge.
+        # An edge with more than two facets, where parts of a body touch, is sharp.
         sharp = count != 2
         one, other = owner[order[first[~sharp]]], owner[order[first[~sharp] + 1]]
         sharp[~sharp] = np.sum(normal[one] * normal[other], axis=1) < np.cos(np.pi / 6)
@@ -209,7 +212,7 @@ def _pyvista(
     values, name, unit, (low, high) = _values(seen, quantity)
     name = style.label(name, unit)
     parts = _polygons(model)
-    # Of each polygon the number of corners, and the corners.
+    # PyVista: for each polygon the number of corners, and the corners.
     faces = [np.column_stack([np.full(len(c), c.shape[1]), c]).ravel() for c in parts]
     surface = pv.PolyData(model.points, faces=np.concatenate(faces))
     look = {"clim": (low, high), "show_edges": True, "lighting": False}
@@ -224,7 +227,7 @@ def _pyvista(
         plotter.add_legend(legend, bcolor=None, face="rectangle", size=(0.2, 0.15))
     else:
         surface.point_data[name] = values
-        # On the right, where the bodies are not.
+        # On the right of the bodies.
         bar: dict[str, Any] = {
             "vertical": True,
             "position_x": 0.86,

@@ -1,7 +1,7 @@
-"""Axes, colours, labels and legends that all pictures share.
+"""Axes, colours, labels and legends of all pictures.
 
-Figures are made without pyplot, which would keep them and choose a backend for the
-process. Colours are told apart without red and green, and in grey by their lightness.
+Figures are made without pyplot, which would keep them in memory and choose a backend for
+the process. Colours can be distinguished without red and green, and in grey by lightness.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ from numpy.typing import NDArray
 from bipot_rs.contact.summary import STATUS
 from bipot_rs.files.export import library
 
-# By status: open, slip, stick.
+# Colours of the statuses open, slip, stick.
 COLOURS = ("#d9dee3", "#f28e2b", "#1f4e79")
 PRESSURE, SHEAR, LIMIT, QUIET = "#1f4e79", "#c0392b", "#f28e2b", "#7f8c8d"
-# Of several surfaces, in their order; then from the first again.
+# Colours of several surfaces, used cyclically.
 _CYCLE = ("#1f4e79", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#7f7f7f")
-# Inches: at the width of a column, 85 mm, letters of 10 points come out as 7.
+# Inches: scaled to a column of 85 mm, letters of 10 points become 7 points.
 SIZE = (4.8, 3.6)
 Units = Mapping[str, str]
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-# What work is called: where not here, by its factors.
+# Units of work by those of force and length; otherwise their product is written.
 _WORK = {("N", "m"): "J", ("kN", "m"): "kJ", ("MN", "m"): "MJ"}
 
 
 def axes_of(ax: Any, *, size: tuple[float, float] = SIZE, space: bool = False) -> Any:
-    """``ax``, or the axes of a new figure.
+    """``ax``, or the axes of a new figure; ``space`` asks for axes in 3D.
 
     Raises
     ------
     ModuleNotFoundError
-        matplotlib is not installed; the message says how to get it.
+        matplotlib is not installed; the message says how to install it.
     TypeError
-        ``ax`` is something else, or does not show space where that is needed.
+        ``ax`` is not axes of matplotlib, or has the wrong projection.
     """
     library("matplotlib", extra="cli", need="pictures")
     from matplotlib.axes import Axes
@@ -55,15 +55,15 @@ def axes_of(ax: Any, *, size: tuple[float, float] = SIZE, space: bool = False) -
 
 
 def label(name: str, unit: str | None) -> str:
-    """``name [unit]``, or the name alone where the unit is not known."""
+    """``name [unit]``, or the name only if the unit is unknown."""
     return f"{name} [{unit}]" if unit else name
 
 
 def name_axis(axis: Any, name: str, unit: str | None) -> None:
-    """Label an axis of axes or of a colour bar, a power of 1000 with its unit.
+    """Label an axis, if necessary with a power of 1000 before the unit.
 
-    Without it the ticks would be long, or matplotlib would write the power where a legend
-    is. Called when what is drawn is there.
+    Otherwise ticks would be long, or matplotlib would write the power over a legend. Call
+    it after the data are drawn.
     """
     largest = float(np.abs(axis.get_view_interval()).max())
     power = 0
@@ -83,12 +83,12 @@ def name_axis(axis: Any, name: str, unit: str | None) -> None:
 def colour_bar(
     image: Any, ax: Any, name: str, unit: str | None, *, extend: str = "neither"
 ) -> Any:
-    """Colour bar on the right of the axes, with its name."""
+    """Add a colour bar with a name on the right of the axes."""
     if ax.name == "3d":
         bar = ax.figure.colorbar(image, ax=ax, extend=extend, shrink=0.8, pad=0.1)
     else:
-        # As high as the axes, also where one length the same in x and y makes them low,
-        # and not narrower where it makes them narrow.
+        # As high as the axes, also if equal scales make these low, and as wide as usual
+        # if equal scales make the axes narrow.
         wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
         part = 1.0 if ax.get_aspect() == "auto" else max(high / wide, 1.0)
         place = ax.inset_axes((1.0 + 0.03 * part, 0.0, 0.045 * part, 1.0))
@@ -98,7 +98,7 @@ def colour_bar(
 
 
 def stress_unit(units: Units) -> str | None:
-    """Of tractions: as given, or from force and length."""
+    """Unit of tractions: as given, or made from force and length."""
     if units.get("stress"):
         return units["stress"]
     force, length = units.get("force"), units.get("length")
@@ -106,7 +106,7 @@ def stress_unit(units: Units) -> str | None:
 
 
 def work_unit(units: Units) -> str | None:
-    """Of force times length."""
+    """Unit of work; None if force or length is unknown."""
     force, length = units.get("force"), units.get("length")
     if not force or not length:
         return None
@@ -114,28 +114,28 @@ def work_unit(units: Units) -> str | None:
 
 
 def cycle(k: int) -> str:
-    """Colour of the surface of number ``k`` among those drawn."""
+    """Colour of surface number ``k``."""
     return _CYCLE[k % len(_CYCLE)]
 
 
 def fit(ax: Any) -> None:
-    """Give a figure with one picture at one scale in x and y the height that it fills."""
+    """Fit the height of a figure to one picture with equal scales in x and y."""
     wide, high = np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())
     width, _ = ax.figure.get_size_inches()
-    # Beside the axes stand labels and the colour bar, above and below labels.
+    # Labels and the colour bar take 2 inches in width, labels 0.9 inches in height.
     inner = width - 2.0
     height = min(max(inner * high / wide, 2.0), 5.4)
     ax.figure.set_size_inches(width, height + 0.9)
 
 
 def note(ax: Any, text: str) -> None:
-    """A few words above the axes, on their left."""
+    """Write a short text above the axes, on the left."""
     if text:
         ax.set_title(text, fontsize="small", loc="left")
 
 
 def say(ax: Any, text: str) -> None:
-    """A sentence in the middle of axes that have nothing else to tell."""
+    """Write a sentence into the middle of axes that show no values."""
     place = {"ha": "center", "va": "center", "transform": ax.transAxes}
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85}
     if ax.name == "3d":
@@ -145,14 +145,14 @@ def say(ax: Any, text: str) -> None:
 
 
 def blank() -> Any:
-    """Colours of a surface whose values are all the same."""
+    """Colour map with one colour, for values that are all equal."""
     from matplotlib.colors import ListedColormap
 
     return ListedColormap([COLOURS[0]])
 
 
 def legend_above(ax: Any, *, title: str = "", **more: Any) -> Any:
-    """Legend over the axes, where it hides nothing, under a title on its left."""
+    """Add a legend above the axes, where it hides nothing, with a title."""
     if title:
         more = {"title": title, "title_fontsize": "small", "alignment": "left"} | more
     place = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "frameon": False}
@@ -161,7 +161,7 @@ def legend_above(ax: Any, *, title: str = "", **more: Any) -> Any:
 
 
 def status_handles(status: NDArray[np.integer[Any]]) -> list[Any]:
-    """Patches for a legend, stick first, with how many contacts are of each."""
+    """Patches for a legend, stick first, with the number of contacts of each status."""
     from matplotlib.patches import Patch
 
     counts = [int(np.sum(status == k)) for k in range(3)]
@@ -172,26 +172,26 @@ def status_handles(status: NDArray[np.integer[Any]]) -> list[Any]:
 
 
 def status_colours() -> dict[str, Any]:
-    """Arguments of what maps numbers to colours, for statuses."""
+    """Keyword arguments of matplotlib that map statuses to colours."""
     from matplotlib.colors import ListedColormap
 
     return {"cmap": ListedColormap(COLOURS), "vmin": 0, "vmax": 2}
 
 
 def bare(ax: Any) -> None:
-    """Take away the frame where no axis is."""
+    """Remove the top and right lines of the frame."""
     ax.spines[["top", "right"]].set_visible(False)
 
 
 def whole_numbers(axis: Any) -> None:
-    """Ticks of load steps."""
+    """Put ticks at whole numbers."""
     from matplotlib.ticker import MaxNLocator
 
     axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
 
 
 def round_number(value: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above ``value`` > 0.
+    """Round ``value`` > 0 down to 1, 2 or 5 times a power of ten.
 
     >>> [round_number(x) for x in (0.034, 7.0, 1000.0)]
     [0.02, 5.0, 1000.0]

@@ -1,4 +1,4 @@
-"""Contact on a plane surface in space: maps of tractions and zones, arrows of slip."""
+"""Pictures of a flat contact surface in 3D: maps of tractions and status, slip arrows."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from bipot_rs.plots import style
 from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection, steps_of
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
 
-# What `surface_map` draws: its name, and of what unit.
+# Quantities of `surface_map`: label and kind of unit.
 QUANTITIES = {
     "pressure": ("pressure", "stress"),
     "shear": ("shear traction", "stress"),
     "slip": ("slip in the step", "length"),
     "gap": ("gap", "length"),
 }
-# What is said where a quantity is zero everywhere.
+# Text in the picture if a quantity is zero everywhere.
 NOTHING = {
     "pressure": "all contacts are open",
     "shear": "no friction acts",
     "slip": "no slip in the step",
     "gap": "all contacts are closed",
 }
-# Gaps of what is open, but for rounding closed, to this part of the surface's width.
+# An open gap below this fraction of the width of the surface is rounding.
 _TOUCHES = 1e-12
-# Nodes of one plane, to this part of its width.
+# Tolerance for nodes on one plane, relative to its width.
 _PLANE = 1e-6
 _PIXELS = 500
-# An edge longer than so many times the widths of what its two nodes have bridges a hole.
+# An edge longer than this multiple of the sizes of its two nodes bridges a hole.
 _BRIDGE = 2.5
-# The part of the nodes whose values the colours span.
+# Percentage of the nodes whose values lie within the range of colours.
 _SPAN = 98
-# Arrows, as many across.
+# Number of arrows across the surface.
 _ARROWS = 14
 
 
@@ -52,26 +52,25 @@ def surface_map(
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
-    """Map of a plane surface of contact in space, triangulated by its nodes.
+    """Map of a flat contact surface in 3D, on a triangulation of its nodes.
 
-    Tractions grow without bound towards an edge: the colours span what 98 nodes of 100
-    have, and an arrow at the colour bar says that others have more. Where there is
-    nothing to tell by colours, such as a gap where all is closed, that is said instead.
+    At an edge tractions are singular: the colours cover the values of 98 % of the nodes,
+    and an arrow at the colour bar shows that there are larger ones. If the quantity is
+    zero everywhere, a text says so.
 
-    Places are those on the plane, along x, y or z where it lies so, else along t1 and t2
-    of the contacts, in the mean where these differ.
+    The axes are x, y or z if these lie in the plane, else t1 and t2 of the contacts, or
+    their mean if the contacts have different ones.
 
     Parameters
     ----------
     result, step, where, contacts, units, ax
-        As in `tractions`. Of several surfaces, ``where`` chooses one.
+        As in `tractions`. If there are several surfaces, select one with ``where``.
     quantity
-        ``"pressure"``, ``"shear"`` (its size), ``"slip"`` (the size of the step's, zero
-        where contact sticks or is open), ``"gap"`` (what is left of it, zero where bodies
-        touch).
+        ``"pressure"``, ``"shear"`` (magnitude), ``"slip"`` (magnitude in the step, zero
+        at sticking and open contacts), ``"gap"`` (zero at closed contacts).
     arrows
-        Whether arrows show the direction, of shear as it acts on the body that has the
-        contacts; default: of shear and slip, where the frames are known.
+        Whether arrows show the direction; shear is that on the body that has the
+        contacts. Default: for shear and slip, if the frames are known.
 
     Returns
     -------
@@ -80,7 +79,7 @@ def surface_map(
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named; contacts that do not lie on one plane.
+        A wrong argument; the message names it. Contacts that do not lie on one plane.
     """
     if quantity not in QUANTITIES:
         raise ValueError(
@@ -101,11 +100,11 @@ def surface_map(
 def draw_map(
     seen: Contacts, quantity: str, ax: Any, vector: Floats | None = None
 ) -> Any:
-    """`surface_map` on axes that are there."""
+    """Draw `surface_map` into existing axes."""
     uv, names = _plane(seen)
     values, name, unit = values_of(seen, quantity)
     if _line(uv):
-        raise ValueError("the contacts lie on a line: tractions draws those")
+        raise ValueError("the contacts lie on a line: use tractions instead")
     if not values.any():
         triangles = _triangles(uv, seen.area)
         ax.tripcolor(triangles, values, shading="gouraud", cmap=style.blank())
@@ -130,7 +129,7 @@ def draw_map(
 
 
 def values_of(seen: Contacts, quantity: str) -> tuple[Floats, str, str | None]:
-    """What `QUANTITIES` names, ``(n_c,)``, with its name and unit."""
+    """Values of a quantity, ``(n_c,)``, its label and its unit."""
     name, kind = QUANTITIES[quantity]
     unit = seen.units.get("length")
     if kind == "stress":
@@ -138,7 +137,7 @@ def values_of(seen: Contacts, quantity: str) -> tuple[Floats, str, str | None]:
         if seen.area is None:
             name = {"pressure": "normal force", "shear": "friction force"}[quantity]
             unit = seen.units.get("force")
-    # Of what touches, the gap is rounding.
+    # At closed contacts the gap is rounding.
     width = float(np.ptp(seen.x, axis=0).max())
     apart = (seen.status == Status.OPEN) & (np.abs(seen.gap) > _TOUCHES * width)
     values: dict[str, Floats] = {
@@ -151,11 +150,11 @@ def values_of(seen: Contacts, quantity: str) -> tuple[Floats, str, str | None]:
 
 
 def span(values: Floats, quantity: str) -> tuple[float, float, str]:
-    """Least and largest value that have colours, and whether others have more."""
+    """Range of the colours, and "max" if there are larger values, else "neither"."""
     low = float(min(values.min(), 0.0)) if quantity == "gap" else 0.0
     high = float(np.percentile(values, _SPAN))
     if high <= low:
-        # All the same but a few: those then span the colours.
+        # Only a few values differ from the least one: the range covers them.
         high = float(values.max())
     if high <= low:
         return low, low + 1.0, "neither"
@@ -171,17 +170,17 @@ def status_map(
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
-    """Where contact is open, slips and sticks.
+    """Map of the contact status.
 
-    In space the plane surface at one step, each place in the colour of the nearest
-    contact; in the plane the contact line over the load path, a row a step.
+    In 3D: the flat surface at one step, each point in the colour of the nearest contact.
+    In 2D: the contact line over the load path, one row for each step.
 
     Parameters
     ----------
     result, where, contacts, units, ax
-        As in `surface_map`; in the plane several surfaces have rows of their own.
+        As in `surface_map`; in 2D several surfaces have separate rows.
     step
-        Which step; default the last one, in the plane all.
+        Step of a result; default the last one, in 2D all.
 
     Returns
     -------
@@ -207,13 +206,13 @@ def status_map(
 
 
 def draw_status(seen: Contacts, ax: Any) -> Any:
-    """`status_map` of a surface on axes that are there."""
+    """Draw `status_map` of a surface into existing axes."""
     from scipy.spatial import cKDTree
 
     uv, names = _plane(seen)
     low, high = uv.min(axis=0), uv.max(axis=0)
     step = (high - low).max() / _PIXELS or 1.0
-    # Pixels of a whole number an axis, to the very rim of the surface.
+    # A whole number of pixels along each axis, exactly up to the rim of the surface.
     count = np.maximum(np.rint((high - low) / step).astype(int), 1)
     width = np.where(high > low, (high - low) / count, step)
     u, v = (low[k] + (np.arange(count[k]) + 0.5) * width[k] for k in (0, 1))
@@ -221,7 +220,7 @@ def draw_status(seen: Contacts, ax: Any) -> Any:
     image = seen.status[cKDTree(uv).query(places)[1]].astype(float)
     if not _line(uv):
         found, bridges = _joined(uv, seen.area)
-        # The last one for what is in no triangle.
+        # find_simplex returns -1 outside all triangles: the last entry.
         hole = np.append(bridges, True)
         image[hole[found.find_simplex(places)]] = np.nan
     ax.imshow(
@@ -252,16 +251,16 @@ def slip(
     units: Mapping[str, str] | None = None,
     ax: Any = None,
 ) -> Any:
-    """Slip of a step: along a line in the plane, as arrows on a surface in space.
+    """Slip of a step: in 2D along a line, in 3D as arrows on a flat surface.
 
-    Arrows are drawn at about one contact of each of 14 × 14 squares, their length as their
-    colour the size of the slip, and only where contact slips; the others are dots, those
-    that are open circles. Along a line there is none where contact is open.
+    Arrows are drawn at one slipping contact in each of about 14 × 14 squares; their length
+    and colour show the magnitude. Closed contacts are dots, open ones circles. A line has
+    gaps at open contacts.
 
     Parameters
     ----------
     result, step, along, where, contacts, units, ax
-        As in `tractions`; in space ``along`` asks for the line.
+        As in `tractions`; in 3D ``along`` draws a line instead of arrows.
 
     Returns
     -------
@@ -292,14 +291,14 @@ def slip(
 
 
 def is_plane(seen: Contacts) -> bool:
-    """Whether contacts in space lie on one plane."""
+    """Whether contacts in 3D lie on one plane."""
     off = seen.x - seen.x.mean(axis=0)
     widths = np.ptp(off @ np.linalg.svd(off, full_matrices=False)[2].T, axis=0)
     return bool(widths[-1] <= _PLANE * widths[0]) if len(widths) == 3 else True
 
 
 def _line(uv: Floats) -> bool:
-    """Whether places on a plane lie on one line, or are fewer than three."""
+    """Whether points on a plane lie on one line, or are fewer than three."""
     if len(uv) < 3:
         return True
     wide, narrow = np.linalg.svd(uv - uv.mean(axis=0), compute_uv=False)
@@ -307,34 +306,34 @@ def _line(uv: Floats) -> bool:
 
 
 def _plane(seen: Contacts) -> tuple[Floats, list[str]]:
-    """Coordinates ``(n_c, 2)`` on the plane of the contacts, and what they are."""
+    """Coordinates ``(n_c, 2)`` on the plane of the contacts, and their labels."""
     x = seen.x
     if x.shape[1] != 3:
-        raise ValueError("the contacts lie in the plane: tractions draws their line")
+        raise ValueError("the contacts have two dimensions: use tractions instead")
     if not is_plane(seen):
         surfaces = [name for name, _ in seen.surfaces if name]
-        where = f" (there are {', '.join(surfaces)})" if len(surfaces) > 1 else ""
+        where = f" (one of {', '.join(surfaces)})" if len(surfaces) > 1 else ""
         raise ValueError(
-            "the contacts lie on more than one plane: choose those of one by where="
-            f"{where}, or draw them in space by surface3d"
+            "the contacts lie on more than one plane: select those of one by where="
+            f"{where}, or draw them in 3D by surface3d"
         )
     axes, names = _tangents(seen)
     return x @ axes.T, names
 
 
 def _tangents(seen: Contacts) -> tuple[Floats, list[str]]:
-    """Axes ``(2, 3)`` on the plane of the contacts, and their names.
+    """Axes ``(2, 3)`` on the plane of the contacts, and their labels.
 
-    Those of the contacts where these are the same: else, as of a roller over a plane,
-    they lean out of it, and places along one of them would be those of no ruler.
+    The tangents of the contacts if these are equal. Otherwise, as for a roller on a plane,
+    tangents may point out of the plane, and their mean is used.
     """
     off = seen.x - seen.x.mean(axis=0)
-    # Three rows more, so that there are three directions of two contacts, too.
+    # Three more rows, so that the SVD has three directions even for two contacts.
     rows = np.concatenate([off, np.zeros((3, 3))])
     normal = np.linalg.svd(rows, full_matrices=False)[2][-1]
     names = ["along t1", "along t2"]
     if seen.frame is None:
-        # The two coordinates that the plane is seen best along.
+        # The two coordinates in which the plane has the largest projection.
         axes = np.delete(np.eye(3), np.argmax(np.abs(normal)), axis=0)
     elif np.abs(seen.frame - seen.frame[0]).max() <= _PLANE:
         axes = seen.frame[0, 1:]
@@ -348,11 +347,11 @@ def _tangents(seen: Contacts) -> tuple[Floats, list[str]]:
 
 
 def _mean_tangents(frame: Floats, normal: Floats) -> Floats:
-    """The mean t1 made to lie in a plane, and what is at right angles to it, as t2 is."""
+    """The mean t1 projected onto a plane, and the direction at right angles near t2."""
     first, second = frame[:, 1:].mean(axis=0)
     first = first - (first @ normal) * normal
     if np.linalg.norm(first) < 0.1:
-        # Around an axis they cancel: the axis of coordinates that the plane is nearest to.
+        # Around an axis the tangents cancel: use the axis of coordinates nearest the plane.
         axis = np.eye(3)[np.argmin(np.abs(normal))]
         first = axis - (axis @ normal) * normal
     first = first / np.linalg.norm(first)
@@ -384,11 +383,11 @@ def _arrows(
     values: Floats | None = None,
     **look: Any,
 ) -> Any:
-    """Arrows of tangential vectors, on a few contacts, the longest as wide as a square."""
+    """Draw tangential vectors at some contacts; the longest is as long as a square."""
     axes, _ = _tangents(seen)
     size = np.linalg.norm(vector, axis=1)
     largest = float(size.max(initial=0.0))
-    # Rounding of what sticks has no direction.
+    # Vectors that are rounding have no direction.
     chosen = _thin(uv, size > 1e-9 * largest, values)
     if not chosen.size or largest == 0:
         return None
@@ -416,7 +415,7 @@ def _arrows(
 
 
 def _areas(uv: Floats, area: Floats | None) -> Floats:
-    """Areas of the nodes, or what one has of the rectangle that holds all."""
+    """Areas of the nodes; if unknown, estimated from the rectangle around all."""
     if area is not None:
         return area
     whole = float(np.prod(np.ptp(uv, axis=0)))
@@ -424,13 +423,13 @@ def _areas(uv: Floats, area: Floats | None) -> Floats:
 
 
 def _joined(uv: Floats, area: Floats | None) -> tuple[Any, Bools]:
-    """Delaunay triangles of nodes not on one line, and which of them bridge a hole."""
+    """Delaunay triangles of nodes not on one line, and a mask of those that bridge a hole."""
     from scipy.spatial import Delaunay
 
     found = Delaunay(uv)
     corners = found.simplices
-    # Cells may be long along one axis: edges are compared with what nodes have when both
-    # axes are drawn out so that half the triangles are as wide as high.
+    # Cells may be elongated: edges are measured after scaling both axes so that the
+    # median triangle is as wide as high.
     wide, high = np.median(np.ptp(uv[corners], axis=1), axis=0)
     even = uv * np.sqrt([high / wide, wide / high])
     size = np.sqrt(_areas(uv, area))
@@ -443,7 +442,7 @@ def _joined(uv: Floats, area: Floats | None) -> tuple[Any, Bools]:
 
 
 def _triangles(uv: Floats, area: Floats | None) -> Any:
-    """What `_joined` finds, for matplotlib, without what bridges a hole."""
+    """Triangulation for matplotlib, without triangles that bridge a hole."""
     from matplotlib.tri import Triangulation
 
     found, bridges = _joined(uv, area)
@@ -451,10 +450,10 @@ def _triangles(uv: Floats, area: Floats | None) -> Any:
 
 
 def _thin(uv: Floats, wanted: Bools, values: Floats | None) -> NDArray[np.intp]:
-    """One contact of those wanted in each of about 14 × 14 squares.
+    """Choose one of the wanted contacts in each of about 14 × 14 squares.
 
-    The one of the largest value; without values the one nearest the middle, whose arrow
-    the frame does not cut.
+    The one with the largest value; without values the one nearest to the middle of the
+    square, so that its arrow stays within the frame.
     """
     size = np.ptp(uv, axis=0).max() / _ARROWS or 1.0
     at = (uv - uv.min(axis=0)) / size

@@ -1,4 +1,4 @@
-"""Scenes: TOML files and tables that describe a contact problem and its load path."""
+"""Scenes: TOML files and tables that define a contact problem and its load path."""
 
 from typing import TYPE_CHECKING
 
@@ -28,21 +28,8 @@ __getattr__, __dir__ = lazily(
     __name__,
     {
         "bipot_rs.scene.build": ("bodies",),
-        "bipot_rs.scene.case": (
-            "Case",
-            "Load",
-        ),
-        "bipot_rs.scene.library": (
-            "SceneError",
-            "shipped",
-            "text",
-        ),
-        "bipot_rs.scene.reading": (
-            "assemble",
-            "checked",
-            "parsed",
-            "put",
-            "read",
-        ),
+        "bipot_rs.scene.case": ("Case", "Load"),
+        "bipot_rs.scene.library": ("SceneError", "shipped", "text"),
+        "bipot_rs.scene.reading": ("assemble", "checked", "parsed", "put", "read"),
     },
 )

@@ -1,4 +1,4 @@
-"""What the tables of a scene name: meshes, materials, obstacles, contacts and strains."""
+"""From the tables of a scene to meshes, materials, obstacles, contacts and strains."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from bipot_rs.scene.schema.root import Scene
 
 
 def bodies(scene: Scene) -> list[Body]:
-    """Meshes and materials of a scene.
+    """Make the meshes and materials of a scene.
 
     Raises
     ------
     SceneError
-        Files that cannot be read, and what shows on their meshes only: names that they
-        do not have, surfaces where no facet lies; all mistakes at once.
+        All mistakes found: files that cannot be read, names that a mesh does not have,
+        surfaces without facets.
     """
     found: list[Body] = []
     problems: list[str] = []
@@ -47,7 +47,9 @@ def bodies(scene: Scene) -> list[Body]:
             found.append(Body(name, mesh, _material(scene, block)))
         except (OSError, ValueError) as error:
             problems.append(
-                f"{place}{error}" if _placed(error) else f"{place}: {error}"
+                f"{place}{error}"
+                if isinstance(error, _Mistake)
+                else f"{place}: {error}"
             )
     if not problems and any(block.mesh is not None for block in scene.body.values()):
         problems = inconsistencies(scene, {body.name: _known(body) for body in found})
@@ -57,11 +59,7 @@ def bodies(scene: Scene) -> list[Body]:
 
 
 class _Mistake(ValueError):
-    """One that says its place itself, which goes on the one of its table."""
-
-
-def _placed(error: Exception) -> bool:
-    return isinstance(error, _Mistake)
+    """A message that begins with the rest of its key path."""
 
 
 def _known(body: Body) -> Known:
@@ -75,7 +73,7 @@ def _known(body: Body) -> Known:
 def _mesh(scene: Scene, block: Block) -> Any:
     if block.mesh is not None:
         mesh = read_mesh(scene.place(block.mesh.file), block.mesh.group)
-        _carries(scene, mesh)
+        _check_shape(scene, mesh)
     else:
         n = scene.mesh.n if scene.mesh else None
         axes = (block.x, block.y, block.z)
@@ -87,23 +85,26 @@ def _mesh(scene: Scene, block: Block) -> Any:
     return second_order(mesh) if order == 2 else first_order(mesh)
 
 
-def _carries(scene: Scene, mesh: Any) -> None:
-    """Whether ``mesh.element`` is one of the cells that a file has."""
+def _check_shape(scene: Scene, mesh: Any) -> None:
+    """Refuse a ``mesh.element`` whose shape is not that of the cells of a file."""
     element = scene.mesh.element if scene.mesh else None
     shape = KINDS[type(mesh)].shape
     simplex = shape in ("triangle", "tetrahedron")
     if element is not None and simplex != element.startswith("P"):
         raise ValueError(
-            f"mesh.element is {element!r}, the file has cells of the kind {shape}"
+            f"mesh.element is {element!r}, but the cells of the mesh file are of the "
+            f"shape {shape}"
         )
 
 
 def _named(mesh: Any, block: Block) -> Any:
-    """With the surfaces that are told by geometry."""
+    """Add the surfaces that the scene defines by geometry."""
     found = {}
     for name, place in block.surface.items():
         if name in (mesh.boundaries or {}):
-            raise _Mistake(f".{name}: the mesh names a surface so, choose another name")
+            raise _Mistake(
+                f".{name}: the mesh has a surface of this name, choose another name"
+            )
         within = None if place.within is None else place.within.box()
         try:
             found[name] = surface(mesh, within, place.normal, place.angle)
@@ -113,7 +114,7 @@ def _named(mesh: Any, block: Block) -> Any:
 
 
 def _material(scene: Scene, block: Block) -> Any:
-    """One, or those by the name of a volume."""
+    """The material of a body, or one for each named volume."""
     chosen = {"plane_stress": block.plane == "stress", "thickness": block.thickness}
     made = {
         end: scene.material[name].made(**chosen)  # type: ignore[arg-type]
@@ -141,18 +142,20 @@ def _obstacle(scene: Scene, name: str, rigid: Rigid) -> Obstacle:
 
 
 def contacts(scene: Scene) -> list[Contact]:
-    """Contacts, with their obstacles as they move along the load steps of the path."""
-    # Each made once: a surface of many facets takes long.
+    """Make the contacts, with the motion of their obstacles along the path."""
+    # Each obstacle once: a surface with many facets takes long to make.
     known = {
         name: _obstacle(scene, name, rigid) for name, rigid in scene.obstacle.items()
     }
     ends = np.arange(1.0, scene.path.count() + 1)
     found = []
     for c in scene.contact:
+        body, surface_name = split(c.on)
         rigid = scene.obstacle.get(c.obstacle or "")
         found.append(
             Contact(
-                *split(c.on),
+                body,
+                surface_name,
                 mu=c.mu,
                 plane=(c.plane.point, c.plane.normal) if c.plane else None,
                 against=split(c.other) if c.other else None,
@@ -168,7 +171,7 @@ def contacts(scene: Scene) -> list[Contact]:
 
 
 def supports(scene: Scene) -> list[Support]:
-    """Those whose values are prescribed."""
+    """Make the supports; their prescribed values are in the path."""
     return [
         Support(
             *split(s.on), tuple(s.components()), s.within.box() if s.within else None
@@ -178,25 +181,25 @@ def supports(scene: Scene) -> list[Support]:
 
 
 def symmetries(scene: Scene) -> list[Symmetry]:
-    """Planes of symmetry."""
+    """Make the planes of symmetry."""
     return [Symmetry(*split(s.on)) for s in scene.symmetry]
 
 
 def springs(scene: Scene) -> list[Spring]:
-    """Elastic foundations."""
+    """Make the elastic foundations."""
     return [
         Spring(*split(s.on), s.stiffness, s.normal, s.tangential) for s in scene.spring
     ]
 
 
-def strain_of(told: InitialStrain, body: Body) -> Initial:
-    """The strain of one kelvin, or of the amplitude one, in the volumes that it is of."""
-    volume = split(told.on)[1]
-    if told.tensor is not None:
-        tensor = np.array(told.tensor)
+def strain_of(table: InitialStrain, body: Body) -> Initial:
+    """Initial strain for one kelvin, or for an amplitude of one, by volume if named."""
+    _, volume = split(table.on)
+    if table.tensor is not None:
+        tensor = np.array(table.tensor)
         return {volume: tensor} if volume else tensor
-    # Along the axes of each material: of an isotropic one those of coordinates.
-    expansion = told.expansion or 0.0
+    # Expansion is given along the axes of each material.
+    expansion = table.expansion or 0.0
     if isinstance(body.material, dict):
         named = {
             name: np.asarray(thermal(expansion, 1.0, material.directions))
@@ -211,6 +214,6 @@ def strain_of(told: InitialStrain, body: Body) -> Initial:
 
 
 def split(on: str) -> tuple[str, str]:
-    """The body and the surface, or the volume, of ``"body.surface"``."""
+    """Split ``"body.surface"`` or ``"body.volume"`` at the dot."""
     body, _, part = on.partition(".")
     return body, part

@@ -1,7 +1,6 @@
-"""A scene described in Python: the tables of the TOML file, one to one.
+"""A scene described in Python: `Model` holds the same tables as a scene file.
 
-A `Model` holds tables and nothing else; what they may hold, and what is wrong with
-them, the schema of the scene says for both.
+The schema of the scene checks both.
 """
 
 from __future__ import annotations
@@ -31,27 +30,27 @@ _UNITS = ("length", "force", "stress")
 
 
 class Model:
-    """Elastic bodies that meet, their supports, loads and load path.
+    """Elastic bodies in contact, their supports, loads and load path.
 
-    Surfaces are named ``"body.surface"``; those of a block are left, right, bottom and
-    top, in space also front and back. Each method adds one table of the scene, and takes
-    the keys of that table as keywords, with the values that TOML has: numbers, strings,
-    lists, dictionaries; arrays count as lists. A number that changes along the path is
-    `times`. Nothing is checked before `scene`, `assemble` or `solve`, which say all
-    mistakes at once, with their places.
+    Surfaces are named ``"body.surface"``. Those of a box are left, right, bottom and top,
+    in three dimensions also front and back. Each method adds one table of the scene. Its
+    keywords are the keys of that table, its values those of TOML: numbers, strings, lists
+    and dictionaries; arrays become lists. Use `times` for a number that changes along the
+    path. Nothing is checked until `scene`, `assemble` or `solve` is called; these report
+    all mistakes together, with their key paths.
 
     Parameters
     ----------
     title
-        For tables and pictures.
+        Title of tables and pictures.
     units
-        Names of the units of length, force and stress, for pictures and files; nothing
-        is converted. A mapping, or three names.
+        Names of the units of length, force and stress, for pictures and files: a mapping
+        or three names. Nothing is converted.
     n
-        The number that cells may depend on, ``"n"``, ``"n/2"``, ``"0.5/n"``.
+        The number n in sizes of cells such as ``"n"``, ``"n/2"``, ``"0.5/n"``.
     element
-        ``"P1"``, ``"Q1"``, ``"P2"`` or ``"Q2"``, in place of the cells and the order of
-        all bodies.
+        ``"P1"``, ``"Q1"``, ``"P2"`` or ``"Q2"``; replaces the cells and the order of all
+        bodies.
 
     Examples
     --------
@@ -77,7 +76,7 @@ class Model:
         element: str | None = None,
     ) -> None:
         self._table: dict[str, Any] = {}
-        # Where the files that it names are looked for.
+        # Relative names of files refer to this folder.
         self._folder = Path()
         if title:
             self._table["title"] = title
@@ -85,7 +84,8 @@ class Model:
             if not isinstance(units, Mapping):
                 if isinstance(units, str) or len(units) != len(_UNITS):
                     raise ValueError(
-                        f"units is {units!r}, expected names for {', '.join(_UNITS)}"
+                        f"units is {units!r}, expected a mapping or three names, for "
+                        f"{', '.join(_UNITS)}"
                     )
                 units = dict(zip(_UNITS, units, strict=True))
             self._table["units"] = _plain(units)
@@ -95,15 +95,15 @@ class Model:
 
     @classmethod
     def from_toml(cls, source: str | os.PathLike[str]) -> Model:
-        """The model of a shipped scene, a file, or a text of several lines.
+        """Make the model of a shipped scene, a file, or a text of several lines.
 
-        Meshes and surfaces that a scene file names are looked for beside it.
+        Names of mesh files in a scene file are relative to its folder.
 
         Raises
         ------
         SceneError
-            There is no such file, or it is not TOML. What is wrong with its tables is
-            said when they are used.
+            There is no such file, or it is not TOML. Mistakes in its tables are reported
+            when they are used.
         """
         made = cls()
         name = os.fspath(source)
@@ -115,15 +115,16 @@ class Model:
         return made
 
     def to_toml(self, path: str | os.PathLike[str] | None = None) -> str:
-        """The scene file of this model, written to ``path`` where one is given.
+        """Scene file of this model as text; also written to ``path`` if given.
 
-        `bipot run` takes it, and `from_toml` gives an equal model back. Names of files
-        are written as they are seen from ``path``.
+        `bipot run` reads it, and `from_toml` returns an equal model. Names of files are
+        rewritten relative to the folder of ``path``.
 
         Raises
         ------
         TypeError
-            A table holds what TOML has no word for; the message names the place.
+            A table contains a value that TOML cannot represent; the message names the
+            key.
         OSError
             The file cannot be written.
         """
@@ -131,16 +132,16 @@ class Model:
             return toml_text.text(self._table)
         table = self.to_dict()
         _seen_from(Path(path).parent, self._folder, table)
-        told = toml_text.text(table)
-        Path(path).write_text(told, encoding="utf-8")
-        return told
+        written = toml_text.text(table)
+        Path(path).write_text(written, encoding="utf-8")
+        return written
 
     def to_dict(self) -> dict[str, Any]:
-        """The tables, as `tomllib` would read them from the file."""
+        """Copy of the tables, as `tomllib` would read them from the file."""
         return copy.deepcopy(self._table)
 
     def with_(self, **changes: Any) -> Model:
-        """A copy with other values, as ``--set`` gives them to the command line.
+        """Copy with some values changed, as ``--set`` does on the command line.
 
         >>> Model.from_toml("two_blocks").with_(**{"mesh.n": 4, "contact.0.mu": 0.5})
         Model('Stiff block on a soft block, pressed and sheared': 2 bodies, 1 contact)
@@ -153,9 +154,9 @@ class Model:
         made = Model()
         made._table, made._folder = self.to_dict(), self._folder
         wrong = [
-            f"{key}: {said}"
+            f"{key}: {problem}"
             for key, value in changes.items()
-            if (said := put(made._table, key, _plain(value)))
+            if (problem := put(made._table, key, _plain(value)))
         ]
         if wrong:
             raise SceneError(self.title, wrong)
@@ -167,78 +168,82 @@ class Model:
         return {"value": value, "amplitude": amplitude}
 
     def material(self, name: str, **table: Any) -> None:
-        """A material: ``young``, ``poisson``; orthotropic ``shear`` and ``axes`` besides.
+        """Add a material: ``young``, ``poisson``; if orthotropic ``shear``, ``axes``.
 
-        An orthotropic one has three numbers of each, along its axes 1, 2, 3, and for the
-        planes 12, 13, 23.
+        An orthotropic material has three numbers for each of ``young``, ``poisson`` and
+        ``shear``: along its axes 1, 2, 3, and in the planes 12, 13, 23.
         """
         self._named("material", name, table)
 
     def body(self, name: str, **table: Any) -> None:
-        """A rectangle or a box, or a mesh from a file.
+        """Add a body: a rectangle, a box, or a mesh from a file.
 
-        ``material``, its name, or names by volume of the mesh. Of a box ``cell``, which
-        is ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``;
-        ``x``, ``y`` and in space ``z``, each the grid points or a table of ``from``,
-        ``to`` and ``cells``, or ``cell``, ``uniform`` and ``growth``; ``order``, 1 or 2.
-        Instead of these ``mesh``, a file or a table of ``file``, ``group``, the volumes
-        of it, and ``order``; its surfaces are those that the file names. In the plane
-        ``plane``, ``"strain"`` or ``"stress"``, and ``thickness``. ``surface`` names
-        more surfaces: by name a table of ``within``, ``normal`` and ``angle`` in degrees.
+        ``material`` is a name, or a table of names by volume of the mesh. A box has
+        ``cell``: ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or
+        ``"hexahedron"``; ``x``, ``y`` and in three dimensions ``z``: a list of grid
+        points, or a table of ``from``, ``to`` and ``cells``, or of ``from``, ``to``,
+        ``cell``, ``uniform`` and ``growth``; and ``order``, 1 or 2. A mesh has ``mesh``
+        instead: a file, or a table of ``file``, ``group`` (names of volumes) and
+        ``order``; the file names its surfaces. In two dimensions ``plane`` is
+        ``"strain"`` or ``"stress"``, and ``thickness`` a length. ``surface`` defines more
+        surfaces: for each name a table of ``within``, ``normal`` and ``angle`` in
+        degrees.
         """
         self._named("body", name, table)
 
     def obstacle(self, name: str, **table: Any) -> None:
-        """A rigid obstacle, which contacts are ``against`` by its name.
+        """Add a rigid obstacle; contacts refer to it by ``against``.
 
-        One of ``plane``, a table of ``point`` and ``normal``; ``sphere``, of ``centre``
-        and ``radius``; ``cylinder``, of ``point``, ``radius`` and in space ``axis``;
-        ``surface``, a file such as STL. ``inside`` for bodies that are within it.
-        ``move`` is a table of ``x``, ``y``, ``z``, and ``turn`` one of ``angle`` in
-        **degrees**, ``about`` and in space ``axis``: totals along the path.
+        Its shape is one of ``plane``, a table of ``point`` and ``normal``; ``sphere``, of
+        ``centre`` and ``radius``; ``cylinder``, of ``point``, ``radius`` and in three
+        dimensions ``axis``; ``surface``, a file such as STL. ``inside`` is true if the
+        bodies lie inside the shape. ``move`` is a table of ``x``, ``y``, ``z``; ``turn``
+        is a table of ``angle`` in **degrees**, ``about`` and in three dimensions
+        ``axis``. Both are totals along the path.
         """
         self._named("obstacle", name, table)
 
     def support(self, on: str, **table: Any) -> None:
-        """Displacements prescribed on a surface: ``x``, ``y``, ``z``, ``within``."""
+        """Prescribe displacements on a surface: ``x``, ``y``, ``z``, ``within``."""
         self._listed("support", on, table)
 
     def symmetry(self, on: str) -> None:
-        """A plane surface at which the body goes on mirrored."""
+        """Make a flat surface a plane of symmetry."""
         self._listed("symmetry", on, {})
 
     def spring(self, on: str, **table: Any) -> None:
-        """Springs per area: ``stiffness``, or ``normal`` and ``tangential``."""
+        """Add springs per area: ``stiffness``, or ``normal`` and ``tangential``."""
         self._listed("spring", on, table)
 
     def traction(self, on: str, **table: Any) -> None:
-        """A force per area on a surface: ``x``, ``y``, ``z``."""
+        """Add a force per area on a surface: ``x``, ``y``, ``z``."""
         self._listed("traction", on, table)
 
     def pressure(self, on: str, value: Any, **table: Any) -> None:
-        """A pressure on a surface, positive inwards: a number, or one of `times`."""
+        """Add a pressure on a surface, positive inwards: a number, or `times`."""
         given = dict(value) if isinstance(value, Mapping) else {"value": value}
         self._listed("pressure", on, given | table)
 
     def body_force(self, on: str, **table: Any) -> None:
-        """A force per volume of a body: ``x``, ``y``, ``z``."""
+        """Add a force per volume of a body: ``x``, ``y``, ``z``."""
         self._listed("body_force", on, table)
 
     def strain(self, on: str, **table: Any) -> None:
-        """A strain that a body, or ``"body.volume"``, would have if nothing held it.
+        """Add an initial strain of a body, or of ``"body.volume"``: its stress-free strain.
 
         ``expansion`` and ``temperature``, or ``tensor`` and its ``amplitude``.
         """
         self._listed("strain", on, table)
 
     def contact(self, on: str, **table: Any) -> None:
-        """Nodes of a surface that may meet something.
+        """Add contact of the nodes of a surface.
 
-        ``mu``, one number or in space two, along ``axis`` and across it; ``plane``, a
-        table of ``point`` and ``normal``, or ``against``, an obstacle or the surface of
-        another body; ``pairing``, ``"match"`` or for meshes that do not match
-        ``"mortar"`` or ``"nodes"``; ``clearance``, a height, or a table of ``height``,
-        ``radius`` and ``centre``; ``within``, ranges of coordinates.
+        ``mu`` is one number, or in three dimensions two: along ``axis`` and across it.
+        The obstacle is either ``plane``, a table of ``point`` and ``normal``, or
+        ``against``, the name of an obstacle or of a surface of another body. ``pairing``
+        is ``"match"``, or for meshes that do not match ``"mortar"`` or ``"nodes"``.
+        ``clearance`` is a height, or a table of ``height``, ``radius`` and ``centre``;
+        ``within`` gives ranges of coordinates.
         """
         self._listed("contact", on, table)
 
@@ -250,19 +255,20 @@ class Model:
         automatic: bool | Mapping[str, Any] | None = None,
         **amplitude: Any,
     ) -> None:
-        """The load path, from the unloaded bodies.
+        """Set the load path, which starts at the unloaded bodies.
 
         Parameters
         ----------
         steps
-            Load steps; the length of the tables where it is missing.
+            Number of load steps; by default the length of the amplitudes.
         parameter
-            The amplitude that load steps are told by.
+            Name of the amplitude that is printed for each load step.
         automatic
-            Whether load steps are divided where it is needed; or how, a table of
-            ``first``, ``largest``, ``smallest`` and ``slip``.
+            Whether load steps are divided if necessary; or a table of ``first``,
+            ``largest``, ``smallest`` and ``slip``.
         amplitude
-            By name, a factor for each load step, or a table of ``wave`` and ``period``.
+            For each name a list with one factor for each load step, or a table of
+            ``wave`` and ``period``.
         """
         settings = {"steps": steps, "parameter": parameter, "automatic": automatic}
         table = _plain(settings)
@@ -271,13 +277,13 @@ class Model:
         self._table["path"] = table
 
     def solver(self, **table: Any) -> None:
-        """Settings of the contact solver: ``method``, ``tol``, ``max_iterations``."""
+        """Set the contact solver: ``method``, ``tol``, ``max_iterations``."""
         self._table["solver"] = _plain(table)
 
     def _named(self, kind: str, name: str, table: Mapping[str, Any]) -> None:
         known = self._table.setdefault(kind, {})
         if name in known:
-            raise ValueError(f"{kind} {name!r} is there already")
+            raise ValueError(f"{kind} {name!r} is already defined: choose another name")
         known[name] = _plain(table)
 
     def _listed(self, kind: str, on: str, table: Mapping[str, Any]) -> None:
@@ -285,7 +291,7 @@ class Model:
 
     @property
     def title(self) -> str:
-        """As given."""
+        """Title of the model."""
         return str(self._table.get("title", ""))
 
     @property
@@ -295,39 +301,38 @@ class Model:
         Raises
         ------
         SceneError
-            With every mistake found, each with its place; a `ValueError`.
+            All mistakes found, each with its key path; a `ValueError`.
         """
         return checked(self.title, self.to_dict(), folder=self._folder)
 
     def assemble(self) -> Case:
-        """The arrays of this model: ``case.model`` and its load path.
+        """Make the arrays of this model: ``case.model`` and its load path.
 
         Raises
         ------
         SceneError
-            Mistakes, those that show on the meshes only included.
+            Mistakes in the tables, or found on the meshes.
         """
         scene = self.scene
         return assemble(scene, bodies(scene))
 
     def check(self) -> list[str]:
-        """What a person should look at before solving; it assembles.
+        """Assemble, and return warnings; ``bipot check`` prints the same.
 
-        A sentence each, none where nothing is suspicious: nodes that penetrate at the
-        start, surfaces that face away from what they may touch or are too far from it,
-        friction where supports prescribe the slip, bodies that nothing holds, units that
-        seem mixed, loads that do nothing. ``bipot check`` says the same.
+        One sentence each: nodes that penetrate at the start, surfaces that face away from
+        their obstacle or are too far from it, friction where supports prescribe the slip,
+        unsupported bodies, inconsistent units, loads without effect.
 
         Raises
         ------
         SceneError
-            Mistakes, as `assemble`.
+            As `assemble`.
         """
         return self.assemble().remarks()
 
     @property
     def contacts(self) -> Mapping[str, Ints]:
-        """Numbers of the contacts on each surface that has some; it assembles."""
+        """Assemble, and return the numbers of the contacts on each surface with contacts."""
         return self.assemble().contacts
 
     def solve(
@@ -339,16 +344,16 @@ class Model:
         start: Result | Step | None = None,
         on_step: Callable[[int, Step], object] | None = None,
     ) -> ModelResult:
-        """Solve the whole path; the same bits as `bipot run` of the same scene.
+        """Solve the whole path; bitwise the same result as `bipot run`.
 
         Parameters
         ----------
         method, tol, max_iterations
-            Instead of those of `solver`.
+            Replace the settings of `solver`.
         start
-            The result of an earlier run of this path that was left off, from a file too:
-            it goes on from there, to the bits of one that went through. Of automatic
-            steps one of them does.
+            Result of an interrupted run of this path, also one read from a file. The path
+            continues from it, bitwise as if it had not been interrupted. With automatic
+            steps, a single step is enough.
         on_step
             Called as ``on_step(k, step)`` after each step.
 
@@ -357,7 +362,7 @@ class Model:
         SceneError
             Mistakes in the model.
         TypeError, ValueError
-            A wrong argument, named.
+            A wrong argument; the message names it.
         NoEquilibriumError, FloatingBodyError, NotConvergedError
             As `ContactProblem.solve`, with a `ModelResult` as ``.result``.
         """
@@ -368,12 +373,13 @@ class Model:
             count = case.scene.path.count() if case.scene else first
             if first > count and not any(step.s is not None for step in start):
                 raise ValueError(
-                    f"start has {first} steps, and this path {count}: it is of another"
+                    f"start has {first} steps, but this path only {count}: it belongs to "
+                    "another path"
                 )
         elif start is not None and getattr(start, "s", None) is None:
             raise TypeError(
-                f"start is a {type(start).__name__}, expected a Result: how many steps "
-                "it has tells where the path goes on"
+                f"start is a {type(start).__name__}, expected a Result: its number of "
+                "steps is needed to continue the path"
             )
         try:
             result = case.solve(
@@ -385,7 +391,7 @@ class Model:
                 on_step=on_step,
             )
         except BipotError as error:
-            # Counted from the start of the whole path.
+            # The message counts steps from the start of the whole path.
             error.args = (later(str(error), first),)
             if error.result is not None:
                 error.result = ModelResult(error.result, case, first)
@@ -407,17 +413,17 @@ class Model:
 
 
 class Remarks(tuple[str, ...]):
-    """Sentences; called, as a list."""
+    """A tuple of warnings; calling it returns a list."""
 
     __slots__ = ()
 
     def __call__(self) -> list[str]:
-        """The same, as a list."""
+        """The warnings as a list."""
         return list(self)
 
 
 class ModelResult(Result):
-    """A `Result` that knows the names of its model.
+    """A `Result` with the names of the surfaces of its model.
 
     Attributes
     ----------
@@ -435,18 +441,18 @@ class ModelResult(Result):
             message=result.message,
             remarks=result.remarks,
         )
-        # The same mapping: it is filled further when displacements are asked for.
+        # The same mapping: computing displacements adds an entry to it.
         self.seconds = result.seconds
         if case.scene is not None:
-            told = case.scene.units.model_dump().items()
-            self.units = {name: unit for name, unit in told if unit}
+            units = case.scene.units.model_dump().items()
+            self.units = {name: unit for name, unit in units if unit}
         self.case = case
         self._first = first
         self._reviewed: Remarks | None = None
 
     @property
     def parameter(self) -> Floats:
-        """The path parameter at the end of each step, ``(steps,)``."""
+        """Path parameter at the end of each step, ``(steps,)``."""
         return np.array([self._load(k) for k in range(len(self))], np.float64)
 
     def _load(self, k: int) -> float:
@@ -454,7 +460,7 @@ class ModelResult(Result):
 
     @property
     def remarks(self) -> Remarks:
-        """What a person should look at, those of `Result` and of the answer (`review`)."""
+        """Warnings of `Result`, and of `fem.review` about the solution."""
         if self._reviewed is None:
             found = review(self.case.model, self.steps)
             self._reviewed = Remarks((*self._remarks, *found))
@@ -465,7 +471,7 @@ class ModelResult(Result):
         return self.case.contacts_of(name)
 
     def contact_force(self, name: str) -> Floats:
-        """Force on a body through the contacts on a surface, ``(steps, d)`` [N]."""
+        """Force of the contacts on a surface on its body, ``(steps, d)`` [N]."""
         return self.case.contact_force(self, name)
 
     def support_force(self, name: str) -> Floats:
@@ -474,7 +480,7 @@ class ModelResult(Result):
 
 
 def _seen_from(folder: Path, here: Path, table: dict[str, Any]) -> None:
-    """Rename the files of a table, which are seen from ``here``."""
+    """Change file names relative to ``here`` into names relative to ``folder``."""
 
     def seen(file: Any) -> Any:
         if not isinstance(file, str) or Path(file).is_absolute():
@@ -493,7 +499,7 @@ def _seen_from(folder: Path, here: Path, table: dict[str, Any]) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """As `tomllib` would have it: tuples and arrays are lists, what is None is missing."""
+    """Value as `tomllib` reads it: tuples and arrays become lists, None is left out."""
     if isinstance(value, Mapping):
         return {key: _plain(v) for key, v in value.items() if v is not None}
     if isinstance(value, np.ndarray | np.generic):

@@ -1,4 +1,4 @@
-"""A scene as arrays, and its load path at any place between the load steps given."""
+"""A scene as arrays, and its loads at any point of the load path."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted, instead
+from bipot_rs._lib.messages import instead
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.errors import FloatingBodyError
 from bipot_rs.contact.load_steps import Totals, differing, reached
@@ -33,19 +33,19 @@ class Load:
     Attributes
     ----------
     body
-        Its number.
+        Index of the body.
     facets : (m,) or None
         Facets of its mesh; None for a force per volume.
     density : (d,) or (m, d)
-        The force, of one facet or of all.
+        Force per area or volume for factor 1, the same everywhere or one for each facet.
     history : (steps,)
-        Its factor at the end of each load step.
+        Factor at the end of each load step.
     nodal : (n,) or None
-        Its nodal forces, of factor 1.
+        Nodal forces for factor 1.
     number
-        What the scene says of its factor.
+        The value and amplitude in the scene, from which the factor is computed.
     strain
-        Of an initial strain, which `nodal` are the forces of, the strain of factor 1.
+        For an initial strain: the strain for factor 1.
     """
 
     body: int
@@ -66,17 +66,17 @@ class Case:
     model
         K, B, gap, … (`fem.Assembly`).
     load : (steps, n) or None
-        Totals at the end of each load step [N]; None without loads.
+        Total nodal forces at the end of each load step [N]; None without loads.
     prescribed : (steps, len(model.fixed))
-        Prescribed displacements, totals [m].
+        Total prescribed displacements at the end of each load step [m].
     parameter : (steps,)
-        The scene's own path parameter.
+        Path parameter of the scene.
     loads : tuple of Load
-        What `load` is the nodal forces of.
+        The loads whose nodal forces add up to `load`.
     scene : Scene or None
-        What it was made from.
+        The scene that this case was made from.
     gaps : (steps, n_c, d) or None
-        Gaps of each load step by component where obstacles move [m], `fem.Assembly.gaps`.
+        If obstacles move: gaps at each load step [m], as `fem.Assembly.gaps`.
     """
 
     model: Assembly
@@ -93,34 +93,35 @@ class Case:
         num_threads: int | None = None,
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
     ) -> ContactProblem:
-        """Condense: the contact problem of these arrays.
+        """Condense: make the `ContactProblem` of these arrays.
 
         Raises
         ------
         FloatingBodyError
-            Motions that neither supports nor contacts feel, in words.
+            A body can move without deforming supports or contacts; the message says
+            which body and how.
         """
         try:
             return self.model.problem(num_threads=num_threads, on_forecast=on_forecast)
         except FloatingBodyError as error:
-            # The core knows a degree of freedom, the bodies their rigid motions. What
-            # moves free of contact within a body is not one of them.
-            said = list(unheld(self.model, rough=True))
-            if not said:
+            # The core names a degree of freedom only. `unheld` names bodies, but it
+            # does not see a free part within a body.
+            problems = list(unheld(self.model, rough=True))
+            if not problems:
                 raise
-            told = FloatingBodyError("; ".join(said))
-            told.dof = error.dof
-            raise told from None
+            named = FloatingBodyError("; ".join(problems))
+            named.dof = error.dof
+            raise named from None
 
     def sampled(self, t: ArrayLike) -> Case:
-        """The same with load steps that end at ``t``, where load step k of the scene is k + 1.
+        """Copy with load steps that end at ``t``; load step k of the scene ends at k + 1.
 
-        Tables are linear in between and waves what they are; the first load step goes
-        linearly from the unloaded bodies, at ``t = 0``.
+        Between load steps, tables are interpolated linearly and waves evaluated. In the
+        first load step all loads grow linearly from zero at ``t = 0``.
         """
         if self.scene is None:
             raise ValueError(
-                "this case has no scene, which tells what is between steps"
+                "this case was made without a scene: loads between its steps are unknown"
             )
         return along(self.scene, self.model, self.loads, np.atleast_1d(np.asarray(t)))
 
@@ -135,18 +136,18 @@ class Case:
         first: int = 0,
         on_step: Callable[[int, Step], object] | None = None,
     ) -> Result:
-        """Follow the path as the scene says: its load steps, or automatic ones.
+        """Solve the path with the settings of the scene, by given or automatic steps.
 
         Parameters
         ----------
         problem
-            `problem` of this case, where it is at hand.
+            `problem` of this case, if it was made before.
         method, tol, max_iterations
-            Instead of those of the scene.
+            Replace the settings of the scene.
         start
-            What an earlier run has reached, `first` steps.
+            State that an earlier run reached after `first` steps.
         first
-            Load steps that are done already.
+            Number of load steps already solved.
         on_step
             Called as ``on_step(k, step)``, k counted from ``first``.
 
@@ -156,12 +157,15 @@ class Case:
             As `ContactProblem.solve` and `ContactProblem.follow`.
         """
         if self.scene is None:
-            raise ValueError("this case has no scene, which tells how it is solved")
+            raise ValueError(
+                "this case was made without a scene: use problem().solve(...) instead"
+            )
         settings = self.scene.solver
         tolerance = settings.tol if tol is None else tol
         if isinstance(tolerance, str):
             raise ValueError(
-                f"tol is {tolerance!r}, which depends on the mesh: expected a number"
+                f"tol is {tolerance!r}, expected a number; only `bipot run` computes tol "
+                "from the mesh"
             )
         chosen: dict[str, Any] = {
             "method": settings.method if method is None else method,
@@ -175,7 +179,7 @@ class Case:
         asked = self.problem() if problem is None else problem
         plan = self.scene.path.increments
         if plan is None:
-            self._goes_on(start, first)
+            self._check_start(start, first)
             load = None if self.load is None else self.load[first:]
             moved = None if self.gaps is None else self.gaps[first:]
             return asked.solve(load, self.prescribed[first:], gap=moved, **chosen)
@@ -183,7 +187,7 @@ class Case:
         known: dict[float, Totals] = {}
 
         def at(t: float) -> Totals:
-            # Asked for again, for the load, the displacement and the gap of one attempt.
+            # Called three times for each t: for load, displacement and gap.
             if t not in known:
                 known.clear()
                 known[t] = self._at(t)
@@ -205,8 +209,8 @@ class Case:
             **chosen,
         )
 
-    def _goes_on(self, start: Result | Step | None, first: int) -> None:
-        """Refuse a start that another path has led to, as far as it knows its loads."""
+    def _check_start(self, start: Result | Step | None, first: int) -> None:
+        """Refuse a start whose last loads are not those of this path."""
         last = reached(start)
         if last is None or not first:
             return
@@ -219,17 +223,18 @@ class Case:
         other = differing(last, own)
         if other is not None:
             raise ValueError(
-                f"start ends with another {other} than load step {first} of this path"
+                f"start belongs to another path: its {other} is not that of load step "
+                f"{first} of this path"
             )
 
     def remarks(self) -> list[str]:
-        """What a person should look at before solving, a sentence each (`inspection`)."""
+        """Warnings before solving, one sentence each (`fem.inspection`)."""
         strained = sum(
             np.outer(one.history, one.nodal)
             for one in self.loads
             if one.strain is not None and one.nodal is not None
         )
-        said = inspect(
+        found = inspect(
             self.model, load=self.load, prescribed=self.prescribed, strained=strained
         )
         if (
@@ -238,26 +243,28 @@ class Case:
             and not np.any(self.prescribed)
             and not (self.model.gap < 0).any()
         ):
-            said.append(
-                "nothing moves: no load, no prescribed displacement but zero, no obstacle "
-                "that moves or penetrates"
+            found.append(
+                "nothing moves: there is no load, all prescribed displacements are zero, "
+                "and no obstacle moves or penetrates"
             )
         if self.scene is not None and self.scene.lacks_n():
-            said.append("mesh.n: no body takes it, another one gives the same mesh")
-        return said
+            found.append("mesh.n: has no effect, since no body uses n")
+        return found
 
     def stress_at_rest(self, step: int | Step) -> Floats | None:
-        """Stress that initial strains would make in bodies held fast, ``(cells, 3, 3)`` [Pa].
+        """Stress of the initial strains at zero displacement, ``(cells, 3, 3)`` [Pa].
 
-        Cells of all bodies, the mean over each, at the end of a load step; None without
-        initial strains. Added to the stress of the displacements, it makes the stress.
+        Mean over each cell of all bodies, at the end of a load step; None without initial
+        strains. The total stress is this plus the stress of the displacements.
         """
         acting = [load for load in self.loads if load.strain is not None]
         if not acting:
             return None
         if isinstance(step, Step):
             if step.s is None:
-                raise ValueError("step is one of load steps given: tell its number")
+                raise ValueError(
+                    "step is a Step of the given load steps: pass its index"
+                )
             return self.sampled(step.s).stress_at_rest(0)
         counts = [int(body.mesh.t.shape[1]) for body in self.model.bodies]
         ends = np.cumsum([0, *counts])
@@ -270,7 +277,7 @@ class Case:
         return found
 
     def step_parameter(self, k: int, step: Step) -> float:
-        """The scene's own path parameter at the end of step ``k`` of a result."""
+        """Path parameter of the scene at the end of step ``k`` of a result."""
         if step.s is None:
             return float(self.parameter[k])
         if self.scene is None or self.scene.path.parameter is None:
@@ -280,7 +287,7 @@ class Case:
         return float(amplitude.at(np.array([step.s]), path.count())[0])
 
     def loaded(self, result: Sequence[Step]) -> list[Step]:
-        """Steps that were read from a file, which holds no loads, with their own."""
+        """Add the loads to steps read from a file, which does not store them."""
         nothing = np.zeros(self.model.n)
         found = []
         for k, step in enumerate(result):
@@ -302,12 +309,12 @@ class Case:
     def contacts_of(self, name: str) -> Ints:
         """Numbers of the contacts on a surface ``"body.surface"``, ascending.
 
-        Of the surface whose nodes are the contacts', ``on`` of its table.
+        The surface is ``on`` of the contact's table: its nodes are the contacts.
 
         Raises
         ------
         ValueError
-            No contact is on it; the message says on which there are.
+            No contact is on it; the message lists the surfaces with contacts.
         """
         known = self.contacts
         if name not in known:
@@ -316,15 +323,15 @@ class Case:
 
     @property
     def contacts(self) -> dict[str, Ints]:
-        """Numbers of the contacts on each surface that has some."""
+        """Numbers of the contacts on each surface that has contacts."""
         names = [f"{c.body}.{c.surface}" for c in self.model.contacts]
         own = np.array(names)[self.model.group]
         return {name: np.flatnonzero(own == name) for name in dict.fromkeys(names)}
 
     def contact_force(self, result: Result, name: str) -> Floats:
-        """Force on a body through the contacts on a surface, ``(steps, d)`` [N].
+        """Force of the contacts on a surface on its body, ``(steps, d)`` [N].
 
-        In global components; on the body whose surface it is.
+        In global components.
         """
         contacts = self.contacts_of(name)
         force = result.reaction[:, contacts]
@@ -334,14 +341,13 @@ class Case:
     def support_force(self, result: Result, name: str) -> Floats:
         """Force of the supports on a surface on their body, ``(steps, d)`` [N].
 
-        ``K u - f - Bᵀ r`` at the components they prescribe, in global components; a
-        degree of freedom that several supports prescribe counts once, and for each
-        surface that has it.
+        ``K u - f - Bᵀ r`` at the prescribed degrees of freedom, in global components. One
+        that several supports prescribe counts once in each surface.
 
         Raises
         ------
         ValueError
-            No support is on it; the message says on which there are.
+            No support is on it; the message lists the surfaces with supports.
         """
         model = self.model
         names = [f"{s.body}.{s.surface}" for s in model.supports]
@@ -366,18 +372,19 @@ class Case:
 
 
 def along(scene: Scene, model: Assembly, loads: Sequence[Load], t: Floats) -> Case:
-    """The case of load steps that end at ``t (steps,)``."""
+    """Make the case whose load steps end at ``t (steps,)``."""
     count = scene.path.count()
     if not ((t >= 0) & (t <= count)).all():
         raise ValueError(
-            f"t is {t.tolist()}, expected places from 0 to {counted(count, 'load step')}"
+            f"t is {t.tolist()}, expected values from 0 to {count}, the number of load "
+            "steps"
         )
     history = _histories(scene.path, t)
     load = np.zeros((len(t), model.n))
     acting = []
     for one in loads:
         if one.number is None or one.nodal is None:
-            raise ValueError("a load has no number: it does not come from a scene")
+            raise ValueError("loads holds one without number, not made from a scene")
         acting.append(replace(one, history=history(one.number)))
         np.add(load, np.outer(acting[-1].history, one.nodal), out=load)
     rows = [[history(v) for v in s.components().values()] for s in scene.support]
@@ -397,9 +404,9 @@ def along(scene: Scene, model: Assembly, loads: Sequence[Load], t: Floats) -> Ca
 
 
 def _histories(path: LoadPath, t: Floats) -> Callable[[Varying | Pressure], Floats]:
-    """What numbers of a scene are at the ends ``t`` of steps."""
+    """Function that evaluates a number of the scene at the ends ``t`` of steps."""
     factor = {name: a.at(t, path.count()) for name, a in path.amplitude.items()}
-    # What has no amplitude is there from the first load step on.
+    # Without an amplitude a number grows in the first load step and then stays constant.
     constant = np.minimum(t, 1.0)
 
     def history(number: Varying | Pressure) -> Floats:
@@ -418,36 +425,31 @@ def _parameter(path: LoadPath, t: Floats) -> Floats:
 
 
 def motion_of(rigid: Rigid, path: LoadPath, t: Floats) -> Motion | None:
-    """How an obstacle has moved at the ends ``t`` of steps; None for one at rest."""
+    """Motion of an obstacle at the ends ``t`` of steps; None if it is at rest."""
     if rigid.move is None and rigid.turn is None:
         return None
     history = _histories(path, t)
-    vectors = (
-        *(rigid.plane and rigid.plane.point, rigid.sphere and rigid.sphere.centre),
-        *(rigid.cylinder and rigid.cylinder.point, rigid.turn and rigid.turn.about),
-    )
-    known = [len(one) for one in vectors if one]
+    turn = rigid.turn
+    about = turn.about if turn is not None and turn.about else rigid.centre
+    axis = None if turn is None else turn.axis
     moved = {} if rigid.move is None else rigid.move.components()
-    # Of a surface of a file the motion alone tells: an axis is one in space.
-    in_space = 2 in moved or (rigid.turn is not None and rigid.turn.axis is not None)
-    dim = known[0] if known else 3 if in_space else 2
+    # The file of a surface has not been read here: z or an axis means three dimensions.
+    in_space = 2 in moved or axis is not None
+    dim = len(about) if about else 3 if in_space else 2
     translation = np.zeros((len(t), dim))
     for k, number in moved.items():
         translation[:, k] = history(number)
-    turn = rigid.turn
-    # Rollers turn about their own middle.
-    own = next((one for one in vectors[:3] if one), None)
     return Motion(
         translation,
         None if turn is None else history(turn.angle),
-        about=None if turn is None else turn.about or own,
-        axis=None if turn is None else turn.axis,
+        about=None if turn is None else about,
+        axis=axis,
         degrees=True,
     )
 
 
 def _gaps(scene: Scene, model: Assembly, t: Floats) -> Floats | None:
-    """Gaps at the ends of steps where obstacles move."""
+    """Gaps at the ends of steps; None if no obstacle moves."""
     whole = model.gaps(scene.path.count())
     if whole is None:
         return None

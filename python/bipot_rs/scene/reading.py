@@ -1,7 +1,7 @@
-"""Scene files: TOML, checked whole, to a contact problem and its load path.
+"""From a scene file in TOML to the arrays of a contact problem and its load path.
 
-`read` parses and checks, `bodies` of `scene_parts` meshes, `assemble` builds the arrays
-of (1), (2) and (21).
+`read` parses and checks; `build.bodies` meshes; `assemble` makes the arrays of (1), (2)
+and (21).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from bipot_rs._lib.messages import meant
+from bipot_rs._lib.messages import counted, instead
 from bipot_rs._lib.toml_text import HALF
 from bipot_rs.contact.reduced import refuse_settings
 from bipot_rs.fem import assembly
@@ -36,7 +36,7 @@ from bipot_rs.scene.library import SceneError, folder_of, shipped, text
 from bipot_rs.scene.schema.consistency import inconsistencies, out_of_range
 from bipot_rs.scene.schema.root import Scene, Solver
 from bipot_rs.scene.schema.table import KIND
-from bipot_rs.scene.suggestions import instead, standing
+from bipot_rs.scene.suggestions import standing, suggestion
 
 __all__ = [
     "Case",
@@ -53,7 +53,7 @@ __all__ = [
 ]
 
 
-_NO_TEXT = "half of a surrogate pair, which UTF-8 has no bytes for"
+_NO_TEXT = "contains the lone surrogate {!r}, which UTF-8 cannot encode"
 
 
 def read(name: str, settings: Sequence[str] = ()) -> Scene:
@@ -64,13 +64,13 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
     name
         A shipped name or a TOML file.
     settings
-        ``"key.sub.key=value"``, values as in TOML or plain words; ``contact.0.mu``
-        means the first entry of a list.
+        ``"key.sub.key=value"``, the value as in TOML or a word without quotes;
+        ``contact.0.mu`` is the key ``mu`` of the first contact.
 
     Raises
     ------
     SceneError
-        With every mistake found, each with its path.
+        All mistakes found, each with its key path.
     """
     table = parsed(name, text(name))
     problems = [p for p in (_override(table, item) for item in settings) if p]
@@ -78,10 +78,10 @@ def read(name: str, settings: Sequence[str] = ()) -> Scene:
 
 
 def parsed(name: str, source: str) -> dict[str, Any]:
-    """The tables of a TOML text; `SceneError` where it is none."""
+    """Tables of a TOML text; `SceneError` if it is not TOML."""
     source = source.removeprefix("\ufeff")
     if half := HALF.search(source):
-        raise SceneError(name, [f"is not TOML: it holds {half[0]!r}, {_NO_TEXT}"])
+        raise SceneError(name, [f"is not TOML: it {_NO_TEXT.format(half[0])}"])
     try:
         return tomllib.loads(source)
     except tomllib.TOMLDecodeError as error:
@@ -96,9 +96,10 @@ def checked(
     problems: Sequence[str] = (),
     folder: Path = Path(),
 ) -> Scene:
-    """The scene of a table; `SceneError` with all mistakes, ``problems`` first.
+    """Check a table and return its `Scene`.
 
-    Files that it names are looked for in ``folder``.
+    Files that the scene names are relative to ``folder``. A `SceneError` lists
+    ``problems`` and all mistakes found here.
     """
     found = list(problems)
     try:
@@ -108,7 +109,7 @@ def checked(
         found += [_mistake(e, known, table) for e in error.errors()]
         found += _settings(table)
         raise SceneError(name, found) from None
-    # What the tables say of each other is asked of numbers that can be reckoned with.
+    # Grids and sizes are computed only if no number overflows.
     found += list(out_of_range(scene)) or inconsistencies(scene)
     found += _settings(table)
     if found:
@@ -117,7 +118,7 @@ def checked(
 
 
 def _settings(table: dict[str, Any]) -> Iterator[str]:
-    """What the solver would refuse of its settings, where they can be read."""
+    """Messages about solver settings that the solver would refuse."""
     try:
         solver = Solver.model_validate(table.get("solver", {}))
     except ValidationError:
@@ -125,7 +126,7 @@ def _settings(table: dict[str, Any]) -> Iterator[str]:
     plain = Solver()
     for method, tol in ((solver.method, plain.tol), (plain.method, solver.tol)):
         if (method, tol) == (plain.method, plain.tol):
-            continue  # of most scenes, which are not to wait for it
+            continue  # The defaults are valid, and the check imports the solver.
         try:
             refuse_settings(method, tol)
         except ValueError as error:
@@ -133,13 +134,13 @@ def _settings(table: dict[str, Any]) -> Iterator[str]:
 
 
 def assemble(scene: Scene, meshed: Sequence[Body]) -> Case:
-    """Arrays of a scene on its meshes.
+    """Make the arrays of a scene on its meshes.
 
     Raises
     ------
     SceneError
-        What shows on the meshes only: nodes of a pair that do not match,
-        supports that contradict each other, a contact without nodes.
+        Mistakes that need the meshes: nodes of a pair that do not match, supports that
+        contradict each other, a contact without nodes.
     """
     try:
         return _case(scene, meshed)
@@ -166,7 +167,7 @@ def _case(scene: Scene, meshed: Sequence[Body]) -> Case:
 
 
 def _loads(scene: Scene, meshed: Sequence[Body], model: Assembly) -> Iterator[Load]:
-    """Forces of a scene, each of factor 1."""
+    """Loads of a scene, each with factor 1."""
     unit, none = np.eye(model.dim), np.zeros(0)
     place = {body.name: index for index, body in enumerate(meshed)}
     for t in scene.traction:
@@ -180,25 +181,25 @@ def _loads(scene: Scene, meshed: Sequence[Body], model: Assembly) -> Iterator[Lo
         body = meshed[place[on]]
         normals = np.asarray(body.surface(face).normals)
         nodal = model.pressure(on, face, 1.0)
-        # Facets are plane: one normal a facet.
+        # Facets are flat: one normal for each.
         inwards = -normals[:, :, 0].T
         yield Load(place[on], body.facets(face), inwards, none, nodal, p)
     for b in scene.body_force:
         for k, number in b.components().items():
             nodal = model.body_force(b.on, unit[k])
             yield Load(place[b.on], None, unit[k], none, nodal, number)
-    for told in scene.strain:
-        on, _ = split(told.on)
-        strain = strain_of(told, meshed[place[on]])
+    for s in scene.strain:
+        on, _ = split(s.on)
+        strain = strain_of(s, meshed[place[on]])
         nodal = model.initial_strain(on, strain)
         still = np.zeros(model.dim)
-        yield Load(place[on], None, still, none, nodal, told.factor, strain)
+        yield Load(place[on], None, still, none, nodal, s.factor, strain)
 
 
 def _place(loc: Sequence[str | int], table: Any) -> list[str]:
-    """A place of pydantic's report, as the file ``table`` has it.
+    """Key path of an error of pydantic, as written in the file ``table``.
 
-    Of a plain value that stands for a table, the key that it would have there is left out.
+    `wrap` puts some plain values into a table with one key; that key is left out.
     """
     found, at = [], table
     for part in loc:
@@ -215,43 +216,41 @@ def _place(loc: Sequence[str | int], table: Any) -> list[str]:
 
 
 def _mistake(error: Any, known: Mapping[str, Sequence[str]], table: Any) -> str:
-    """One line of pydantic's report, in the words of the scene file.
-
-    ``known`` are the places of keys that are right.
-    """
+    """Message for one error of pydantic; ``known`` as `standing` returns it."""
     parts = [str(part) for part in error["loc"]]
     path = ".".join(_place(error["loc"], table))
     kind, message = error["type"], error["msg"]
     if kind == "extra_forbidden":
-        return f"{path}: unknown key{instead(Scene, parts, known)}"
+        return f"{path}: unknown key{suggestion(Scene, parts, known)}"
     if kind == "missing":
         return f"{path}: is missing"
     if kind in ("model_type", "dict_type", "model_attributes_type"):
         message = "should be a table"
-    message = message.removeprefix("Value error, ").removeprefix("Input ")
+    for prefix in ("Value error, ", "Input ", "List "):
+        message = message.removeprefix(prefix)
     given = error.get("input")
     if kind in ("float_type", "int_type") and isinstance(given, str):
         with suppress(ValueError):
             float(given)
             message += ", without quotes"
     if parts[0] == "pressure" and isinstance(given, dict) and "amplitude" in given:
-        message += ", with amplitude beside it"
+        message += "; write amplitude as a key of [[pressure]], not of value"
     if isinstance(given, str | int | float):
         return f"{path}: {message}, got {given!r}"
     return f"{path}: {message}"
 
 
 def _override(table: dict[str, Any], setting: str) -> str | None:
-    """Put ``key=value`` into the table; a message if there is no such place."""
+    """Set ``key=value`` in the table; a message if that is impossible."""
     if half := HALF.search(setting):
-        return f"--set {setting!r}: holds {half[0]!r}, {_NO_TEXT}"
+        return f"--set {setting!r}: {_NO_TEXT.format(half[0])}"
     key, equals, value = setting.partition("=")
     if not equals or not all(key.strip().split(".")):
         return f"--set {setting}: should be KEY=VALUE"
     try:
         parsed = tomllib.loads(f"v = {value}")["v"]
     except (tomllib.TOMLDecodeError, RecursionError):
-        # A shell's .5 and 5. are numbers, though TOML takes neither.
+        # .5 and 5. are numbers for users, though not in TOML.
         bare = re.fullmatch(r"\s*[+-]?([0-9]+\.|\.[0-9]+)(e[+-]?[0-9]+)?\s*", value)
         parsed = float(value) if bare else value
     wrong = put(table, key.strip(), parsed)
@@ -259,13 +258,14 @@ def _override(table: dict[str, Any], setting: str) -> str | None:
 
 
 def entry(part: str) -> int | None:
-    """The number of an entry of a list; None where a key is none."""
-    # Python takes raised digits for digits, and refuses numbers of thousands of them.
+    """Index of a list entry; None if ``part`` is not a number."""
+    # Not str.isdigit: it accepts superscripts, which int refuses. Nor more digits: int
+    # refuses thousands of them.
     return int(part) if re.fullmatch("[0-9]{1,18}", part) else None
 
 
 def put(table: dict[str, Any], key: str, value: Any) -> str | None:
-    """Put a value at ``"key.0.key"`` of a table; a message if there is no such place."""
+    """Set ``"key.0.key"`` of a table; a message if there is no such place."""
     parts = key.split(".")
     at: Any = table
     for depth, part in enumerate(parts):
@@ -275,17 +275,17 @@ def put(table: dict[str, Any], key: str, value: Any) -> str | None:
             if not at:
                 return f"{place} has no entries"
             if index is None or index >= len(at):
-                first = f": {place}.0 is the first" if index is None else ""
-                return f"{place} has entries 0 to {len(at) - 1}{first}"
+                last_entry = f" to {place}.{len(at) - 1}" if len(at) > 1 else ""
+                return (
+                    f"{place} is a list of {counted(len(at), 'entry')}, expected "
+                    f"{place}.0{last_entry}"
+                )
         elif isinstance(at, dict):
             index = part
             if not last and index not in at:
                 if depth == 1 and parts[0] in ("body", "material"):
-                    # Half of one would be made, and the other half found missing.
-                    return (
-                        f"there is no {parts[0]} {part!r}, expected one of "
-                        f"{', '.join(at)}{meant(part, at)}"
-                    )
+                    # Otherwise a new, incomplete body or material would be made.
+                    return f"there is no {parts[0]} {part!r}{instead(part, at)}"
                 at[index] = {}
         else:
             return f"{place} is not a table"

@@ -1,4 +1,4 @@
-"""The keys that a scene may have at a place, read off its tables."""
+"""Suggestions for unknown keys, from the annotations of the tables."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from pydantic import BaseModel
 
 from bipot_rs._lib.messages import nearest
 
-# Deeper than any table of a scene; a file may nest as deep as it likes.
+# Deeper than any valid scene. A wrong file may nest to any depth.
 _DEEPEST = 16
 
 
-def instead(
+def suggestion(
     root: type[BaseModel], place: Sequence[str], standing: Mapping[str, Sequence[str]]
 ) -> str:
-    """What an unknown key at ``place`` may have been meant for, to end a sentence.
+    """End of a message about an unknown key: similar keys, else all known ones.
 
     Parameters
     ----------
     root
-        The whole scene.
+        Table of the whole scene.
     place
-        Keys and numbers of entries down to the unknown one.
+        Key path of the unknown key, its parts.
     standing
-        `standing` of the scene as it was read, where the key may be right.
+        `standing` of the scene: other places that have a key of this name.
     """
     *above, wrong = place
     known = keys(root, above)
@@ -37,7 +37,7 @@ def instead(
 
 
 def standing(root: type[BaseModel], table: Any) -> dict[str, list[str]]:
-    """Of each key of a scene as it was read, the places where the scene has such a one."""
+    """Key paths of a scene by their last key, for all keys that are known."""
     found: dict[str, list[str]] = {}
     for key, path in _paths([root], table):
         found.setdefault(key, []).append(path)
@@ -45,7 +45,7 @@ def standing(root: type[BaseModel], table: Any) -> dict[str, list[str]]:
 
 
 def keys(root: type[BaseModel], place: Sequence[str]) -> list[str]:
-    """Keys of the table at a place; none where there is no table."""
+    """Keys of the table at a key path; [] if there is no table."""
     found: list[Any] = [root]
     for part in place:
         found = [inner for kind in found for inner in _step(kind, part)]
@@ -61,7 +61,7 @@ def _fields(table: type[BaseModel]) -> dict[str, Any]:
 
 
 def _step(annotation: Any, part: str) -> Iterator[Any]:
-    """What the entry ``part`` may be, of a table, a list, a mapping or a union of them."""
+    """Possible annotations of the entry ``part`` of a table, list, mapping or union."""
     inner = get_args(annotation)
     if _is_table(annotation):
         fields = _fields(annotation)
@@ -88,7 +88,7 @@ def _keys(annotation: Any) -> Iterator[str]:
 def _paths(
     kinds: Sequence[Any], table: Any, path: str = "", depth: int = _DEEPEST
 ) -> Iterator[tuple[str, str]]:
-    """Keys and places in a table of one of ``kinds`` that was read, down to a depth."""
+    """Known keys of ``table``, which has one of ``kinds``, with their key paths."""
     if not depth or not kinds:
         return
     if isinstance(table, dict):

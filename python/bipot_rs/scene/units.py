@@ -1,7 +1,7 @@
-"""Whether names of units belong together: stress = force / length².
+"""Check that names of units are consistent: stress = force / length².
 
-Nothing is converted. A scene's numbers are in one consistent set; its names of units are
-for tables and pictures, which would be wrong by powers of ten where they do not fit.
+Nothing is converted. Names of units appear in tables and pictures; inconsistent ones would
+make these wrong by powers of ten.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _PREFIX = {
     "M": 1e6,
     "G": 1e9,
 }
-# Units that take a prefix, and others by their size in m, N and Pa.
+# Units that take a prefix; the others with their value in m, N and Pa.
 _SI = {"length": "m", "force": "N", "stress": "Pa"}
 _INCH, _POUND = 0.0254, 4.4482216152605
 _OTHERS: Mapping[str, Mapping[str, float]] = {
@@ -55,7 +55,7 @@ _OTHERS: Mapping[str, Mapping[str, float]] = {
         "atm": 101325.0,
     },
 }
-# What is looked for in place of a name that does not fit, the commonest first.
+# Candidates for suggestions, the most common first.
 _COMMON = {
     "length": ("m", "mm", "cm", "µm", "nm", "km", "in", "ft"),
     "force": ("N", "kN", "mN", "MN", "µN", "nN", "lbf", "kip", "kgf", "dyn"),
@@ -72,14 +72,14 @@ _COMMON = {
         "N/cm²",
     ),
 }
-# Sizes of pounds and inches are written with fewer digits by some.
+# Some programs write the values of pounds and inches with fewer digits.
 _DIGITS = 1e-4
 
 
 def size(kind: str, name: str) -> float | None:
-    """A unit of ``"length"``, ``"force"`` or ``"stress"`` in m, N or Pa.
+    """Value of a unit of ``"length"``, ``"force"`` or ``"stress"`` in m, N or Pa.
 
-    None for a name that is not known, or is of another kind.
+    None if the name is unknown, or of another kind.
 
     >>> size("length", "mm"), size("stress", "kN/cm²"), size("force", "MPa")
     (0.001, 10000000.0, None)
@@ -95,13 +95,13 @@ def size(kind: str, name: str) -> float | None:
     ):
         force, length = size("force", parts[1]), size("length", parts[2])
         if force is not None and length is not None:
-            # Of powers of ten without the rounding of their quotients.
+            # Powers of ten without the rounding of their quotients.
             return float(f"{force / length**2:.15g}")
     return None
 
 
 def inconsistent(names: Mapping[str, str]) -> str | None:
-    """What is wrong with names by ``"length"``, ``"force"`` and ``"stress"``, if anything.
+    """Message about units of ``"length"``, ``"force"`` and ``"stress"``, None if consistent.
 
     >>> inconsistent({"length": "mm", "force": "N", "stress": "MPa"})
     >>> inconsistent({"length": "mm", "force": "kN", "stress": "bar"})
@@ -109,7 +109,7 @@ def inconsistent(names: Mapping[str, str]) -> str | None:
     >>> inconsistent({"length": "N"})
     'length in N: that is a unit of force'
 
-    Names that are not known, or missing, are left alone.
+    Unknown and missing names are not checked.
     """
     sizes: dict[str, float] = {}
     for kind in _SI:

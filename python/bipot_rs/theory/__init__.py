@@ -1,7 +1,7 @@
-"""The theory of de Saxcé and Feng (1991), statement by statement, as functions.
+"""The theory of de Saxcé and Feng (1991) as functions, statement by statement.
 
 Materials with a bipotential, the contact law in all its forms, the functionals and
-principles of the boundary-value problem, and its inequalities. Nothing here is needed
-to solve a problem; numbers in square brackets, as in [dSF91, 54], are equations of the
-paper, and docs/theory.md has those of this package.
+principles of the boundary-value problem, and its variational inequalities. The solvers do
+not use it. Numbers such as [dSF91, 54] are equations of the paper; docs/theory.md contains
+those of this package.
 """

@@ -1,8 +1,8 @@
 """The appendix of [dSF91] as functions: indicators, support functions, projections, prox.
 
-Vectors lie along the last axis, everything before it is a batch. Sets and functions are
-those that contact and soils are made of: balls, norms, and the cone ``|t| <= slope n``
-in any dimension.
+The last axis of an array contains the components of vectors; all other axes are batches.
+The sets and functions are those of contact and soils: balls, norms, and the cone
+``|t| <= slope n`` in any dimension.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def length(x: Floats) -> Floats:
 
 
 def direction(x: Floats) -> Floats:
-    """``x/|x|`` along the last axis, zero where ``x`` is."""
+    """``x/|x|`` along the last axis, zero where ``x`` is zero."""
     size = length(x)[..., None]
     return np.asarray(np.divide(x, size, out=np.zeros_like(x), where=size > 0))
 
@@ -61,10 +61,10 @@ def project_ball(x: Floats, radius: Floats) -> Floats:
 
 
 def shrink(x: Floats, weight: Floats) -> Floats:
-    """Proximal point of ``weight |·|``, ``weight >= 0``: each vector shorter by the weight.
+    """Proximal point of ``weight |·|``, ``weight >= 0``: shorten each vector by the weight.
 
-    By Moreau's decomposition the rest of the projection onto the ball of that radius;
-    formed by its own length, so that zero is exact.
+    By Moreau's decomposition it is x minus its projection onto the ball of that radius. It
+    is computed from the length instead, so that zero is exact.
     """
     size = length(x)
     left = np.maximum(size - weight, 0.0)
@@ -75,8 +75,8 @@ def shrink(x: Floats, weight: Floats) -> Floats:
 def project_cone(height: Floats, radial: Floats, slope: Any) -> tuple[Floats, Floats]:
     """Nearest point of the cone ``|radial| <= slope height`` in any dimension.
 
-    Rotation about the axis leaves the cone as it is, so that the problem is that of the
-    plane through the axis and the point, where it is `bipot_rs.project`.
+    By rotational symmetry the problem reduces to the plane through the axis and the point,
+    where it is `bipot_rs.project`.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def project_cone(height: Floats, radial: Floats, slope: Any) -> tuple[Floats, Fl
     Returns
     -------
     height, radial
-        Of the projection.
+        Components of the projection.
     """
     across = length(radial)
     plane = np.stack([np.ravel(height), np.ravel(across)], axis=1)

@@ -1,10 +1,10 @@
 """Energies, functionals and the bifunctional of one load step, discretised: [dSF91, 23-30, 67-72].
 
-A displacement is the vector of all degrees of freedom, admissible when it has the
-prescribed values; a stress field is known by the contact reactions that it is in
-equilibrium with. Body forces and tractions are the load, one body or several make no
-difference. Everything is an increment from a start state ``(t0, u0, h0)``, the unloaded
-one by default, for which increments are totals.
+A displacement is the vector of all degrees of freedom; it is admissible if it has the
+prescribed values. A stress field is given by the contact reactions with which it is in
+equilibrium. The load contains body forces and tractions; there may be several bodies. All
+quantities are increments from a start state ``(t0, u0, h0)``. The default is the unloaded
+state, for which increments are totals.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from bipot_rs.contact.result import Result
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """Where a step starts: ``t0``, ``u0`` and the loads they go with.
+    """Start of a step: ``t0``, ``u0`` and the loads that belong to them.
 
     Attributes
     ----------

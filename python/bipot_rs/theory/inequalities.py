@@ -1,15 +1,15 @@
 """The variational inequalities of contact, [dSF91, 73-78], with their worst test fields.
 
-Each inequality asks something of all test fields: that a linear function of them is
-nowhere negative. Its least value is found exactly, contact by contact, and what it falls
-below zero is the residual, in units of work: zero if and only if the inequality holds.
-Test fields may grow without end, and then so may the violation; they are bounded here by
-a stated size, which changes the amount of a violation and never the verdict.
+Each inequality requires that a linear function of the test field is nowhere negative. Its
+minimum is computed exactly for each contact; the negative part is the residual, in units of
+work: zero if and only if the inequality holds. Unbounded test fields would make a violation
+infinite. They are bounded by a given size, which scales a violation, but does not change
+whether there is one.
 
-Tractions and displacements are totals, ``t = t0 + Δt`` and ``v = Δu + (u_n0 + h0, 0)``:
-test fields ``t* = t0 + Δt*``, ``v* = Δu* + (u_n0 + h0, 0)`` differ from them by the same
-amounts as the increments of the paper do, and its sets ``ΔK_μ`` are those of totals moved
-by the start state. Reactions are nodal forces, so that integrals are sums.
+Tractions and displacements are totals, ``t = t0 + Δt`` and ``v = Δu + (u_n0 + h0, 0)``, and
+so are test fields ``t* = t0 + Δt*``, ``v* = Δu* + (u_n0 + h0, 0)``: their differences are
+those of the increments in the paper, and the sets ``ΔK_μ`` are shifted by the start state.
+Reactions are nodal forces, so that integrals are sums.
 """
 
 from __future__ import annotations
@@ -26,15 +26,14 @@ from bipot_rs.theory.convex import direction
 
 
 class Verdict(NamedTuple):
-    """What the worst test field does to an inequality.
+    """Violation of an inequality, and its worst test field.
 
     Attributes
     ----------
     residual
-        By how much each contact's share of the left side falls below zero, ``(n_c,)``, in
-        units of work; never negative.
+        Violation at each contact, ``(n_c,)``, in units of work; never negative.
     worst
-        The test field that does it, ``(n_c, d)``.
+        The test field with the largest violation, ``(n_c, d)``.
     """
 
     residual: Floats
@@ -42,7 +41,7 @@ class Verdict(NamedTuple):
 
     @property
     def total(self) -> float:
-        """The violation of the inequality: what all contacts together fall below zero."""
+        """Violation of the inequality: the sum over all contacts."""
         return float(self.residual.sum())
 
 

@@ -120,11 +120,11 @@ def test_check_tells_all_mistakes(bipot: Any) -> None:
         (["contact.0.plane.point=[0,0,-500]"], "stays 500 away"),
         (
             [f"body.cube.{axis}.cells=4" for axis in "xyz"],
-            "mesh.n: no body takes it, another one gives the same mesh",
+            "mesh.n: has no effect, since no body uses n",
         ),
         (
             ["support.0.z=0.0", "path.amplitude.shear=[0.0, 0.0]"],
-            "nothing moves: no load, no prescribed displacement",
+            "nothing moves: there is no load, all prescribed displacements",
         ),
     ],
 )
@@ -335,12 +335,15 @@ def test_names_of_which_there_are_none(bipot: Any) -> None:
     cut = re.sub(r"(?s)\[path.amplitude\].*", "", text)
     Path("mine.toml").write_text(cut)
     err = bipot("check", "mine.toml")[2]
-    told = "there is no 'drag', nor any other: path.amplitude.drag = [1.0] makes it"
+    told = "there is no amplitude 'drag': define it as path.amplitude.drag = [1.0]"
     assert f"path.parameter: {told}" in err
     assert "none" not in err
     Path("mine.toml").write_text(text.replace("[material.steel]", "[material.stel]"))
     err = bipot("check", "mine.toml")[2]
-    assert "there is no 'steel', expected one of stel, did you mean 'stel'?" in err
+    assert (
+        "there is no material 'steel', expected one of stel, did you mean 'stel'?"
+        in err
+    )
 
 
 def test_a_body_that_slides_away_has_its_name(bipot: Any) -> None:

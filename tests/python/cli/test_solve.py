@@ -145,8 +145,8 @@ def line(number: int, text: str) -> Edit:
         ),
         ("K.mtx", lambda text: text[:200], "is no stiffness in Matrix Market form"),
         ("nodes.inp", line(6, "13, x, 0"), "nodes.inp line 6: is '13, x, 0', expected"),
-        ("nodes.inp", line(6, "13, 0, 0\n13, 1, 1"), "node 13 is at line "),
-        ("nodes.inp", line(4, "*NODE, INPUT=more.inp"), "nodes of another file"),
+        ("nodes.inp", line(6, "13, 0, 0\n13, 1, 1"), "repeats node 13 of line "),
+        ("nodes.inp", line(4, "*NODE, INPUT=more.inp"), "nodes in another file"),
         (
             "nodes.inp",
             lambda text: text.replace("*ELEMENT", "999, 0.0, 0.0\n*ELEMENT"),
@@ -160,7 +160,7 @@ def line(number: int, text: str) -> Edit:
         (
             "contacts.csv",
             line(3, "1,0,2"),
-            "contacts.csv line 3: has 3 entries, the header 6",
+            "contacts.csv line 3: has 3 entries, expected 6",
         ),
         (
             "contacts.csv",

@@ -200,7 +200,7 @@ def test_an_array_grows_in_proportion() -> None:
             "load at s = 1 has shape (1,), expected (2,)",
         ),
         ({"load": lambda _: [1.0, np.nan]}, ValueError, "load at s = 1 is nan"),
-        ({"on_step": 3}, TypeError, "on_step is 3, expected something to call"),
+        ({"on_step": 3}, TypeError, "on_step is 3, expected a function"),
         ({"method": 3}, TypeError, "method is 3, expected a name"),
     ],
 )

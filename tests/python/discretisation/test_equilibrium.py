@@ -284,7 +284,7 @@ def test_complementary_energy_is_dual(dim: int, poisson: float) -> None:
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("held", ["nothing", "bottom", "a roller", "two sides"])
-def test_self_stresses_are_all_that_there_are(dim: int, held: str) -> None:
+def test_self_stresses_span_the_null_space(dim: int, held: str) -> None:
     """Their span is the null space of the balances of forces and torques of all cells.
 
     All but one force and one torque from a support to another one.
@@ -325,7 +325,7 @@ def test_self_stresses_are_all_that_there_are(dim: int, held: str) -> None:
     assert everything > 0
 
 
-def test_a_force_that_nothing_balances_is_named() -> None:
+def test_unbalanced_nodal_force_is_refused() -> None:
     body = bent(2)
     found = recovered(body)
     cells = found.cells

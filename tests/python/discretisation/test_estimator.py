@@ -151,7 +151,7 @@ def test_bound_with_tresca_friction(tmp_path: Path) -> None:
     assert discretisation_error(coarse, step, 0).kind == INDICATOR
 
 
-def test_nothing_is_missing_where_the_mesh_has_the_answer() -> None:
+def test_error_is_zero_for_exact_solutions() -> None:
     """Uniform pressure without friction: a linear displacement."""
     case, result = bench.solved("pressed_block", [SMOOTH, "mesh.n=4"])
     error = discretisation_error(case, result)
@@ -280,7 +280,7 @@ def test_no_penetration_between_nodes_of_a_curved_gap() -> None:
         assert lifted == pytest.approx((facets.curvature - lift.kept).sum())
 
 
-def test_the_lift_costs_what_it_should() -> None:
+def test_energy_of_the_edge_functions() -> None:
     """An edge function on one facet of a body: its energy, against quadrature."""
     case, result = bench.solved("cattaneo_mindlin", ["mesh.n=2"])
     estimator = Estimator(case)
@@ -314,14 +314,14 @@ def test_bad_calls(tmp_path: Path) -> None:
         Estimator(case)
     case, result = bench.solved("sheared_cube", ["mesh.n=2"])
     estimator = Estimator(case)
-    with pytest.raises(ValueError, match="step is 2, the path has 2 steps"):
+    with pytest.raises(ValueError, match="step is 2, but the path has 2 steps"):
         estimator.error(result, 2)
     with pytest.raises(ValueError, match=r"threshold has shape \(3,\)"):
         estimator.error(result, 0, threshold=np.ones(3))
     with pytest.raises(ValueError, match="threshold is -1 at a contact"):
         estimator.error(result, 0, threshold=-np.ones(9))
     narrow = block(tmp_path, "contact.0.within={x = [0.0, 0.1]}")
-    with pytest.raises(ValueError, match=r"node at \(0, 0\) has no facet"):
+    with pytest.raises(ValueError, match=r"node at \(0, 0\) belongs to no facet"):
         Estimator(narrow)
     mesh = fem.box([np.linspace(0, 1, 3)] * 2, "triangle")
     mesh.p[1] += 0.1 * mesh.p[0] * (1 - mesh.p[0]) * (1 - mesh.p[1])
@@ -333,7 +333,7 @@ def test_bad_calls(tmp_path: Path) -> None:
         [body, flat], [fem.Contact("it", "bottom", 0.3, against=("flat", "top"))]
     )
     bent = scene.Case(model, None, np.zeros((1, 0)), np.ones(1))
-    with pytest.raises(ValueError, match="surface of contact is curved"):
+    with pytest.raises(ValueError, match="contact surface is curved"):
         Estimator(bent)
 
 
@@ -354,7 +354,7 @@ def test_loads_that_contact_alone_cannot_spread(tmp_path: Path) -> None:
         discretisation_error(wrong, result)
 
 
-def test_an_iterate_is_not_called_a_bound() -> None:
+def test_unconverged_solution_gives_an_indicator() -> None:
     """What penetrates is not admissible, and a limit that is passed neither."""
     case, _ = bench.solved("sheared_cube", [SMOOTH, "mesh.n=3"])
     problem = case.model.problem()
@@ -366,16 +366,16 @@ def test_an_iterate_is_not_called_a_bound() -> None:
         assert (depth > 1e-9) == (tol == 1e-2)
     assert kinds[1e-12].kind == BOUND
     assert kinds[1e-2].kind == INDICATOR
-    assert kinds[1e-2].reasons == ("contacts that penetrate: solve to a smaller tol",)
+    assert kinds[1e-2].reasons == ("contacts that penetrate: solve with a smaller tol",)
     case, result = bench.solved("sheared_cube", ["mesh.n=2"])
     error = discretisation_error(case, result, 0, threshold=np.zeros(9))
-    assert error.reasons == ("tractions beyond the threshold of friction",)
+    assert error.reasons == ("tractions above the threshold of friction",)
 
 
-def test_nodal_forces_alone_do_not_do(tmp_path: Path) -> None:
+def test_nodal_forces_without_loads_are_refused(tmp_path: Path) -> None:
     case = block(tmp_path)
     result = case.model.problem().solve(case.load, case.prescribed)
-    with pytest.raises(ValueError, match="nodal forces do not do"):
+    with pytest.raises(ValueError, match="supports no other nodal forces"):
         discretisation_error(replace(case, loads=()), result)
 
 

@@ -12,7 +12,7 @@ from bipot_rs.discretisation.stopping import LOOSEST, TIGHTEST, tolerance
 @pytest.mark.parametrize(
     ("name", "n"), [("sheared_cube", 3), ("two_blocks", 4), ("cattaneo_mindlin", 5)]
 )
-def test_what_is_left_is_small_beside_the_mesh(name: str, n: int, method: str) -> None:
+def test_solver_error_is_below_the_mesh_error(name: str, n: int, method: str) -> None:
     case, exact = bench.solved(name, [f"mesh.n={n}"])
     problem, estimator = case.model.problem(), Estimator(case)
     enough = tolerance(estimator, problem, method=method)
@@ -45,13 +45,13 @@ def test_a_smaller_share_is_tighter() -> None:
     assert tols[0] > tols[1] > tols[2]
 
 
-def test_without_contact_force_nothing_is_loosened() -> None:
+def test_tolerance_without_contact_force() -> None:
     case, _ = bench.solved("sheared_cube", ["mesh.n=2", "support.0.z=0.05"])
     assert tolerance(Estimator(case), case.model.problem()).tol == TIGHTEST
 
 
 @pytest.mark.parametrize("share", [0.0, -1.0, 1.5, np.nan])
-def test_shares_that_make_no_sense(share: float) -> None:
+def test_share_out_of_range_is_refused(share: float) -> None:
     case, _ = bench.solved("sheared_cube", ["mesh.n=2"])
     with pytest.raises(ValueError, match="share is"):
         tolerance(Estimator(case), case.model.problem(), share=share)

@@ -200,9 +200,7 @@ def test_volumes_that_do_not_fit() -> None:
     thin = fem.Material(1.0, 0.3, thickness=0.5)
     with pytest.raises(ValueError, match="differ in plane_stress or in thickness"):
         fem.Body("bar", mesh, {"soft": steel, "hard": thin})
-    with pytest.raises(
-        ValueError, match="no volume 'a', nor any other: its mesh names"
-    ):
+    with pytest.raises(ValueError, match="no volume 'a': its mesh names"):
         fem.Body("bar", fem.box([[0, 1], [0, 1]], "triangle"), {"a": steel})
 
 

@@ -121,7 +121,7 @@ def test_tables_of_sweeps(bipot: Any) -> None:
     assert "2 rows of 2 are done already" in err
 
 
-def test_copies_do_not_stay(tmp_path: Path) -> None:
+def test_temporary_copies_are_removed(tmp_path: Path) -> None:
     path = tmp_path / "K.mtx"
     mmwrite(path, sparse.identity(2, format="coo"))
     with unmarked(path) as source:
@@ -135,8 +135,8 @@ def test_copies_do_not_stay(tmp_path: Path) -> None:
     assert not source.parent.exists()
 
 
-def test_no_text_is_read_in_another_way(repository: Path) -> None:
-    """What reads a text leaves the mark out; of files of the package there is none."""
+def test_every_text_is_read_without_the_mark(repository: Path) -> None:
+    # These read files of the package or of the system, which have no mark.
     own = {"new.py", "versions.py", "cost_forecast.py", "peak_memory.py"}
     found = []
     for file in (repository / "python" / "bipot_rs").rglob("*.py"):

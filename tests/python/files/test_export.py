@@ -162,7 +162,7 @@ def test_series_of_large_and_odd_fields(tmp_path: Path) -> None:
     assert meshio.read(tmp_path / "a_0001.vtu").point_data == {}
 
 
-def test_zeros_all_but_vanish(tmp_path: Path) -> None:
+def test_zeros_are_compressed(tmp_path: Path) -> None:
     points = np.random.default_rng(0).normal(size=(50_000, 3))
     sizes = []
     for fields in ({}, {"a": np.zeros((50_000, 3))}, {"a": points}):

@@ -8,14 +8,14 @@ import bipot_rs as bp
 from bipot_rs._lib.messages import counted, printable
 
 
-def test_one_is_no_plural() -> None:
+def test_counted_singular_and_plural() -> None:
     assert counted(1, "iteration") == "1 iteration"
     assert counted(0, "iteration") == "0 iterations"
     assert counted(1, "entry") == "1 entry"
     assert counted(2, "entry") == "2 entries"
 
 
-def test_names_stay_on_a_line() -> None:
+def test_printable_names_have_one_line() -> None:
     assert printable("plain, é and 接触") == "plain, é and 接触"
     assert printable("a\nb\tc\x1b[2J\udcff") == r"a\nb\tc\x1b[2J\udcff"
 

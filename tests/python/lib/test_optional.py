@@ -61,7 +61,7 @@ def run(
     )
 
 
-def test_arrays_need_none_of_them(tmp_path: Path) -> None:
+def test_arrays_need_no_optional_library(tmp_path: Path) -> None:
     done = run(SOLVE, OPTIONAL, tmp_path)
     assert done.returncode == 0, done.stderr
     assert "numpy" in done.stdout
@@ -90,19 +90,19 @@ def test_arrays_need_none_of_them(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_to_install_is_said(
+def test_message_names_the_extra_to_install(
     library: str, code: str, told: str, tmp_path: Path
 ) -> None:
     done = run(code, (library,), tmp_path)
     last = done.stderr.strip().splitlines()[-1]
     extra = {"h5py": "io", "skfem": "fem"}.get(library, "cli")
     assert last == (
-        f"ModuleNotFoundError: {told}, which is not installed: it comes with the extra "
-        f"{extra}, as in pip install 'bipot-rs[{extra}]'"
+        f"ModuleNotFoundError: {told}, which is not installed: run pip install "
+        f"'bipot-rs[{extra}]'"
     )
 
 
-def test_a_fault_within_a_library_is_not_hidden() -> None:
+def test_import_error_inside_a_library_is_unchanged() -> None:
     within = ModuleNotFoundError("No module named 'zlib'", name="zlib")
     assert missing(within, "files", "h5py", "io") is within
     without = ModuleNotFoundError("No module named 'h5py'", name="h5py")

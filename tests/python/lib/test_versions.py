@@ -27,7 +27,7 @@ def test_versions_are_those_that_run() -> None:
     assert bp.__version__ == _core.version
 
 
-def test_a_line_each(capsys: pytest.CaptureFixture[str]) -> None:
+def test_versions_are_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
     bp.show_versions()
     lines = capsys.readouterr().out.splitlines()
     told = dict(re.split(r" {2,}", line, maxsplit=1) for line in lines)
@@ -58,7 +58,7 @@ def test_threads(
     assert re.fullmatch(expected, bp.versions()["threads"])
 
 
-def test_nothing_is_imported_for_it() -> None:
+def test_versions_imports_no_library() -> None:
     script = """
 import sys
 import bipot_rs

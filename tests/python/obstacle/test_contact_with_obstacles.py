@@ -371,7 +371,7 @@ def test_the_error_of_the_mesh_is_proved_over_planes_only() -> None:
         result = problem.solve(gap=model.gaps(1), tol=TOL)
         case = scene.Case(model, None, np.zeros((1, len(model.fixed))), np.ones(1))
         found = discretisation_error(case, result)
-        told = "an obstacle whose shape is known at the nodes only" in found.reasons
+        told = "an obstacle whose shape is known only at the nodes" in found.reasons
         assert told == says
         assert found.total > 0
 

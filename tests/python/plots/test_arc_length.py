@@ -35,7 +35,7 @@ def test_an_arc_goes_from_its_end_of_least_x(start: float, end: float) -> None:
     assert found.name == "arc length from the end of least x"
 
 
-def test_an_arc_that_stands_goes_up() -> None:
+def test_vertical_arc_ascends() -> None:
     x, _ = arc(-1.0, 1.0, 15)
     found = places(x, "arc")
     assert (np.diff(x[found.order, 1]) > 0).all()
@@ -43,7 +43,7 @@ def test_an_arc_that_stands_goes_up() -> None:
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_a_ring_goes_around_once_against_the_clock(mirrored: bool) -> None:
+def test_arc_length_of_a_ring_is_counter_clockwise(mirrored: bool) -> None:
     count = 31
     x, angle = arc(0.0, 2 * np.pi * (1 - 1 / count), count)
     if mirrored:
@@ -125,7 +125,7 @@ def test_turned_and_made_larger_it_is_the_same_line() -> None:
     assert order in (list(one.order), list(one.order[::-1]))
 
 
-def test_a_ring_in_space_is_seen_from_an_axis() -> None:
+def test_arc_length_of_a_ring_in_3d() -> None:
     x, angle = arc(0.0, 2 * np.pi * 0.95, 20)
     # In the plane of y and z; counter-clockwise seen from +x goes from y to z.
     found = places(np.column_stack([np.full(20, 7.0), x]), "arc")
@@ -133,10 +133,10 @@ def test_a_ring_in_space_is_seen_from_an_axis() -> None:
     assert found.name == ("arc length from largest y, counter-clockwise seen from +x")
 
 
-def test_a_surface_is_no_line() -> None:
+def test_surface_is_refused_as_a_line() -> None:
     u, v = np.meshgrid(np.arange(6.0), np.arange(6.0))
     x = np.stack([u.ravel(), v.ravel(), 0 * u.ravel()], axis=1)
-    with pytest.raises(ValueError, match="do not lie on one line"):
+    with pytest.raises(ValueError, match="do not lie on one line: select"):
         places(x, "arc")
     assert not places(x, "x").once
     assert places(x[:6], "x").once

@@ -129,7 +129,7 @@ def test_plane_surfaces_have_maps_of_their_own(
     assert {"x [mm]", "y [mm]", "z [mm]", "It, load step 3 of 3"} <= set(texts)
 
 
-def test_contact_that_is_open_everywhere(
+def test_tractions_of_open_contact(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     u, v = np.meshgrid(np.linspace(0, 1, 4), np.linspace(0, 1, 4))

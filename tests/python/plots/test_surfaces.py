@@ -140,7 +140,7 @@ def test_forces_of_two_surfaces_are_not_summed(clamped: Any) -> None:
     np.testing.assert_allclose(loop.get_ydata(), [120, 360, 600], rtol=1e-8)
 
 
-def test_a_surface_is_asked_for_by_its_name(clamped: Any) -> None:
+def test_where_selects_a_surface_by_name(clamped: Any) -> None:
     seen = look(clamped, where="pad.top")
     np.testing.assert_array_equal(
         seen.x, clamped.contacts["x"][clamped.contacts_of("pad.top")]
@@ -159,7 +159,7 @@ def test_surfaces_are_kept_in_a_file(clamped: Any, tmp_path: Path) -> None:
     assert labels(plots.tractions(again))[:2] == ["pad.bottom", "pad.top"]
 
 
-def test_a_curved_surface_is_told_by_sums_that_mean_something(ring: Any) -> None:
+def test_resultants_of_a_curved_surface(ring: Any) -> None:
     """All slip around: friction is used up, and no force along x or y is friction's."""
     assert (ring.status[-1] == bp.Status.SLIP).all()
     ax = plots.resultants(ring)
@@ -200,7 +200,7 @@ def test_shear_around_a_ring_has_one_sign(ring: Any) -> None:
     assert drawn["normal"][0] == drawn["normal"][-1] == drawn["normal"].max()
 
 
-def test_which_step_is_drawn_is_told(clamped: Any) -> None:
+def test_title_names_the_step(clamped: Any) -> None:
     for step, said in ((0, "load step 1 of 3"), (-1, "load step 3 of 3")):
         for draw in (plots.tractions, plots.slip, plots.status_map):
             legend = draw(clamped, step=step).get_legend()
@@ -228,7 +228,7 @@ def warm() -> bp.Model:
     return made
 
 
-def test_bodies_come_from_whatever_has_them() -> None:
+def test_bodies_from_model_case_or_result() -> None:
     """Held from both ends at 100 K, E α T = 210 MPa; the displacements alone say else."""
     made = warm()
     result = made.solve()
@@ -291,7 +291,7 @@ def test_short_axes_of_space_can_be_read(height: float) -> None:
         assert overlaps(ax.figure) == []
 
 
-def test_where_nothing_can_be_told_that_is_said() -> None:
+def test_quantity_that_is_zero_everywhere() -> None:
     u, v = np.meshgrid(np.arange(4.0), np.arange(4.0))
     x = np.stack([u.ravel(), v.ravel(), 0 * u.ravel()], axis=1)
     n = len(x)
@@ -302,7 +302,9 @@ def test_where_nothing_can_be_told_that_is_said() -> None:
         ([1.0, 0.0, 0.0], "pressure", "all contacts are open"),
     ):
         result = bp.solve(
-            *(np.eye(3 * n), np.eye(3 * n), np.tile(load, n)),
+            np.eye(3 * n),
+            np.eye(3 * n),
+            np.tile(load, n),
             gap=np.zeros(n),
             mu=0.3,
             points=x,
@@ -359,7 +361,7 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
     assert bipot("plot", folder, "--kind", "deformed", *moved)[0] == 0
 
 
-def test_of_arrays_there_are_neither_bodies_nor_surfaces(bipot: Any) -> None:
+def test_result_of_arrays_has_no_names(bipot: Any) -> None:
     bp.solve(np.eye(2), np.eye(2), [-1.0, 0], gap=[0], mu=0.3).save("a.h5")
     for more, said in (
         (("--kind", "deformed"), "a.h5 is not the result of a scene, whose mesh"),
@@ -415,8 +417,8 @@ def test_surfaces_off_one_plane_are_drawn_in_space(bipot: Any) -> None:
     status, _, err = bipot("plot", "out/corner", "--kind", "pressure_map")
     assert status == 2
     assert (
-        "choose those of one by --contact (there are block.bottom, block.left), or draw "
-        "them in space by --kind pressure_3d" in " ".join(err.split())
+        "select those of one by --contact (one of block.bottom, block.left), or draw "
+        "them in 3D by --kind pressure_3d" in " ".join(err.split())
     )
     chosen = ("--kind", "pressure_map", "--contact", "block.bottom")
     assert bipot("plot", "out/corner", *chosen)[0] == 0

@@ -52,8 +52,16 @@ def loaded(code: str, folder: Path) -> set[str]:
         (COMMAND.format(RUN[:-1]), set(HEAVY) - {"matplotlib", "meshio"}),
     ],
     ids=[
-        *("import", "project", "arrays", "help", "scenes", "scene", "new", "check"),
-        *("json", "table"),
+        "import",
+        "project",
+        "arrays",
+        "help",
+        "scenes",
+        "scene",
+        "new",
+        "check",
+        "json",
+        "table",
     ],
 )
 def test_loads_only_what_it_uses(
@@ -78,6 +86,6 @@ def test_few_contacts_are_paired_without_a_tree(tmp_path: Path) -> None:
     assert "scipy.spatial" not in loaded(COMMAND.format(RUN), tmp_path)
 
 
-def test_pictures_load_what_draws_them(tmp_path: Path) -> None:
+def test_check_of_imports_sees_matplotlib(tmp_path: Path) -> None:
     """The counterpart: the names above are those that would be seen."""
     assert "matplotlib" in loaded(COMMAND.format([*RUN, "--plot"]), tmp_path)

@@ -68,7 +68,7 @@ def test_promised_keywords(name: str, keywords: list[str]) -> None:
     assert [k for k in keywords if k not in parameters] == []
 
 
-def test_all_is_sorted_out() -> None:
+def test_public_names_exist_and_are_listed_once() -> None:
     assert len(set(bp.__all__)) == len(bp.__all__)
     assert [name for name in bp.__all__ if not hasattr(bp, name)] == []
 
@@ -119,7 +119,7 @@ print(len(os.listdir("/proc/self/task")) - before)
     assert int(done.stdout) == 0
 
 
-def test_earlier_names_go_on_working() -> None:
+def test_earlier_names_still_work() -> None:
     assert bp.load is bp.load_result
     assert fem.Model is fem.Assembly
     assert fem.build is fem.assemble

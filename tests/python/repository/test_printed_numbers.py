@@ -154,7 +154,7 @@ def test_the_table_of_the_largest_friction() -> None:
 
 
 @pytest.mark.parametrize("picture", PICTURES)
-def test_a_picture_is_of_the_numbers_beside_it(picture: str) -> None:
+def test_pictures_match_their_tables(picture: str) -> None:
     path = PAPER / picture
     stamp = script("curves").digest(path.with_suffix(".csv"))
     assert stamp.encode() in path.read_bytes()

@@ -100,8 +100,7 @@ def test_matrix_market(tmp_path: Path) -> None:
     assert result.reaction[0, :, 0].sum() == pytest.approx(40.0 * 50.0, rel=1e-9)
     options = [f"--{k}={k}.csv" for k in ("contacts", "load", "fixed")]
     run = bipot(
-        *("solve", "--stiffness", "K.mtx", "--nodes", "nodes.inp", *options),
-        cwd=tmp_path,
+        "solve", "--stiffness=K.mtx", "--nodes=nodes.inp", *options, cwd=tmp_path
     )
     assert run.returncode == 0, run.stderr
     read = bp.load(tmp_path / "out" / "K" / "result.h5")

@@ -93,7 +93,7 @@ def test_altered_scenes(name: str, tmp_path: Path) -> None:
     ("arguments", "words"),
     ABSURD,
 )
-def test_absurd_sizes_are_refused_by_their_figures(
+def test_sizes_beyond_memory_are_refused(
     arguments: list[str], words: str, tmp_path: Path
 ) -> None:
     settings = [part for setting in arguments for part in ("--set", setting)]
@@ -112,7 +112,7 @@ def test_absurd_sizes_are_refused_by_their_figures(
     "content",
     NO_TOML,
 )
-def test_files_that_are_no_scene(content: bytes, tmp_path: Path) -> None:
+def test_files_that_are_not_a_scene(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_bytes(content)
     run = bipot("run", "scene.toml", cwd=tmp_path)
     assert run.returncode == 2
@@ -214,7 +214,7 @@ def test_other_files_of_hdf5(kind: str, words: str, tmp_path: Path) -> None:
         ("residual", np.zeros(3)),
     ],
 )
-def test_steps_that_are_none(name: str, value: object, tmp_path: Path) -> None:
+def test_damaged_steps_are_refused(name: str, value: object, tmp_path: Path) -> None:
     path, _ = result_file(tmp_path)
     with h5py.File(path, "r+") as file:
         del file.attrs["sealed"]

@@ -10,7 +10,7 @@ import pytest
 import bipot_rs as bp
 from bipot_rs.discretisation import discretisation_error
 from bipot_rs.scene import assemble, bodies, read
-from bipot_rs.scene.schema import Amplitude
+from bipot_rs.scene.schema.path import Amplitude
 from children import bipot, bipot_with
 from comparisons import bits, content
 
@@ -22,7 +22,7 @@ def made(name: str, *settings: str) -> Any:
     return assemble(scene, bodies(scene))
 
 
-def test_without_need_the_steps_are_those_given() -> None:
+def test_automatic_steps_equal_given_steps() -> None:
     plain = made("two_blocks", "mesh.n=4")
     automatic = made("two_blocks", "mesh.n=4", "path.automatic=true").solve()
     np.testing.assert_array_equal(automatic.s, [1.0, 2.0])
@@ -72,7 +72,7 @@ def test_amplitudes_between_load_steps(amplitude: Amplitude) -> None:
     np.testing.assert_allclose(amplitude.at(t, 3), exact, rtol=1e-15, atol=1e-15)
 
 
-def test_a_limit_is_told_with_what_was_reached(tmp_path: Path) -> None:
+def test_failed_path_reports_the_last_solved_load(tmp_path: Path) -> None:
     """A block pressed by 1 and towed by 1.2 (t - 1), against friction of 0.5."""
     limit = 0.5 / 1.2
     (tmp_path / "towed.toml").write_text("""

@@ -355,7 +355,7 @@ def test_mistakes(changes: dict[str, Any], words: str) -> None:
     assert words in str(refused.value)
 
 
-def test_mistakes_of_files_are_all_told(tmp_path: Path) -> None:
+def test_all_mistakes_of_files_are_reported(tmp_path: Path) -> None:
     m = of_file()
     m.body("gone", mesh=tmp_path / "gone.msh", material="steel")
     m.body(
@@ -378,12 +378,14 @@ def test_mistakes_of_files_are_all_told(tmp_path: Path) -> None:
         m.assemble()
     places = [problem.partition(":")[0] for problem in refused.value.problems]
     assert places == [
-        *("support.1.on", "strain.1.on"),
-        *("contact.1.plane.point", "contact.1.plane.normal"),
+        "support.1.on",
+        "strain.1.on",
+        "contact.1.plane.point",
+        "contact.1.plane.normal",
     ]
     m = of_file()
     m._table["body"]["part"]["surface"] = {"base": {"normal": [0, 1]}}
-    with pytest.raises(ValueError, match=r"body\.part\.surface\.base: the mesh names"):
+    with pytest.raises(ValueError, match=r"body\.part\.surface\.base: the mesh has"):
         m.assemble()
     m._table["body"]["part"]["surface"] = {"side": {"within": {"x": [7, 8]}}}
     with pytest.raises(ValueError, match=r"body\.part\.surface\.side: no facet"):
@@ -413,7 +415,7 @@ def test_files_beside_the_scene(
     assert read.solve().reaction.tobytes() == by_cwd.tobytes()
 
 
-def test_what_the_error_of_the_mesh_refuses() -> None:
+def test_unsupported_models_of_the_discretisation_error() -> None:
     """Each in a sentence; what moves flat is known, and proved."""
     p1 = {"mesh.element": "P1"}
     heated = block().with_(**p1)

@@ -29,7 +29,7 @@ def solved(name: str) -> Any:
 
 
 @pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda p: p.stem)
-def test_they_are_solved_and_nothing_is_remarked(path: Path) -> None:
+def test_example_scenes_are_solved_without_warnings(path: Path) -> None:
     m = bp.Model.from_toml(path)
     assert m.check() == []
     assert solved(path.stem).success

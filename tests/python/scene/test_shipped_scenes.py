@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 import places
 from bipot_rs import scene
-from bipot_rs.scene import schema
+from bipot_rs.scene.schema.mesh import Axis
 from faulty_scenes import MISTAKES
 
 DATA = places.DATA
@@ -40,9 +40,13 @@ def traction_error(r: Floats, reference: Floats, area: Floats) -> Floats:
 @pytest.mark.parametrize(
     ("name", "n"),
     [
-        *(("pressed_block", n) for n in (16, 32, 64)),
-        *(("sheared_cube", n) for n in (9, 15)),
-        *(("two_blocks", n) for n in (8, 16)),
+        ("pressed_block", 16),
+        ("pressed_block", 32),
+        ("pressed_block", 64),
+        ("sheared_cube", 9),
+        ("sheared_cube", 15),
+        ("two_blocks", 8),
+        ("two_blocks", 16),
         pytest.param("pressed_block", 128, marks=pytest.mark.verify),
         pytest.param("two_blocks", 24, marks=pytest.mark.verify),
     ],
@@ -76,7 +80,10 @@ def test_second_route(name: str, n: int, repository: Path, tmp_path: Path) -> No
         [
             sys.executable,
             str(repository / "benches" / "peers" / "with_scipy.py"),
-            *(name, str(n), "--save", str(answer), "--tol", "1e-12"),
+            name,
+            str(n),
+            f"--save={answer}",
+            "--tol=1e-12",
         ],
         check=True,
         capture_output=True,
@@ -201,17 +208,13 @@ def test_a_ramp_takes_any_number_of_steps() -> None:
 
 
 def test_graded_grid() -> None:
-    axis = schema.Axis.model_validate(
-        {"from": 0.0, "to": 10.0, "cell": 1.0, "growth": 2.0}
-    )
+    axis = Axis.model_validate({"from": 0.0, "to": 10.0, "cell": 1.0, "growth": 2.0})
     # 0 1 3 7 15 → clipped to 10, the last cell of 3 not under half of 4.
     np.testing.assert_array_equal(axis.grid(None), [0, 1, 3, 7, 10])
-    axis = schema.Axis.model_validate(
-        {"from": 0.0, "to": -8.0, "cell": 1.0, "growth": 2.0}
-    )
+    axis = Axis.model_validate({"from": 0.0, "to": -8.0, "cell": 1.0, "growth": 2.0})
     # The last cell would be 1, under half of 4: its inner point goes.
     np.testing.assert_array_equal(axis.grid(None), [-8, -3, -1, 0])
-    axis = schema.Axis.model_validate(
+    axis = Axis.model_validate(
         {"from": -8.0, "to": 4.0, "cell": "2/n", "uniform": [-1.0, 1.0], "growth": 2.0}
     )
     # From -1: cells of 2, 4, then 1 left over, which is under half of 4. From 1:
@@ -220,7 +223,7 @@ def test_graded_grid() -> None:
 
 
 @pytest.mark.parametrize(("settings", "problems"), MISTAKES)
-def test_mistakes_are_all_told(settings: list[str], problems: list[str]) -> None:
+def test_all_mistakes_are_reported(settings: list[str], problems: list[str]) -> None:
     with pytest.raises(scene.SceneError) as caught:
         scene.read("two_blocks", settings)
     found = caught.value.problems
@@ -235,7 +238,7 @@ def test_numbers_of_a_setting_may_lack_a_digit(value: str) -> None:
     assert scene.read("two_blocks", [f"contact.0.mu={value}"]).contact[0].mu == 0.25
 
 
-def test_a_key_that_is_wrong_twice_is_meant_for_neither() -> None:
+def test_suggestions_for_keys_that_exist_elsewhere() -> None:
     """A key is looked for where the scene has it, and in one walk for all mistakes."""
     table = scene.parsed("sheared_cube", scene.text("sheared_cube"))
     contact = table["contact"][0]
@@ -257,7 +260,7 @@ def test_a_key_that_is_wrong_twice_is_meant_for_neither() -> None:
         assert meant.startswith(f"contact.{k}.zzz: unknown key, expected one of on, mu")
 
 
-def test_files_that_are_no_scenes(tmp_path: Path) -> None:
+def test_files_that_are_not_scenes(tmp_path: Path) -> None:
     with pytest.raises(scene.SceneError, match="neither a file nor one of cattaneo"):
         scene.read("nothing")
     broken = tmp_path / "broken.toml"
@@ -272,7 +275,7 @@ def test_a_file_is_read_like_a_shipped_scene(tmp_path: Path) -> None:
     assert scene.read(str(own)) == scene.read("sheared_cube")
 
 
-def test_mistakes_that_show_on_the_mesh() -> None:
+def test_mistakes_found_on_the_mesh() -> None:
     read = scene.read("two_blocks", ["body.lower.x.to=90.0"])
     with pytest.raises(scene.SceneError, match="do not match"):
         scene.assemble(read, scene.bodies(read))
@@ -360,13 +363,13 @@ def test_triangles_of_a_scene_stay_as_the_body_says() -> None:
     own = scene.read("pressed_block", ["body.block.cell=triangle", "mesh.n=2"])
     by_mesh = scene.read("pressed_block", ["mesh.element=P1", "mesh.n=2"])
     back = scene.read(
-        "pressed_block", [*("body.block.cell=triangle", "mesh.n=2"), "mesh.element=Q1"]
+        "pressed_block", ["body.block.cell=triangle", "mesh.n=2", "mesh.element=Q1"]
     )
     kinds = [type(scene.bodies(read)[0].mesh).__name__ for read in (own, by_mesh, back)]
     assert kinds == ["MeshTri1", "MeshTri1", "MeshQuad1"]
 
 
-def test_elements_that_there_are_not() -> None:
+def test_unknown_element_is_refused() -> None:
     with pytest.raises(scene.SceneError, match=r"mesh.element: should be 'P1', 'Q1'"):
         scene.read("pressed_block", ["mesh.element=P3"])
 

@@ -63,16 +63,16 @@ WRONG = [
 
 
 @pytest.mark.parametrize("names", FITTING)
-def test_what_fits(names: tuple[str, str, str]) -> None:
+def test_consistent_units(names: tuple[str, str, str]) -> None:
     assert units.inconsistent(dict(zip(units._SI, names, strict=True))) is None
 
 
 @pytest.mark.parametrize(("names", "said"), WRONG)
-def test_what_does_not(names: tuple[str, str, str], said: str) -> None:
+def test_inconsistent_units(names: tuple[str, str, str], said: str) -> None:
     assert units.inconsistent(dict(zip(units._SI, names, strict=True))) == said
 
 
-def test_what_would_fit_does() -> None:
+def test_suggested_units_are_consistent() -> None:
     """Of all names known, what is said to fit fits, and what fits is let pass."""
     common = units._COMMON
     wrong = 0
@@ -108,7 +108,7 @@ def test_what_would_fit_does() -> None:
         {},
     ],
 )
-def test_what_is_not_known_is_let_pass(names: dict[str, str]) -> None:
+def test_unknown_units_are_not_checked(names: dict[str, str]) -> None:
     assert units.inconsistent(names) is None
 
 

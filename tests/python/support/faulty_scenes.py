@@ -28,14 +28,14 @@ MISTAKES: list[tuple[list[str], list[str]]] = [
             "body.lower.z: ",
         ],
     ),
-    (["contact.1.mu=0.1"], ["--set contact.1.mu: contact has entries 0 to 0"]),
+    (["contact.1.mu=0.1"], ["--set contact.1.mu: contact is a list of 1 entry"]),
     (["mesh.n"], ["--set mesh.n: should be KEY=VALUE"]),
     (["mesh.n.k=3"], ["--set mesh.n.k: mesh.n is not a table"]),
     (
         ["body.upper.material=wood", "contact.0.on=upper.under"],
         [
-            "body.upper.material: there is no 'wood', expected one of steel, polymer",
-            "contact.0.on: there is no 'upper.under', expected one of upper.left",
+            "body.upper.material: there is no material 'wood', expected one of steel",
+            "contact.0.on: there is no surface 'upper.under', expected one of upper",
         ],
     ),
     (
@@ -45,31 +45,31 @@ MISTAKES: list[tuple[list[str], list[str]]] = [
     (
         ["contact.0.on=bottom", "support.0.on=tip"],
         [
-            "support.0.on: there is no 'tip', expected one of upper, lower",
+            "support.0.on: there is no body 'tip', expected one of upper, lower",
             "contact.0.on: there is no body 'bottom', did you mean upper.bottom or",
         ],
     ),
-    (["path.amplitude.wind=[1.0, 2.0]"], ["path.amplitude.wind: nothing uses it"]),
-    (["path.parameter=wind"], ["path.parameter: there is no 'wind'"]),
+    (["path.amplitude.wind=[1.0, 2.0]"], ["path.amplitude.wind: is not used"]),
+    (["path.parameter=wind"], ["path.parameter: there is no amplitude 'wind'"]),
     (
         ["contact.0.against=upper.top"],
-        ["contact.0.against: a body cannot meet itself"],
+        ["contact.0.against: should be a surface of another body, got 'upper.top'"],
     ),
     (
         ["contact.0.plane={point=[0.0, 0.0, 0.0], normal=[0.0, 0.0, 1.0]}"],
-        ["contact.0: needs plane or against, one of them"],
+        ["contact.0: needs exactly one of plane and against"],
     ),
     (
         ["body.upper.cell=triangle"],
-        ["body: bodies of two and of three", "body.upper: a"],
+        ["body: some bodies have two", "body.upper.z: remove it"],
     ),
     (
         ["path.amplitude.shear={wave='sine', period=20.0}"],
-        ["path.steps: is missing, and the wave shear has no end"],
+        ["path.steps: is missing, amplitude 'shear' is a wave"],
     ),
     (
         ["path.amplitude.shear={wave='sine'}", "path.steps=2"],
-        ["path.amplitude.shear: a sine needs its period"],
+        ["path.amplitude.shear.period: is missing"],
     ),
     (
         ["solver.method=newt", "solver.tol=2.0", "contact.0.mu=[1.0, 2.0]"],
@@ -85,19 +85,19 @@ MISTAKES: list[tuple[list[str], list[str]]] = [
     ),
     (
         ["path.amplitude.shear={wave='ramp', period=2.0}", "path.steps=2"],
-        ["path.amplitude.shear: a ramp has no period"],
+        ["path.amplitude.shear.period: remove it, a ramp"],
     ),
 ]
 # Settings of `cyclic_cube` beyond any machine, and what is told of them.
 ABSURD: list[tuple[list[str], str]] = [
     (["mesh.n=1000000000"], "mesh.n: should be less than or equal to 1000000"),
-    (["mesh.n=100000"], "body.cube: 1000030000300001 nodes, whose stiffness alone"),
+    (["mesh.n=100000"], "body.cube: has 1000030000300001 nodes, whose stiffness"),
     (["mesh.n=-3"], "mesh.n: should be greater than 0"),
     (["mesh.n=nan"], "mesh.n: should be a valid integer"),
     (["path.steps=1000000000"], "path.steps: should be less than or equal"),
     (
         ["path.steps=1000000", "mesh.n=40"],
-        "path: 1000000 load steps of 68921 nodes",
+        "path: has 1000000 load steps of 68921 nodes",
     ),
     (["body.cube.x.cells='n/0'"], "body.cube.x: n/0 divides by zero"),
     (["body.cube.x.to=1e300"], "body.cube.x.to: is 1e+300, expected zero or"),
@@ -117,11 +117,11 @@ NO_TOML = [
 PARTS: list[tuple[dict[str, Any], str]] = [
     (
         {"body.block.mesh": "a.msh"},
-        "body.block.cell: is of a box, this body has a mesh",
+        "body.block.cell: is for a box, but this body has a mesh",
     ),
     (
         {"body.block.material": {"a": "soft"}},
-        "body.block.material: there is no volume 'a'",
+        "body.block.material: there is no volume 'a': a box has none",
     ),
     (
         {"body.block.surface.top": {"normal": [0, 1]}},
@@ -132,14 +132,14 @@ PARTS: list[tuple[dict[str, Any], str]] = [
         {"body.block.surface.a": {"normal": [0, 1, 0]}},
         "a.normal: should have 2 components",
     ),
-    ({"body.block.surface.a": {"within": {}}}, "a.within: gives no range"),
+    ({"body.block.surface.a": {"within": {}}}, "a.within: is empty"),
     (
         {"material.soft.young": [1.0, 2.0, 3.0]},
         "material.soft: an orthotropic material",
     ),
     (
         {"material.soft.shear": [1.0, 2.0]},
-        "material.soft.shear: List should have at least",
+        "material.soft.shear: should have at least",
     ),
     (
         {
@@ -155,17 +155,17 @@ PARTS: list[tuple[dict[str, Any], str]] = [
         {"contact.0.against": "disk"},
         "there is no obstacle 'disk', expected one of disc",
     ),
-    ({"contact.0.against": "block"}, "a surface of body 'block' is block.SURFACE"),
-    ({"contact.0.pairing": "nodes"}, "contact.0.pairing: of a rigid obstacle"),
+    ({"contact.0.against": "block"}, "'block' is a body, expected an obstacle"),
+    ({"contact.0.pairing": "nodes"}, "contact.0.pairing: should be 'match' or"),
     (
         {"obstacle.disc.sphere": {"centre": [0, 0], "radius": 1.0}},
-        "obstacle.disc: needs one",
+        "obstacle.disc: needs exactly one",
     ),
-    ({"obstacle.disc.move": {}}, "obstacle.disc.move: gives no component"),
-    ({"obstacle.disc.move": {"z": 1.0}}, "obstacle.disc.move.z: a scene of two"),
+    ({"obstacle.disc.move": {}}, "obstacle.disc.move: has no component"),
+    ({"obstacle.disc.move": {"z": 1.0}}, "obstacle.disc.move.z: remove it"),
     (
         {"obstacle.disc.turn.axis": [0, 0, 1]},
-        "turn.axis: in two dimensions there is none",
+        "turn.axis: remove it, the scene has two dimensions",
     ),
     ({"obstacle.disc.turn.about": [0, 0, 1]}, "turn.about: should have 2 components"),
     (
@@ -174,9 +174,9 @@ PARTS: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"obstacle.other": {"surface": "a.stl"}},
-        "obstacle.other: no contact is against it",
+        "obstacle.other: is not used",
     ),
-    ({"symmetry": [{"on": "block.lid"}]}, "symmetry.0.on: there is no 'block.lid'"),
+    ({"symmetry": [{"on": "block.lid"}]}, "there is no surface 'block.lid'"),
     ({"spring": [{"on": "block.top"}]}, "spring.0: needs stiffness, or normal"),
     (
         {"spring": [{"on": "block.top", "stiffness": [1.0, 2.0, 3.0]}]},
@@ -190,9 +190,9 @@ PARTS: list[tuple[dict[str, Any], str]] = [
         {"strain": [{"on": "block"}]},
         "strain.0: needs expansion and temperature, or tensor",
     ),
-    ({"strain": [{"on": "blck", "tensor": [[1, 0], [0, 1]]}]}, "there is no 'blck'"),
+    ({"strain": [{"on": "blck", "tensor": [[1, 0], [0, 1]]}]}, "no body 'blck'"),
     ({"strain": [{"on": "block", "tensor": [[1, 0], [1, 1]]}]}, "should be symmetric"),
-    ({"strain": [{"on": "block", "tensor": [[1, 0], [1]]}]}, "strain.0.tensor.1: List"),
+    ({"strain": [{"on": "block", "tensor": [[1, 0], [1]]}]}, "strain.0.tensor.1: sho"),
     (
         {"strain": [{"on": "block", "expansion": 1.0}]},
         "needs expansion and temperature",
@@ -208,11 +208,11 @@ PARTS: list[tuple[dict[str, Any], str]] = [
                 }
             ]
         },
-        "strain.0.amplitude: goes with tensor",
+        "strain.0.amplitude: needs tensor",
     ),
     (
         {"strain": [{"on": "block", "tensor": [[1, 0], [0, 1]], "amplitude": "heat"}]},
-        "strain.0.amplitude: there is no 'heat'",
+        "strain.0.amplitude: there is no amplitude 'heat'",
     ),
     (
         {"obstacle.disc.move.x.amplitude": "heat"},

@@ -1,6 +1,6 @@
-"""What is wrong with a scene that no table shows by itself.
+"""Checks that need more than one table of a scene: names, dimensions, sizes.
 
-A function a table, each a generator of sentences that begin with their place.
+Each function yields messages that begin with the key path of the mistake.
 """
 
 from __future__ import annotations
@@ -20,18 +20,13 @@ from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import AXES, LARGEST, Components
 from bipot_rs.scene.units import inconsistent
 
+_DOT = "contains a dot, which separates a body from its surface; choose another name"
+_IN_SPACE = "remove it, the scene has two dimensions"
+
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a body: of a mesh from a file, nothing before it is read.
-
-    Attributes
-    ----------
-    dim
-        2 or 3.
-    surfaces, volumes
-        Names.
-    """
+    """Dimension (2 or 3) and names of one body; None until its mesh file is read."""
 
     dim: int | None = None
     surfaces: Sequence[str] | None = None
@@ -41,14 +36,14 @@ class Known:
 def inconsistencies(
     scene: Scene, known: Mapping[str, Known] | None = None
 ) -> list[str]:
-    """List what no table shows by itself: names, dimensions, grids, lengths.
+    """Messages about names, dimensions, grids and sizes that contradict each other.
 
     Parameters
     ----------
     scene
-        All of it, no number of it `out_of_range`.
+        A scene in which no number is `out_of_range`.
     known
-        Of each body what its mesh tells; without it, what the tables do.
+        What the mesh of each body contains; by default what the tables say.
     """
     if known is None:
         known = {name: _of_table(block) for name, block in scene.body.items()}
@@ -59,7 +54,7 @@ def inconsistencies(
         *_materials(scene),
         *_surfaces(scene, known),
         *_components(scene, dim),
-        *_held(scene, dim),
+        *_springs(scene, dim),
         *_strains(scene, known, dim),
         *_contacts(scene, known, dim),
         *_obstacles(scene, dim),
@@ -74,24 +69,23 @@ def _of_table(block: Block) -> Known:
 
 
 def _units(scene: Scene) -> Iterator[str]:
-    """Names that do not belong together: pictures would be wrong by powers of ten."""
-    said = inconsistent(scene.units.model_dump())
-    if said is not None:
-        yield f"units: {said}"
+    """Units that do not fit together: numbers in pictures would be wrong."""
+    problem = inconsistent(scene.units.model_dump())
+    if problem is not None:
+        yield f"units: {problem}"
 
 
 def _bodies(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
-    """Materials, dimensions, and the parts of a body."""
     if len({one.dim for one in known.values() if one.dim}) > 1:
-        yield "body: bodies of two and of three dimensions do not mix"
+        yield "body: some bodies have two dimensions and some three, expected the same"
     for name, block in scene.body.items():
         if "." in name:
-            yield f"body.{name}: a name has no dot, which parts a body from its surface"
+            yield f"body.{name}: {_DOT}"
         for end, material in block.materials.items():
             if material not in scene.material:
-                place = f"body.{name}.material{end}"
-                table = f"[material.{material}] makes it"
-                yield f"{place}: {_unknown(material, scene.material, table)}"
+                hint = f"define it as [material.{material}]"
+                problem = _unknown("material", material, scene.material, hint)
+                yield f"body.{name}.material{end}: {problem}"
         if isinstance(block.material, dict):
             yield from _volumes(f"body.{name}.material", block, known[name])
         own = _box if block.mesh is None else _of_file
@@ -106,23 +100,20 @@ def _volumes(place: str, block: Block, known: Known) -> Iterator[str]:
         return
     for volume in block.material:
         if volume not in known.volumes:
-            why = (
-                "a box names no volume" if block.mesh is None else "its file names none"
-            )
-            said = f"{place}: there is no volume {volume!r}"
-            yield said + instead(volume, known.volumes, why)
+            hint = f"{'a box' if block.mesh is None else 'its mesh file'} has none"
+            yield f"{place}: {_unknown('volume', volume, known.volumes, hint)}"
 
 
 def _box(name: str, block: Block, scene: Scene) -> Iterator[str]:
-    """A grid, and what does not fit in memory."""
     for key in ("cell", "x", "y"):
         if getattr(block, key) is None:
             yield f"body.{name}.{key}: is missing"
     if block.dim is None:
         return
-    if (block.z is None) != (block.dim == 2):
-        needs = "takes no z" if block.dim == 2 else "needs z"
-        yield f"body.{name}: a {block.cell} {needs}"
+    if block.z is None and block.dim == 3:
+        yield f"body.{name}.z: is missing, cell = {block.cell!r} has three dimensions"
+    elif block.z is not None and block.dim == 2:
+        yield f"body.{name}.z: remove it, cell = {block.cell!r} has two dimensions"
     n = scene.mesh.n if scene.mesh else None
     sides = []
     for letter, axis in zip(AXES, (block.x, block.y, block.z), strict=True):
@@ -140,16 +131,15 @@ def _box(name: str, block: Block, scene: Scene) -> Iterator[str]:
 def _of_file(name: str, block: Block, _: Scene) -> Iterator[str]:
     for key in ("cell", "x", "y", "z"):
         if getattr(block, key) is not None:
-            yield f"body.{name}.{key}: is of a box, this body has a mesh"
+            yield f"body.{name}.{key}: is for a box, but this body has a mesh; remove one"
     if "order" in block.model_fields_set:
-        yield f"body.{name}.order: is of a box, that of a mesh is mesh.order"
+        yield f"body.{name}.order: is for a box; for a mesh set body.{name}.mesh.order"
 
 
 def _geometry(place: str, block: Block, dim: int | None) -> Iterator[str]:
-    """Surfaces by place and direction."""
     for name, surface in block.surface.items():
         if block.mesh is None and block.dim is not None and name in FACES[block.dim]:
-            yield f"{place}.{name}: a box has a surface of this name, choose another"
+            yield f"{place}.{name}: a box has a surface of this name, choose another name"
         if surface.within is None and surface.normal is None:
             yield f"{place}.{name}: needs within or normal"
         if surface.within is not None:
@@ -157,25 +147,32 @@ def _geometry(place: str, block: Block, dim: int | None) -> Iterator[str]:
         if surface.normal is not None:
             yield from _direction(f"{place}.{name}.normal", surface.normal, dim)
         elif "angle" in surface.model_fields_set:
-            yield f"{place}.{name}.angle: goes with normal, which is missing"
+            yield f"{place}.{name}.angle: needs normal, which is missing"
 
 
 def _within(place: str, within: Within, dim: int | None) -> Iterator[str]:
     given = within.box()
     if not given:
-        yield f"{place}: gives no range of x, y or z"
+        yield f"{place}: is empty, expected a range of x, y or z"
     for axis, (low, high) in given.items():
         if not low <= high:
             yield f"{place}.{AXES[axis]}: should ascend, got {[low, high]}"
     if dim == 2 and 2 in given:
-        yield f"{place}.z: a scene of two dimensions has no z"
+        yield f"{place}.z: {_IN_SPACE}"
 
 
 def _direction(place: str, vector: Sequence[float], dim: int | None) -> Iterator[str]:
     if dim is not None and len(vector) != dim:
-        yield f"{place}: should have {dim} components"
+        yield from _length(place, vector, dim)
     elif not any(vector):
         yield f"{place}: should not be zero"
+
+
+def _length(
+    place: str, vector: Sequence[float] | None, dim: int | None
+) -> Iterator[str]:
+    if vector and dim is not None and len(vector) != dim:
+        yield f"{place}: should have {dim} components, got {len(vector)}"
 
 
 def _materials(scene: Scene) -> Iterator[str]:
@@ -187,64 +184,58 @@ def _materials(scene: Scene) -> Iterator[str]:
 
 
 def _surfaces(scene: Scene, known: Mapping[str, Known]) -> Iterator[str]:
-    """Names that tables act on."""
+    """Values of ``on``."""
     for kind in ("support", "symmetry", "spring", "traction", "pressure", "contact"):
         for i, entry in enumerate(getattr(scene, kind)):
             yield from _surface(known, f"{kind}.{i}.on", entry.on)
     for i, force in enumerate(scene.body_force):
         if force.on not in scene.body:
-            yield f"body_force.{i}.on: {_unknown(force.on, scene.body)}"
+            yield f"body_force.{i}.on: {_unknown('body', force.on, scene.body)}"
 
 
 def _surface(known: Mapping[str, Known], path: str, on: str) -> Iterator[str]:
     body, dot, face = on.partition(".")
     if body not in known:
-        told = _unknown(body, list(known))
+        problem = _unknown("body", body, list(known))
         owners = [name for name, one in known.items() if on in (one.surfaces or ())]
         if owners:
             meant = " or ".join(f"{name}.{on}" for name in owners)
-            told = f"there is no body {on!r}, did you mean {meant}?"
-        yield f"{path}: {told}"
+            problem = f"there is no body {on!r}, did you mean {meant}?"
+        yield f"{path}: {problem}"
         return
     names = known[body].surfaces
     if names is None:
         if not face:
-            yield f"{path}: should be {body}.SURFACE, a surface that its mesh names"
+            yield f'{path}: should be "{body}.SURFACE", a surface that the mesh file names'
     elif not dot or face not in names:
-        table = f"[body.{body}.surface.NAME] makes one, by place and direction"
-        told = _unknown(on, [f"{body}.{name}" for name in names], table)
-        yield f"{path}: {told}"
+        hint = f"define one as [body.{body}.surface.NAME]"
+        full = [f"{body}.{name}" for name in names]
+        yield f"{path}: {_unknown('surface', on, full, hint)}"
 
 
 def _components(scene: Scene, dim: int | None) -> Iterator[str]:
-    """Components of vectors that act."""
     for kind in ("support", "traction", "body_force"):
         for i, entry in enumerate(getattr(scene, kind)):
             yield from _given(f"{kind}.{i}", entry, dim)
     for i, support in enumerate(scene.support):
         if support.within is not None and dim == 2 and support.within.z is not None:
-            yield f"support.{i}.within.z: a scene of two dimensions has no z"
+            yield f"support.{i}.within.z: {_IN_SPACE}"
 
 
 def _given(place: str, entry: Components, dim: int | None) -> Iterator[str]:
     if not entry.components():
-        yield f"{place}: gives no component x, y or z"
+        yield f"{place}: has no component, expected x, y or z"
     if dim == 2 and entry.z is not None:
-        yield f"{place}.z: a scene of two dimensions has no z"
+        yield f"{place}.z: {_IN_SPACE}"
 
 
-def _held(scene: Scene, dim: int | None) -> Iterator[str]:
-    """Springs."""
+def _springs(scene: Scene, dim: int | None) -> Iterator[str]:
     for i, spring in enumerate(scene.spring):
         along = spring.normal is not None or spring.tangential is not None
         if along == (spring.stiffness is not None):
             yield f"spring.{i}: needs stiffness, or normal and tangential"
-        if (
-            dim is not None
-            and isinstance(spring.stiffness, list)
-            and len(spring.stiffness) != dim
-        ):
-            yield f"spring.{i}.stiffness: should have {dim} components"
+        if isinstance(spring.stiffness, list):
+            yield from _length(f"spring.{i}.stiffness", spring.stiffness, dim)
 
 
 def _strains(
@@ -255,16 +246,17 @@ def _strains(
         body, _, volume = strain.on.partition(".")
         names = None if body not in known else known[body].volumes
         if body not in known:
-            yield f"{place}.on: {_unknown(body, list(known))}"
+            yield f"{place}.on: {_unknown('body', body, list(known))}"
         elif volume and names is not None and volume not in names:
-            told = f"{_unknown(volume, names)} of the volumes of body {body!r}"
-            yield f"{place}.on: {told}"
+            full = [f"{body}.{name}" for name in names]
+            hint = f"body {body!r} has none"
+            yield f"{place}.on: {_unknown('volume', strain.on, full, hint)}"
         heat = strain.expansion is not None, strain.temperature is not None
         if any(heat) == (strain.tensor is not None) or any(heat) != all(heat):
             yield f"{place}: needs expansion and temperature, or tensor"
         if strain.amplitude is not None and strain.tensor is None:
             yield (
-                f"{place}.amplitude: goes with tensor, that of heat is "
+                f"{place}.amplitude: needs tensor; for a thermal strain write "
                 'temperature = { value = ..., amplitude = "..." }'
             )
         if strain.tensor is None:
@@ -286,13 +278,16 @@ def _contacts(
     for i, contact in enumerate(scene.contact):
         place = f"contact.{i}"
         if (contact.plane is None) == (contact.against is None):
-            yield f"{place}: needs plane or against, one of them"
+            yield f"{place}: needs exactly one of plane and against"
         if contact.obstacle is not None and contact.obstacle not in scene.obstacle:
             yield f"{place}.against: {_no_obstacle(contact.obstacle, scene)}"
         if contact.other is not None:
             yield from _surface(known, f"{place}.against", contact.other)
             if contact.other.partition(".")[0] == contact.on.partition(".")[0]:
-                yield f"{place}.against: a body cannot meet itself"
+                yield (
+                    f"{place}.against: should be a surface of another body, "
+                    f"got {contact.against!r}"
+                )
         yield from _pairing(place, contact)
         if contact.plane is not None:
             yield from _plane(f"{place}.plane", contact.plane, dim)
@@ -300,8 +295,7 @@ def _contacts(
             ("clearance.centre", contact.clearance.centre),
             ("axis", contact.axis),
         ):
-            if vector is not None and dim is not None and len(vector) != dim:
-                yield f"{place}.{key}: should have {dim} components"
+            yield from _length(f"{place}.{key}", vector, dim)
         if dim is not None:
             yield from _friction(place, contact, dim)
         if contact.clearance.radius == 0:
@@ -309,20 +303,21 @@ def _contacts(
 
 
 def _no_obstacle(name: str, scene: Scene) -> str:
-    said = f"there is no obstacle {name!r}"
     if name in scene.body:
-        return f"{said}, and a surface of body {name!r} is {name}.SURFACE"
-    return said + instead(name, scene.obstacle, f"[obstacle.{name}] makes it")
+        return (
+            f'{name!r} is a body, expected an obstacle or a surface, "{name}.SURFACE"'
+        )
+    hint = f"define it as [obstacle.{name}]"
+    return _unknown("obstacle", name, scene.obstacle, hint)
 
 
 def _pairing(place: str, contact: Touch) -> Iterator[str]:
     if contact.other is None and contact.pairing == "nodes":
-        yield f"{place}.pairing: of a rigid obstacle should be 'match' or 'mortar'"
+        yield f"{place}.pairing: should be 'match' or 'mortar' for a rigid obstacle"
 
 
 def _plane(place: str, plane: Plane, dim: int | None) -> Iterator[str]:
-    if dim is not None and len(plane.point) != dim:
-        yield f"{place}.point: should have {dim} components"
+    yield from _length(f"{place}.point", plane.point, dim)
     yield from _direction(f"{place}.normal", plane.normal, dim)
 
 
@@ -331,23 +326,22 @@ def _obstacles(scene: Scene, dim: int | None) -> Iterator[str]:
     for name, rigid in scene.obstacle.items():
         place = f"obstacle.{name}"
         if "." in name:
-            yield f"{place}: a name has no dot, which parts a body from its surface"
+            yield f"{place}: {_DOT}"
         elif name not in used:
-            yield f"{place}: no contact is against it"
+            yield f'{place}: is not used; remove it, or set against = "{name}" in a contact'
         shapes = ("plane", "sphere", "cylinder", "surface")
         if sum(getattr(rigid, shape) is not None for shape in shapes) != 1:
-            yield f"{place}: needs one of {', '.join(shapes)}"
+            yield f"{place}: needs exactly one of {', '.join(shapes)}"
         if rigid.inside and rigid.plane is not None:
-            yield f"{place}.inside: a plane has no inside, turn its normal round"
+            yield f"{place}.inside: a plane has no inside; reverse its normal instead"
         if rigid.plane is not None:
             yield from _plane(f"{place}.plane", rigid.plane, dim)
-        for key, point in (
-            ("sphere.centre", rigid.sphere and rigid.sphere.centre),
-            ("cylinder.point", rigid.cylinder and rigid.cylinder.point),
-            ("turn.about", rigid.turn and rigid.turn.about),
-        ):
-            if point and dim is not None and len(point) != dim:
-                yield f"{place}.{key}: should have {dim} components"
+        if rigid.sphere is not None:
+            yield from _length(f"{place}.sphere.centre", rigid.sphere.centre, dim)
+        if rigid.cylinder is not None:
+            yield from _length(f"{place}.cylinder.point", rigid.cylinder.point, dim)
+        if rigid.turn is not None:
+            yield from _length(f"{place}.turn.about", rigid.turn.about, dim)
         for key, part in (("cylinder", rigid.cylinder), ("turn", rigid.turn)):
             if part is not None:
                 yield from _axis(f"{place}.{key}.axis", part.axis, dim)
@@ -356,12 +350,11 @@ def _obstacles(scene: Scene, dim: int | None) -> Iterator[str]:
 
 
 def _axis(place: str, axis: Sequence[float] | None, dim: int | None) -> Iterator[str]:
-    """A direction in space, which the plane does not need."""
     if axis is None:
         if dim == 3:
             yield f"{place}: is missing"
     elif dim == 2:
-        yield f"{place}: in two dimensions there is none"
+        yield f"{place}: remove it, the scene has two dimensions"
     else:
         yield from _direction(place, axis, 3)
 
@@ -370,31 +363,30 @@ def _friction(place: str, contact: Touch, dim: int) -> Iterator[str]:
     if isinstance(contact.mu, list):
         yield from _elliptic(place, contact.mu, contact.axis, dim)
     elif contact.axis is not None:
-        yield f"{place}.axis: mu is one number, the same all around"
+        yield f"{place}.axis: needs two numbers in mu, got one"
 
 
 def _elliptic(
     path: str, mu: Sequence[float], axis: Sequence[float] | None, dim: int
 ) -> Iterator[str]:
-    """Friction along two tangents."""
     if dim == 2:
-        yield f"{path}.mu: has two numbers, in two dimensions there is one tangent"
+        yield f"{path}.mu: has two numbers, expected one: the scene has two dimensions"
     elif axis is None:
-        yield f"{path}.axis: is missing, the direction of the first number of mu"
+        yield f"{path}.axis: is missing; it is the direction of the first number of mu"
     elif not any(axis):
         yield f"{path}.axis: should not be zero"
     if not min(mu) * RATIO >= max(mu):
         yield (
             f"{path}.mu: should be two positive numbers within a factor of {RATIO:g} of "
-            f"each other, or twice zero, got {list(mu)}"
+            f"each other, or two zeros, got {list(mu)}"
         )
 
 
 def out_of_range(scene: Scene) -> Iterator[str]:
-    """Sentences about numbers that arithmetic cannot be trusted with."""
+    """Messages about numbers whose products would overflow or underflow."""
     for place, value in _numbers(scene.model_dump(by_alias=True, exclude={"solver"})):
         if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
-            expected = f"zero or a size from {1 / LARGEST:g} to {LARGEST:g}"
+            expected = f"zero or a magnitude from {1 / LARGEST:g} to {LARGEST:g}"
             yield f"{'.'.join(map(str, place))}: is {value:g}, expected {expected}"
 
 
@@ -410,20 +402,23 @@ def _numbers(
 
 
 def _too_large(name: str, nodes: int, dim: int, steps: int) -> Iterator[str]:
-    """What no machine of this memory can hold, found before it is asked for."""
+    """Messages about arrays that are larger than the memory, before they are allocated."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    # Nodes of the cells around a node, a number and a column index for each component.
+    # Each node is coupled to the 3^d nodes of the cells around it: 8 bytes for the
+    # number and 4 for the column index.
     stiffness = nodes * dim * 3**dim * dim * 12
+    path = 2 * 8 * nodes * dim * steps
     if stiffness > memory:
         yield (
-            f"body.{name}: {nodes} nodes, whose stiffness alone takes {stiffness} bytes "
-            f"of the {memory} of this machine"
+            f"body.{name}: has {nodes} nodes, whose stiffness matrix takes "
+            f"{stiffness / 1e9:.3g} GB; this machine has {memory / 1e9:.3g} GB: use fewer "
+            "cells"
         )
-    elif 2 * 8 * nodes * dim * steps > memory:
+    elif path > memory:
         yield (
-            f"path: {steps} load steps of {nodes} nodes of body {name!r}, whose loads and "
-            f"displacements take {2 * 8 * nodes * dim * steps} bytes of the {memory} of "
-            "this machine"
+            f"path: has {steps} load steps of {nodes} nodes (body {name!r}), whose loads "
+            f"and displacements take {path / 1e9:.3g} GB; this machine has "
+            f"{memory / 1e9:.3g} GB: use fewer steps or cells"
         )
 
 
@@ -433,30 +428,26 @@ def _path(scene: Scene) -> Iterator[str]:
     for place, number in scene.varying():
         used.add(number.amplitude)
         if number.amplitude is not None and number.amplitude not in path.amplitude:
-            table = f"path.amplitude.{number.amplitude} = [1.0] makes it"
-            told = _unknown(number.amplitude, path.amplitude, table)
-            yield f"{place}.amplitude: {told}"
+            yield f"{place}.amplitude: {_no_amplitude(number.amplitude, scene)}"
     if path.parameter is not None and path.parameter not in path.amplitude:
-        table = f"path.amplitude.{path.parameter} = [1.0] makes it"
-        told = _unknown(path.parameter, path.amplitude, table)
-        yield f"path.parameter: {told}"
+        yield f"path.parameter: {_no_amplitude(path.parameter, scene)}"
     for name, amplitude in path.amplitude.items():
         place = f"path.amplitude.{name}"
         if (amplitude.table is None) == (amplitude.wave is None):
-            yield f"{place}: should be a list of factors or a wave"
+            yield f"{place}: should be either a list of factors or a wave"
         elif amplitude.wave == "sine" and amplitude.period is None:
-            yield f"{place}: a sine needs its period"
+            yield f"{place}.period: is missing, a sine needs it"
         elif amplitude.wave == "ramp" and amplitude.period is not None:
-            yield f"{place}: a ramp has no period"
+            yield f"{place}.period: remove it, a ramp has none"
         elif amplitude.wave is not None and path.steps is None:
-            yield f"path.steps: is missing, and the wave {name} has no end"
+            yield f"path.steps: is missing, amplitude {name!r} is a wave and needs it"
         elif amplitude.table is not None and len(amplitude.table) != count:
             yield (
                 f"{place}: has {counted(len(amplitude.table), 'factor')} for "
-                f"{counted(count, 'step')}"
+                f"{counted(count, 'step')}, expected one for each step"
             )
         if name not in used:
-            yield f"{place}: nothing uses it"
+            yield f"{place}: is not used; remove it, or name it in an amplitude key"
     automatic = path.increments
     if automatic is not None and not (
         automatic.smallest
@@ -469,8 +460,13 @@ def _path(scene: Scene) -> Iterator[str]:
         )
 
 
+def _no_amplitude(name: str, scene: Scene) -> str:
+    hint = f"define it as path.amplitude.{name} = [1.0]"
+    return _unknown("amplitude", name, scene.path.amplitude, hint)
+
+
 def _unknown(
-    name: str, known: Sequence[str] | dict[str, Any], otherwise: str = ""
+    kind: str, name: str, known: Sequence[str] | dict[str, Any], hint: str = ""
 ) -> str:
-    """A name that is not known, and what to do where none is."""
-    return f"there is no {name!r}" + instead(name, known, otherwise)
+    """Message about an unknown name; ``hint`` says what to do if no name is known."""
+    return f"there is no {kind} {name!r}" + instead(name, known, hint)

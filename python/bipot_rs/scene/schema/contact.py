@@ -1,4 +1,4 @@
-"""What bodies meet, and the friction there."""
+"""Tables of contacts and rigid obstacles."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ Friction = Annotated[
 
 
 class Plane(Table):
-    """A rigid plane; the normal points to the body."""
+    """A rigid plane; its normal points towards the body."""
 
     point: Vector
     normal: Vector
 
 
 class Clearance(Table):
-    """What is added to the gap: a height, and r²/(2 radius) around a centre."""
+    """Addition to the gap: a height, and r²/(2 radius) around a centre."""
 
-    # Along an edge three values tell it.
+    # Quadratic along an edge, so that three values determine it.
     QUADRATIC: ClassVar[bool] = True
 
     height: float = 0.0
@@ -48,7 +48,7 @@ class Clearance(Table):
     centre: Vector | None = None
 
     def at(self, points: Floats) -> Floats:
-        """Clearance at places ``(n_c, d)``."""
+        """Clearance at points ``(n_c, d)``."""
         clearance = np.full(len(points), self.height)
         if self.radius is not None:
             centre = np.zeros(points.shape[1]) if self.centre is None else self.centre
@@ -57,14 +57,14 @@ class Clearance(Table):
 
 
 class Ball(Table):
-    """A rigid ball, in the plane a disc."""
+    """A rigid sphere, in two dimensions a disc."""
 
     centre: Vector
     radius: Annotated[float, Field(gt=0)]
 
 
 class Bar(Table):
-    """An endless rigid round bar, in the plane a disc; ``axis`` is its direction."""
+    """An infinite rigid cylinder along ``axis``, in two dimensions a disc."""
 
     point: Vector
     radius: Annotated[float, Field(gt=0)]
@@ -72,11 +72,11 @@ class Bar(Table):
 
 
 class Turn(Table):
-    """A rotation by ``angle`` degrees about a point, in space about ``axis`` there.
+    """A rotation by ``angle`` degrees about a point, in three dimensions about ``axis``.
 
-    Counter-clockwise, by the right hand about the axis. The point is carried along by
-    ``move``; if not given, it is that of the plane or the cylinder, the centre of the
-    sphere, and of a surface the origin.
+    Counter-clockwise; about an axis by the right-hand rule. ``move`` also moves the
+    point. Its default is the point of the plane or the cylinder, the centre of the
+    sphere, and for a surface the origin.
     """
 
     angle: Component
@@ -85,12 +85,12 @@ class Turn(Table):
 
 
 class Rigid(Table):
-    """A rigid obstacle: a plane, a sphere, a cylinder, or the surface of a file.
+    """A rigid obstacle: a plane, a sphere, a cylinder, or a surface from a file.
 
-    With ``inside`` bodies are within a sphere or a bore, or on the other side of a
-    surface, whose normals point to the bodies. Files are those that meshio reads, such
-    as STL, relative to the scene file. ``move`` displaces it along the load path, totals
-    times amplitudes, and ``turn`` turns it.
+    With ``inside`` the bodies lie inside a sphere or a bore, or on the other side of a
+    surface; by default the normals of a surface point to the bodies. Files are those that
+    meshio reads, such as STL; their names are relative to the scene file. ``move`` and
+    ``turn`` are the total displacement and rotation, times amplitudes.
     """
 
     plane: Plane | None = None
@@ -101,8 +101,17 @@ class Rigid(Table):
     move: Components | None = None
     turn: Turn | None = None
 
+    @property
+    def centre(self) -> list[float] | None:
+        """The point that it turns about by default; None for the surface of a file."""
+        if self.plane is not None:
+            return self.plane.point
+        if self.sphere is not None:
+            return self.sphere.centre
+        return None if self.cylinder is None else self.cylinder.point
+
     def varying(self) -> dict[str, Varying]:
-        """Its numbers that may have an amplitude, by the ends of their places."""
+        """Numbers that may have an amplitude, by the end of their key path."""
         found = {}
         if self.move is not None:
             letters = "xyz"
@@ -113,12 +122,13 @@ class Rigid(Table):
 
 
 class Touch(Table):
-    """Nodes of a surface that may meet a rigid plane, an obstacle or another body.
+    """Contact of the nodes of a surface with a rigid plane, an obstacle or another body.
 
-    ``against`` is ``"body.surface"``, or the name of an obstacle. Of two bodies nodes lie
-    opposite one to one with ``pairing = "match"``; with ``"mortar"`` meshes need not
-    match, and each facet passes its pressure exactly, with ``"nodes"`` nodes meet facets.
-    Two numbers ``mu`` are friction along ``axis``, made tangential, and across it.
+    ``against`` is ``"body.surface"``, or the name of an obstacle. With ``pairing =
+    "match"`` each node of one body lies opposite a node of the other. Otherwise meshes
+    need not match: with ``"mortar"`` a constant pressure is transmitted exactly, with
+    ``"nodes"`` nodes meet facets. Two numbers ``mu`` are friction along the tangential
+    part of ``axis``, and across it.
     """
 
     on: str
@@ -132,10 +142,10 @@ class Touch(Table):
 
     @property
     def obstacle(self) -> str | None:
-        """Name of the obstacle it may meet: one without a dot."""
+        """Name of the obstacle, which has no dot; None for a plane or a body."""
         return self.against if self.against and "." not in self.against else None
 
     @property
     def other(self) -> str | None:
-        """The surface of another body that it may meet."""
+        """Surface of the other body; None for a plane or an obstacle."""
         return self.against if self.against and "." in self.against else None

@@ -1,4 +1,4 @@
-"""What holds and moves bodies: each number of a load times an amplitude of the path."""
+"""Tables of supports, springs and loads; each number may have an amplitude."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class Prescribed(Components):
 
 
 class Mirror(Table):
-    """A plane surface at which the body goes on mirrored: it moves within that plane."""
+    """A flat surface on a plane of symmetry: its nodes move only within that plane."""
 
     on: str
 
 
 class Foundation(Table):
-    """Springs on a surface, per area: a traction against its displacement.
+    """Springs on a surface, per area: a traction opposite to the displacement.
 
-    ``stiffness`` is a number for all directions, or one a component; instead of it
+    Either ``stiffness``, one number for all directions or one for each component; or
     ``normal`` and ``tangential``, along the outward normal and across it.
     """
 
@@ -79,11 +79,11 @@ class BodyForce(Components):
 
 
 class InitialStrain(Table):
-    """What a body, or ``"body.volume"``, would strain by if nothing held it.
+    """Initial strain of a body or of ``"body.volume"``: the strain at which it is stress-free.
 
-    By heat, ``expansion`` [1/K], a number or one along each axis of its material, times
-    the rise of ``temperature`` [K]; or any ``tensor``, times ``amplitude``. In the plane a
-    tensor of two rows has no part out of the plane, which in plane strain presses.
+    Thermal: ``expansion`` [1/K], one number or one along each axis of the material, times
+    the rise of ``temperature`` [K]. Or any ``tensor``, times ``amplitude``. In two
+    dimensions a tensor of two rows has no component out of the plane.
     """
 
     on: str
@@ -104,7 +104,7 @@ class InitialStrain(Table):
 
     @property
     def factor(self) -> Varying:
-        """What the strain of one kelvin, or the tensor, is multiplied by."""
+        """Factor of the strain of one kelvin, or of the tensor."""
         if self.temperature is not None:
             return self.temperature
         return Varying(value=1.0, amplitude=self.amplitude)

@@ -1,4 +1,4 @@
-"""What bodies are made of."""
+"""Tables of materials."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ _ONE_OR_THREE = Discriminator(
 
 
 class Elastic(Table):
-    """Elasticity: isotropic by two numbers, orthotropic by three times three.
+    """An elastic material: isotropic with two numbers, or orthotropic with nine.
 
-    Of an orthotropic one ``young`` are the moduli along its axes 1, 2, 3, ``poisson`` the
-    ratios ν12, ν13, ν23 and ``shear`` G12, G13, G23; ``axes`` are its directions as rows,
-    in the plane 1 and 2, without them those of coordinates.
+    For an orthotropic material ``young`` are the moduli along its axes 1, 2, 3,
+    ``poisson`` the ratios ν12, ν13, ν23 and ``shear`` the moduli G12, G13, G23. The rows
+    of ``axes`` are its directions, in two dimensions 1 and 2; the default is the axes of
+    coordinates.
     """
 
     young: Annotated[
@@ -48,12 +49,12 @@ class Elastic(Table):
     def made(
         self, *, plane_stress: bool = False, thickness: float = 1.0
     ) -> materials.Elastic:
-        """The material, in a plane as its body has it.
+        """Make the material.
 
         Raises
         ------
         ValueError
-            Numbers of both kinds, or of none that exists.
+            Numbers that are not those of one kind of material, or out of range.
         """
         young, poisson = self.young, self.poisson
         if isinstance(young, list) and isinstance(poisson, list) and self.shear:
@@ -62,11 +63,9 @@ class Elastic(Table):
             )
         if isinstance(young, list) or isinstance(poisson, list) or self.shear:
             raise ValueError(
-                "an orthotropic material needs young, poisson and shear of three numbers "
-                "each, an isotropic one young and poisson of one"
+                "an orthotropic material needs three numbers each in young, poisson and "
+                "shear; an isotropic one needs one number in young and poisson, no shear"
             )
         if self.axes is not None:
-            raise ValueError(
-                "axes are of an orthotropic material, this one is isotropic"
-            )
+            raise ValueError("remove axes: this material is isotropic")
         return materials.Material(young, poisson, plane_stress, thickness)

@@ -1,7 +1,7 @@
-"""Bodies: boxes with their grids, or meshes from files; their surfaces by geometry.
+"""Tables of bodies: boxes with their grids, meshes from files, surfaces by geometry.
 
-A number of cells or a length may be given by the scene's own ``mesh.n``: ``"n"``,
-``"n/2"``, ``"6*n"``, ``"0.5/n"``.
+A number of cells or a length may depend on ``mesh.n`` of the scene: ``"n"``, ``"n/2"``,
+``"6*n"``, ``"0.5/n"``.
 """
 
 from __future__ import annotations
@@ -25,25 +25,24 @@ _OF_N = re.compile(
 
 
 def _expression(value: Any) -> Any:
-    """Keep a number, or one that depends on n, as text."""
+    """Return a number, or an expression in n, as text."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return str(value)
     if isinstance(value, str) and _OF_N.fullmatch(value.strip()):
         return value.strip()
-    raise ValueError("should be a number, or like 'n', 'n/2', '6*n', '0.5/n'")
+    raise ValueError("should be a number, or such as 'n', 'n/2', '6*n', '0.5/n'")
 
 
 Expression = Annotated[str, BeforeValidator(_expression)]
 
 
 class Mesh(Table):
-    """Resolution, the one number that a study of convergence changes, and the element.
+    """Resolution n, the number that a convergence study changes, and the element.
 
-    With ``element`` all bodies have the cells of that element, whatever their own
-    ``cell`` and ``order`` say: P1 are linear triangles and tetrahedra, Q1 bilinear
-    quadrilaterals and trilinear hexahedra, on the same grid points; P2 and Q2 have nodes
-    in the middles between them besides. Meshes of files keep their cells, and take the
-    order.
+    ``element`` replaces the ``cell`` and ``order`` of all bodies. P1: linear triangles
+    and tetrahedra; Q1: bilinear quadrilaterals and trilinear hexahedra, on the same grid
+    points; P2 and Q2: the same with nodes at the middles between grid points. Meshes from
+    files keep their cells, but take the order.
     """
 
     n: Annotated[int | None, Field(gt=0, le=MOST)] = None
@@ -51,12 +50,12 @@ class Mesh(Table):
 
 
 class Axis(Table):
-    """Grid points along an axis: equal cells, a graded grid, or all points.
+    """Grid points along an axis: equal cells, a graded grid, or a list of points.
 
-    A graded grid has cells of size ``cell`` over ``uniform``, or one cell at
-    ``from`` when ``uniform`` is missing, and from there on each cell ``growth``
-    times as long as the one before. ``growth`` may depend on n: pairs of the
-    first n and the ratio from there on.
+    A graded grid has cells of size ``cell`` within ``uniform`` (without ``uniform``: one
+    such cell at ``from``). Outside, each cell is ``growth`` times as long as the one
+    before. ``growth`` may depend on n: each pair is the least n, and the ratio from that n
+    on.
     """
 
     start: Annotated[float | None, Field(alias="from")] = None
@@ -71,32 +70,30 @@ class Axis(Table):
     points: Annotated[list[float], Field(min_length=2)] | None = None
 
     def takes_n(self) -> bool:
-        """Whether the grid depends on the resolution."""
+        """Whether the grid depends on n."""
         given = [text for text in (self.cells, self.cell) if text is not None]
         grows = any(first > 1 for first, _ in self.growth)
         return grows or any("n" in text for text in given)
 
     def grid(self, n: int | None) -> Floats:
-        """Ascending grid points; `ValueError` says what does not fit."""
+        """Ascending grid points; a `ValueError` if keys contradict each other."""
         grid = self._points(n)
         if len(grid) < 2 or not np.all(np.diff(grid) > 0):
-            raise ValueError(
-                "points should ascend, and no two may be one after rounding"
-            )
+            raise ValueError("points should ascend, without two equal after rounding")
         return grid
 
     def _points(self, n: int | None) -> Floats:
         if self.points is not None:
             if self.model_fields_set != {"points"}:
-                raise ValueError("points stand alone, without other keys")
+                raise ValueError("remove the other keys: points defines the whole grid")
             return np.array(self.points)
         if self.start is None or self.end is None or self.start == self.end:
-            raise ValueError("needs from and to, different, or points")
+            raise ValueError("needs from and to with different values, or points")
         if (self.cells is None) == (self.cell is None):
-            raise ValueError("needs cells or cell, one of them")
+            raise ValueError("needs exactly one of cells and cell")
         if self.cells is not None:
             if self.uniform is not None or "growth" in self.model_fields_set:
-                raise ValueError("uniform and growth go with cell, not with cells")
+                raise ValueError("uniform and growth need cell instead of cells")
             count = _whole(_of_n(self.cells, n), f"cells = {self.cells}", n)
             low, high = sorted((self.start, self.end))
             return np.linspace(low, high, count + 1)
@@ -114,7 +111,7 @@ class Axis(Table):
             return np.unique([start, *_grow(start, end, sign * size, ratio)])
         low, high = self.uniform
         if not min(start, end) <= low < high <= max(start, end):
-            raise ValueError("uniform should ascend and lie between from and to")
+            raise ValueError("uniform should ascend, between from and to")
         count = _whole((high - low) / size, f"uniform over cell = {cell}", n)
         left = _grow(low, min(start, end), -size * ratio, ratio)
         right = _grow(high, max(start, end), size * ratio, ratio)
@@ -140,10 +137,10 @@ class Within(Table):
 
 
 class Place(Table):
-    """A surface by geometry, of facets of the border.
+    """A surface defined by geometry.
 
-    Those all of whose nodes are ``within`` ranges of coordinates, and whose outward
-    normals make at most ``angle`` degrees with ``normal``.
+    It consists of the boundary facets whose nodes all lie ``within`` ranges of
+    coordinates, and whose outward normals make at most ``angle`` degrees with ``normal``.
     """
 
     within: Within | None = None
@@ -165,10 +162,10 @@ ByVolume = Annotated[
 class MeshFile(Table):
     """A mesh from a file: gmsh ``.msh``, Abaqus or CalculiX ``.inp``, ``.vtu``.
 
-    ``file`` is relative to the scene file, and of a model in Python to the working
-    directory. ``group`` names the volumes of the file that the body is made of, all
-    without it; its surfaces are those that the file names. ``order = 2`` puts nodes in
-    the middles of a mesh of first order, ``order = 1`` leaves out those of one of second.
+    ``file`` is relative to the scene file, for a model in Python to the working
+    directory. ``group`` names the volumes of the file that make up the body; the default
+    is all. The file names the surfaces. ``order = 2`` adds mid-side nodes to a mesh of
+    first order, ``order = 1`` removes those of a mesh of second order.
     """
 
     file: str
@@ -177,11 +174,11 @@ class MeshFile(Table):
 
 
 class Block(Table):
-    """A body: a rectangle or a box, ``z`` in three dimensions only, or a ``mesh``.
+    """A body: a rectangle or a box with ``x``, ``y``, ``z``, or a ``mesh``.
 
-    A list is an axis' points. ``order = 2`` puts nodes between those of the grid. One
-    ``material``, or one by the name of each volume of the mesh. ``surface`` names more
-    surfaces, by geometry.
+    A list in place of an axis gives its grid points. ``order = 2`` adds mid-side nodes.
+    ``material`` is one name, or a table with one for each volume of the mesh. ``surface``
+    defines more surfaces by geometry.
     """
 
     material: ByVolume
@@ -199,12 +196,12 @@ class Block(Table):
 
     @property
     def dim(self) -> int | None:
-        """2 or 3; None of a file that was not read."""
+        """2 or 3; None for a mesh from a file."""
         return None if self.cell is None else _DIM[self.cell]
 
     @property
     def materials(self) -> dict[str, str]:
-        """Names of its materials, by the end of their places in the table."""
+        """Names of the materials by the end of their key path."""
         if isinstance(self.material, str):
             return {"": self.material}
         return {f".{volume}": name for volume, name in self.material.items()}
@@ -227,9 +224,9 @@ def _of_n(expression: str, n: int | None) -> float:
 
 def _whole(value: float, what: str, n: int | None) -> int:
     if not value <= MOST:
-        raise ValueError(f"{what} gives {value:g} cells, more than {MOST}")
+        raise ValueError(f"{what} gives {value:g} cells, expected at most {MOST}")
     count = round(value)
-    # Quotients of decimal lengths are whole to rounding only.
+    # Quotients of decimal lengths are integers only up to rounding.
     if count < 1 or abs(value - count) > 1e-9 * count:
         at = "" if n is None else f" for mesh.n = {n}"
         raise ValueError(f"{what} is not a whole number of cells{at}: {value:g}")
@@ -237,15 +234,17 @@ def _whole(value: float, what: str, n: int | None) -> int:
 
 
 def _grow(start: float, end: float, cell: float, ratio: float) -> list[float]:
-    """Points after ``start`` up to ``end``, cells growing from the signed size ``cell``.
+    """Points after ``start`` up to ``end``, with cells that grow from ``cell`` (signed).
 
-    The last point is clipped to ``end``; where that leaves a last cell shorter
-    than half of the one before, the two become one.
+    The last point is moved to ``end``. If the last cell is then shorter than half of the
+    one before, the two are merged.
     """
     points, first = [start], abs(cell)
     while (end - points[-1]) * cell > 0:
         if len(points) > MOST:
-            raise ValueError(f"cells from {first:g} on are more than {MOST}")
+            raise ValueError(
+                f"cells from {first:g} on: more than {MOST}, choose larger"
+            )
         points.append(points[-1] + cell)
         cell *= ratio
     if len(points) > 1:

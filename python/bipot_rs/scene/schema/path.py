@@ -1,4 +1,4 @@
-"""The load path: its steps and amplitudes."""
+"""Tables of the load path: steps and amplitudes."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from bipot_rs.scene.schema.table import KIND, MOST, Table, wrap
 
 
 class Amplitude(Table):
-    """Factor of each load step k = 0, 1, …: a table, sin(2π k/period), (k + 1)/steps."""
+    """Factor of load step k = 0, 1, …: a table, sin(2π k/period) or (k + 1)/steps."""
 
     table: Annotated[list[float], Field(min_length=1)] | None = None
     wave: Literal["sine", "ramp"] | None = None
     period: Annotated[float, Field(gt=0)] | None = None
 
     def values(self, steps: int) -> Floats:
-        """Factors ``(steps,)``."""
+        """Factors at the ends of the load steps, ``(steps,)``."""
         if self.table is not None:
             return np.array(self.table)
         if self.wave == "ramp":
@@ -29,10 +29,10 @@ class Amplitude(Table):
         return factors
 
     def at(self, t: Floats, steps: int) -> Floats:
-        """Factors at places ``t`` from 0 to ``steps``, load step k ending at k + 1.
+        """Factors at ``t`` from 0 to ``steps``; load step k ends at t = k + 1.
 
-        In between tables are linear and waves what they are; the first load step goes
-        linearly from zero, for the bodies are unloaded before it.
+        Between load steps, tables are interpolated linearly and waves evaluated. In the
+        first load step the factor grows linearly from zero.
         """
         known = np.concatenate([[0.0], self.values(steps)])
         whole = np.floor(t).astype(np.int64)
@@ -44,18 +44,19 @@ class Amplitude(Table):
         elif self.wave == "sine":
             turns = (t - 1) / (self.period or 1.0)
             between = np.where(whole > 0, np.sin(2 * np.pi * turns), between)
-        # At the ends of load steps the very bits of `values`.
+        # At the ends of load steps bitwise equal to `values`.
         found: Floats = np.where(share == 0, before, between)
         return found
 
 
 class Automatic(Table):
-    """How a load step is divided, in fractions of it.
+    """Automatic division of load steps; lengths are fractions of a load step.
 
-    Steps start with ``first`` (``largest`` if not given), are halved where they fail or
-    slip by more than ``slip`` [length], grow up to ``largest`` again, and are given up
-    below ``smallest``. Each load step is met at its end. Steps are told by ``s``, where
-    load step k, from 0, ends at k + 1.
+    The first step has the length ``first`` (default ``largest``). A step is halved if it
+    fails or a contact slips by more than ``slip`` [length]; later steps grow again up to
+    ``largest``. The path fails if a step would be shorter than ``smallest``. A step ends
+    at the end of each load step. The path parameter ``s`` is k + 1 at the end of load
+    step k = 0, 1, ….
     """
 
     first: Annotated[float | None, Field(gt=0, le=1)] = None
@@ -65,7 +66,7 @@ class Automatic(Table):
 
 
 class LoadPath(Table):
-    """Load steps, from the unloaded state; each is one implicit increment."""
+    """Load steps from the unloaded state; each is one implicit increment."""
 
     steps: Annotated[int, Field(gt=0, le=MOST)] | None = None
     parameter: str | None = None
@@ -80,12 +81,12 @@ class LoadPath(Table):
 
     @property
     def increments(self) -> Automatic | None:
-        """How load steps are divided; None where they are taken as they are."""
+        """Automatic division of load steps; None without it."""
         if self.automatic is True:
             return Automatic()
         return self.automatic or None
 
     def count(self) -> int:
-        """Load steps: as given, or the length of the tables, or one."""
+        """Number of load steps: ``steps``, else the length of the tables, else one."""
         lengths = [len(a.table) for a in self.amplitude.values() if a.table]
         return self.steps or max(lengths, default=1)

@@ -1,4 +1,4 @@
-"""A whole scene."""
+"""The root table of a scene."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from bipot_rs.scene.schema.mesh import Block, Mesh
 from bipot_rs.scene.schema.path import LoadPath
 from bipot_rs.scene.schema.table import AXES, Table, Varying
 
-# Cells that carry an element, by dimension.
+# Cells of an element, by dimension.
 _CARRIES = {
     "P": {2: "triangle", 3: "tetrahedron"},
     "Q": {2: "quadrilateral", 3: "hexahedron"},
@@ -31,9 +31,9 @@ _CARRIES = {
 
 
 class Units(Table):
-    """Names of units, for pictures and exported problems; nothing is converted.
+    """Names of units for pictures and exported problems; nothing is converted.
 
-    Stress must be force / length², as far as the names are known (`bipot_rs.scene.units`).
+    If all three names are known, stress must be force / length² (`bipot_rs.scene.units`).
     """
 
     length: str = ""
@@ -44,7 +44,8 @@ class Units(Table):
 class Solver(Table):
     """Settings of the contact solver; the command line overrides them.
 
-    ``tol = "discretisation"`` goes as far as the mesh is worth (`enough`).
+    ``tol = "discretisation"`` computes tol from the error of the mesh
+    (`discretisation.stopping`).
     """
 
     method: str = "auto"
@@ -72,21 +73,21 @@ class Scene(Table):
     path: LoadPath = Field(default_factory=LoadPath)
     solver: Solver = Field(default_factory=Solver)
 
-    # Where the files that it names are looked for.
+    # Relative names of files refer to this folder.
     _folder: Path = PrivateAttr(default_factory=Path)
 
     def beside(self, folder: Path) -> Scene:
-        """Look in a folder for the files that it names; returns itself."""
+        """Set the folder that names of files refer to, and return the scene."""
         if any(self.files()):
             self._folder = folder
         return self
 
     def place(self, file: str) -> Path:
-        """Where a file is that it names."""
+        """Path of a file that the scene names."""
         return self._folder / file
 
     def files(self) -> Iterator[Path]:
-        """All files that it names."""
+        """Paths of all files that the scene names."""
         for block in self.body.values():
             if block.mesh is not None:
                 yield self.place(block.mesh.file)
@@ -96,24 +97,24 @@ class Scene(Table):
 
     @property
     def dim(self) -> int | None:
-        """2 or 3; None where all bodies are meshes of files."""
+        """2 or 3; None if all bodies are meshes from files."""
         known = (block.dim for block in self.body.values())
         return max((dim for dim in known if dim), default=None)
 
     def cell(self, block: Block) -> str | None:
-        """Kind of the cells of a box: those of ``mesh.element``, else its own."""
+        """Shape of the cells of a box: that of ``mesh.element``, else its own."""
         if block.dim is None or self.mesh is None or self.mesh.element is None:
             return block.cell
         return _CARRIES[self.mesh.element[0]][block.dim]
 
     def order(self, block: Block) -> int | None:
-        """Order of the cells of a body; None, that of its file."""
+        """Order of the cells of a body; None for the order in its file."""
         if self.mesh is not None and self.mesh.element is not None:
             return int(self.mesh.element[1])
         return block.order if block.mesh is None else block.mesh.order
 
     def lacks_n(self) -> bool:
-        """Whether ``mesh.n`` is given and no body takes it."""
+        """Whether ``mesh.n`` is given but no body uses it."""
         if self.mesh is None or self.mesh.n is None:
             return False
         boxes = [block for block in self.body.values() if block.mesh is None]
@@ -121,7 +122,7 @@ class Scene(Table):
         return not any(axis is not None and axis.takes_n() for axis in axes)
 
     def varying(self) -> Iterator[tuple[str, Varying]]:
-        """Every number that may have an amplitude, with its path."""
+        """Key path and value of each number that may have an amplitude."""
         for kind in ("support", "traction", "body_force"):
             for i, entry in enumerate(getattr(self, kind)):
                 for k, number in entry.components().items():

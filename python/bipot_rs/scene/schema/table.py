@@ -1,4 +1,4 @@
-"""What all tables of a scene share."""
+"""Base class and types of all tables of a scene."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from typing import Annotated
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 AXES = ("x", "y", "z")
-# Cells along an axis, and load steps: more are a slip of the pen.
+# Cells along an axis, and load steps: a larger number is a typing error.
 MOST = 1_000_000
-# Lengths, moduli and forces beyond this, or below its inverse, overflow when a few of
-# them are multiplied; in no system of units are there such.
+# Products of a few lengths, moduli and forces beyond this, or below its inverse, would
+# overflow or underflow. No system of units needs such numbers.
 LARGEST = 1e60
 
 
 class Table(BaseModel):
-    """A table that knows all of its keys."""
+    """A table without unknown keys."""
 
-    # Strict: a number in quotes, or `true` for 1, is a slip of the pen.
+    # Strict: a number in quotes, or `true` for 1, is a typing error.
     model_config = ConfigDict(
         extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True
     )
 
 
 def wrap(key: str) -> BeforeValidator:
-    """Let a plain value stand for a table with one key."""
+    """Accept a plain value in place of a table with the one key ``key``."""
     return BeforeValidator(lambda v: v if isinstance(v, dict | BaseModel) else {key: v})
 
 
@@ -32,12 +32,12 @@ Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 Vector = Annotated[list[float], Field(min_length=2, max_length=3)]
 
 
-# What a union calls its kinds is no part of a place in the file: it begins with this.
+# Names of the members of a union begin with this. Key paths of messages leave them out.
 KIND = "|"
 
 
 class Varying(Table):
-    """A number times an amplitude; without one, the same in every load step."""
+    """A number times an amplitude; constant from the first load step on without one."""
 
     value: float
     amplitude: str | None = None
@@ -47,13 +47,13 @@ Component = Annotated[Varying, wrap("value")]
 
 
 class Components(Table):
-    """A vector, of which some components are given."""
+    """A vector; some of its components may be missing."""
 
     x: Component | None = None
     y: Component | None = None
     z: Component | None = None
 
     def components(self) -> dict[int, Varying]:
-        """Those given, by axis."""
+        """Given components by axis."""
         given = (self.x, self.y, self.z)
         return {k: v for k, v in enumerate(given) if v is not None}

@@ -314,7 +314,7 @@ class TestStiffness:
             (np.tril(K), r"tril\(K, -1\)"),
             (np.triu(K), r"triu\(K, 1\)"),
         ):
-            refused(problem, "K", half, "symmetric", "triangle alone", way)
+            refused(problem, "K", half, "symmetric", "triangle only", way)
         other = K.copy()
         other[np.nonzero(np.tril(K, -1))[0][0], np.nonzero(np.tril(K, -1))[1][0]] *= 2
         with pytest.raises(ValueError, match="symmetric") as caught:

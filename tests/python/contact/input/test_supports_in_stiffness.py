@@ -38,17 +38,18 @@ def test_enforced(block: dict[str, Any]) -> None:
             bp.ContactProblem(matrix, block["B"], **told)
         said = str(failed.value)
         assert (
-            f"; {count} {words[0]} of K, first {first}, hold the diagonal alone" in said
+            f"; {count} {words[0]} of K, first {first}, contain the diagonal only"
+            in said
         )
-        assert f"and the {words[1]} more: supports were written into K" in said
-        assert (
-            "as by skfem.enforce; expected K as it was assembled, with fixed=" in said
-        )
+        assert f"but the {words[1]} more: supports were written into K" in said
+        assert "as by skfem.enforce; expected K as assembled, with fixed=" in said
     # One of them, and an asymmetry of another kind.
-    with pytest.raises(ValueError, match=r"; 1 row of K, first 3, holds the diagonal"):
+    with pytest.raises(
+        ValueError, match=r"; 1 row of K, first 3, contains the diagonal"
+    ):
         bp.ContactProblem(enforced(block["K"], [3]), block["B"], **told)
     lower = sparse.tril(block["K"]).tocsr()
-    with pytest.raises(ValueError, match="holds its lower triangle alone"):
+    with pytest.raises(ValueError, match="stores its lower triangle only"):
         bp.ContactProblem(lower, block["B"], **told)
     other = block["K"].copy()
     other[0, 1] *= 2
@@ -68,14 +69,12 @@ def test_condensed(block: dict[str, Any]) -> None:
         bp.ContactProblem(K, block["B"], **told)
     said = str(failed.value)
     assert (
-        "were degrees of freedom taken out of K, as by skfem.condense, and not out of B?"
+        "were degrees of freedom removed from K, as by skfem.condense, but not from B?"
         in said
     )
-    assert (
-        "Give both whole, and fixed= for the degrees of freedom that are held" in said
-    )
+    assert "Pass both complete, and fixed= for the supported degrees of freedom" in said
     with pytest.raises(
-        ValueError, match=r"taken out of B, as by skfem.condense, and not out of K"
+        ValueError, match=r"removed from B, as by skfem.condense, but not from K"
     ):
         bp.ContactProblem(block["K"], block["B"][:, kept], **told)
     # What these functions return, given as it is.
