@@ -18,6 +18,11 @@ import verification
 from places import TESTS
 from verification import PAGE, Row
 
+# Cases run once for their own test and for the page, in one worker.
+pytestmark = pytest.mark.xdist_group("verification")
+for module in (cases_exact, cases_published, cases_hard, cases_plane, cases_space):
+    module.CASES.update({name: cache(case) for name, case in module.CASES.items()})
+
 NUMBERS = cases_exact.CASES | cases_published.CASES | cases_hard.CASES
 REFINED = cases_plane.CASES | cases_space.CASES
 # Of these no other file has a test.
