@@ -17,7 +17,7 @@ from time import perf_counter
 import numpy as np
 import tables
 
-from bipot_rs.fem.elasticity import Body, Material, box, stiffness
+from bipot_rs.fem import Body, Material, box, stiffness
 
 # Kind, cells a side; what GetFEM calls the mesh, and an integration that is exact.
 MESHES = (

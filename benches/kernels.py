@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import bipot_rs as bp
-from bipot_rs.fem.elasticity import Body, Material, box, stiffness
+from bipot_rs.fem import Body, Material, box, stiffness
 
 
 def best(times, work):

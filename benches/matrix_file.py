@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from bipot_rs.fem.elasticity import Body, Material, box, stiffness
+from bipot_rs.fem import Body, Material, box, stiffness
 
 
 def write(path, dim, cells):

@@ -22,7 +22,7 @@ import tables
 from scipy import sparse
 
 import bipot_rs as bp
-from bipot_rs.fem.elasticity import Body, Material, box, stiffness
+from bipot_rs.fem import Body, Material, box, stiffness
 
 HEAD = ("need", "unknowns", "contacts", "ours, s", "beside, s", "ours / it", "differs")
 DIM, MU = 3, 0.3

@@ -17,7 +17,6 @@ from scipy import sparse
 from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.contact.frames import frames
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.body import Body, Box, Field, Quadrature
 from bipot_rs.fem.boundary import (
@@ -25,8 +24,6 @@ from bipot_rs.fem.boundary import (
     Symmetry,
     plane_of,
     spring_stiffness,
-    surface,
-    with_surfaces,
 )
 from bipot_rs.fem.contact import (
     Contact,
@@ -39,45 +36,11 @@ from bipot_rs.fem.contact import (
 )
 from bipot_rs.fem.elasticity import nodal_forces, stiffness, vtk_cells
 from bipot_rs.fem.inclined_supports import HeldNodes, Planes, planes
-from bipot_rs.fem.materials import Material, Orthotropic
 from bipot_rs.fem.stress_recovery import (
     Initial,
     initial_forces,
-    stress,
-    thermal,
-    von_mises,
 )
-from bipot_rs.mesh.boxes import FACES, box
-from bipot_rs.mesh.elements import second_order
-from bipot_rs.mesh.quality import check_mesh
-from bipot_rs.mesh.readers import read_mesh, read_meshes
 from bipot_rs.obstacle.motion import Motion
-
-__all__ = [
-    "FACES",
-    "Assembly",
-    "Body",
-    "Contact",
-    "Material",
-    "Orthotropic",
-    "Spring",
-    "Support",
-    "Symmetry",
-    "assemble",
-    "box",
-    "check_mesh",
-    "frames",
-    "read_mesh",
-    "read_meshes",
-    "second_order",
-    "stiffness",
-    "stress",
-    "surface",
-    "thermal",
-    "von_mises",
-    "with_surfaces",
-]
-
 
 # Of a tangential row of B: what the digits of a normal leave of one that is held.
 _NO_WAY = 1e-6

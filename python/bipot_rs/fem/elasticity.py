@@ -15,29 +15,9 @@ from scipy import sparse
 
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.fem.body import Body, Box, Field, Quadrature
-from bipot_rs.fem.materials import Elastic, Material, Orthotropic
-from bipot_rs.mesh.boxes import FACES, box
+from bipot_rs.fem.body import Body, Field, Quadrature
+from bipot_rs.fem.materials import Material
 from bipot_rs.mesh.elements import inverse, jacobian, reference
-
-__all__ = [
-    "FACES",
-    "Body",
-    "Box",
-    "Elastic",
-    "Field",
-    "Floats",
-    "Ints",
-    "Material",
-    "Orthotropic",
-    "Quadrature",
-    "box",
-    "distinct_cells",
-    "nodal_forces",
-    "stiffness",
-    "surface_stiffness",
-    "vtk_cells",
-]
 
 
 def stiffness(body: Body) -> Any:

@@ -27,22 +27,6 @@ from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Closest, Obstacle, directed, length, place, taken
 from bipot_rs.obstacle.triangulated import Surface
 
-__all__ = [
-    "Approach",
-    "Closest",
-    "Cylinder",
-    "Distance",
-    "Motion",
-    "Obstacle",
-    "Plane",
-    "Sphere",
-    "Surface",
-    "Union",
-    "approach",
-    "ask",
-    "onwards",
-]
-
 # Nearer to an axis or a centre than this share of the radius, a normal has lost half of
 # its digits.
 _CENTRE = 1e-8
