@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import instead
+from bipot_rs._lib.messages import instead, place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.materials import Elastic, Material
 from bipot_rs.mesh.elements import (
@@ -23,6 +23,7 @@ from bipot_rs.mesh.elements import (
     facet_nodes,
     inverse,
     jacobian,
+    kind_of,
     reference,
 )
 
@@ -86,11 +87,7 @@ class Body:
     material: Elastic | Mapping[str, Elastic]
 
     def __post_init__(self) -> None:
-        if type(self.mesh) not in KINDS:
-            raise TypeError(
-                f"mesh of body {self.name!r} is a {type(self.mesh).__name__}, expected "
-                + ", ".join(t.__name__ for t in KINDS)
-            )
+        kind_of(self.mesh, f"mesh of body {self.name!r}")
         if isinstance(self.material, Mapping):
             self.material_of_cells  # noqa: B018 - says what does not fit
             if len({(m.plane_stress, m.thickness) for m in self.materials}) > 1:
@@ -151,10 +148,9 @@ class Body:
             found[cells] = k
         if (found < 0).any():
             bare = self.mesh.p[:, self.mesh.t[:, np.argmin(found)]].mean(axis=1)
-            place = ", ".join(f"{x:g}" for x in bare)
             raise ValueError(
                 f"material of body {self.name!r} leaves {(found < 0).sum()} cells "
-                f"without one, the first at ({place}), expected volumes that cover it"
+                f"without one, the first at {place(bare)}, expected volumes that cover it"
             )
         return found
 
@@ -215,7 +211,7 @@ class Body:
         facets = self.facets(name)
         corners = facet_nodes(self.mesh, facets)
         x = self.points[corners]
-        phi, slopes, weights = reference(self.kind.facet, self.kind.facet_order)
+        phi, slopes, weights = reference(self.kind.facet.element, self.kind.facet.order)
         tangents = jacobian(x, slopes).swapaxes(0, 1)
         if self.dim == 2:
             area = np.stack([tangents[0, :, 1], -tangents[0, :, 0]], axis=1)

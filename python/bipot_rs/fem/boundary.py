@@ -14,7 +14,7 @@ from bipot_rs._lib.validation import floats, number
 from bipot_rs.fem.body import Body, Box
 from bipot_rs.fem.elasticity import surface_stiffness
 from bipot_rs.fem.materials import Material
-from bipot_rs.mesh.elements import KINDS, facet_nodes
+from bipot_rs.mesh.elements import facet_nodes, kind_of
 
 # Nodes of one plane as files write them, with seven digits.
 _FLAT = 1e-6
@@ -144,15 +144,9 @@ def surface(
     ValueError
         None is left: the message says what the border has.
     """
-    kind = KINDS.get(type(mesh))
-    if kind is None:
-        raise TypeError(
-            f"mesh is a {type(mesh).__name__}, expected "
-            + ", ".join(t.__name__ for t in KINDS)
-        )
+    dim = kind_of(mesh).dim
     if within is None and normal is None:
         raise ValueError("surface needs within or normal")
-    dim = kind.dim
     facets = np.asarray(mesh.boundary_facets(), dtype=np.int64)
     low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
     x = mesh.p[:, facet_nodes(mesh, facets)]

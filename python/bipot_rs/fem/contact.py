@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import RATIO, floats, friction, number, shown
 from bipot_rs.contact.frames import frames
@@ -325,8 +326,10 @@ def _weighted(
             what = f"surfaces {both(contact)}"
             o = _other(bodies, b, contact.against[0])
             found = pairs(
-                *(body.points, ours),
-                *(bodies[o].points, _facets_outward(bodies[o], contact.against[1])),
+                body.points,
+                ours,
+                bodies[o].points,
+                _facets_outward(bodies[o], contact.against[1]),
                 method=contact.pairing,
                 clearance=_for_pairs(contact, body),
                 axis=contact.axis,
@@ -480,9 +483,10 @@ def outward(body: Body, surface: str) -> Floats:
 
 def _refuse_negative_areas(body: Body, surface: str) -> None:
     """Contact at nodes needs a positive area at each of them."""
-    if not body.kind.lumps:
-        face = {"triangle6": "of 6 nodes", "quad8": "of 8 nodes"}[body.kind.face]
-        none = "none at all" if body.kind.face == "triangle6" else "a negative one"
+    facet = body.kind.facet
+    if not facet.lumps:
+        face = {"triangle6": "of 6 nodes", "quad8": "of 8 nodes"}[facet.vtk]
+        none = "none at all" if facet.vtk == "triangle6" else "a negative one"
         raise ValueError(
             f"contact on {surface!r} of body {body.name!r} is at nodes of faces {face}, "
             f'where a constant pressure gives corners {none}: use pairing="mortar", '
@@ -570,8 +574,3 @@ def body_index(bodies: Sequence[Body], name: str) -> int:
     raise ValueError(
         f"there is no body {name!r}, expected one of {[body.name for body in bodies]}"
     )
-
-
-def place(x: Floats) -> str:
-    """A place, for messages."""
-    return "(" + ", ".join(f"{c:g}" for c in x) + ")"

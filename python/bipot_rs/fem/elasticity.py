@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.fem.body import Body, Field, Quadrature
@@ -127,10 +128,10 @@ def _gradients(body: Body, shapes: Floats, which: Ints) -> Floats:
     good = (determinant * np.sign(determinant[0]) > 0).all(axis=0)
     if not good.all():
         cell = int(np.argmin(good[which]))
-        place = body.points[body.cells[cell]].mean(axis=0)
+        centre = body.points[body.cells[cell]].mean(axis=0)
         raise ValueError(
             f"cell {cell} of body {body.name!r} is folded or flat, at "
-            f"({', '.join(f'{x:g}' for x in place)}): its mapping has the determinants "
+            f"{place(centre)}: its mapping has the determinants "
             f"{determinant[:, which[cell]].min():g} to "
             f"{determinant[:, which[cell]].max():g} within it"
         )

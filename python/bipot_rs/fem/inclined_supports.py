@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats, Ints
 
 # Of unit normals, which files know to seven digits: what is left of one beside others of
@@ -116,11 +117,10 @@ class Planes:
         if wrong.any():
             row = int(np.argmax(wrong))
             dof = int(self.given.indices[self.given.indptr[row]])
-            place = ", ".join(f"{x:g}" for x in nodes[dof // nodes.shape[1]])
             raise ValueError(
-                f"what supports prescribe at ({place}) has a part of {off[row]:g} across the "
-                "plane of symmetry of that node, expected prescribed components that lie "
-                "in it by themselves"
+                f"supports move the node at {place(nodes[dof // nodes.shape[1]])} by "
+                f"{off[row]:g} across its plane of symmetry: prescribe components whose "
+                "sum lies in the plane"
             )
 
 

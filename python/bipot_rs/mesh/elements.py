@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.optional import missing
 from bipot_rs._lib.types import Floats, Ints
 
@@ -50,59 +51,85 @@ _EDGES = {
     "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0)],
     "tetrahedron": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
     "hexahedron": [
-        *((0, 1), (1, 2), (2, 3), (3, 0)),
-        *((4, 5), (5, 6), (6, 7), (7, 4)),
-        *((0, 4), (1, 5), (2, 6), (3, 7)),
+        *[(i, (i + 1) % 4) for i in range(4)],
+        *[(4 + i, 4 + (i + 1) % 4) for i in range(4)],
+        *[(i, 4 + i) for i in range(4)],
     ],
 }
 # What the elements of full second order have besides.
 _CENTRES: dict[str, list[tuple[float, ...]]] = {
     "quad9": [(0.5, 0.5)],
     "hexahedron27": [
-        *((0, 0.5, 0.5), (1, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 1, 0.5)),
-        *((0.5, 0.5, 0), (0.5, 0.5, 1), (0.5, 0.5, 0.5)),
+        (0, 0.5, 0.5),
+        (1, 0.5, 0.5),
+        (0.5, 0, 0.5),
+        (0.5, 1, 0.5),
+        (0.5, 0.5, 0),
+        (0.5, 0.5, 1),
+        (0.5, 0.5, 0.5),
     ],
 }
 
 
 @dataclass(frozen=True)
-class Kind:
-    """What is to know of the cells of a mesh.
+class Facet:
+    """A facet of a cell.
 
     Attributes
     ----------
-    mesh : type
-        Of scikit-fem.
+    vtk : str
+        Its name in VTK and meshio.
+    element : type
+        Element of one component.
+    order : int
+        Order of its quadrature.
+    linear : type
+        Element of first order on its corners.
+    lumps : bool
+        Whether a constant pressure gives each node a positive force.
+    """
+
+    vtk: str
+    element: type
+    order: int
+    linear: type
+    lumps: bool = True
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of cell.
+
+    Attributes
+    ----------
+    vtk : str
+        Its name in VTK and meshio.
     shape : str
         ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``.
     degree : int
         1 or 2.
-    scalar, facet : type
-        Element of one component on a cell, and on a facet.
-    order, facet_order : int
-        Of their quadrature. Simplices of first order have constant gradients; 2 and 4
-        are full Gauss quadrature, 2 and 3 points a direction, which on straight cells
-        is exact, and on curved ones still for constant stresses and pressures. The
-        rules for tetrahedra of orders 3 and 4 have negative weights, that of 5 has the
-        corners, where a curved cell that is good may fold; that of 6 has neither.
-    vtk : str
-        VTK's and meshio's name of a cell.
-    face : str
-        That of a facet.
-    lumps : bool
-        Whether a constant pressure gives each node of a facet a positive force.
+    mesh : type
+        The mesh class of scikit-fem.
+    scalar : type
+        Element of one component.
+    order : int
+        Order of its quadrature. Simplices of first order have constant gradients; 2 and 4
+        are full Gauss quadrature with 2 and 3 points in each direction. It is exact on
+        straight cells, and on curved cells for constant stresses and pressures. The
+        rules for tetrahedra of orders 3 and 4 have negative weights. The rule of order 5
+        has points at the corners, where a valid curved cell may fold. The rule of order
+        6 has neither fault.
+    facet : Facet
+        Its facets.
     """
 
-    mesh: type
+    vtk: str
     shape: str
     degree: int
+    mesh: type
     scalar: type
     order: int
-    facet: type
-    facet_order: int
-    vtk: str
-    face: str
-    lumps: bool = True
+    facet: Facet
 
     @property
     def dim(self) -> int:
@@ -151,52 +178,51 @@ def _find(wanted: Floats, among: Floats) -> Ints:
     return np.asarray(distance.argmin(axis=-1), dtype=np.int64)
 
 
+_LINE = Facet("line", skfem.ElementLineP1, 2, skfem.ElementLineP1)
+_LINE3 = Facet("line3", skfem.ElementLineP2, 4, skfem.ElementLineP1)
+_TRI = Facet("triangle", skfem.ElementTriP1, 2, skfem.ElementTriP1)
+_TRI6 = Facet("triangle6", skfem.ElementTriP2, 4, skfem.ElementTriP1, lumps=False)
+_QUAD = Facet("quad", skfem.ElementQuad1, 2, skfem.ElementQuad1)
+_QUAD8 = Facet("quad8", skfem.ElementQuadS2, 4, skfem.ElementQuad1, lumps=False)
+_QUAD9 = Facet("quad9", skfem.ElementQuad2, 4, skfem.ElementQuad1)
+
 KINDS: dict[type, Kind] = {
     kind.mesh: kind
     for kind in (
+        Kind("triangle", "triangle", 1, skfem.MeshTri1, skfem.ElementTriP1, 1, _LINE),
+        Kind("quad", "quadrilateral", 1, skfem.MeshQuad1, skfem.ElementQuad1, 2, _LINE),
+        Kind("tetra", "tetrahedron", 1, skfem.MeshTet1, skfem.ElementTetP1, 1, _TRI),
         Kind(
-            *(skfem.MeshTri1, "triangle", 1, skfem.ElementTriP1, 1),
-            *(skfem.ElementLineP1, 2, "triangle", "line"),
+            "hexahedron", "hexahedron", 1, skfem.MeshHex1, skfem.ElementHex1, 2, _QUAD
         ),
+        Kind("triangle6", "triangle", 2, skfem.MeshTri2, skfem.ElementTriP2, 4, _LINE3),
         Kind(
-            *(skfem.MeshQuad1, "quadrilateral", 1, skfem.ElementQuad1, 2),
-            *(skfem.ElementLineP1, 2, "quad", "line"),
+            "quad9", "quadrilateral", 2, skfem.MeshQuad2, skfem.ElementQuad2, 4, _LINE3
         ),
+        Kind("quad8", "quadrilateral", 2, MeshQuadS2, skfem.ElementQuadS2, 4, _LINE3),
+        Kind("tetra10", "tetrahedron", 2, skfem.MeshTet2, skfem.ElementTetP2, 6, _TRI6),
         Kind(
-            *(skfem.MeshTet1, "tetrahedron", 1, skfem.ElementTetP1, 1),
-            *(skfem.ElementTriP1, 2, "tetra", "triangle"),
+            "hexahedron27",
+            "hexahedron",
+            2,
+            skfem.MeshHex2,
+            skfem.ElementHex2,
+            4,
+            _QUAD9,
         ),
-        Kind(
-            *(skfem.MeshHex1, "hexahedron", 1, skfem.ElementHex1, 2),
-            *(skfem.ElementQuad1, 2, "hexahedron", "quad"),
-        ),
-        Kind(
-            *(skfem.MeshTri2, "triangle", 2, skfem.ElementTriP2, 4),
-            *(skfem.ElementLineP2, 4, "triangle6", "line3"),
-        ),
-        Kind(
-            *(skfem.MeshQuad2, "quadrilateral", 2, skfem.ElementQuad2, 4),
-            *(skfem.ElementLineP2, 4, "quad9", "line3"),
-        ),
-        Kind(
-            *(MeshQuadS2, "quadrilateral", 2, skfem.ElementQuadS2, 4),
-            *(skfem.ElementLineP2, 4, "quad8", "line3"),
-        ),
-        Kind(
-            *(skfem.MeshTet2, "tetrahedron", 2, skfem.ElementTetP2, 6),
-            *(skfem.ElementTriP2, 4, "tetra10", "triangle6", False),
-        ),
-        Kind(
-            *(skfem.MeshHex2, "hexahedron", 2, skfem.ElementHex2, 4),
-            *(skfem.ElementQuad2, 4, "hexahedron27", "quad9"),
-        ),
-        Kind(
-            *(MeshHexS2, "hexahedron", 2, skfem.ElementHexS2, 4),
-            *(skfem.ElementQuadS2, 4, "hexahedron20", "quad8", False),
-        ),
+        Kind("hexahedron20", "hexahedron", 2, MeshHexS2, skfem.ElementHexS2, 4, _QUAD8),
     )
 }
 OF_VTK = {kind.vtk: kind for kind in KINDS.values()}
+
+
+def kind_of(mesh: Any, what: str = "mesh") -> Kind:
+    """The kind of the cells; `TypeError` for a mesh of no known class."""
+    kind = KINDS.get(type(mesh))
+    if kind is None:
+        known = ", ".join(t.__name__ for t in KINDS)
+        raise TypeError(f"{what} is a {type(mesh).__name__}, expected {known}")
+    return kind
 
 
 def cell_nodes(mesh: Any) -> Ints:
@@ -216,21 +242,12 @@ def facet_nodes(mesh: Any, facets: Ints) -> Ints:
     local = np.argmax(corners[:, :, None] == cells[:, None, : kind.corners], axis=2)
     at = np.asarray(kind.scalar().doflocs, dtype=np.float64)
     # Where on the cell each node of the facet is: the facet is straight there.
-    own = np.asarray(kind.facet().doflocs, dtype=np.float64)
-    linear: Any = _LINEAR[kind.face]()
+    own = np.asarray(kind.facet.element().doflocs, dtype=np.float64)
+    linear: Any = kind.facet.linear()
     phi = np.stack([linear.lbasis(own.T, i)[0] for i in range(corners.shape[1])])
     phi = np.broadcast_to(phi, (corners.shape[1], len(own)))
     which = _find(np.einsum("fcd,cn->fnd", at[local], phi), at)
     return np.take_along_axis(cells, which, axis=1)
-
-
-# The corners of a facet of second order.
-_LINEAR: dict[str, type] = {
-    "line3": skfem.ElementLineP1,
-    "triangle6": skfem.ElementTriP1,
-    "quad8": skfem.ElementQuad1,
-    "quad9": skfem.ElementQuad1,
-}
 
 
 def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
@@ -271,11 +288,10 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
     wrong = np.argwhere(number[own] != nodes)
     if len(wrong):
         cell, k = wrong[0]
-        place = ", ".join(f"{x:g}" for x in points[nodes[cell, k]])
         raise ValueError(
-            f"cell {cell} has a node at ({place}) between corners that another cell "
-            "shares without that node: nodes that are there twice, or cells that do "
-            "not fit"
+            f"cell {cell} has a node between two corners, at "
+            f"{place(points[nodes[cell, k]])}, and another cell with the same corners "
+            "has a different node there: merge double nodes, or mesh so that cells conform"
         )
     mesh: Any = kind.mesh(np.ascontiguousarray(points[number].T), t)
     # Found once: the facets do not depend on places.

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number, shown
 from bipot_rs.contact.frames import frames
@@ -294,10 +295,9 @@ def _nothing(slave: Surface, master: Surface, distance: float | None) -> str:
     far, which = cKDTree(master.centre).query(slave.centre)
     at = int(np.argmin(far))
     cosine = np.einsum("kd,kd->k", slave.normals, master.normals[which])
-    place = ", ".join(f"{x:g}" for x in slave.centre[at])
     near = (
-        f"the nearest facets are {at} of facets_slave, at ({place}), and {which[at]} of "
-        f"facets_master, {far[at]:g} apart"
+        f"the nearest facets are {at} of facets_slave, at {place(slave.centre[at])}, "
+        f"and {which[at]} of facets_master, {far[at]:g} apart"
     )
     if (cosine > -1e-9).all():
         return (

@@ -94,9 +94,10 @@ def _quad9(x: Floats) -> Floats:
     p, q = line(xi), line(eta)
     return np.stack(
         [
-            *(p[0] * q[0], p[2] * q[0], p[2] * q[2], p[0] * q[2]),
-            *(p[1] * q[0], p[2] * q[1], p[1] * q[2], p[0] * q[1]),
-            p[1] * q[1],
+            p[i] * q[j]
+            for i, j in zip(
+                (0, 2, 2, 0, 1, 2, 1, 0, 1), (0, 0, 2, 2, 0, 1, 2, 1, 1), strict=True
+            )
         ],
         axis=-1,
     )

@@ -414,7 +414,7 @@ def test_symmetries_that_cannot_be() -> None:
     )
     assert not held.prescribed([[0.0]]).any()
     with pytest.raises(
-        ValueError, match=r"prescribe at \(0, 0\) has a part of 0\.08 across the plane"
+        ValueError, match=r"move the node at \(0, 0\) by 0\.08 across its plane"
     ):
         held.prescribed([[0.1]])
     p = mesh.p.copy()

@@ -109,7 +109,9 @@ def test_free_expansion_has_no_stress(cell: str, degree: int, material: str) -> 
         "plane strain": fem.Material(YOUNG, POISSON, thickness=0.3),
         "plane stress": fem.Material(YOUNG, POISSON, plane_stress=True),
         "wood": fem.Orthotropic(
-            *((12e9, 0.8e9, 0.5e9), (0.4, 0.35, 0.5), (0.7e9, 0.6e9, 0.05e9)),
+            (12e9, 0.8e9, 0.5e9),
+            (0.4, 0.35, 0.5),
+            (0.7e9, 0.6e9, 0.05e9),
             axes=[[0.8, 0.6], [-0.6, 0.8]] if d == 2 else ROTATION,
             plane_stress=d == 2,
         ),

@@ -201,7 +201,7 @@ def test_own_numbers_of_the_degrees_of_freedom() -> None:
     numbers = order.reshape(-1, 3)
     count = len(one[0])
     again = bp.pairs(
-        *(*one, *other), dofs_slave=numbers[:count], dofs_master=numbers[count:], n=n
+        *one, *other, dofs_slave=numbers[:count], dofs_master=numbers[count:], n=n
     )
     assert again.B.shape == (found.B.shape[0], n)
     assert abs(again.B[:, order] - found.B).max() == 0
@@ -255,7 +255,7 @@ def test_a_gap_is_that_of_the_places() -> None:
             np.testing.assert_allclose(found.gap, 0.75, rtol=1e-14)
             # A linear clearance is met at the nodes by dual functions, too.
             found = bp.pairs(
-                *(*one, *other), method=method, clearance=lambda x: 3 * x[:, 0] - 1
+                *one, *other, method=method, clearance=lambda x: 3 * x[:, 0] - 1
             )
             slope = 3 * found.points[:, 0] - 0.75
             # What rules leave on skewed quadrilaterals, see the module.
@@ -362,7 +362,7 @@ def test_rigid_obstacles() -> None:
     np.testing.assert_allclose(found.frame[:, 0], np.tile(normal, (16, 1)), atol=1e-15)
     assert found.area.sum() == pytest.approx(1, rel=1e-14)
     by_place = bp.rigid_pairs(
-        *(x, cells, lambda p: p @ normal + 0.5), normal=lambda p: 0 * p + normal
+        x, cells, lambda p: p @ normal + 0.5, normal=lambda p: 0 * p + normal
     )
     assert abs(by_place.B - found.B).max() == 0
 

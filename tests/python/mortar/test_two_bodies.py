@@ -92,8 +92,10 @@ def pressed(
     if overhang != (0.0, 1.0):
         # What the upper block does not press, the air does.
         covered = bp.pairs(
-            *(bodies[1].points, meeting._facets_outward(bodies[1], "top")),
-            *(bodies[0].points, meeting._facets_outward(bodies[0], "bottom")),
+            bodies[1].points,
+            meeting._facets_outward(bodies[1], "top"),
+            bodies[0].points,
+            meeting._facets_outward(bodies[0], "bottom"),
         )
         load += model.pressure("low", "top", P)
         pushed = covered.slave.T @ covered.area
@@ -223,7 +225,11 @@ def test_hertz(ratio: float, slave: str) -> None:
             ("lower", "bottom", [0, 1]),
         ]
         model = two(
-            *(h / a, ratio, slave, np.array, [fem.Support(*s) for s in held]),
+            h / a,
+            ratio,
+            slave,
+            np.array,
+            [fem.Support(*s) for s in held],
             mu=0.0,
             clearance=lambda x: x[:, 0] ** 2 / (2 * radius),
             within={0: (0, 1.6)},
@@ -247,7 +253,11 @@ def sheared(h: float, slave: str) -> Profile:
     radius = np.pi * e_star / (4 * force)
     held = [fem.Support("lower", "bottom", [0, 1]), fem.Support("upper", "top", [0, 1])]
     model = two(
-        *(h, 1.37, slave, mirrored, held),
+        h,
+        1.37,
+        slave,
+        mirrored,
+        held,
         mu=mu,
         clearance=lambda x: x[:, 0] ** 2 / (2 * radius),
         within={0: (-1.6, 1.6)},
@@ -351,7 +361,9 @@ def test_spheres() -> None:
             for name, k, sign in (("upper", h, 1), ("lower", 1.3 * h, -1))
         ]
         contact = fem.Contact(
-            *("upper", "bottom", 0.0),
+            "upper",
+            "bottom",
+            0.0,
             against=("lower", "top"),
             pairing="mortar",
             clearance=lambda x: np.sum(x[:, :2] ** 2, axis=1) / (2 * radius),
@@ -361,7 +373,8 @@ def test_spheres() -> None:
             fem.Support(name, side, parts)
             for name, end in (("upper", "top"), ("lower", "bottom"))
             for side, parts in (
-                *(("left", [0]), ("front", [1])),
+                ("left", [0]),
+                ("front", [1]),
                 *((s, [0, 1, 2]) for s in ("right", "back", end)),
             )
         ]

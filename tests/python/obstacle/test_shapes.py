@@ -35,7 +35,9 @@ def cube() -> ob.Surface:
     for axis, end in product(range(3), (0.0, 1.0)):
         a, b, c, d = np.flatnonzero(x[:, axis] == end)
         for triangle in ([a, b, d], [a, d, c]):
-            normal = np.cross(*(x[triangle[k]] - x[triangle[0]] for k in (1, 2)))
+            normal = np.cross(
+                x[triangle[1]] - x[triangle[0]], x[triangle[2]] - x[triangle[0]]
+            )
             outwards = normal[axis] * (end - 0.5) > 0
             faces.append(triangle if outwards else triangle[::-1])
     return ob.Surface(x, faces)
