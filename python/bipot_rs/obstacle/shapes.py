@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import callback, floats, number, shown
+from bipot_rs.contact.frames import frames
 from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Closest, Obstacle, directed, length, taken
 from bipot_rs.obstacle.triangulated import Surface
@@ -88,7 +89,7 @@ class Sphere:
             raise ValueError(
                 f"centre of the sphere has shape {centre.shape}, expected (2,) or (3,)"
             )
-        _radius("sphere", self.radius)
+        _positive("radius of the sphere", self.radius)
 
     @property
     def dim(self) -> int:
@@ -137,7 +138,7 @@ class Cylinder:
             )
         if self.axis is not None:
             directed("axis of the cylinder", self.axis, 3)
-        _radius("cylinder", self.radius)
+        _positive("radius of the cylinder", self.radius)
 
     @property
     def dim(self) -> int:
@@ -149,11 +150,68 @@ class Cylinder:
         x = taken(points, self.dim)
         arm = x - np.asarray(self.point, np.float64)
         if self.axis is not None:
-            along = directed("axis of the cylinder", self.axis, 3)
-            # Twice: far along the axis, one pass leaves its rounding.
-            for _ in range(2):
-                arm = arm - (arm @ along)[:, None] * along
+            arm = _across(arm, directed("axis of the cylinder", self.axis, 3))
         return _round(x, arm, self.radius, self.inside, "axis of the cylinder")
+
+
+@dataclass(frozen=True)
+class Torus:
+    """A ring with a circular cross-section; with ``inside=True`` the bodies are in it.
+
+    Parameters
+    ----------
+    centre
+        ``(3,)`` [m].
+    axis
+        Direction of the axis of rotation, ``(3,)``, of any length.
+    major_radius
+        Radius of the circle of the tube's centres, > 0 [m].
+    minor_radius
+        Radius of the tube, > 0 and below ``major_radius`` [m].
+    inside
+        Whether the bodies are inside the tube: normals then point to its centre.
+
+    Notes
+    -----
+    The closest point is exact: the closest point ``m`` of the circle of centres, then
+    the closest point to x of the sphere of radius ``minor_radius`` about ``m``. A point
+    on the axis is equally far from a whole circle of the torus; one of its points is
+    taken.
+    """
+
+    centre: ArrayLike
+    axis: ArrayLike
+    major_radius: float
+    minor_radius: float
+    inside: bool = False
+
+    def __post_init__(self) -> None:
+        floats("centre of the torus", self.centre, shape=(3,))
+        directed("axis of the torus", self.axis, 3)
+        _positive("major_radius of the torus", self.major_radius)
+        _positive("minor_radius of the torus", self.minor_radius)
+        if not self.minor_radius < self.major_radius:
+            raise ValueError(
+                f"minor_radius of the torus is {self.minor_radius}, expected a number "
+                f"below major_radius, {self.major_radius}"
+            )
+
+    @property
+    def dim(self) -> int:
+        """3."""
+        return 3
+
+    def closest(self, points: Floats, /) -> Closest:
+        """As `Obstacle`; `ValueError` for a point at the centre of the tube."""
+        x = taken(points, 3)
+        axis = directed("axis of the torus", self.axis, 3)
+        arm = x - np.asarray(self.centre, np.float64)
+        radial = _across(arm, axis)
+        far = length(radial)
+        # On the axis: any direction across it.
+        radial[far == 0], far[far == 0] = frames(axis[None])[0, 1], 1.0
+        arm = arm - self.major_radius * radial / far[:, None]
+        return _round(x, arm, self.minor_radius, self.inside, "centre of the tube")
 
 
 @dataclass(frozen=True)
@@ -308,7 +366,7 @@ class Union:
 
 
 # Those of this package, which answer as they should.
-_OWN = (Plane, Sphere, Cylinder, Distance, Surface, Union)
+_OWN = (Plane, Sphere, Cylinder, Torus, Distance, Surface, Union)
 # What another obstacle may miss of |n| = 1, and of lying where it says, of the size of
 # the points.
 _TOLD = 1e-6
@@ -484,11 +542,17 @@ def _seen(
     return found.distance, towards, points - found.distance[:, None] * towards
 
 
-def _radius(what: str, radius: float) -> None:
-    if not 0 < number(f"radius of the {what}", radius) < np.inf:
-        raise ValueError(
-            f"radius of the {what} is {radius}, expected a positive number"
-        )
+def _positive(what: str, value: float) -> None:
+    if not 0 < number(what, value) < np.inf:
+        raise ValueError(f"{what} is {value}, expected a positive number")
+
+
+def _across(arm: Floats, axis: Floats) -> Floats:
+    """Vectors ``(n, 3)`` without their component along a unit axis."""
+    # Twice: far along the axis, one pass leaves its rounding.
+    for _ in range(2):
+        arm = arm - (arm @ axis)[:, None] * axis
+    return arm
 
 
 def _round(x: Floats, arm: Floats, radius: float, inside: bool, centre: str) -> Closest:

@@ -193,6 +193,7 @@ class Model:
 
         One of ``plane``, a table of ``point`` and ``normal``; ``sphere``, of ``centre``
         and ``radius``; ``cylinder``, of ``point``, ``radius`` and in space ``axis``;
+        in space ``torus``, of ``centre``, ``axis``, ``major_radius``, ``minor_radius``;
         ``surface``, a file such as STL. ``inside`` for bodies that are within it.
         ``move`` is a table of ``x``, ``y``, ``z``, and ``turn`` one of ``angle`` in
         **degrees**, ``about`` and in space ``axis``: totals along the path.

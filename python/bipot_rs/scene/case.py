@@ -422,26 +422,21 @@ def motion_of(rigid: Rigid, path: LoadPath, t: Floats) -> Motion | None:
     if rigid.move is None and rigid.turn is None:
         return None
     history = _histories(path, t)
-    vectors = (
-        *(rigid.plane and rigid.plane.point, rigid.sphere and rigid.sphere.centre),
-        *(rigid.cylinder and rigid.cylinder.point, rigid.turn and rigid.turn.about),
-    )
-    known = [len(one) for one in vectors if one]
+    turn = rigid.turn
+    about = turn.about if turn is not None and turn.about else rigid.centre
+    axis = None if turn is None else turn.axis
     moved = {} if rigid.move is None else rigid.move.components()
-    # Of a surface of a file the motion alone tells: an axis is one in space.
-    in_space = 2 in moved or (rigid.turn is not None and rigid.turn.axis is not None)
-    dim = known[0] if known else 3 if in_space else 2
+    # The file of a surface has not been read here: z or an axis means three dimensions.
+    in_space = 2 in moved or axis is not None
+    dim = len(about) if about else 3 if in_space else 2
     translation = np.zeros((len(t), dim))
     for k, number in moved.items():
         translation[:, k] = history(number)
-    turn = rigid.turn
-    # Rollers turn about their own middle.
-    own = next((one for one in vectors[:3] if one), None)
     return Motion(
         translation,
         None if turn is None else history(turn.angle),
-        about=None if turn is None else turn.about or own,
-        axis=None if turn is None else turn.axis,
+        about=None if turn is None else about,
+        axis=axis,
         degrees=True,
     )
 

@@ -157,6 +157,55 @@ def test_hertz_under_a_rigid_sphere() -> None:
     assert result.traction[0, at, 0] == pytest.approx(peak, rel=0.05)
 
 
+def test_gaps_under_a_torus_are_its_parabola_near_its_lowest_circle() -> None:
+    """The distance is s²/2r with s from the circle, to the fourth order in s/r."""
+    ring = ob.Torus([0, 0, 0.5], [0, 0, 1], 2.0, 0.5)
+    errors = []
+    for width in (0.2, 0.1, 0.05):
+        x = np.linspace(2 - width, 2 + width, 9)
+        body = fem.Body(
+            "slab",
+            fem.box([x, [-1e-9, 0.0, 1e-9], [-1.0, 0.0]], "hexahedron"),
+            fem.Material(E, NU),
+        )
+        model = fem.assemble([body], [fem.Contact("slab", "top", 0.0, obstacle=ring)])
+        s = np.hypot(model.points[:, 0], model.points[:, 1]) - 2
+        errors.append(np.abs(model.gap - s**2).max())
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(4, abs=0.1)
+
+
+def test_a_torus_in_a_scene_turns_about_its_own_centre() -> None:
+    """Pressed onto a block, half in and half out: one force on each half."""
+    m = bp.Model("ring")
+    m.path(press=[0.5, 1.0])
+    m.material("soft", young=E, poisson=NU)
+    grid = {"from": -1.0, "to": 1.0, "cells": 10}
+    m.body("block", material="soft", cell="hexahedron", x=grid, y=grid, z=[-1, -0.5, 0])
+    m.support("block.bottom", x=0, y=0, z=0)
+    shape = {"axis": [0, 0, 2], "major_radius": 0.6, "minor_radius": 0.25}
+    m.obstacle(
+        "ring",
+        torus={"centre": [0, 0, 0.25], **shape},
+        move={"z": m.times(-0.02, "press")},
+        turn={"angle": m.times(0.1, "press"), "axis": [0, 0, 1]},
+    )
+    m.contact("block.top", against="ring", mu=0.2)
+    result = m.solve()
+    model = m.assemble().model
+    force = forces(model, result)[-1]
+    assert force[:, 2].sum() < 0
+    pressed = result.reaction[-1][:, 0] > 0
+    rho = np.hypot(model.points[pressed, 0], model.points[pressed, 1])
+    # Where the ring reaches into the block: 2 · 0.02 · 0.25 = (ρ - 0.6)², to first order.
+    assert (np.abs(rho - 0.6) < 0.11).all()
+    # The scene does not change by a quarter of a turn, so forces balance and friction
+    # has a moment about the axis, in the sense of the turn.
+    np.testing.assert_allclose(
+        force[:, :2].sum(axis=0), 0, atol=1e-8 * abs(force).max()
+    )
+    assert np.cross(model.points, force)[:, 2].sum() > 0
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_an_obstacle_that_moves_is_a_body_that_moves(dim: int) -> None:
     """Any shape: translated by s, it does what supports do that move by -s."""

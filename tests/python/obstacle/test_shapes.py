@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bipot_rs import obstacle as ob
 from spheres import icosphere
@@ -58,6 +59,8 @@ SHAPES: dict[str, tuple[Any, int]] = {
     "disc": (ob.Cylinder([0.1, 0.2], 0.7), 2),
     "bar": (ob.Cylinder([0, 0, 0.1], 0.5, axis=[1, 1, 0]), 3),
     "bore": (ob.Cylinder([0, 0, 0.1], 0.5, axis=[1, 1, 0], inside=True), 3),
+    "torus": (ob.Torus([0.1, 0, 0], [1, 2, -2], 1.0, 0.4), 3),
+    "tube": (ob.Torus([0.1, 0, 0], [1, 2, -2], 1.0, 0.4, inside=True), 3),
     "square": (square(), 2),
     "cube": (cube(), 3),
     "ball of triangles": (ob.Surface(*icosphere(2)), 3),
@@ -96,6 +99,45 @@ def test_round_ones_by_hand() -> None:
     )
     np.testing.assert_allclose(found.distance, [0.5, -1], rtol=EXACT)
     np.testing.assert_allclose(found.normal, [[0, -1, 0], [-1, 0, 0]], atol=EXACT)
+
+
+def test_torus_by_hand() -> None:
+    """Above, inside and beside the tube, and at the centre of the ring."""
+    x = np.array([[0, 2.0, 1.5], [2.25, 0, 0], [0, -3, 0], [0, 0, 0], [0, 0, 1.5]])
+    found = ob.Torus([0, 0, 0], [0, 0, -5], 2.0, 0.5).closest(x)
+    np.testing.assert_allclose(found.distance, [1, -0.25, 0.5, 1.5, 2], rtol=EXACT)
+    np.testing.assert_allclose(
+        found.normal[:3], [[0, 0, 1], [1, 0, 0], [0, -1, 0]], atol=EXACT
+    )
+    # On the axis any direction across it will do: towards the axis, and up at an angle.
+    np.testing.assert_allclose(found.normal[3:, 2], [0, 0.6], atol=EXACT)
+    np.testing.assert_allclose(found.foot[:, 2], [0.5, 0, 0, 0, 0.3], atol=EXACT)
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_torus_by_its_equation(inside: bool) -> None:
+    """Feet satisfy ``(|y|² + R² - r²)² = 4 R² (y_1² + y_2²)`` in the axes of the torus.
+
+    The arm from the circle of centres to x is across that circle, as the closest point
+    of a smooth curve requires.
+    """
+    R, r, centre = 0.8, 0.3, np.array([3.0, -1.0, 2.0])
+    turn = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
+    shape = ob.Torus(centre, turn[:, 2], R, r, inside)
+    x = around(3)
+    distance, normal, foot = shape.closest(centre + x @ turn.T)
+    y, n = (foot - centre) @ turn, normal @ turn
+    left = ((y**2).sum(axis=1) + R**2 - r**2) ** 2
+    right = 4 * R**2 * (y[:, :2] ** 2).sum(axis=1)
+    # Places are of size 4, and the equation of degree 4.
+    np.testing.assert_allclose(left, right, rtol=0, atol=100 * EXACT)
+    # By polar coordinates in the half-plane of x, where the tube is a disc.
+    rho, height = np.hypot(x[:, 0], x[:, 1]), x[:, 2]
+    outside = np.hypot(rho - R, height) - r
+    sign = -1 if inside else 1
+    np.testing.assert_allclose(distance, sign * outside, rtol=0, atol=10 * EXACT)
+    around_axis = np.column_stack([-x[:, 1], x[:, 0], 0 * height])
+    assert np.abs(np.einsum("nd,nd->n", n, around_axis)).max() <= 100 * EXACT
 
 
 @pytest.mark.parametrize(("shape", "dim"), [(square(), 2), (cube(), 3)])
@@ -298,6 +340,26 @@ def test_of_several_the_nearest() -> None:
         (
             lambda: ob.Cylinder([0, 0], 1.0, [0, 0, 1]),
             "axis .* was given, in the plane",
+        ),
+        (
+            lambda: ob.Torus([0, 0], [0, 0, 1], 2.0, 1.0),
+            r"centre of the torus has shape \(2,\)",
+        ),
+        (
+            lambda: ob.Torus([0, 0, 0], [0, 0, 0], 2.0, 1.0),
+            "axis of the torus is zero",
+        ),
+        (
+            lambda: ob.Torus([0, 0, 0], [0, 0, 1], -2.0, 1.0),
+            "major_radius of the torus is -2.0, expected a positive",
+        ),
+        (
+            lambda: ob.Torus([0, 0, 0], [0, 0, 1], 2.0, 2.0),
+            "minor_radius of the torus is 2.0, expected a number below major_radius",
+        ),
+        (
+            lambda: ob.Torus([0, 0, 0], [0, 0, 1], 1.0, 0.5).closest(np.eye(3)),
+            r"the point \(1, 0, 0\) is at the centre of the tube: no normal",
         ),
         (lambda: ob.Union([]), "obstacles is empty"),
         (

@@ -71,12 +71,21 @@ class Bar(Table):
     axis: Vector | None = None
 
 
+class Ring(Table):
+    """A rigid torus about ``axis``, in three dimensions."""
+
+    centre: Vector
+    axis: Vector
+    major_radius: Annotated[float, Field(gt=0)]
+    minor_radius: Annotated[float, Field(gt=0)]
+
+
 class Turn(Table):
     """A rotation by ``angle`` degrees about a point, in space about ``axis`` there.
 
     Counter-clockwise, by the right hand about the axis. The point is carried along by
     ``move``; if not given, it is that of the plane or the cylinder, the centre of the
-    sphere, and of a surface the origin.
+    sphere or the torus, and of a surface the origin.
     """
 
     angle: Component
@@ -85,21 +94,32 @@ class Turn(Table):
 
 
 class Rigid(Table):
-    """A rigid obstacle: a plane, a sphere, a cylinder, or the surface of a file.
+    """A rigid obstacle: a plane, a sphere, a cylinder, a torus, or a surface from a file.
 
-    With ``inside`` bodies are within a sphere or a bore, or on the other side of a
-    surface, whose normals point to the bodies. Files are those that meshio reads, such
-    as STL, relative to the scene file. ``move`` displaces it along the load path, totals
-    times amplitudes, and ``turn`` turns it.
+    With ``inside`` bodies are within a sphere, a bore or the tube of a torus, or on the
+    other side of a surface, whose normals point to the bodies. Files are those that
+    meshio reads, such as STL, relative to the scene file. ``move`` displaces it along
+    the load path, totals times amplitudes, and ``turn`` turns it.
     """
 
     plane: Plane | None = None
     sphere: Ball | None = None
     cylinder: Bar | None = None
+    torus: Ring | None = None
     surface: str | None = None
     inside: bool = False
     move: Components | None = None
     turn: Turn | None = None
+
+    @property
+    def centre(self) -> list[float] | None:
+        """The point that it turns about by default; None for the surface of a file."""
+        if self.plane is not None:
+            return self.plane.point
+        if self.cylinder is not None:
+            return self.cylinder.point
+        round_one = self.sphere or self.torus
+        return None if round_one is None else round_one.centre
 
     def varying(self) -> dict[str, Varying]:
         """Its numbers that may have an amplitude, by the ends of their places."""
