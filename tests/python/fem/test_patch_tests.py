@@ -332,10 +332,10 @@ def test_prescribed_values_in_the_order_of_fixed() -> None:
             "no surface 'base'",
         ),
         (fem.Contact("upper", "bottom", -1, against=("lower", "top")), "mu .* is -1"),
-        (fem.Contact("upper", "bottom", 0.3), "needs one obstacle"),
+        (fem.Contact("upper", "bottom", 0.3), "needs exactly one of plane"),
         (
             fem.Contact("upper", "bottom", 0.3, against=("lower", "left")),
-            r"do not match: no node lies opposite to the one at",
+            r"do not match: no node lies opposite to the node at",
         ),
         (
             fem.Contact(
@@ -381,7 +381,7 @@ def test_matching_surfaces_that_face_the_same_way() -> None:
     up = fem.box([side, side + 1.0], "quadrilateral")
     steel = fem.Material(1.0, 0.3)
     bodies = [fem.Body("up", up, steel), fem.Body("low", low, steel)]
-    with pytest.raises(ValueError, match="face the same way at"):
+    with pytest.raises(ValueError, match="do not face each other at"):
         fem.assemble(
             bodies, [fem.Contact("up", "bottom", 0.3, against=("low", "bottom"))]
         )

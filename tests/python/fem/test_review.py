@@ -56,7 +56,7 @@ def test_a_rotation_is_seen_with_its_angle(dim: int, size: float) -> None:
     (said,) = review(model, [step(model), step(model, 0.06 * unit)])
     # 0.06 rad are 3.44 degrees.
     assert said.startswith("rotations up to 3.4°, 0.06 rad, of body 'a' at (")
-    assert f"in load step 2 of 2, beyond 0.05 in {4**dim} of its {4**dim} cells" in said
+    assert f"in load step 2 of 2, above 0.05 in {4**dim} of its {4**dim} cells" in said
     assert review(model, [step(model, 0.04 * unit)]) == []
 
 
@@ -189,7 +189,7 @@ def test_a_body_that_was_pushed_away_is_told() -> None:
     (said,) = review(model, [step(model), away])
     assert said == (
         "body 'b' has no support and no spring, and at the end no contact holds it: it "
-        "has been pushed away, or a support is missing"
+        "was pushed away, or a support is missing"
     )
     ground = fem.Support("b", "bottom", (0, 1))
     assert review(fem.assemble(bodies, [pair], [top, ground]), [away]) == []

@@ -212,7 +212,7 @@ def test_initial_strains_that_cannot_be() -> None:
         model.initial_strain("it", [1.0, 2.0])
     with pytest.raises(ValueError, match="is not symmetric"):
         model.initial_strain("it", [[0.0, 1.0], [0.0, 0.0]])
-    with pytest.raises(ValueError, match="shears out of the plane"):
+    with pytest.raises(ValueError, match="has shear out of the plane"):
         model.initial_strain("it", [[0, 0, 1.0], [0, 0, 0], [1.0, 0, 0]])
     with pytest.raises(ValueError, match="no volume 'warm', nor any other: its mesh"):
         model.initial_strain("it", {"warm": np.eye(2)})

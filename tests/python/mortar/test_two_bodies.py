@@ -447,7 +447,7 @@ def test_what_needs_pairs_of_nodes_says_so() -> None:
             {"against": ("low", "left")},
             "^up.bottom and low.left face the same way .* 0 of up.bottom, .* 2 of low.left",
         ),
-        ({"within": {0: (0.4, 0.5)}}, "within leaves none"),
+        ({"within": {0: (0.4, 0.5)}}, "within contains all nodes of none"),
         (
             {"pairing": "match"},
             "do not match: .* expected opposite nodes, or pairing='mortar'",

@@ -456,7 +456,7 @@ FLOOR = ob.Plane([0, 0], [0, -1])
     [
         (
             [fem.Contact("slab", "top", 0, obstacle=FLOOR, plane=([0, 0], [0, 1]))],
-            "needs one obstacle: plane, obstacle or against",
+            "needs exactly one of plane, obstacle and against",
         ),
         (
             [
@@ -479,7 +479,7 @@ FLOOR = ob.Plane([0, 0], [0, -1])
                 fem.Contact("slab", "top", 0, obstacle=FLOOR, motion=ob.Motion(way))
                 for way in ([[0, 0]], [[0, 0], [0, 0]])
             ],
-            "obstacles move through 1 and 2 steps, expected one number",
+            "the motions of obstacles have 1 and 2 steps: give",
         ),
         (
             [
@@ -487,7 +487,7 @@ FLOOR = ob.Plane([0, 0], [0, -1])
                     "slab", "top", 0, obstacle=FLOOR, motion=ob.Motion([[0, 0, 0]])
                 )
             ],
-            "motion is one in 3 dimensions, the points have 2",
+            "motion has 3 dimensions, but the points have 2",
         ),
     ],
 )
@@ -552,9 +552,7 @@ def test_steps_of_obstacles_and_of_loads() -> None:
     sinking = ob.Motion([[0, 0], [0, -0.1]])
     contact = fem.Contact("slab", "top", 0, obstacle=FLOOR, motion=sinking)
     model, problem = held(slab(), [contact])
-    with pytest.raises(
-        ValueError, match="obstacles move through 2 steps, the load path has 3"
-    ):
+    with pytest.raises(ValueError, match="has 2 steps, but the load path has 3"):
         model.gaps(3)
     # The problem knows that its obstacles move.
     by_itself, told = problem.solve(), problem.solve(gap=model.gaps(2))

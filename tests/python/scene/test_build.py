@@ -386,7 +386,9 @@ def test_mistakes_of_files_are_all_told(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"body\.part\.surface\.base: the mesh names"):
         m.assemble()
     m._table["body"]["part"]["surface"] = {"side": {"within": {"x": [7, 8]}}}
-    with pytest.raises(ValueError, match=r"body\.part\.surface\.side: no facet"):
+    with pytest.raises(
+        ValueError, match=r"body\.part\.surface\.side: no boundary facet"
+    ):
         m.assemble()
     m._table["body"]["part"] |= {"surface": {}, "material": {"left": "steel"}}
     with pytest.raises(ValueError, match=r"body\.part\.material: material of body"):
@@ -472,40 +474,40 @@ def test_remarks_through_a_scene(tmp_path: Path) -> None:
         (
             "3 of the 3 nodes of surface 'bottom' of body 'high' start inside what they may "
             "touch, the deepest by 0.5 at (0, -0.5), 1.3 % of the size of the model: the "
-            "first step presses them out; right for an interference fit, else move the body "
-            "or add a clearance"
+            "first step pushes them out; this is right for an interference fit, otherwise "
+            "move the body or add a clearance"
         ),
         (
             "surface 'top' of body 'low' faces away from what it may touch, at all of its 3 "
-            "nodes: is the normal of the obstacle towards the body, and the surface the one "
-            "that meets it?"
+            "nodes: check that the normal of the obstacle points to the body, and that this "
+            "is the right surface"
         ),
         (
             "2 of the 3 nodes of surface 'left' of body 'low' have no friction, mu = 0: "
-            "supports prescribe their tangential displacement, which leaves friction "
-            "nothing to decide"
+            "supports prescribe their tangential displacement; remove these components of "
+            "the support if friction should act"
         ),
         (
             "1 of the 3 nodes of surface 'top' of body 'low' have no friction, mu = 0: "
-            "supports prescribe their tangential displacement, which leaves friction "
-            "nothing to decide"
+            "supports prescribe their tangential displacement; remove these components of "
+            "the support if friction should act"
         ),
         (
-            "nothing holds bodies 'low' and 'high' against translation along x of body "
-            "'high': add a support, or friction or a contact that stops it"
+            "bodies 'low' and 'high' can move freely by translation along x of body "
+            "'high': add a support, friction or a contact that stops it"
         ),
         *(
-            f"units may be mixed: Young's modulus 2.1e+11 of body {name!r} looks like Pa, "
-            "and lengths then in m, but the model is 39.5 across; lengths in mm need MPa"
+            f"units may be mixed: Young's modulus 2.1e+11 of body {name!r} looks like Pa "
+            "with lengths in m, but the size of the model is 39.5; for lengths in mm use MPa"
             for name in ("low", "high")
         ),
         (
             "surface 'left' of body 'low' may never touch: its nearest node, at (0, -20), "
-            "stays 1 away, and supports move by 0.002 at the most"
+            "stays 1 away, and supports move by 0.002 at most"
         ),
         (
             "surface 'top' of body 'low' may never touch: its nearest node, at (0, 0), "
-            "stays 30 away, and supports move by 0.002 at the most"
+            "stays 30 away, and supports move by 0.002 at most"
         ),
     ]
     m.to_toml(tmp_path / "it.toml")
