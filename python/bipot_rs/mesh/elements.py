@@ -1,8 +1,8 @@
-"""Finite elements by the type of a mesh: scikit-fem's, their nodes, quadrature, VTK's order.
+"""Finite elements of each mesh class of scikit-fem: nodes, quadrature, order in VTK.
 
-A mesh of scikit-fem lists corners of cells (``mesh.t``) and all places of nodes
-(``mesh.p``); of second order, the nodes of a cell are those of its element there, and
-the mapping is isoparametric.
+A mesh of scikit-fem has the corners of cells (``mesh.t``) and the positions of all nodes
+(``mesh.p``). In second order, the nodes of a cell are the degrees of freedom of its
+element, and the mapping is isoparametric.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _CORNERS: dict[str, list[tuple[float, ...]]] = {
     "tetrahedron": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
     "hexahedron": [(x, y, z) for z in (0.0, 1.0) for x, y in _RING],
 }
-# Edges in the order in which VTK has their middles.
+# Edges in the order of their midpoints in VTK.
 _EDGES = {
     "triangle": [(0, 1), (1, 2), (2, 0)],
     "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0)],
@@ -56,7 +56,7 @@ _EDGES = {
         *[(i, 4 + i) for i in range(4)],
     ],
 }
-# What the elements of full second order have besides.
+# Further nodes of the elements of full second order.
 _CENTRES: dict[str, list[tuple[float, ...]]] = {
     "quad9": [(0.5, 0.5)],
     "hexahedron27": [
@@ -138,22 +138,22 @@ class Kind:
 
     @property
     def corners(self) -> int:
-        """Corners of a cell, the first of its nodes."""
+        """Number of corners; they are the first nodes of a cell."""
         return len(_CORNERS[self.shape])
 
     @property
     def places(self) -> Floats:
-        """Nodes on the reference cell in the order of VTK, ``(nodes, d)``."""
+        """Positions of the nodes of the reference cell in the order of VTK, ``(nodes, d)``."""
         return _places(self.vtk, self.shape, self.degree)
 
     @property
     def order_of_vtk(self) -> Ints:
-        """Number within the element of each node in the order of VTK."""
+        """Index in the element of each node in the order of VTK."""
         return _find(self.places, np.asarray(self.scalar().doflocs, dtype=np.float64))
 
     @property
     def mirror(self) -> Ints:
-        """An order of VTK's nodes that mirrors the cell."""
+        """Order of the nodes of VTK that mirrors the cell."""
         mirrored = self.places.copy()
         if self.shape == "hexahedron":  # upside down
             mirrored[:, 2] = 1 - mirrored[:, 2]
@@ -173,7 +173,7 @@ def _places(vtk: str, shape: str, degree: int) -> Floats:
 
 
 def _find(wanted: Floats, among: Floats) -> Ints:
-    """Number of each place among others, which hold it but for rounding."""
+    """Index in ``among`` of each point of ``wanted``, to rounding."""
     distance = np.abs(wanted[..., None, :] - among).max(axis=-1)
     return np.asarray(distance.argmin(axis=-1), dtype=np.int64)
 
@@ -241,7 +241,7 @@ def facet_nodes(mesh: Any, facets: Ints) -> Ints:
     cells = cell_nodes(mesh)[np.asarray(mesh.f2t)[0, facets]]
     local = np.argmax(corners[:, :, None] == cells[:, None, : kind.corners], axis=2)
     at = np.asarray(kind.scalar().doflocs, dtype=np.float64)
-    # Where on the cell each node of the facet is: the facet is straight there.
+    # Position of each node of the facet on the reference cell, whose facets are straight.
     own = np.asarray(kind.facet.element().doflocs, dtype=np.float64)
     linear: Any = kind.facet.linear()
     phi = np.stack([linear.lbasis(own.T, i)[0] for i in range(corners.shape[1])])
@@ -258,29 +258,29 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
     vtk
         A kind of cell, one of `OF_VTK`.
     points, cells
-        ``(places, d)`` and numbers of them ``(cells, nodes)``; places of no cell are
+        Points ``(m, d)`` and indices of them ``(cells, nodes)``. Points of no cell are
         left out.
 
     Returns
     -------
     mesh, number
-        The mesh, and which of the points each of its nodes is. Cells keep their order.
+        The mesh, and the index in ``points`` of each node. Cells keep their order.
 
     Raises
     ------
     ValueError
-        Cells of second order that share corners but not the node between them.
+        Two cells of second order share two corners but not the node between them.
     """
     kind = OF_VTK[vtk]
-    # In the order of the element; place[k] is where VTK's order has its node k.
+    # Nodes in the order of the element.
     nodes = cells[:, np.argsort(kind.order_of_vtk)]
     vertices, t = np.unique(nodes[:, : kind.corners], return_inverse=True)
-    # In rows of their own, as scikit-fem has them: it would copy, and warn of it.
+    # C order, as scikit-fem expects: otherwise it copies and warns.
     t = np.ascontiguousarray(t.reshape(-1, kind.corners).T)
     x = np.ascontiguousarray(points[vertices].T)
     if kind.degree == 1:
         return kind.mesh(x, t), vertices
-    # Corners alone: the topology is theirs, and gives the numbers of all nodes.
+    # The corners determine the topology, and so the numbers of all nodes.
     bare: Any = kind.mesh(x, t)
     own = cell_nodes(bare)
     number = np.empty(int(bare.dofs.N), dtype=np.int64)
@@ -294,15 +294,16 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
             "has a different node there: merge double nodes, or mesh so that cells conform"
         )
     mesh: Any = kind.mesh(np.ascontiguousarray(points[number].T), t)
-    # Found once: the facets do not depend on places.
+    # Keep the topology: it does not depend on positions.
     mesh.__dict__.update({k: v for k, v in vars(bare).items() if k not in vars(mesh)})
     return mesh, number
 
 
 def second_order(mesh: Any, *, serendipity: bool = False) -> Any:
-    """The mesh with nodes added halfway between those of first order, names kept.
+    """Convert a mesh to second order by nodes at midpoints; names are kept.
 
-    With ``serendipity`` quadrilaterals get 8 nodes and hexahedra 20 instead of 9 and 27.
+    With ``serendipity=True`` quadrilaterals get 8 nodes instead of 9, hexahedra 20
+    instead of 27.
     """
     kind = KINDS.get(type(mesh))
     if kind is None or kind.degree != 1:
@@ -330,7 +331,7 @@ def second_order(mesh: Any, *, serendipity: bool = False) -> Any:
 
 
 def first_order(mesh: Any) -> Any:
-    """The mesh without the nodes between those of first order, names kept."""
+    """Convert a mesh to first order: only corners remain; names are kept."""
     kind = KINDS.get(type(mesh))
     if kind is None or kind.degree != 2:
         raise ValueError(
@@ -346,19 +347,18 @@ def first_order(mesh: Any) -> Any:
 
 @cache
 def reference(element: type, order: int) -> tuple[Floats, Floats, Floats]:
-    """Shape functions of scikit-fem on the reference cell, at its points of Gauss.
-
-    Found once a process: the points are roots of polynomials.
+    """Shape functions of scikit-fem on the reference cell, at Gauss points.
 
     Returns
     -------
     phi, slopes, weights
-        ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``, not to be written to.
+        ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``; read-only, since they
+        are cached.
     """
     own = element()
     points, weights = get_quadrature(own.refdom, order)
     both = [own.lbasis(points, i) for i in range(own.doflocs.shape[0])]
-    # Constant ones come without a column for each point.
+    # Constant functions come without a column for each point.
     phi = np.stack([np.broadcast_to(f, weights.shape) for f, _ in both])
     slopes = np.stack([np.broadcast_to(df, points.shape) for _, df in both], axis=-1)
     found = phi, np.ascontiguousarray(slopes.transpose(1, 0, 2)), np.array(weights)
@@ -368,8 +368,8 @@ def reference(element: type, order: int) -> tuple[Floats, Floats, Floats]:
 
 
 def jacobian(nodes: Floats, slopes: Floats) -> Floats:
-    """``∂x_a/∂ξ_b``, ``(q, b, a, parts)``, of nodes ``(parts, c, a)``."""
-    # From the first node: far from the origin the digits of x would be lost.
+    """``∂x_a/∂ξ_b``, ``(q, b, a, parts)``, for nodes ``(parts, c, a)``."""
+    # Relative to the first node: far from the origin x has lost digits.
     offset = np.ascontiguousarray((nodes - nodes[:, :1]).transpose(1, 2, 0))
     return np.asarray(np.einsum("qbi,iac->qbac", slopes, offset), dtype=np.float64)
 

@@ -366,10 +366,10 @@ def test_mistakes_of_files_are_all_told(tmp_path: Path) -> None:
     assert run.returncode == 2
     assert "2 mistakes" in run.stderr
     assert (
-        f"body.gone.mesh: the mesh {tmp_path / 'gone.msh'} is not there" in run.stderr
+        f"body.gone.mesh: the mesh {tmp_path / 'gone.msh'} does not exist" in run.stderr
     )
     assert "body.other.mesh: the mesh " in run.stderr
-    assert "has no volume 'middle'; it names 'left', 'right'" in run.stderr
+    assert "has no volume 'middle'; it has 'left', 'right'" in run.stderr
     m = of_file()
     m.support("part.bse", y=0.0)
     m.contact("part.base", plane={"point": [0, 0, 0], "normal": [0, 0, 1]}, mu=0.2)
