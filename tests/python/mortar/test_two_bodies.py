@@ -440,17 +440,17 @@ def test_what_needs_pairs_of_nodes_says_so() -> None:
         ({"pairing": "mortars"}, "pairing of the contact on 'bottom' is 'mortars'"),
         (
             {"against": None, "plane": ((0, 0), (0, 1)), "pairing": "nodes"},
-            "pairing is 'nodes', expected 'match' or 'mortar' with a rigid",
+            "pairing is 'nodes', expected 'match' or 'mortar' for a rigid",
         ),
         ({"against": ("up", "top")}, "in contact with itself"),
         (
             {"against": ("low", "left")},
-            "^up.bottom and low.left face the same way .* 0 of up.bottom, .* 2 of low.left",
+            "^up.bottom and low.left do not face each other: .* 0 of up.bottom, .* 2 of low.left",
         ),
-        ({"within": {0: (0.4, 0.5)}}, "within contains all nodes of none"),
+        ({"within": {0: (0.4, 0.5)}}, "within excludes all of them"),
         (
             {"pairing": "match"},
-            "do not match: .* expected opposite nodes, or pairing='mortar'",
+            "do not match: .* use pairing='mortar', or meshes",
         ),
     ],
 )
