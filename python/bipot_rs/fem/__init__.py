@@ -1,4 +1,4 @@
-"""Finite elements: K, B, gap and loads of (1) and (2) from the meshes of elastic bodies."""
+"""Finite elements: K, B, gap and loads of (1) and (2) from meshes."""
 
 from typing import TYPE_CHECKING
 

@@ -382,7 +382,7 @@ def _said(
             U, size, _ = np.linalg.svd(left, full_matrices=False)
             rest = U[:, size > 0.5]
     for amounts in rest.T:
-        told = []
+        parts = []
         for at, b in enumerate(members):
             own = np.zeros(len(amounts))
             own[at * per_body : (at + 1) * per_body] = amounts[
@@ -400,6 +400,6 @@ def _said(
                 frame=np.tile(np.eye(d), (len(field), 1, 1)),
             )
             whose = f" of body {model.bodies[b].name!r}" if len(members) > 1 else ""
-            told.append(words_of + whose)
-        words.append(" with ".join(told))
+            parts.append(words_of + whose)
+        words.append(" with ".join(parts))
     return words

@@ -87,7 +87,7 @@ def _large(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
                         "its error is of this order"
                     ),
                 )
-    yield from (told for _, told in worst.values())
+    yield from (sentence for _, sentence in worst.values())
 
 
 def _sizes(gradient: Floats) -> Iterator[tuple[str, Floats]]:

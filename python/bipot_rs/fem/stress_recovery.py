@@ -130,15 +130,15 @@ def initial_strain(body: Body, initial: Initial) -> Floats:
     places = body.volume().places
     found = np.zeros((3, 3, *places.shape[1:]))
     if isinstance(initial, Mapping):
-        told = np.zeros(places.shape[1], dtype=np.bool_)
+        covered = np.zeros(places.shape[1], dtype=np.bool_)
         for volume, value in initial.items():
             cells = body.volume_cells(volume)
-            if told[cells].any():
+            if covered[cells].any():
                 raise ValueError(
                     f"initial strain of volume {volume!r} of body {body.name!r} covers "
                     "cells of another volume in the mapping: volumes must not overlap"
                 )
-            told[cells] = True
+            covered[cells] = True
             found[:, :, cells] = _tensor(body, value, places[:, cells])
     else:
         found[:] = _tensor(body, initial, places)

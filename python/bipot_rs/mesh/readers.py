@@ -271,8 +271,8 @@ def _add_groups(path: Path, file: _File, read: Any) -> None:
         dim = _dimension(file.blocks[block][0])
         for tag in np.unique(tags).tolist():
             # The sign is the orientation; zero means no group.
-            told = [abs(tag)] if entities is None else entities.get((dim, tag), [])
-            for number in filter(None, told):
+            numbers = [abs(tag)] if entities is None else entities.get((dim, tag), [])
+            for number in filter(None, numbers):
                 own = groups.setdefault((dim, number), _none(file))
                 own[block] = np.union1d(own[block], np.flatnonzero(tags == tag))
     # In the order of the names.

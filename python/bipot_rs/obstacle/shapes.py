@@ -368,7 +368,7 @@ class Union:
 _OWN = (Plane, Sphere, Cylinder, Torus, Distance, Surface, Union)
 # Tolerance for other classes: of |n| = 1, and of the foot relative to the extent of the
 # points.
-_TOLD = 1e-6
+_TOLERANCE = 1e-6
 # Largest distance of a foot over the distance of its point. Some obstacles give distances
 # to first order only, such as a height profile; with a wrong sign the ratio is 2.
 _NEARLY = 0.1
@@ -399,11 +399,11 @@ def ask(obstacle: Obstacle, points: Floats, outward: Floats | None = None) -> Cl
         float(np.ptp(points, axis=0).max()), float(np.abs(found.distance).max())
     )
     rounding = 1e3 * float(np.spacing(np.abs(points).max()))
-    slack = max(_TOLD * extent, rounding)
+    slack = max(_TOLERANCE * extent, rounding)
     off = np.abs(length(found.normal) - 1)
     between = length(points - found.distance[:, None] * found.normal - found.foot)
     for miss, most, words in (
-        (off, _TOLD, "normal does not have length 1, the error is"),
+        (off, _TOLERANCE, "normal does not have length 1, the error is"),
         (between, slack, "foot is not point - distance * normal, the error is"),
     ):
         if (miss > most).any():
