@@ -25,7 +25,7 @@ def on(plane: Any = FLOOR, mu: float = 0.3, surface: str = "bottom") -> fem.Cont
     return fem.Contact("a", surface, mu, plane=plane)
 
 
-def test_of_a_sound_model_nothing_is_said() -> None:
+def test_valid_model_gives_no_warning() -> None:
     top = fem.Support("a", "top", (0, 1, 2))
     model = fem.assemble([cube()], [on()], [top])
     moved = np.full(len(model.fixed), -0.01)
@@ -100,7 +100,7 @@ def test_never_closing() -> None:
     assert inspect(model, prescribed=np.zeros((2, len(model.fixed)))) == []
 
 
-def test_friction_that_is_left_out() -> None:
+def test_contacts_without_friction_by_supports() -> None:
     side = fem.Support("a", "left", (0, 1))
     model = fem.assemble([cube()], [on()], [side])
     (said,) = inspect(model)
@@ -112,7 +112,7 @@ def test_friction_that_is_left_out() -> None:
     assert inspect(fem.assemble([cube()], [on(mu=0.0)], [side])) == []
 
 
-def test_loads_beside_which_a_body_is_soft() -> None:
+def test_loads_too_large_for_the_stiffness() -> None:
     """A modulus in GPa with loads in MPa; of all steps the largest counts."""
     top = fem.Support("a", "bottom", (0, 1, 2))
     for size in (1.0, 1e3):
@@ -140,7 +140,7 @@ def test_loads_beside_which_a_body_is_soft() -> None:
     assert "over its largest section are 12.6," in said
 
 
-def test_bodies_that_nothing_holds() -> None:
+def test_unsupported_bodies() -> None:
     alone = inspect(fem.assemble([cube()], []))
     assert alone == [
         "body 'a' can move freely and has no support and no spring: add one"
@@ -163,7 +163,7 @@ def test_bodies_that_nothing_holds() -> None:
     assert said.startswith("body 'a' can move freely by translation along y: add")
 
 
-def test_two_bodies_that_move_as_one() -> None:
+def test_two_unsupported_bodies_in_contact() -> None:
     pair = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
     floor = fem.Contact("b", "bottom", 0.0, plane=([0, 0, -1], [0, 0, 1.0]))
     apart = fem.Support("b", "left", (0,))

@@ -117,13 +117,13 @@ def test_orthotropic_in_the_plane(plane_stress: bool) -> None:
         ({"thickness": 0.0}, "thickness is 0"),
     ],
 )
-def test_materials_that_cannot_be(change: dict[str, object], said: str) -> None:
+def test_invalid_materials(change: dict[str, object], said: str) -> None:
     given = dict(zip(("young", "poisson", "shear"), WOOD, strict=True)) | change
     with pytest.raises(ValueError, match=said):
         fem.Orthotropic(**given)
 
 
-def test_a_ratio_above_one_may_be() -> None:
+def test_poisson_ratio_above_one_is_allowed() -> None:
     """Along stiff fibres: |ν12| < √(E1/E2) is all that energy asks."""
     C = fem.Orthotropic((100.0, 1.0, 1.0), (5.0, 0.0, 0.0), (1.0, 1.0, 1.0)).tensor(3)
     assert np.linalg.eigvalsh(C.reshape(9, 9)).min() > -1e-12
@@ -212,7 +212,7 @@ def test_volumes_that_do_not_fit() -> None:
         fem.Body("bar", fem.box([[0, 1], [0, 1]], "triangle"), {"a": steel})
 
 
-def test_the_estimator_refuses_what_it_does_not_know() -> None:
+def test_estimator_refuses_unsupported_materials() -> None:
     body = layered("triangle", 1)
     with pytest.raises(ValueError, match="'bar' has several materials, expected one"):
         _ = body.isotropic
@@ -224,7 +224,7 @@ def test_the_estimator_refuses_what_it_does_not_know() -> None:
         simplices(curved)
 
 
-def test_the_estimator_refuses_models_it_does_not_know() -> None:
+def test_estimator_refuses_unsupported_models() -> None:
     read = scene.read("sheared_cube", ["mesh.n=2", "mesh.element=P1"])
     (cube,) = scene.bodies(read)
     case = scene.assemble(read, [cube])

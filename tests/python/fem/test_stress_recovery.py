@@ -205,7 +205,7 @@ def test_heat_of_one_volume_only() -> None:
     )
 
 
-def test_initial_strains_that_cannot_be() -> None:
+def test_invalid_initial_strains() -> None:
     body = fem.Body("it", mesh("triangle"), fem.Material(YOUNG, POISSON))
     model = fem.assemble([body], [])
     with pytest.raises(ValueError, match=r"strain of body 'it' has shape \(2,\)"):

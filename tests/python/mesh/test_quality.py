@@ -115,7 +115,7 @@ def test_a_mesh_cut_open(scale: float) -> None:
             fem.check_mesh(type(mesh)(p, t))
 
 
-def test_cells_one_upon_the_other() -> None:
+def test_overlapping_cells() -> None:
     mesh = grid("triangle", n=1)
     t = np.hstack([mesh.t, mesh.t[:, :1], mesh.t[:, :1]])
     with pytest.raises(ValueError, match=r"mesh has 4 cells at one facet"):
@@ -135,7 +135,7 @@ def test_no_cells_and_no_numbers() -> None:
         fem.check_mesh(empty)
 
 
-def test_files_are_checked_unless_told(tmp_path: Path) -> None:
+def test_files_are_checked_by_default(tmp_path: Path) -> None:
     text = (DATA / "tetra.inp").read_text()
     lines = text.splitlines()
     at = next(i for i, line in enumerate(lines) if line.startswith("18, "))

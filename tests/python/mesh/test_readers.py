@@ -407,7 +407,7 @@ def test_one_name_in_part_and_assembly(tmp_path: Path) -> None:
     assert set(mesh.subdomains) == {"Set-1", "cells"}
 
 
-def test_files_that_are_no_mesh(tmp_path: Path) -> None:
+def test_files_without_a_mesh(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"none\.msh does not exist"):
         fem.read_mesh(tmp_path / "none.msh")
     (tmp_path / "mesh.stl").write_text("solid")
@@ -427,7 +427,7 @@ def test_files_that_are_no_mesh(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["tetra.msh", "quad.msh", "quad9.msh", "quad8.msh"])
-def test_files_cut_off(name: str, tmp_path: Path) -> None:
+def test_incomplete_files(name: str, tmp_path: Path) -> None:
     whole = (DATA / name).read_bytes()
     path = tmp_path / name
     for share in (0.3, 0.6, 0.9):
@@ -526,7 +526,7 @@ def test_surface_by_geometry() -> None:
 @pytest.mark.parametrize(
     "name", ["tetra.inp", "triangle6.inp", "quad8.msh", "triangle.msh"]
 )
-def test_damaged_text_is_refused_in_words(name: str, tmp_path: Path) -> None:
+def test_damaged_text_gives_a_message(name: str, tmp_path: Path) -> None:
     """Cut, doubled or changed at random: a mesh, or a ValueError, and nothing else."""
     random = np.random.default_rng(len(name))
     whole = (DATA / name).read_bytes()
@@ -584,7 +584,7 @@ def test_without_meshio(monkeypatch: pytest.MonkeyPatch) -> None:
     assert fem.read_mesh(DATA / "tetra.inp").t.shape[1] == 200
 
 
-def test_cells_of_a_node_that_is_not_there(tmp_path: Path) -> None:
+def test_cells_with_a_missing_node(tmp_path: Path) -> None:
     """Its number within the range of the others: meshio takes the last node instead."""
     lines = (DATA / "quad8.msh").read_text().splitlines()
     at = lines.index("$Nodes") + 3

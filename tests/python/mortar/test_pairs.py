@@ -153,7 +153,7 @@ def test_weights_by_brute_force_on_quadrilaterals() -> None:
     # not exact.
     [(3, 1e-13), (4, 1e-7)],
 )
-def test_numbering_is_of_no_effect(nodes: int, within: float) -> None:
+def test_numbering_has_no_effect(nodes: int, within: float) -> None:
     one, other = (
         sheet(nodes, 4, up=False, seed=7, high=0.8),
         sheet(3, 5, up=True, seed=8),
@@ -179,7 +179,7 @@ def test_numbering_is_of_no_effect(nodes: int, within: float) -> None:
 
 @pytest.mark.parametrize("method", ["mortar", "nodes"])
 @pytest.mark.parametrize("unit", [1e-6, 1e3])
-def test_units_and_the_origin_are_of_no_effect(unit: float, method: str) -> None:
+def test_units_and_origin_have_no_effect(unit: float, method: str) -> None:
     one, other = sheet(4, 4, up=False, seed=7, high=0.8), sheet(4, 5, up=True, seed=8)
     one[0][:, 2] += 0.125
     found = bp.pairs(*one, *other, method=method)
@@ -193,7 +193,7 @@ def test_units_and_the_origin_are_of_no_effect(unit: float, method: str) -> None
     assert abs(again.B - found.B).max() < 1e-9
 
 
-def test_own_numbers_of_the_degrees_of_freedom() -> None:
+def test_numbering_of_degrees_of_freedom_by_the_caller() -> None:
     one, other = sheet(3, 3, up=False), sheet(3, 2, up=True)
     found = bp.pairs(*one, *other)
     n = 3 * (len(one[0]) + len(other[0])) + 5
@@ -246,7 +246,7 @@ def test_a_punch_smaller_than_a_facet(nodes: int, size: float) -> None:
     )
 
 
-def test_a_gap_is_that_of_the_places() -> None:
+def test_gap_is_that_of_the_positions() -> None:
     for nodes in KINDS:
         one, other = sheet(nodes, 3, up=False), sheet(4, 4, up=True)
         one[0][:, 2] += 0.25

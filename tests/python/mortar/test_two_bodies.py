@@ -426,7 +426,7 @@ def test_contacts_of_all_kinds_in_one_model() -> None:
     np.testing.assert_array_equal(both.contact_dofs[count:, 1], -1)
 
 
-def test_what_needs_pairs_of_nodes_says_so() -> None:
+def test_functions_that_need_matching_nodes_refuse_others() -> None:
     model, _ = pressed(("triangle", "triangle"), "up")
     with pytest.raises(
         ValueError, match=r"paired by 'mortar'.*expected pairing='match'"
@@ -454,7 +454,7 @@ def test_what_needs_pairs_of_nodes_says_so() -> None:
         ),
     ],
 )
-def test_pairings_that_cannot_be(changes: dict[str, Any], message: str) -> None:
+def test_invalid_pairings(changes: dict[str, Any], message: str) -> None:
     bodies = [block("up", "quadrilateral", 4), block("low", "triangle", 3)]
     given = {"against": ("low", "top"), "pairing": "mortar", **changes}
     with pytest.raises(ValueError, match=message):

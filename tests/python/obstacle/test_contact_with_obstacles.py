@@ -408,7 +408,7 @@ def test_under_a_sphere_of_triangles_forces_converge() -> None:
     assert errors[2] < 1.5 * 1.1e-3 / 0.04
 
 
-def test_the_error_of_the_mesh_is_proved_over_planes_only() -> None:
+def test_discretisation_error_is_bounded_for_planes_only() -> None:
     """Between the nodes another obstacle may stand out."""
     body = slab(2, cell="triangle")
     floor = ob.Plane([0, 0], [0, -1])
@@ -491,12 +491,14 @@ FLOOR = ob.Plane([0, 0], [0, -1])
         ),
     ],
 )
-def test_what_cannot_be(contacts: list[fem.Contact], message: str) -> None:
+def test_invalid_contacts_with_obstacles(
+    contacts: list[fem.Contact], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         fem.assemble([slab()], contacts)
 
 
-def test_what_is_no_obstacle() -> None:
+def test_objects_that_are_not_obstacles() -> None:
     with pytest.raises(
         TypeError, match="obstacle of the contact on 'top' is 3, expect"
     ):

@@ -70,7 +70,7 @@ SHAPES: dict[str, tuple[Any, int]] = {
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_what_holds_of_every_obstacle(name: str) -> None:
+def test_properties_of_every_obstacle(name: str) -> None:
     shape, dim = SHAPES[name]
     x = around(dim)
     distance, normal, foot = shape.closest(x)
@@ -90,7 +90,7 @@ def test_what_holds_of_every_obstacle(name: str) -> None:
     np.testing.assert_allclose(grown, 1e-6, rtol=1e-6)
 
 
-def test_round_ones_by_hand() -> None:
+def test_sphere_and_cylinder_by_hand() -> None:
     found = ob.Sphere([1, 0, 0], 2.0).closest(np.array([[1.0, 0, 5], [1, 1, 0]]))
     np.testing.assert_allclose(found.distance, [3, -1], rtol=EXACT)
     np.testing.assert_allclose(found.normal, [[0, 0, 1], [0, 1, 0]], atol=EXACT)
@@ -260,7 +260,7 @@ def test_stl(tmp_path: Path, binary: bool) -> None:
     np.testing.assert_allclose(there.distance, here.distance, rtol=0, atol=2e-7)
 
 
-def test_files_that_are_no_surface(tmp_path: Path) -> None:
+def test_files_without_a_surface(tmp_path: Path) -> None:
     meshio = pytest.importorskip("meshio")
     with pytest.raises(FileNotFoundError, match=r"there is no file .*none\.stl"):
         ob.Surface.from_file(tmp_path / "none.stl")
@@ -322,7 +322,7 @@ def test_steps_of_a_distance_find_a_small_obstacle() -> None:
     assert np.abs(found.distance - exact.distance).max() <= EXACT
 
 
-def test_of_several_the_nearest() -> None:
+def test_union_takes_the_nearest() -> None:
     floor, ball = ob.Plane([0, 0, 0], [0, 0, 1]), ob.Sphere([0, 0, 1], 0.5)
     x = np.array([[0, 0, 2.0], [3, 0, 0.2], [0, 0, 0.1]])
     found = ob.Union([floor, ball]).closest(x)
@@ -419,13 +419,13 @@ def test_of_several_the_nearest() -> None:
         (lambda: ob.Plane([0, 0], [0, 1]).closest(np.eye(3)), r"expected \(n, 2\)"),
     ],
 )
-def test_what_cannot_be(make: Any, message: str) -> None:
+def test_invalid_obstacles(make: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make()
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_moving_and_back(dim: int) -> None:
+def test_motion_and_its_inverse(dim: int) -> None:
     """`back` undoes the motion, which is rigid and carries the pole by its translation."""
     random = np.random.default_rng(5)
     axis = None if dim == 2 else [1.0, 2.0, -1.0]
@@ -510,7 +510,7 @@ class Told:
         return self._wrong(ob.Closest(far - 1, normal, normal), points)
 
 
-def test_an_obstacle_of_another_making() -> None:
+def test_obstacle_defined_elsewhere() -> None:
     right = Told(lambda found, _: found)
     for dim in (2, 3):
         x = around(dim)
@@ -581,7 +581,7 @@ def test_a_profile_that_knows_distances_to_first_order() -> None:
         ),
     ],
 )
-def test_an_obstacle_that_tells_wrong(wrong: Any, message: str) -> None:
+def test_obstacle_with_wrong_answers(wrong: Any, message: str) -> None:
     with pytest.raises((TypeError, ValueError), match=message):
         ob.approach(Told(wrong), None, around(3))
     with pytest.raises((TypeError, ValueError), match=message):
@@ -631,7 +631,7 @@ def test_a_sheet_of_two_sides_has_no_inside(dim: int) -> None:
         )
 
 
-def test_triangles_that_a_file_has_twice(tmp_path: Path) -> None:
+def test_duplicate_triangles_in_a_file(tmp_path: Path) -> None:
     meshio = pytest.importorskip("meshio")
     x, faces = icosphere(1)
     random = np.random.default_rng(0)

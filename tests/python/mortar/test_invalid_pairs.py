@@ -102,7 +102,7 @@ def with_facet(facets: Any, at: int, nodes: list[int]) -> Any:
         ),
     ],
 )
-def test_pairs_that_cannot_be(parts: dict[str, Any], message: str, method: str) -> None:
+def test_invalid_pairs(parts: dict[str, Any], message: str, method: str) -> None:
     with pytest.raises(ValueError, match=message):
         bp.pairs(**{"method": method, **changed(**parts)})
 
