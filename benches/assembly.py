@@ -16,7 +16,7 @@ import tables
 from peers import commands
 from timing import fastest
 
-from bipot_rs.fem.elasticity import Body, Material, box, stiffness
+from bipot_rs.fem import Body, Material, box, stiffness
 
 # Cell, cells a side, GetFEM's name of the mesh, an exact integration rule of GetFEM.
 MESHES = (

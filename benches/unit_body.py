@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from bipot_rs.fem.elasticity import Body, Material, box, stiffness
+from bipot_rs.fem import Body, Material, box, stiffness
 
 
 class UnitBody(NamedTuple):

@@ -15,6 +15,11 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}s"
 
 
+def place(x: Iterable[float]) -> str:
+    """``(1, 0.5)``, a point in space."""
+    return "(" + ", ".join(f"{c:g}" for c in x) + ")"
+
+
 def printable(text: str) -> str:
     """``text`` on one line, unprintable characters escaped: file names may contain them."""
     return "".join(

@@ -1,4 +1,4 @@
-"""Elastic bodies that may meet: K, B, gap and loads of (1), (2) from meshes."""
+"""Finite elements: K, B, gap and loads of (1) and (2) from meshes."""
 
 from typing import TYPE_CHECKING
 

@@ -1,6 +1,6 @@
-"""Elastic bodies that may meet: K, B, gap and loads of (1), (2) from meshes.
+"""Assembly of K, B, gap and loads of (1) and (2) from the meshes of elastic bodies.
 
-Body ``b`` owns a contiguous range of degrees of freedom, ``offset[b] + dim *
+Body ``b`` has a contiguous range of degrees of freedom, ``offset[b] + dim *
 node + component``, so that K is block diagonal.
 """
 
@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats, number
-from bipot_rs.contact.frames import frames
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.fem.body import Body, Box, Field, Quadrature
 from bipot_rs.fem.boundary import (
@@ -25,8 +24,6 @@ from bipot_rs.fem.boundary import (
     Symmetry,
     plane_of,
     spring_stiffness,
-    surface,
-    with_surfaces,
 )
 from bipot_rs.fem.contact import (
     Contact,
@@ -34,52 +31,18 @@ from bipot_rs.fem.contact import (
     gaps_of_steps,
     gaps_onwards,
     meet,
-    place,
     relative_displacement,
 )
 from bipot_rs.fem.elasticity import nodal_forces, stiffness, vtk_cells
 from bipot_rs.fem.inclined_supports import HeldNodes, Planes, planes
-from bipot_rs.fem.materials import Material, Orthotropic
 from bipot_rs.fem.stress_recovery import (
     Initial,
     initial_forces,
-    stress,
-    thermal,
-    von_mises,
 )
-from bipot_rs.mesh.boxes import FACES, box
-from bipot_rs.mesh.elements import second_order
-from bipot_rs.mesh.quality import check_mesh
-from bipot_rs.mesh.readers import read_mesh, read_meshes
 from bipot_rs.obstacle.motion import Motion
 
-__all__ = [
-    "FACES",
-    "Assembly",
-    "Body",
-    "Contact",
-    "Material",
-    "Orthotropic",
-    "Spring",
-    "Support",
-    "Symmetry",
-    "assemble",
-    "box",
-    "check_mesh",
-    "frames",
-    "read_mesh",
-    "read_meshes",
-    "second_order",
-    "stiffness",
-    "stress",
-    "surface",
-    "thermal",
-    "von_mises",
-    "with_surfaces",
-]
-
-
-# Of a tangential row of B: what the digits of a normal leave of one that is held.
+# Entries of a tangential row of B that remain when all its degrees of freedom are
+# prescribed, relative to the row: rounding of the normal.
 _NO_WAY = 1e-6
 
 
@@ -95,20 +58,20 @@ class Support:
 
 @dataclass(frozen=True)
 class Assembly:
-    """What (1) and (2) need, and how it maps back to the bodies.
+    """The arrays of (1) and (2), and their relation to the bodies.
 
     Attributes
     ----------
     K : scipy.sparse.csr_array (n, n)
-        Stiffness [N/m], symmetric to the bit.
+        Stiffness [N/m], bitwise symmetric.
     B : scipy.sparse.csr_array (d n_c, n)
         ``B u`` is the displacement relative to the obstacle, ``(n, t1[, t2])``.
     gap, area : (n_c,)
         Normal gap [m], tributary area [m²].
     mu : (n_c,) or (n_c, 2)
-        Friction coefficient, or those along t1 and t2 where a contact has two.
+        Friction coefficient; if a contact has two, along t1 and t2.
     points : (n_c, d)
-        Contact nodes (those of ``Contact.body``).
+        Positions of the contact nodes, on ``Contact.body`` [m].
     frame : (n_c, d, d)
         Rows n, t1[, t2], n from the obstacle towards the body.
     fixed : (m,)
@@ -116,28 +79,28 @@ class Assembly:
     offset : tuple of int
         First degree of freedom of each body.
     contact_dofs : (n_c, 2)
-        First degree of freedom of the node and of its partner, -1 where there is no one
+        First degree of freedom of the node and of its partner; -1 without a single
         partner: for a rigid obstacle, and for meshes that do not match.
     contacts : tuple of Contact
-        As given to `build`.
+        As passed to `assemble`.
     group : (n_c,)
-        Which of them each contact node is of.
+        Index in ``contacts`` of each contact node.
     support_dofs : tuple of (len(components), nodes) arrays
         Degrees of freedom of each support.
     nodes : (n / d, d)
-        Places of all nodes, body after body.
+        Positions of all nodes, body after body [m].
     supports
-        Those given, and behind them one for each plane of symmetry normal to an axis.
+        As passed, followed by one for each plane of symmetry normal to an axis.
     symmetries : int
-        How many these are.
+        Number of these planes.
     springs : tuple of Spring
-        Whose stiffness is in K.
+        Elastic foundations; K contains their stiffness.
     moving : (steps, n_c, d) or None
-        Gaps of each load step by component, where obstacles move; `gaps` gives them.
+        Gaps of each load step by component, if obstacles move; see `gaps`.
     inclined : bipot_rs.fem.inclined_supports.Planes or None
-        Planes of symmetry that no axis is normal to. K, B and all loads made here know
-        them, and so does `problem`; a `ContactProblem` made otherwise is to be given
-        ``inclined.within @ f`` of a load f.
+        Planes of symmetry that are not normal to an axis. K, B, the loads made here and
+        `problem` include them. A `ContactProblem` made directly needs
+        ``inclined.within @ f`` as the load instead of f.
     """
 
     bodies: tuple[Body, ...]
@@ -165,12 +128,12 @@ class Assembly:
 
     @property
     def n(self) -> int:
-        """Degrees of freedom."""
+        """Number of degrees of freedom."""
         return int(self.K.shape[0])
 
     @property
     def cells(self) -> list[tuple[str, Ints]]:
-        """Cells of all bodies, numbered as `nodes`, with corners in the order of VTK."""
+        """Cells of all bodies, with indices into `nodes`, in the node order of VTK."""
         return [
             (kind, corners + first // self.dim)
             for (kind, corners), first in zip(
@@ -181,7 +144,7 @@ class Assembly:
     def fields(
         self, displacement: Floats, reaction: Floats, status: NDArray[np.integer[Any]]
     ) -> dict[str, NDArray[Any]]:
-        """Fields on `nodes`, to look at.
+        """Fields at `nodes`, for plots and ParaView.
 
         Parameters
         ----------
@@ -193,12 +156,13 @@ class Assembly:
         Returns
         -------
         dict
-            ``displacement``, ``contact_pressure`` [Pa], ``contact_shear`` [Pa] (on the
-            body that has the node, in global components), and ``contact_status``, -1
-            away from contact. At a node of several contacts their tractions add, and
-            the status is the firmest. Where meshes do not match, both bodies have the nodal
-            forces Bᵀ r over the nodes' own areas of contact, and the status of the
-            contact that weighs most.
+            ``displacement``, ``contact_pressure`` [Pa], ``contact_shear`` [Pa] (acting
+            on the body of the node, in global components), and ``contact_status``, -1
+            at nodes without contact. At a node of several contacts their tractions are
+            added, and the status is the largest: stick, then slip, then open. If meshes
+            do not match, tractions on both bodies are the nodal forces Bᵀ r over the
+            nodes' contact areas, and the status is that of the contact with the largest
+            weight.
         """
         traction = reaction / self.area[:, None]
         shear = np.einsum("ck,ckd->cd", traction[:, 1:], self.frame[:, 1:])
@@ -230,10 +194,10 @@ class Assembly:
         shear: Floats,
         status: NDArray[np.integer[Any]],
     ) -> None:
-        """Contact fields of a pair of surfaces whose meshes do not match.
+        """Contact fields of two surfaces whose meshes do not match.
 
         With the weights w of the contacts on a body, node j has the area ``Σ w_ij a_i``
-        and the force ``Σ w_ij a_i t_i``; where these have both signs, ``|w_ij|``.
+        and the force ``Σ w_ij a_i t_i``; with ``|w_ij|`` where the signs are mixed.
         """
         slave = body_index(self.bodies, self.contacts[self.group[contacts[0]]].body)
         weights = self._weights(contacts)
@@ -244,8 +208,8 @@ class Assembly:
         sign = np.where((node >= first) & (node < first + count), 1.0, -1.0)
         scaled = weights.multiply(sign[:, None]).tocsr().multiply(self.area[contacts])
         scaled = scaled.tocsr()
-        # Weights of quadratic facets have both signs, and sums near zero: of such the
-        # mean by size, which has no value beyond those of the contacts.
+        # Weights of quadratic facets have both signs, and their sum may be near zero.
+        # The mean by |w| stays within the values of the contacts.
         size = abs(scaled)
         mixed = np.abs(scaled.sum(axis=1)) < (1 - 1e-9) * size.sum(axis=1)
         scaled = sparse.diags_array((~mixed).astype(float)) @ scaled
@@ -264,10 +228,10 @@ class Assembly:
         )
 
     def _weights(self, contacts: Ints) -> Any:
-        """Scalar weights behind rows of B, ``(nodes, contacts)``: blocks are w_ij frame_i."""
+        """Scalar weights w of B, ``(nodes, contacts)``; its blocks are w_ij frame_i."""
         d = self.dim
         rows = (d * contacts[:, None] + np.arange(d)).ravel()
-        # The first row of frameᵀ frame = 1, in the first component of each node.
+        # w_ij from the first components, by the first row of frameᵀ frame = 1.
         along = sparse.csr_array(
             (
                 self.frame[contacts, :, 0].ravel(),
@@ -284,7 +248,7 @@ class Assembly:
         num_threads: int | None = None,
         on_forecast: Callable[[Mapping[str, Any]], object] | None = None,
     ) -> ContactProblem:
-        """Condense: the contact problem of these arrays, its obstacles moving as asked."""
+        """Condense: make the `ContactProblem` of these arrays, with moving obstacles."""
         held = (
             None
             if self.inclined is None
@@ -311,45 +275,47 @@ class Assembly:
         )
 
     def gaps(self, steps: int) -> Floats | None:
-        """Gaps of a load path, ``gap`` of `ContactProblem.solve`; `problem` knows them.
+        """Gaps of a load path, as ``gap`` of `ContactProblem.solve`.
+
+        `problem` uses them without being asked.
 
         Returns
         -------
         (steps, n_c, d) or None
-            By component [m]: along the normal the distance of the obstacle as it then
-            stands, along the tangents less the way its surface has gone under the node.
-            None where nothing moves.
+            By component [m]: along the normal the distance of the moved obstacle, along
+            the tangents minus the displacement of its surface under the node. None if no
+            obstacle moves.
 
         Raises
         ------
         ValueError
-            The obstacles move through another number of steps.
+            The motion of the obstacles has a different number of steps.
         """
         if self.moving is not None and len(self.moving) != steps:
             raise ValueError(
-                f"obstacles move through {counted(len(self.moving), 'step')}, the load "
-                f"path has {steps}"
+                f"the motion of the obstacles has {counted(len(self.moving), 'step')}, but "
+                f"the load path has {steps}: give both the same number of steps"
             )
         return self.moving
 
     def gaps_between(
         self, before: int, motions: Sequence[Motion | None]
     ) -> Floats | None:
-        """Gaps after a part of a load step, as those of `gaps`.
+        """Gaps after a part of a load step, in the form of `gaps`.
 
         Parameters
         ----------
         before
-            Load steps that are over, the state that the part begins with.
+            Number of completed load steps; the part starts there.
         motions
-            Of each contact the motion of its obstacle in two states, the first that of
-            ``before``; None for one at rest.
+            For each contact, the motion of its obstacle in two states, the first that of
+            ``before``; None for an obstacle at rest.
 
         Returns
         -------
         (n_c, d) or None
-            None where nothing moves. A function of where the part ends alone: it does
-            not depend on how the load step is divided.
+            None if no obstacle moves. The gaps depend only on where the part ends, not on
+            how the load step is divided.
         """
         if self.moving is None:
             return None
@@ -361,8 +327,12 @@ class Assembly:
             if motion is not None:
                 at = self.group == group
                 gaps[at] = gaps_onwards(
-                    *(self.bodies, self.contacts[group], motion),
-                    *(self.points[at], self.frame[at], gaps[at]),
+                    self.bodies,
+                    self.contacts[group],
+                    motion,
+                    self.points[at],
+                    self.frame[at],
+                    gaps[at],
                 )
         return gaps
 
@@ -374,7 +344,7 @@ class Assembly:
         body, surface
             Names.
         value
-            Force per area ``(d,)`` [Pa], or a function of the places
+            Force per area ``(d,)`` [Pa], or a function of the positions
             ``(d, ...)`` that returns ``(d, ...)``.
         """
         index = body_index(self.bodies, body)
@@ -393,22 +363,23 @@ class Assembly:
         return self._forces(index, self.bodies[index].volume(), value)
 
     def initial_strain(self, body: str, strain: Initial) -> Floats:
-        """Nodal forces ``(n,)`` by which an initial strain, such as heat, acts [N].
+        """Nodal forces ``(n,)`` equivalent to an initial strain, such as heating [N].
 
         Parameters
         ----------
         body
-            Its name.
+            Name of the body.
         strain
-            What the body would do if nothing held it: a tensor ``(d, d)`` or ``(3, 3)``,
-            a function of the places, `thermal`, or a mapping of volumes of the body to
-            these (`bipot_rs.fem.stress_recovery`). `stress` takes it as ``initial``.
+            Strain that the body would have without stress: a tensor ``(d, d)`` or
+            ``(3, 3)``, a function of the positions, `thermal`, or a mapping from volume
+            names to these (`bipot_rs.fem.stress_recovery`). `stress` takes it as
+            ``initial``.
         """
         index = body_index(self.bodies, body)
         return self._at(index, initial_forces(self.bodies[index], strain))
 
     def displacement_of(self, body: str, displacement: ArrayLike) -> Floats:
-        """Displacement of one body, ``(nodes, d)``, out of that of all, ``(n,)``."""
+        """Displacement ``(nodes, d)`` of one body, from that of all bodies, ``(n,)``."""
         index = body_index(self.bodies, body)
         u = floats("displacement", displacement, shape=(self.n,))
         first = self.offset[index]
@@ -424,20 +395,21 @@ class Assembly:
         return self._at(index, nodal_forces(self.bodies[index], points, value))
 
     def prescribed(self, values: Sequence[Sequence[float]]) -> Floats:
-        """Values of `fixed`, from one number a component of each support [m].
+        """Values at `fixed`, from one number for each component of each support [m].
 
-        Planes of symmetry are held at zero and take none.
+        Planes of symmetry have the value zero and are not listed.
 
         Raises
         ------
         ValueError
-            Two supports give different values to one degree of freedom, or there are
-            not as many values as supports and their components.
+            Two supports give different values to one degree of freedom, or the number of
+            values is not that of the supports and their components.
         """
         count = len(self.supports) - self.symmetries
         if len(values) != count:
             raise ValueError(
-                f"values are {len(values)}, expected one for each of the {count} supports"
+                f"values has {len(values)} entries, expected one for each of the {count} "
+                "supports"
             )
         known = [
             floats(f"values of support {i}", given, shape=(len(support.components),))
@@ -456,8 +428,9 @@ class Assembly:
                     where = place(self.nodes[other[0] // self.dim])
                     raise ValueError(
                         f"supports prescribe both {at[other[0]]:g} and {moved:g} for "
-                        f"component {k} of the node at {where}, the second one "
-                        f"on surface {support.surface!r} of body {support.body!r}"
+                        f"component {k} of the node at {where}, the second one on surface "
+                        f"{support.surface!r} of body {support.body!r}: give both the same "
+                        "value"
                     )
                 at[row] = moved
         if self.inclined is not None:
@@ -478,17 +451,17 @@ def assemble(
     Parameters
     ----------
     bodies, contacts
-        What meets.
+        The bodies, and where they may touch.
     supports
-        Prescribed displacements; their values are those of `Assembly.prescribed`.
+        Prescribed displacements; `Assembly.prescribed` takes their values.
     symmetries
-        Planes that cut the bodies in two alike halves, of which the bodies are one, in
-        any direction (`bipot_rs.fem.inclined_supports`).
+        Planes of symmetry in any direction, of which the mesh is one half
+        (`bipot_rs.fem.inclined_supports`).
     springs
         Elastic foundations.
 
     A contact node whose tangential displacement is prescribed, on both sides of
-    a pair, gets ``mu = 0``: nothing is left for friction to decide there.
+    a pair, gets ``mu = 0``: friction has no effect there.
 
     Raises
     ------
@@ -529,7 +502,7 @@ def assemble(
         if not nodes.size:
             raise ValueError(
                 f"support on {support.surface!r} of body {support.body!r} has no nodes: "
-                "within leaves none"
+                "within excludes all of them"
             )
         components = np.array(support.components, dtype=np.int64)
         support_dofs.append(offset[b] + dim * nodes + components[:, None])
@@ -557,7 +530,7 @@ def assemble(
     moving = gaps_of_steps(found, dim)
     if inclined is not None:
         if dim == 3:
-            # Friction by direction has tangents of its own.
+            # Contacts with two friction coefficients keep their tangents.
             plain = np.array([np.ndim(c.mu) == 0 for c in contacts], np.bool_)[group]
             turned = inclined.tangents(frame, dofs[:, 0], plain)
             B, moving = _in_frames(turned, frame, B, moving)
@@ -566,7 +539,7 @@ def assemble(
         B, K = inclined.relative(B), inclined.stiffness(K)
     left = (abs(B) @ free).reshape(-1, dim)[:, 1:]
     whole = abs(B if bare is None else bare).sum(axis=1).reshape(-1, dim)[:, 1:]
-    # Rounding of a normal is no way to slip.
+    # A node that can slip only by the rounding of its normal cannot slip.
     mu[(left <= _NO_WAY * whole).all(axis=1)] = 0.0
 
     return Assembly(
@@ -598,7 +571,7 @@ def assemble(
 def _in_frames(
     turned: Floats, frame: Floats, B: Any, moving: Floats | None
 ) -> tuple[Any, Floats | None]:
-    """B and the gaps of steps by the components of other frames."""
+    """Convert B and the gaps of steps to the frames ``turned``."""
     rotation = np.einsum("cki,cli->ckl", turned, frame)
     same = (turned == frame).all(axis=(1, 2))
     if same.all():
@@ -620,7 +593,7 @@ def _inclined(
     mirrors: Sequence[tuple[Symmetry, tuple[int | None, Floats]]],
     fixed: Bools,
 ) -> Planes | None:
-    """Planes of symmetry that no axis is normal to."""
+    """Planes of symmetry that are not normal to an axis."""
     groups = []
     for symmetry, (axis, normal) in mirrors:
         if axis is None:
@@ -631,12 +604,12 @@ def _inclined(
 
 
 def _stacked(blocks: Sequence[Any]) -> Any:
-    """CSR with the matrices of the bodies on the diagonal, as they are."""
+    """Block-diagonal CSR of the matrices of the bodies, entries in the same order."""
     if len(blocks) == 1:
         return blocks[0]
     ends = np.cumsum([0] + [block.shape[0] for block in blocks])
     entries = np.cumsum([0] + [block.nnz for block in blocks])
-    # One type for all: indices of mixed types are copied at each step.
+    # One index type for all: mixed types are copied at each step.
     wide = np.int64 if max(ends[-1], entries[-1]) >= 2**31 else np.int32
     index = [
         block.indices.astype(wide) + wide(first)
@@ -656,6 +629,6 @@ def _stacked(blocks: Sequence[Any]) -> Any:
     )
 
 
-# The names before 0.2, which go on working.
+# Names before 0.2, which still work.
 Model = Assembly
 build = assemble

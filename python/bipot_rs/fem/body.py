@@ -1,6 +1,6 @@
-"""One elastic body: a mesh of scikit-fem, its surfaces and volumes, its materials.
+"""An elastic body: a mesh of scikit-fem with surfaces, volumes and materials.
 
-Shape functions, quadrature and mappings are scikit-fem's.
+Shape functions, quadrature and mappings are those of scikit-fem.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import instead
+from bipot_rs._lib.messages import instead, place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.fem.materials import Elastic, Material
 from bipot_rs.mesh.elements import (
@@ -23,6 +23,7 @@ from bipot_rs.mesh.elements import (
     facet_nodes,
     inverse,
     jacobian,
+    kind_of,
     reference,
 )
 
@@ -32,23 +33,23 @@ Box: TypeAlias = Mapping[int, tuple[float, float]]
 
 @dataclass(frozen=True)
 class Quadrature:
-    """Points of Gauss on cells or facets, with the shape functions there.
+    """Gauss points on cells or facets, with the shape functions there.
 
     Attributes
     ----------
     corners : (parts, c)
         Nodes of each cell or facet.
     phi : (c, q)
-        Shape functions at the points, the same on every part.
+        Shape functions at the points, the same on every cell or facet.
     places : (d, parts, q)
-        The points [m].
+        Positions of the points [m].
     weights : (parts, q)
-        Weights, which sum up to the volume [m³], or to the area [m²]; one power of
-        length less in 2D, without the thickness.
+        Weights; their sum is the volume [m³] or the area [m²], in 2D the area or the
+        length, without the thickness.
     normals : (d, parts, q) or None
-        Unit and outward, on facets.
+        Outward unit normals, on facets.
     nodes : int
-        Nodes of the body.
+        Number of nodes of the body.
     """
 
     corners: Ints
@@ -59,7 +60,7 @@ class Quadrature:
     nodes: int
 
     def moment(self, density: Floats) -> Floats:
-        """∫ φ_i density, ``(nodes,)``, of a density ``(parts, q)`` at the points."""
+        """∫ φ_i density, ``(nodes,)``, with a density ``(parts, q)`` at the points."""
         parts = np.einsum("pq,cq->pc", self.weights * density, self.phi)
         total = np.bincount(self.corners.ravel(), parts.ravel(), minlength=self.nodes)
         return np.asarray(total, dtype=np.float64)
@@ -72,13 +73,13 @@ class Body:
     Parameters
     ----------
     name
-        Names differ among the bodies of a model.
+        Unique among the bodies of a model.
     mesh
-        Of scikit-fem: triangles, quadrilaterals, tetrahedra, hexahedra, of first or
-        second order, as of `box` or `mesh_file.read_mesh`.
+        A mesh of scikit-fem, such as from `box` or `read_mesh`: triangles,
+        quadrilaterals, tetrahedra or hexahedra of first or second order.
     material
-        Of the whole body, or one by the name of each of its volumes
-        (``mesh.subdomains``), which cover it without overlap.
+        One for the whole body, or a mapping from volume names (``mesh.subdomains``) to
+        materials. The volumes must cover the body without overlap.
     """
 
     name: str
@@ -86,24 +87,20 @@ class Body:
     material: Elastic | Mapping[str, Elastic]
 
     def __post_init__(self) -> None:
-        if type(self.mesh) not in KINDS:
-            raise TypeError(
-                f"mesh of body {self.name!r} is a {type(self.mesh).__name__}, expected "
-                + ", ".join(t.__name__ for t in KINDS)
-            )
+        kind_of(self.mesh, f"mesh of body {self.name!r}")
         if isinstance(self.material, Mapping):
-            self.material_of_cells  # noqa: B018 - says what does not fit
+            self.material_of_cells  # noqa: B018 - checks the volumes
             if len({(m.plane_stress, m.thickness) for m in self.materials}) > 1:
                 raise ValueError(
                     f"materials of body {self.name!r} differ in plane_stress or in "
-                    "thickness, expected the same in all its volumes"
+                    "thickness: give all its volumes the same"
                 )
         for material in self.materials:
-            material.tensor(self.dim)  # one of three dimensions may not fit a plane
+            material.tensor(self.dim)  # refuses axes that do not fit a 2D body
 
     @property
     def kind(self) -> Kind:
-        """What is to know of its cells."""
+        """Kind of the cells: element, quadrature, facets."""
         return KINDS[type(self.mesh)]
 
     @property
@@ -113,29 +110,29 @@ class Body:
 
     @property
     def points(self) -> Floats:
-        """Nodes, ``(nodes, d)``."""
+        """Positions of the nodes, ``(nodes, d)`` [m]."""
         return np.ascontiguousarray(self.mesh.p.T, dtype=np.float64)
 
     @property
     def cells(self) -> Ints:
-        """Nodes of each cell in the order of its element, ``(cells, c)``."""
+        """Nodes of each cell in the order of the element, ``(cells, c)``."""
         return cell_nodes(self.mesh)
 
     @property
     def materials(self) -> list[Elastic]:
-        """Those of its volumes, or its only one."""
+        """Materials of the volumes, or the only material."""
         if isinstance(self.material, Mapping):
             return list(self.material.values())
         return [self.material]
 
     @property
     def material_of_cells(self) -> Ints:
-        """Which of `materials` each cell has, ``(cells,)``.
+        """Index in `materials` of each cell, ``(cells,)``.
 
         Raises
         ------
         ValueError
-            A volume that the mesh does not name, cells of none or of two.
+            The mesh has no volume of that name, or a cell is in no volume or in two.
         """
         found = np.full(int(self.mesh.t.shape[1]), -1, dtype=np.int64)
         if not isinstance(self.material, Mapping):
@@ -146,33 +143,32 @@ class Body:
             if twice.size:
                 raise ValueError(
                     f"volume {volume!r} of body {self.name!r} shares "
-                    f"{len(twice)} cells with another one that has a material"
+                    f"{len(twice)} cells with another volume that has a material: give "
+                    "each cell one material"
                 )
             found[cells] = k
         if (found < 0).any():
             bare = self.mesh.p[:, self.mesh.t[:, np.argmin(found)]].mean(axis=1)
-            place = ", ".join(f"{x:g}" for x in bare)
             raise ValueError(
-                f"material of body {self.name!r} leaves {(found < 0).sum()} cells "
-                f"without one, the first at ({place}), expected volumes that cover it"
+                f"material of body {self.name!r} is missing for {(found < 0).sum()} cells, "
+                f"the first at {place(bare)}: the volumes must cover the body"
             )
         return found
 
     @property
     def isotropic(self) -> Material:
-        """Its material, for what knows only one that is isotropic; else `ValueError`."""
+        """The material if it is the only one and isotropic; otherwise `ValueError`."""
         if not isinstance(self.material, Material):
             many = isinstance(self.material, Mapping)
+            found = "several materials" if many else "an orthotropic material"
             raise ValueError(
-                f"body {self.name!r} has {'several materials' if many else 'an '}"
-                f"{'' if many else 'orthotropic material'}, expected one that is "
-                "isotropic"
+                f"body {self.name!r} has {found}, expected one isotropic material"
             )
         return self.material
 
     @property
     def depth(self) -> float:
-        """What turns areas of the mesh into volumes: thickness in 2D, 1 in 3D."""
+        """Thickness in 2D, 1 in 3D: factor from areas of the mesh to volumes."""
         return self.materials[0].thickness if self.dim == 2 else 1.0
 
     def volume(self) -> Quadrature:
@@ -191,22 +187,22 @@ class Body:
         )
 
     def volume_cells(self, volume: str) -> Ints:
-        """Cells of a named volume; `ValueError` lists the names there are."""
+        """Cells of a named volume; `ValueError` lists the known names."""
         known = self.mesh.subdomains or {}
         if volume not in known:
             raise ValueError(
                 f"body {self.name!r} has no volume {volume!r}"
-                + instead(volume, sorted(known), "its mesh names no volume")
+                + instead(volume, sorted(known), "its mesh has no named volume")
             )
         return np.asarray(known[volume], dtype=np.int64)
 
     def facets(self, surface: str) -> Ints:
-        """Facets of a named surface; `ValueError` lists the names there are."""
+        """Facets of a named surface; `ValueError` lists the known names."""
         known = self.mesh.boundaries or {}
         if surface not in known:
             raise ValueError(
                 f"body {self.name!r} has no surface {surface!r}"
-                + instead(surface, sorted(known), "its mesh names no surface")
+                + instead(surface, sorted(known), "its mesh has no named surface")
             )
         return np.asarray(known[surface], dtype=np.int64)
 
@@ -215,7 +211,7 @@ class Body:
         facets = self.facets(name)
         corners = facet_nodes(self.mesh, facets)
         x = self.points[corners]
-        phi, slopes, weights = reference(self.kind.facet, self.kind.facet_order)
+        phi, slopes, weights = reference(self.kind.facet.element, self.kind.facet.order)
         tangents = jacobian(x, slopes).swapaxes(0, 1)
         if self.dim == 2:
             area = np.stack([tangents[0, :, 1], -tangents[0, :, 0]], axis=1)
@@ -236,7 +232,7 @@ class Body:
         )
 
     def nodes(self, surface: str, within: Box | None = None) -> Ints:
-        """Nodes of a named surface, ascending; ``within`` keeps ``low ≤ x[axis] ≤ high``."""
+        """Nodes of a named surface, ascending, with ``low ≤ x[axis] ≤ high`` if ``within``."""
         corners = facet_nodes(self.mesh, self.facets(surface))
         nodes = np.unique(corners).astype(np.int64)
         for axis, (low, high) in (within or {}).items():
@@ -246,7 +242,7 @@ class Body:
                     f"{list(range(self.dim))}"
                 )
             x = self.mesh.p[axis, nodes]
-            # A bound that falls on a grid line must not lose it to rounding.
+            # Nodes on the bound belong, whatever the rounding.
             slack = 1e-9 * np.ptp(self.mesh.p[axis])
             nodes = nodes[(x >= low - slack) & (x <= high + slack)]
         return nodes

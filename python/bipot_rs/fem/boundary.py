@@ -1,4 +1,4 @@
-"""What surfaces of a body are named by, held by and mirrored at."""
+"""Surfaces of a body by geometry, elastic foundations, and planes of symmetry."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from bipot_rs._lib.validation import floats, number
 from bipot_rs.fem.body import Body, Box
 from bipot_rs.fem.elasticity import surface_stiffness
 from bipot_rs.fem.materials import Material
-from bipot_rs.mesh.elements import KINDS, facet_nodes
+from bipot_rs.mesh.elements import facet_nodes, kind_of
 
-# Nodes of one plane as files write them, with seven digits.
+# Tolerance of a plane surface: files give coordinates with seven digits.
 _FLAT = 1e-6
-# Normals do not ask what a body is made of.
+# Any material: normals do not depend on it.
 _ANY = Material(1.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Spring:
-    """An elastic foundation: a traction against the displacement of a surface.
+    """An elastic foundation: a traction proportional to the displacement of a surface.
 
     Parameters
     ----------
     body, surface
         Names.
     stiffness
-        Per area: a number for all directions, or one a component ``(d,)``, zero or
-        positive [N/m³].
+        Stiffness per area, zero or positive: one number for all directions, or one for
+        each component ``(d,)`` [N/m³].
     normal, tangential
-        Instead of it, along the outward normal of the surface and at right angles to
-        it [N/m³].
+        Instead of ``stiffness``: along the normal of the surface and orthogonal to it
+        [N/m³].
     """
 
     body: str
@@ -48,8 +48,8 @@ class Spring:
         own = self.normal is not None or self.tangential is not None
         if own == (self.stiffness is not None):
             raise ValueError(
-                f"spring on {self.surface!r} of body {self.body!r} needs stiffness, or "
-                "normal and tangential"
+                f"spring on {self.surface!r} of body {self.body!r} needs either stiffness, "
+                "or normal and tangential"
             )
         for name in ("stiffness", "normal", "tangential"):
             value = getattr(self, name)
@@ -63,14 +63,14 @@ class Spring:
 
 @dataclass(frozen=True)
 class Symmetry:
-    """A plane surface at which the body goes on mirrored: it moves within that plane."""
+    """A plane of symmetry: the nodes of a plane surface move only within the plane."""
 
     body: str
     surface: str
 
 
 def spring_stiffness(body: Body, spring: Spring) -> Any:
-    """``∫ φ_i k φ_j`` of a spring, CSR as `elasticity.stiffness`, symmetric to the bit."""
+    """Stiffness ``∫ φ_i k φ_j`` of a spring, in the form of `elasticity.stiffness`."""
     points = body.surface(spring.surface)
     unit = np.eye(body.dim)[:, :, None, None]
     if spring.stiffness is not None:
@@ -91,7 +91,7 @@ def spring_stiffness(body: Body, spring: Spring) -> Any:
 
 
 def plane_of(body: Body, symmetry: Symmetry) -> tuple[int | None, Floats]:
-    """The axis that a plane of symmetry is normal to, if one, and its unit normal.
+    """Unit normal of a plane of symmetry, and the axis it is parallel to, or None.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def plane_of(body: Body, symmetry: Symmetry) -> tuple[int | None, Floats]:
     """
     places = body.points[body.nodes(symmetry.surface)]
     centre = places.mean(axis=0)
-    # The plane is normal to the direction in which places differ least.
+    # The normal is the direction in which the positions differ least.
     _, _, directions = np.linalg.svd(places - centre, full_matrices=False)
     size = np.ptp(body.points, axis=0).max()
     spread = np.ptp(places, axis=0)
@@ -112,8 +112,8 @@ def plane_of(body: Body, symmetry: Symmetry) -> tuple[int | None, Floats]:
     if off > _FLAT * size:
         raise ValueError(
             f"symmetry on {symmetry.surface!r} of body {symmetry.body!r}: the surface is "
-            f"not plane, its nodes lie up to {off:g} apart along "
-            f"({', '.join(f'{x:.3g}' for x in n)}), expected a plane"
+            f"not plane, its nodes lie up to {off:g} apart along the normal "
+            f"({', '.join(f'{x:.3g}' for x in n)}): choose a plane surface"
         )
     return None, np.asarray(n, np.float64)
 
@@ -124,48 +124,42 @@ def surface(
     normal: ArrayLike | None = None,
     angle: float = 30.0,
 ) -> Ints:
-    """Facets of the border of a mesh by place and by direction, ascending.
+    """Select boundary facets of a mesh by position and direction, ascending.
 
     Parameters
     ----------
     mesh
-        Of scikit-fem.
+        A mesh of scikit-fem.
     within
-        Closed ranges of coordinates by axis, ``{2: (0.0, 0.0)}``, that hold all nodes of
-        a facet; ``inf`` leaves an end open.
+        Closed ranges of coordinates by axis, such as ``{2: (0.0, 0.0)}``, that contain
+        all nodes of a facet; ``inf`` for an open end.
     normal
         Direction of the outward normal ``(d,)``, of any length.
     angle
-        Largest angle between it and the normal at the middle of a facet, in (0, 180)
+        Largest angle between ``normal`` and the mean normal of a facet, in (0, 180)
         [degrees].
 
     Raises
     ------
     ValueError
-        None is left: the message says what the border has.
+        No facet remains; the message gives the extent of the mesh.
     """
-    kind = KINDS.get(type(mesh))
-    if kind is None:
-        raise TypeError(
-            f"mesh is a {type(mesh).__name__}, expected "
-            + ", ".join(t.__name__ for t in KINDS)
-        )
+    dim = kind_of(mesh).dim
     if within is None and normal is None:
         raise ValueError("surface needs within or normal")
-    dim = kind.dim
     facets = np.asarray(mesh.boundary_facets(), dtype=np.int64)
     low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
     x = mesh.p[:, facet_nodes(mesh, facets)]
     keep = np.ones(len(facets), dtype=np.bool_)
     for axis, bounds in (within or {}).items():
         if axis not in range(dim):
-            raise ValueError(f"within has the axis {axis}, expected 0 to {dim - 1}")
+            raise ValueError(f"within has axis {axis}, expected 0 to {dim - 1}")
         least, most = floats(f"within[{axis}]", bounds, shape=(2,), finite=False)
         if not least <= most:
             raise ValueError(
-                f"within[{axis}] is {bounds}, expected a range that ascends"
+                f"within[{axis}] is {bounds}, expected (low, high) with low <= high"
             )
-        # As in `Body.nodes`: a bound on a grid line does not lose it to rounding.
+        # As in `Body.nodes`: nodes on the bound belong, whatever the rounding.
         slack = 1e-9 * (high[axis] - low[axis])
         keep &= ((x[axis] >= least - slack) & (x[axis] <= most + slack)).all(axis=1)
     if normal is not None:
@@ -174,24 +168,24 @@ def surface(
         if length == 0:
             raise ValueError("normal is zero, expected a direction")
         if not 0 < number("angle", angle) < 180:
-            raise ValueError(f"angle is {angle}, expected it between 0 and 180")
+            raise ValueError(f"angle is {angle}, expected degrees between 0 and 180")
         body = Body("it", mesh.with_boundaries({"it": facets}), _ANY)
         points = body.surface("it")
         mean = np.einsum("dpq,pq->dp", np.asarray(points.normals), points.weights)
         cosine = direction @ mean / (length * np.linalg.norm(mean, axis=0))
-        # Facets of just that angle belong, whatever the rounding.
+        # Facets at exactly this angle belong, whatever the rounding.
         keep &= cosine >= np.cos(np.deg2rad(angle)) - 1e-9
     if not keep.any():
         ranges = ", ".join(
             f"{'xyz'[k]} from {low[k]:g} to {high[k]:g}" for k in range(dim)
         )
         raise ValueError(
-            f"no facet of the border lies there: the mesh has {ranges}, and "
-            f"{len(facets)} facets on its border"
+            f"no boundary facet matches: the mesh has {ranges}, and {len(facets)} "
+            "boundary facets"
         )
     return facets[keep]
 
 
 def with_surfaces(mesh: Any, surfaces: Mapping[str, Ints]) -> Any:
-    """The mesh with these surfaces named besides those it names."""
+    """Add named surfaces to those of the mesh."""
     return mesh.with_boundaries({**(mesh.boundaries or {}), **surfaces})

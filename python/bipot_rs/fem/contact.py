@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import RATIO, floats, friction, number, shown
 from bipot_rs.contact.frames import frames
@@ -20,34 +21,33 @@ from bipot_rs.obstacle.motion import Motion
 from bipot_rs.obstacle.protocol import Obstacle
 from bipot_rs.obstacle.shapes import Plane, approach, ask, onwards
 
-# Up to so many pairs of nodes comparing all takes less time than importing a tree.
+# Up to this number of pairs, comparing all nodes is faster than importing a tree.
 _ALL_PAIRS = 2**20
 
 
 @dataclass(frozen=True)
 class Contact:
-    """A named surface that may meet an obstacle.
+    """A named surface, and the obstacle or surface that it may touch.
 
-    The obstacle is a rigid plane, ``plane = (point, normal)`` with the normal towards the
-    body; another rigid ``obstacle``, as those of `bipot_rs.obstacle`; or the surface
-    ``against = (body, surface)`` of another body. Rigid ones move along the load path by
-    ``motion``, a `bipot_rs.obstacle.Motion`. A surface may meet several obstacles, one in
-    each of several contacts.
+    Give exactly one of ``plane = (point, normal)``, a rigid plane with the normal towards
+    the body; ``obstacle``, another rigid obstacle of `bipot_rs.obstacle`; and
+    ``against = (body, surface)``, the surface of another body. Rigid obstacles move along
+    the load path by ``motion``, a `bipot_rs.obstacle.Motion`. For several obstacles,
+    define several contacts on the same surface.
 
-    Contacts are at the nodes of the surface, and of two bodies the nodes lie opposite,
-    one to one, with ``pairing = "match"``. Where they do not, ``"mortar"`` passes constant
-    pressures exactly, and ``"nodes"`` puts each node on the facet opposite, as of
-    `bipot_rs.pairs`; this body is the slave. Faces of 6 and of 8 nodes, whose corners
-    have no positive area, need ``"mortar"`` with rigid obstacles too
+    Contacts are at the nodes of the surface. With ``pairing = "match"`` the nodes of two
+    bodies must lie opposite each other, one to one. For other meshes, ``"mortar"``
+    transmits constant pressures exactly, and ``"nodes"`` puts each node on the opposite
+    facet, as in `bipot_rs.pairs`; this body is the slave. Faces with 6 or 8 nodes, whose
+    corners have no positive area, need ``"mortar"`` with rigid obstacles too
     (`bipot_rs.rigid_pairs`).
 
-    ``clearance`` adds to the gap: a number, one for each node of the surface in ascending
-    order, as `Body.nodes` has them, or a function of the places ``(nodes, d)`` [m]; mortar
-    takes the weighted mean. ``within`` keeps nodes by their places,
-    where meshes do not match the facets all of whose nodes it keeps. In space ``mu`` may
-    be a pair, friction along the tangents t1 and t2: t1 is then ``axis (d,)``, a
-    direction of the material such as its grain, made orthogonal to the normal, and t2 at
-    right angles to it; without ``axis``, they are those of `frames`.
+    ``clearance`` is added to the gap [m]: a number, one number for each node of the
+    surface in the order of `Body.nodes`, or a function of the positions ``(nodes, d)``;
+    mortar takes the weighted mean. ``within`` selects nodes by position; if meshes do not
+    match, facets with all nodes selected. In 3D ``mu`` may be a pair, for the tangents t1
+    and t2: t1 is then ``axis (d,)``, a direction of the material such as its grain,
+    projected onto the tangent plane; without ``axis``, the tangents are those of `frames`.
     """
 
     body: str
@@ -64,23 +64,23 @@ class Contact:
 
 
 def _pair(contact: Contact) -> tuple[str, str]:
-    """The two surfaces of bodies that meet, as a scene names them."""
+    """Names of the two surfaces, ``"body.surface"``."""
     return f"{contact.body}.{contact.surface}", ".".join(contact.against or ())
 
 
 def both(contact: Contact) -> str:
-    """The two surfaces of bodies that meet, in a sentence."""
+    """Names of the two surfaces, for messages."""
     return " and ".join(_pair(contact))
 
 
 @dataclass(frozen=True)
 class Meeting:
-    """One contact on its meshes.
+    """The contact nodes of one `Contact`, with gaps and rows of B.
 
     Attributes
     ----------
     points : (n_c, d)
-        Contact nodes of the body.
+        Positions of the contact nodes [m].
     frame : (n_c, d, d)
         Rows n, t1[, t2], n from the obstacle towards the body.
     gap, area : (n_c,)
@@ -88,9 +88,9 @@ class Meeting:
     dofs : (n_c, 2)
         First degree of freedom of the node and of its partner, -1 without one.
     rows : sparse (d n_c, n) or None
-        Those of B, where they are not one node minus one other.
+        Rows of B, if they are not one node minus another node.
     moved : (steps, n_c, d) or None
-        Gaps of each step by component, where the obstacle moves.
+        Gaps of each step by component, if the obstacle moves.
     """
 
     points: Floats
@@ -105,15 +105,15 @@ class Meeting:
 def meet(
     bodies: Sequence[Body], offset: Sequence[int], n: int, contact: Contact
 ) -> Meeting:
-    """Find the contacts of one surface; `ValueError` has the names and the place."""
+    """Find the contact nodes of one surface; a `ValueError` gives names and position."""
     _check(contact, bodies[0].dim)
     b = body_index(bodies, contact.body)
     body = bodies[b]
     nodes = body.nodes(contact.surface, contact.within)
     if not nodes.size:
         raise ValueError(
-            f"contact on {contact.surface!r} of body {body.name!r} has no nodes: "
-            "within leaves none"
+            f"contact on {contact.surface!r} of body {body.name!r} has no nodes: within "
+            "excludes all of them"
         )
     if contact.pairing != "match":
         return _weighted(bodies, offset, n, contact)
@@ -127,7 +127,7 @@ def meet(
         frame = frames(-_normals(facets)[nodes], contact.axis)
         o = _other(bodies, b, contact.against[0])
         theirs = bodies[o].nodes(contact.against[1])
-        # Of the whole surface: of what `within` leaves may be a single node.
+        # Size of the whole surface: `within` may leave a single node.
         size = np.ptp(body.points[body.nodes(contact.surface)], axis=0).max()
         match = _match(points, bodies[o].points[theirs], frame, contact, size)
         facing = _normals(bodies[o].surface(contact.against[1]))[theirs[match]]
@@ -135,8 +135,8 @@ def meet(
         away = np.flatnonzero(towards <= 0)
         if away.size:
             raise ValueError(
-                f"surfaces {both(contact)} face the same way at {place(points[away[0]])}: "
-                "expected two that face each other"
+                f"surfaces {both(contact)} do not face each other at "
+                f"{place(points[away[0]])}: their outward normals must be opposite"
             )
         partner = offset[o] + body.dim * theirs[match]
         between = points - bodies[o].points[theirs[match]]
@@ -173,7 +173,7 @@ def _clearance(contact: Contact, points: Floats) -> Floats:
 def _clearances(
     contact: Contact, body: Body
 ) -> tuple[Callable[[Floats], Floats], Floats]:
-    """Where clearances are meant in the mean: a function of places, and values at nodes."""
+    """Clearance as a function of the position plus values at nodes; one of them is zero."""
     nodal = np.zeros(len(body.points))
     if callable(contact.clearance) or np.ndim(contact.clearance) == 0:
         return lambda places: _clearance(contact, places), nodal
@@ -185,7 +185,7 @@ def _clearances(
 def _for_pairs(
     contact: Contact, body: Body
 ) -> ArrayLike | Callable[[Floats], ArrayLike]:
-    """The clearance as `pairs` takes it: an array has one for each node of the body."""
+    """Clearance in the form of `pairs`: an array has a value for each node of the body."""
     if callable(contact.clearance) or np.ndim(contact.clearance) == 0:
         return contact.clearance
     return _clearances(contact, body)[1]
@@ -199,18 +199,18 @@ def gaps_onwards(
     frame: Floats,
     before: Floats,
 ) -> Floats:
-    """Gaps by component at the last of two states of a motion, ``(n_c, d)`` [m].
+    """Gaps by component after the second step of a motion, ``(n_c, d)`` [m].
 
     Parameters
     ----------
     bodies, contact
-        With a rigid obstacle.
+        The contact has a rigid obstacle.
     motion
-        Of it, in place of the contact's: two states, the first that of ``before``.
+        Motion of the obstacle in two steps, which replaces that of the contact.
     points, frame
-        Of its contacts.
+        Positions and frames of the contact nodes.
     before
-        Gaps at the first, ``(n_c, d)``.
+        Gaps after the first step, ``(n_c, d)``.
     """
     obstacle = _obstacle(contact, points.shape[1])
     if contact.pairing == "match":
@@ -232,7 +232,7 @@ def gaps_onwards(
 
 
 def _check(contact: Contact, dim: int) -> None:
-    """Refuse what no mesh is needed to see."""
+    """Check the arguments that do not depend on a mesh."""
     what = f"mu of the contact on {contact.surface!r}"
     if np.ndim(contact.mu) == 1:
         friction(np.asarray(contact.mu)[None], 1, dim, ratio=RATIO)
@@ -243,7 +243,7 @@ def _check(contact: Contact, dim: int) -> None:
     given = [contact.plane, contact.obstacle, contact.against]
     if sum(one is not None for one in given) != 1:
         raise ValueError(
-            f"contact on {contact.surface!r} needs one obstacle: plane, obstacle or "
+            f"contact on {contact.surface!r} needs exactly one of plane, obstacle and "
             "against"
         )
     if contact.obstacle is not None and not callable(
@@ -251,12 +251,13 @@ def _check(contact: Contact, dim: int) -> None:
     ):
         raise TypeError(
             f"obstacle of the contact on {contact.surface!r} is {shown(contact.obstacle)}, "
-            "expected one of bipot_rs.obstacle, or what has closest(points)"
+            "expected an obstacle of bipot_rs.obstacle, or an object with closest(points)"
         )
     if contact.motion is not None and contact.against is not None:
         raise ValueError(
             f"motion of the contact on {contact.surface!r} was given, but "
-            f"{'.'.join(contact.against)} is a surface of another body: move it by supports"
+            f"{'.'.join(contact.against)} is a surface of another body: move that body by "
+            "supports"
         )
     if contact.pairing not in ("match", *METHODS):
         raise ValueError(
@@ -266,12 +267,12 @@ def _check(contact: Contact, dim: int) -> None:
 
 
 def _obstacle(contact: Contact, dim: int) -> Obstacle:
-    """The rigid obstacle, a plane among others."""
+    """The rigid obstacle of a contact."""
     if contact.obstacle is not None:
         return contact.obstacle
     what = f"plane of the contact on {contact.surface!r}"
     if contact.plane is None or len(contact.plane) != 2:
-        raise ValueError(f"{what} is not a pair of a point and a normal")
+        raise ValueError(f"{what} is {contact.plane!r}, expected (point, normal)")
     point, normal = (floats(what, a) for a in contact.plane)
     if point.shape != (dim,) or normal.shape != (dim,):
         raise ValueError(
@@ -283,14 +284,16 @@ def _obstacle(contact: Contact, dim: int) -> Obstacle:
 def _other(bodies: Sequence[Body], own: int, name: str) -> int:
     found = body_index(bodies, name)
     if found == own:
-        raise ValueError(f"body {name!r} is in contact with itself")
+        raise ValueError(
+            f"body {name!r} is in contact with itself: against must name another body"
+        )
     return found
 
 
 def _rigid(
     contact: Contact, obstacle: Obstacle, points: Floats, outwards: Floats
 ) -> tuple[Floats, Floats]:
-    """Frames, and gaps by component at the start and after each step, of a rigid obstacle."""
+    """Frames over a rigid obstacle, and gaps by component at the start and each step."""
     try:
         met = approach(obstacle, contact.motion, points, outwards)
     except ValueError as error:
@@ -309,7 +312,7 @@ def _weighted(
     n: int,
     contact: Contact,
 ) -> Meeting:
-    """Contacts in the mean over facets, or of nodes with facets."""
+    """Contacts for ``pairing="mortar"`` and ``pairing="nodes"``."""
     what = f"contact on {contact.surface!r}"
     b = body_index(bodies, contact.body)
     body, dim = bodies[b], bodies[b].dim
@@ -325,8 +328,10 @@ def _weighted(
             what = f"surfaces {both(contact)}"
             o = _other(bodies, b, contact.against[0])
             found = pairs(
-                *(body.points, ours),
-                *(bodies[o].points, _facets_outward(bodies[o], contact.against[1])),
+                body.points,
+                ours,
+                bodies[o].points,
+                _facets_outward(bodies[o], contact.against[1]),
                 method=contact.pairing,
                 clearance=_for_pairs(contact, body),
                 axis=contact.axis,
@@ -339,7 +344,7 @@ def _weighted(
     except ValueError as error:
         said = str(error)
         if contact.against is not None:
-            # In the words of the model: who calls `pairs` by itself knows its arguments.
+            # `pairs` names its arguments; the caller of `meet` knows surfaces.
             arguments = ("facets_slave", "facets_master")
             if all(argument in said for argument in arguments):
                 what = ""
@@ -359,7 +364,7 @@ def _weighted(
 
 
 def _facets_of(contact: Contact, body: Body) -> Ints:
-    """Facets of a surface, outward, all of whose nodes ``within`` keeps."""
+    """Facets of a surface, outward, whose nodes are all within ``contact.within``."""
     facets = _facets_outward(body, contact.surface)
     if contact.within is None:
         return facets
@@ -367,7 +372,8 @@ def _facets_of(contact: Contact, body: Body) -> Ints:
     facets = facets[np.isin(facets, nodes).all(axis=1)]
     if not len(facets):
         raise ValueError(
-            f"contact on {contact.surface!r} has no facets: within leaves none whole"
+            f"contact on {contact.surface!r} has no facets: within contains all nodes of "
+            "none of them"
         )
     return facets
 
@@ -375,10 +381,10 @@ def _facets_of(contact: Contact, body: Body) -> Ints:
 def _against_rigid(
     contact: Contact, body: Body, facets: Ints, dofs: Ints, n: int
 ) -> tuple[Pairs, Floats | None]:
-    """Weighted gaps of a surface over a rigid obstacle, and those after each step."""
+    """Weighted gaps of a surface over a rigid obstacle, at the start and each step."""
     if contact.pairing != "mortar":
         raise ValueError(
-            f"pairing is {contact.pairing!r}, expected 'match' or 'mortar' with a rigid "
+            f"pairing is {contact.pairing!r}, expected 'match' or 'mortar' for a rigid "
             "obstacle"
         )
     obstacle, motion = _obstacle(contact, body.dim), contact.motion
@@ -421,15 +427,15 @@ def _against_rigid(
 def _means(
     body: Body, facets: Ints, fields: Callable[[Floats], Floats], count: int
 ) -> tuple[Floats, Any]:
-    """Means of fields ``(m, count)`` of places over the dual functions, ``(n_c, count)``.
+    """Means ``(n_c, count)`` of fields ``(m, count)``, weighted by the dual functions.
 
-    And the weights of the nodes, `Pairs.slave`, that these functions make.
+    Returns these, and the weights of the nodes, `Pairs.slave`.
     """
     known: dict[bytes, Floats] = {}
 
     def one(k: int) -> Callable[[Floats], Floats]:
         def at(places: Floats) -> Floats:
-            # The same places for each field: asked for once.
+            # All fields need the same points: computed once.
             key = places.tobytes()
             if key not in known:
                 known[key] = fields(places)
@@ -442,14 +448,14 @@ def _means(
 
 
 def gaps_of_steps(found: Sequence[Meeting], dim: int) -> Floats | None:
-    """Gaps of each step by component, of all contacts; those at rest keep theirs."""
+    """Gaps of each step by component for all contacts; None if no obstacle moves."""
     steps = sorted({len(one.moved) for one in found if one.moved is not None})
     if not steps:
         return None
     if len(steps) > 1:
         raise ValueError(
-            f"obstacles move through {' and '.join(map(str, steps))} steps, expected one "
-            "number"
+            f"the motions of obstacles have {' and '.join(map(str, steps))} steps: give "
+            "all the same number of steps"
         )
     parts = []
     for one in found:
@@ -469,24 +475,25 @@ def relative_displacement(found: Sequence[Meeting], n: int) -> Any:
         _of_nodes(one.frame, one.dofs, n) if one.rows is None else one.rows
         for one in found
     ]
-    # Without contacts there is nothing to stack.
+    # The empty first block allows for no contacts.
     return sparse.csr_array(sparse.vstack([sparse.csr_array((0, n)), *own], "csr"))
 
 
 def outward(body: Body, surface: str) -> Floats:
-    """Outward normals at all nodes ``(nodes, d)``, by area; zero off the surface."""
+    """Outward normals at all nodes ``(nodes, d)``, times area; zero off the surface."""
     return _normals(body.surface(surface))
 
 
 def _refuse_negative_areas(body: Body, surface: str) -> None:
-    """Contact at nodes needs a positive area at each of them."""
-    if not body.kind.lumps:
-        face = {"triangle6": "of 6 nodes", "quad8": "of 8 nodes"}[body.kind.face]
-        none = "none at all" if body.kind.face == "triangle6" else "a negative one"
+    """Refuse faces where a constant pressure gives no positive force at the corners."""
+    facet = body.kind.facet
+    if not facet.lumps:
+        face = {"triangle6": "of 6 nodes", "quad8": "of 8 nodes"}[facet.vtk]
+        none = "no force" if facet.vtk == "triangle6" else "a negative force"
         raise ValueError(
-            f"contact on {surface!r} of body {body.name!r} is at nodes of faces {face}, "
-            f'where a constant pressure gives corners {none}: use pairing="mortar", '
-            "or cells of first order or of 27 nodes"
+            f"contact on {surface!r} of body {body.name!r} is at the nodes of faces {face}, "
+            f"where a constant pressure gives the corners {none}: use "
+            'pairing="mortar", cells of first order, or hexahedra of 27 nodes'
         )
 
 
@@ -498,7 +505,7 @@ def _facets_outward(body: Body, surface: str) -> Ints:
 
 
 def _normals(facets: Quadrature) -> Floats:
-    """Outward normals at the nodes of a surface ``(nodes, d)``, by area, not of length 1."""
+    """Outward normals at the nodes of a surface ``(nodes, d)``, times area."""
     normal = np.asarray(facets.normals)
     nodal = np.stack([facets.moment(component) for component in normal], axis=1)
     # A component of rounding size on a coordinate plane would couple B to
@@ -515,25 +522,26 @@ def _match(
     between = ours - theirs[match]
     along = np.einsum("cd,cd->c", frame[:, 0], between)
     aside = np.linalg.norm(between - along[:, None] * frame[:, 0], axis=1)
-    # Nodes of one place written by two meshers differ in their last digits.
+    # Coordinates of one point from two meshers differ in the last digits.
     bad = np.flatnonzero(aside > 1e-7 * size)
     if bad.size:
         raise ValueError(
-            f"surfaces {both(contact)} do not match: no node lies opposite to the one "
-            f"at {place(ours[bad[0]])}, the nearest is {aside[bad[0]]:g} aside; expected "
-            "opposite nodes, or pairing='mortar'"
+            f"surfaces {both(contact)} do not match: no node lies opposite to the node at "
+            f"{place(ours[bad[0]])}, the nearest is {aside[bad[0]]:g} aside; use "
+            "pairing='mortar', or meshes with opposite nodes"
         )
     values, counts = np.unique(match, return_counts=True)
     if np.any(counts > 1):
         raise ValueError(
             f"surfaces {both(contact)} do not match: the node at "
-            f"{place(theirs[values[counts > 1][0]])} lies opposite to several"
+            f"{place(theirs[values[counts > 1][0]])} lies opposite to several nodes; use "
+            "pairing='mortar'"
         )
     return np.asarray(match, dtype=np.int64)
 
 
 def _nearest(ours: Floats, theirs: Floats) -> Ints:
-    """Index of the nearest of theirs, ``(ours,)``."""
+    """Index in ``theirs`` of the point nearest to each of ``ours``."""
     if len(ours) * len(theirs) > _ALL_PAIRS:
         from scipy.spatial import cKDTree
 
@@ -563,15 +571,10 @@ def _of_nodes(frame: Floats, dofs: Ints, n: int) -> Any:
 
 
 def body_index(bodies: Sequence[Body], name: str) -> int:
-    """Number of the body of a name."""
+    """Index of the body with a name; `ValueError` lists the known names."""
     for at, body in enumerate(bodies):
         if body.name == name:
             return at
     raise ValueError(
         f"there is no body {name!r}, expected one of {[body.name for body in bodies]}"
     )
-
-
-def place(x: Floats) -> str:
-    """A place, for messages."""
-    return "(" + ", ".join(f"{c:g}" for c in x) + ")"

@@ -1,4 +1,4 @@
-"""The surfaces that contacts lie on: their names, facets of the mesh between contacts."""
+"""The surfaces of contacts: names, and facets whose nodes are contacts."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from bipot_rs._lib.types import Ints
 from bipot_rs.fem.assembly import Assembly
 
-# By dimension and the number of nodes, with how many of these are corners. Behind the
-# corners come the middles of the edges, in their order, and the middle of the facet.
+# VTK name and number of corners, by dimension and number of nodes. The nodes are the
+# corners, the midpoints of the edges in their order, and the centre.
 _KINDS = {
     (2, 2): ("line", 2),
     (2, 3): ("line3", 2),
@@ -23,7 +23,7 @@ _KINDS = {
 
 
 def surface_names(model: Assembly) -> list[str]:
-    """Contact surfaces by name, ``"body.surface"``, those of one name numbered."""
+    """Names of the contact surfaces, ``"body.surface"``; equal names get a number."""
     plain = [f"{contact.body}.{contact.surface}" for contact in model.contacts]
     return [
         name if plain.count(name) == 1 else f"{name} {k}"
@@ -32,12 +32,12 @@ def surface_names(model: Assembly) -> list[str]:
 
 
 def surface_labels(model: Assembly) -> dict[str, Any]:
-    """Which surface each contact is of, as a result keeps it.
+    """The surface of each contact, in the form that a result stores.
 
     Returns
     -------
     dict
-        ``surface (n_c,)``, numbers, and ``surface_names``, text by number.
+        ``surface (n_c,)``, indices into ``surface_names``.
     """
     return {
         "surface": model.group,
@@ -46,15 +46,14 @@ def surface_labels(model: Assembly) -> dict[str, Any]:
 
 
 def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
-    """Facets all of whose nodes are contacts, as cells over the contacts.
+    """Facets whose nodes are all contacts, as cells with contacts as nodes.
 
     Returns
     -------
     list of (kind, corners)
-        ``"line"``, ``"triangle"`` or ``"quad"``, those of second order with the number
-        of their nodes behind, and numbers of contacts ``(m, nodes)`` in the order of VTK;
-        in space seen from outside of the body against the clock. Contacts on no such
-        facet follow as ``("vertex", (m, 1))``.
+        Kind in VTK's names, such as ``"line"``, ``"triangle"``, ``"quad8"``, and indices
+        of contacts ``(m, nodes)`` in the order of VTK; in 3D counter-clockwise seen from
+        outside the body. Contacts on no such facet follow as ``("vertex", (m, 1))``.
     """
     names = [body.name for body in model.bodies]
     found: dict[str, list[Ints]] = {}
@@ -84,9 +83,9 @@ def contact_surface(model: Assembly) -> list[tuple[str, Ints]]:
 
 
 def _mirrored(nodes: int) -> list[int]:
-    """Order of the nodes of a facet that goes the other way around."""
+    """Order of the nodes that reverses the orientation of a facet."""
     _, corners = _KINDS[3, nodes]
     around = [0, *range(corners - 1, 0, -1)]
-    # Of the edges from corner to corner the last comes first.
+    # The edges in reverse, starting from the last.
     edges = range(2 * corners - 1, corners - 1, -1) if nodes > corners else ()
     return [*around, *edges, *range(2 * corners, nodes)]

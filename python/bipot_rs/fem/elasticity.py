@@ -1,7 +1,7 @@
-"""Stiffness and nodal forces of (1), of one elastic body.
+"""Stiffness and nodal forces of (1) for one elastic body.
 
-Degrees of freedom go node by node, ``dim * node + component``; nodes on edges, faces and
-in cells of second order are nodes as those at corners are.
+Degrees of freedom are numbered ``dim * node + component``. In cells of second order,
+nodes on edges, faces and inside the cell are treated like nodes at corners.
 """
 
 from __future__ import annotations
@@ -13,48 +13,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.fem.body import Body, Box, Field, Quadrature
-from bipot_rs.fem.materials import Elastic, Material, Orthotropic
-from bipot_rs.mesh.boxes import FACES, box
+from bipot_rs.fem.body import Body, Field, Quadrature
+from bipot_rs.fem.materials import Material
 from bipot_rs.mesh.elements import inverse, jacobian, reference
-
-__all__ = [
-    "FACES",
-    "Body",
-    "Box",
-    "Elastic",
-    "Field",
-    "Floats",
-    "Ints",
-    "Material",
-    "Orthotropic",
-    "Quadrature",
-    "box",
-    "distinct_cells",
-    "nodal_forces",
-    "stiffness",
-    "surface_stiffness",
-    "vtk_cells",
-]
 
 
 def stiffness(body: Body) -> Any:
-    """Stiffness of one body, CSR ``(dim * nodes, dim * nodes)``, symmetric to the bit.
+    """Stiffness of one body, CSR ``(dim * nodes, dim * nodes)``, bitwise symmetric.
 
     With ``E_kl = ∫ ∂_k φ_i ∂_l φ_j`` the block of nodes i, j is
 
         K_kl = Σ_ab C_kalb E_ab = λ E_kl + μ E_lk + δ_kl μ Σ_m E_mm,
 
-    the latter where the material is isotropic, so d(d+1)/2 scalar forms do the work of
-    a vector form. Cells of one shape and material have one matrix, and all d²
-    components share one sparsity pattern.
+    the last for isotropic materials, so that d(d+1)/2 scalar forms replace a vector
+    form. Cells of the same shape and material share one matrix, and all d² components
+    share one sparsity pattern.
 
     Raises
     ------
     ValueError
-        A cell that is folded or flat: its number, and where it is.
+        A cell is folded or flat; the message gives its index and position.
     """
     dim, nodes = body.dim, int(body.mesh.p.shape[1])
     cells = body.cells
@@ -69,7 +50,7 @@ def stiffness(body: Body) -> Any:
     start, column, gather = _node_pairs(cells, which, len(shapes), nodes)
     data = np.empty((dim, dim, len(column)))
     for k, m, values in _components(body, gradients, material):
-        # The sum over cells: a row of `gather` for each pair of nodes that share one.
+        # Sum over cells: `gather` has a row for each pair of nodes that share a cell.
         data[k, m] = gather @ values.ravel()
         if m != k:
             data[m, k] = gather @ values.swapaxes(0, 1).ravel()
@@ -77,7 +58,7 @@ def stiffness(body: Body) -> Any:
 
 
 def surface_stiffness(body: Body, surface: str, density: Floats) -> Any:
-    """``∫ φ_i k φ_j`` over a surface, CSR as `stiffness`, symmetric to the bit.
+    """``∫ φ_i k φ_j`` over a surface, in the form of `stiffness`, bitwise symmetric.
 
     Parameters
     ----------
@@ -101,14 +82,14 @@ def surface_stiffness(body: Body, surface: str, density: Floats) -> Any:
 
 
 def _matrix(data: Floats, column: NDArray[Any], start: NDArray[Any]) -> Any:
-    """CSR of components ``(d, d, pairs)`` on a pattern of nodes."""
+    """CSR from components ``(d, d, pairs)`` on a sparsity pattern of nodes."""
     n = len(data) * (len(start) - 1)
     blocks = (np.ascontiguousarray(data.transpose(2, 0, 1)), column, start)
     return sparse.bsr_array(blocks, shape=(n, n)).tocsr()
 
 
 def distinct_cells(corners: Floats) -> tuple[Floats, Ints]:
-    """Distinct cells up to translation, and which of them each cell is.
+    """Distinct cells up to translation, and the index of each cell among them.
 
     Parameters
     ----------
@@ -118,22 +99,21 @@ def distinct_cells(corners: Floats) -> tuple[Floats, Ints]:
     Returns
     -------
     shapes, which
-        Corners from the first one, ``(shapes, corners, d)``, and ``(cells,)``. Cells
-        share a shape only if these differences agree in every bit: none is replaced
-        by another that is only close to it.
+        Corners relative to the first, ``(shapes, corners, d)``, and ``(cells,)``. Cells
+        share a shape only if these differences are bitwise equal.
     """
     count = len(corners)
-    # Differences first: far from the origin the Jacobian of places loses digits.
+    # Differences first: far from the origin the Jacobian would lose digits.
     offset = corners - corners[:, :1]
-    # Adding zero makes -0.0 the 0.0 that it equals.
+    # Adding zero turns -0.0 into 0.0.
     bits = (offset[:, 1:] + 0.0).reshape(count, -1).view(np.uint64)
-    # Powers of an odd number; lengths with few digits end in zero bits, which products
-    # keep, so the upper half is folded onto them.
+    # Powers of an odd number. Short numbers end in zero bits, which products keep, so
+    # the upper half is added to them by XOR.
     mix = np.cumprod(np.full(bits.shape[1], 0x9E3779B97F4A7C15, dtype=np.uint64))
     hashes = (bits ^ (bits >> np.uint64(32))) @ mix
     _, first, which = np.unique(hashes, return_index=True, return_inverse=True)
     if 2 * len(first) > count or not np.array_equal(bits[first][which], bits):
-        # Hardly two alike, or two different ones of one hash.
+        # Few equal cells, or different cells with the same hash.
         return offset, np.arange(count)
     return offset[first], which.astype(np.int64)
 
@@ -143,16 +123,16 @@ def _gradients(body: Body, shapes: Floats, which: Ints) -> Floats:
     _, slopes, weights = reference(body.kind.scalar, body.kind.order)
     with np.errstate(divide="ignore", invalid="ignore"):
         inner, determinant = inverse(jacobian(shapes, slopes))
-    # A mirrored numbering has one sign all over; a cell that is folded has both.
+    # A mirrored numbering has one sign at all points; a folded cell has both signs.
     good = (determinant * np.sign(determinant[0]) > 0).all(axis=0)
     if not good.all():
         cell = int(np.argmin(good[which]))
-        place = body.points[body.cells[cell]].mean(axis=0)
+        centre = body.points[body.cells[cell]].mean(axis=0)
         raise ValueError(
             f"cell {cell} of body {body.name!r} is folded or flat, at "
-            f"({', '.join(f'{x:g}' for x in place)}): its mapping has the determinants "
+            f"{place(centre)}: the determinant of its mapping is from "
             f"{determinant[:, which[cell]].min():g} to "
-            f"{determinant[:, which[cell]].max():g} within it"
+            f"{determinant[:, which[cell]].max():g}; mesh anew there"
         )
     root = np.sqrt(weights[:, None] * np.abs(determinant) * body.depth)
     inner *= root[:, None, None]
@@ -170,12 +150,12 @@ def _components(
     gradients
         As of `_gradients`.
     material
-        Which material of the body each shape has.
+        Index of the material of each shape.
 
     Yields
     ------
     k, m, values
-        ``(corners, corners, shapes)``, for k = m symmetric to the bit.
+        ``(corners, corners, shapes)``, bitwise symmetric for k = m.
     """
     dim = body.dim
 
@@ -195,7 +175,7 @@ def _components(
     trace = sum(diagonal[1:], start=diagonal[0])
     for k in range(dim):
         own = (lame_lambda + lame_mu) * diagonal[k] + lame_mu * trace
-        # Whoever computes products need not sum the mirrored one in the same order.
+        # A matrix product may sum mirrored entries in another order.
         yield k, k, 0.5 * (own + own.swapaxes(0, 1))
         for m in range(k + 1, dim):
             mixed = integral(k, m)
@@ -205,11 +185,11 @@ def _components(
 def _anisotropic(
     body: Body, integral: Callable[[int, int], Floats], material: Ints
 ) -> Iterator[tuple[int, int, Floats]]:
-    """`_components` of any elasticity."""
+    """`_components` for any elasticity tensor."""
     dim = body.dim
     tensors = np.stack([one.tensor(dim) for one in body.materials], axis=-1)
     forms = {(a, b): integral(a, b) for a in range(dim) for b in range(a, dim)}
-    # E_ba of nodes i, j is E_ab of j, i.
+    # E_ba of nodes i, j equals E_ab of nodes j, i.
     forms |= {(b, a): form.swapaxes(0, 1) for (a, b), form in forms.items()}
     for k in range(dim):
         for m in range(k, dim):
@@ -224,23 +204,23 @@ def _anisotropic(
 def _node_pairs(
     cells: Ints, which: Ints, shapes: int, nodes: int
 ) -> tuple[NDArray[Any], NDArray[Any], Any]:
-    """Pattern of the nodes that share a cell, and where its entries come from.
+    """Sparsity pattern of nodes that share a cell, and how to sum its entries.
 
     Returns
     -------
     start, column
-        CSR of the pattern, columns ascending, int32 where that holds them.
+        CSR of the pattern, columns ascending, int32 if possible.
     gather
-        Sparse ``(pairs, corners² * shapes)`` of ones: the entries of cell matrices
-        that a pair of nodes sums, in the order of the cells.
+        Sparse ``(pairs, corners² * shapes)`` of ones: the entries of cell matrices to
+        sum for each pair of nodes, in the order of the cells.
     """
     count, corners = cells.shape
     entries = count * corners**2
     integer = np.dtype(np.int32 if entries < 2**31 else np.int64)
     nodes_of = cells.astype(integer)
-    # Transposing sorts by counting: in linear time, and stable, so that the entries of
-    # a pair, and those of the mirrored pair, stay in the order of the cells. Rows are
-    # corners of cells first, then the nodes of the columns.
+    # A sparse transpose is a counting sort: linear in time and stable, so that the
+    # entries of a pair and of the mirrored pair stay in the order of the cells. First
+    # the rows are corners of cells, then the nodes of the columns.
     column = np.repeat(nodes_of, corners, axis=0).ravel()
     row_start = np.arange(0, entries + 1, corners, dtype=integer)
     entry = np.arange(entries, dtype=integer)
@@ -274,12 +254,12 @@ def nodal_forces(body: Body, points: Quadrature, value: Field) -> Floats:
     Parameters
     ----------
     body
-        The body, which gives the thickness in 2D.
+        The body; its thickness counts in 2D.
     points
         `Body.volume` or `Body.surface`.
     value
-        Density ``(d,)``, one at each quadrature point ``(d, cells, points)``, or
-        a function of the places ``(d, cells, points)`` that returns either.
+        Density ``(d,)``, values at the quadrature points ``(d, cells, points)``, or a
+        function of the positions ``(d, cells, points)`` that returns one of these.
     """
     places = points.places
     what = f"force on body {body.name!r}"
@@ -304,11 +284,11 @@ def nodal_forces(body: Body, points: Quadrature, value: Field) -> Floats:
 
 
 def vtk_cells(body: Body) -> tuple[str, Ints]:
-    """Kind and nodes of the cells, which scikit-fem may number mirrored."""
+    """Kind and nodes of the cells in the order of VTK; mirrored cells are reversed."""
     kind = body.kind
     cells = body.cells[:, kind.order_of_vtk]
     edges = kind.places[: kind.corners] - kind.places[0]
-    # Neighbours of corner 0 along the axes.
+    # The neighbours of corner 0 along the axes.
     axes = [int(np.argmax((edges == axis).all(axis=1))) for axis in np.eye(kind.dim)]
     sides = body.points[cells[:, axes]] - body.points[cells[:, :1]]
     inverted = np.linalg.det(sides) < 0

@@ -1,13 +1,13 @@
-"""Nodes held to planes that no axis of coordinates is normal to.
+"""Inclined supports: nodes that stay in planes that are not normal to an axis.
 
-With Q the unit normals at the nodes (orthonormal columns, of the nodes one by one) and
-``P = I - Q Qᵀ``, what satisfies ``Qᵀ u = 0`` is in equilibrium, against all displacements
-that do too, if
+With Q the unit normals at the nodes (orthonormal columns, node by node) and
+``P = I - Q Qᵀ``, a displacement with ``Qᵀ u = 0`` is in equilibrium, tested by all
+displacements with the same property, if
 
     P K u = P (f + Bᵀ r),     v = B u + g,     Qᵀ u = 0.
 
-With ``P K P + Q A Qᵀ``, ``P f`` and ``B P`` in the place of K, f and B that is (1) and (2) in
-the same coordinates: the two parts do not meet, and in the second, any A > 0, nothing acts.
+With ``P K P + Q A Qᵀ``, ``P f`` and ``B P`` in place of K, f and B this is (1) and (2) in the
+same coordinates, for any A > 0: the two parts are independent, and no force acts on the second.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Bools, Floats, Ints
 
-# Of unit normals, which files know to seven digits: what is left of one beside others of
-# the same plane, or beside what supports prescribe, is rounding.
+# Unit normals have seven digits in files: the part of a normal that is independent of other
+# normals or of supports is rounding below this.
 _SAME = 1e-5
-# Of a row of B: what rounding leaves of an entry that the planes take away.
+# Entries of B P below this fraction of their row are rounding.
 _GONE = 1e-14
 
 
 @dataclass(frozen=True)
 class Planes:
-    """Planes that nodes stay in.
+    """Planes in which nodes stay, as matrices.
 
     Attributes
     ----------
@@ -39,7 +40,8 @@ class Planes:
     within : sparse (n, n)
         P.
     given : sparse (m, n)
-        What these components must add up to zero by, a row a node and plane.
+        The weighted sums of prescribed components that must be zero, a row for each node
+        and plane.
     """
 
     normals: Any = field(repr=False)
@@ -47,10 +49,10 @@ class Planes:
     given: Any = field(repr=False)
 
     def stiffness(self, K: Any) -> Any:
-        """``P K P + Q A Qᵀ``, symmetric to the bit where K is."""
+        """``P K P + Q A Qᵀ``, bitwise symmetric if K is."""
         inner = self.within @ K @ self.within
         inner = (inner + inner.T) / 2
-        # Of the size of the stiffness of the nodes, so that no digits are lost.
+        # A of the size of the stiffness of the nodes, so that no digits are lost.
         own = abs(self.normals).T @ K.diagonal()
         beside = self.normals @ sparse.diags_array(own) @ self.normals.T
         found = sparse.csr_array(inner + (beside + beside.T) / 2)
@@ -58,10 +60,10 @@ class Planes:
         return found
 
     def relative(self, B: Any) -> Any:
-        """``B P``, of which nothing is left where it is rounding beside a row of B.
+        """``B P``, with entries set to zero that are rounding relative to the row of B.
 
-        A direction that the planes take away altogether is gone, not small: W would
-        call what the digits of their normals leave of it a compliance.
+        A direction that the planes block must be exactly zero: W would take its rounding
+        for a compliance.
         """
         found = sparse.csr_array(B @ self.within)
         rows = np.repeat(np.arange(found.shape[0]), np.diff(found.indptr))
@@ -74,16 +76,16 @@ class Planes:
         return found
 
     def tangents(self, frame: Floats, first: Ints, within: Bools) -> Floats:
-        """Frames ``(n_c, 3, 3)`` whose last tangent is normal to the one plane of a node.
+        """Turn frames ``(n_c, 3, 3)`` so that t2 is normal to the plane of their node.
 
         Parameters
         ----------
         frame
-            As they are; others than those asked for stay, to the bit.
+            The frames; those that need no change stay bitwise the same.
         first
             First degree of freedom of the node of each contact.
         within
-            Of which contacts the tangents may be turned.
+            ``(n_c,)``, whose tangents may be turned.
         """
         turned = frame.copy()
         normals = sparse.csr_array(self.normals)
@@ -94,7 +96,8 @@ class Planes:
             Q = Q[:, np.abs(Q).any(axis=0)]
             n = frame[i, 0]
             if Q.shape[1] != 1 or abs(n @ Q[:, 0]) > _SAME:
-                # Two planes leave no tangent, and across a plane nothing slips.
+                # With two planes there is no tangent; with a contact normal across the
+                # plane there is nothing to turn.
                 continue
             across = Q[:, 0] - (n @ Q[:, 0]) * n
             across /= np.linalg.norm(across)
@@ -102,31 +105,30 @@ class Planes:
         return turned
 
     def load(self, force: Floats) -> Floats:
-        """Forces ``(n,)`` without what the planes carry; those of a model as they are."""
+        """Forces ``(n,)`` without the reactions of the planes; unchanged if there are none."""
         off = np.abs(self.normals.T @ force).max(initial=0.0)
         if off <= _GONE * np.abs(force).max(initial=0.0):
             return force
         return np.asarray(self.within @ force, np.float64)
 
     def refuse(self, prescribed: Floats, nodes: Floats) -> None:
-        """Refuse prescribed displacements ``(n,)`` that would leave the planes."""
+        """Refuse prescribed displacements ``(n,)`` that leave the planes."""
         off = np.abs(self.given @ prescribed)
         size = (self.given != 0) @ np.abs(prescribed)
         wrong = off > _SAME * size
         if wrong.any():
             row = int(np.argmax(wrong))
             dof = int(self.given.indices[self.given.indptr[row]])
-            place = ", ".join(f"{x:g}" for x in nodes[dof // nodes.shape[1]])
             raise ValueError(
-                f"what supports prescribe at ({place}) has a part of {off[row]:g} across the "
-                "plane of symmetry of that node, expected prescribed components that lie "
-                "in it by themselves"
+                f"supports move the node at {place(nodes[dof // nodes.shape[1]])} by "
+                f"{off[row]:g} across its plane of symmetry: prescribe components whose "
+                "sum lies in the plane"
             )
 
 
 @dataclass(frozen=True)
 class HeldNodes:
-    """`Planes` as a contact problem asks for them (`loading.Held`)."""
+    """`Planes` with the interface `loading.Held` of a contact problem."""
 
     planes: Planes
     fixed: Ints
@@ -141,7 +143,7 @@ class HeldNodes:
         return self.planes.load(force)
 
     def prescribed(self, values: Floats) -> None:
-        """`Planes.refuse`, of the values at ``fixed``."""
+        """`Planes.refuse` for the values at ``fixed``."""
         at = np.zeros(self.nodes.size)
         at[self.fixed] = values
         self.planes.refuse(at, self.nodes)
@@ -152,15 +154,15 @@ def planes(
     fixed: Bools,
     dim: int,
 ) -> Planes | None:
-    """Nodes held to planes, as one; None without any.
+    """Combine the planes of all nodes; None without any.
 
     Parameters
     ----------
     groups
-        First degrees of freedom of nodes ``(m,)``, and the unit normal ``(d,)`` of the
-        plane that they are in.
+        First degrees of freedom of nodes ``(m,)``, and the unit normal ``(d,)`` of their
+        plane.
     fixed
-        ``(n,)``, which degrees of freedom are prescribed.
+        ``(n,)``, whether each degree of freedom is prescribed.
     dim
         2 or 3.
     """
@@ -175,7 +177,7 @@ def planes(
         normals = np.array(own)
         held = fixed[dof : dof + dim]
         given += [(dof, row) for row in np.where(held, normals, 0.0) if row.any()]
-        # Prescribed components, zero along the planes, ask nothing of the others.
+        # Prescribed components are zero along the normals: the others stay free.
         left = np.where(held, 0.0, normals)
         _, size, directions = np.linalg.svd(left, full_matrices=False)
         columns += [(dof, row) for row in directions[size > _SAME]]

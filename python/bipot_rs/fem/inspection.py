@@ -1,6 +1,6 @@
-"""What looks wrong with a model before any work: penetration, facing, holding, units.
+"""Warnings before solving: penetration, orientation, unsupported bodies, units.
 
-Nothing here is an error: each is a sentence for a person to judge.
+None of these is an error: each warning is a sentence that a person must judge.
 """
 
 from __future__ import annotations
@@ -12,28 +12,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact import rigid_motions
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.boundary import Spring, spring_stiffness
 from bipot_rs.fem.contact import body_index, outward
-from bipot_rs.obstacle.protocol import length, place
+from bipot_rs.obstacle.protocol import length
 
-# Of the size of the model: what meshing programs and their files round.
+# Rounding of meshing programs and files, relative to the size of the model.
 _ROUNDING = 1e-9
-# Displacements beyond this share of the size of the model are not small.
+# Displacements above this fraction of the size of the model are not small.
 _SMALL = 0.1
-# Rigid motions whose constraints are below this, relative to the largest, are free:
-# coordinates are rounded at 1e-16, and written by meshing programs with six digits or
-# more.
+# A rigid motion is free if its constraints are below this, relative to the largest:
+# meshing programs write coordinates with six digits or more.
 _FREE = 1e-6
-# Young's moduli in Pa are above, and metals in MPa between; parts in m are shorter than
-# the first length, and those in mm longer than the second.
+# Young's moduli in Pa are above the first number, those of metals in MPa in the range.
+# Parts in m are shorter than the first length, parts in mm longer than the second.
 _PASCAL, _MEGAPASCAL = 1e9, (1e4, 1e6)
 _LONG, _SHORT = 10.0, 0.05
-# Loads that are a larger share of Young's modulus strain the body by more than is small.
+# Mean stresses above this fraction of Young's modulus cause strains that are not small.
 _SOFT = 0.05
 
 
@@ -44,26 +43,26 @@ def inspect(
     prescribed: ArrayLike | None = None,
     strained: ArrayLike = 0.0,
 ) -> list[str]:
-    """What a person should look at before solving.
+    """Warnings before solving.
 
     Parameters
     ----------
     model
-        As `fem.assemble` makes it.
+        From `fem.assemble`.
     load, prescribed
-        As `ContactProblem.solve` takes them; without them nothing is said of contacts
-        that never close, and any prescribed displacement is taken for one that moves.
+        As in `ContactProblem.solve`. Without them, contacts that cannot close are not
+        reported, and all prescribed displacements count as not zero.
     strained
-        The part of ``load`` that stands for initial strains, which press on nothing.
+        The part of ``load`` that represents initial strains.
 
     Returns
     -------
     list of str
-        A sentence each, none where nothing is suspicious: nodes that penetrate at the
-        start; surfaces that face away from their obstacle; contacts too far away to
-        close; friction left out where supports prescribe the tangential displacement;
-        bodies that neither supports nor contact can hold, with the motion; a Young's
-        modulus and a size, or loads, that seem to be of different systems of units.
+        One sentence for each warning: nodes that penetrate at the start; surfaces that
+        face away from their obstacle; contacts too far away to close; contacts without
+        friction because supports prescribe the tangential displacement; bodies that
+        neither supports nor contacts hold, with the free motion; a Young's modulus, size
+        or loads that seem to use different units.
     """
     found = [
         *_penetrating(model),
@@ -89,7 +88,7 @@ def _named(model: Assembly, group: int) -> str:
 
 
 def _groups(model: Assembly) -> Iterator[tuple[int, Ints]]:
-    """Each contact with its nodes among all contact nodes."""
+    """Index of each contact, and the indices of its contact nodes."""
     for group in range(len(model.contacts)):
         yield group, np.flatnonzero(model.group == group).astype(np.int64)
 
@@ -105,13 +104,13 @@ def _penetrating(model: Assembly) -> Iterator[str]:
                 f"{inside.size} of the {counted(at.size, 'node')} of "
                 f"{_named(model, group)} start inside what they may touch, the deepest by "
                 f"{depth:g} at {place(model.points[deepest])}, {100 * depth / size:.2g} % "
-                "of the size of the model: the first step presses them out; right for an "
-                "interference fit, else move the body or add a clearance"
+                "of the size of the model: the first step pushes them out; this is right "
+                "for an interference fit, otherwise move the body or add a clearance"
             )
 
 
 def _facing_away(model: Assembly) -> Iterator[str]:
-    # Two bodies that face the same way are no model at all.
+    # `fem.assemble` refuses two bodies that do not face each other.
     for group, at in _groups(model):
         contact = model.contacts[group]
         here = at[model.contact_dofs[at, 0] >= 0]
@@ -123,9 +122,9 @@ def _facing_away(model: Assembly) -> Iterator[str]:
         if (np.einsum("cd,cd->c", out, model.frame[here, 0]) > 0).all():
             yield (
                 f"surface {contact.surface!r} of body {contact.body!r} faces away from "
-                f"what it may touch, at all of its {counted(here.size, 'node')}: is the "
-                "normal of the obstacle towards the body, and the surface the one that "
-                "meets it?"
+                f"what it may touch, at all of its {counted(here.size, 'node')}: check that "
+                "the normal of the obstacle points to the body, and that this is the "
+                "right surface"
             )
 
 
@@ -138,15 +137,15 @@ def _without_friction(model: Assembly, prescribed: ArrayLike | None) -> Iterator
         if lost:
             yield (
                 f"{lost} of the {counted(at.size, 'node')} of {_named(model, group)} have "
-                "no friction, mu = 0: supports prescribe their tangential displacement, "
-                "which leaves friction nothing to decide"
+                "no friction, mu = 0: supports prescribe their tangential displacement; "
+                "remove these components of the support if friction should act"
             )
 
 
 def _slides(model: Assembly, prescribed: ArrayLike | None) -> Bools:
-    """Which contact nodes are moved along their obstacles by what is prescribed.
+    """Which contact nodes move along their obstacles by prescribed displacements.
 
-    Where that is zero, as on a plane of symmetry, a support takes what friction would.
+    Where these are zero, as on a plane of symmetry, the lack of friction has no effect.
     """
     if prescribed is None:
         return np.ones(len(model.gap), dtype=np.bool_)
@@ -174,7 +173,7 @@ def _far(
     if prescribed is not None:
         moved = float(np.abs(floats("prescribed", prescribed)).max(initial=0.0))
     loaded = load is not None and bool(np.any(floats("load", load) != 0))
-    # Twice: rotations and Poisson's effect may go beyond what supports prescribe.
+    # Twice: rotations and Poisson's effect may exceed the prescribed displacements.
     reach = max(_SMALL * size if loaded else 0.0, 2 * moved)
     for group, at in _groups(model):
         gap = model.gap[at]
@@ -188,7 +187,7 @@ def _far(
                 + (
                     f"{100 * gap.min() / size:.2g} % of the size of the model"
                     if loaded
-                    else f"and supports move by {moved:g} at the most"
+                    else f"and supports move by {moved:g} at most"
                 )
             )
 
@@ -196,8 +195,8 @@ def _far(
 def _units(model: Assembly) -> Iterator[str]:
     """Young's modulus in Pa with lengths in mm, or in MPa with lengths in m.
 
-    A heuristic: solids have moduli from 1e6 Pa to 1e12 Pa, 1 MPa to 1e6 MPa, and parts
-    sizes from 0.05 mm to 10 m. Who means a bridge, or a grain of sand in mm, reads on.
+    A heuristic: solids have moduli from 1e6 Pa to 1e12 Pa, and parts have sizes from
+    0.05 mm to 10 m. For a bridge, or a grain of sand in mm, the warning is false.
     """
     size = _size(model)
     low, high = _MEGAPASCAL
@@ -206,22 +205,22 @@ def _units(model: Assembly) -> Iterator[str]:
         if young is None:
             continue
         if young >= _PASCAL and size >= _LONG:
-            told, other = "Pa, and lengths then in m", "lengths in mm need MPa"
+            guess, other = "Pa with lengths in m", "for lengths in mm use MPa"
         elif low <= young <= high and size <= _SHORT:
-            told, other = "MPa, and lengths then in mm", "lengths in m need Pa"
+            guess, other = "MPa with lengths in mm", "for lengths in m use Pa"
         else:
             continue
         yield (
             f"units may be mixed: Young's modulus {young:g} of body {body.name!r} looks "
-            f"like {told}, but the model is {size:g} across; {other}"
+            f"like {guess}, but the size of the model is {size:g}; {other}"
         )
 
 
 def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
-    """Loads beside which a body is soft, as a Young's modulus in GPa with loads in MPa.
+    """Loads that are large relative to the stiffness, as for a modulus in GPa, loads in MPa.
 
-    The sum of the sizes of all nodal forces of a load step over the largest section of
-    the box around the body: forces that balance each other within it count, too.
+    Compares Young's modulus with the sum of |nodal force| of a load step over the largest
+    section of the bounding box of the body. Forces in mutual balance count too.
     """
     every = np.atleast_2d(load)
     for body, first in zip(model.bodies, model.offset, strict=True):
@@ -233,29 +232,29 @@ def _overloaded(model: Assembly, load: Floats) -> Iterator[str]:
         mean = float(forces.sum(axis=1).max(initial=0.0)) / section
         if young is not None and mean > _SOFT * young:
             yield (
-                f"units may be mixed: the loads of body {body.name!r} come to {mean:.3g} "
-                f"over its largest section, {100 * mean / young:.2g} % of its Young's "
-                f"modulus {young:g}, and strains are taken to be small"
+                f"units may be mixed: the loads of body {body.name!r} over its largest "
+                f"section are {mean:.3g}, {100 * mean / young:.2g} % of its Young's modulus "
+                f"{young:g}, but the theory assumes small strains"
             )
 
 
 def _stiffest(material: Any) -> float | None:
-    """Young's modulus where the material has one."""
+    """The largest Young's modulus of a material; None for several materials."""
     young = getattr(material, "young", None)
     return None if young is None else float(np.max(young))
 
 
 def unheld(model: Assembly, *, rough: bool = False) -> Iterator[str]:
-    """Rigid motions that neither supports nor contacts feel.
+    """Warnings for bodies with rigid motions that no support or contact stops.
 
-    Motions of bodies that meet each other are looked at together. Contact is taken to
-    hold along its normal, and with friction, or as if all were ``rough``, along its
-    tangents: what is free even so is free under any load.
+    Bodies in contact with each other are considered together. A contact is assumed to
+    stop motion along its normal and, with friction or if ``rough``, along its tangents. A
+    motion that is free under this assumption is free for any load.
     """
     modes, owner = _modes(model)
     bare = set(_bare(model))
     supports = _supporting(model, modes)
-    # Bodies that meet nothing but each other.
+    # Bodies without contact to a rigid obstacle.
     alone = set(range(len(model.bodies))) - {
         body_index(model.bodies, contact.body)
         for contact in model.contacts
@@ -268,7 +267,7 @@ def unheld(model: Assembly, *, rough: bool = False) -> Iterator[str]:
     for members in _meeting(model):
         columns = np.flatnonzero(np.isin(owner, members))
         own = constraints[:, columns]
-        # What SVD sees of many rows: as many as there are motions.
+        # The triangle of QR has the same singular values as the many rows.
         triangle = np.linalg.qr(np.vstack([own, np.zeros((len(columns),) * 2)]), "r")
         _, values, V = np.linalg.svd(triangle)
         free = V[values <= _FREE * values.max()].T
@@ -278,23 +277,23 @@ def unheld(model: Assembly, *, rough: bool = False) -> Iterator[str]:
         names = " and ".join(repr(model.bodies[b].name) for b in members)
         whole = f"{'bodies' if several else 'body'} {names}"
         if bare.issuperset(members) and alone.issuperset(members):
-            where = "on any of them" if several else "on it"
-            yield f"nothing holds {whole}: no support and no spring is {where}"
+            have = "have" if several else "has"
+            yield f"{whole} can move freely and {have} no support and no spring: add one"
         else:
             words = _said(model, members, modes[:, columns], free)
             yield (
-                f"nothing holds {whole} against {'; '.join(words)}: add a support, or "
-                "friction or a contact that stops it"
+                f"{whole} can move freely by {'; '.join(words)}: add a support, friction "
+                "or a contact that stops it"
             )
 
 
 def unsupported(model: Assembly) -> list[str]:
-    """Names of the bodies without any support or spring, which contact alone can hold."""
+    """Names of the bodies without support or spring, which only contact can hold."""
     return [model.bodies[b].name for b in _bare(model)]
 
 
 def _supporting(model: Assembly, modes: Floats) -> list[Floats]:
-    """What rigid motions do to supports and springs, a row each."""
+    """Displacements of supports and forces of springs by rigid motions, as rows."""
     found = [modes[model.fixed]]
     if model.inclined is not None:
         found.append(np.asarray(model.inclined.normals.T @ modes))
@@ -316,7 +315,7 @@ def _bare(model: Assembly) -> list[int]:
 
 
 def _sprung(model: Assembly, spring: Spring, modes: Floats) -> Floats:
-    """What rigid motions do to a spring, of size 1 as supports and contacts are."""
+    """Forces of a spring by rigid motions, scaled to size 1."""
     b = body_index(model.bodies, spring.body)
     body = model.bodies[b]
     first = model.offset[b]
@@ -328,7 +327,7 @@ def _sprung(model: Assembly, spring: Spring, modes: Floats) -> Floats:
 
 
 def _modes(model: Assembly) -> tuple[Floats, Ints]:
-    """Rigid motions of every body ``(n, m)``, of one size, and whose they are."""
+    """Rigid motions of all bodies ``(n, m)``, of equal size, and the body of each."""
     d, found, owner = model.dim, [], []
     for b, body in enumerate(model.bodies):
         arm = body.points - body.points.mean(axis=0)
@@ -347,7 +346,7 @@ def _modes(model: Assembly) -> tuple[Floats, Ints]:
 
 
 def _meeting(model: Assembly) -> list[list[int]]:
-    """Bodies that contacts between them put together."""
+    """Groups of bodies connected by contacts."""
     index = {body.name: b for b, body in enumerate(model.bodies)}
     sets = [{b} for b in range(len(model.bodies))]
     for contact in model.contacts:
@@ -362,9 +361,9 @@ def _meeting(model: Assembly) -> list[list[int]]:
 def _said(
     model: Assembly, members: list[int], modes: Floats, free: Floats
 ) -> list[str]:
-    """Words for a space of motions: translations along axes first, then the rest.
+    """Describe a space of motions: translations along the axes first, then the rest.
 
-    Of each body by itself, and then of all together.
+    Motions of each body alone come first, then motions of all together.
     """
     d, words = model.dim, []
     per_body = modes.shape[1] // len(members)
@@ -383,7 +382,7 @@ def _said(
             U, size, _ = np.linalg.svd(left, full_matrices=False)
             rest = U[:, size > 0.5]
     for amounts in rest.T:
-        told = []
+        parts = []
         for at, b in enumerate(members):
             own = np.zeros(len(amounts))
             own[at * per_body : (at + 1) * per_body] = amounts[
@@ -401,6 +400,6 @@ def _said(
                 frame=np.tile(np.eye(d), (len(field), 1, 1)),
             )
             whose = f" of body {model.bodies[b].name!r}" if len(members) > 1 else ""
-            told.append(words_of + whose)
-        words.append(" with ".join(told))
+            parts.append(words_of + whose)
+        words.append(" with ".join(parts))
     return words

@@ -1,7 +1,6 @@
-"""Linear elastic materials, as tensors: no Voigt order to mistake.
+"""Linear elastic materials, as fourth-order tensors without Voigt notation.
 
-In the plane a material knows how it is thought to go on: plane strain, plane stress,
-and the thickness.
+For 2D a material contains the assumption, plane strain or plane stress, and the thickness.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ class Material:
     poisson
         Poisson's ratio, in (-1, 1/2).
     plane_stress
-        In 2D, plane stress instead of plane strain; of no effect in 3D.
+        In 2D, plane stress instead of plane strain; no effect in 3D.
     thickness
-        Out of plane, in 2D, > 0 [m]; of no effect in 3D.
+        Thickness in 2D, > 0 [m]; no effect in 3D.
     """
 
     young: float
@@ -48,15 +47,17 @@ class Material:
         if not (np.isfinite(self.young) and self.young > 0):
             raise ValueError(f"young is {self.young}, expected a finite number > 0")
         if not -1 < self.poisson < 0.5:
-            raise ValueError(f"poisson is {self.poisson}, expected it in (-1, 1/2)")
+            raise ValueError(
+                f"poisson is {self.poisson}, expected a number between -1 and 1/2"
+            )
         _thick(self.thickness)
 
     def lame(self, dim: int) -> tuple[float, float]:
-        """Lamé's constants λ and μ [Pa], λ made that of plane stress if asked."""
+        """Lamé's constants λ and μ [Pa]; in plane stress λ is the reduced one."""
         lame_mu = self.young / (2 * (1 + self.poisson))
         lame_lambda = 2 * lame_mu * self.poisson / (1 - 2 * self.poisson)
         if dim == 2 and self.plane_stress:
-            # 2λμ/(λ + 2μ), written so that it does not divide by λ = 0.
+            # 2λμ/(λ + 2μ), in a form that works for λ = 0.
             lame_lambda = 2 * lame_mu * self.poisson / (1 - self.poisson)
         return lame_lambda, lame_mu
 
@@ -84,22 +85,22 @@ class Orthotropic:
     young
         Young's moduli ``(E1, E2, E3)`` along the axes of the material, > 0 [Pa].
     poisson
-        ``(ν12, ν13, ν23)``: pulled along i, it contracts ``ν_ij`` times as much along j;
-        then ``ν_ji = ν_ij E_j / E_i``.
+        ``(ν12, ν13, ν23)``: under tension along i, the contraction along j is ``ν_ij``
+        times the extension; ``ν_ji = ν_ij E_j / E_i``.
     shear
         Shear moduli ``(G12, G13, G23)``, > 0 [Pa].
     axes
-        Directions 1, 2, 3 as rows ``(3, 3)``, orthogonal, of any length; in the plane
-        1 and 2 ``(2, 2)``. Without them the coordinate axes. Direction 3 is normal to
-        the plane of a 2D body.
+        Directions 1, 2, 3 as rows ``(3, 3)``, orthogonal, of any length; in 2D
+        directions 1 and 2 as rows ``(2, 2)``; default the coordinate axes. Direction 3 is
+        normal to the plane of a 2D body.
     plane_stress, thickness
-        As of `Material`.
+        As in `Material`.
 
     Raises
     ------
     ValueError
-        Moduli that are not positive, ratios by which a strain would release energy,
-        axes that are not orthogonal.
+        Moduli are not positive, the elasticity is not positive definite, or axes are not
+        orthogonal.
     """
 
     young: Sequence[float]
@@ -116,7 +117,7 @@ class Orthotropic:
                 raise ValueError(
                     f"{name} is {found.tolist()}, expected three numbers > 0"
                 )
-            # As plain numbers: equality and hash of the whole stay those of its parts.
+            # Tuples of floats, so that materials can be compared and hashed.
             object.__setattr__(self, name, tuple(found.tolist()))
         _thick(self.thickness)
         if self.axes is not None:
@@ -126,7 +127,7 @@ class Orthotropic:
 
     @cached_property
     def directions(self) -> Floats:
-        """Axes of the material as rows, of length one."""
+        """Axes of the material as rows of length 1."""
         return np.eye(3) if self.axes is None else np.array(self.axes)
 
     def tensor(self, dim: int) -> Floats:
@@ -135,8 +136,8 @@ class Orthotropic:
         Raises
         ------
         ValueError
-            In 2D, a direction 3 that is not normal to the plane: pulling the body would
-            shear it out of the plane.
+            In 2D, direction 3 is not normal to the plane: tension in the plane would
+            shear the body out of it.
         """
         C = self._space
         if dim == 3:
@@ -144,7 +145,7 @@ class Orthotropic:
         if abs(self.directions[2, 2]) < 1 - 1e-12:
             raise ValueError(
                 f"axes have direction 3 along {self.directions[2].tolist()}, expected "
-                "the normal of the plane, (0, 0, 1), in a body of two dimensions"
+                "(0, 0, 1), the normal of the plane of a 2D body"
             )
         plane = C[:2, :2, :2, :2]
         if self.plane_stress:
@@ -165,7 +166,7 @@ class Orthotropic:
             return C
         Q = self.directions
         turned = np.einsum("abcd,ai,bj,ck,dl->ijkl", C, Q, Q, Q, Q, optimize=True)
-        # Rounding of the products must not undo the symmetries that make K symmetric.
+        # Rounding of the products must not destroy the symmetries: K needs them.
         turned = 0.5 * (turned + turned.transpose(1, 0, 2, 3))
         turned = 0.5 * (turned + turned.transpose(0, 1, 3, 2))
         return np.asarray(0.5 * (turned + turned.transpose(2, 3, 0, 1)))
@@ -181,7 +182,7 @@ def _thick(thickness: float) -> None:
 
 
 def _scaled(young: Sequence[float], poisson: Sequence[float]) -> Floats:
-    """Compliance of normal strains, entry ij times √(E_i E_j): free of units."""
+    """Compliance of normal strains, entry ij times √(E_i E_j): dimensionless."""
     S = np.eye(3)
     for (i, j), ratio in zip(_PAIRS, poisson, strict=True):
         S[i, j] = S[j, i] = -ratio * np.sqrt(young[j] / young[i])
@@ -193,15 +194,16 @@ def _definite(young: Sequence[float], poisson: Sequence[float]) -> None:
         most = np.sqrt(young[i] / young[j])
         if abs(ratio) >= most:
             raise ValueError(
-                f"poisson has ν{i + 1}{j + 1} = {ratio:g}, expected its size below "
-                f"√(E{i + 1}/E{j + 1}) = {most:g}: a strain would release energy"
+                f"poisson has ν{i + 1}{j + 1} = {ratio:g}, expected |ν{i + 1}{j + 1}| < "
+                f"√(E{i + 1}/E{j + 1}) = {most:g}: otherwise a strain has negative energy"
             )
     determinant = float(np.linalg.det(_scaled(young, poisson)))
     # Rounding of a determinant of entries below 1.
     if determinant <= 8 * np.finfo(float).eps:
         raise ValueError(
             f"poisson is {list(poisson)}: 1 - ν12 ν21 - ν23 ν32 - ν13 ν31 - 2 ν21 ν32 ν13 "
-            f"is {determinant:g}, expected it positive: a strain would release energy"
+            f"is {determinant:g}, expected a positive number: otherwise a strain has "
+            "negative energy"
         )
 
 
@@ -213,11 +215,11 @@ def _orthonormal(axes: ArrayLike) -> Floats:
     if (length == 0).any():
         raise ValueError("axes has a row of zeros, expected directions")
     unit = given / length
-    # Directions typed with six digits are meant to be orthogonal.
+    # Tolerance for directions given with six digits.
     off = np.abs(unit @ unit.T - np.eye(len(unit))).max()
     if off > 1e-5:
         raise ValueError(
-            f"axes are not orthogonal: a cosine between them is {off:g}, expected 0"
+            f"axes are not orthogonal: the cosine of two of them is {off:g}, expected 0"
         )
     # The nearest orthogonal matrix.
     u, _, v = np.linalg.svd(unit)

@@ -1,4 +1,4 @@
-"""Series for ParaView: the bodies with their stress, and the surface of contact."""
+"""Files for ParaView: bodies with stress, and contact surfaces."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ Fields = dict[str, NDArray[Any]]
 
 
 def write(path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]) -> None:
-    """Write ``DIR/NAME.pvd``, the bodies, and ``DIR/NAME_contact.pvd``, where they touch.
+    """Write the bodies to ``DIR/NAME.pvd`` and contacts to ``DIR/NAME_contact.pvd``.
 
     Parameters
     ----------
     path
-        ``DIR/NAME.pvd``; what is there of these names is replaced.
+        ``DIR/NAME.pvd``; existing files of these names are replaced.
     model
         The bodies.
     steps
-        A `Result`, or some of its steps. Displacements are found where they are not yet.
+        A `Result`, or some of its steps. Missing displacements are computed.
 
     Raises
     ------
     ValueError
-        A name that does not end in ``.pvd``; displacements are asked of steps that have
-        lost their problem.
+        The name does not end in ``.pvd``, or displacements are missing and the steps were
+        loaded without their problem.
     OSError
         A file cannot be written.
     """
@@ -52,16 +52,16 @@ def write_bodies(
     of_cells: Iterable[Mapping[str, NDArray[Any]]] | None = None,
     at_rest: Callable[[int], Floats | None] = lambda _: None,
 ) -> None:
-    """Write the bodies: displacements and contact at nodes, stress in cells.
+    """Write the bodies: displacements and contact fields at nodes, stress in cells.
 
     Parameters
     ----------
     path, model, steps
         As in `write`.
     of_cells
-        Further fields ``(cells,)`` or ``(cells, k)``, one mapping a step.
+        Further fields ``(cells,)`` or ``(cells, k)``, one mapping for each step.
     at_rest
-        Of the number of a step, what `cell_fields` takes.
+        Function of the index of a step that returns ``at_rest`` of `cell_fields`.
     """
     more = of_cells if of_cells is not None else ({} for _ in steps)
     means = [MeanStress(body) for body in model.bodies]
@@ -80,7 +80,7 @@ def write_bodies(
 def write_contact(
     path: str | os.PathLike[str], model: Assembly, steps: Sequence[Step]
 ) -> None:
-    """Write the surface of contact, with `contact_fields` at its nodes."""
+    """Write the contact surfaces, with `contact_fields` at their nodes."""
     cells = contact_surface(model)
     write_series(path, model.points, cells, (contact_fields(model, s) for s in steps))
 
@@ -93,9 +93,9 @@ def cell_fields(
 ) -> Fields:
     """``stress (cells, 6)``, xx, yy, zz, xy, yz, xz, and ``von_mises (cells,)`` [Pa].
 
-    Cells of all bodies, in their order; the mean over each cell. ``at_rest (cells, 3, 3)``
-    is what initial strains add, `Case.stress_at_rest`; ``means``, one a body, serve many
-    displacements.
+    Mean values of the cells of all bodies, in their order. ``at_rest (cells, 3, 3)`` is
+    the stress that initial strains add, `Case.stress_at_rest`. ``means``, one for each
+    body, can be reused for many displacements.
     """
     if means is None:
         means = [MeanStress(body) for body in model.bodies]
@@ -112,13 +112,13 @@ def cell_fields(
 
 
 def contact_fields(model: Assembly, step: Step) -> Fields:
-    """Fields at the contacts, vectors in global components, on the body that has them.
+    """Fields at the contacts, acting on ``Contact.body``, in global components.
 
     Returns
     -------
     dict
-        ``displacement`` [m] to warp by, ``reaction`` [N], ``traction`` and its
-        ``pressure`` [Pa], ``slip`` of the step [m], ``gap`` that is left [m], ``status``
+        ``displacement`` [m], ``reaction`` [N], ``traction`` and its normal component
+        ``pressure`` [Pa], ``slip`` of the step [m], remaining ``gap`` [m], ``status``
         (0 open, 1 slip, 2 stick), and ``normal``.
     """
     d = model.dim

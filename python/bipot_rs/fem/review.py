@@ -1,6 +1,6 @@
-"""What to look at in an answer: displacements that are not small, contact seen coarsely.
+"""Warnings after solving: large rotations and strains, large slip, coarse contact zones.
 
-Nothing here is an error: each is a sentence with its figure, for a person to judge.
+None of these is an error: each warning is a sentence that a person must judge.
 """
 
 from __future__ import annotations
@@ -9,42 +9,41 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.result import Step
 from bipot_rs.contact.slip_check import distances, farthest
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import unsupported
 from bipot_rs.fem.stress_recovery import MeanStress
-from bipot_rs.obstacle.protocol import place
 from bipot_rs.obstacle.shapes import Plane
 
-# Rotations [rad] and strains up to here are small: equilibrium on the undeformed bodies,
-# and normals that stay, leave out terms of their order.
+# Largest rotation [rad] and strain that count as small. Equilibrium of the undeformed
+# bodies with fixed normals neglects terms of their order.
 _SMALL = 0.05
-# A gap below this share of the displacements is none.
+# Gaps below this fraction of the displacements are zero.
 _ROUNDING = 1e-9
-# Nodes across a contact zone, below which its pressure is hardly more than a guess.
+# With fewer nodes across a contact zone its pressure is inaccurate.
 _ACROSS = 4.0
 
 
 def review(model: Assembly, steps: Sequence[Step]) -> list[str]:
-    """What a person should look at after solving.
+    """Warnings after solving.
 
     Parameters
     ----------
     model
-        As `fem.assemble` makes it.
+        From `fem.assemble`.
     steps
-        The load steps of its path, from the first on; their displacements are asked for.
+        The load steps of its path, from the first on, with displacements.
 
     Returns
     -------
     list of str
-        A sentence each, none where nothing is suspicious: rotations or strains beyond
-        five per cent, in the mean over a cell; contacts that have slid further from what
-        they met at the start than their distance from each other; contact zones less
-        than four nodes across at the end; bodies without a support that no contact holds
-        at the end.
+        One sentence for each warning: rotations or strains above 5 %, as means of a cell;
+        contacts that have slid further than the distance between contact nodes; contact
+        zones less than four nodes across at the end; bodies without a support and without
+        a closed contact at the end.
     """
     if not len(steps):
         return []
@@ -62,7 +61,7 @@ def _named(model: Assembly, group: int) -> str:
 
 
 def _large(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
-    """Rotations and strains of the load step that moves most, and of the last."""
+    """Rotations and strains of the load step with the largest displacement and the last."""
     most = int(np.argmax([np.abs(step.displacement).max() for step in steps]))
     worst: dict[str, tuple[float, str]] = {}
     for b, body in enumerate(model.bodies):
@@ -83,19 +82,19 @@ def _large(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
                     (
                         f"{name} up to {figure} of body {body.name!r} at "
                         f"{place(body.points[body.cells[cell]].mean(axis=0))} in load step "
-                        f"{k + 1} of {len(steps)}, beyond {_SMALL:g} in {beyond} of its "
-                        f"{len(values)} cells: displacements are taken to be small, and what "
-                        "that leaves out is of this order"
+                        f"{k + 1} of {len(steps)}, above {_SMALL:g} in {beyond} of its "
+                        f"{len(values)} cells: the theory assumes small displacements, and "
+                        "its error is of this order"
                     ),
                 )
-    yield from (told for _, told in worst.values())
+    yield from (sentence for _, sentence in worst.values())
 
 
 def _sizes(gradient: Floats) -> Iterator[tuple[str, Floats]]:
     """Angle of rotation and largest principal strain of gradients ``(k, a, cells)``."""
     turned = 0.5 * (gradient - gradient.swapaxes(0, 1))
     strain = 0.5 * (gradient + gradient.swapaxes(0, 1))
-    # The skew part of a rotation ω has the square sum 2 ‖ω‖².
+    # The squares of the skew part of a rotation ω add up to 2 ‖ω‖².
     yield "rotations", np.sqrt(0.5 * np.einsum("kac,kac->c", turned, turned))
     principal = np.linalg.eigvalsh(np.moveaxis(strain, 2, 0))
     yield "strains", np.abs(principal).max(axis=1)
@@ -108,15 +107,15 @@ def _slid(model: Assembly, steps: Sequence[Step]) -> Iterator[str]:
         )
         at = np.flatnonzero(model.group == group)
         if flat or not at.size:
-            # Along a rigid plane all places are alike.
+            # On a rigid plane all positions are equivalent.
             continue
         k, node, ratio = farthest(steps, distances(model.points[at]), at)
         if ratio <= 1:
             continue
         moved = steps[k].relative_displacement[at[node], 1:]
-        kept = "they go on meeting what lay opposite at the start"
+        kept = "each contact keeps the point opposite to it at the start"
         if contact.against is None:
-            kept = "normals stay those of the nearest approach, however round it is"
+            kept = "each contact keeps the normal of the nearest approach"
         yield (
             f"contacts of {_named(model, group)} slide by up to "
             f"{np.linalg.norm(moved):.3g} from where they were, at "
@@ -129,7 +128,7 @@ def _coarse(model: Assembly, last: Step, count: int) -> Iterator[str]:
     for group in range(len(model.contacts)):
         at = np.flatnonzero(model.group == group)
         pressed = at[last.reaction[at, 0] > 0]
-        # Where a whole surface is pressed, its edges and not the mesh bound the zone.
+        # If the whole surface is in contact, its edges bound the zone.
         if not 0 < pressed.size < at.size:
             continue
         nodes = across(model.points[pressed], distances(model.points[at]))
@@ -138,7 +137,7 @@ def _coarse(model: Assembly, last: Step, count: int) -> Iterator[str]:
                 f"at the end, load step {count} of {count}, the contact zone of "
                 f"{_named(model, group)} is {nodes:.0f} node{'' if nodes < 1.5 else 's'} "
                 f"across, around {place(model.points[pressed].mean(axis=0))}: its "
-                "pressure is rough there, smaller cells make it better"
+                "pressure is inaccurate there; use smaller cells"
             )
 
 
@@ -151,20 +150,20 @@ def _gone(model: Assembly, last: Step) -> Iterator[str]:
         ]
         own = np.isin(model.group, groups)
         moved = np.abs(last.displacement).max(initial=0.0)
-        # At rest without a load it presses on nothing either.
+        # At rest without a load, gaps are zero and contacts do not press.
         if last.relative_displacement[own, 0].min(initial=np.inf) > _ROUNDING * moved:
             yield (
                 f"body {name!r} has no support and no spring, and at the end no contact "
-                "holds it: it has been pushed away, or a support is missing"
+                "holds it: it was pushed away, or a support is missing"
             )
 
 
 def across(points: Floats, apart: Floats) -> float:
-    """How many nodes a zone of places ``(m, d)`` is across where it is narrowest.
+    """Number of nodes across the narrowest width of a zone with nodes ``points (m, d)``.
 
-    Its extent over the mean distance ``apart`` of nodes, in space along the narrower
-    principal axis of its surface, and no more than the diameter of a disc of as many
-    nodes; a heuristic where cells differ in size.
+    The extent over the median distance ``apart`` of nodes, in 3D along the narrower
+    principal axis of the zone, and at most the diameter of a disc with as many nodes. A
+    heuristic if cells differ in size.
     """
     d = points.shape[1]
     near = float(np.median(apart))
@@ -172,7 +171,7 @@ def across(points: Floats, apart: Floats) -> float:
         return float(len(points))
     arm = points - points.mean(axis=0)
     _, axes = np.linalg.eigh(arm.T @ arm)
-    # Ascending: across the surface, then within it the narrow and the wide one.
+    # Ascending: the normal, then the narrow and the wide axis of the zone.
     extents = np.ptp(arm @ axes[:, 1:], axis=0)
     disc = 2 * np.sqrt(len(points) / np.pi)
     return float(min(extents.min() / near + 1, disc))

@@ -1,11 +1,12 @@
-"""Stress of one body from its displacement, and strains it would have without stress.
+"""Stress of a body from its displacement, and initial strains.
 
-An initial strain, such as that of heat, is what the material would do if nothing held
-it: ``σ = C : (ε(u) - ε0)``. It is given as a tensor ``(d, d)`` or ``(3, 3)``, constant,
-one at each quadrature point ``(d, d, cells, points)``, or a function of the places
-``(d, cells, points)`` that returns either; or a mapping of volumes of the body to such,
-zero elsewhere. In the plane a tensor ``(2, 2)`` has no part out of the plane, which in
-plane strain presses: heat is a tensor ``(3, 3)``, as `thermal` gives it.
+An initial strain, such as thermal expansion, is the strain that the material would have
+without stress: ``σ = C : (ε(u) - ε0)``. It is given as a constant tensor ``(d, d)`` or
+``(3, 3)``, as tensors at the quadrature points ``(d, d, cells, points)``, as a function of
+the positions ``(d, cells, points)`` that returns one of these, or as a mapping from volume
+names to such, zero elsewhere. In 2D a tensor ``(2, 2)`` has no strain out of the plane. In
+plane strain this component causes stress, so thermal expansion must be a tensor
+``(3, 3)``, as `thermal` returns.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from bipot_rs.fem.elasticity import distinct_cells
 from bipot_rs.fem.materials import Elastic
 from bipot_rs.mesh.elements import inverse, jacobian, reference
 
-# The six components of a symmetric tensor as VTK orders them: xx, yy, zz, xy, yz, xz.
+# The six components of a symmetric tensor in the order of VTK: xx, yy, zz, xy, yz, xz.
 ROWS, COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)
 
 Initial: TypeAlias = Field | Mapping[str, Field]
@@ -36,16 +37,16 @@ def stress(
     *,
     space: bool = False,
 ) -> Floats:
-    """Stress of each cell, its mean over the cell ``(cells, d, d)`` [Pa].
+    """Mean stress of each cell, ``(cells, d, d)`` [Pa].
 
     Parameters
     ----------
     displacement
-        Of the body's own nodes, ``(dim * nodes,)`` or ``(nodes, dim)`` [m].
+        Displacement of the nodes of this body, ``(dim * nodes,)`` or ``(nodes, dim)`` [m].
     initial
-        The initial strains that were loads.
+        The initial strains that were applied as loads.
     space
-        In 2D too ``(cells, 3, 3)``: in plane strain with the stress out of the plane,
+        Whether to return ``(cells, 3, 3)`` in 2D too, with the stress out of the plane,
         which `von_mises` needs.
     """
     return MeanStress(body)(displacement, initial, space=space)
@@ -54,8 +55,8 @@ def stress(
 class MeanStress:
     """`stress` of one body, prepared once for many displacements.
 
-    The material is the same all over a cell, so that the mean stress is that of the
-    mean strain: gradients are averaged here, before any displacement is known.
+    The material is constant in a cell, so that the mean stress is the stress of the mean
+    strain: gradients are averaged once, without a displacement.
     """
 
     def __init__(self, body: Body) -> None:
@@ -69,7 +70,7 @@ class MeanStress:
         self._slopes = np.einsum("qbi,qbac,qc->iac", slopes, inner, share)
 
     def gradient(self, displacement: ArrayLike) -> Floats:
-        """Mean of ``∂_a u_k`` over each cell, ``(k, a, cells)``."""
+        """Mean of ``∂_a u_k`` in each cell, ``(k, a, cells)``."""
         u = _nodal(self.body, displacement)[self.body.cells]
         found = np.einsum("iac,cik->kac", self._slopes[..., self._which], u)
         return np.asarray(found, np.float64)
@@ -106,9 +107,9 @@ class MeanStress:
 def stress_at_points(
     body: Body, displacement: ArrayLike, initial: Initial | None = None
 ) -> Floats:
-    """Stress in space at the points of ``body.volume()``, ``(3, 3, cells, points)`` [Pa].
+    """Stress at the points of ``body.volume()``, ``(3, 3, cells, points)`` [Pa].
 
-    Parameters as of `stress`.
+    Parameters as in `stress`.
     """
     d, u = body.dim, _nodal(body, displacement)[body.cells]
     gradient = np.einsum("qiap,pik->kapq", _slopes(body), u)
@@ -125,19 +126,19 @@ def stress_at_points(
 
 
 def initial_strain(body: Body, initial: Initial) -> Floats:
-    """Initial strain in space at the points of ``body.volume()``, ``(3, 3, cells, points)``."""
+    """Initial strain at the points of ``body.volume()``, ``(3, 3, cells, points)``."""
     places = body.volume().places
     found = np.zeros((3, 3, *places.shape[1:]))
     if isinstance(initial, Mapping):
-        told = np.zeros(places.shape[1], dtype=np.bool_)
+        covered = np.zeros(places.shape[1], dtype=np.bool_)
         for volume, value in initial.items():
             cells = body.volume_cells(volume)
-            if told[cells].any():
+            if covered[cells].any():
                 raise ValueError(
-                    f"initial strain of volume {volume!r} of body {body.name!r} is of "
-                    "cells that have one already: expected volumes that do not overlap"
+                    f"initial strain of volume {volume!r} of body {body.name!r} covers "
+                    "cells of another volume in the mapping: volumes must not overlap"
                 )
-            told[cells] = True
+            covered[cells] = True
             found[:, :, cells] = _tensor(body, value, places[:, cells])
     else:
         found[:] = _tensor(body, initial, places)
@@ -145,22 +146,22 @@ def initial_strain(body: Body, initial: Initial) -> Floats:
 
 
 def initial_forces(body: Body, initial: Initial) -> Floats:
-    """Nodal forces ``(dim * nodes,)`` by which an initial strain acts [N].
+    """Nodal forces ``(dim * nodes,)`` equivalent to an initial strain [N].
 
-    ``∫ ∂_a φ_i σ0_ka`` with ``σ0 = C : ε0``: added to the load, they make K u the
-    forces of ``C : (ε(u) - ε0)``.
+    ``∫ ∂_a φ_i σ0_ka`` with ``σ0 = C : ε0``, to be added to the load: K u minus these
+    forces are the internal forces of ``σ = C : (ε(u) - ε0)``.
     """
     at_rest = np.zeros(body.points.size)
     return -internal_forces(body, stress_at_points(body, at_rest, initial))
 
 
 def internal_forces(body: Body, stresses: Floats) -> Floats:
-    """Nodal forces ``∫ ∂_a φ_i σ_ka``, ``(dim * nodes,)``, that stresses hold in balance.
+    """Nodal forces ``∫ ∂_a φ_i σ_ka``, ``(dim * nodes,)``, in equilibrium with stresses.
 
     Parameters
     ----------
     stresses
-        At the points of ``body.volume()``: ``(3, 3, cells, points)``.
+        Stresses at the points of ``body.volume()``, ``(3, 3, cells, points)``.
     """
     d = body.dim
     weights = body.depth * body.volume().weights
@@ -175,18 +176,18 @@ def thermal(
     temperature: float | Callable[[Floats], ArrayLike],
     axes: ArrayLike | None = None,
 ) -> Field:
-    """Initial strain of heat, ``(3, 3)`` or a function of the places.
+    """Initial strain of thermal expansion, ``(3, 3)`` or a function of the positions.
 
     Parameters
     ----------
     expansion
-        Coefficient of thermal expansion [1/K], or one along each of the axes ``(3,)``.
+        Coefficient of thermal expansion [1/K], or one for each of the axes ``(3,)``.
     temperature
-        Rise from that without stress [K], a number or a function of the places
+        Rise from the stress-free temperature [K], a number or a function of the positions
         ``(d, ...)`` that returns ``(...)``.
     axes
-        Directions of the material as rows ``(3, 3)``, those of `Orthotropic`
-        (``material.directions``); the coordinate axes without them.
+        Directions of the material as rows ``(3, 3)``, as ``material.directions``; default
+        the coordinate axes.
     """
     alpha = floats("expansion", expansion)
     if alpha.shape not in ((), (3,)):
@@ -211,12 +212,12 @@ def thermal(
 
 
 def von_mises(stresses: ArrayLike) -> Floats:
-    """Equivalent stress of Mises ``(...)``, of stresses in space ``(..., 3, 3)``."""
+    """Von Mises stress ``(...)`` of stresses ``(..., 3, 3)``."""
     found = floats("stresses", stresses)
     if found.shape[-2:] != (3, 3):
         raise ValueError(
-            f"stresses has shape {found.shape}, expected (..., 3, 3): the stress out of "
-            "the plane counts too, space=True gives it"
+            f"stresses has shape {found.shape}, expected (..., 3, 3): in 2D call stress "
+            "with space=True, which includes the stress out of the plane"
         )
     trace = np.trace(found, axis1=-2, axis2=-1)[..., None, None]
     deviator = found - trace / 3 * np.eye(3)
@@ -225,19 +226,19 @@ def von_mises(stresses: ArrayLike) -> Floats:
 
 
 def _nodal(body: Body, displacement: ArrayLike) -> Floats:
-    """Checked: ``(nodes, d)``."""
+    """Check a displacement, and give it the shape ``(nodes, d)``."""
     d, nodes = body.dim, len(body.points)
     given = floats("displacement", displacement)
     if given.shape not in ((d * nodes,), (nodes, d)):
         raise ValueError(
             f"displacement has shape {given.shape}, expected ({d * nodes},) or "
-            f"({nodes}, {d}), that of body {body.name!r} alone"
+            f"({nodes}, {d}) for the nodes of body {body.name!r}"
         )
     return given.reshape(nodes, d)
 
 
 def _in_space(body: Body, material: Elastic) -> Floats:
-    """Elasticity ``(3, 3, 3, 3)``; in plane stress that of the plane, and zeros."""
+    """Elasticity ``(3, 3, 3, 3)``; in plane stress zero out of the plane."""
     if body.dim == 3 or not material.plane_stress:
         return material.tensor(3)
     law = np.zeros((3, 3, 3, 3))
@@ -260,7 +261,7 @@ def _tensor(body: Body, value: Field, places: Floats) -> Floats:
     if given.shape not in shapes:
         raise ValueError(
             f"{what} has shape {given.shape}, expected ({body.dim}, {body.dim}) or "
-            f"(3, 3), and {places.shape[1:]} after it if it varies"
+            f"(3, 3), followed by {places.shape[1:]} if it varies"
         )
     size = np.abs(given).max()
     if np.abs(given - given.swapaxes(0, 1)).max() > 1e-12 * size:
@@ -270,5 +271,5 @@ def _tensor(body: Body, value: Field, places: Floats) -> Floats:
     found = np.zeros((3, 3, *places.shape[1:]))
     found[:d, :d] = given
     if body.dim == 2 and (found[:2, 2].any()):
-        raise ValueError(f"{what} shears out of the plane, expected zeros there")
+        raise ValueError(f"{what} has shear out of the plane, expected zeros there")
     return found

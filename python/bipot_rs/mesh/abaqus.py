@@ -1,11 +1,11 @@
-"""Meshes in input files of Abaqus and CalculiX: nodes, cells, sets and surfaces.
+"""Reader of Abaqus and CalculiX input files: nodes, cells, sets and surfaces.
 
-meshio reads these files too, but knows no plane strain and no ``*SURFACE``, and gives
-sets to the wrong cells where a block of cells has no set or two blocks share one.
+meshio reads these files too, but it does not know plane strain and ``*SURFACE``, and it
+assigns sets to the wrong cells if a block of cells has no set or two blocks share one.
 
-Sets of the part and of the assembly are apart: where one name stands for two, it is that
-of the assembly, which supports and loads name, and the part's is ``INSTANCE.NAME``, as
-the assembly itself calls it.
+Sets of the part and of the assembly are separate. If both have a set of the same name, the
+name means that of the assembly, which supports and loads use. The set of the part is then
+``INSTANCE.NAME``, as in the assembly.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from bipot_rs._lib.types import Floats, Ints
 
 S = TypeVar("S")
 T = TypeVar("T")
-# Of a set: whether it is the part's own, and its name in capitals.
+# Key of a set: whether it belongs to the part, and its name in capitals.
 Key = tuple[bool, str]
 
 # Nodes of cells are in the order of VTK.
@@ -42,7 +42,7 @@ _TYPES = (
     (re.compile(r"(?:CPE|CPS|S|M3D|SFM3D|R3D|STRI)(\d+)[A-Z]*"), _PLANE),
     (re.compile(r"(?:T2D|T3D|B2|B3|R2D)(\d+)[A-Z]*"), _LINES),
 )
-# Those of it that are no cells of a body in the plane.
+# Shells and membranes: they are not cells of a 2D body.
 _SHELL = re.compile(r"(?:S|M3D|SFM3D|R3D|STRI)\d+[A-Z]*")
 _NUMBER = re.compile(r"[+-]?[0-9]+")
 # Corners of the faces S1, S2, …
@@ -62,19 +62,19 @@ _FACES |= {
 
 @dataclass
 class Inp:
-    """What a file says.
+    """The content of a file.
 
     Attributes
     ----------
     points : (nodes, 3)
     blocks : list of (kind, (cells, nodes), shell)
-        Kind of cells in VTK's words, and whether they are shells.
-    cell_sets : name to one array of cells a block
+        Kind of cells in VTK's names, and whether they are shells.
+    cell_sets : name to one array of cells for each block
     node_sets : name to nodes
     surfaces : name to corners ``(corners,)`` of each face
-        Named faces, and those of named nodes are left to `node_sets`.
-    free : name to one array of cells a block
-        Surfaces that are all faces on the border of cells.
+        Surfaces defined by nodes are in `node_sets`.
+    free : name to one array of cells for each block
+        Surfaces that consist of all boundary faces of these cells.
     """
 
     points: Floats
@@ -85,7 +85,7 @@ class Inp:
     free: dict[str, list[Ints]] = field(default_factory=dict)
 
 
-# Keywords after which the nodes or cells that are listed are not all, or not in place.
+# Keywords that create or move nodes or cells, so that the lists are not complete.
 _MAKING = {"SYSTEM", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
 
 
@@ -98,19 +98,18 @@ class _Section:
 
 
 def read(path: Path) -> Inp:
-    """Read a file.
+    """Read a file; keywords that do not concern the mesh are ignored.
 
     Raises
     ------
     ValueError
-        What is not understood, with its line; a keyword that does not bear on the mesh
-        is passed over.
+        A line is invalid or not supported; the message gives its number.
     """
     return _Reader(path).inp
 
 
 class _Reader:
-    """The sections of a file, one after the other."""
+    """Reads the sections of a file in their order."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -136,27 +135,27 @@ class _Reader:
         for section in self._sections():
             if "INPUT" in section.parameters and section.word != "INCLUDE":
                 raise self._error(
-                    section.line, "reads another file: write its lines into this one"
+                    section.line, "reads another file: copy its lines into this file"
                 )
             if section.word in take:
                 take[section.word](section)
             elif section.word in _MAKING:
                 raise self._error(
                     section.line,
-                    f"has *{section.word}, which makes or moves nodes and cells and is not "
-                    "read here: write a file that lists them all",
+                    f"has *{section.word}, which creates or moves nodes and cells and is not "
+                    "supported: write a file that lists all of them",
                 )
             elif section.word == "INCLUDE":
                 raise self._error(
-                    section.line, "includes another file: read that which has the mesh"
+                    section.line, "includes another file: read the file with the mesh"
                 )
             elif section.word == "PART":
                 parts += 1
                 if parts > 1:
                     raise self._error(
                         section.line,
-                        "has a second part, whose numbers start again: expected one "
-                        "part a file",
+                        "has a second part, whose numbers start again: write one file for "
+                        "each part",
                     )
                 self.in_part = True
                 self.part = section.parameters.get("NAME", "")
@@ -166,7 +165,7 @@ class _Reader:
                 if section.rows:
                     raise self._error(
                         section.line,
-                        "moves its part, expected an instance that does not",
+                        "moves its part, expected an instance without translation",
                     )
                 self.part = section.parameters.get("NAME", self.part)
         points = np.zeros((len(self.places), 3))
@@ -187,7 +186,7 @@ class _Reader:
         return {self._called(key, sets): made(own) for key, own in sets.items()}
 
     def _called(self, key: Key, sets: Mapping[Key, Sequence[object]]) -> str:
-        """The name of a set, with that of the instance where the assembly has another."""
+        """Name of a set, with the instance if the assembly has another set of the name."""
         other = sets.get((False, key[1]))
         if key[0] and other is not None and set(other) != set(sets[key]):
             return f"{self.part}.{self.name[key]}"
@@ -200,7 +199,7 @@ class _Reader:
         return self.in_part, name.upper()
 
     def _known(self, sets: dict[Key, S], name: str) -> S | None:
-        """A set by its name, of the part or of the assembly, ``INSTANCE.NAME`` of the part."""
+        """Find a set by name: ``INSTANCE.NAME`` in the part, or NAME in the part or assembly."""
         word = name.strip('"').upper()
         outer, _, inner = word.partition(".")
         if inner and outer == self.part.upper():
@@ -220,7 +219,7 @@ class _Reader:
         try:
             text = content.decode()
         except UnicodeDecodeError:
-            # Comments may be in any alphabet; what is read is ASCII.
+            # Comments may have any encoding; the data are ASCII.
             text = content.decode("latin-1")
         lines = text.splitlines()
         for number, raw in enumerate(lines, 1):
@@ -229,7 +228,7 @@ class _Reader:
                 continue
             if text.startswith("*") or head:
                 head += text
-                if head.endswith(","):  # goes on on the next line
+                if head.endswith(","):  # continued on the next line
                     continue
                 if current is not None:
                     yield current
@@ -266,7 +265,7 @@ class _Reader:
             try:
                 while rest and not rest[-1]:
                     rest.pop()
-                # What is left out between commas is zero.
+                # A missing number between commas is zero.
                 place = [real(p.upper().replace("D", "E")) if p else 0.0 for p in rest]
             except ValueError:
                 raise self._error(
@@ -277,7 +276,7 @@ class _Reader:
                     line, f"has {len(place)} coordinates, expected 2 or 3"
                 )
             if number in self.node:
-                raise self._error(line, f"has node {number}, which was there before")
+                raise self._error(line, f"defines node {number} a second time")
             self.node[number] = len(self.places)
             self.places.append(place)
             own.append(number)
@@ -296,23 +295,21 @@ class _Reader:
             return
         if len(flat) % width:
             raise self._error(
-                last, f"ends a cell of type {name} early, expected {width - 1} nodes"
+                last, f"ends before a cell of type {name} has its {width - 1} nodes"
             )
         table = np.array(flat, dtype=np.int64).reshape(-1, width)
         unknown = [n for n in np.unique(table[:, 1:]).tolist() if n not in self.node]
         if unknown:
             raise self._error(
                 section.line,
-                f"has cells of node {unknown[0]}, which is not in the file",
+                f"has cells with node {unknown[0]}, which is not in the file",
             )
         numbers = np.vectorize(self.node.__getitem__, otypes=[np.int64])(table[:, 1:])
-        if kind == "line3":  # along the line here, in VTK the middle comes last
+        if kind == "line3":  # nodes along the line; in VTK the midpoint comes last
             numbers = numbers[:, [0, 2, 1]]
         for k, number in enumerate(table[:, 0].tolist()):
             if number in self.cell:
-                raise self._error(
-                    section.line, f"has cell {number}, which was there before"
-                )
+                raise self._error(section.line, f"defines cell {number} a second time")
             self.cell[number] = (len(self.blocks), k)
         self.blocks.append((kind, numbers, bool(_SHELL.fullmatch(name))))
         if "ELSET" in section.parameters:
@@ -343,7 +340,9 @@ class _Reader:
         nodes = section.word == "NSET"
         name = section.parameters.get(section.word, "")
         if not name:
-            raise self._error(section.line, f"has no name: {section.word}=")
+            raise self._error(
+                section.line, f"has no {section.word}=, the name of the set"
+            )
         sets, known = (
             (self.nodes_of, self.node) if nodes else (self.cells_of, self.cell)
         )
@@ -359,14 +358,14 @@ class _Reader:
                 elif named is not None:
                     own += named
                 else:
-                    raise self._error(line, f"names a set {part!r} that is not known")
+                    raise self._error(line, f"uses a set {part!r} that is not defined")
         if nodes and "ELSET" in section.parameters:
             places: set[int] = set()
             cells = self._known(self.cells_of, section.parameters["ELSET"])
             if cells is None:
                 raise self._error(
                     section.line,
-                    f"names a set {section.parameters['ELSET']!r} that is not known",
+                    f"uses a set {section.parameters['ELSET']!r} that is not defined",
                 )
             for number in cells:
                 block, k = self.cell[number]
@@ -391,7 +390,7 @@ class _Reader:
                     own = [whole(row[0])]
                 if own is None:
                     raise self._error(
-                        line, f"names nodes {row[0]!r} that are not known"
+                        line, f"uses nodes {row[0]!r} that are not defined"
                     )
                 self._add(self.nodes_of, name, own)
             return
@@ -401,7 +400,7 @@ class _Reader:
             if cells is None and self._is(row[0], self.cell):
                 cells = [whole(row[0])]
             if cells is None:
-                raise self._error(line, f"names cells {row[0]!r} that are not known")
+                raise self._error(line, f"uses cells {row[0]!r} that are not defined")
             label = row[1].upper() if len(row) > 1 else ""
             if not label:
                 self.free.setdefault(self._key(name), []).extend(cells)
@@ -419,14 +418,14 @@ class _Reader:
                 faces.append(tuple(int(nodes[k, int(c)]) for c in face))
 
     def _generated(self, line: int, row: list[str]) -> range:
-        """First, last and step of *NSET or *ELSET, GENERATE."""
+        """Numbers from a line "first, last, step" of *NSET or *ELSET with GENERATE."""
         numbers = self._numbers(line, row)
         first, last, step = [*numbers, 1][:3] if len(numbers) in (2, 3) else (0, 0, 0)
         if step < 1 or last < first:
             raise self._error(
                 line,
                 f"generates {', '.join(filter(None, row)) or 'nothing'}, expected first, "
-                "last and step, ascending and the step 1 or more",
+                "last, step with first <= last and step >= 1",
             )
         return range(first, last + 1, step)
 

@@ -27,25 +27,25 @@ FACES: dict[int, dict[str, tuple[int, int]]] = {
 
 
 def box(axes: Sequence[ArrayLike], cell: str) -> Any:
-    """Tensor-product mesh of a rectangle or a box with its faces named.
+    """Tensor-product mesh of a rectangle or a box with named faces.
 
-    Triangles halve each rectangle by the diagonal from its lowest to its highest corner;
-    tetrahedra are the six of each box whose edges climb from the lowest to the highest
-    corner, one axis after the other in each of the six orders. Opposite faces are split
-    alike, so that cells of neighbours conform, and bodies on one grid meet facet by
-    facet; and halving all cells of the grid divides each simplex into 2^d.
+    Triangles divide each rectangle along the diagonal from its lowest to its highest
+    corner. Six tetrahedra divide each box; their edges lead from the lowest to the highest
+    corner along the axes, in each of the six orders. Opposite faces are divided equally,
+    so that neighbours conform and bodies on the same grid have matching facets. Halving
+    the grid divides each simplex into 2^d.
 
     Parameters
     ----------
     axes
-        Grid points of each axis, in any order, at least two distinct ones [m].
+        Grid points of each axis, in any order, at least two different ones [m].
     cell
         ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"``, ``"hexahedron"``.
 
     Returns
     -------
     skfem.Mesh
-        With boundaries ``left``/``right`` (x), ``bottom``/``top`` (last axis),
+        Mesh with boundaries ``left``/``right`` (x), ``bottom``/``top`` (last axis),
         and in 3D ``front``/``back`` (y).
     """
     grids = [
@@ -70,8 +70,7 @@ def box(axes: Sequence[ArrayLike], cell: str) -> Any:
             for name, (axis, end) in FACES[dim].items()
         }
     )
-    # Names do not change facets and their cells: what is known of them is kept, as
-    # finding it takes longer than assembling K.
+    # Names do not change the topology: keep it, since it takes longer than assembling K.
     known = vars(named)
     known.update({key: value for key, value in vars(mesh).items() if key not in known})
     return named

@@ -1,8 +1,8 @@
-"""Finite elements by the type of a mesh: scikit-fem's, their nodes, quadrature, VTK's order.
+"""Finite elements of each mesh class of scikit-fem: nodes, quadrature, order in VTK.
 
-A mesh of scikit-fem lists corners of cells (``mesh.t``) and all places of nodes
-(``mesh.p``); of second order, the nodes of a cell are those of its element there, and
-the mapping is isoparametric.
+A mesh of scikit-fem has the corners of cells (``mesh.t``) and the positions of all nodes
+(``mesh.p``). In second order, the nodes of a cell are the degrees of freedom of its
+element, and the mapping is isoparametric.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.optional import missing
 from bipot_rs._lib.types import Floats, Ints
 
@@ -44,65 +45,91 @@ _CORNERS: dict[str, list[tuple[float, ...]]] = {
     "tetrahedron": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
     "hexahedron": [(x, y, z) for z in (0.0, 1.0) for x, y in _RING],
 }
-# Edges in the order in which VTK has their middles.
+# Edges in the order of their midpoints in VTK.
 _EDGES = {
     "triangle": [(0, 1), (1, 2), (2, 0)],
     "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0)],
     "tetrahedron": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
     "hexahedron": [
-        *((0, 1), (1, 2), (2, 3), (3, 0)),
-        *((4, 5), (5, 6), (6, 7), (7, 4)),
-        *((0, 4), (1, 5), (2, 6), (3, 7)),
+        *[(i, (i + 1) % 4) for i in range(4)],
+        *[(4 + i, 4 + (i + 1) % 4) for i in range(4)],
+        *[(i, 4 + i) for i in range(4)],
     ],
 }
-# What the elements of full second order have besides.
+# Further nodes of the elements of full second order.
 _CENTRES: dict[str, list[tuple[float, ...]]] = {
     "quad9": [(0.5, 0.5)],
     "hexahedron27": [
-        *((0, 0.5, 0.5), (1, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 1, 0.5)),
-        *((0.5, 0.5, 0), (0.5, 0.5, 1), (0.5, 0.5, 0.5)),
+        (0, 0.5, 0.5),
+        (1, 0.5, 0.5),
+        (0.5, 0, 0.5),
+        (0.5, 1, 0.5),
+        (0.5, 0.5, 0),
+        (0.5, 0.5, 1),
+        (0.5, 0.5, 0.5),
     ],
 }
 
 
 @dataclass(frozen=True)
-class Kind:
-    """What is to know of the cells of a mesh.
+class Facet:
+    """A facet of a cell.
 
     Attributes
     ----------
-    mesh : type
-        Of scikit-fem.
+    vtk : str
+        Its name in VTK and meshio.
+    element : type
+        Element of one component.
+    order : int
+        Order of its quadrature.
+    linear : type
+        Element of first order on its corners.
+    lumps : bool
+        Whether a constant pressure gives each node a positive force.
+    """
+
+    vtk: str
+    element: type
+    order: int
+    linear: type
+    lumps: bool = True
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of cell.
+
+    Attributes
+    ----------
+    vtk : str
+        Its name in VTK and meshio.
     shape : str
         ``"triangle"``, ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``.
     degree : int
         1 or 2.
-    scalar, facet : type
-        Element of one component on a cell, and on a facet.
-    order, facet_order : int
-        Of their quadrature. Simplices of first order have constant gradients; 2 and 4
-        are full Gauss quadrature, 2 and 3 points a direction, which on straight cells
-        is exact, and on curved ones still for constant stresses and pressures. The
-        rules for tetrahedra of orders 3 and 4 have negative weights, that of 5 has the
-        corners, where a curved cell that is good may fold; that of 6 has neither.
-    vtk : str
-        VTK's and meshio's name of a cell.
-    face : str
-        That of a facet.
-    lumps : bool
-        Whether a constant pressure gives each node of a facet a positive force.
+    mesh : type
+        The mesh class of scikit-fem.
+    scalar : type
+        Element of one component.
+    order : int
+        Order of its quadrature. Simplices of first order have constant gradients; 2 and 4
+        are full Gauss quadrature with 2 and 3 points in each direction. It is exact on
+        straight cells, and on curved cells for constant stresses and pressures. The
+        rules for tetrahedra of orders 3 and 4 have negative weights. The rule of order 5
+        has points at the corners, where a valid curved cell may fold. The rule of order
+        6 has neither fault.
+    facet : Facet
+        Its facets.
     """
 
-    mesh: type
+    vtk: str
     shape: str
     degree: int
+    mesh: type
     scalar: type
     order: int
-    facet: type
-    facet_order: int
-    vtk: str
-    face: str
-    lumps: bool = True
+    facet: Facet
 
     @property
     def dim(self) -> int:
@@ -111,22 +138,22 @@ class Kind:
 
     @property
     def corners(self) -> int:
-        """Corners of a cell, the first of its nodes."""
+        """Number of corners; they are the first nodes of a cell."""
         return len(_CORNERS[self.shape])
 
     @property
     def places(self) -> Floats:
-        """Nodes on the reference cell in the order of VTK, ``(nodes, d)``."""
+        """Positions of the nodes of the reference cell in the order of VTK, ``(nodes, d)``."""
         return _places(self.vtk, self.shape, self.degree)
 
     @property
     def order_of_vtk(self) -> Ints:
-        """Number within the element of each node in the order of VTK."""
+        """Index in the element of each node in the order of VTK."""
         return _find(self.places, np.asarray(self.scalar().doflocs, dtype=np.float64))
 
     @property
     def mirror(self) -> Ints:
-        """An order of VTK's nodes that mirrors the cell."""
+        """Order of the nodes of VTK that mirrors the cell."""
         mirrored = self.places.copy()
         if self.shape == "hexahedron":  # upside down
             mirrored[:, 2] = 1 - mirrored[:, 2]
@@ -146,57 +173,56 @@ def _places(vtk: str, shape: str, degree: int) -> Floats:
 
 
 def _find(wanted: Floats, among: Floats) -> Ints:
-    """Number of each place among others, which hold it but for rounding."""
+    """Index in ``among`` of each point of ``wanted``, to rounding."""
     distance = np.abs(wanted[..., None, :] - among).max(axis=-1)
     return np.asarray(distance.argmin(axis=-1), dtype=np.int64)
 
 
+_LINE = Facet("line", skfem.ElementLineP1, 2, skfem.ElementLineP1)
+_LINE3 = Facet("line3", skfem.ElementLineP2, 4, skfem.ElementLineP1)
+_TRI = Facet("triangle", skfem.ElementTriP1, 2, skfem.ElementTriP1)
+_TRI6 = Facet("triangle6", skfem.ElementTriP2, 4, skfem.ElementTriP1, lumps=False)
+_QUAD = Facet("quad", skfem.ElementQuad1, 2, skfem.ElementQuad1)
+_QUAD8 = Facet("quad8", skfem.ElementQuadS2, 4, skfem.ElementQuad1, lumps=False)
+_QUAD9 = Facet("quad9", skfem.ElementQuad2, 4, skfem.ElementQuad1)
+
 KINDS: dict[type, Kind] = {
     kind.mesh: kind
     for kind in (
+        Kind("triangle", "triangle", 1, skfem.MeshTri1, skfem.ElementTriP1, 1, _LINE),
+        Kind("quad", "quadrilateral", 1, skfem.MeshQuad1, skfem.ElementQuad1, 2, _LINE),
+        Kind("tetra", "tetrahedron", 1, skfem.MeshTet1, skfem.ElementTetP1, 1, _TRI),
         Kind(
-            *(skfem.MeshTri1, "triangle", 1, skfem.ElementTriP1, 1),
-            *(skfem.ElementLineP1, 2, "triangle", "line"),
+            "hexahedron", "hexahedron", 1, skfem.MeshHex1, skfem.ElementHex1, 2, _QUAD
         ),
+        Kind("triangle6", "triangle", 2, skfem.MeshTri2, skfem.ElementTriP2, 4, _LINE3),
         Kind(
-            *(skfem.MeshQuad1, "quadrilateral", 1, skfem.ElementQuad1, 2),
-            *(skfem.ElementLineP1, 2, "quad", "line"),
+            "quad9", "quadrilateral", 2, skfem.MeshQuad2, skfem.ElementQuad2, 4, _LINE3
         ),
+        Kind("quad8", "quadrilateral", 2, MeshQuadS2, skfem.ElementQuadS2, 4, _LINE3),
+        Kind("tetra10", "tetrahedron", 2, skfem.MeshTet2, skfem.ElementTetP2, 6, _TRI6),
         Kind(
-            *(skfem.MeshTet1, "tetrahedron", 1, skfem.ElementTetP1, 1),
-            *(skfem.ElementTriP1, 2, "tetra", "triangle"),
+            "hexahedron27",
+            "hexahedron",
+            2,
+            skfem.MeshHex2,
+            skfem.ElementHex2,
+            4,
+            _QUAD9,
         ),
-        Kind(
-            *(skfem.MeshHex1, "hexahedron", 1, skfem.ElementHex1, 2),
-            *(skfem.ElementQuad1, 2, "hexahedron", "quad"),
-        ),
-        Kind(
-            *(skfem.MeshTri2, "triangle", 2, skfem.ElementTriP2, 4),
-            *(skfem.ElementLineP2, 4, "triangle6", "line3"),
-        ),
-        Kind(
-            *(skfem.MeshQuad2, "quadrilateral", 2, skfem.ElementQuad2, 4),
-            *(skfem.ElementLineP2, 4, "quad9", "line3"),
-        ),
-        Kind(
-            *(MeshQuadS2, "quadrilateral", 2, skfem.ElementQuadS2, 4),
-            *(skfem.ElementLineP2, 4, "quad8", "line3"),
-        ),
-        Kind(
-            *(skfem.MeshTet2, "tetrahedron", 2, skfem.ElementTetP2, 6),
-            *(skfem.ElementTriP2, 4, "tetra10", "triangle6", False),
-        ),
-        Kind(
-            *(skfem.MeshHex2, "hexahedron", 2, skfem.ElementHex2, 4),
-            *(skfem.ElementQuad2, 4, "hexahedron27", "quad9"),
-        ),
-        Kind(
-            *(MeshHexS2, "hexahedron", 2, skfem.ElementHexS2, 4),
-            *(skfem.ElementQuadS2, 4, "hexahedron20", "quad8", False),
-        ),
+        Kind("hexahedron20", "hexahedron", 2, MeshHexS2, skfem.ElementHexS2, 4, _QUAD8),
     )
 }
 OF_VTK = {kind.vtk: kind for kind in KINDS.values()}
+
+
+def kind_of(mesh: Any, what: str = "mesh") -> Kind:
+    """The kind of the cells; `TypeError` for a mesh of no known class."""
+    kind = KINDS.get(type(mesh))
+    if kind is None:
+        known = ", ".join(t.__name__ for t in KINDS)
+        raise TypeError(f"{what} is a {type(mesh).__name__}, expected {known}")
+    return kind
 
 
 def cell_nodes(mesh: Any) -> Ints:
@@ -215,22 +241,13 @@ def facet_nodes(mesh: Any, facets: Ints) -> Ints:
     cells = cell_nodes(mesh)[np.asarray(mesh.f2t)[0, facets]]
     local = np.argmax(corners[:, :, None] == cells[:, None, : kind.corners], axis=2)
     at = np.asarray(kind.scalar().doflocs, dtype=np.float64)
-    # Where on the cell each node of the facet is: the facet is straight there.
-    own = np.asarray(kind.facet().doflocs, dtype=np.float64)
-    linear: Any = _LINEAR[kind.face]()
+    # Position of each node of the facet on the reference cell, whose facets are straight.
+    own = np.asarray(kind.facet.element().doflocs, dtype=np.float64)
+    linear: Any = kind.facet.linear()
     phi = np.stack([linear.lbasis(own.T, i)[0] for i in range(corners.shape[1])])
     phi = np.broadcast_to(phi, (corners.shape[1], len(own)))
     which = _find(np.einsum("fcd,cn->fnd", at[local], phi), at)
     return np.take_along_axis(cells, which, axis=1)
-
-
-# The corners of a facet of second order.
-_LINEAR: dict[str, type] = {
-    "line3": skfem.ElementLineP1,
-    "triangle6": skfem.ElementTriP1,
-    "quad8": skfem.ElementQuad1,
-    "quad9": skfem.ElementQuad1,
-}
 
 
 def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
@@ -241,29 +258,29 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
     vtk
         A kind of cell, one of `OF_VTK`.
     points, cells
-        ``(places, d)`` and numbers of them ``(cells, nodes)``; places of no cell are
+        Points ``(m, d)`` and indices of them ``(cells, nodes)``. Points of no cell are
         left out.
 
     Returns
     -------
     mesh, number
-        The mesh, and which of the points each of its nodes is. Cells keep their order.
+        The mesh, and the index in ``points`` of each node. Cells keep their order.
 
     Raises
     ------
     ValueError
-        Cells of second order that share corners but not the node between them.
+        Two cells of second order share two corners but not the node between them.
     """
     kind = OF_VTK[vtk]
-    # In the order of the element; place[k] is where VTK's order has its node k.
+    # Nodes in the order of the element.
     nodes = cells[:, np.argsort(kind.order_of_vtk)]
     vertices, t = np.unique(nodes[:, : kind.corners], return_inverse=True)
-    # In rows of their own, as scikit-fem has them: it would copy, and warn of it.
+    # C order, as scikit-fem expects: otherwise it copies and warns.
     t = np.ascontiguousarray(t.reshape(-1, kind.corners).T)
     x = np.ascontiguousarray(points[vertices].T)
     if kind.degree == 1:
         return kind.mesh(x, t), vertices
-    # Corners alone: the topology is theirs, and gives the numbers of all nodes.
+    # The corners determine the topology, and so the numbers of all nodes.
     bare: Any = kind.mesh(x, t)
     own = cell_nodes(bare)
     number = np.empty(int(bare.dofs.N), dtype=np.int64)
@@ -271,22 +288,22 @@ def make_mesh(vtk: str, points: Floats, cells: Ints) -> tuple[Any, Ints]:
     wrong = np.argwhere(number[own] != nodes)
     if len(wrong):
         cell, k = wrong[0]
-        place = ", ".join(f"{x:g}" for x in points[nodes[cell, k]])
         raise ValueError(
-            f"cell {cell} has a node at ({place}) between corners that another cell "
-            "shares without that node: nodes that are there twice, or cells that do "
-            "not fit"
+            f"cell {cell} has a node between two corners, at "
+            f"{place(points[nodes[cell, k]])}, and another cell with the same corners "
+            "has a different node there: merge double nodes, or mesh so that cells conform"
         )
     mesh: Any = kind.mesh(np.ascontiguousarray(points[number].T), t)
-    # Found once: the facets do not depend on places.
+    # Keep the topology: it does not depend on positions.
     mesh.__dict__.update({k: v for k, v in vars(bare).items() if k not in vars(mesh)})
     return mesh, number
 
 
 def second_order(mesh: Any, *, serendipity: bool = False) -> Any:
-    """The mesh with nodes added halfway between those of first order, names kept.
+    """Convert a mesh to second order by nodes at midpoints; names are kept.
 
-    With ``serendipity`` quadrilaterals get 8 nodes and hexahedra 20 instead of 9 and 27.
+    With ``serendipity=True`` quadrilaterals get 8 nodes instead of 9, hexahedra 20
+    instead of 27.
     """
     kind = KINDS.get(type(mesh))
     if kind is None or kind.degree != 1:
@@ -314,7 +331,7 @@ def second_order(mesh: Any, *, serendipity: bool = False) -> Any:
 
 
 def first_order(mesh: Any) -> Any:
-    """The mesh without the nodes between those of first order, names kept."""
+    """Convert a mesh to first order: only corners remain; names are kept."""
     kind = KINDS.get(type(mesh))
     if kind is None or kind.degree != 2:
         raise ValueError(
@@ -330,19 +347,18 @@ def first_order(mesh: Any) -> Any:
 
 @cache
 def reference(element: type, order: int) -> tuple[Floats, Floats, Floats]:
-    """Shape functions of scikit-fem on the reference cell, at its points of Gauss.
-
-    Found once a process: the points are roots of polynomials.
+    """Shape functions of scikit-fem on the reference cell, at Gauss points.
 
     Returns
     -------
     phi, slopes, weights
-        ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``, not to be written to.
+        ``(c, q)``, ``∂φ_i/∂ξ_b`` as ``(q, b, c)``, and ``(q,)``; read-only, since they
+        are cached.
     """
     own = element()
     points, weights = get_quadrature(own.refdom, order)
     both = [own.lbasis(points, i) for i in range(own.doflocs.shape[0])]
-    # Constant ones come without a column for each point.
+    # Constant functions come without a column for each point.
     phi = np.stack([np.broadcast_to(f, weights.shape) for f, _ in both])
     slopes = np.stack([np.broadcast_to(df, points.shape) for _, df in both], axis=-1)
     found = phi, np.ascontiguousarray(slopes.transpose(1, 0, 2)), np.array(weights)
@@ -352,8 +368,8 @@ def reference(element: type, order: int) -> tuple[Floats, Floats, Floats]:
 
 
 def jacobian(nodes: Floats, slopes: Floats) -> Floats:
-    """``∂x_a/∂ξ_b``, ``(q, b, a, parts)``, of nodes ``(parts, c, a)``."""
-    # From the first node: far from the origin the digits of x would be lost.
+    """``∂x_a/∂ξ_b``, ``(q, b, a, parts)``, for nodes ``(parts, c, a)``."""
+    # Relative to the first node: far from the origin x has lost digits.
     offset = np.ascontiguousarray((nodes - nodes[:, :1]).transpose(1, 2, 0))
     return np.asarray(np.einsum("qbi,iac->qbac", slopes, offset), dtype=np.float64)
 

@@ -1,8 +1,8 @@
-"""Physical groups of gmsh's files, by dimension and number.
+"""Physical groups of gmsh files, by dimension and number.
 
-meshio knows a group by its name alone, so that of two of one name, a curve's and a
-surface's, one is lost; of version 4.1 it takes from an entity without a name the first of
-its groups only, and none that is negative, whose entity is oriented the other way.
+meshio identifies a group by its name only: of two groups of the same name, one of curves
+and one of surfaces, it loses one. In version 4.1 it reads only the first group of an entity
+without a name, and no negative group, which means a reversed orientation.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-# Numbers of groups of each entity, by dimension and tag of the entity.
+# Group numbers of each entity, by dimension and tag of the entity.
 Groups = dict[tuple[int, int], list[int]]
 
 _NAMES = re.compile(rb"^\$PhysicalNames\s*?\n(.*?)^\$EndPhysicalNames", re.M | re.S)
 
 
 def names(path: Path) -> dict[tuple[int, int], str]:
-    """Names by dimension and number of the group; `ValueError` for what is no list."""
+    """Names by dimension and number of the group; `ValueError` if a line is malformed."""
     found = _NAMES.search(path.read_bytes())
     if found is None:
         return {}
@@ -34,16 +34,17 @@ def names(path: Path) -> dict[tuple[int, int], str]:
             known[int(dim), int(number)] = name
         except ValueError:
             raise ValueError(
-                f"the mesh {path} names a group by {line.strip()!r}, expected dimension, "
-                "number and name in quotes"
+                f"the mesh {path} has the physical name {line.strip()!r}, expected "
+                "dimension, number and name in quotes"
             ) from None
     return known
 
 
 def of_entities(path: Path) -> Groups | None:
-    """Groups of each entity in a file of version 4.1; None of another, which has none.
+    """Groups of each entity in a file of version 4.1; None for other versions.
 
-    The sign, which orients the entity, is left out: normals point out of bodies.
+    The sign of a group, the orientation of the entity, is ignored: normals of surfaces
+    point out of bodies.
     """
     content = path.read_bytes()
     head = re.search(rb"^\$MeshFormat\s*?\n(\S+) (\d) (\d)", content, re.M)
@@ -70,13 +71,13 @@ def of_entities(path: Path) -> Groups | None:
                     values.whole()
     except (StopIteration, ValueError):
         raise ValueError(
-            f"the mesh {path} cannot be read: its $Entities are not as told"
+            f"the mesh {path} cannot be read: its $Entities do not match their counts"
         ) from None
     return found
 
 
 class _Text:
-    """Numbers written out."""
+    """Numbers in text form."""
 
     def __init__(self, content: bytes) -> None:
         self._words: Iterator[bytes] = iter(content.split())
@@ -87,13 +88,13 @@ class _Text:
     size = whole
 
     def skip(self, count: int) -> None:
-        """Leave out real numbers."""
+        """Skip real numbers."""
         for _ in range(count):
             next(self._words)
 
 
 class _Binary:
-    """Numbers as they stand in memory; counts take ``width`` bytes."""
+    """Numbers in binary form; counts have ``width`` bytes."""
 
     def __init__(self, content: bytes, width: int) -> None:
         self._content, self._at, self._width = content, 0, width
@@ -105,7 +106,7 @@ class _Binary:
         return self._integer(f"u{self._width}")
 
     def skip(self, count: int) -> None:
-        """Leave out real numbers."""
+        """Skip real numbers."""
         self._at += 8 * count
 
     def _integer(self, kind: str) -> int:

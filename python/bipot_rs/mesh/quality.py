@@ -1,4 +1,4 @@
-"""Mistakes in meshes, each told before any work: which cell or node, and where."""
+"""Checks of meshes: each message names the cell or node and its position."""
 
 from __future__ import annotations
 
@@ -6,51 +6,56 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats, Ints
-from bipot_rs.mesh.elements import KINDS, cell_nodes, inverse, jacobian, reference
+from bipot_rs._lib.messages import counted, place
+from bipot_rs._lib.types import Ints
+from bipot_rs.mesh.elements import (
+    KINDS,
+    cell_nodes,
+    inverse,
+    jacobian,
+    kind_of,
+    reference,
+)
 
-# Volume over the cube of the longest side, below which rounding makes the sign.
+# Volume over the cube of the longest side, below which the sign is rounding.
 _FLAT = 1e-12
 _CURES = {
-    "flat": "its nodes lie in a line or a plane: mesh anew, with merged nodes or a finer "
-    "size there, or delete the cell and close the hole",
-    "folded": "are its nodes in the order of its kind? Else mesh anew there, with straight "
-    "sides or a finer size",
+    "flat": "its nodes lie on a line or in a plane: merge nodes, use a finer size there, "
+    "or delete the cell and close the hole",
+    "folded": "check the order of its nodes, or mesh again with straight sides or a finer "
+    "size there",
 }
-# Distance of two nodes over the shortest side at them: cut open, not meshed so.
+# Two nodes nearer than this fraction of their shortest side are double.
 _CLOSE = 1e-6
 
 
 def check_mesh(mesh: Any, what: str = "mesh") -> None:
-    """Refuse a mesh that is no body.
+    """Refuse a mesh that is not one valid body.
 
     Parameters
     ----------
     mesh
-        Of scikit-fem.
+        A mesh of scikit-fem.
     what
-        Its name in messages.
+        Name of the mesh in messages.
 
     Raises
     ------
     ValueError
         Cells that are folded, flat or overlap their neighbours, more than two cells at a
-        facet, pieces that share no node, nodes of the border that nearly coincide.
+        facet, separate pieces, or nodes of the boundary that nearly coincide.
     TypeError
-        A type of mesh that is not known.
+        The class of the mesh is not known.
     """
-    if type(mesh) not in KINDS:
-        raise TypeError(
-            f"{what} is a {type(mesh).__name__}, expected "
-            + ", ".join(t.__name__ for t in KINDS)
-        )
+    kind_of(mesh, what)
     if not mesh.t.shape[1]:
         raise ValueError(f"{what} has no cells")
     used = cell_nodes(mesh)
     if not np.isfinite(mesh.p).all():
         at = int(np.argwhere(~np.isfinite(mesh.p).all(axis=0))[0, 0])
-        raise ValueError(f"{what} has node {at} at {_place(mesh.p[:, at])}")
+        raise ValueError(
+            f"{what} has node {at} at {place(mesh.p[:, at])}, expected finite coordinates"
+        )
     _cells(mesh, used, what)
     _neighbours(mesh, what)
     _pieces(mesh, what)
@@ -75,23 +80,23 @@ def _cells(mesh: Any, nodes: Ints, what: str) -> None:
             extent = "volume" if kind.dim == 3 else "area"
             raise ValueError(
                 f"{what} has {counted(int(bad.sum()), f'{word} cell')}, the first is "
-                f"cell {cell} at {_place(x[cell].mean(axis=0))}: its {extent} is "
+                f"cell {cell} at {place(x[cell].mean(axis=0))}: its {extent} is "
                 f"{abs(volume[cell]):.3g}, its longest side {longest[cell]:.3g}, and the "
-                f"determinant of its mapping from {determinant[:, cell].min():.3g} to "
+                f"determinant of its mapping is from {determinant[:, cell].min():.3g} to "
                 f"{determinant[:, cell].max():.3g}; {_CURES[word]}"
             )
 
 
 def _neighbours(mesh: Any, what: str) -> None:
-    """Two cells of a facet lie on its two sides."""
+    """Refuse facets with more than two cells, or with two cells on the same side."""
     facets = np.asarray(mesh.facets)
     many = np.bincount(np.asarray(mesh.t2f).ravel(), minlength=facets.shape[1])
     if (many > 2).any():
         at = int(np.argmax(many))
         raise ValueError(
             f"{what} has {many[at]} cells at one facet, at "
-            f"{_place(mesh.p[:, facets[:, at]].mean(axis=1))}, expected two at most: "
-            "cells that are there twice, or overlap"
+            f"{place(mesh.p[:, facets[:, at]].mean(axis=1))}, expected at most two: "
+            "remove cells that are double or overlap"
         )
     inner = np.flatnonzero(many == 2)
     x = mesh.p[:, facets[:, inner]]  # (d, corners, facets)
@@ -115,8 +120,8 @@ def _neighbours(mesh: Any, what: str) -> None:
         volumes = f"cells {first[at]} and {second[at]}"
         raise ValueError(
             f"{what} has an inverted cell: {volumes} lie on the same side of the facet "
-            f"that they share at {_place(middle[:, at])}, so that one of them is turned "
-            f"inside out ({counted(int(same.sum()), 'such facet')})"
+            f"that they share at {place(middle[:, at])} "
+            f"({counted(int(same.sum()), 'such facet')}); mesh again there"
         )
 
 
@@ -149,19 +154,19 @@ def _pieces(mesh: Any, what: str) -> None:
     which = f" (volume {volumes[0]!r})" if volumes else ""
     advice = "make bodies of them by group="
     if distance[at] <= _CLOSE * np.ptp(mesh.p, axis=1).max():
-        advice = "nodes that are there twice: merge them"
+        advice = "merge double nodes"
     elif not mesh.subdomains:
         advice = f"name the volumes in the mesh, and {advice}"
     raise ValueError(
-        f"{what} falls into {len(names)} pieces that share no node, the smallest of "
+        f"{what} consists of {len(names)} pieces that share no node, the smallest with "
         f"{counted(int(sizes.min()), 'cell')}{which} at "
-        f"{_place(mesh.p[:, own].mean(axis=1))}; it comes as near as {distance[at]:.3g} to "
-        f"the rest, at {_place(mesh.p[:, own[at]])}: {advice}"
+        f"{place(mesh.p[:, own].mean(axis=1))}; its distance from the rest is "
+        f"{distance[at]:.3g}, at {place(mesh.p[:, own[at]])}: {advice}"
     )
 
 
 def _close(mesh: Any, what: str) -> None:
-    """Nodes of the border in one place: the mesh is cut open there."""
+    """Refuse nodes of the boundary that nearly coincide: the mesh has a slit there."""
     from scipy.spatial import cKDTree
 
     facets = np.asarray(mesh.facets)[:, mesh.boundary_facets()]
@@ -174,18 +179,13 @@ def _close(mesh: Any, what: str) -> None:
         np.minimum.at(shortest, a, side)
         np.minimum.at(shortest, b, side)
     distance, near = cKDTree(mesh.p[:, nodes].T).query(mesh.p[:, nodes].T, k=2)
-    # The nearest of two in one place may be either.
+    # The first of the two nearest is the node itself, except for coincident nodes.
     apart = np.where(near[:, 1] == np.arange(len(nodes)), near[:, 0], near[:, 1])
     close = distance[:, 1] <= _CLOSE * shortest[nodes]
     if close.any():
         at = int(np.argmax(close))
         raise ValueError(
-            f"{what} has {counted(int(close.sum()), 'node')} on its border that nearly "
+            f"{what} has {counted(int(close.sum()), 'node')} on its boundary that nearly "
             f"coincide with others, the first pair {nodes[at]} and {nodes[apart[at]]} at "
-            f"{_place(mesh.p[:, nodes[at]])}, {distance[at, 1]:.3g} apart: the mesh is cut "
-            "open there, merge them"
+            f"{place(mesh.p[:, nodes[at]])}, {distance[at, 1]:.3g} apart: merge them"
         )
-
-
-def _place(x: Floats) -> str:
-    return "(" + ", ".join(f"{c:g}" for c in x) + ")"

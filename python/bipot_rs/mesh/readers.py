@@ -1,16 +1,17 @@
-"""Meshes from files: gmsh, Abaqus and CalculiX, VTU; the one module that names meshio.
+"""Readers of mesh files: gmsh, Abaqus and CalculiX, VTU. Only this module uses meshio.
 
-Named are volumes (``mesh.subdomains``) and surfaces (``mesh.boundaries``):
+Names of volumes (``mesh.subdomains``) and surfaces (``mesh.boundaries``) come from:
 
-- gmsh ``.msh``, versions 2.2 and 4.1, text and binary: physical groups, ``physical 3``
-  where they have no name; of one name, a curve's and a surface's are one each;
-- Abaqus and CalculiX ``.inp``: ELSET, SURFACE, and NSET, whose surface is made of the
-  facets all of whose nodes it has;
-- ``.vtu``: none but integer data of cells, as ``tag 3`` for the value 3 of ``tag``;
-  surfaces then by place and direction, `surfaces.surface`.
+- gmsh ``.msh``, versions 2.2 and 4.1, text and binary: physical groups, named
+  ``physical 3`` if they have no name. A group of curves and a group of surfaces may have
+  the same name.
+- Abaqus and CalculiX ``.inp``: ELSET, SURFACE, and NSET. An NSET gives the surface of the
+  facets whose nodes are all in it.
+- ``.vtu``: integer cell data, with names such as ``tag 3`` for the value 3 of ``tag``.
+  Select surfaces by `bipot_rs.fem.surface`.
 
-Cells of one dimension less (lines, triangles, quadrilaterals) are surfaces where they
-are facets of the border. Surfaces within a body have no outward normal, and are left out.
+Cells of one dimension less (lines, triangles, quadrilaterals) define surfaces if they are
+boundary facets. Surfaces inside a body have no outward normal and are left out.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from bipot_rs.mesh import gmsh as gmsh_groups
 from bipot_rs.mesh.elements import OF_VTK, facet_nodes, make_mesh
 from bipot_rs.mesh.quality import check_mesh
 
-# Corners of cells that may be facets, with the dimension these have.
+# Kinds of cells that may be facets: dimension and number of corners.
 _FACETS = {
     "line": (1, 2),
     "line3": (1, 2),
@@ -45,22 +46,22 @@ _FACETS = {
     "quad9": (2, 4),
 }
 _IGNORED = ("vertex",)
-# As many values are groups, however few cells there are.
+# Up to this number of different values, integer cell data count as groups.
 _GROUPS = 64
 _SUFFIXES = (".msh", ".inp", ".vtu")
 
 
 @dataclass
 class _File:
-    """A file as it is: cells in blocks, and sets of them.
+    """The content of a file: cells in blocks, and sets.
 
     Attributes
     ----------
     points : (places, 3)
     blocks : list of (kind, (cells, nodes))
-    sets : name to one array of cells a block
-    free : likewise, cells of which all facets on the border are meant
-    node_sets : name to places
+    sets : name to one array of cells for each block
+    free : as ``sets``; the set means all boundary facets of these cells
+    node_sets : name to indices of points
     faces : name to corners of each face
     """
 
@@ -78,56 +79,56 @@ def read_mesh(
     *,
     check: bool = True,
 ) -> Any:
-    """A mesh of scikit-fem from a file, with its volumes and surfaces named.
+    """Read a mesh of scikit-fem from a file, with named volumes and surfaces.
 
-    The type of the mesh remembers the element: triangles and tetrahedra of first and
-    second order, quadrilaterals of 4, 8 and 9 nodes, hexahedra of 8, 20 and 27. Places
-    of no cell are left out; cells of two dimensions lie in a plane z = const.
+    The class of the mesh gives the element: triangles and tetrahedra of first and
+    second order, quadrilaterals with 4, 8 and 9 nodes, hexahedra with 8, 20 and 27.
+    Points of no cell are left out. Cells of a 2D mesh must lie in a plane z = const.
 
     Parameters
     ----------
     path
-        Its suffix, ``.msh``, ``.inp`` or ``.vtu``, says what it is.
+        A file with the suffix ``.msh``, ``.inp`` or ``.vtu``.
     group
-        Volumes that the mesh is made of; without it all cells.
+        Names of the volumes to read; default all cells.
     check
-        Whether to look for mistakes, as `mesh_check.check_mesh`.
+        Whether to call `check_mesh`.
 
     Raises
     ------
     OSError
-        A file that is not there or cannot be read.
+        The file does not exist or cannot be read.
     ValueError
-        A file that is not what its suffix says, or is cut off; no cells; a volume that
-        it does not name; cells of several kinds; mistakes in the mesh.
+        The file does not have the format of its suffix or is incomplete, has no cells,
+        lacks a volume, or has cells of several kinds; or `check_mesh` finds a fault.
     ModuleNotFoundError
-        meshio is not installed; ``.inp`` does without.
+        meshio is not installed; ``.inp`` does not need it.
     """
     where = Path(path)
     return _mesh(where, _open(where), group, check=check)
 
 
 def read_meshes(path: str | os.PathLike[str], *, check: bool = True) -> dict[str, Any]:
-    """A mesh for each named volume of a file, by name, as `read_mesh` with ``group``."""
+    """Read each named volume of a file, as `read_mesh` with ``group``; a mapping by name."""
     where = Path(path)
     file = _open(where)
     volumes = _volumes(file)
     if not volumes:
-        raise ValueError(f"the mesh {where} names no volume")
+        raise ValueError(f"the mesh {where} has no named volume")
     return {name: _mesh(where, file, name, check=check) for name in volumes}
 
 
 def read_cells(
     path: str | os.PathLike[str],
 ) -> tuple[Floats, list[tuple[str, Ints]]]:
-    """Places ``(m, d)`` and cells by kind of a file that is no body, such as STL.
+    """Read points ``(m, d)`` and cells by kind from any file of meshio, such as STL.
 
     Raises
     ------
     OSError
-        There is no such file.
+        The file does not exist.
     ValueError
-        It cannot be read.
+        The file cannot be read.
     ModuleNotFoundError
         meshio is not installed.
     """
@@ -136,10 +137,10 @@ def read_cells(
     if not file.is_file():
         raise FileNotFoundError(f"there is no file {file}")
     try:
-        # It takes text for binary at first, and its count of triangles overflows.
+        # meshio first reads text STL as binary, and its count of triangles overflows.
         with unmarked(file) as source, np.errstate(over="ignore"):
             mesh = meshio.read(source)
-    # Readers raise what they like, and one ends the program.
+    # Readers of meshio raise any exception; one of them calls sys.exit.
     except (Exception, SystemExit) as error:  # noqa: BLE001
         said = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{file} cannot be read as a surface: {said}") from None
@@ -151,11 +152,11 @@ def _open(path: Path) -> _File:
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ValueError(
-            f"the mesh {path} is of the kind {suffix or 'without suffix'}, expected one "
-            f"of {', '.join(_SUFFIXES)}"
+            f"the mesh {path} has {f'the suffix {suffix}' if suffix else 'no suffix'}, "
+            f"expected one of {', '.join(_SUFFIXES)}"
         )
     if not path.exists():
-        raise FileNotFoundError(f"the mesh {path} is not there")
+        raise FileNotFoundError(f"the mesh {path} does not exist")
     if not path.stat().st_size:
         raise ValueError(f"the mesh {path} is empty")
     if suffix == ".inp":
@@ -166,15 +167,15 @@ def _open(path: Path) -> _File:
 
 
 def _complete(path: Path, suffix: str) -> None:
-    """Its end is there: what reads it would take what there is, or say something odd."""
+    """Refuse incomplete files, which meshio reads in part or with unclear errors."""
     content = without(path.read_bytes())
     if suffix == ".msh" and not content.lstrip().startswith(
         (b"$MeshFormat", b"$Comme")
     ):
-        raise ValueError(f"the mesh {path} is no file of gmsh: it has no $MeshFormat")
+        raise ValueError(f"the mesh {path} is not a gmsh file: it has no $MeshFormat")
     end = {".msh": "$EndElements", ".vtu": "</VTKFile>"}[suffix]
     if end.encode() not in content:
-        raise ValueError(f"the mesh {path} is cut off: it has no {end}")
+        raise ValueError(f"the mesh {path} is incomplete: it has no {end}")
 
 
 def _of_inp(path: Path) -> _File:
@@ -184,8 +185,8 @@ def _of_inp(path: Path) -> _File:
         _dimension(kind) == 2 and shell for kind, _, shell in found.blocks
     ):
         raise ValueError(
-            f"the mesh {path} has shells and no solids, expected plane cells, CPE or CPS, "
-            "or solids"
+            f"the mesh {path} has shells but no solids: use CPE or CPS cells in 2D, or "
+            "solid cells"
         )
     return _File(
         found.points,
@@ -204,23 +205,23 @@ def _meshio(path: Path) -> Any:
         if error.name != "meshio":
             raise
         raise ModuleNotFoundError(
-            f"reading {path} needs meshio, which is not installed: it comes with the "
-            "extra fem, as in pip install 'bipot-rs[fem]'",
+            f"reading {path} needs meshio, which is not installed: run "
+            "pip install 'bipot-rs[fem]'",
             name="meshio",
         ) from None
 
 
 def _of_meshio(path: Path, suffix: str, source: Path) -> _File:
-    """What is in ``source``; ``path`` is its name in what goes wrong."""
+    """Read ``source`` with meshio; messages name ``path``."""
     meshio = _meshio(path)
     reader = {".msh": meshio.gmsh, ".vtu": meshio.vtu}[suffix]
     try:
-        # It prints warnings, of files that are refused below or are right.
+        # meshio prints warnings for valid files, and for files refused below.
         with redirect_stderr(StringIO()):
             read = reader.read(str(source))
     except OSError:
         raise
-    # Its readers raise whatever their parsing comes upon.
+    # Readers of meshio raise any exception.
     except Exception as error:
         why = str(error) or type(error).__name__
         raise ValueError(
@@ -230,10 +231,10 @@ def _of_meshio(path: Path, suffix: str, source: Path) -> _File:
     if np.ndim(read.points) != 2:
         raise ValueError(f"the mesh {path} has no nodes")
     for kind, nodes in blocks:
-        # Its readers give -1 to a node that is not there, which is the last one here.
+        # Readers of meshio give a missing node the index -1.
         if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(read.points):
             raise ValueError(
-                f"the mesh {path} has a {kind} of a node that is not in the file"
+                f"the mesh {path} has a {kind} with a node that is not in the file"
             )
     points = np.zeros((len(read.points), 3))
     points[:, : np.shape(read.points)[1]] = read.points
@@ -248,9 +249,9 @@ def _of_meshio(path: Path, suffix: str, source: Path) -> _File:
 
 
 def _hint(why: str) -> str:
-    """What to do about the refusals of meshio that are known."""
+    """Advice for known errors of meshio."""
     if "gmsh:physical" in why:
-        return ": cells of no physical group are among the others, save without Mesh.SaveAll"
+        return ": some cells have no physical group, save without Mesh.SaveAll"
     if "parametric" in why:
         return ": save it in version 4.1, without Mesh.SaveParametric"
     return ""
@@ -261,7 +262,7 @@ def _numbers(part: Any) -> Ints:
 
 
 def _add_groups(path: Path, file: _File, read: Any) -> None:
-    """Sets by physical groups of gmsh."""
+    """Add sets from the physical groups of gmsh."""
     named = gmsh_groups.names(path)
     entities = gmsh_groups.of_entities(path)
     key = "gmsh:physical" if entities is None else "gmsh:geometrical"
@@ -269,9 +270,9 @@ def _add_groups(path: Path, file: _File, read: Any) -> None:
     for block, tags in enumerate(read.cell_data.get(key, [])):
         dim = _dimension(file.blocks[block][0])
         for tag in np.unique(tags).tolist():
-            # The sign tells which way round; zero is no group.
-            told = [abs(tag)] if entities is None else entities.get((dim, tag), [])
-            for number in filter(None, told):
+            # The sign is the orientation; zero means no group.
+            numbers = [abs(tag)] if entities is None else entities.get((dim, tag), [])
+            for number in filter(None, numbers):
                 own = groups.setdefault((dim, number), _none(file))
                 own[block] = np.union1d(own[block], np.flatnonzero(tags == tag))
     # In the order of the names.
@@ -288,7 +289,7 @@ def _none(file: _File) -> list[Ints]:
 
 
 def _add_tags(file: _File, read: Any) -> None:
-    """Sets by integer data of cells, where no name says the same."""
+    """Add sets from integer cell data, if there is no set of the same name."""
     for key, parts in read.cell_data.items():
         if key.startswith("gmsh:") or not all(
             np.ndim(part) == 1 and np.asarray(part).dtype.kind in "iu" for part in parts
@@ -296,7 +297,7 @@ def _add_tags(file: _File, read: Any) -> None:
             continue
         flat = np.concatenate([np.zeros(0, np.int64), *map(np.asarray, parts)])
         values = np.unique(flat)
-        # Numbers of cells, not of groups.
+        # So many values number cells, not groups.
         if len(values) > max(_GROUPS, len(flat) // 2):
             continue
         for value in values.tolist():
@@ -309,7 +310,7 @@ def _dimension(kind: str) -> int:
         return OF_VTK[kind].dim
     if kind in _FACETS:
         return _FACETS[kind][0]
-    # A kind that no body is made of: as a body, so that it is refused by name.
+    # Unknown kinds count as cells of a body, so that they are refused by name.
     return 0 if kind in _IGNORED else 3
 
 
@@ -327,19 +328,19 @@ def _volumes(file: _File) -> dict[str, list[Ints]]:
 
 
 def _no_cells(path: Path) -> str:
-    """What may be missing where only surfaces of a body in space have been written."""
+    """Advice for a gmsh file that has only the surfaces of a 3D body."""
     if path.suffix != ".msh":
         return ""
     return (
-        ": of a body in space its volumes need a physical group, for gmsh writes nothing "
-        "else where there is any"
+        ": give the volumes of a 3D body a physical group; if there is any group, gmsh "
+        "writes only cells in groups"
     )
 
 
 def _names(found: Mapping[str, Any], what: str) -> str:
     if not found:
-        return f"it names no {what}"
-    return "it names " + ", ".join(repr(name) for name in sorted(found))
+        return f"it has no named {what}"
+    return "it has " + ", ".join(repr(name) for name in sorted(found))
 
 
 def _mesh(
@@ -349,8 +350,8 @@ def _mesh(
     volumes = _volumes(file)
     if top < 2:
         raise ValueError(
-            f"the mesh {path} has no cells of a body: "
-            + (_counts(file.blocks) or "it has no cells at all")
+            f"the mesh {path} has no cells of a 2D or 3D body, "
+            + (_counts(file.blocks) or "and no other cells")
         )
     wanted = [group] if isinstance(group, str) else list(group or [])
     for name in wanted:
@@ -371,7 +372,7 @@ def _mesh(
     bad = np.flatnonzero(~np.isfinite(file.points[cells]).all(axis=(1, 2)))
     if bad.size:
         raise ValueError(
-            f"the mesh {path} has a place that is no number: a node of cell {bad[0]}"
+            f"the mesh {path} has a node of cell {bad[0]} whose coordinates are not finite"
         )
     points = _plane(path, file.points, cells) if top == 2 else file.points
     mesh, number = _made(path, kind, points, cells)
@@ -386,7 +387,7 @@ def _mesh(
     named = mesh.with_boundaries(boundaries) if boundaries else mesh
     if subdomains:
         named = named.with_subdomains(subdomains)
-    # Names do not change facets: what is known of them is kept.
+    # Names do not change the topology: keep it.
     known = vars(named)
     known.update({key: value for key, value in vars(mesh).items() if key not in known})
     if check:
@@ -402,7 +403,7 @@ def _counts(blocks: Sequence[tuple[str, Ints]]) -> str:
 
 
 def _global(file: _File, parts: Sequence[Ints]) -> Ints:
-    """Cells of blocks as numbers through all blocks."""
+    """Indices of cells of blocks in the sequence of all blocks."""
     starts = np.cumsum([0, *(len(nodes) for _, nodes in file.blocks)])
     flat = [part + start for part, start in zip(parts, starts[:-1], strict=True)]
     return np.concatenate([np.zeros(0, np.int64), *flat])
@@ -414,9 +415,9 @@ def _cells(
     chosen: Sequence[np.ndarray[Any, np.dtype[np.bool_]]],
     volumes: Mapping[str, Sequence[Ints]],
 ) -> tuple[str, Ints, Ints]:
-    """The kind of the cells chosen, their nodes, and which each cell of all blocks is.
+    """Kind and nodes of the chosen cells, and the new index of each cell of all blocks.
 
-    The last has -1 for cells that were not chosen.
+    The index is -1 for cells that were not chosen.
     """
     picked = [
         (kind, nodes[own])
@@ -444,18 +445,19 @@ def _cells(
         alone = [f"{name!r} ({k[0]})" for name, k in sorted(of.items()) if len(k) == 1]
         raise ValueError(
             f"the mesh {path} has cells of several kinds, {_counts(picked)}, expected one "
-            "kind a body"
-            + (f": read bodies apart by group= {', '.join(alone)}" if alone else "")
+            "kind for a body"
+            + (f": read separate bodies by group= {', '.join(alone)}" if alone else "")
         )
     cells = np.concatenate([nodes for _, nodes in picked])
     numbers = _global(file, [np.flatnonzero(own) for own in chosen])
     _, first, which = np.unique(
         np.sort(cells, axis=1), axis=0, return_index=True, return_inverse=True
     )
-    # gmsh 2.2 writes a cell once for each of its groups; elsewhere it is a mistake.
+    # gmsh 2.2 writes a cell once for each of its groups; elsewhere it is an error.
     if len(first) < len(cells) and path.suffix.lower() != ".msh":
         raise ValueError(
-            f"the mesh {path} has {counted(len(cells) - len(first), 'cell')} twice"
+            f"the mesh {path} has {counted(len(cells) - len(first), 'cell')} twice: remove "
+            "duplicates"
         )
     kept = np.sort(first)
     index = np.full(sum(len(nodes) for _, nodes in file.blocks), -1, dtype=np.int64)
@@ -464,15 +466,15 @@ def _cells(
 
 
 def _plane(path: Path, points: Floats, cells: Ints) -> Floats:
-    """Places in the plane of cells that lie in one."""
+    """The x and y of the points; refuses cells that are not in a plane z = const."""
     x = points[np.unique(cells)]
     extent = np.ptp(x, axis=0)
     flat = np.flatnonzero(extent <= 1e-9 * extent.max())
     if 2 not in flat:
         where = f"the plane {'xyz'[flat[0]]} = const" if flat.size else "no plane"
         raise ValueError(
-            f"the mesh {path} has cells of two dimensions in {where}, expected them in "
-            f"one with z = const, or cells of three dimensions{_no_cells(path)}"
+            f"the mesh {path} has 2D cells in {where}, expected a plane z = const, or 3D "
+            f"cells{_no_cells(path)}"
         )
     return np.ascontiguousarray(points[:, :2])
 
@@ -487,7 +489,7 @@ def _made(path: Path, kind: str, points: Floats, cells: Ints) -> tuple[Any, Ints
 def _surfaces(
     file: _File, mesh: Any, node: Ints, top: int, index: Ints
 ) -> dict[str, Ints]:
-    """Facets of the border by name."""
+    """Boundary facets by name."""
     border = np.asarray(mesh.boundary_facets(), dtype=np.int64)
     corners = np.asarray(mesh.facets, dtype=np.int64)[:, border].T
     width = corners.shape[1]
@@ -497,7 +499,7 @@ def _surfaces(
     }
 
     def of_faces(faces: Ints) -> Ints:
-        """Those of faces, by corners in the file, that are on the border."""
+        """Boundary facets among faces given by corners in the file."""
         rows = np.sort(node[faces[:, :width]]).tolist()
         known = {key[tuple(row)] for row in rows if tuple(row) in key}
         return np.array(sorted(known), dtype=np.int64)
@@ -511,7 +513,7 @@ def _surfaces(
         for part, (kind, nodes) in zip(parts, file.blocks, strict=True):
             if len(part) and _FACETS.get(kind) == (top - 1, width):
                 found.setdefault(name, []).append(of_faces(nodes[part]))
-    # A surface says more than the nodes of the same name.
+    # A surface replaces the node set of the same name.
     for name in {*file.faces, *file.free}:
         found[name] = []
     for name, faces in file.faces.items():

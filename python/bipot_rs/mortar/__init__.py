@@ -1,1 +1,1 @@
-"""Contact of surfaces whose meshes do not match, by weighted relative displacements."""
+"""Contact of surfaces with different meshes, by weighted relative displacements."""

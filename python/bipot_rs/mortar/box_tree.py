@@ -1,4 +1,4 @@
-"""Trees over places: eight neighbours in space to a node, from a curve that fills it."""
+"""Trees over points and boxes, with eight children for each node along Morton's curve."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from bipot_rs._lib.types import Bools, Floats, Ints
 
-# Children of a node, and pairs that are compared at once: some ten megabytes.
+# Children of a node, and pairs compared at once: some ten megabytes.
 WIDTH, AT_ONCE = 8, 2**17
 
 
 def along_curve(places: Floats) -> Ints:
-    """Order of places ``(n, d)`` along Morton's curve: neighbours in it lie together."""
+    """Order of points ``(n, d)`` along Morton's curve, where neighbours are close."""
     low = places.min(axis=0)
     wide = float(np.ptp(places, axis=0).max())
     bits = 60 // places.shape[1]
@@ -26,12 +26,12 @@ def along_curve(places: Floats) -> Ints:
 
 
 def starts(count: int) -> Ints:
-    """First children of the nodes over so many of them."""
+    """First child of each parent over ``count`` nodes."""
     return np.arange(0, count, WIDTH)
 
 
 def _children(node: Ints, count: int) -> tuple[Ints, Ints]:
-    """Children of nodes, of a level of so many, and the places of their parents."""
+    """Children of nodes in a level of ``count`` nodes, and the index of their parent."""
     parent = np.repeat(np.arange(len(node)), WIDTH)
     child = (node[:, None] * WIDTH + np.arange(WIDTH)).ravel()
     there = child < count
@@ -41,18 +41,18 @@ def _children(node: Ints, count: int) -> tuple[Ints, Ints]:
 def descend(
     sizes: list[int], queries: int, near: Callable[[int, Ints, Ints], Bools]
 ) -> Iterator[tuple[Ints, Ints]]:
-    """Queries and leaves that are near each other, a portion at a time.
+    """Pairs of a query and a leaf that are near each other, in portions.
 
-    Memory does not grow with the pairs: portions wait for those within them.
+    Memory does not grow with the number of pairs: portions are completed depth first.
 
     Parameters
     ----------
     sizes
-        How many nodes each level has, from the leaves up to the root.
+        Number of nodes of each level, from the leaves to the root.
     queries
-        How many queries there are.
+        Number of queries.
     near
-        Of a level, queries and nodes ``(p,)``: which pairs may be near.
+        Function of a level, queries and nodes ``(p,)``: whether each pair may be near.
     """
     work: list[tuple[int, Ints, Ints]] = []
     work.append((len(sizes) - 1, np.arange(queries), np.zeros(queries, np.int64)))
@@ -75,7 +75,7 @@ def descend(
 
 
 class BoxTree:
-    """Boxes ``low <= x <= high``, ``(n, d)`` each, in groups that do not meet, ``(n,)``."""
+    """Boxes ``low <= x <= high``, ``(n, d)`` each, in independent groups ``(n,)``."""
 
     def __init__(self, low: Floats, high: Floats, group: Ints) -> None:
         curve = along_curve((low + high) / 2)
@@ -91,9 +91,10 @@ class BoxTree:
     def overlapping(
         self, low: Floats, high: Floats, group: Ints
     ) -> Iterator[tuple[Ints, Ints]]:
-        """Numbers of boxes given and of own ones that share more than their borders.
+        """Pairs of indices of the given boxes and of those of the tree that overlap.
 
-        A portion at a time, which bounds the memory; each pair once.
+        Boxes that share only their boundary do not overlap. In portions, which bound the
+        memory; each pair once.
         """
         low, high = _within(low, high, group)
 
@@ -107,7 +108,7 @@ class BoxTree:
 
 
 def _within(low: Floats, high: Floats, group: Ints) -> tuple[Floats, Floats]:
-    """Boxes with their group as one more place, where only those of one group meet."""
+    """Boxes with the group as an additional coordinate: only equal groups overlap."""
     return np.column_stack([low, group - 0.25]), np.column_stack([high, group + 0.25])
 
 

@@ -1,4 +1,4 @@
-"""Intersections of convex polygons, and points of Gauss on them."""
+"""Intersections of convex polygons, and Gauss points on them."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
 
-# Of the size of a polygon times the length of an edge: on that edge, but for rounding.
+# A corner lies on an edge, to rounding, below this fraction of size times edge length.
 _ON = 1e-14
 
 
 def clip(subject: Floats, by: Floats) -> Floats:
-    """Intersections of convex polygons, one each of two lists.
+    """Intersections of pairs of convex polygons.
 
-    Sutherland and Hodgman: one edge of ``by`` after the other cuts off what lies on its
-    right. All pairs at once.
+    Algorithm of Sutherland and Hodgman: each edge of ``by`` in turn cuts off the part on
+    its right, for all pairs at once.
 
     Parameters
     ----------
@@ -24,8 +24,8 @@ def clip(subject: Floats, by: Floats) -> Floats:
     Returns
     -------
     numpy.ndarray (m, v, 2)
-        Corners, counter-clockwise, the last one repeated where there are less than v;
-        all in one place where nothing is left.
+        Corners, counter-clockwise; the last one is repeated if there are fewer than v.
+        All corners are equal if the intersection is empty.
     """
     polygon = subject
     for k in range(by.shape[1]):
@@ -41,7 +41,7 @@ def clip(subject: Floats, by: Floats) -> Floats:
 
 
 def _half(polygon: Floats, height: Floats) -> Floats:
-    """Part of each polygon where the height at the corners is not negative."""
+    """Part of each polygon with non-negative height."""
     inside = height >= 0
     following = np.roll(height, -1, axis=1)
     crosses = inside != (following >= 0)
@@ -49,7 +49,7 @@ def _half(polygon: Floats, height: Floats) -> Floats:
         share = np.where(crosses, height / (height - following), 0.0)[..., None]
     cut = polygon + share * (np.roll(polygon, -1, axis=1) - polygon)
     m, v, _ = polygon.shape
-    # Behind each corner that stays the place where its edge leaves or enters.
+    # After each corner the point where its edge crosses the line.
     both = np.stack([polygon, cut], axis=2).reshape(m, 2 * v, 2)
     kept = np.stack([inside, crosses], axis=2).reshape(m, 2 * v)
     count = kept.sum(axis=1)
@@ -62,7 +62,7 @@ def _half(polygon: Floats, height: Floats) -> Floats:
 
 
 def triangles(polygons: Floats) -> tuple[Floats, Ints]:
-    """Triangles from the first corner of each polygon, those of no area left out.
+    """Triangles from the first corner of each polygon, without those of zero area.
 
     Returns
     -------
@@ -81,8 +81,8 @@ def triangles(polygons: Floats) -> tuple[Floats, Ints]:
 def triangle_rule(degree: int) -> tuple[Floats, Floats]:
     """Points ``(q, 2)`` and weights ``(q,)`` on the reference triangle, exact to ``degree``.
 
-    Gauss and Jacobi on the square that is folded into the triangle; the weights sum up
-    to 1/2.
+    Gauss–Jacobi rules on a square collapsed into the triangle; the sum of the weights is
+    1/2.
     """
     from scipy.special import roots_jacobi
 

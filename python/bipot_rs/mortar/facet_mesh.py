@@ -1,4 +1,4 @@
-"""Meshes of facets: checked once, with their normals, sizes and neighbours in space."""
+"""Meshes of facets: checks, normals, sizes, and candidates for contact."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.frames import frames
 from bipot_rs.mortar.shape_functions import CORNER_SHAPES, Kind, kind_of, skewness
 
-# Facets meet that look at each other within 60 degrees: cosine of their normals.
+# Facets may touch if their normals are opposite to within 60°: cosine of the normals.
 _FACING = -0.5
-# Where a size is rounding beside the longest edge, and where a quadrilateral has a
-# corner of 180 degrees.
+# A facet thinner than this fraction of its longest edge is degenerate; a quadrilateral of
+# this skewness has a corner of 180°.
 _FLAT, _FOLDED = 1e-12, 1 - 1e-9
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A checked surface; what is said of a facet is of the polygon of its corners.
+    """A checked surface; geometry is that of the polygons of corners.
 
     Attributes
     ----------
     name
-        Of the argument, for messages.
+        Name of the argument, for messages.
     points : (n, d)
-        Places of all nodes [m].
+        Positions of all nodes [m].
     facets : (m, nodes)
-        Nodes of each facet, numbered as in `facet_shapes`.
+        Nodes of each facet, numbered as in `shape_functions`.
     kind
-        Which they are.
+        Kind of the facets.
     normals : (m, d)
-        Unit and outward; of a quadrilateral that is not plane, that of its mean plane.
+        Outward unit normals; for a quadrilateral that is not plane, of its mean plane.
     size : (m,)
-        Area [m²], or length in the plane [m].
+        Area [m²], in 2D length [m].
     centre, radius : (m, d), (m,)
-        Mean of the corners, and the distance of the farthest one.
+        Mean of the corners, and its distance from the farthest corner.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Surface:
         return bases(self.normals)
 
     def whole(self) -> Floats:
-        """∫ N_i over each facet in its plane, ``(m, c)``, N those of the corners."""
+        """∫ N_i over each facet in its plane, ``(m, c)``, with the corner functions N."""
         if self.dim == 2:
             return np.repeat(self.size[:, None] / 2, 2, axis=1)
         if self.kind.corners == 3:
@@ -77,7 +77,7 @@ class Surface:
         flat = np.einsum("mkd,mcd->mck", self.bases(), self.places())
         x = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]) / np.sqrt(3)
         shapes = CORNER_SHAPES[4](x)
-        # det J is bilinear, too: the four points integrate N_i det J exactly.
+        # N_i and det J are bilinear: four points integrate their product exactly.
         corner = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
         slopes = np.stack(
             [
@@ -89,7 +89,7 @@ class Surface:
         return np.asarray((a * d - b * c) @ shapes)
 
     def node_normals(self) -> Floats:
-        """Outward normals by area at the nodes, ``(n, d)``; zero off the corners."""
+        """Outward normals times area at the nodes, ``(n, d)``; zero except at corners."""
         total = np.zeros_like(self.points)
         weighted = self.whole()[:, :, None] * self.normals[:, None]
         np.add.at(total, self.corners.ravel(), weighted.reshape(-1, self.dim))
@@ -109,13 +109,14 @@ def bases(normals: Floats) -> Floats:
 
 
 def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
-    """Check the arrays ``points`` and ``facets``, of which ``side`` ends the names.
+    """Check the arguments ``points`` and ``facets``; ``side`` is the suffix of their names.
 
     Raises
     ------
     ValueError
-        Shapes, nodes out of range or repeated in a facet, facets without area, folded,
-        or turned against their neighbours: with the number of the facet.
+        Shapes do not fit, nodes are out of range or repeated in a facet, facets have no
+        area, are folded, or have normals opposite to those of their neighbours. The
+        message gives the index of the facet.
     """
     what = f"points{side}"
     x = floats(what, points, ndim=2)
@@ -154,7 +155,7 @@ def surface(side: str, points: ArrayLike, facets: ArrayLike) -> Surface:
 
 
 def turned_outward(points: Floats, facets: Ints, normals: Floats) -> Ints:
-    """Facets with those turned around whose normals look away from ``normals (m, d)``."""
+    """Reverse the facets whose normals are opposite to ``normals (m, d)``."""
     kind = kind_of("facets", points.shape[1], facets.shape[1])
     own, _ = _normals("facets", points[facets[:, : kind.corners]])
     away = np.einsum("md,md->m", own, normals) < 0
@@ -182,8 +183,8 @@ def _facets(name: str, facets: ArrayLike, nodes: int) -> Ints:
     if twice.any():
         m = int(np.argmax(twice))
         raise ValueError(
-            f"{name} has a node twice in facet {m}: {found[m].tolist()}; a quadrilateral "
-            "with two corners in one is a triangle"
+            f"{name} has a node twice in facet {m}: {found[m].tolist()}; write a "
+            "quadrilateral with two equal corners as a triangle"
         )
     return np.array(found, dtype=np.int64)
 
@@ -205,13 +206,13 @@ def _normals(name: str, places: Floats) -> tuple[Floats, Floats]:
         at = int(np.argmax(flat))
         raise ValueError(
             f"{name} has a degenerate facet, {at}, of size {size[at]:g} with a longest "
-            f"edge of {longest[at]:g}"
+            f"edge of {longest[at]:g}: remove it or mesh again there"
         )
     return area / size[:, None], size
 
 
 def _middles(found: Surface) -> None:
-    """Nodes on edges lie nearer to the middle than to the ends, or are misnumbered."""
+    """Refuse nodes on edges that are nearer to an end than to the midpoint."""
     kind, c = found.kind, found.kind.corners
     edges = min(kind.nodes - c, c if found.dim == 3 else 1)
     for k in range(edges):
@@ -233,7 +234,7 @@ def _turned(name: str, corners: Ints) -> None:
     """Neighbours run along their common edge in opposite directions."""
     c = corners.shape[1]
     if c == 2:
-        # In the plane a node ends one facet and starts another.
+        # In 2D each node ends one facet and starts another.
         ends = [corners[:, 0], corners[:, 1]]
         labels = [np.arange(len(corners))] * 2
     else:
@@ -247,10 +248,9 @@ def _turned(name: str, corners: Ints) -> None:
         if same.size:
             one, other = label[order][same[0]], label[order][same[0] + 1]
             raise ValueError(
-                f"{name} has facets {one} and {other} with normals to opposite sides: "
-                "expected all of them to run so that the normals point out of the body, "
-                "which is on the left of a line, and sees triangles and quadrilaterals "
-                "turn clockwise"
+                f"{name} has facets {one} and {other} with normals on opposite sides: all "
+                "normals must point out of the body, which is on the left of a line, and "
+                "triangles and quadrilaterals counter-clockwise seen from outside"
             )
 
 
@@ -261,16 +261,16 @@ def candidates(
     other: Surface,
     distance: float = np.inf,
 ) -> tuple[Ints, Ints]:
-    """Facets of ``other`` that may lie opposite to spheres, and face them.
+    """Facets of ``other`` that may lie opposite to spheres and face them.
 
-    All that reach into the cylinder that a sphere sweeps along its normal, up to
-    ``distance`` on both sides: those aside that are nearer do not hide them. Facets are
-    taken by size, so that a few large ones do not make all others candidates.
+    These are all facets that reach into the cylinder swept by a sphere along its normal,
+    up to ``distance`` on both sides. Facets are grouped by size, so that a few large ones
+    do not make all others candidates.
 
     Parameters
     ----------
     places, radius, normals
-        Centres ``(k, d)`` and radii ``(k,)`` of the spheres, and where they look.
+        Centres ``(k, d)``, radii ``(k,)`` and normals ``(k, d)`` of the spheres.
 
     Returns
     -------
@@ -290,7 +290,7 @@ def candidates(
     away = np.einsum("pd,pd->p", normals[s], between)
     aside = np.einsum("pd,pd->p", between, between) - away**2
     reach = (radius[s] + other.radius[m]) * (1 + 1e-9)
-    # The difference of squares has the rounding of the larger one.
+    # The difference of squares has the rounding of the larger square.
     rounding = 1e-12 * away**2
     kept = np.einsum("pd,pd->p", normals[s], other.normals[m]) < _FACING
     kept &= (aside <= reach**2 + rounding) & (np.abs(away) <= distance + reach)
@@ -302,10 +302,10 @@ def candidates(
 def _along(
     places: Floats, wide: Floats, normals: Floats, centres: Floats, distance: float
 ) -> tuple[Ints, Ints]:
-    """Pairs of a cylinder along a normal and a centre, among them all that lie in it.
+    """Pairs of a cylinder along a normal and a centre: all inside it, and a few more.
 
-    The part of the cylinder that passes the box of the centres is covered by spheres of
-    √2 times its radius, two radii apart.
+    The part of the cylinder inside the bounding box of the centres is covered by spheres
+    of √2 times its radius at intervals of two radii.
     """
     from scipy.spatial import cKDTree
 

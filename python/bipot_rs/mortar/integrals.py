@@ -1,43 +1,44 @@
 """Weighted relative displacements between surfaces whose meshes do not match.
 
-On the part Γ of the slave surface that the master covers, tractions are
-``λ = Σ λ_i ψ_i`` and do work on
+On the part Γ of the slave surface that lies opposite to the master, tractions are
+``λ = Σ λ_i ψ_i``. Their work-conjugate displacements are
 
     v_i = ∫_Γ ψ_i (u_s - u_m) dA / a_i,    a_i = ∫_Γ ψ_i dA > 0,                   (24)
 
-so that ``r_i = a_i λ_i`` is the force that goes with v_i, and ``B_ij = ∫ ψ_i φ_j / a_i``.
-u_m is taken at the place opposite, across the plane of the slave facet (Puso and
-Laursen, 2004), and integrals run over the intersections of projected facets.
+so that ``r_i = a_i λ_i`` is the force conjugate to v_i, and ``B_ij = ∫ ψ_i φ_j / a_i``.
+u_m is taken at the opposite point, along the normal of the slave facet (Puso and
+Laursen, 2004), and integrals are over the intersections of projected facets.
 
-Whatever ψ is, two things hold to rounding: rows of B add up to one for each body, since
-shape functions do, so that forces are in balance; and where ``Σ ψ_i = 1`` a constant
-traction p gives each node of both bodies ``p ∫_Γ φ_j``, which is the patch test. Moments
-balance where the surfaces are flat and meet.
+For any ψ, two properties hold to rounding. Rows of B add up to one for each body, since
+shape functions do, so that forces balance. Where ``Σ ψ_i = 1``, a constant traction p
+gives each node of both bodies ``p ∫_Γ φ_j``, which is the patch test. Moments balance if
+the surfaces are flat and touch.
 
 ψ is dual to the corner functions N of the facet (Wohlmuth, 2000): on each facet e,
 
     ψ = D M⁻¹ N,    M = ∫_e N Nᵀ dA,    D = diag(∫_e N dA),                        (26)
 
-so that ``∫ ψ_i N_j = δ_ij a_i``: v_i holds one slave node, and the part of the slave in B
-is a diagonal of ones where N are all its shape functions. M and D are integrals over the
-covered part of e. Three rules keep that sound at the rim, all with ``Σ ψ_i = 1``:
+so that ``∫ ψ_i N_j = δ_ij a_i``: v_i contains one slave node, and the slave's part of B is
+a diagonal of ones if the facets are linear. M and D are integrals over the covered part
+of e. Three rules make this stable at the rim, all with ``Σ ψ_i = 1``:
 
-- A node covered to less than 1/20 of its area has no contact of its own. Its N goes in
-  equal parts to the other corners of the facet, ``Ñ_k = N_k + N_d/|kept|``, and ψ is dual
-  to Ñ. Otherwise v_i would extrapolate u_m by 20 times the part that is covered.
-- A facet that would be left without contacts keeps its most covered corner.
-- Where a patch in the midst of a facet is so small that N hardly differ on it, ψ swings:
+- A node with less than 1/20 of its area covered has no contact. Its N is divided equally
+  among the other corners of the facet, ``Ñ_k = N_k + N_d/|kept|``, and ψ is dual to Ñ.
+  Otherwise v_i would extrapolate u_m over 20 times the covered part.
+- A facet without contacts by the first rule keeps its most covered corner.
+- If a patch inside a facet is so small that the N are nearly equal on it, ψ oscillates:
   with a mean square above 10 on some facet (1 on a whole segment) ``ψ = Ñ`` there.
 
-Second-order facets have multipliers at their corners only, linear between them, and
-displacements with all shape functions: areas ``∫ N`` of corners are positive, where those
-of quadratic functions vanish or are negative. Places are those of the polygon of the
-corners, exact for straight edges with nodes in their middles.
+Second-order facets have linear multipliers at their corners, and displacements with all
+shape functions: the areas ``∫ N`` of corners are positive, while those of quadratic
+functions are zero or negative. Positions are on the polygon of the corners, which is
+exact for straight edges with nodes at their midpoints.
 
-Integrals are exact in the plane, and in space for triangles and parallelograms. In other
-quadrilaterals N is not a polynomial of places: the order is raised with their skewness,
-and what is left, about 1e-8, is taken out of the resultants ∫ φ_j of each intersection
-(`bipot_rs.mortar.polygon_integrals`), so that forces and the patch test do not have it.
+Integrals are exact in 2D, and in 3D for triangles and parallelograms. In other
+quadrilaterals N is not a polynomial of the position: the order of the rule grows with
+skewness. The remaining error, about 1e-8, is removed from the resultants ∫ φ_j of each
+intersection (`bipot_rs.mortar.polygon_integrals`), so that it does not affect forces and
+the patch test.
 """
 
 from __future__ import annotations
@@ -64,16 +65,16 @@ from bipot_rs.mortar.shape_functions import (
 
 Places = Callable[[Floats], Any]
 
-# Covered part of a node's area below which it has no contact of its own; mean square of
-# dual functions above which they are given up on a facet.
+# Covered fraction of a node's area below which it has no contact; mean square of dual
+# functions above which they are not used on a facet.
 _JOINED, _SWING = 0.05, 10.0
-# Of the smaller facet: an intersection made by rounding.
+# An intersection below this fraction of the smaller facet is rounding.
 _SLIVER = 1e-12
-# Of a quadrilateral that is a parallelogram, but for rounding.
+# Skewness of a parallelogram, to rounding.
 _SKEW = 1e-12
-# Intersections of a facet up to which all their pairs are compared.
+# Up to this number of intersections of a facet, all their pairs are compared.
 _FEW = 128
-# Points of Gauss at a time, which bounds the memory.
+# Number of Gauss points at a time; bounds the memory.
 _CHUNK = 2**18
 
 
@@ -86,8 +87,8 @@ class Overlaps:
     slave, master : (k,)
         Facets, ascending by slave; ``master`` is empty for a rigid obstacle.
     polygons
-        In the plane of the slave facet from its centre, ``(k, v, 2)`` [m]; in two
-        dimensions reference coordinates of the ends, ``(k, 2)``.
+        In the plane of the slave facet, relative to its centre, ``(k, v, 2)`` [m]; in 2D
+        reference coordinates of the ends, ``(k, 2)``.
     opposite : (k, c, d - 1) or None
         Corners of the master facet in the same plane [m].
     """
@@ -100,18 +101,18 @@ class Overlaps:
 
 @dataclass(frozen=True)
 class Integrals:
-    """Over the covered part of the slave surface, N the corner functions.
+    """Integrals over the covered part of the slave surface, with corner functions N.
 
     Attributes
     ----------
     overlaps
-        What they are integrals over.
+        The intersections.
     mass, own : (m, c, c), (m, c, nodes)
-        ∫ N_i N_j and ∫ N_i φ_j with the slave's shape functions, by slave facet.
+        ∫ N_i N_j and ∫ N_i φ_j with the slave's shape functions, for each slave facet.
     coupling : (k, c, nodes)
-        ∫ N_i φ_j with those of the master, by intersection.
+        ∫ N_i φ_j with the master's shape functions, for each intersection.
     clearance : (m, c)
-        ∫ N_i c of the function of the places.
+        ∫ N_i c with the clearance function c.
     """
 
     overlaps: Overlaps
@@ -123,7 +124,7 @@ class Integrals:
 
 @dataclass(frozen=True)
 class Weights:
-    """Contacts with the scalar weights of their relative displacements.
+    """Contacts, and the scalar weights of their relative displacements.
 
     Attributes
     ----------
@@ -150,8 +151,8 @@ def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
     Raises
     ------
     ValueError
-        A master facet folded where it is seen along the normal of a slave facet, or
-        several layers of them.
+        A master facet is folded in the projection onto a slave facet, or several layers
+        of the master lie opposite to a slave facet.
     """
     s, m = candidates(slave.centre, slave.radius, slave.normals, master, distance)
     axes = bases(slave.normals)[s]
@@ -180,7 +181,7 @@ def overlaps(slave: Surface, master: Surface, distance: float) -> Overlaps:
 
 
 def _apart(slave: Surface, s: Ints, master: Surface, m: Ints) -> Floats:
-    """How far facets are apart at the least, along the normals of the slave's."""
+    """Smallest distance of facets along the normals of the slave."""
     between = master.points[master.corners[m]] - slave.centre[s][:, None]
     theirs = np.einsum("pd,pcd->pc", slave.normals[s], between)
     ours = np.einsum("pd,pcd->pc", slave.normals[s], slave.places()[s])
@@ -198,11 +199,11 @@ def _one_layer(
     theirs: Floats,
     least: Floats,
 ) -> None:
-    """Refuse facets of the master one behind the other.
+    """Refuse master facets that lie one behind the other.
 
-    Neighbours at an edge are not: they run along it in opposite directions
-    (`facet_mesh`), and seen along a normal that both face they lie on its two sides.
-    Those that share a corner alone may be, as the storeys of a ramp about its pole.
+    Neighbours at an edge are allowed: in the projection they lie on its two sides, since
+    they have the same orientation (`facet_mesh`). Facets that share only a corner are
+    checked: they can overlap, as on a spiral ramp.
     """
     for one, other in _side_by_side(s, theirs):
         corners = master.corners
@@ -224,23 +225,22 @@ def _one_layer(
         else:
             both = clip(theirs[one][:, ::-1], theirs[other][:, ::-1])
             size = _areas(both)
-        # Facets that only touch overlap by rounding, and by what two meshers write.
+        # Neighbours overlap by rounding, and by the last digits of different meshers.
         double = size > np.maximum(1e-6 * slave.size[s[one]], least[one])
         if double.any():
             at = int(np.argmax(double))
             raise ValueError(
                 f"{master.name} lies in several layers opposite to facet {s[one[at]]} of "
-                f"{slave.name}, with its facets {m[other[at]]} and {m[one[at]]}: give "
-                "distance, within which the right one is the only one, or name less of "
-                "the surface"
+                f"{slave.name}, with its facets {m[other[at]]} and {m[one[at]]}: pass a "
+                "distance that excludes the wrong layer, or select fewer facets"
             )
 
 
 def _side_by_side(s: Ints, theirs: Floats) -> Iterator[tuple[Ints, Ints]]:
-    """Places ``(one, other)``, the second the lower, of intersections with one facet.
+    """Pairs ``(one, other)``, other < one, of intersections with the same slave facet.
 
-    Those among them whose boxes overlap. Where a facet has few intersections, all of its
-    pairs are compared; where it has many, a tree finds them.
+    Only pairs with overlapping boxes. For a facet with few intersections all pairs are
+    compared, for one with many a tree finds them.
     """
     low, high = theirs.min(axis=1), theirs.max(axis=1)
     first = np.searchsorted(s, s)
@@ -261,7 +261,7 @@ def _side_by_side(s: Ints, theirs: Floats) -> Iterator[tuple[Ints, Ints]]:
 
 
 def whole(slave: Surface) -> Overlaps:
-    """All of each facet, for an obstacle without a mesh."""
+    """The whole of each slave facet, for an obstacle without a mesh."""
     s = np.arange(len(slave.facets))
     none = np.zeros(0, dtype=np.int64)
     if slave.dim == 2:
@@ -281,8 +281,9 @@ def _folded(slave: Surface, s: Ints, master: Surface, m: Ints, theirs: Floats) -
     if bad.any():
         at = int(np.argmax(bad))
         raise ValueError(
-            f"{master.name} has facet {m[at]} folded where it is seen along the normal "
-            f"of facet {s[at]} of {slave.name}: it is bent too much for one facet"
+            f"{master.name} has facet {m[at]} folded in the projection along the normal "
+            f"of facet {s[at]} of {slave.name}: it is too strongly curved, use smaller "
+            "facets"
         )
 
 
@@ -292,7 +293,7 @@ def integrate(
     master: Surface | None = None,
     clearance: Places | None = None,
 ) -> Integrals:
-    """All integrals that the weights are made of."""
+    """Compute the integrals for `weights`."""
     c, count = slave.kind.corners, len(over.slave)
     linear = slave.kind.nodes == c
     # By intersection first.
@@ -337,10 +338,10 @@ def _resultants(
     own: Floats,
     coupling: Floats,
 ) -> None:
-    """Sums over rows and columns as they are exactly, where rules are not exact.
+    """Correct sums over rows and columns where quadrature is not exact.
 
-    What is added does not change the moments of the rules, which integrate places
-    exactly: it is the same on both bodies, by intersection.
+    The correction is the same on both bodies for each intersection, so that it does not
+    change the moments, which quadrature integrates exactly.
     """
     flat = np.einsum("mkd,mcd->mck", bases(slave.normals), slave.places())
     ours = slave.kind.corners == 4
@@ -371,7 +372,7 @@ def _resultants(
 
 
 def _correct(blocks: Floats, rows: Floats, columns: Floats, size: Floats) -> None:
-    """Change matrices ``(k, i, j)`` in place to the sums given, all of the same total."""
+    """Change matrices ``(k, i, j)`` in place to given sums with equal totals."""
     lacks = (rows - blocks.sum(axis=2)) / size[:, None]
     other = (columns - blocks.sum(axis=1)) / size[:, None]
     blocks += lacks[:, :, None] * columns[:, None] + rows[:, :, None] * other[:, None]
@@ -390,7 +391,7 @@ def _values(function: Places, places: Floats) -> Floats:
 def _points(
     slave: Surface, over: Overlaps, master: Surface | None, function: bool
 ) -> Iterator[tuple[Ints, Floats, Floats | None, Floats]]:
-    """Points of Gauss, a number of intersections at a time.
+    """Gauss points, for a limited number of intersections at a time.
 
     Yields
     ------
@@ -398,7 +399,7 @@ def _points(
         Intersection of each row ``(t,)``, reference coordinates on slave and master,
         ``(t, q, d - 1)``, and weights ``(t, q)``.
     """
-    # Another function than polynomials, smooth on a facet.
+    # Four more degrees for a clearance function, which is smooth on a facet.
     degree = _degree(slave, over, master) + 4 * function
     for one in np.unique(degree):
         group = np.flatnonzero(degree == one)
@@ -424,13 +425,13 @@ def _segment(
     if over.opposite is None:
         return part, xi[..., None], None, weight
     start, end = over.opposite[part, :, 0].T[..., None]
-    # From the middle of the slave facet, as the corners are.
+    # Relative to the midpoint of the slave facet, as the corners are.
     eta = ((xi - 0.5) * _turn(slave, over, part)[:, None] - start) / (end - start)
     return part, xi[..., None], eta[..., None], weight
 
 
 def _turn(slave: Surface, over: Overlaps, part: Ints) -> Floats:
-    """Length of each slave segment, along the axis of its plane."""
+    """Signed length of each slave segment along its axis."""
     facet = over.slave[part]
     along = (
         slave.points[slave.corners[facet, 1]] - slave.points[slave.corners[facet, 0]]
@@ -458,7 +459,7 @@ def _triangles(
 
 
 def _degree(slave: Surface, over: Overlaps, master: Surface | None) -> Ints:
-    """Degree that the rule must be exact to, by intersection, ``(k,)``."""
+    """Degree of exactness of the rule for each intersection, ``(k,)``."""
     corner = 2 if slave.kind.corners == 4 else 1
     other = max(slave.kind.degree, 0 if master is None else master.kind.degree)
     degree = np.full(len(over.slave), corner + other, dtype=np.int64)
@@ -466,23 +467,23 @@ def _degree(slave: Surface, over: Overlaps, master: Surface | None) -> Ints:
         flat = np.einsum("mkd,mcd->mck", bases(slave.normals), slave.places())
         degree += _beyond(skewness(flat))[over.slave]
     if master is not None and master.kind.corners == 4 and over.opposite is not None:
-        # The two functions of one intersection are multiplied: errors add, not degrees.
+        # In a product of two functions the errors add, not the degrees.
         theirs = corner + other + _beyond(skewness(over.opposite))
         degree = np.maximum(degree, theirs)
     return degree
 
 
 def _beyond(skew: Floats) -> Ints:
-    """What non-parallelograms take beyond the degree of parallelograms."""
-    # Shape functions have their nearest singularity at about 1/skew half widths from the
-    # centre: the remainder falls by that much a degree.
+    """Degrees to add for quadrilaterals that are not parallelograms."""
+    # The nearest singularity of the shape functions is about 1/skew half widths from the
+    # centre: the error decreases by this factor for each degree.
     rate = np.log(2 / np.clip(skew, 1e-12, 0.95))
     beyond = np.ceil(10.0 / rate).astype(np.int64)
     return np.where(skew <= _SKEW, 0, 2 * (beyond // 2 + 1))
 
 
 def weights(slave: Surface, found: Integrals, master: Surface | None) -> Weights:
-    """Weights of all contacts, by the three rules above."""
+    """Weights of all contacts, by the three rules of this module."""
     from scipy import sparse
 
     corners, nodes, over = slave.corners, len(slave.points), found.overlaps
@@ -552,7 +553,7 @@ def _dual(mass: Floats, covered: Floats, kept: Any) -> tuple[Floats, Floats]:
     root = np.sqrt(np.einsum("mii->mi", joined))
     here = root > 0
     scale = np.where(here, 1 / np.where(here, root, 1.0), 0.0)
-    # 1 on the diagonal; of corners that have no part, nothing else.
+    # Scaled to a unit diagonal; corners without a part get a row of the identity.
     alike = joined * scale[:, :, None] * scale[:, None] + np.eye(c) * ~here[:, None]
     apart = np.linalg.eigvalsh(alike)[:, 0] > 1e-6
     inverse = np.linalg.inv(np.where(apart[:, None, None], alike, np.eye(c)))
@@ -565,7 +566,7 @@ def _dual(mass: Floats, covered: Floats, kept: Any) -> tuple[Floats, Floats]:
 
 
 def _averages(matrix: Any) -> Any:
-    """Rows divided by their sums, without what is rounding beside them."""
+    """Divide rows by their sums, and remove entries that are rounding."""
     from scipy import sparse
 
     matrix.sum_duplicates()

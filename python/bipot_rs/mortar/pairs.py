@@ -1,7 +1,7 @@
-"""Contacts of surfaces whose meshes do not match, from plain arrays.
+"""Contacts of surfaces whose meshes do not match, from arrays.
 
-B of (2), gaps and areas for any finite-element program: by mortar integrals
-(`bipot_rs.mortar.integrals`), or node by node. Only NumPy and SciPy are needed.
+B of (2), gaps and areas for any finite-element program, by mortar integrals
+(`bipot_rs.mortar.integrals`) or node to surface. Only NumPy and SciPy are needed.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats, number, shown
 from bipot_rs.contact.frames import frames
@@ -21,8 +22,8 @@ from bipot_rs.mortar.integrals import Weights, integrate, overlaps, weights, who
 from bipot_rs.mortar.shape_functions import reference
 
 METHODS = ("mortar", "nodes")
-# In reference coordinates: a node on the rim of a facet, but for the digits that two
-# meshers write of one place.
+# A node this far outside a facet, in reference coordinates, counts as on its edge: two
+# meshers write the same point with different last digits.
 _RIM = 1e-7
 
 
@@ -30,25 +31,25 @@ _RIM = 1e-7
 class Pairs:
     """Contacts between two surfaces, or a surface and a rigid obstacle.
 
-    ``ContactProblem(K, pairs.B, gap=pairs.gap, mu=mu, area=pairs.area,
-    points=pairs.points, frame=pairs.frame)`` takes them.
+    To solve: ``ContactProblem(K, pairs.B, gap=pairs.gap, mu=mu, area=pairs.area,
+    points=pairs.points, frame=pairs.frame)``.
 
     Attributes
     ----------
     B : scipy.sparse.csr_array (d n_c, n)
         ``B u`` is the displacement of the slave relative to the master, ``(n, t1[, t2])``.
     gap, area : (n_c,)
-        Normal gap [m], negative where the surfaces overlap; tributary area > 0 [m²], a
-        length [m] in the plane. ``reaction / area`` is the traction.
+        Normal gap [m], negative where the surfaces overlap; tributary area > 0 [m²], in
+        2D a length [m]. ``reaction / area`` is the traction.
     points : (n_c, d)
-        Slave nodes of the contacts [m].
+        Positions of the slave nodes of the contacts [m].
     frame : (n_c, d, d)
         Rows n, t1[, t2], n from the master towards the slave.
     node : (n_c,)
-        Their numbers among ``points_slave``, ascending.
+        Indices of these nodes in ``points_slave``, ascending.
     slave, master : scipy.sparse.csr_array (n_c, nodes)
-        ``v = slave u_s - master u_m``, before the components are taken along the frames;
-        rows add up to one. ``master`` has no columns for a rigid obstacle.
+        Weights of ``v = slave u_s - master u_m``, in global components; rows add up to
+        one. ``master`` has no columns for a rigid obstacle.
     """
 
     B: Any = field(repr=False)
@@ -85,45 +86,43 @@ def pairs(
 
     ``"mortar"`` passes the contact patch test: it transmits a constant pressure exactly,
     whichever surface is the slave. ``"nodes"`` puts each slave node on the master facet
-    that its normal meets: forces and, with equal places, moments balance, but a constant
-    pressure arrives at the master as forces of the slave nodes, wrong by some tens of per
-    cent from node to node, on every mesh. Either may be the slave: on the coarser mesh
-    pressures are smoother, on the finer one less penetrates between nodes. Parts of the
-    slave that the master does not cover have no contacts.
+    that its normal meets. Forces balance, and moments if there is no gap, but a constant
+    pressure acts on the master as point forces of the slave nodes, with errors of some
+    tens of per cent from node to node, on every mesh. Either surface may be the slave:
+    pressures are smoother with the coarser mesh, penetration between nodes is smaller with
+    the finer mesh. Parts of the slave without a master opposite have no contacts.
 
     Parameters
     ----------
     points_slave, points_master
-        Places of all nodes of a body, or of its surface alone, ``(nodes, d)`` [m].
+        Positions of all nodes of a body, or of its surface only, ``(nodes, d)`` [m].
     facets_slave, facets_master
-        Nodes of the facets that may meet, ``(facets, c)``: lines of 2 or 3 nodes in the
-        plane, triangles of 3 or 6 and quadrilaterals of 4, 8 or 9 in space, corners
-        first, then the middles of the edges. Normals point out of the body: it is on the
-        left of a line, and from outside triangles and quadrilaterals turn
-        counter-clockwise.
+        Nodes of the facets that may touch, ``(facets, c)``: lines of 2 or 3 nodes in 2D,
+        triangles of 3 or 6 and quadrilaterals of 4, 8 or 9 nodes in 3D; corners first,
+        then midpoints of edges. Normals point out of the body: the body is on the left of
+        a line, and triangles and quadrilaterals are counter-clockwise seen from outside.
     method
-        ``"mortar"`` or ``"nodes"``; the latter with linear slave facets only, since the
-        areas that belong to the corners of others vanish or are negative.
+        ``"mortar"`` or ``"nodes"``. ``"nodes"`` needs linear slave facets: on quadratic
+        ones the areas of corners are zero or negative.
     distance
-        Facets farther apart, along the normal of the slave, do not meet [m]; by default
-        there is no limit. Facets face each other if their normals are within 60° of
-        opposite.
+        Largest distance along the normal of the slave at which facets may touch [m];
+        default no limit. Facets face each other if their normals are opposite to within
+        60°.
     clearance
-        Adds to the gap [m]: a number, one for each of ``points_slave``, or a function of
-        places ``(m, d)`` on the slave that returns ``(m,)``. Mortar takes its weighted
-        mean, of numbers at nodes by the shape functions between them.
+        Added to the gap [m]: a number, one for each of ``points_slave``, or a function of
+        positions ``(m, d)`` on the slave that returns ``(m,)``. Mortar takes the weighted
+        mean; values at nodes are interpolated by the shape functions.
     axis
-        In space, a direction that the tangents t1 follow, as of `fem.frames`.
+        In 3D, the direction of the tangents t1, as in `fem.frames`.
     dofs_slave, dofs_master, n
-        Degrees of freedom ``(nodes, d)`` of the nodes, and how many there are. Left out,
-        they go node by node, ``d * node + component``, those of the master after those of
-        the slave.
+        Degrees of freedom ``(nodes, d)`` of the nodes, and their total number. Default
+        ``d * node + component``, with the master after the slave.
 
     Raises
     ------
     ValueError
-        Surfaces that do not overlap, face the same way or are the same; facets that are
-        degenerate, folded or out of range; the message has the argument and the place.
+        Surfaces do not overlap, do not face each other, or are the same; facets are
+        degenerate, folded or out of range. The message gives the argument and position.
 
     Examples
     --------
@@ -144,7 +143,7 @@ def pairs(
     columns = np.shape(points_master)[1:]
     if columns != (slave.dim,) and len(columns) == 1:
         raise ValueError(
-            f"points_master has {columns[0]} coordinates, points_slave {slave.dim}"
+            f"points_master has {columns[0]} coordinates, but points_slave has {slave.dim}"
         )
     master = surface("_master", points_master, facets_master)
     _apart(slave, master)
@@ -186,27 +185,27 @@ def rigid_pairs(
 ) -> Pairs:
     """Contacts of a surface with a rigid obstacle, by weighted gaps.
 
-    One contact a corner of the facets, with the area ``∫ N`` of its corner function,
-    positive on second-order facets too, and displacements and gaps in the mean over the
-    dual functions of `bipot_rs.mortar.integrals`. So a constant pressure gives the nodal forces
-    that belong to it, on facets of every kind.
+    One contact for each corner of the facets, with the area ``∫ N`` of its corner
+    function, which is positive on second-order facets too. Displacements and gaps are
+    means weighted by the dual functions of `bipot_rs.mortar.integrals`, so that a constant
+    pressure gives consistent nodal forces on facets of every kind.
 
     Parameters
     ----------
     points, facets
         As ``points_slave``, ``facets_slave`` of `pairs`.
     gap
-        Function of places ``(m, d)`` that returns distances ``(m,)`` from the obstacle
+        Function of positions ``(m, d)`` that returns distances ``(m,)`` from the obstacle
         [m], negative inside it.
     normal
-        From the obstacle towards the body: ``(d,)``, or a function of the places that
-        returns ``(m, d)``; by default opposite to the normals of the surface.
+        From the obstacle towards the body: ``(d,)``, or a function of the positions that
+        returns ``(m, d)``; default opposite to the normals of the surface.
     axis, dofs, n
-        As those of `pairs`.
+        As in `pairs`.
     """
     if not callable(gap):
         raise TypeError(
-            f"gap is {shown(gap)}, expected a function of places that returns distances"
+            f"gap is {shown(gap)}, expected a function of positions that returns distances"
         )
     slave = surface("", points, facets)
     found = weights(slave, integrate(slave, whole(slave), None, gap), None)
@@ -236,7 +235,7 @@ def _clearance(value: ArrayLike, nodes: int) -> Floats:
 
 
 def _own_dofs(slave: Surface, ours: Ints, master: Surface, theirs: Ints) -> None:
-    """Refuse one degree of freedom for two places: relative to itself nothing moves."""
+    """Refuse a degree of freedom shared by two nodes at different positions."""
     own, other = np.unique(slave.facets), np.unique(master.facets)
     known = np.full(max(int(ours.max()), int(theirs.max())) + 1, -1, np.int64)
     known[ours[own]] = own[:, None]
@@ -246,36 +245,37 @@ def _own_dofs(slave: Surface, ours: Ints, master: Surface, theirs: Ints) -> None
         return
     node, partner = other[at[:, 0]], same[tuple(at.T)]
     apart = np.linalg.norm(master.points[node] - slave.points[partner], axis=1)
-    # At the end of a slit the two surfaces of one body have a node in common.
+    # At the end of a slit the two surfaces of one body share a node.
     size = max(slave.radius.max(), master.radius.max())
     wrong = apart > _RIM * size
     if wrong.any():
         k = int(np.argmax(wrong))
         raise ValueError(
             f"dofs_master gives node {node[k]} the degree of freedom "
-            f"{theirs[node[k], at[k, 1]]}, which dofs_slave gives node {partner[k]} in "
-            f"another place, {apart[k]:g} away: expected numbers of their own"
+            f"{theirs[node[k], at[k, 1]]}, which dofs_slave gives node {partner[k]} at "
+            f"another position, {apart[k]:g} away: number them separately"
         )
 
 
 def _normals(slave: Surface, node: Ints) -> Floats:
-    """From the obstacle towards the slave, at its nodes."""
+    """Normals from the obstacle towards the slave, at slave nodes."""
     normals = -slave.node_normals()[node]
     size = np.bincount(
         slave.corners.ravel(), slave.whole().ravel(), minlength=len(slave.points)
     )[node]
-    # Of opposite facets only the rounding of the mean normal is left.
+    # The mean normal of opposite facets is rounding.
     thin = np.linalg.norm(normals, axis=1) <= 1e-8 * size
     if thin.any():
         at = int(node[np.argmax(thin)])
         raise ValueError(
-            f"{slave.name} has no normal at node {at}: its facets there face opposite ways"
+            f"{slave.name} has no normal at node {at}: its facets there have opposite "
+            "normals; leave out those of one side"
         )
     return np.asarray(normals)
 
 
 def _apart(slave: Surface, master: Surface) -> None:
-    """A surface does not meet itself."""
+    """Refuse a surface in contact with itself."""
     if not np.array_equal(slave.points, master.points):
         return
     ours = {tuple(sorted(f)): i for i, f in enumerate(slave.facets.tolist())}
@@ -288,32 +288,31 @@ def _apart(slave: Surface, master: Surface) -> None:
 
 
 def _nothing(slave: Surface, master: Surface, distance: float | None) -> str:
-    """Why no facet of the one meets one of the other."""
+    """Message: why no facet of the slave meets a facet of the master."""
     from scipy.spatial import cKDTree
 
     far, which = cKDTree(master.centre).query(slave.centre)
     at = int(np.argmin(far))
     cosine = np.einsum("kd,kd->k", slave.normals, master.normals[which])
-    place = ", ".join(f"{x:g}" for x in slave.centre[at])
     near = (
-        f"the nearest facets are {at} of facets_slave, at ({place}), and {which[at]} of "
-        f"facets_master, {far[at]:g} apart"
+        f"the nearest facets are {at} of facets_slave, at {place(slave.centre[at])}, "
+        f"and {which[at]} of facets_master, {far[at]:g} apart"
     )
     if (cosine > -1e-9).all():
         return (
-            "facets_slave and facets_master face the same way or across each other: "
-            f"{near}, with the cosine {cosine[at]:.2f} of their normals, expected about "
-            "-1; normals point out of the bodies"
+            "facets_slave and facets_master do not face each other: "
+            f"{near}, and the cosine of their normals is {cosine[at]:.2f}, expected about "
+            "-1; normals must point out of the bodies"
         )
     along = slave.normals[at] @ (master.centre[which[at]] - slave.centre[at])
     if distance is not None and abs(along) > distance:
         return (
-            f"facets_slave and facets_master do not meet within distance {distance:g}: "
+            f"facets_slave and facets_master are farther apart than distance {distance:g}: "
             f"{near}, {abs(along):g} along the normal"
         )
     return (
-        f"facets_slave and facets_master do not overlap: {near}, and no normal of the "
-        "one meets the other"
+        f"facets_slave and facets_master do not overlap: {near}, and no normal of one "
+        "meets the other; check positions and the choice of facets"
     )
 
 
@@ -323,14 +322,13 @@ def _nodes(
     limit: float,
     clearance: Callable[[Floats], ArrayLike] | None,
 ) -> Weights:
-    """Each slave node on the master facet that its normal meets first."""
+    """Put each slave node on the first master facet that its normal meets."""
     from scipy import sparse
 
     if slave.kind.nodes > slave.kind.corners:
         raise ValueError(
-            f"facets_slave has facets of the kind {slave.kind.name}, which method 'nodes' "
-            "does not take: areas of their corners vanish or are negative; expected "
-            "method 'mortar', or linear facets"
+            f"facets_slave has facets of the kind {slave.kind.name}, whose corners have zero "
+            "or negative areas: use method='mortar', or linear facets"
         )
     area = np.bincount(
         slave.corners.ravel(), slave.whole().ravel(), minlength=len(slave.points)
@@ -349,7 +347,7 @@ def _nodes(
         xi = -start / (end - start)
         inside = ((xi >= -_RIM) & (xi <= 1 + _RIM)).all(axis=1)
     else:
-        # Far aside of a quadrilateral its coordinates have no meaning.
+        # Far outside a quadrilateral its reference coordinates are meaningless.
         box = (np.abs(flat).max(axis=2) >= 0).all(axis=1)
         box &= (flat.min(axis=1) <= _RIM * master.radius[m, None]).all(axis=1)
         box &= (flat.max(axis=1) >= -_RIM * master.radius[m, None]).all(axis=1)
@@ -391,7 +389,7 @@ def _columns(
     dofs_master: ArrayLike | None,
     n: int | None,
 ) -> tuple[Ints, Ints, int]:
-    """Degrees of freedom of the nodes of both sides, and how many there are."""
+    """Degrees of freedom of slave and master nodes, and their total number."""
     d, count = slave.dim, len(slave.points)
     others = 0 if master is None else len(master.points)
     given = [dofs_slave is not None, dofs_master is not None or master is None]
@@ -400,8 +398,8 @@ def _columns(
         return everything[:count], everything[count:], d * (count + others)
     if not all(given) or n is None:
         raise ValueError(
-            "degrees of freedom are given in part, expected those of all nodes, and n, "
-            "how many there are"
+            "degrees of freedom are given in part, expected those of all nodes and their "
+            "total number n"
         )
     ours = _dofs("dofs_slave" if master else "dofs", dofs_slave, (count, d), n)
     if master is None:
@@ -417,7 +415,7 @@ def _dofs(what: str, value: Any, shape: tuple[int, int], n: int) -> Ints:
         raise ValueError(f"{what} has shape {found.shape}, expected {shape}")
     if found.size and not (found.min() >= 0 and found.max() < n):
         bad = int(found.max() if found.min() >= 0 else found.min())
-        raise ValueError(f"{what} holds {bad}, expected 0 to {n - 1}")
+        raise ValueError(f"{what} has entry {bad}, expected 0 to {n - 1}")
     return np.array(found, dtype=np.int64)
 
 
@@ -429,9 +427,9 @@ def _assembled(
     clearance: Floats | float,
     columns: tuple[Ints, Ints, int],
 ) -> Pairs:
-    """Components along the frames, and the gap of the places."""
+    """Components along the frames, and the gaps of the undeformed positions."""
     dofs_slave, dofs_master, n = columns
-    # From a place among them: far from the origin the digits of the gap would be lost.
+    # Relative to one of the points: far from the origin the gap would lose digits.
     origin = slave.points[found.node[0]]
     gap = found.clearance + clearance
     B = expand(found.slave, frame, dofs_slave, n)
@@ -453,7 +451,7 @@ def _assembled(
 
 
 def expand(weights: Any, frame: Floats, dofs: Ints, n: int) -> Any:
-    """Blocks ``w_ij frame_i`` of weights ``(n_c, nodes)``, CSR ``(d n_c, n)``."""
+    """CSR ``(d n_c, n)`` with blocks ``w_ij frame_i`` from weights ``(n_c, nodes)``."""
     from scipy import sparse
 
     count, d = frame.shape[:2]

@@ -1,14 +1,15 @@
-"""Integrals of shape functions over polygons in quadrilaterals that are no parallelograms.
+"""Integrals of shape functions over polygons in quadrilaterals that are not parallelograms.
 
-There N(ξ(x)) is not a polynomial of places, and rules on triangles converge slowly where
-a quadrilateral is nearly a triangle. In reference coordinates it is one, and in those of
-the mean edges, X = ξ + α ξη and Y = η + β ξη (`facet_shapes.reference`), by Green
+There N(ξ(x)) is not a polynomial of the position, and rules on triangles converge slowly if
+a quadrilateral is nearly a triangle. In reference coordinates N is a polynomial, and with
+coordinates along the mean edges, X = ξ + α ξη and Y = η + β ξη
+(`shape_functions.reference`), Green's theorem gives
 
     ∫ ξᵖ ηᑫ dX dY = ∫∫ ξᵖ ηᑫ (1 + αη + βξ) dξ dη = -∮ F dξ,
     F = ξᵖ [(1 + βξ) ηᑫ⁺¹/(q + 1) + α ηᑫ⁺²/(q + 2)],
     dξ = [(1 + βξ) dX - αξ dY]/(1 + αη + βξ),
 
-along the edges, which are straight in space: a smooth function of one variable each.
+along the straight edges: on each a smooth function of one variable.
 """
 
 from __future__ import annotations
@@ -25,19 +26,19 @@ def polygon_integrals(kind: Kind, corners: Floats, polygons: Floats) -> Floats:
     Parameters
     ----------
     kind
-        Of quadrilaterals.
+        A kind of quadrilaterals.
     corners
-        Of the quadrilaterals, ``(k, 4, 2)``, in either sense.
+        Corners of the quadrilaterals, ``(k, 4, 2)``, in either orientation.
     polygons
-        Within them, counter-clockwise ``(k, v, 2)``; corners may repeat.
+        Polygons inside them, counter-clockwise ``(k, v, 2)``; corners may repeat.
     """
     found = np.zeros((len(corners), kind.nodes))
-    # Nearest singularity as in the order of the rules on triangles.
+    # The nearest singularity as in `integrals._beyond`.
     rate = np.log(2 / np.clip(skewness(corners), 1e-3, 0.98))
     points = 4 * np.ceil((26 / rate + 4) / 4).astype(np.int64)
     for n in np.unique(points):
         group = np.flatnonzero(points == n)
-        # As many points at a time as fit the cache.
+        # At a time as many points as fit into the cache.
         step = max(1, 2**17 // int(n * polygons.shape[1]))
         for first in range(0, len(group), step):
             part = group[first : first + step]
@@ -57,7 +58,7 @@ def _boundary(kind: Kind, corners: Floats, polygons: Floats, n: int) -> Floats:
     alpha, beta = skew[:, :, None]
     b = 1 + beta * xi
     change = (b * dX - alpha * xi * dY) / (b + alpha * eta) * np.tile(weight / 2, v)
-    # By powers of η, then of ξ, as many as the functions have.
+    # Moments for all powers of η, then of ξ, that occur in the functions.
     most = 1 if kind.nodes == 4 else 2
     moments = np.empty((k, most + 1, most + 1))
     for q in range(most + 1):

@@ -1,9 +1,9 @@
-"""Kinds of facets: shape functions, and reference coordinates from places.
+"""Kinds of facets: shape functions, and reference coordinates of positions.
 
 A line has the reference coordinate ξ in [0, 1], a triangle (ξ, η) with ξ, η ≥ 0 and
-ξ + η ≤ 1, a quadrilateral (ξ, η) in [-1, 1]². Nodes are numbered as VTK, gmsh and Abaqus
-number them: corners around the facet, then the middles of the edges, that of edge i
-between the corners i and i + 1, then the centre.
+ξ + η ≤ 1, a quadrilateral (ξ, η) in [-1, 1]². Nodes are numbered as in VTK, gmsh and
+Abaqus: corners around the facet, then midpoints of edges, edge i between the corners i and
+i + 1, then the centre.
 """
 
 from __future__ import annotations
@@ -27,15 +27,16 @@ class Kind:
     Attributes
     ----------
     name
-        As in messages.
+        Name in messages.
     nodes, corners
         Nodes of a facet, and how many of them are corners, which come first.
     degree
         Polynomial degree of the shape functions in the reference coordinates.
     shapes
-        Places of reference ``(..., d - 1)`` to shape functions ``(..., nodes)``.
+        Function of reference coordinates ``(..., d - 1)`` that returns the shape functions
+        ``(..., nodes)``.
     mirror
-        Order of the nodes that turns the normal around.
+        Order of the nodes that reverses the normal.
     """
 
     name: str
@@ -94,9 +95,10 @@ def _quad9(x: Floats) -> Floats:
     p, q = line(xi), line(eta)
     return np.stack(
         [
-            *(p[0] * q[0], p[2] * q[0], p[2] * q[2], p[0] * q[2]),
-            *(p[1] * q[0], p[2] * q[1], p[1] * q[2], p[0] * q[1]),
-            p[1] * q[1],
+            p[i] * q[j]
+            for i, j in zip(
+                (0, 2, 2, 0, 1, 2, 1, 0, 1), (0, 0, 2, 2, 0, 1, 2, 1, 1), strict=True
+            )
         ],
         axis=-1,
     )
@@ -116,15 +118,15 @@ KINDS: dict[tuple[int, int], Kind] = {
         "quadrilateral of nine nodes", 9, 4, 4, _quad9, (0, 3, 2, 1, 7, 6, 5, 4, 8)
     ),
 }
-# Shape functions of the corners alone, by their number: what places and multipliers
-# are interpolated with.
+# Shape functions of the corners, by their number: they interpolate positions and
+# multipliers.
 CORNER_SHAPES: dict[int, Callable[[Floats], Floats]] = {2: _line2, 3: _tri3, 4: _quad4}
 
 
 def reference(corners: Floats, x: Floats) -> Floats:
-    """Reference coordinates ``(m, q, 2)`` of places in the planes of plane facets.
+    """Reference coordinates ``(m, q, 2)`` of points in plane facets.
 
-    Of a quadrilateral, in coordinates (X, Y) of its mean edges, ``ξ + α ξη = X`` and
+    In a quadrilateral, with coordinates (X, Y) of its mean edges, ``ξ + α ξη = X`` and
     ``η + β ξη = Y``: eliminating η leaves the quadratic ``β ξ² + b ξ - X = 0`` with
     ``b = 1 + αY - βX``, whose root that goes on from the parallelogram α = β = 0 is
     2X/(b + √(b² + 4βX)). No iteration, and nothing cancels in a convex one.
@@ -134,7 +136,7 @@ def reference(corners: Floats, x: Floats) -> Floats:
     corners
         Triangles or convex quadrilaterals, ``(m, c, 2)``.
     x
-        ``(m, q, 2)``, within them or beside them by rounding.
+        Points ``(m, q, 2)``, inside the facets to rounding.
     """
     if corners.shape[1] == 3:
         edges = corners[:, 1:] - corners[:, :1]
@@ -144,7 +146,7 @@ def reference(corners: Floats, x: Floats) -> Floats:
     X, Y = local[..., 0], local[..., 1]
     alpha, beta = alpha[:, None], beta[:, None]
     b = 1 + alpha * Y - beta * X
-    # Beside a facet that is nearly a triangle the root may be of -rounding.
+    # Near a facet that is almost a triangle, rounding may make the radicand negative.
     xi = 2 * X / (b + np.sqrt(np.maximum(b * b + 4 * beta * X, 0.0)))
     return np.stack([xi, Y / (1 + beta * xi)], axis=-1)
 
@@ -156,12 +158,12 @@ def skewness(corners: Floats) -> Floats:
 
 
 def affine(corners: Floats, x: Floats) -> tuple[Floats, Floats, Floats]:
-    """Coordinates of mean edges of quadrilaterals ``(m, 4, 2)``.
+    """Coordinates along the mean edges of quadrilaterals ``(m, 4, 2)``.
 
     Returns
     -------
     size, components, skew
-        Area of the unit of these coordinates, signed, ``(m,)``; components of vectors
+        Signed area of the unit cell of these coordinates, ``(m,)``; components of vectors
         ``x (m, q, 2)``; α and β ``(2, m)``.
     """
     _, edges, skew = _bilinear(corners)
@@ -190,11 +192,11 @@ def _components(edges: Floats, x: Floats) -> Floats:
 
 
 def kind_of(what: str, dim: int, nodes: int) -> Kind:
-    """Kind of facets ``what`` with so many nodes each."""
+    """Kind of the facets ``what`` with a number of nodes each."""
     if (dim, nodes) not in KINDS:
         known = [f"{k} ({n.name})" for (d, k), n in KINDS.items() if d == dim]
         raise ValueError(
-            f"{what} has {nodes} nodes a facet, expected {', '.join(known)} in "
+            f"{what} has {nodes} nodes for each facet, expected {', '.join(known)} in "
             f"{dim} dimensions"
         )
     return KINDS[dim, nodes]

@@ -1,4 +1,4 @@
-"""A tree of facets in cylinders, which lie closer to what is nearly flat than boxes do."""
+"""A tree of facets in cylinders, which enclose nearly flat groups closer than boxes."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.mortar.box_tree import along_curve, descend, starts
 
-# Of distances and sizes: above what rounding makes of a bound, in some ten operations.
+# Relative rounding error of a bound, from some ten operations.
 _ROUNDING = 1e-12
 
 
 class FacetTree:
     """Facets with corners ``(m, c, d)`` and unit normals ``(m, d)``.
 
-    A node is a cylinder about the mean normal of its facets. Seen from the centre of a
-    sphere all of its facets are equally far but for the sagitta of a facet: boxes around
-    them, thicker than that, would tell none of them apart.
+    A node is a cylinder about the mean normal of its facets. From the centre of a sphere,
+    the distances of all facets differ by their sagitta only; boxes are thicker than that
+    and could not exclude any facet.
     """
 
     def __init__(self, corners: Floats, normals: Floats) -> None:
         self._order = along_curve(corners.mean(axis=1))
         corners, normals = corners[self._order], normals[self._order]
         self._size = float(np.ptp(corners.reshape(-1, corners.shape[2]), axis=0).max())
-        # From the facets up: centre, axis, radius and half the height of each node.
+        # From the facets to the root: centre, axis, radius, half height of each node.
         self._levels = [_cylinders(corners, normals, np.arange(len(corners)))]
         first = np.arange(len(corners))
         while len(first) > 1:
@@ -33,10 +33,10 @@ class FacetTree:
             self._levels.append(_cylinders(corners, normals, first))
 
     def nearer(self, x: Floats, best: Floats) -> Iterator[tuple[Ints, Ints]]:
-        """Points and facets that may be nearer to them than ``best (n,)``.
+        """Pairs of a point and a facet that may be nearer than ``best (n,)``.
 
-        A portion at a time, ascending by point, then by facet. The caller lowers
-        ``best`` meanwhile, which leaves out the more of those to come.
+        In portions, ascending by point, then by facet. The caller lowers ``best`` after
+        each portion, which excludes more of the remaining pairs.
         """
         slack = _ROUNDING * self._size
 
@@ -49,7 +49,7 @@ class FacetTree:
         sizes = [len(level) for level in self._levels]
         for point, node in descend(sizes, len(x), near):
             least = _bounds(x[point], self._levels[0][node])
-            # The most promising facet of each point first: few others are left then.
+            # The facet with the least bound first: it excludes most others.
             order = np.lexsort([least, point])
             first = order[np.flatnonzero(np.diff(point[order], prepend=-1))]
             yield point[first], self._order[node[first]]
@@ -61,12 +61,12 @@ class FacetTree:
 
 
 def _cylinders(corners: Floats, normals: Floats, first: Ints) -> Floats:
-    """Rows of centre, axis, radius and half height of facets from each ``first`` on."""
+    """Centre, axis, radius and half height in a row for the facets from each ``first``."""
     count = np.diff(np.append(first, len(corners)))
     node = np.repeat(np.arange(len(first)), count)
     axis = np.add.reduceat(normals, first)
     length = np.sqrt(np.einsum("nd,nd->n", axis, axis))
-    # Any axis will do where normals cancel.
+    # Where normals cancel, any axis is valid.
     axis[length == 0] = np.eye(axis.shape[1])[0]
     axis /= np.where(length == 0, 1.0, length)[:, None]
     low = np.minimum.reduceat(corners.min(axis=1), first)
@@ -77,17 +77,18 @@ def _cylinders(corners: Floats, normals: Floats, first: Ints) -> Floats:
     bottom = np.minimum.reduceat(along.min(axis=1), first)
     top = np.maximum.reduceat(along.max(axis=1), first)
     half, middle = (top - bottom) / 2, (top + bottom) / 2
-    # At right angles to the axis the centre stays.
+    # Across the axis the centre stays.
     aside = np.einsum("mcd,mcd->mc", way, way) - along**2
     aside = np.sqrt(np.maximum(np.maximum.reduceat(aside.max(axis=1), first), 0.0))
     centre += middle[:, None] * axis
-    # No flatter than wide: what is aside of a far place along the axis is rounding.
+    # The radius at least half the height: the distance from the axis of a far point is
+    # a difference with rounding errors.
     radius = np.maximum(aside, half)
     return np.column_stack([centre, axis, radius, half])
 
 
 def _bounds(x: Floats, cylinders: Floats) -> Floats:
-    """Distances of places ``(p, d)`` to cylinders, one each."""
+    """Distances of points ``(p, d)`` to one cylinder each."""
     d = x.shape[1]
     way = x - cylinders[:, :d]
     along = np.abs(np.einsum("pd,pd->p", way, cylinders[:, d : 2 * d]))

@@ -1,4 +1,4 @@
-"""A rigid motion along a load path: where an obstacle is at the end of each step."""
+"""Rigid motions of obstacles along a load path."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import floats
 from bipot_rs.obstacle.protocol import directed
 
-# In radians: beyond it, degrees are meant more likely than so many turns.
+# More turns than this in radians are probably degrees.
 _MOST_TURNS = 100
 
 
@@ -21,22 +21,21 @@ _MOST_TURNS = 100
 class Motion:
     """Finite translations and rotations, totals at the end of each load step.
 
-    ``x -> about + R(rotation) (x - about) + translation``: the pole ``about`` is carried
-    along by the translation, so that a roller turns about its own axis wherever it goes.
-    Between two states both numbers grow in proportion.
+    ``x -> about + R(rotation) (x - about) + translation``: the pole ``about`` moves with
+    the translation, so that a roller always turns about its own axis. During a step,
+    translation and rotation grow in proportion.
 
     Parameters
     ----------
     translation
         ``(steps, d)`` [m]; ``None`` for none.
     rotation
-        Angles ``(steps,)``, in **radians** unless ``degrees`` is true, totals of any
-        number of turns; counter-clockwise in the plane, by the right hand about ``axis``
-        in space; ``None`` for none.
+        Total angles ``(steps,)``, in **radians** unless ``degrees`` is true;
+        counter-clockwise in 2D, right-handed about ``axis`` in 3D; ``None`` for none.
     about
         A point ``(d,)`` of the axis at the start; default the origin.
     axis
-        Direction of the axis ``(3,)``, in space only.
+        Direction of the axis ``(3,)``, in 3D only.
     degrees
         Whether ``rotation`` is in degrees, as the ``angle`` of scene files and of
         `Model.obstacle` always is.
@@ -44,12 +43,12 @@ class Motion:
     Raises
     ------
     TypeError, ValueError
-        Neither motion is given, shapes that do not fit, or more than 100 turns in
-        radians.
+        Neither translation nor rotation is given, shapes do not fit, or the rotation is
+        more than 100 turns in radians.
 
     Examples
     --------
-    A quarter of a turn, said in two ways:
+    A quarter of a turn in radians and in degrees:
 
     >>> import numpy as np
     >>> one = Motion(rotation=[np.pi / 2])
@@ -79,7 +78,7 @@ class Motion:
         pole = None if self.about is None else floats("about", self.about, ndim=1)
         turn = None if self.axis is None else directed("axis", self.axis, 3)
         if any(x is not None and not len(x) for x in (shift, angle)):
-            raise ValueError("motion has no steps, expected one or more")
+            raise ValueError("motion has no steps, expected at least one")
         if shift is None and angle is None:
             raise ValueError("motion has neither translation nor rotation")
         known = {"translation": shift, "about": pole}
@@ -92,11 +91,11 @@ class Motion:
                     + (str(d) if d in (2, 3) else "2 or 3")
                 )
         if angle is not None and d == 3 and turn is None:
-            raise ValueError("axis is missing: a rotation in space has one")
+            raise ValueError("axis is missing: a rotation in 3D needs one")
         if shift is not None and angle is not None and len(shift) != len(angle):
             raise ValueError(
                 f"rotation has {counted(len(angle), 'step')} but translation has "
-                f"{len(shift)}: expected as many"
+                f"{len(shift)}: expected the same number"
             )
         steps = len(shift) if shift is not None else len(angle)  # type: ignore[arg-type]
         if angle is None:
@@ -123,8 +122,8 @@ class Motion:
             at = int(np.argmax(turns))
             raise ValueError(
                 f"rotation at the end of load step {at + 1} is {rotation[at]:g}, {turns[at]:.0f} "
-                f"turns: expected radians, {_MOST_TURNS} turns at the most; degrees=True "
-                "takes degrees, and any number of turns"
+                f"turns: expected radians, at most {_MOST_TURNS} turns; use degrees=True "
+                "for degrees, or for more turns"
             )
         return rotation
 
@@ -144,21 +143,21 @@ class Motion:
         return len(self._angle) - 1
 
     def forwards(self, directions: Floats, state: int) -> Floats:
-        """Directions ``(n, d)`` of the obstacle, as they stand in ``state``.
+        """Rotate directions ``(n, d)`` of the obstacle from the start to ``state``.
 
         State 0 is the start, state k the end of load step k - 1.
         """
         angle = self._angle[state]
-        # Not turned at all, they keep their bits.
+        # Without a rotation the result is bitwise the same.
         return directions if angle == 0 else directions @ self._matrix(angle).T
 
     def backwards(self, directions: Floats, state: int) -> Floats:
-        """Directions ``(n, d)`` as seen by the obstacle, the inverse of `forwards`."""
+        """Rotate directions ``(n, d)`` back to the start, the inverse of `forwards`."""
         angle = self._angle[state]
         return directions if angle == 0 else directions @ self._matrix(angle)
 
     def back(self, points: Floats, state: int) -> Floats:
-        """Places ``(n, d)`` as seen by the obstacle, which thinks itself at the start."""
+        """Move points ``(n, d)`` back by the motion: their position relative to the start."""
         moved, angle = points - self._shift[state], self._angle[state]
         if angle == 0:
             return np.asarray(moved, np.float64)
@@ -167,12 +166,12 @@ class Motion:
         )
 
     def drag(self, foot: Floats, state: int) -> Floats:
-        """How far the obstacle carries what rests on it, ``(n, d)`` [m].
+        """Displacement of the obstacle's surface under the nodes, ``(n, d)`` [m].
 
-        The displacement from the state before of the material points that pass under
-        places ``foot (2, n, d)``, one each at its beginning and its end: the velocity of
-        the rigid motion ``t' + θ' e × (foot - about - t)``, integrated with feet and ``t``
-        in proportion. Exact for translations, and for rollers however they roll.
+        From state - 1 to ``state``, at feet ``foot (2, n, d)`` at the beginning and the
+        end: the velocity of the rigid motion ``t' + θ' e × (foot - about - t)``,
+        integrated with feet and ``t`` that change linearly. Exact for translations and
+        for rolling cylinders.
         """
         shift = self._shift[state] - self._shift[state - 1]
         turned = self._angle[state] - self._angle[state - 1]
@@ -192,6 +191,6 @@ class Motion:
     def _matrix(self, angle: float) -> Floats:
         """Rotation by Rodrigues' formula, ``R = I + sin θ E + (1 - cos θ) E²``."""
         E = self._cross(np.eye(self.dim)).T
-        # 1 - cos θ, which loses digits at small angles.
+        # 1 - cos θ without the loss of digits at small angles.
         versine = 2 * np.sin(angle / 2) ** 2
         return np.asarray(np.eye(self.dim) + np.sin(angle) * E + versine * (E @ E))

@@ -1,4 +1,4 @@
-"""What a rigid obstacle answers: where it is closest to some points."""
+"""The interface of rigid obstacles: closest points."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from bipot_rs._lib.validation import floats
 
 
 class Closest(NamedTuple):
-    """The closest points of an obstacle to ``(n, d)`` others.
+    """The closest points of an obstacle to ``(n, d)`` points.
 
     Attributes
     ----------
     distance
-        ``(n,)`` [m]: positive outside the obstacle, zero on it, negative within.
+        ``(n,)`` [m]: positive outside the obstacle, zero on it, negative inside.
     normal
-        Unit, from the obstacle towards where bodies are, ``(n, d)``.
+        Unit normals towards the side of the bodies, ``(n, d)``.
     foot
         The closest points, ``(n, d)`` [m]: ``point - distance * normal``.
     """
@@ -29,18 +29,18 @@ class Closest(NamedTuple):
 
 
 class Obstacle(Protocol):
-    """A rigid obstacle: whatever knows its closest points."""
+    """A rigid obstacle: any object with these two members."""
 
     @property
     def dim(self) -> int | None:
-        """2 or 3; ``None`` for one that is known by a formula for both."""
+        """2 or 3; ``None`` if it works in both."""
 
     def closest(self, points: Floats, /) -> Closest:
         """The closest points to ``points (n, d)``."""
 
 
 def taken(points: object, dim: int | None) -> Floats:
-    """Points ``(n, d)`` that an obstacle is asked about."""
+    """Check the points ``(n, d)`` that are passed to an obstacle."""
     found = floats("points", points, ndim=2, copy=False)
     if found.shape[1] not in ((2, 3) if dim is None else (dim,)):
         wished = "(n, 2) or (n, 3)" if dim is None else f"(n, {dim})"
@@ -49,12 +49,12 @@ def taken(points: object, dim: int | None) -> Floats:
 
 
 def directed(what: str, value: object, dim: int | None = None) -> Floats:
-    """A direction, of length 1."""
+    """Check a direction, and scale it to length 1."""
     found = floats(what, value, ndim=1)
     if len(found) not in ((2, 3) if dim is None else (dim,)):
         wished = "(2,) or (3,)" if dim is None else f"({dim},)"
         raise ValueError(f"{what} has shape {found.shape}, expected {wished}")
-    # By the largest first: squares of large or small numbers leave the range.
+    # Divided by the largest component first: squares could overflow or underflow.
     size = np.abs(found).max()
     if size == 0:
         raise ValueError(f"{what} is zero, expected a direction")
@@ -65,8 +65,3 @@ def directed(what: str, value: object, dim: int | None = None) -> Floats:
 def length(values: Floats) -> Floats:
     """Lengths of vectors ``(..., d)``."""
     return np.asarray(np.linalg.norm(values, axis=-1), np.float64)
-
-
-def place(x: Floats) -> str:
-    """A point in words."""
-    return "(" + ", ".join(f"{c:g}" for c in x) + ")"

@@ -1,15 +1,14 @@
 """Rigid obstacles, at rest or moving along the load path.
 
-Whatever has ``dim`` and ``closest(points)`` is an obstacle (`Obstacle`); the shapes here
-are those with a formula, and `Surface` is one of facets. What one of another's making
-answers is checked (`ask`).
+An obstacle is any object with ``dim`` and ``closest(points)`` (`Obstacle`). The shapes
+here have a formula; `Surface` consists of facets. The answers of classes defined
+elsewhere are checked (`ask`).
 
-Displacements are small: a contact keeps the frame of one place of the obstacle for the
-whole path, that of its nearest approach to the node. Of a step the gap is the distance
-``g`` of the moved obstacle from the node's place without load, and with ``u`` the node is
-taken to be at the distance ``g + n·u``, which leaves out terms of the order of
-``|u|²/R`` over an obstacle of radius R, and ``|u|`` times the angle by which an obstacle
-that turns or passes by still turns the normal while it touches.
+Displacements are small: a contact keeps one frame for the whole path, taken where the
+obstacle comes nearest to the node. The gap of a step is the distance ``g`` between the
+moved obstacle and the undeformed node; a displacement u makes it ``g + n·u``. This
+neglects terms of order ``|u|²/R`` for an obstacle of radius R, and of order ``|u| θ`` if
+the normal turns by θ during contact.
 """
 
 from __future__ import annotations
@@ -21,43 +20,28 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import callback, floats, number, shown
+from bipot_rs.contact.frames import frames
 from bipot_rs.obstacle.motion import Motion
-from bipot_rs.obstacle.protocol import Closest, Obstacle, directed, length, place, taken
+from bipot_rs.obstacle.protocol import Closest, Obstacle, directed, length, taken
 from bipot_rs.obstacle.triangulated import Surface
 
-__all__ = [
-    "Approach",
-    "Closest",
-    "Cylinder",
-    "Distance",
-    "Motion",
-    "Obstacle",
-    "Plane",
-    "Sphere",
-    "Surface",
-    "Union",
-    "approach",
-    "ask",
-    "onwards",
-]
-
-# Nearer to an axis or a centre than this share of the radius, a normal has lost half of
-# its digits.
+# A normal at a distance from the axis or centre below this fraction of the radius has
+# lost half of its digits.
 _CENTRE = 1e-8
-# What a distance may miss of |∇d| = 1 and of d(foot) = 0, relative to the size of the
-# points.
+# Tolerance of |∇d| = 1, and of d(foot) = 0 relative to the extent of the points.
 _UNIT = 1e-6
-# Of the extent of the points: balances truncation, step⁴, and rounding, ε/step.
+# Step over the extent of the points: balances truncation, step⁴, and rounding, ε/step.
 _STEP = 1e-3
-# Steps are made smaller by the one until the length is right to the other.
+# The step is reduced by the first factor until |∇d| = 1 holds to the second.
 _FINER, _FINE = 1 / 8, 1e-9
 
 
 @dataclass(frozen=True)
 class Plane:
-    """A half-space; ``normal (d,)`` points to the bodies, ``point (d,)`` lies on it."""
+    """A plane through ``point (d,)`` whose ``normal (d,)`` points towards the bodies."""
 
     point: ArrayLike
     normal: ArrayLike
@@ -81,7 +65,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class Sphere:
-    """A ball, a disc in the plane; with ``inside`` a cavity that bodies are in.
+    """A ball, in 2D a disc; with ``inside=True`` a cavity that contains the bodies.
 
     Parameters
     ----------
@@ -90,7 +74,7 @@ class Sphere:
     radius
         Positive [m].
     inside
-        Whether bodies are within: normals then point to the centre.
+        Whether the bodies are inside: normals then point to the centre.
     """
 
     centre: ArrayLike
@@ -103,7 +87,7 @@ class Sphere:
             raise ValueError(
                 f"centre of the sphere has shape {centre.shape}, expected (2,) or (3,)"
             )
-        _radius("sphere", self.radius)
+        _positive("radius of the sphere", self.radius)
 
     @property
     def dim(self) -> int:
@@ -119,18 +103,18 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """An endless round bar, a disc in the plane; with ``inside`` a bore.
+    """An infinite circular cylinder, in 2D a disc; with ``inside=True`` a bore.
 
     Parameters
     ----------
     point
-        On the axis, ``(d,)`` [m]; in the plane the centre.
+        A point on the axis, ``(d,)`` [m]; in 2D the centre.
     radius
         Positive [m].
     axis
-        Direction of the axis, ``(3,)``; in the plane none.
+        Direction of the axis, ``(3,)``; None in 2D.
     inside
-        Whether bodies are within: normals then point to the axis.
+        Whether the bodies are inside: normals then point to the axis.
     """
 
     point: ArrayLike
@@ -148,11 +132,11 @@ class Cylinder:
             raise ValueError(
                 "axis of the cylinder is missing"
                 if self.axis is None
-                else "axis of the cylinder was given, in the plane there is none"
+                else "axis of the cylinder was given, but a 2D cylinder has none"
             )
         if self.axis is not None:
             directed("axis of the cylinder", self.axis, 3)
-        _radius("cylinder", self.radius)
+        _positive("radius of the cylinder", self.radius)
 
     @property
     def dim(self) -> int:
@@ -164,31 +148,91 @@ class Cylinder:
         x = taken(points, self.dim)
         arm = x - np.asarray(self.point, np.float64)
         if self.axis is not None:
-            along = directed("axis of the cylinder", self.axis, 3)
-            # Twice: far along the axis, one pass leaves its rounding.
-            for _ in range(2):
-                arm = arm - (arm @ along)[:, None] * along
+            arm = _across(arm, directed("axis of the cylinder", self.axis, 3))
         return _round(x, arm, self.radius, self.inside, "axis of the cylinder")
 
 
 @dataclass(frozen=True)
+class Torus:
+    """A ring with a circular cross-section; with ``inside=True`` the bodies are in it.
+
+    Parameters
+    ----------
+    centre
+        ``(3,)`` [m].
+    axis
+        Direction of the axis of rotation, ``(3,)``, of any length.
+    major_radius
+        Radius of the circle of the tube's centres, > 0 [m].
+    minor_radius
+        Radius of the tube, > 0 and below ``major_radius`` [m].
+    inside
+        Whether the bodies are inside the tube: normals then point to its centre.
+
+    Notes
+    -----
+    The closest point is exact: the closest point ``m`` of the circle of centres, then
+    the closest point to x of the sphere of radius ``minor_radius`` about ``m``. A point
+    on the axis is equally far from a whole circle of the torus; one of its points is
+    taken.
+    """
+
+    centre: ArrayLike
+    axis: ArrayLike
+    major_radius: float
+    minor_radius: float
+    inside: bool = False
+
+    def __post_init__(self) -> None:
+        floats("centre of the torus", self.centre, shape=(3,))
+        directed("axis of the torus", self.axis, 3)
+        _positive("major_radius of the torus", self.major_radius)
+        _positive("minor_radius of the torus", self.minor_radius)
+        if not self.minor_radius < self.major_radius:
+            raise ValueError(
+                f"minor_radius of the torus is {self.minor_radius}, expected a number "
+                f"below major_radius, {self.major_radius}"
+            )
+
+    @property
+    def dim(self) -> int:
+        """3."""
+        return 3
+
+    def closest(self, points: Floats, /) -> Closest:
+        """As `Obstacle`; `ValueError` for a point at the centre of the tube."""
+        x = taken(points, 3)
+        axis = directed("axis of the torus", self.axis, 3)
+        arm = x - np.asarray(self.centre, np.float64)
+        radial = _across(arm, axis)
+        far = length(radial)
+        # On the axis: any direction across it.
+        radial[far == 0], far[far == 0] = frames(axis[None])[0, 1], 1.0
+        arm = arm - self.major_radius * radial / far[:, None]
+        return _round(x, arm, self.minor_radius, self.inside, "centre of the tube")
+
+
+@dataclass(frozen=True)
 class Distance:
-    """An obstacle by its signed distance, negative inside.
+    """An obstacle defined by its signed distance function, negative inside.
 
     Parameters
     ----------
     function
-        Distances ``(n,)`` of places ``(n, d)`` [m].
+        Distances ``(n,)`` at points ``(n, d)`` [m].
     gradient
-        Its gradients ``(n, d)`` at places ``(n, d)``; default central differences of
+        Gradients ``(n, d)`` at points ``(n, d)``; default central differences of
         fourth order.
     step
-        Of these differences [m]; default a thousandth of the extent of the points asked
-        about, or of their distances. It must be well below the least radius of curvature
-        of the obstacle: the default is made smaller until the gradient has length 1.
+        Step of these differences [m]; default 1/1000 of the extent of the points or of
+        their distances. It must be well below the smallest radius of curvature of the
+        obstacle; the default is reduced until the gradient has length 1.
 
-    What is no distance is refused: the gradient has length 1 to 1e-6, and at the foot
-    ``x - d ∇d`` the function is zero to 1e-6 of the extent of the points.
+    Notes
+    -----
+    A function that is not a distance is refused: the gradient must have length 1 to
+    1e-6, and at the foot ``x - d ∇d`` the function must be zero to 1e-6 of the extent of
+    the points.
     """
 
     function: Callable[[Floats], ArrayLike]
@@ -199,9 +243,7 @@ class Distance:
         callback("function of the distance", self.function)
         callback("gradient of the distance", self.gradient)
         if self.function is None:
-            raise TypeError(
-                "function of the distance is None, expected something to call"
-            )
+            raise TypeError("function of the distance is None, expected a function")
         if self.step is not None and not number("step of the distance", self.step) > 0:
             raise ValueError(
                 f"step of the distance is {self.step}, expected a positive number"
@@ -209,11 +251,11 @@ class Distance:
 
     @property
     def dim(self) -> None:
-        """Known by the function alone."""
+        """None: the function decides."""
         return
 
     def closest(self, points: Floats, /) -> Closest:
-        """As `Obstacle`; `ValueError` where the function is no distance."""
+        """As `Obstacle`; `ValueError` where the function is not a distance."""
         x = taken(points, None)
         distance = self._at(x)
         extent = float(np.ptp(x, axis=0).max(initial=0.0)) if len(x) else 0.0
@@ -225,7 +267,7 @@ class Distance:
         elif self.step is not None:
             slope = self._slope(x, float(self.step))
         else:
-            # Of one place on the surface nothing tells a size but its coordinates.
+            # For a single point on the surface, only its coordinates give a size.
             known = extent if extent > 1e3 * rounding else far or 1.0
             slope = self._finest(x, _STEP * known, rounding)
         size = length(slope)
@@ -234,8 +276,8 @@ class Distance:
             at = int(np.argmax(off))
             raise ValueError(
                 f"the gradient of the distance has length {size[at]:g} at {place(x[at])}, "
-                f"expected 1 to {_UNIT:g}: a signed distance, smooth there, and not any "
-                "function that vanishes on the surface"
+                f"expected 1 to {_UNIT:g}: the function must be a signed distance that is "
+                "smooth there; being zero on the surface is not enough"
             )
         normal = slope / size[:, None]
         foot = x - distance[:, None] * normal
@@ -243,9 +285,9 @@ class Distance:
         if not (missed <= _UNIT * extent + rounding).all():
             at = int(np.argmax(missed))
             raise ValueError(
-                f"the distance at {place(x[at])} is {distance[at]:g}, but so far along its "
-                f"gradient, at {place(foot[at])}, it is {missed[at]:g} and not zero: "
-                "expected a signed distance"
+                f"the distance at {place(x[at])} is {distance[at]:g}, but at the foot "
+                f"x - d ∇d, {place(foot[at])}, it is {missed[at]:g}, expected zero: the "
+                "function must be a signed distance"
             )
         return Closest(distance, normal, foot)
 
@@ -253,7 +295,7 @@ class Distance:
         return floats("distance", self.function(x), shape=(len(x),))
 
     def _finest(self, x: Floats, step: float, least: float) -> Floats:
-        """Differences by a step, by smaller ones where these are no gradient of length 1."""
+        """Gradients by differences; the step is reduced where their length is not 1."""
         slope = self._slope(x, step)
         off = np.abs(length(slope) - 1)
         again = np.flatnonzero(off > _FINE)
@@ -263,12 +305,12 @@ class Distance:
             missed = np.abs(length(finer) - 1)
             better = missed < off[again]
             slope[again[better]], off[again[better]] = finer[better], missed[better]
-            # What is off by little and gains nothing has come to its rounding.
+            # A small error that a smaller step does not reduce is rounding.
             again = again[(off[again] > _FINE) & (better | (off[again] > _UNIT))]
         return slope
 
     def _slope(self, x: Floats, step: float) -> Floats:
-        # On a grid on which places and steps add up exactly: what is rounded away would
+        # Points and steps on a grid where their sums are exact: a rounding error would
         # be divided by the step.
         largest = float(np.abs(x).max(initial=0.0)) + 2 * step
         grid = 4 * np.spacing(largest)
@@ -285,10 +327,10 @@ class Distance:
 
 @dataclass(frozen=True)
 class Union:
-    """Several obstacles as one: the nearest counts, node by node.
+    """Several obstacles as one: each node meets the nearest.
 
-    Where a node may touch two at once, in the corner of a box, give each of them a
-    contact of its own on the same surface: the node then has two.
+    If a node can touch two obstacles at once, as in the corner of a box, define one
+    contact for each obstacle on the same surface instead: the node then has two contacts.
     """
 
     obstacles: Sequence[Obstacle]
@@ -302,11 +344,11 @@ class Union:
 
     @property
     def dim(self) -> int | None:
-        """2 or 3, or ``None`` where none of them tells."""
+        """2 or 3; ``None`` if every obstacle has ``dim`` None."""
         return next((one.dim for one in self.obstacles if one.dim is not None), None)
 
     def closest(self, points: Floats, /) -> Closest:
-        """As `Obstacle`; of two at one distance, the first."""
+        """As `Obstacle`; at equal distances, the first obstacle."""
         return self._nearest([ask(one, points) for one in self.obstacles])
 
     def facing(self, points: Floats, outward: Floats) -> Closest:
@@ -322,27 +364,28 @@ class Union:
         return Closest(distance, normal, foot)
 
 
-# Those of this package, which answer as they should.
-_OWN = (Plane, Sphere, Cylinder, Distance, Surface, Union)
-# What another obstacle may miss of |n| = 1, and of lying where it says, of the size of
-# the points.
-_TOLD = 1e-6
-# What the distance of a foot may be, of that which it is the foot of: some obstacles know
-# distances to first order, as those over a profile of heights; of a wrong sign it is twice.
+# The classes of this package: their answers need no check.
+_OWN = (Plane, Sphere, Cylinder, Torus, Distance, Surface, Union)
+# Tolerance for other classes: of |n| = 1, and of the foot relative to the extent of the
+# points.
+_TOLERANCE = 1e-6
+# Largest distance of a foot over the distance of its point. Some obstacles give distances
+# to first order only, such as a height profile; with a wrong sign the ratio is 2.
 _NEARLY = 0.1
 
 
 def ask(obstacle: Obstacle, points: Floats, outward: Floats | None = None) -> Closest:
-    """The closest points of an obstacle, checked where it is not one of this package.
+    """Closest points of an obstacle; the answers of other classes are checked.
 
-    With ``outward (n, d)``, directions out of the body there, `Surface.facing`.
+    With ``outward (n, d)``, outward directions of the body at the points, a `Surface`
+    answers by `Surface.facing`.
 
     Raises
     ------
     TypeError, ValueError
-        It answers with other shapes or with what is no number; normals that have not
-        length 1; feet that are not ``point - distance * normal``, or not on the obstacle;
-        a distance that is not negative on the other side of the surface.
+        The answer has a wrong shape or is not finite; a normal does not have length 1;
+        a foot is not ``point - distance * normal`` or does not lie on the obstacle; the
+        distance is not negative behind the surface.
     """
     if isinstance(obstacle, Surface | Union) and outward is not None:
         return obstacle.facing(points, outward)
@@ -356,12 +399,12 @@ def ask(obstacle: Obstacle, points: Floats, outward: Floats | None = None) -> Cl
         float(np.ptp(points, axis=0).max()), float(np.abs(found.distance).max())
     )
     rounding = 1e3 * float(np.spacing(np.abs(points).max()))
-    slack = max(_TOLD * extent, rounding)
+    slack = max(_TOLERANCE * extent, rounding)
     off = np.abs(length(found.normal) - 1)
     between = length(points - found.distance[:, None] * found.normal - found.foot)
     for miss, most, words in (
-        (off, _TOLD, "normal has not length 1, it misses it by"),
-        (between, slack, "foot is not point - distance * normal, it is off by"),
+        (off, _TOLERANCE, "normal does not have length 1, the error is"),
+        (between, slack, "foot is not point - distance * normal, the error is"),
     ):
         if (miss > most).any():
             at = int(np.argmax(miss))
@@ -373,29 +416,31 @@ def ask(obstacle: Obstacle, points: Floats, outward: Floats | None = None) -> Cl
     if far.any():
         at = int(np.argmax(far))
         raise ValueError(
-            f"{what}: at {place(points[at])} its foot is {place(found.foot[at])}, which has "
-            f"the distance {again[at]:.3g}, expected a point of its surface: is the "
-            "distance negative inside, and the normal outward there too?"
+            f"{what}: the foot of {place(points[at])} is {place(found.foot[at])}, whose "
+            f"distance is {again[at]:.3g}, expected 0: check that inside the obstacle the "
+            "distance is negative and the normal points outwards"
         )
-    # Beyond a rim the other side is outside too: where it is so everywhere, there is none.
+    # Beyond a rim the point behind is outside too. If it is outside behind all points,
+    # the distance has no sign.
     step = 4 * slack
     behind = _answer(what, obstacle, found.foot - step * found.normal).distance
     if (behind > step / 2).all():
         raise ValueError(
             f"{what}: behind its surface, at {place(found.foot[0] - step * found.normal[0])}, "
-            f"its distance is {behind[0]:.3g}, expected a negative one: it is signed"
+            f"its distance is {behind[0]:.3g}, expected a negative number: the distance "
+            "must be signed"
         )
     return found
 
 
 def _answer(what: str, obstacle: Obstacle, points: Floats) -> Closest:
-    """What an obstacle says, of the right shapes and of numbers."""
+    """The answer of an obstacle, with checked shapes and finite numbers."""
     found = obstacle.closest(points)
     try:
         parts = (found.distance, found.normal, found.foot)
     except AttributeError:
         raise TypeError(
-            f"{what} answers with {shown(found)}, expected a Closest of distance, normal "
+            f"{what} returns {shown(found)}, expected a Closest with distance, normal "
             "and foot"
         ) from None
     shapes = ((len(points),), points.shape, points.shape)
@@ -414,17 +459,17 @@ def _answer(what: str, obstacle: Obstacle, points: Floats) -> Closest:
 
 
 class Approach(NamedTuple):
-    """An obstacle as nodes see it, at the start and at the end of each load step.
+    """Distances, normals and drag of an obstacle, at the start and after each load step.
 
     Attributes
     ----------
     normal
-        ``(n, d)``, of the state in which the obstacle is nearest to the node.
+        ``(n, d)``, in the state in which the obstacle is nearest to the node.
     distance
         ``(1 + steps, n)`` [m], signed.
     drag
-        ``(1 + steps, n, d)`` [m]: how far what rests on the obstacle under the node has
-        been carried since the start.
+        ``(1 + steps, n, d)`` [m]: displacement since the start of a material point that
+        stays on the obstacle under the node.
     """
 
     normal: Floats
@@ -438,20 +483,19 @@ def approach(
     points: Floats,
     outward: Floats | None = None,
 ) -> Approach:
-    """Follow an obstacle past ``points (n, d)``, which stay where they are.
+    """Follow an obstacle along its motion past fixed ``points (n, d)``.
 
-    ``outward (n, d)`` are directions out of the body there, of any length; with them a
-    place on an edge of a surface has the normal of `Surface.facing`.
+    ``outward (n, d)`` are outward directions of the body there, of any length; with them
+    a point on an edge of a `Surface` gets the normal of `Surface.facing`.
 
-    A tangential gap is ``-drag`` in the frame of the contact: relative to an obstacle that
-    has carried its surface by ``s``, a body at rest has moved by ``-s``. So an obstacle
-    that is translated by ``s`` does to the bodies, to rounding, what supports do that
-    displace all of them by ``-s``.
+    The tangential gap is ``-drag`` in the frame of the contact: a body at rest moves by
+    ``-s`` relative to an obstacle whose surface moves by ``s``. An obstacle translated by
+    ``s`` is therefore equivalent, to rounding, to supports that move all bodies by ``-s``.
     """
     states = 1 if motion is None else 1 + motion.steps
     if motion is not None and motion.dim != points.shape[1]:
         raise ValueError(
-            f"motion is one in {motion.dim} dimensions, the points have {points.shape[1]}"
+            f"motion has {motion.dim} dimensions, but the points have {points.shape[1]}"
         )
     distance = np.empty((states, len(points)))
     drag = np.zeros((states, *points.shape))
@@ -471,12 +515,12 @@ def approach(
 def onwards(
     obstacle: Obstacle, motion: Motion, points: Floats
 ) -> tuple[Floats, Floats]:
-    """Distances at the last of two states of a motion, and the drag since the first.
+    """Distances after the second step of a motion, and the drag during that step.
 
     Returns
     -------
     distance, drag
-        ``(n,)`` and ``(n, d)`` [m]: what `approach` would add to the drag of the first.
+        ``(n,)`` and ``(n, d)`` [m]; `approach` adds this drag to that of the first step.
     """
     _, _, before = _seen(obstacle, motion, points, 1)
     distance, _, feet = _seen(obstacle, motion, points, 2)
@@ -490,7 +534,7 @@ def _seen(
     state: int,
     outward: Floats | None = None,
 ) -> tuple[Floats, Floats, Floats]:
-    """Distances, normals and feet of points, of the obstacle as it stands in a state."""
+    """Distances, normals and feet for the obstacle in one state of its motion."""
     seen = points if motion is None else motion.back(points, state)
     if outward is not None and motion is not None:
         outward = motion.backwards(outward, state)
@@ -499,15 +543,21 @@ def _seen(
     return found.distance, towards, points - found.distance[:, None] * towards
 
 
-def _radius(what: str, radius: float) -> None:
-    if not 0 < number(f"radius of the {what}", radius) < np.inf:
-        raise ValueError(
-            f"radius of the {what} is {radius}, expected a positive number"
-        )
+def _positive(what: str, value: float) -> None:
+    if not 0 < number(what, value) < np.inf:
+        raise ValueError(f"{what} is {value}, expected a positive number")
+
+
+def _across(arm: Floats, axis: Floats) -> Floats:
+    """Vectors ``(n, 3)`` without their component along a unit axis."""
+    # Twice: far along the axis, one pass leaves its rounding.
+    for _ in range(2):
+        arm = arm - (arm @ axis)[:, None] * axis
+    return arm
 
 
 def _round(x: Floats, arm: Floats, radius: float, inside: bool, centre: str) -> Closest:
-    """Closest points of what lies at one distance from a centre or an axis."""
+    """Closest points of a surface at one distance from a point, line or circle."""
     far = length(arm)
     lost = far <= _CENTRE * radius
     if lost.any():

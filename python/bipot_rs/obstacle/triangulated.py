@@ -1,9 +1,9 @@
-"""A rigid obstacle of facets: triangles in space, segments in the plane.
+"""A rigid obstacle of facets: triangles in 3D, segments in 2D.
 
-The closest point of a facet lies within it, on an edge or at a corner. On which side a
-point is, the normal there tells: that of the facet, the sum of those that meet at an edge,
-and at a corner their sum weighted by angles, which is right for every closed surface
-(Bærentzen & Aanæs 2005).
+The closest point of a facet lies inside it, on an edge or at a corner. The side of a point
+follows from the normal there: the normal of the facet; on an edge the sum of the normals of
+its facets; at a corner their sum weighted by angles. This is correct for every closed
+surface (Bærentzen & Aanæs 2005).
 """
 
 from __future__ import annotations
@@ -15,55 +15,55 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.obstacle.facet_tree import FacetTree
-from bipot_rs.obstacle.protocol import Closest, length, place, taken
+from bipot_rs.obstacle.protocol import Closest, length, taken
 
-# A facet thinner than this share of its longest edge has no normal.
+# A facet thinner than this fraction of its longest edge has no normal.
 _THIN = 1e-12
-# Nearer to an edge or a corner than this share of the surface's size, the way to it is
-# rounding, and the normal is the one of the edge.
+# Nearer to an edge or a corner than this fraction of the surface's size, the direction to
+# it is rounding, and the normal of the edge is used.
 _ON = 1e-10
-# A node of a body is at an edge of what it is pressed on where files, which know places to
-# seven digits, do not tell the two apart.
+# A node this near to an edge, relative to the size, counts as on it: files give
+# coordinates with seven digits.
 _RIM = 1e-6
-# Of the sizes of vectors that are added: opposite ones, but for rounding.
+# Sums of vectors below this fraction of their lengths are zero but for rounding.
 _CANCELS = 1e-9
-# Points that are located at once: some ten megabytes.
+# Points located at once: some ten megabytes.
 _AT_ONCE = 2**13
 
 
 class Surface:
-    """A triangulated surface in space, a polyline in the plane.
+    """A triangulated surface in 3D, a polyline in 2D.
 
-    Its normals point to where bodies are: of a triangle by the right hand, as STL has
-    them, of a segment ``(a, b)`` to the right of the way from a to b, out of a polygon
-    that runs counter-clockwise. They are those of the facets: of a smooth surface meshed
-    with size h, distances are right to h² and normals to h.
+    Normals point to the side of the bodies: right-handed for triangles, as in STL; to the
+    right of the direction from a to b for a segment ``(a, b)``, which is outwards for a
+    counter-clockwise polygon. They are the normals of the facets: if a smooth surface is
+    meshed with size h, the error is of order h² in distances and h in normals.
 
-    A surface may have a border. Beyond it there is nothing to be inside of: such points
-    are outside, however they lie.
+    A surface may have a border. Points beyond the border are outside.
 
-    Distances are those to the nearest place. A punch with sharp edges that moves into a
-    body by more than a node is inside its rim has, at that node, the distance of its side:
-    round the edges by that much, or move the body and not the punch.
+    Distances are to the nearest point. If a punch with sharp edges moves into a body by
+    more than the distance of a node from its rim, the nearest point for that node is on
+    the side of the punch. Round the edges by that distance, or move the body instead of
+    the punch.
 
     Parameters
     ----------
     points
         ``(m, d)`` [m].
     facets
-        Corners of each, ``(k, d)``: three of a triangle, two of a segment.
+        Corners of each facet, ``(k, d)``: three for a triangle, two for a segment.
     flipped
-        Whether the normals are to point the other way.
+        Whether to reverse the normals.
 
     Raises
     ------
     TypeError, ValueError
-        Shapes or indices that do not fit, a facet without area, neighbours whose normals
-        point to different sides; with the place.
+        Shapes or indices do not fit, a facet has no area, or neighbours have normals on
+        different sides; the message gives the position.
     """
 
     def __init__(
@@ -83,13 +83,13 @@ class Surface:
             )
         if corners.ndim != 2 or corners.shape[1] != d or not len(corners):
             raise ValueError(
-                f"facets of the surface has shape {corners.shape}, expected (k, {d}), one "
-                "or more"
+                f"facets of the surface has shape {corners.shape}, expected (k, {d}) "
+                "with k > 0"
             )
         if corners.min() < 0 or corners.max() >= len(x):
             bad = corners.min() if corners.min() < 0 else corners.max()
             raise ValueError(
-                f"facets of the surface hold {bad}, expected 0 to {len(x) - 1}"
+                f"facets of the surface has index {bad}, expected 0 to {len(x) - 1}"
             )
         corners = corners.astype(np.int64)
         self._x = x
@@ -104,22 +104,22 @@ class Surface:
     def from_file(
         cls, path: str | os.PathLike[str], *, flipped: bool = False
     ) -> Surface:
-        """The triangles of a file, such as ``die.stl``, or where it has none its lines.
+        """Read the triangles of a file, such as ``die.stl``; without triangles, its lines.
 
-        Whatever meshio reads. Corners at one place are one corner, of STL those that its
-        seven digits do not tell apart, lest there be slits between triangles. Triangles
-        that then have none left are gone, and of those that are there twice one counts.
-        Lines make a surface in the plane, of x and y.
+        All formats of meshio. Corners at the same point are merged; in STL also corners
+        that agree in all seven digits, so that there are no slits between triangles.
+        Degenerate triangles are then left out, and duplicates are kept once. Lines make a
+        surface in 2D, from x and y.
 
         Raises
         ------
         ImportError
-            meshio is not installed, or scikit-fem.
+            meshio or scikit-fem is not installed.
         OSError
-            There is no such file.
+            The file does not exist.
         ValueError
-            It cannot be read, holds neither, or lies so far from the origin that its
-            digits tell no corners apart.
+            The file cannot be read, has neither triangles nor lines, or lies so far from
+            the origin that its digits cannot distinguish the corners.
         """
         from bipot_rs.mesh.readers import read_cells
 
@@ -136,13 +136,13 @@ class Surface:
                 if not whole.any():
                     wide, far = np.ptp(x, axis=0).max(), np.abs(x).max()
                     raise ValueError(
-                        f"{path} has no {kind} whose corners its digits tell apart: it is "
-                        f"{wide:.3g} wide, {far:.3g} from the origin"
+                        f"{path} has no {kind} with distinct corners: it is {wide:.3g} wide "
+                        f"and {far:.3g} from the origin; move it nearer to the origin"
                     )
                 return cls(x, _once(facets[whole]), flipped=flipped)
         kinds = ", ".join(sorted({known for known, _ in blocks})) or "no cells"
         raise ValueError(
-            f"{path} has {kinds}, expected triangles, or lines in the plane"
+            f"{path} has {kinds}, expected triangles, or lines for a 2D surface"
         )
 
     def __repr__(self) -> str:
@@ -157,16 +157,16 @@ class Surface:
 
     @property
     def closed(self) -> bool:
-        """Whether it has no border."""
+        """Whether the surface has no border."""
         return not self._border.any()
 
     def closest(self, points: Floats, /) -> Closest:
-        """As `Obstacle`; of two places at one distance either may be taken."""
+        """As `Obstacle`; of two points at the same distance either may be taken."""
         x = taken(points, self.dim)
         return self._signed(x, *self._located(x))
 
     def _located(self, x: Floats) -> tuple[Floats, Ints, Ints]:
-        """As `_search`, of any number of points."""
+        """As `_search`, in portions that bound the memory."""
         foot = np.empty_like(x)
         facet = np.empty(len(x), np.int64)
         part = np.empty(len(x), np.int64)
@@ -175,11 +175,11 @@ class Surface:
         return foot, facet, part
 
     def facing(self, points: Floats, outward: Floats) -> Closest:
-        """As `closest`, for nodes of bodies with the directions ``outward (n, d)`` there.
+        """As `closest`, for nodes of a body with the outward directions ``outward (n, d)``.
 
-        On an edge or a corner, and on a sheet of two sides, a surface has many normals: a
-        node in that very place takes of these the nearest to the opposite of its own, so
-        that a flat body on a flat punch is pressed straight at the rim too.
+        A surface has many normals on an edge, at a corner and on a two-sided sheet. A node
+        that lies there gets the one nearest to ``-outward``, so that a flat body on a flat
+        punch is pressed straight at the rim too.
         """
         x = taken(points, self.dim)
         foot, facet, part = self._located(x)
@@ -190,7 +190,7 @@ class Surface:
             length(foot[on] - _on_segment(foot[on], a, b)[0])
             for a, b in self._edges_of(corners)
         ]
-        # Rounding tells which of the facets at an edge is found, and as what part of it.
+        # At an edge, rounding decides which facet and which part of it was found.
         rim = np.min(beside, axis=0, initial=np.inf) <= _RIM * self._size
         on = on[rim | self._sheet[facet[on], part[on]]]
         normal = found.normal.copy()
@@ -199,19 +199,19 @@ class Surface:
             ends = np.searchsorted(point, np.arange(len(on[at]) + 1))
             for k, first, last in zip(on[at], ends[:-1], ends[1:], strict=True):
                 normals = np.vstack([self._normal[touching[first:last]], normal[k]])
-                # Most edges are within something flat.
+                # Most edges lie in a flat region.
                 if np.abs(normals - normals[-1]).max() > _CANCELS:
                     normal[k] = _nearest_in_cone(normals, -outward[k], normal[k])
         return found._replace(normal=normal)
 
     def _edges_of(self, corners: Floats) -> Iterator[tuple[Floats, Floats]]:
-        """Ends of the edges of facets ``(k, d, d)``; of segments, each end twice."""
+        """Ends of the edges of facets ``(k, d, d)``; for segments, each end twice."""
         for k in range(self.dim):
             far = (k + 1) % 3 if self.dim == 3 else k
             yield corners[:, k], corners[:, far]
 
     def _touching(self, places: Floats) -> tuple[Ints, Ints]:
-        """Places and facets that they are on, in pairs, ascending by place."""
+        """Pairs of a point and a facet that it lies on, ascending by point."""
         slack = _RIM * self._size
         point, facet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
         for members, tree, reach in self._levels if len(places) else []:
@@ -226,17 +226,17 @@ class Surface:
         return p[on][order], f[on][order]
 
     def _signed(self, x: Floats, foot: Floats, facet: Ints, part: Ints) -> Closest:
-        """Distances with their sign, and the normals: along the way to the foot."""
+        """Signed distances, and normals along the direction from the foot."""
         pseudo = self._pseudo[facet, part]
         way = x - foot
         far = length(way)
         across = np.einsum("nd,nd->n", way, pseudo)
         inside = across < 0
-        # Of a sheet of two sides, which coincide, that side counts where the point is.
+        # On a two-sided sheet, whose sides coincide, the side of the point counts.
         sheet = self._sheet[facet, part]
         pseudo = np.where((sheet & inside & (part == 0))[:, None], -pseudo, pseudo)
         inside &= ~sheet
-        # Past a border the way leads aside; below it, it is a normal of the facet.
+        # Beyond a border the direction is oblique; below it, it is the facet's normal.
         border = self._border[facet, part]
         below = far - np.abs(np.einsum("nd,nd->n", way, self._normal[facet]))
         inside &= ~border | (below <= _ON * self._size)
@@ -251,31 +251,31 @@ class Surface:
         return Closest(sign * far, normal, foot)
 
     def _portions(self, x: Floats | Ints) -> Iterator[slice]:
-        """Points in their order, as many as are compared at once."""
+        """Slices of at most `_AT_ONCE` points."""
         for first in range(0, len(x), _AT_ONCE):
             yield slice(first, first + _AT_ONCE)
 
     def _search(self, x: Floats) -> tuple[Floats, Ints, Ints]:
-        """Closest points, the facets they are on, and which part of them."""
+        """Closest points, their facets, and the parts of the facets they lie on."""
         foot = np.empty_like(x)
         facet = np.zeros(len(x), np.int64)
         part = np.zeros(len(x), np.int64)
         best = np.full(len(x), np.inf)
 
         def compare(p: Ints, c: Ints) -> None:
-            """The best of candidates, which come in the order of their points."""
+            """Keep the nearest of the candidates, which are ordered by point."""
             y, where = _closest_on(x[p], self._x[self._corners[c]])
             far = length(x[p] - y)
             start = np.flatnonzero(np.diff(p, prepend=-1))
             least = np.minimum.reduceat(far, start)
-            # Of equals the first of each point: written last.
+            # Of equal distances the first counts: it is written last.
             leads = np.flatnonzero(far == np.repeat(least, np.diff([*start, len(p)])))
             leads = leads[far[leads] < best[p[leads]]][::-1]
             to = p[leads]
             foot[to], facet[to], part[to] = y[leads], c[leads], where[leads]
             best[to] = far[leads]
 
-        # The facet whose middle is nearest, of each size: none farther away counts.
+        # The facet with the nearest centre, of each size, gives an upper bound.
         for members, tree, _ in self._levels:
             _, nearest = tree.query(x)
             compare(np.arange(len(x)), members[nearest])
@@ -285,10 +285,10 @@ class Surface:
         return foot, facet, part
 
     def _neighbours(self) -> None:
-        """Normals of all parts of facets, and which parts lie on the border.
+        """Compute the normals of all parts of facets, and which parts lie on the border.
 
-        Part 0 is the inside of a facet; then come its edges, of which edge k leads from
-        corner k to the next, and its corners.
+        Part 0 is the interior of a facet. Then come its edges, edge k from corner k to
+        the next, and then its corners.
         """
         corners, normal = self._corners, self._normal
         k, d = corners.shape
@@ -313,7 +313,7 @@ class Surface:
         owner = np.repeat(np.arange(k), 3)
         x = self._x[corners]
         to = np.roll(x, -1, axis=1) - x
-        # Out of the facet, in its plane, at right angles to the edge.
+        # Outwards in the plane of the facet, orthogonal to the edge.
         aside = _units(np.cross(to, normal[:, None]))
         sums, sheet = _sums(edge, normal[owner], aside.reshape(-1, 3), len(pairs))
         self._pseudo[:, 1:4] = sums[edge].reshape(k, 3, 3)
@@ -323,7 +323,7 @@ class Surface:
         fro = np.roll(x, 1, axis=1) - x
         angle = np.arctan2(length(np.cross(to, fro)), np.einsum("kcd,kcd->kc", to, fro))
         weighted = angle[:, :, None] * normal[:, None]
-        # The mean direction over the angle of a corner is that of its bisector.
+        # The mean direction over the angle of a corner is along its bisector.
         middle = _units(_units(to) + _units(fro)) * np.sin(angle / 2)[:, :, None]
         sums, sheet = _sums(
             corners.ravel(),
@@ -338,7 +338,7 @@ class Surface:
         self._border[:, 4:] = ended[corners]
 
     def _at_ends(self) -> None:
-        """The same in the plane, where segments meet at their ends."""
+        """As `_neighbours` in 2D, where segments meet at their ends."""
         corners = self._corners
         count = np.zeros((2, len(self._x)), np.int64)
         for side in (0, 1):
@@ -347,7 +347,7 @@ class Surface:
             at = int(np.argmax((count > 1).any(axis=0)))
             raise ValueError(
                 f"segments of the surface that meet at {place(self._x[at])} have normals "
-                "to different sides: each must go on where the one before ends"
+                "on different sides: each segment must start where the one before ends"
             )
         ends = _units(self._x[corners[:, 1]] - self._x[corners[:, 0]])
         sums, sheet = _sums(
@@ -361,7 +361,7 @@ class Surface:
         self._border[:, 1:] = (count.sum(axis=0) == 1)[corners]
 
     def _same_side(self, edge: Ints, along: Ints, pairs: Ints) -> None:
-        """Refuse neighbours whose normals point to different sides."""
+        """Refuse neighbours with normals on different sides."""
         count = np.bincount(edge, minlength=len(pairs))
         balance = np.bincount(edge, along, minlength=len(pairs))
         bad = (count > 1) & (balance != 0)
@@ -370,8 +370,8 @@ class Surface:
             middle = self._x[pairs[at]].mean(axis=0)
             raise ValueError(
                 f"{count[at]} triangles of the surface that share the edge at "
-                f"{place(middle)} have normals to different sides: orient them alike, as "
-                "meshing programs do"
+                f"{place(middle)} have normals on different sides: give all triangles the "
+                "same orientation"
             )
 
 
@@ -388,7 +388,8 @@ def _normals(x: Floats) -> Floats:
     if thin.any():
         at = x[np.argmax(thin)].mean(axis=0)
         raise ValueError(
-            f"the facet of the surface at {place(at)} has no area, and so no normal"
+            f"the facet of the surface at {place(at)} has no area, and so no normal: "
+            "remove it"
         )
     return np.asarray(normal / length(normal)[:, None], np.float64)
 
@@ -396,17 +397,17 @@ def _normals(x: Floats) -> Floats:
 def _sums(
     to: Ints, values: Floats, outwards: Floats, count: int
 ) -> tuple[Floats, Bools]:
-    """Sums of vectors by where they belong, of length 1, and where they cancel.
+    """Sums of vectors by index ``to``, scaled to length 1, and whether they cancel.
 
-    There, at the rim of a sheet of two sides, the sum of ``outwards`` takes their place;
-    where that cancels too, between the two sides, zero.
+    Where they cancel, at the rim of a two-sided sheet, the sum of ``outwards`` is used
+    instead; where that cancels too, inside the sheet, zero.
     """
 
     def summed(vectors: Floats) -> Floats:
         columns = [np.bincount(to, column, minlength=count) for column in vectors.T]
         total = np.stack(columns, axis=1).astype(np.float64)
         size = np.bincount(to, length(vectors), minlength=count)
-        # What is left of opposite ones is rounding, which points anywhere.
+        # The sum of opposite vectors is rounding, with an arbitrary direction.
         total[length(total) <= _CANCELS * size] = 0.0
         return _units(total)
 
@@ -416,7 +417,7 @@ def _sums(
 
 
 def _units(vectors: Floats) -> Floats:
-    """Vectors ``(..., d)`` of length 1, those of length zero as they are."""
+    """Scale vectors ``(..., d)`` to length 1; zero vectors stay."""
     size = length(vectors)[..., None]
     return np.asarray(
         np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0), np.float64
@@ -424,20 +425,20 @@ def _units(vectors: Floats) -> Floats:
 
 
 def _nearest_in_cone(normals: Floats, direction: Floats, otherwise: Floats) -> Floats:
-    """The unit vector, nearest to a direction, of those that normals ``(k, d)`` span."""
+    """The unit vector of the cone of normals ``(k, d)`` nearest to a direction."""
     from scipy.optimize import nnls
 
     amounts, _ = nnls(normals.T, direction)
     found = normals.T @ amounts
     size = float(np.linalg.norm(found))
-    # Where they all look away there is none.
+    # If all normals point away from the direction, the projection is zero.
     if size <= _CANCELS * float(np.linalg.norm(direction)):
         return otherwise
     return np.asarray(found / size, np.float64)
 
 
 def _joined(x: Floats) -> Ints:
-    """For each place the first of those that numbers of 32 bits take for it."""
+    """For each point, the first point equal to it in 32-bit precision."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -451,12 +452,12 @@ def _joined(x: Floats) -> Ints:
 
 
 def _once(facets: Ints) -> Ints:
-    """Facets in their order, one of each that run through the same corners alike."""
+    """Facets in their order, without duplicates of the same corners and orientation."""
     first = np.argmin(facets, axis=1)
     turned = np.take_along_axis(
         facets, (first[:, None] + np.arange(facets.shape[1])) % facets.shape[1], axis=1
     )
-    # The ends of a segment tell its side, as the sense of a triangle.
+    # The order of its ends gives the side of a segment.
     _, kept = np.unique(
         turned if facets.shape[1] == 3 else facets, axis=0, return_index=True
     )
@@ -464,9 +465,9 @@ def _once(facets: Ints) -> Ints:
 
 
 def _levels(x: Floats) -> list[tuple[Ints, Any, float]]:
-    """Facets by size, each factor of two a tree of their middles with their reach.
+    """Facets grouped by size in factors of two: members, tree of centres, largest radius.
 
-    With one tree for all a single large facet would have every small one looked at.
+    With a single tree, one large facet would make every small facet a candidate.
     """
     from scipy.spatial import cKDTree
 
@@ -481,7 +482,7 @@ def _levels(x: Floats) -> list[tuple[Ints, Any, float]]:
 
 
 def _closest_on(x: Floats, corners: Floats) -> tuple[Floats, Ints]:
-    """Closest points of facets ``(p, d, d)`` to points ``(p, d)``, and their parts."""
+    """Closest points of facets ``(p, d, d)`` to points ``(p, d)``, and the parts hit."""
     if x.shape[1] == 2:
         y, t = _on_segment(x, corners[:, 0], corners[:, 1])
         return y, np.where(t <= 0, 1, np.where(t >= 1, 2, 0)).astype(np.int64)
@@ -491,8 +492,8 @@ def _closest_on(x: Floats, corners: Floats) -> tuple[Floats, Ints]:
     away = x - a
     gram = [_dot(p, q) for p, q in ((first, first), (first, second), (second, second))]
     right = _dot(first, away), _dot(second, away)
-    # Of a thin triangle the determinant is its area squared; by a cross product it does
-    # not cancel.
+    # The determinant is four times the area squared. The cross product gives it without
+    # cancellation for thin triangles.
     cross = np.cross(first, second)
     determinant = _dot(cross, cross)
     s = (gram[2] * right[0] - gram[1] * right[1]) / determinant
@@ -514,12 +515,12 @@ def _closest_on(x: Floats, corners: Floats) -> tuple[Floats, Ints]:
 
 
 def _on_segment(x: Floats, a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Closest points of segments, and where along them from 0 to 1."""
+    """Closest points of segments, and their parameter along them from 0 to 1."""
     way = b - a
     size = _dot(way, way)
     t = np.clip(_dot(x - a, way) / np.where(size > 0, size, 1.0), 0.0, 1.0)
     y = a + t[:, None] * way
-    # The corner itself, to the bit: facets that share it agree on it.
+    # The corner itself, bitwise, so that facets that share it agree.
     return np.where((t >= 1)[:, None], b, y), t
 
 

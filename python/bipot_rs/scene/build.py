@@ -15,7 +15,7 @@ from bipot_rs.mesh.boxes import box
 from bipot_rs.mesh.elements import KINDS, first_order, second_order
 from bipot_rs.mesh.readers import read_mesh
 from bipot_rs.obstacle.protocol import Obstacle
-from bipot_rs.obstacle.shapes import Cylinder, Plane, Sphere
+from bipot_rs.obstacle.shapes import Cylinder, Plane, Sphere, Torus
 from bipot_rs.obstacle.triangulated import Surface
 from bipot_rs.scene.case import motion_of
 from bipot_rs.scene.library import SceneError
@@ -135,6 +135,10 @@ def _obstacle(scene: Scene, name: str, rigid: Rigid) -> Obstacle:
         if rigid.cylinder is not None:
             bar = rigid.cylinder
             return Cylinder(bar.point, bar.radius, bar.axis, rigid.inside)
+        if rigid.torus is not None:
+            ring = rigid.torus
+            radii = ring.major_radius, ring.minor_radius
+            return Torus(ring.centre, ring.axis, *radii, rigid.inside)
         file = scene.place(rigid.surface or "")
         return Surface.from_file(file, flipped=rigid.inside)
     except (OSError, ValueError) as error:

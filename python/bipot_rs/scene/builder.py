@@ -196,10 +196,11 @@ class Model:
 
         Its shape is one of ``plane``, a table of ``point`` and ``normal``; ``sphere``, of
         ``centre`` and ``radius``; ``cylinder``, of ``point``, ``radius`` and in three
-        dimensions ``axis``; ``surface``, a file such as STL. ``inside`` is true if the
-        bodies lie inside the shape. ``move`` is a table of ``x``, ``y``, ``z``; ``turn``
-        is a table of ``angle`` in **degrees**, ``about`` and in three dimensions
-        ``axis``. Both are totals along the path.
+        dimensions ``axis``; in three dimensions ``torus``, of ``centre``, ``axis``,
+        ``major_radius`` and ``minor_radius``; ``surface``, a file such as STL. ``inside``
+        is true if the bodies lie inside the shape. ``move`` is a table of ``x``, ``y``,
+        ``z``; ``turn`` is a table of ``angle`` in **degrees**, ``about`` and in three
+        dimensions ``axis``. Both are totals along the path.
         """
         self._named("obstacle", name, table)
 

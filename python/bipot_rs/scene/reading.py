@@ -23,7 +23,6 @@ from bipot_rs.fem import assembly
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.body import Body
 from bipot_rs.scene.build import (
-    bodies,
     contacts,
     split,
     springs,
@@ -32,26 +31,11 @@ from bipot_rs.scene.build import (
     symmetries,
 )
 from bipot_rs.scene.case import Case, Load, along
-from bipot_rs.scene.library import SceneError, folder_of, shipped, text
+from bipot_rs.scene.library import SceneError, folder_of, text
 from bipot_rs.scene.schema.consistency import inconsistencies, out_of_range
 from bipot_rs.scene.schema.root import Scene, Solver
 from bipot_rs.scene.schema.table import KIND
 from bipot_rs.scene.suggestions import standing, suggestion
-
-__all__ = [
-    "Case",
-    "Load",
-    "SceneError",
-    "assemble",
-    "bodies",
-    "checked",
-    "parsed",
-    "put",
-    "read",
-    "shipped",
-    "text",
-]
-
 
 _NO_TEXT = "contains the lone surrogate {!r}, which UTF-8 cannot encode"
 

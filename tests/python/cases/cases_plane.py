@@ -46,7 +46,9 @@ def line(
         supports.append(fem.Support("lower", "bottom", [0, 1]))
         obstacle = {"against": ("lower", "top")}
     contact = fem.Contact(
-        *("upper", "bottom", 0.0),
+        "upper",
+        "bottom",
+        0.0,
         clearance=lambda x: x[:, 0] ** 2 / (2 * radius),
         within={0: (0, 1.6 * a)},
         **obstacle,
@@ -71,11 +73,7 @@ def a7(fine: bool = False) -> list[Refinement]:
         # The axis sees the edges by their means only.
         refine("pressure on the axis", source, sizes, axis, order=1.8, within=2e-5),
         refine("half-width", source, sizes, widths, order=1.8, within=1e-3),
-        mean_square(
-            *("pressure, mean square", source, sizes, profiles, 0),
-            order=0.9,
-            within=0.02,
-        ),
+        mean_square(source, sizes, profiles, 0, order=0.9, within=0.02),
     ]
 
 
@@ -92,7 +90,9 @@ def sheared(h: float) -> tuple[Profile, float]:
     force = 1e-3
     radius = np.pi * e_star / (4 * force)
     contact = fem.Contact(
-        *("upper", "bottom", MU),
+        "upper",
+        "bottom",
+        MU,
         against=("lower", "top"),
         clearance=lambda x: x[:, 0] ** 2 / (2 * radius),
         within={0: (-1.6, 1.6)},
@@ -127,14 +127,8 @@ def a9(fine: bool = False) -> list[Refinement]:
     axis = [p.on_axis(1) for p in profiles]
     return [
         refine("shear on the axis", source, sizes, axis, order=0.9, within=2e-3),
-        mean_square(
-            *("pressure, mean square", source, sizes, profiles, 0),
-            order=0.9,
-            within=0.02,
-        ),
-        mean_square(
-            *("shear, mean square", source, sizes, profiles, 1), order=0.9, within=0.03
-        ),
+        mean_square(source, sizes, profiles, 0, order=0.9, within=0.02),
+        mean_square(source, sizes, profiles, 1, order=0.9, within=0.03),
     ]
 
 
@@ -145,7 +139,7 @@ def punch(h: float, mu: float, nu: float = 0.1) -> tuple[Array, Array, Array, fl
     far = 1e4
     side, up = mirrored(grid(h, 1.2, far)), grid(h, 1.0, far)
     contact = fem.Contact(
-        *("body", "bottom", mu), plane=((0, 0), (0, 1)), within={0: (-1, 1)}
+        "body", "bottom", mu, plane=((0, 0), (0, 1)), within={0: (-1, 1)}
     )
     top = fem.Support("body", "top", [0, 1])
     model = fem.assemble([body("body", [side, up], 1.0, nu)], [contact], [top])
@@ -184,7 +178,9 @@ def a13(fine: bool = False) -> list[Refinement]:
         found.append(
             refine(
                 f"share of the force in abs(x) < 0.8a, {what}",
-                *(source, sizes, share),
+                source,
+                sizes,
+                share,
                 order=0.8,
                 within=0.04,
             )
@@ -197,7 +193,9 @@ def a13(fine: bool = False) -> list[Refinement]:
             found.append(
                 refine(
                     "centre of pressure, sliding",
-                    *(source, sizes, centre),
+                    source,
+                    sizes,
+                    centre,
                     order=0.7,
                     within=0.02,
                 )

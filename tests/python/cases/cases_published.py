@@ -229,7 +229,9 @@ def p5() -> list[Row]:
             exact(
                 f"v of `{name}`",
                 "Siconos; independent Gauss–Seidel",
-                *(v, solution.relative_displacement, 1e-9),
+                v,
+                solution.relative_displacement,
+                1e-9,
                 size=size,
             )
         )

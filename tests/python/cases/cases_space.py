@@ -33,7 +33,9 @@ def quarter(
     """x, y >= 0 of a box over a paraboloid; components held on x = 0 and on y = 0."""
     side, up = a * grid(h, 1.4, FAR), a * grid(h, 0.6, FAR)
     contact = fem.Contact(
-        *("body", "bottom", 0.0),
+        "body",
+        "bottom",
+        0.0,
         plane=((0, 0, 0), (0, 0, 1)),
         clearance=lambda x: np.sum(x[:, :2] ** 2, axis=1) / (2 * radius),
         within={0: (0, 1.3 * a), 1: (0, 1.3 * a)},
@@ -84,11 +86,7 @@ def a8(fine: bool = False) -> list[Refinement]:
     return [
         refine("force for the approach", source, sizes, forces, order=1.8, within=2e-3),
         refine("pressure on the axis", source, sizes, axis, order=1.8, within=2e-3),
-        mean_square(
-            *("pressure, mean square", source, sizes, profiles, 0),
-            order=0.9,
-            within=0.05,
-        ),
+        mean_square(source, sizes, profiles, 0, order=0.9, within=0.05),
     ]
 
 
@@ -140,9 +138,7 @@ def a10(fine: bool = False) -> list[Refinement]:
     return [
         refine("force for the shift", source, sizes, forces, order=1.8, within=2e-3),
         refine("shear on the axis", source, sizes, axis, order=1.8, within=5e-3),
-        mean_square(
-            *("shear, mean square", source, sizes, profiles, 1), order=0.8, within=0.06
-        ),
+        mean_square(source, sizes, profiles, 1, order=0.8, within=0.06),
     ]
 
 

@@ -172,7 +172,7 @@ def test_info(bipot: Any) -> None:
     [
         ("gone.h5", "there is no gone.h5"),
         ("empty", "empty is a folder without result.h5 or sweep.csv"),
-        ("gone.msh", "gone.msh is not there"),
+        ("gone.msh", "gone.msh does not exist"),
         ("half.mtx", "half.mtx is no matrix of Matrix Market: "),
         ("gone.mtx", "there is no gone.mtx"),
         ("K.dat", "K.dat is a file .dat, expected a result (.h5), a sweep"),

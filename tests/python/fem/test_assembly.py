@@ -74,7 +74,7 @@ def test_far_from_the_origin_no_digits_are_lost(cell: str) -> None:
     np.testing.assert_array_equal(K[0].toarray(), K[1].toarray())
 
 
-def test_bodies_of_two_materials_keep_their_own() -> None:
+def test_each_volume_keeps_its_material() -> None:
     bodies = [
         fem.Body("soft", mesh("hexahedron", "uniform"), fem.Material(1.0, 0.2)),
         fem.Body("hard", mesh("hexahedron", "bent"), fem.Material(1e3, 0.4)),
@@ -87,7 +87,7 @@ def test_bodies_of_two_materials_keep_their_own() -> None:
     assert K.indices.dtype == K.indptr.dtype == np.int32
 
 
-def test_only_cells_equal_to_the_bit_share_a_matrix() -> None:
+def test_only_bitwise_equal_cells_share_a_matrix() -> None:
     square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
     nearly = square.copy()
     nearly[2, 0] = np.nextafter(1.0, 2.0)
@@ -101,7 +101,7 @@ def test_only_cells_equal_to_the_bit_share_a_matrix() -> None:
     np.testing.assert_array_equal(shapes[which], corners - corners[:, :1])
 
 
-def test_equal_hashes_of_different_cells_are_seen_through() -> None:
+def test_hash_collisions_of_cells_are_detected() -> None:
     """Two triangles made to collide: the hash is linear in what it folds."""
     odd, whole = 0x9E3779B97F4A7C15, 2**64
     weights = [pow(odd, k, whole) for k in range(1, 5)]
@@ -174,7 +174,7 @@ def test_partners_are_the_same_with_and_without_a_tree(
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_a_box_knows_the_facets_of_its_mesh(cell: str) -> None:
+def test_box_keeps_the_topology_of_its_mesh(cell: str) -> None:
     """What it keeps from before its surfaces had names is what is found anew."""
     named = mesh(cell, "graded")
     anew = type(named)(named.p, named.t)

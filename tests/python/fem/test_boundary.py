@@ -101,7 +101,7 @@ def test_block_on_springs_in_contact() -> None:
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", CELLS)
-def test_half_a_body_is_the_body(cell: str, degree: int) -> None:
+def test_half_a_body_with_symmetry_equals_the_whole(cell: str, degree: int) -> None:
     """A block pressed on a plane with friction, and its half with a plane of symmetry."""
     d = CELLS[cell]
     if degree == 2 and cell in ("tetrahedron", "triangle"):
@@ -173,7 +173,7 @@ def test_supports_and_symmetries_that_disagree() -> None:
     with pytest.raises(ValueError, match=r"prescribe both .* component 0 .*'left'"):
         model.prescribed([[0.1]])
     with pytest.raises(
-        ValueError, match="values are 2, expected one for each of the 1"
+        ValueError, match="values has 2 entries, expected one for each of the 1"
     ):
         model.prescribed([[0.0], [0.0]])
 
@@ -290,7 +290,7 @@ def test_planes_of_symmetry_turn_with_the_body(
         assert not inspect(model, prescribed=model.prescribed([]))
 
 
-def test_loads_of_ones_own_know_an_inclined_plane() -> None:
+def test_loads_given_as_arrays_respect_an_inclined_plane() -> None:
     """Nodal forces across the plane are carried by it, whoever made them."""
     turn = TURNS["plane"]
     mesh = fem.box([np.linspace(0, 1, 4)] * 2, "quadrilateral")
@@ -314,7 +314,7 @@ def test_loads_of_ones_own_know_an_inclined_plane() -> None:
     np.testing.assert_allclose(answers[1], answers[0], rtol=0, atol=1e-10 * scale)
 
 
-def test_places_of_seven_digits_on_an_inclined_plane() -> None:
+def test_coordinates_of_seven_digits_on_an_inclined_plane() -> None:
     """Normals are known to as many, and a component along the plane stays free."""
     mesh = fem.box([np.linspace(0, 1, 3)] * 3, "hexahedron")
     rough = type(mesh)((TURNS["upright"] @ mesh.p).round(7), mesh.t, mesh.boundaries)
@@ -404,7 +404,7 @@ def test_a_sector_of_a_ring(angle: float) -> None:
     np.testing.assert_allclose(u, exact, rtol=0, atol=1e-12 * abs(exact).max())
 
 
-def test_symmetries_that_cannot_be() -> None:
+def test_invalid_symmetries() -> None:
     mesh = block("quadrilateral").mesh
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     inclined = fem.Body("it", type(mesh)(turn @ mesh.p, mesh.t, mesh.boundaries), STEEL)
@@ -414,7 +414,7 @@ def test_symmetries_that_cannot_be() -> None:
     )
     assert not held.prescribed([[0.0]]).any()
     with pytest.raises(
-        ValueError, match=r"prescribe at \(0, 0\) has a part of 0\.08 across the plane"
+        ValueError, match=r"move the node at \(0, 0\) by 0\.08 across its plane"
     ):
         held.prescribed([[0.1]])
     p = mesh.p.copy()
@@ -428,10 +428,14 @@ def test_symmetries_that_cannot_be() -> None:
         fem.assemble([bent], [], symmetries=[fem.Symmetry("that", "left")])
 
 
-def test_springs_that_cannot_be() -> None:
-    with pytest.raises(ValueError, match="needs stiffness, or normal and tangential"):
+def test_invalid_springs() -> None:
+    with pytest.raises(
+        ValueError, match="needs either stiffness, or normal and tangential"
+    ):
         fem.Spring("it", "top")
-    with pytest.raises(ValueError, match="needs stiffness, or normal and tangential"):
+    with pytest.raises(
+        ValueError, match="needs either stiffness, or normal and tangential"
+    ):
         fem.Spring("it", "top", 1.0, normal=2.0)
     with pytest.raises(ValueError, match="stiffness of the spring on 'top' is -1"):
         fem.Spring("it", "top", -1.0)
@@ -444,12 +448,12 @@ def test_springs_that_cannot_be() -> None:
         fem.assemble([body], [], springs=[fem.Spring("it", "roof", 1.0)])
 
 
-def test_a_support_that_holds_nothing() -> None:
+def test_support_without_nodes() -> None:
     """A range in other units, or turned around, is not the same as no support."""
     body = block("quadrilateral")
     surface = sorted(body.mesh.boundaries)[0]
     for within in ({0: (20.0, 50.0)}, {0: (0.5, 0.2)}):
-        with pytest.raises(ValueError, match="has no nodes: within leaves none"):
+        with pytest.raises(ValueError, match="has no nodes: within excludes all"):
             fem.assemble([body], [], [fem.Support(body.name, surface, (0,), within)])
     with pytest.raises(ValueError, match="has axis 5, expected one of"):
         fem.assemble(

@@ -25,7 +25,7 @@ def on(plane: Any = FLOOR, mu: float = 0.3, surface: str = "bottom") -> fem.Cont
     return fem.Contact("a", surface, mu, plane=plane)
 
 
-def test_of_a_sound_model_nothing_is_said() -> None:
+def test_valid_model_gives_no_warning() -> None:
     top = fem.Support("a", "top", (0, 1, 2))
     model = fem.assemble([cube()], [on()], [top])
     moved = np.full(len(model.fixed), -0.01)
@@ -50,8 +50,8 @@ def test_penetration() -> None:
     assert said == (
         "12 of the 16 nodes of surface 'bottom' of body 'a' start inside what they may "
         f"touch, the deepest by {deepest:g} at (0, 0, 0), 5 % of the size of the model: "
-        "the first step presses them out; right for an interference fit, else move the "
-        "body or add a clearance"
+        "the first step pushes them out; this is right for an interference fit, otherwise "
+        "move the body or add a clearance"
     )
     # In other units the same; and rounding is none.
     big = fem.assemble([cube(size=1e4)], [on(([0, 0, 500], [0.05, 0, 1.0]))])
@@ -65,8 +65,8 @@ def test_facing_away() -> None:
     (said,) = inspect(model)
     assert said == (
         "surface 'top' of body 'a' faces away from what it may touch, at all of its 16 "
-        "nodes: is the normal of the obstacle towards the body, and the surface the one "
-        "that meets it?"
+        "nodes: check that the normal of the obstacle points to the body, and that this is "
+        "the right surface"
     )
     # A normal turned round: the body is inside of the floor, too.
     turned = fem.assemble([cube()], [on(([0, 0, -0.1], [0, 0, -1.0]))])
@@ -83,7 +83,7 @@ def test_never_closing() -> None:
     (said,) = inspect(model, prescribed=moved)
     assert said == (
         "surface 'bottom' of body 'a' may never touch: its nearest node, at (0, 0, 0), "
-        "stays 0.2 away, and supports move by 0.05 at the most"
+        "stays 0.2 away, and supports move by 0.05 at most"
     )
     assert inspect(model, prescribed=4 * moved) == []
     (said,) = inspect(model, load=np.full(model.n, 1e-4))
@@ -100,19 +100,19 @@ def test_never_closing() -> None:
     assert inspect(model, prescribed=np.zeros((2, len(model.fixed)))) == []
 
 
-def test_friction_that_is_left_out() -> None:
+def test_contacts_without_friction_by_supports() -> None:
     side = fem.Support("a", "left", (0, 1))
     model = fem.assemble([cube()], [on()], [side])
     (said,) = inspect(model)
     assert said == (
         "4 of the 16 nodes of surface 'bottom' of body 'a' have no friction, mu = 0: "
-        "supports prescribe their tangential displacement, which leaves friction nothing "
-        "to decide"
+        "supports prescribe their tangential displacement; remove these components of the "
+        "support if friction should act"
     )
     assert inspect(fem.assemble([cube()], [on(mu=0.0)], [side])) == []
 
 
-def test_loads_beside_which_a_body_is_soft() -> None:
+def test_loads_too_large_for_the_stiffness() -> None:
     """A modulus in GPa with loads in MPa; of all steps the largest counts."""
     top = fem.Support("a", "bottom", (0, 1, 2))
     for size in (1.0, 1e3):
@@ -122,8 +122,8 @@ def test_loads_beside_which_a_body_is_soft() -> None:
         loads = np.multiply.outer([0.0, -12.6, 1.0], pull)
         (said,) = inspect(model, load=loads)
         assert said == (
-            "units may be mixed: the loads of body 'a' come to 12.6 over its largest "
-            "section, 6 % of its Young's modulus 210, and strains are taken to be small"
+            "units may be mixed: the loads of body 'a' over its largest section are 12.6, "
+            "6 % of its Young's modulus 210, but the theory assumes small strains"
         )
         assert inspect(model, load=0.8 * loads) == []
         # One after the other they are no more than one of them; strains are no loads.
@@ -137,47 +137,47 @@ def test_loads_beside_which_a_body_is_soft() -> None:
     model = fem.assemble([plate], [], [fem.Support("a", "bottom", (0, 1))])
     side = model.traction("a", "right", np.array([12.6, 0.0]))
     (said,) = inspect(model, load=side)
-    assert "come to 12.6 over" in said
+    assert "over its largest section are 12.6," in said
 
 
-def test_bodies_that_nothing_holds() -> None:
+def test_unsupported_bodies() -> None:
     alone = inspect(fem.assemble([cube()], []))
-    assert alone == ["nothing holds body 'a': no support and no spring is on it"]
+    assert alone == [
+        "body 'a' can move freely and has no support and no spring: add one"
+    ]
     # With one that leaves motions free, these are told.
     (said,) = inspect(fem.assemble([cube()], [], [fem.Support("a", "left", (0,))]))
     assert said.startswith(
-        "nothing holds body 'a' against translation along y; translation along z; "
+        "body 'a' can move freely by translation along y; translation along z; "
         "rotation about"
     )
     # On a floor without friction it slides, and turns about the vertical.
     (said,) = inspect(fem.assemble([cube()], [on(mu=0.0)]))
     assert said == (
-        "nothing holds body 'a' against translation along x; translation along y; "
+        "body 'a' can move freely by translation along x; translation along y; "
         "rotation about an axis through (0.5, 0.5, 0.5) along (0, 0, 1): add a support, "
-        "or friction or a contact that stops it"
+        "friction or a contact that stops it"
     )
     rail = fem.Support("a", "left", (0, 2))
     (said,) = inspect(fem.assemble([cube()], [on(mu=0.0)], [rail]))
-    assert said.startswith("nothing holds body 'a' against translation along y: add")
+    assert said.startswith("body 'a' can move freely by translation along y: add")
 
 
-def test_two_bodies_that_move_as_one() -> None:
+def test_two_unsupported_bodies_in_contact() -> None:
     pair = fem.Contact("a", "bottom", 0.1, against=("b", "top"))
     floor = fem.Contact("b", "bottom", 0.0, plane=([0, 0, -1], [0, 0, 1.0]))
     apart = fem.Support("b", "left", (0,))
     model = fem.assemble([cube(), cube("b", -1.0)], [pair, floor], [apart])
     (said,) = inspect(model)
-    assert said.startswith(
-        "nothing holds bodies 'a' and 'b' against translation along y:"
-    )
+    assert said.startswith("bodies 'a' and 'b' can move freely by translation along y:")
     both = fem.assemble([cube(), cube("b", -1.0)], [pair])
     assert inspect(both) == [
-        "nothing holds bodies 'a' and 'b': no support and no spring is on any of them"
+        "bodies 'a' and 'b' can move freely and have no support and no spring: add one"
     ]
     # A floor holds them, by its normal.
     loose = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
     (said,) = inspect(fem.assemble([cube(), cube("b", -1.0)], [loose, floor]))
-    assert "against translation along x of body 'a'" in said
+    assert "by translation along x of body 'a'" in said
     assert "no support" not in said
     # Without friction between them, the upper one slides by itself.
     slick = fem.Contact("a", "bottom", 0.0, against=("b", "top"))
@@ -203,8 +203,16 @@ def test_what_contact_alone_can_hold() -> None:
 @pytest.mark.parametrize(
     ("young", "size", "says"),
     [
-        (2.1e11, 100.0, "looks like Pa, and lengths then in m, but the model is 100 "),
-        (2.1e5, 0.04, "looks like MPa, and lengths then in mm, but the model is 0.04 "),
+        (
+            2.1e11,
+            100.0,
+            "looks like Pa with lengths in m, but the size of the model is 100",
+        ),
+        (
+            2.1e5,
+            0.04,
+            "looks like MPa with lengths in mm, but the size of the model is 0.04",
+        ),
         (2.1e11, 0.1, None),
         (2.1e5, 100.0, None),
         (1.0, 1.0, None),
@@ -218,5 +226,5 @@ def test_units(young: float, size: float, says: str | None) -> None:
     else:
         assert len(said) == 1
         assert (
-            f"Young's modulus {young:g} of body 'a' {says}across; lengths in" in said[0]
+            f"Young's modulus {young:g} of body 'a' {says}; for lengths in" in said[0]
         )

@@ -102,22 +102,28 @@ def test_orthotropic_in_the_plane(plane_stress: bool) -> None:
         ({"young": (1.0, 0.0, 1.0)}, r"young is \[1\.0, 0\.0, 1\.0\], expected three"),
         ({"young": (1.0, 2.0)}, r"young has shape \(2,\), expected \(3,\)"),
         ({"shear": (1.0, -1.0, 1.0)}, "shear is"),
-        ({"poisson": (1.1, 0, 0), "young": (1, 1, 1)}, "ν12 = 1.1, expected its size"),
+        (
+            {"poisson": (1.1, 0, 0), "young": (1, 1, 1)},
+            r"ν12 = 1.1, expected \|ν12\| < ",
+        ),
         ({"poisson": (0.6, 0.6, 0.6), "young": (1, 1, 1)}, "1 - ν12 ν21 .* is -0.512"),
-        ({"poisson": (0.5, 0.5, 0.5), "young": (1, 1, 1)}, "expected it positive"),
+        (
+            {"poisson": (0.5, 0.5, 0.5), "young": (1, 1, 1)},
+            "expected a positive number",
+        ),
         ({"axes": [[1, 0, 0], [1, 1, 0], [0, 0, 1]]}, "axes are not orthogonal"),
         ({"axes": [[1, 0], [0, 0]]}, "axes has a row of zeros"),
         ({"axes": [[1, 0, 0], [0, 1, 0]]}, r"axes has shape \(2, 3\)"),
         ({"thickness": 0.0}, "thickness is 0"),
     ],
 )
-def test_materials_that_cannot_be(change: dict[str, object], said: str) -> None:
+def test_invalid_materials(change: dict[str, object], said: str) -> None:
     given = dict(zip(("young", "poisson", "shear"), WOOD, strict=True)) | change
     with pytest.raises(ValueError, match=said):
         fem.Orthotropic(**given)
 
 
-def test_a_ratio_above_one_may_be() -> None:
+def test_poisson_ratio_above_one_is_allowed() -> None:
     """Along stiff fibres: |ν12| < √(E1/E2) is all that energy asks."""
     C = fem.Orthotropic((100.0, 1.0, 1.0), (5.0, 0.0, 0.0), (1.0, 1.0, 1.0)).tensor(3)
     assert np.linalg.eigvalsh(C.reshape(9, 9)).min() > -1e-12
@@ -127,7 +133,7 @@ def test_a_ratio_above_one_may_be() -> None:
 
 def test_grain_out_of_the_plane_is_refused() -> None:
     mesh = fem.box([[0, 1], [0, 1]], "triangle")
-    with pytest.raises(ValueError, match=r"direction 3 along .*expected the normal"):
+    with pytest.raises(ValueError, match=r"direction 3 along .*expected .* the normal"):
         fem.Body("it", mesh, fem.Orthotropic(*WOOD, axes=ROTATION))
 
 
@@ -192,7 +198,7 @@ def test_volumes_that_do_not_fit() -> None:
     steel = fem.Material(1.0, 0.3)
     with pytest.raises(ValueError, match="no volume 'sof', expected one of hard, soft"):
         fem.Body("bar", mesh, {"sof": steel})
-    with pytest.raises(ValueError, match=r"'bar' leaves 8 cells without one, .* at \("):
+    with pytest.raises(ValueError, match=r"'bar' is missing for 8 cells, .* at \("):
         fem.Body("bar", mesh, {"soft": steel})
     both = mesh.with_subdomains({"all": np.arange(16)})
     with pytest.raises(ValueError, match="'all' of body 'bar' shares 8 cells"):
@@ -200,11 +206,11 @@ def test_volumes_that_do_not_fit() -> None:
     thin = fem.Material(1.0, 0.3, thickness=0.5)
     with pytest.raises(ValueError, match="differ in plane_stress or in thickness"):
         fem.Body("bar", mesh, {"soft": steel, "hard": thin})
-    with pytest.raises(ValueError, match="no volume 'a': its mesh names"):
+    with pytest.raises(ValueError, match="has no volume 'a'"):
         fem.Body("bar", fem.box([[0, 1], [0, 1]], "triangle"), {"a": steel})
 
 
-def test_the_estimator_refuses_what_it_does_not_know() -> None:
+def test_estimator_refuses_unsupported_materials() -> None:
     body = layered("triangle", 1)
     with pytest.raises(ValueError, match="'bar' has several materials, expected one"):
         _ = body.isotropic
@@ -216,7 +222,7 @@ def test_the_estimator_refuses_what_it_does_not_know() -> None:
         simplices(curved)
 
 
-def test_the_estimator_refuses_models_it_does_not_know() -> None:
+def test_estimator_refuses_unsupported_models() -> None:
     read = scene.read("sheared_cube", ["mesh.n=2", "mesh.element=P1"])
     (cube,) = scene.bodies(read)
     case = scene.assemble(read, [cube])

@@ -111,7 +111,7 @@ def pressed(cell: str) -> tuple[fem.Assembly, Any]:
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_surface_of_contact(cell: str) -> None:
+def test_contact_surface(cell: str) -> None:
     model, _ = pressed(cell)
     ((kind, corners),) = contact_surface(model)
     assert (

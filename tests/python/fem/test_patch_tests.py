@@ -59,7 +59,7 @@ def test_stiffness_is_that_of_scikit_fem(cell: str) -> None:
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_stiffness_is_symmetric_to_the_bit_and_leaves_rigid_motions_free(
+def test_stiffness_is_bitwise_symmetric_with_rigid_motions_in_its_kernel(
     cell: str,
 ) -> None:
     one = body(cell)
@@ -248,7 +248,7 @@ def test_pair_of_bodies() -> None:
 
 
 @pytest.mark.parametrize("ends", [(0.0, 1.0), (0.3, 0.4), (0.0, 0.0)])
-def test_opposite_nodes_are_found_whatever_is_left_of_a_surface(
+def test_opposite_nodes_are_found_for_any_part_of_a_surface(
     ends: tuple[float, float],
 ) -> None:
     """Places differ in their last digits, as two meshers write them; of one node, too."""
@@ -305,7 +305,7 @@ def test_part_of_a_surface_keeps_its_areas() -> None:
     np.testing.assert_allclose(model.area, [1 / 3, 1 / 3, 1 / 6], rtol=1e-14)
 
 
-def test_clearance_by_place() -> None:
+def test_clearance_as_a_function_of_position() -> None:
     contact = fem.Contact(
         "it", "bottom", 0.3, plane=([0, 0], [0, 1.0]), clearance=lambda x: x[:, 0] ** 2
     )
@@ -332,10 +332,10 @@ def test_prescribed_values_in_the_order_of_fixed() -> None:
             "no surface 'base'",
         ),
         (fem.Contact("upper", "bottom", -1, against=("lower", "top")), "mu .* is -1"),
-        (fem.Contact("upper", "bottom", 0.3), "needs one obstacle"),
+        (fem.Contact("upper", "bottom", 0.3), "needs exactly one of plane"),
         (
             fem.Contact("upper", "bottom", 0.3, against=("lower", "left")),
-            r"do not match: no node lies opposite to the one at",
+            r"do not match: no node lies opposite to the node at",
         ),
         (
             fem.Contact(
@@ -353,12 +353,12 @@ def test_prescribed_values_in_the_order_of_fixed() -> None:
         ),
     ],
 )
-def test_contacts_that_cannot_be(contact: fem.Contact, message: str) -> None:
+def test_invalid_contacts(contact: fem.Contact, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         fem.assemble(two_blocks(), [contact])
 
 
-def test_bodies_that_cannot_be() -> None:
+def test_invalid_bodies() -> None:
     with pytest.raises(ValueError, match=r"poisson is 0\.5"):
         fem.Material(1.0, 0.5)
     with pytest.raises(ValueError, match="young is 0"):
@@ -381,7 +381,7 @@ def test_matching_surfaces_that_face_the_same_way() -> None:
     up = fem.box([side, side + 1.0], "quadrilateral")
     steel = fem.Material(1.0, 0.3)
     bodies = [fem.Body("up", up, steel), fem.Body("low", low, steel)]
-    with pytest.raises(ValueError, match="face the same way at"):
+    with pytest.raises(ValueError, match="do not face each other at"):
         fem.assemble(
             bodies, [fem.Contact("up", "bottom", 0.3, against=("low", "bottom"))]
         )

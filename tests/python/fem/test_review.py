@@ -46,7 +46,7 @@ def step(model: fem.Assembly, u: Any = None, v: Any = None, pressed: Any = True)
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("size", [1.0, 1e-6])
-def test_a_rotation_is_seen_with_its_angle(dim: int, size: float) -> None:
+def test_warning_of_a_rotation_gives_its_angle(dim: int, size: float) -> None:
     """A field W x with W skew turns by the length of its axial vector, and strains by none."""
     model = built(dim, size)
     axial = np.array([0.3, -0.4, 1.2]) / 1.3 if dim == 3 else np.array([0, 0, 1.0])
@@ -56,12 +56,12 @@ def test_a_rotation_is_seen_with_its_angle(dim: int, size: float) -> None:
     (said,) = review(model, [step(model), step(model, 0.06 * unit)])
     # 0.06 rad are 3.44 degrees.
     assert said.startswith("rotations up to 3.4°, 0.06 rad, of body 'a' at (")
-    assert f"in load step 2 of 2, beyond 0.05 in {4**dim} of its {4**dim} cells" in said
+    assert f"in load step 2 of 2, above 0.05 in {4**dim} of its {4**dim} cells" in said
     assert review(model, [step(model, 0.04 * unit)]) == []
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_a_strain_is_seen_with_its_size(dim: int) -> None:
+def test_warning_of_a_strain_gives_its_size(dim: int) -> None:
     """Uniform strain of principal values 0.02 and -0.07, in axes that are turned."""
     model = built(dim)
     c, s = np.cos(0.4), np.sin(0.4)
@@ -73,7 +73,7 @@ def test_a_strain_is_seen_with_its_size(dim: int) -> None:
     assert review(model, [step(model, 0.7 * model.nodes @ strain)]) == []
 
 
-def test_the_worst_load_step_is_told_and_not_the_last() -> None:
+def test_warning_names_the_worst_load_step() -> None:
     model = built(2)
     turn = model.nodes @ np.array([[0.0, -1.0], [1.0, 0.0]])
     path = [step(model, a * turn) for a in (0.01, 0.3, 0.1)]
@@ -99,7 +99,7 @@ def test_sliding_counts_in_distances_of_contacts() -> None:
         assert review(flat, [step(flat, v=v)]) == []
 
 
-def test_a_narrow_zone_is_told() -> None:
+def test_warning_of_a_narrow_contact_zone() -> None:
     model = built(2)
     for pressed, nodes in (([0, 1, 1, 1, 0], "3 nodes"), ([0, 0, 1, 0, 0], "1 node")):
         (said,) = review(model, [step(model, pressed=pressed)])
@@ -127,7 +127,7 @@ def test_across_takes_the_narrow_side() -> None:
     assert across(disc, np.full(11, 0.5)) < 4
 
 
-def test_a_result_tells_how_far_contacts_slid() -> None:
+def test_result_reports_sliding_distance() -> None:
     """A block drawn over its support by 0.4, on nodes 0.1 apart, in its summary."""
     K, B = np.eye(4), np.eye(4)
     load = [[-1.0, 0.4 + 0.3, -1.0, 0.4 + 0.3]]
@@ -141,7 +141,7 @@ def test_a_result_tells_how_far_contacts_slid() -> None:
     assert "slid" not in str(nowhere)
 
 
-def test_a_model_tells_it_of_its_result() -> None:
+def test_model_reports_sliding_distance() -> None:
     side = {"from": 0.0, "to": 1.0, "cells": 4}
     m = bp.Model("Sheared far")
     m.material("soft", young=1.0, poisson=0.3)
@@ -174,7 +174,7 @@ def test_a_path_that_goes_on_counts_its_load_steps_from_its_start() -> None:
     assert failed.value.result.message == str(failed.value)
 
 
-def test_a_body_that_was_pushed_away_is_told() -> None:
+def test_warning_of_a_body_pushed_away() -> None:
     """The lower one hangs on nothing; the upper one is held by a support."""
     pair = fem.Contact("a", "bottom", 0.3, against=("b", "top"))
     bodies = [cube(2), cube(2, "b", -1.0)]
@@ -189,7 +189,7 @@ def test_a_body_that_was_pushed_away_is_told() -> None:
     (said,) = review(model, [step(model), away])
     assert said == (
         "body 'b' has no support and no spring, and at the end no contact holds it: it "
-        "has been pushed away, or a support is missing"
+        "was pushed away, or a support is missing"
     )
     ground = fem.Support("b", "bottom", (0, 1))
     assert review(fem.assemble(bodies, [pair], [top, ground]), [away]) == []

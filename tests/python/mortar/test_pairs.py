@@ -153,7 +153,7 @@ def test_weights_by_brute_force_on_quadrilaterals() -> None:
     # not exact.
     [(3, 1e-13), (4, 1e-7)],
 )
-def test_numbering_is_of_no_effect(nodes: int, within: float) -> None:
+def test_numbering_has_no_effect(nodes: int, within: float) -> None:
     one, other = (
         sheet(nodes, 4, up=False, seed=7, high=0.8),
         sheet(3, 5, up=True, seed=8),
@@ -179,7 +179,7 @@ def test_numbering_is_of_no_effect(nodes: int, within: float) -> None:
 
 @pytest.mark.parametrize("method", ["mortar", "nodes"])
 @pytest.mark.parametrize("unit", [1e-6, 1e3])
-def test_units_and_the_origin_are_of_no_effect(unit: float, method: str) -> None:
+def test_units_and_origin_have_no_effect(unit: float, method: str) -> None:
     one, other = sheet(4, 4, up=False, seed=7, high=0.8), sheet(4, 5, up=True, seed=8)
     one[0][:, 2] += 0.125
     found = bp.pairs(*one, *other, method=method)
@@ -193,7 +193,7 @@ def test_units_and_the_origin_are_of_no_effect(unit: float, method: str) -> None
     assert abs(again.B - found.B).max() < 1e-9
 
 
-def test_own_numbers_of_the_degrees_of_freedom() -> None:
+def test_numbering_of_degrees_of_freedom_by_the_caller() -> None:
     one, other = sheet(3, 3, up=False), sheet(3, 2, up=True)
     found = bp.pairs(*one, *other)
     n = 3 * (len(one[0]) + len(other[0])) + 5
@@ -201,7 +201,7 @@ def test_own_numbers_of_the_degrees_of_freedom() -> None:
     numbers = order.reshape(-1, 3)
     count = len(one[0])
     again = bp.pairs(
-        *(*one, *other), dofs_slave=numbers[:count], dofs_master=numbers[count:], n=n
+        *one, *other, dofs_slave=numbers[:count], dofs_master=numbers[count:], n=n
     )
     assert again.B.shape == (found.B.shape[0], n)
     assert abs(again.B[:, order] - found.B).max() == 0
@@ -246,7 +246,7 @@ def test_a_punch_smaller_than_a_facet(nodes: int, size: float) -> None:
     )
 
 
-def test_a_gap_is_that_of_the_places() -> None:
+def test_gap_is_that_of_the_positions() -> None:
     for nodes in KINDS:
         one, other = sheet(nodes, 3, up=False), sheet(4, 4, up=True)
         one[0][:, 2] += 0.25
@@ -255,7 +255,7 @@ def test_a_gap_is_that_of_the_places() -> None:
             np.testing.assert_allclose(found.gap, 0.75, rtol=1e-14)
             # A linear clearance is met at the nodes by dual functions, too.
             found = bp.pairs(
-                *(*one, *other), method=method, clearance=lambda x: 3 * x[:, 0] - 1
+                *one, *other, method=method, clearance=lambda x: 3 * x[:, 0] - 1
             )
             slope = 3 * found.points[:, 0] - 0.75
             # What rules leave on skewed quadrilaterals, see the module.
@@ -362,7 +362,7 @@ def test_rigid_obstacles() -> None:
     np.testing.assert_allclose(found.frame[:, 0], np.tile(normal, (16, 1)), atol=1e-15)
     assert found.area.sum() == pytest.approx(1, rel=1e-14)
     by_place = bp.rigid_pairs(
-        *(x, cells, lambda p: p @ normal + 0.5), normal=lambda p: 0 * p + normal
+        x, cells, lambda p: p @ normal + 0.5, normal=lambda p: 0 * p + normal
     )
     assert abs(by_place.B - found.B).max() == 0
 

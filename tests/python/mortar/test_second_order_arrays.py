@@ -92,10 +92,15 @@ def _normal(corners: Array) -> Array:
 
 
 PAIRS = [
-    *(("line3", "line2"), ("line2", "line3"), ("line3", "line3")),
-    *(("triangle6", "triangle3"), ("triangle3", "triangle6")),
-    *(("triangle6", "quadrilateral9"), ("quadrilateral9", "triangle6")),
-    *(("quadrilateral9", "quadrilateral4"), ("quadrilateral4", "quadrilateral9")),
+    ("line3", "line2"),
+    ("line2", "line3"),
+    ("line3", "line3"),
+    ("triangle6", "triangle3"),
+    ("triangle3", "triangle6"),
+    ("triangle6", "quadrilateral9"),
+    ("quadrilateral9", "triangle6"),
+    ("quadrilateral9", "quadrilateral4"),
+    ("quadrilateral4", "quadrilateral9"),
 ]
 
 
@@ -107,7 +112,10 @@ def test_patch(above: str, below: str) -> None:
     n = up.K.shape[0] + low.K.shape[0]
     numbers = (up.dofs, low.dofs + up.K.shape[0])
     found = bp.pairs(
-        *(up.points, up.facets, low.points, low.facets),
+        up.points,
+        up.facets,
+        low.points,
+        low.facets,
         dofs_slave=numbers[0],
         dofs_master=numbers[1],
         n=n,

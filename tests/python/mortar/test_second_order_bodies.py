@@ -96,7 +96,9 @@ def test_two_parts_of_a_surface_are_the_whole(kind: str) -> None:
     floor = ([0, 0, 0], [0, 0, 1.0])
     halves = [
         fem.Contact(
-            *("high", "bottom", 0.0),
+            "high",
+            "bottom",
+            0.0,
             plane=floor,
             pairing="mortar",
             within={0: part},
@@ -161,7 +163,7 @@ def test_an_obstacle_that_moves_is_a_body_that_moves(kind: str) -> None:
     found = []
     for motion in (ob.Motion(way), None):
         contact = fem.Contact(
-            *("low", "top", 0.3), obstacle=tilted, motion=motion, pairing="mortar"
+            "low", "top", 0.3, obstacle=tilted, motion=motion, pairing="mortar"
         )
         model = fem.assemble([body], [contact], ground)
         moved = np.zeros_like(way) if motion else -way
@@ -196,7 +198,9 @@ def test_clearances_at_nodes(kind: str) -> None:
             gaps = []
             for clearance in (values, lambda x: 0.1 + x @ [0.3, -0.2, 0.0]):
                 contact = fem.Contact(
-                    *("high", "bottom", 0.2),
+                    "high",
+                    "bottom",
+                    0.2,
                     clearance=clearance,
                     pairing="mortar",
                     within=within,
@@ -214,7 +218,7 @@ def test_clearances_at_nodes(kind: str) -> None:
                     first[1, :, 0], one + 0.2, rtol=0, atol=1e-13
                 )
     contact = fem.Contact(
-        *("high", "bottom", 0.2), clearance=values[1:], pairing="mortar", obstacle=floor
+        "high", "bottom", 0.2, clearance=values[1:], pairing="mortar", obstacle=floor
     )
     with pytest.raises(
         ValueError, match=r"clearance of the contact on 'bottom' has sha"

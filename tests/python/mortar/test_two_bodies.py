@@ -92,8 +92,10 @@ def pressed(
     if overhang != (0.0, 1.0):
         # What the upper block does not press, the air does.
         covered = bp.pairs(
-            *(bodies[1].points, meeting._facets_outward(bodies[1], "top")),
-            *(bodies[0].points, meeting._facets_outward(bodies[0], "bottom")),
+            bodies[1].points,
+            meeting._facets_outward(bodies[1], "top"),
+            bodies[0].points,
+            meeting._facets_outward(bodies[0], "bottom"),
         )
         load += model.pressure("low", "top", P)
         pushed = covered.slave.T @ covered.area
@@ -223,7 +225,11 @@ def test_hertz(ratio: float, slave: str) -> None:
             ("lower", "bottom", [0, 1]),
         ]
         model = two(
-            *(h / a, ratio, slave, np.array, [fem.Support(*s) for s in held]),
+            h / a,
+            ratio,
+            slave,
+            np.array,
+            [fem.Support(*s) for s in held],
             mu=0.0,
             clearance=lambda x: x[:, 0] ** 2 / (2 * radius),
             within={0: (0, 1.6)},
@@ -247,7 +253,11 @@ def sheared(h: float, slave: str) -> Profile:
     radius = np.pi * e_star / (4 * force)
     held = [fem.Support("lower", "bottom", [0, 1]), fem.Support("upper", "top", [0, 1])]
     model = two(
-        *(h, 1.37, slave, mirrored, held),
+        h,
+        1.37,
+        slave,
+        mirrored,
+        held,
         mu=mu,
         clearance=lambda x: x[:, 0] ** 2 / (2 * radius),
         within={0: (-1.6, 1.6)},
@@ -351,7 +361,9 @@ def test_spheres() -> None:
             for name, k, sign in (("upper", h, 1), ("lower", 1.3 * h, -1))
         ]
         contact = fem.Contact(
-            *("upper", "bottom", 0.0),
+            "upper",
+            "bottom",
+            0.0,
             against=("lower", "top"),
             pairing="mortar",
             clearance=lambda x: np.sum(x[:, :2] ** 2, axis=1) / (2 * radius),
@@ -361,7 +373,8 @@ def test_spheres() -> None:
             fem.Support(name, side, parts)
             for name, end in (("upper", "top"), ("lower", "bottom"))
             for side, parts in (
-                *(("left", [0]), ("front", [1])),
+                ("left", [0]),
+                ("front", [1]),
                 *((s, [0, 1, 2]) for s in ("right", "back", end)),
             )
         ]
@@ -413,7 +426,7 @@ def test_contacts_of_all_kinds_in_one_model() -> None:
     np.testing.assert_array_equal(both.contact_dofs[count:, 1], -1)
 
 
-def test_what_needs_pairs_of_nodes_says_so() -> None:
+def test_functions_that_need_matching_nodes_refuse_others() -> None:
     model, _ = pressed(("triangle", "triangle"), "up")
     with pytest.raises(
         ValueError, match=r"paired by 'mortar'.*expected pairing='match'"
@@ -427,21 +440,21 @@ def test_what_needs_pairs_of_nodes_says_so() -> None:
         ({"pairing": "mortars"}, "pairing of the contact on 'bottom' is 'mortars'"),
         (
             {"against": None, "plane": ((0, 0), (0, 1)), "pairing": "nodes"},
-            "pairing is 'nodes', expected 'match' or 'mortar' with a rigid",
+            "pairing is 'nodes', expected 'match' or 'mortar' for a rigid",
         ),
         ({"against": ("up", "top")}, "in contact with itself"),
         (
             {"against": ("low", "left")},
-            "^up.bottom and low.left face the same way .* 0 of up.bottom, .* 2 of low.left",
+            "^up.bottom and low.left do not face each other: .* 0 of up.bottom, .* 2 of low.left",
         ),
-        ({"within": {0: (0.4, 0.5)}}, "within leaves none"),
+        ({"within": {0: (0.4, 0.5)}}, "within excludes all of them"),
         (
             {"pairing": "match"},
-            "do not match: .* expected opposite nodes, or pairing='mortar'",
+            "do not match: .* use pairing='mortar', or meshes",
         ),
     ],
 )
-def test_pairings_that_cannot_be(changes: dict[str, Any], message: str) -> None:
+def test_invalid_pairings(changes: dict[str, Any], message: str) -> None:
     bodies = [block("up", "quadrilateral", 4), block("low", "triangle", 3)]
     given = {"against": ("low", "top"), "pairing": "mortar", **changes}
     with pytest.raises(ValueError, match=message):

@@ -157,6 +157,55 @@ def test_hertz_under_a_rigid_sphere() -> None:
     assert result.traction[0, at, 0] == pytest.approx(peak, rel=0.05)
 
 
+def test_gaps_under_a_torus_are_its_parabola_near_its_lowest_circle() -> None:
+    """The distance is s²/2r with s from the circle, to the fourth order in s/r."""
+    ring = ob.Torus([0, 0, 0.5], [0, 0, 1], 2.0, 0.5)
+    errors = []
+    for width in (0.2, 0.1, 0.05):
+        x = np.linspace(2 - width, 2 + width, 9)
+        body = fem.Body(
+            "slab",
+            fem.box([x, [-1e-9, 0.0, 1e-9], [-1.0, 0.0]], "hexahedron"),
+            fem.Material(E, NU),
+        )
+        model = fem.assemble([body], [fem.Contact("slab", "top", 0.0, obstacle=ring)])
+        s = np.hypot(model.points[:, 0], model.points[:, 1]) - 2
+        errors.append(np.abs(model.gap - s**2).max())
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(4, abs=0.1)
+
+
+def test_a_torus_in_a_scene_turns_about_its_own_centre() -> None:
+    """Pressed onto a block, half in and half out: one force on each half."""
+    m = bp.Model("ring")
+    m.path(press=[0.5, 1.0])
+    m.material("soft", young=E, poisson=NU)
+    grid = {"from": -1.0, "to": 1.0, "cells": 10}
+    m.body("block", material="soft", cell="hexahedron", x=grid, y=grid, z=[-1, -0.5, 0])
+    m.support("block.bottom", x=0, y=0, z=0)
+    shape = {"axis": [0, 0, 2], "major_radius": 0.6, "minor_radius": 0.25}
+    m.obstacle(
+        "ring",
+        torus={"centre": [0, 0, 0.25], **shape},
+        move={"z": m.times(-0.02, "press")},
+        turn={"angle": m.times(0.1, "press"), "axis": [0, 0, 1]},
+    )
+    m.contact("block.top", against="ring", mu=0.2)
+    result = m.solve()
+    model = m.assemble().model
+    force = forces(model, result)[-1]
+    assert force[:, 2].sum() < 0
+    pressed = result.reaction[-1][:, 0] > 0
+    rho = np.hypot(model.points[pressed, 0], model.points[pressed, 1])
+    # Where the ring reaches into the block: 2 · 0.02 · 0.25 = (ρ - 0.6)², to first order.
+    assert (np.abs(rho - 0.6) < 0.11).all()
+    # The scene does not change by a quarter of a turn, so forces balance and friction
+    # has a moment about the axis, in the sense of the turn.
+    np.testing.assert_allclose(
+        force[:, :2].sum(axis=0), 0, atol=1e-8 * abs(force).max()
+    )
+    assert np.cross(model.points, force)[:, 2].sum() > 0
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_an_obstacle_that_moves_is_a_body_that_moves(dim: int) -> None:
     """Any shape: translated by s, it does what supports do that move by -s."""
@@ -359,7 +408,7 @@ def test_under_a_sphere_of_triangles_forces_converge() -> None:
     assert errors[2] < 1.5 * 1.1e-3 / 0.04
 
 
-def test_the_error_of_the_mesh_is_proved_over_planes_only() -> None:
+def test_discretisation_error_is_bounded_for_planes_only() -> None:
     """Between the nodes another obstacle may stand out."""
     body = slab(2, cell="triangle")
     floor = ob.Plane([0, 0], [0, -1])
@@ -407,7 +456,7 @@ FLOOR = ob.Plane([0, 0], [0, -1])
     [
         (
             [fem.Contact("slab", "top", 0, obstacle=FLOOR, plane=([0, 0], [0, 1]))],
-            "needs one obstacle: plane, obstacle or against",
+            "needs exactly one of plane, obstacle and against",
         ),
         (
             [
@@ -430,7 +479,7 @@ FLOOR = ob.Plane([0, 0], [0, -1])
                 fem.Contact("slab", "top", 0, obstacle=FLOOR, motion=ob.Motion(way))
                 for way in ([[0, 0]], [[0, 0], [0, 0]])
             ],
-            "obstacles move through 1 and 2 steps, expected one number",
+            "the motions of obstacles have 1 and 2 steps: give",
         ),
         (
             [
@@ -438,16 +487,18 @@ FLOOR = ob.Plane([0, 0], [0, -1])
                     "slab", "top", 0, obstacle=FLOOR, motion=ob.Motion([[0, 0, 0]])
                 )
             ],
-            "motion is one in 3 dimensions, the points have 2",
+            "motion has 3 dimensions, but the points have 2",
         ),
     ],
 )
-def test_what_cannot_be(contacts: list[fem.Contact], message: str) -> None:
+def test_invalid_contacts_with_obstacles(
+    contacts: list[fem.Contact], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         fem.assemble([slab()], contacts)
 
 
-def test_what_is_no_obstacle() -> None:
+def test_objects_that_are_not_obstacles() -> None:
     with pytest.raises(
         TypeError, match="obstacle of the contact on 'top' is 3, expect"
     ):
@@ -503,9 +554,7 @@ def test_steps_of_obstacles_and_of_loads() -> None:
     sinking = ob.Motion([[0, 0], [0, -0.1]])
     contact = fem.Contact("slab", "top", 0, obstacle=FLOOR, motion=sinking)
     model, problem = held(slab(), [contact])
-    with pytest.raises(
-        ValueError, match="obstacles move through 2 steps, the load path has 3"
-    ):
+    with pytest.raises(ValueError, match="has 2 steps, but the load path has 3"):
         model.gaps(3)
     # The problem knows that its obstacles move.
     by_itself, told = problem.solve(), problem.solve(gap=model.gaps(2))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bipot_rs import obstacle as ob
 from spheres import icosphere
@@ -35,7 +36,9 @@ def cube() -> ob.Surface:
     for axis, end in product(range(3), (0.0, 1.0)):
         a, b, c, d = np.flatnonzero(x[:, axis] == end)
         for triangle in ([a, b, d], [a, d, c]):
-            normal = np.cross(*(x[triangle[k]] - x[triangle[0]] for k in (1, 2)))
+            normal = np.cross(
+                x[triangle[1]] - x[triangle[0]], x[triangle[2]] - x[triangle[0]]
+            )
             outwards = normal[axis] * (end - 0.5) > 0
             faces.append(triangle if outwards else triangle[::-1])
     return ob.Surface(x, faces)
@@ -56,6 +59,8 @@ SHAPES: dict[str, tuple[Any, int]] = {
     "disc": (ob.Cylinder([0.1, 0.2], 0.7), 2),
     "bar": (ob.Cylinder([0, 0, 0.1], 0.5, axis=[1, 1, 0]), 3),
     "bore": (ob.Cylinder([0, 0, 0.1], 0.5, axis=[1, 1, 0], inside=True), 3),
+    "torus": (ob.Torus([0.1, 0, 0], [1, 2, -2], 1.0, 0.4), 3),
+    "tube": (ob.Torus([0.1, 0, 0], [1, 2, -2], 1.0, 0.4, inside=True), 3),
     "square": (square(), 2),
     "cube": (cube(), 3),
     "ball of triangles": (ob.Surface(*icosphere(2)), 3),
@@ -65,7 +70,7 @@ SHAPES: dict[str, tuple[Any, int]] = {
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_what_holds_of_every_obstacle(name: str) -> None:
+def test_properties_of_every_obstacle(name: str) -> None:
     shape, dim = SHAPES[name]
     x = around(dim)
     distance, normal, foot = shape.closest(x)
@@ -85,7 +90,7 @@ def test_what_holds_of_every_obstacle(name: str) -> None:
     np.testing.assert_allclose(grown, 1e-6, rtol=1e-6)
 
 
-def test_round_ones_by_hand() -> None:
+def test_sphere_and_cylinder_by_hand() -> None:
     found = ob.Sphere([1, 0, 0], 2.0).closest(np.array([[1.0, 0, 5], [1, 1, 0]]))
     np.testing.assert_allclose(found.distance, [3, -1], rtol=EXACT)
     np.testing.assert_allclose(found.normal, [[0, 0, 1], [0, 1, 0]], atol=EXACT)
@@ -94,6 +99,45 @@ def test_round_ones_by_hand() -> None:
     )
     np.testing.assert_allclose(found.distance, [0.5, -1], rtol=EXACT)
     np.testing.assert_allclose(found.normal, [[0, -1, 0], [-1, 0, 0]], atol=EXACT)
+
+
+def test_torus_by_hand() -> None:
+    """Above, inside and beside the tube, and at the centre of the ring."""
+    x = np.array([[0, 2.0, 1.5], [2.25, 0, 0], [0, -3, 0], [0, 0, 0], [0, 0, 1.5]])
+    found = ob.Torus([0, 0, 0], [0, 0, -5], 2.0, 0.5).closest(x)
+    np.testing.assert_allclose(found.distance, [1, -0.25, 0.5, 1.5, 2], rtol=EXACT)
+    np.testing.assert_allclose(
+        found.normal[:3], [[0, 0, 1], [1, 0, 0], [0, -1, 0]], atol=EXACT
+    )
+    # On the axis any direction across it will do: towards the axis, and up at an angle.
+    np.testing.assert_allclose(found.normal[3:, 2], [0, 0.6], atol=EXACT)
+    np.testing.assert_allclose(found.foot[:, 2], [0.5, 0, 0, 0, 0.3], atol=EXACT)
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_torus_by_its_equation(inside: bool) -> None:
+    """Feet satisfy ``(|y|² + R² - r²)² = 4 R² (y_1² + y_2²)`` in the axes of the torus.
+
+    The arm from the circle of centres to x is across that circle, as the closest point
+    of a smooth curve requires.
+    """
+    R, r, centre = 0.8, 0.3, np.array([3.0, -1.0, 2.0])
+    turn = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
+    shape = ob.Torus(centre, turn[:, 2], R, r, inside)
+    x = around(3)
+    distance, normal, foot = shape.closest(centre + x @ turn.T)
+    y, n = (foot - centre) @ turn, normal @ turn
+    left = ((y**2).sum(axis=1) + R**2 - r**2) ** 2
+    right = 4 * R**2 * (y[:, :2] ** 2).sum(axis=1)
+    # Places are of size 4, and the equation of degree 4.
+    np.testing.assert_allclose(left, right, rtol=0, atol=100 * EXACT)
+    # By polar coordinates in the half-plane of x, where the tube is a disc.
+    rho, height = np.hypot(x[:, 0], x[:, 1]), x[:, 2]
+    outside = np.hypot(rho - R, height) - r
+    sign = -1 if inside else 1
+    np.testing.assert_allclose(distance, sign * outside, rtol=0, atol=10 * EXACT)
+    around_axis = np.column_stack([-x[:, 1], x[:, 0], 0 * height])
+    assert np.abs(np.einsum("nd,nd->n", n, around_axis)).max() <= 100 * EXACT
 
 
 @pytest.mark.parametrize(("shape", "dim"), [(square(), 2), (cube(), 3)])
@@ -216,7 +260,7 @@ def test_stl(tmp_path: Path, binary: bool) -> None:
     np.testing.assert_allclose(there.distance, here.distance, rtol=0, atol=2e-7)
 
 
-def test_files_that_are_no_surface(tmp_path: Path) -> None:
+def test_files_without_a_surface(tmp_path: Path) -> None:
     meshio = pytest.importorskip("meshio")
     with pytest.raises(FileNotFoundError, match=r"there is no file .*none\.stl"):
         ob.Surface.from_file(tmp_path / "none.stl")
@@ -278,7 +322,7 @@ def test_steps_of_a_distance_find_a_small_obstacle() -> None:
     assert np.abs(found.distance - exact.distance).max() <= EXACT
 
 
-def test_of_several_the_nearest() -> None:
+def test_union_takes_the_nearest() -> None:
     floor, ball = ob.Plane([0, 0, 0], [0, 0, 1]), ob.Sphere([0, 0, 1], 0.5)
     x = np.array([[0, 0, 2.0], [3, 0, 0.2], [0, 0, 0.1]])
     found = ob.Union([floor, ball]).closest(x)
@@ -295,7 +339,27 @@ def test_of_several_the_nearest() -> None:
         (lambda: ob.Cylinder([0, 0, 0], 1.0), "axis of the cylinder is missing"),
         (
             lambda: ob.Cylinder([0, 0], 1.0, [0, 0, 1]),
-            "axis .* was given, in the plane",
+            "axis .* was given, but a 2D cylinder has none",
+        ),
+        (
+            lambda: ob.Torus([0, 0], [0, 0, 1], 2.0, 1.0),
+            r"centre of the torus has shape \(2,\)",
+        ),
+        (
+            lambda: ob.Torus([0, 0, 0], [0, 0, 0], 2.0, 1.0),
+            "axis of the torus is zero",
+        ),
+        (
+            lambda: ob.Torus([0, 0, 0], [0, 0, 1], -2.0, 1.0),
+            "major_radius of the torus is -2.0, expected a positive",
+        ),
+        (
+            lambda: ob.Torus([0, 0, 0], [0, 0, 1], 2.0, 2.0),
+            "minor_radius of the torus is 2.0, expected a number below major_radius",
+        ),
+        (
+            lambda: ob.Torus([0, 0, 0], [0, 0, 1], 1.0, 0.5).closest(np.eye(3)),
+            r"the point \(1, 0, 0\) is at the centre of the tube: no normal",
         ),
         (lambda: ob.Union([]), "obstacles is empty"),
         (
@@ -319,7 +383,7 @@ def test_of_several_the_nearest() -> None:
                 lambda x: np.linalg.norm(x, axis=1) - 1,
                 lambda x: np.eye(3)[[0] * len(x)],
             ).closest(around(3)),
-            "but so far along its gradient, .* and not zero",
+            r"but at the foot x - d ∇d, .* expected zero",
         ),
         (
             lambda: ob.Surface([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1, 2]]),
@@ -327,17 +391,20 @@ def test_of_several_the_nearest() -> None:
         ),
         (
             lambda: ob.Surface(np.eye(4)[:, :3], [[0, 1, 2], [0, 1, 3]]),
-            r"2 triangles .* the edge at \(0.5, 0.5, 0\) have normals to different sides",
+            r"2 triangles .* the edge at \(0.5, 0.5, 0\) have normals on different sides",
         ),
         (
             lambda: ob.Surface([[0, 0], [1, 0], [2, 0]], [[0, 1], [2, 1]]),
-            r"segments .* meet at \(1, 0\) have normals to different sides",
+            r"segments .* meet at \(1, 0\) have normals on different sides",
         ),
         (
             lambda: ob.Surface(np.eye(3), [[0, 1, 3]]),
-            "facets .* hold 3, expected 0 to 2",
+            "facets .* has index 3, expected 0 to 2",
         ),
-        (lambda: ob.Surface(np.eye(3), np.zeros((0, 3), int)), "one or more"),
+        (
+            lambda: ob.Surface(np.eye(3), np.zeros((0, 3), int)),
+            "expected .* with k > 0",
+        ),
         (lambda: ob.Motion(), "neither translation nor rotation"),
         (lambda: ob.Motion(rotation=[1.0], about=[0, 0, 0]), "axis is missing"),
         (
@@ -352,13 +419,13 @@ def test_of_several_the_nearest() -> None:
         (lambda: ob.Plane([0, 0], [0, 1]).closest(np.eye(3)), r"expected \(n, 2\)"),
     ],
 )
-def test_what_cannot_be(make: Any, message: str) -> None:
+def test_invalid_obstacles(make: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make()
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_moving_and_back(dim: int) -> None:
+def test_motion_and_its_inverse(dim: int) -> None:
     """`back` undoes the motion, which is rigid and carries the pole by its translation."""
     random = np.random.default_rng(5)
     axis = None if dim == 2 else [1.0, 2.0, -1.0]
@@ -443,7 +510,7 @@ class Told:
         return self._wrong(ob.Closest(far - 1, normal, normal), points)
 
 
-def test_an_obstacle_of_another_making() -> None:
+def test_obstacle_defined_elsewhere() -> None:
     right = Told(lambda found, _: found)
     for dim in (2, 3):
         x = around(dim)
@@ -474,7 +541,7 @@ def test_a_profile_that_knows_distances_to_first_order() -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (lambda *_: None, "obstacle Told answers with None, expected a Closest"),
+        (lambda *_: None, "obstacle Told returns None, expected a Closest"),
         (
             lambda f, _: f._replace(distance=f.distance[:, None]),
             r"distance of the obstacle Told has shape \(300, 1\), expected \(300,\)",
@@ -489,11 +556,11 @@ def test_a_profile_that_knows_distances_to_first_order() -> None:
         ),
         (
             lambda f, _: f._replace(normal=2 * f.normal),
-            r"at \(.*\) its normal has not length 1, it misses it by 1",
+            r"at \(.*\) its normal does not have length 1, the error is 1",
         ),
         (
             lambda f, _: f._replace(normal=-f.normal),
-            r"at \(.*\) its foot is not point - distance \* normal, it is off by",
+            r"at \(.*\) its foot is not point - distance \* normal, the error is",
         ),
         (
             lambda f, _: f._replace(distance=-f.distance),
@@ -503,18 +570,18 @@ def test_a_profile_that_knows_distances_to_first_order() -> None:
             lambda f, x: ob.Closest(
                 abs(f.distance), f.normal, x - abs(f.distance)[:, None] * f.normal
             ),
-            r"its foot is \(.*\), which has the distance .* negative inside",
+            r"the foot of \(.*\) is \(.*\), whose distance is .* expected 0",
         ),
         (
             lambda f, _: f._replace(
                 distance=abs(f.distance),
                 normal=np.sign(f.distance)[:, None] * f.normal,
             ),
-            "behind its surface, at .* expected a negative one: it is signed",
+            "behind its surface, at .* expected a negative number",
         ),
     ],
 )
-def test_an_obstacle_that_tells_wrong(wrong: Any, message: str) -> None:
+def test_obstacle_with_wrong_answers(wrong: Any, message: str) -> None:
     with pytest.raises((TypeError, ValueError), match=message):
         ob.approach(Told(wrong), None, around(3))
     with pytest.raises((TypeError, ValueError), match=message):
@@ -564,7 +631,7 @@ def test_a_sheet_of_two_sides_has_no_inside(dim: int) -> None:
         )
 
 
-def test_triangles_that_a_file_has_twice(tmp_path: Path) -> None:
+def test_duplicate_triangles_in_a_file(tmp_path: Path) -> None:
     meshio = pytest.importorskip("meshio")
     x, faces = icosphere(1)
     random = np.random.default_rng(0)
@@ -579,7 +646,7 @@ def test_triangles_that_a_file_has_twice(tmp_path: Path) -> None:
     read = ob.Surface.from_file(file)
     assert read.closed
     assert repr(read) == f"Surface({len(faces)} triangles)"
-    with pytest.raises(ValueError, match="have normals to different sides"):
+    with pytest.raises(ValueError, match="have normals on different sides"):
         ob.Surface(x, np.concatenate([faces, faces[:1]]))
 
 
@@ -589,7 +656,9 @@ def test_a_file_too_far_from_the_origin_for_its_digits(tmp_path: Path) -> None:
     file = tmp_path / "far.stl"
     # One wide at 1e8: single precision has steps of 8 there.
     meshio.Mesh(x / 2 + [1e8, 0, 0], [("triangle", faces)]).write(file, binary=True)
-    with pytest.raises(ValueError, match=r"no triangle whose corners .* 1e\+08 from"):
+    with pytest.raises(
+        ValueError, match=r"no triangle with distinct corners: .* 1e\+08 from"
+    ):
         ob.Surface.from_file(file)
 
 

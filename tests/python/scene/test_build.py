@@ -366,10 +366,10 @@ def test_all_mistakes_of_files_are_reported(tmp_path: Path) -> None:
     assert run.returncode == 2
     assert "2 mistakes" in run.stderr
     assert (
-        f"body.gone.mesh: the mesh {tmp_path / 'gone.msh'} is not there" in run.stderr
+        f"body.gone.mesh: the mesh {tmp_path / 'gone.msh'} does not exist" in run.stderr
     )
     assert "body.other.mesh: the mesh " in run.stderr
-    assert "has no volume 'middle'; it names 'left', 'right'" in run.stderr
+    assert "has no volume 'middle'; it has 'left', 'right'" in run.stderr
     m = of_file()
     m.support("part.bse", y=0.0)
     m.contact("part.base", plane={"point": [0, 0, 0], "normal": [0, 0, 1]}, mu=0.2)
@@ -388,7 +388,9 @@ def test_all_mistakes_of_files_are_reported(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"body\.part\.surface\.base: the mesh has"):
         m.assemble()
     m._table["body"]["part"]["surface"] = {"side": {"within": {"x": [7, 8]}}}
-    with pytest.raises(ValueError, match=r"body\.part\.surface\.side: no facet"):
+    with pytest.raises(
+        ValueError, match=r"body\.part\.surface\.side: no boundary facet"
+    ):
         m.assemble()
     m._table["body"]["part"] |= {"surface": {}, "material": {"left": "steel"}}
     with pytest.raises(ValueError, match=r"body\.part\.material: material of body"):
@@ -474,40 +476,40 @@ def test_remarks_through_a_scene(tmp_path: Path) -> None:
         (
             "3 of the 3 nodes of surface 'bottom' of body 'high' start inside what they may "
             "touch, the deepest by 0.5 at (0, -0.5), 1.3 % of the size of the model: the "
-            "first step presses them out; right for an interference fit, else move the body "
-            "or add a clearance"
+            "first step pushes them out; this is right for an interference fit, otherwise "
+            "move the body or add a clearance"
         ),
         (
             "surface 'top' of body 'low' faces away from what it may touch, at all of its 3 "
-            "nodes: is the normal of the obstacle towards the body, and the surface the one "
-            "that meets it?"
+            "nodes: check that the normal of the obstacle points to the body, and that this "
+            "is the right surface"
         ),
         (
             "2 of the 3 nodes of surface 'left' of body 'low' have no friction, mu = 0: "
-            "supports prescribe their tangential displacement, which leaves friction "
-            "nothing to decide"
+            "supports prescribe their tangential displacement; remove these components of "
+            "the support if friction should act"
         ),
         (
             "1 of the 3 nodes of surface 'top' of body 'low' have no friction, mu = 0: "
-            "supports prescribe their tangential displacement, which leaves friction "
-            "nothing to decide"
+            "supports prescribe their tangential displacement; remove these components of "
+            "the support if friction should act"
         ),
         (
-            "nothing holds bodies 'low' and 'high' against translation along x of body "
-            "'high': add a support, or friction or a contact that stops it"
+            "bodies 'low' and 'high' can move freely by translation along x of body "
+            "'high': add a support, friction or a contact that stops it"
         ),
         *(
-            f"units may be mixed: Young's modulus 2.1e+11 of body {name!r} looks like Pa, "
-            "and lengths then in m, but the model is 39.5 across; lengths in mm need MPa"
+            f"units may be mixed: Young's modulus 2.1e+11 of body {name!r} looks like Pa "
+            "with lengths in m, but the size of the model is 39.5; for lengths in mm use MPa"
             for name in ("low", "high")
         ),
         (
             "surface 'left' of body 'low' may never touch: its nearest node, at (0, -20), "
-            "stays 1 away, and supports move by 0.002 at the most"
+            "stays 1 away, and supports move by 0.002 at most"
         ),
         (
             "surface 'top' of body 'low' may never touch: its nearest node, at (0, 0), "
-            "stays 30 away, and supports move by 0.002 at the most"
+            "stays 30 away, and supports move by 0.002 at most"
         ),
     ]
     m.to_toml(tmp_path / "it.toml")

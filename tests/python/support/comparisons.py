@@ -9,8 +9,15 @@ import numpy as np
 # Every field of a step that does not tell of time. `work` counts the inverse of W where
 # it is made, and a failed step may have made it.
 FIELDS = (
-    *("reaction", "relative_displacement", "slip", "status", "residual", "tolerance"),
-    *("iterations", "bipotential_gap", "displacement"),
+    "reaction",
+    "relative_displacement",
+    "slip",
+    "status",
+    "residual",
+    "tolerance",
+    "iterations",
+    "bipotential_gap",
+    "displacement",
 )
 
 

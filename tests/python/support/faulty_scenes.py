@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import bipot_rs as bp
 
+_TORUS = {"centre": [0, 0], "axis": [0, 0, 0], "major_radius": 1, "minor_radius": 1}
 # Settings of `two_blocks`, and what begins each of the mistakes that are told.
 MISTAKES: list[tuple[list[str], list[str]]] = [
     (["mesh.m=9"], ["mesh.m: unknown key"]),
@@ -26,6 +27,15 @@ MISTAKES: list[tuple[list[str], list[str]]] = [
         [
             "body.upper.z: cells = n/2 is not a whole number of cells for mesh.n = 9",
             "body.lower.z: ",
+        ],
+    ),
+    (
+        ["obstacle.o.torus={centre=[0,0],axis=[0,0,0],major_radius=1,minor_radius=1}"],
+        [
+            "obstacle.o: is not used",
+            "obstacle.o.torus.centre: should have 3 components",
+            "obstacle.o.torus.axis: should not be zero",
+            "obstacle.o.torus.minor_radius: should be less than major_radius",
         ],
     ),
     (["contact.1.mu=0.1"], ["--set contact.1.mu: contact is a list of 1 entry"]),
@@ -171,6 +181,10 @@ PARTS: list[tuple[dict[str, Any], str]] = [
     (
         {"obstacle.disc.cylinder.radius": -1.0},
         "cylinder.radius: should be greater than 0",
+    ),
+    (
+        {"obstacle.other": {"torus": _TORUS}},
+        "obstacle.other.torus: needs a scene of three dimensions",
     ),
     (
         {"obstacle.other": {"surface": "a.stl"}},

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from children import forked
 
 # What a slip of the pen, or an enemy, puts in the place of a value.
-NASTY = (
-    *(0, -1, 10**9, -(10**9), 10**400, 1e308, -1e308, 1e-308, 5e-324),
-    *(float("nan"), float("inf"), -0.0, True, "", "n", "n/0", "0*n", "0/n", "9e9*n"),
-    *("nonsense", "\U0001f980", [], [[]], [0.0], [1.0, 0.0], [0.0] * 7, {}),
-    *({"x": 0}, {"value": 1e300}, {"points": [0.0, 0.0]}, {"table": []}),
-)
+_INTEGERS = (0, -1, 10**9, -(10**9), 10**400, True)
+_REALS = (1e308, -1e308, 1e-308, 5e-324, float("nan"), float("inf"), -0.0)
+_WORDS = ("", "n", "n/0", "0*n", "0/n", "9e9*n", "nonsense", "\U0001f980")
+_LISTS = ([], [[]], [0.0], [1.0, 0.0], [0.0] * 7)
+_TABLES = ({}, {"x": 0}, {"value": 1e300}, {"points": [0.0, 0.0]}, {"table": []})
+NASTY = (*_INTEGERS, *_REALS, *_WORDS, *_LISTS, *_TABLES)
 
 
 def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:

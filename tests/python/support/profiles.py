@@ -46,7 +46,6 @@ def refine(
 
 
 def mean_square(
-    what: str,
     source: str,
     sizes: list[float],
     profiles: list[Profile],
@@ -55,6 +54,7 @@ def mean_square(
     order: float,
     within: float,
 ) -> Refinement:
-    """Errors of whole profiles, which have no number to show."""
+    """Errors of whole profiles of pressure (0) or shear (1)."""
+    what = ("pressure", "shear")[component] + ", mean square"
     error = [p.error(component) for p in profiles]
     return Refinement(what, source, sizes, [], [], error, order, within)

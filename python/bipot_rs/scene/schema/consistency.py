@@ -14,7 +14,7 @@ from typing import Any
 from bipot_rs._lib.messages import counted, instead
 from bipot_rs._lib.validation import RATIO
 from bipot_rs.mesh.boxes import FACES
-from bipot_rs.scene.schema.contact import Plane, Touch
+from bipot_rs.scene.schema.contact import Plane, Ring, Touch
 from bipot_rs.scene.schema.mesh import Block, Within
 from bipot_rs.scene.schema.root import Scene
 from bipot_rs.scene.schema.table import AXES, LARGEST, Components
@@ -329,7 +329,7 @@ def _obstacles(scene: Scene, dim: int | None) -> Iterator[str]:
             yield f"{place}: {_DOT}"
         elif name not in used:
             yield f'{place}: is not used; remove it, or set against = "{name}" in a contact'
-        shapes = ("plane", "sphere", "cylinder", "surface")
+        shapes = ("plane", "sphere", "cylinder", "torus", "surface")
         if sum(getattr(rigid, shape) is not None for shape in shapes) != 1:
             yield f"{place}: needs exactly one of {', '.join(shapes)}"
         if rigid.inside and rigid.plane is not None:
@@ -340,6 +340,8 @@ def _obstacles(scene: Scene, dim: int | None) -> Iterator[str]:
             yield from _length(f"{place}.sphere.centre", rigid.sphere.centre, dim)
         if rigid.cylinder is not None:
             yield from _length(f"{place}.cylinder.point", rigid.cylinder.point, dim)
+        if rigid.torus is not None:
+            yield from _torus(f"{place}.torus", rigid.torus, dim)
         if rigid.turn is not None:
             yield from _length(f"{place}.turn.about", rigid.turn.about, dim)
         for key, part in (("cylinder", rigid.cylinder), ("turn", rigid.turn)):
@@ -347,6 +349,16 @@ def _obstacles(scene: Scene, dim: int | None) -> Iterator[str]:
                 yield from _axis(f"{place}.{key}.axis", part.axis, dim)
         if rigid.move is not None:
             yield from _given(f"{place}.move", rigid.move, dim)
+
+
+def _torus(place: str, torus: Ring, dim: int | None) -> Iterator[str]:
+    if dim == 2:
+        yield f"{place}: needs a scene of three dimensions"
+        return
+    yield from _length(f"{place}.centre", torus.centre, 3)
+    yield from _direction(f"{place}.axis", torus.axis, 3)
+    if torus.minor_radius >= torus.major_radius:
+        yield f"{place}.minor_radius: should be less than major_radius"
 
 
 def _axis(place: str, axis: Sequence[float] | None, dim: int | None) -> Iterator[str]:

@@ -71,12 +71,21 @@ class Bar(Table):
     axis: Vector | None = None
 
 
+class Ring(Table):
+    """A rigid torus about ``axis``, in three dimensions."""
+
+    centre: Vector
+    axis: Vector
+    major_radius: Annotated[float, Field(gt=0)]
+    minor_radius: Annotated[float, Field(gt=0)]
+
+
 class Turn(Table):
     """A rotation by ``angle`` degrees about a point, in three dimensions about ``axis``.
 
     Counter-clockwise; about an axis by the right-hand rule. ``move`` also moves the
     point. Its default is the point of the plane or the cylinder, the centre of the
-    sphere, and for a surface the origin.
+    sphere or the torus, and for a surface the origin.
     """
 
     angle: Component
@@ -85,17 +94,18 @@ class Turn(Table):
 
 
 class Rigid(Table):
-    """A rigid obstacle: a plane, a sphere, a cylinder, or a surface from a file.
+    """A rigid obstacle: a plane, a sphere, a cylinder, a torus, or a surface from a file.
 
-    With ``inside`` the bodies lie inside a sphere or a bore, or on the other side of a
-    surface; by default the normals of a surface point to the bodies. Files are those that
-    meshio reads, such as STL; their names are relative to the scene file. ``move`` and
-    ``turn`` are the total displacement and rotation, times amplitudes.
+    With ``inside`` the bodies lie inside a sphere, a bore or the tube of a torus, or on
+    the other side of a surface; by default the normals of a surface point to the bodies.
+    Files are those that meshio reads, such as STL; their names are relative to the scene
+    file. ``move`` and ``turn`` are the total displacement and rotation, times amplitudes.
     """
 
     plane: Plane | None = None
     sphere: Ball | None = None
     cylinder: Bar | None = None
+    torus: Ring | None = None
     surface: str | None = None
     inside: bool = False
     move: Components | None = None
@@ -106,9 +116,10 @@ class Rigid(Table):
         """The point that it turns about by default; None for the surface of a file."""
         if self.plane is not None:
             return self.plane.point
-        if self.sphere is not None:
-            return self.sphere.centre
-        return None if self.cylinder is None else self.cylinder.point
+        if self.cylinder is not None:
+            return self.cylinder.point
+        round_one = self.sphere or self.torus
+        return None if round_one is None else round_one.centre
 
     def varying(self) -> dict[str, Varying]:
         """Numbers that may have an amplitude, by the end of their key path."""

@@ -20,7 +20,6 @@ from scipy import sparse
 
 import bipot_rs as bp
 from bipot_rs import analytic, fem
-from bipot_rs.fem import elasticity
 from bipot_rs.files import export
 from bipot_rs.plots import run_figure
 
@@ -534,9 +533,9 @@ def test_closed_forms_give_numbers_or_say_why_not(
         assert np.isfinite(np.asarray(numbers, float)).all()
 
 
-def _bodies() -> tuple[elasticity.Body, fem.Assembly]:
-    mesh = elasticity.box([[0.0, 1.0, 2.0], [0.0, 1.0]], "quadrilateral")
-    body = elasticity.Body("block", mesh, elasticity.Material(1.0, 0.3))
+def _bodies() -> tuple[fem.Body, fem.Assembly]:
+    mesh = fem.box([[0.0, 1.0, 2.0], [0.0, 1.0]], "quadrilateral")
+    body = fem.Body("block", mesh, fem.Material(1.0, 0.3))
     contact = fem.Contact("block", "bottom", 0.3, plane=([0.0, 0.0], [0.0, 1.0]))
     support = fem.Support("block", "top", (0, 1))
     return body, fem.assemble([body], [contact], [support])
@@ -553,11 +552,11 @@ def test_finite_elements() -> None:
     contact()
     for bad in (math.nan, -1.0, "rough", 1j, None, [0.3]):
         refused(lambda b=bad: contact(mu=b), "mu")
-        refused(lambda b=bad: elasticity.Material(b, 0.3), "young")
+        refused(lambda b=bad: fem.Material(b, 0.3), "young")
     for bad in (math.nan, 0.5, -1.0, "soft", 1j):
-        refused(lambda b=bad: elasticity.Material(1.0, b), "poisson")
+        refused(lambda b=bad: fem.Material(1.0, b), "poisson")
     for bad in (math.nan, 0.0, "thick"):
-        refused(lambda b=bad: elasticity.Material(1.0, 0.3, thickness=b), "thickness")
+        refused(lambda b=bad: fem.Material(1.0, 0.3, thickness=b), "thickness")
     for bad in (math.nan, "wide", [0.1, 0.2], [[0.1] * 3], 1j):
         refused(lambda b=bad: contact(clearance=b), "clearance")
         refused(lambda b=bad: contact(clearance=lambda _x: b), "clearance")
@@ -576,8 +575,8 @@ def test_finite_elements() -> None:
     for bad in ([1.0, 0.0], [[0.0, 0.0]], [[math.nan, 1.0]], [[1.0] * 4], [["x", "y"]]):
         refused(lambda b=bad: fem.frames(b), "normals?")
     for axes in ([[0.0, 1.0]], [[0.0], [1.0, 2.0]], [[0.0, math.nan], [0.0, 1.0]]):
-        refused(lambda a=axes: elasticity.box(a, "quadrilateral"), "ax[ie]s")
-    refused(lambda: elasticity.box([[0.0, 1.0]] * 2, "pentagon"), "cell", "pentagon")
+        refused(lambda a=axes: fem.box(a, "quadrilateral"), "ax[ie]s")
+    refused(lambda: fem.box([[0.0, 1.0]] * 2, "pentagon"), "cell", "pentagon")
 
 
 def test_files_and_pictures(tmp_path: Any) -> None:

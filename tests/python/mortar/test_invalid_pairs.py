@@ -33,7 +33,7 @@ def with_facet(facets: Any, at: int, nodes: list[int]) -> Any:
     [
         (
             {"facets_slave": ONE[1][:, ::-1]},
-            "face the same way or across .* cosine 1.00",
+            "do not face each other: .* cosine of their normals is 1.00",
         ),
         (
             {"points_master": OTHER[0] + [5, 0, 0]},
@@ -41,7 +41,7 @@ def with_facet(facets: Any, at: int, nodes: list[int]) -> Any:
         ),
         (
             {"points_master": OTHER[0] - [0, 0, 0.5], "distance": 0.25},
-            "do not meet within distance 0.25: .* 0.5 along the normal",
+            "are farther apart than distance 0.25: .* 0.5 along the normal",
         ),
         ({"distance": 0.0}, "distance is 0, expected a number > 0"),
         ({"method": "tied"}, "method is 'tied', expected one of"),
@@ -51,7 +51,7 @@ def with_facet(facets: Any, at: int, nodes: list[int]) -> Any:
         ),
         (
             {"facets_slave": with_facet(ONE[1], 1, [0, 1, 4, 4])},
-            "facets_slave has a node twice in facet 1: .* is a triangle",
+            "facets_slave has a node twice in facet 1: .* as a triangle",
         ),
         (
             {"facets_slave": ONE[1][:, [0, 2, 1, 3]]},
@@ -59,7 +59,7 @@ def with_facet(facets: Any, at: int, nodes: list[int]) -> Any:
         ),
         (
             {"facets_master": with_facet(OTHER[1], 0, OTHER[1][0][::-1].tolist())},
-            "facets_master has facets 0 and . with normals to opposite sides",
+            "facets_master has facets 0 and . with normals on opposite sides",
         ),
         (
             {"points_master": OTHER[0] * [0, 1, 1]},
@@ -67,11 +67,11 @@ def with_facet(facets: Any, at: int, nodes: list[int]) -> Any:
         ),
         (
             {"points_master": OTHER[0][:, :2]},
-            "facets_master has 3 nodes a facet|points_master",
+            "facets_master has 3 nodes for each facet|points_master",
         ),
         (
             {"facets_slave": ONE[1][:, :2]},
-            "facets_slave has 2 nodes a facet, expected 3",
+            "facets_slave has 2 nodes for each facet, expected 3",
         ),
         ({"facets_slave": ONE[1][:0]}, r"facets_slave has shape \(0, 4\)"),
         ({"points_slave": ONE[0] * np.nan}, "points_slave is nan at"),
@@ -88,7 +88,7 @@ def with_facet(facets: Any, at: int, nodes: list[int]) -> Any:
             },
             (
                 "dofs_master gives node 0 the degree of freedom 3, which dofs_slave gives "
-                "node 1 in another place, 0.*away"
+                "node 1 at another position, 0.*away"
             ),
         ),
         ({"n": 100}, "degrees of freedom are given in part"),
@@ -98,11 +98,11 @@ def with_facet(facets: Any, at: int, nodes: list[int]) -> Any:
                 "dofs_master": np.arange(27).reshape(9, 3),
                 "n": 20,
             },
-            "dofs_slave holds 26, expected 0 to 19",
+            "dofs_slave has entry 26, expected 0 to 19",
         ),
     ],
 )
-def test_pairs_that_cannot_be(parts: dict[str, Any], message: str, method: str) -> None:
+def test_invalid_pairs(parts: dict[str, Any], message: str, method: str) -> None:
     with pytest.raises(ValueError, match=message):
         bp.pairs(**{"method": method, **changed(**parts)})
 
@@ -115,7 +115,7 @@ def test_a_surface_cannot_meet_itself() -> None:
 def test_dimensions_that_mix() -> None:
     plane = line(np.array([0.0, 1.0]), up=True)
     with pytest.raises(
-        ValueError, match="points_master has 2 coordinates, points_slave 3"
+        ValueError, match="points_master has 2 coordinates, but points_slave has 3"
     ):
         bp.pairs(*ONE, *plane)
 
@@ -134,7 +134,7 @@ def test_types() -> None:
 def test_second_order_facets() -> None:
     quadratic = sheet(8, 2, up=False)
     with pytest.raises(
-        ValueError, match="kind quadrilateral of eight nodes, which method"
+        ValueError, match="kind quadrilateral of eight nodes, whose corners"
     ):
         bp.pairs(*quadratic, *OTHER, method="nodes")
     x, facets = quadratic
@@ -162,7 +162,7 @@ def test_layers_of_a_master() -> None:
     )
     with pytest.raises(
         ValueError,
-        match=r"several layers opposite to facet 0 of .* with its facets .* give dist",
+        match=r"several layers opposite to facet 0 of .* with its facets .* pass a dist",
     ):
         bp.pairs(*ONE, *both)
     near = bp.pairs(*ONE, *both, distance=0.05)
@@ -209,6 +209,6 @@ def test_opposite_facets_at_a_node() -> None:
     x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.0]])
     facets = np.array([[0, 1, 3, 2], [2, 3, 1, 0]])
     with pytest.raises(
-        ValueError, match=r"facets has no normal at node 0: .* opposite ways"
+        ValueError, match=r"facets has no normal at node 0: .* opposite normals"
     ):
         bp.rigid_pairs(x, facets, lambda p: p[:, 2])
