@@ -228,7 +228,7 @@ def test_estimator_refuses_unsupported_models() -> None:
     case = scene.assemble(read, [cube])
     hung = fem.Spring("cube", "bottom", 1.0)
     with pytest.raises(
-        ValueError, match="the model has springs: the error of the mesh"
+        ValueError, match="the model has springs: the discretisation error"
     ):
         Estimator(replace(case, model=replace(case.model, springs=(hung,))))
     wood = fem.Body("cube", cube.mesh, fem.Orthotropic(*WOOD))
