@@ -15,6 +15,11 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}s"
 
 
+def place(x: Iterable[float]) -> str:
+    """Coordinates of a point: ``(0.5, 1)``."""
+    return "(" + ", ".join(f"{c:g}" for c in x) + ")"
+
+
 def printable(text: str) -> str:
     """On one line, in characters that any terminal takes: file names hold all but /."""
     return "".join(

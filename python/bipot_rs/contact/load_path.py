@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from bipot_rs import _core
 from bipot_rs._lib.messages import body_of, counted
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import by_component
+from bipot_rs._lib.validation import Settings, by_component
 from bipot_rs.contact import rigid_motions as motion
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.contact.error_bound import ErrorBound, from_core, without
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.load_steps import Totals, done, reached
 from bipot_rs.contact.reduced import opening, solution_fields
-from bipot_rs.contact.result import Outcome, Result, Solution, Step
+from bipot_rs.contact.result import Result, Solution, Step
+from bipot_rs.contact.status import Outcome
 
 if TYPE_CHECKING:
     from bipot_rs.contact.stiffness_digits import Digits
 
 Contacts = Mapping[str, NDArray[Any] | None]
-Settings = tuple[str, float, int | None, float | None]
 
 
 @dataclass(frozen=True)
@@ -230,8 +230,8 @@ class Following:
             return near and _core.assess_step(core, *asked) == "others exist"
 
         return Tried(
-            method=self._settings[0],
-            max_seconds=self._settings[3],
+            method=self._settings.method,
+            max_seconds=self._settings.max_seconds,
             mu=self._mu,
             W=lambda: _compliance(core),
             modes=lambda: core.modes().T,

@@ -18,6 +18,7 @@ from bipot_rs._lib.validation import (
     RATIO,
     Csr,
     Parts,
+    Settings,
     areas,
     by_component,
     callback,
@@ -40,7 +41,7 @@ from bipot_rs.contact import dof_order, remarks, summary
 from bipot_rs.contact import rigid_motions as motion
 from bipot_rs.contact.errors import FloatingBodyError, NoEquilibriumError
 from bipot_rs.contact.existence import Existence
-from bipot_rs.contact.load_path import Following, Known, Settings, state
+from bipot_rs.contact.load_path import Following, Known, state
 from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
 from bipot_rs.contact.reduced import ReducedProblem
 from bipot_rs.contact.result import Result, Step
@@ -230,12 +231,10 @@ class ContactProblem:
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
         self._loading = Loading.of(
-            *(n, len(self._fixed), contacts, d, loads, gaps), held=self._held
+            n, len(self._fixed), contacts, d, loads, gaps, held=self._held
         )
         self._bodies = _named(bodies, n)
         self._where = _of_components(coordinates, places(coordinates, n), d)
-        # Planes across the axes leave K without the rigid motions of its nodes.
-        self._in_planes = self._held is not None
         self._contact = contact
         limit = memory_limit
         if limit is not None:
@@ -770,7 +769,8 @@ class ContactProblem:
         """Sentences on what was given, and how stiff the bodies are where it is known."""
         places, d = self._where, self._shape[2]
         outward, known, said = None, None, []
-        if not self._in_planes:
+        # Inclined supports are written into K: its nodes have no rigid motions.
+        if self._held is None:
             misplaced = dof_order.unlike(
                 stiffness.parts, self._contact.parts, places, d
             )
@@ -842,7 +842,13 @@ class ContactProblem:
             return (*before, *remarks.of_path(steps, contacts, known))
 
         return Following(
-            *(core, contacts, mu, shape, chosen, start, self._seconds),
+            core,
+            contacts,
+            mu,
+            shape,
+            chosen,
+            start,
+            condense=self._seconds,
             bodies=self._bodies,
             known=self._known,
             remarks=said,

@@ -30,7 +30,8 @@ from bipot_rs.contact.elliptic_friction import isotropic
 from bipot_rs.contact.enumeration import Answers, search
 from bipot_rs.contact.error_bound import ErrorBound, from_core
 from bipot_rs.contact.existence import Existence
-from bipot_rs.contact.result import Outcome, Solution
+from bipot_rs.contact.result import Solution
+from bipot_rs.contact.status import Outcome
 
 
 class ReducedProblem:
@@ -238,7 +239,7 @@ class ReducedProblem:
         if num_threads is not None:
             num_threads = threads(num_threads)
         raw = self._core.solve(*chosen, reaction, rigid, num_threads, callback)
-        return self._solution(raw, method, chosen[3])
+        return self._solution(raw, method, chosen.max_seconds)
 
     def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
         """All answers, where there may be several.

@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
-from enum import IntEnum, StrEnum
 from itertools import groupby
 from typing import Any, Protocol
 
@@ -18,26 +17,8 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs.contact import error_bound, summary
 from bipot_rs.contact.error_bound import ErrorBound
+from bipot_rs.contact.status import Outcome, Status
 from bipot_rs.files import export
-
-
-class Status(IntEnum):
-    """State of a contact; arrays of it are ``int8``."""
-
-    OPEN = 0
-    SLIP = 1
-    STICK = 2
-
-
-class Outcome(StrEnum):
-    """Why a solver stopped; the string says it."""
-
-    CONVERGED = "converged"
-    STALLED = "stalled"
-    ITERATION_LIMIT = "iteration_limit"
-    TIME_LIMIT = "time_limit"
-    NO_EQUILIBRIUM = "no_equilibrium"
-
 
 # Displacements found together: as many as a pass over the factor serves well.
 BLOCK = 32

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.contact.slip_check import distances, farthest
+from bipot_rs.contact.status import STATUS_NAMES
 
 Row = tuple[str, str]
 # A title and rows of a name and what is said of it.
 Summary = tuple[str, Sequence[Row]]
 
 _SPACE = {2: "in the plane", 3: "in space"}
-# In the order of their numbers.
-STATUS = ("open", "slip", "stick")
 
 
 def text(summary: Summary) -> str:
@@ -68,7 +67,9 @@ def counts(status: NDArray[np.integer[Any]]) -> str:
     >>> counts(np.array([0, 2, 2], np.int8))
     '1 open, 0 slip, 2 stick'
     """
-    return ", ".join(f"{int(np.sum(status == k))} {STATUS[k]}" for k in range(3))
+    return ", ".join(
+        f"{int(np.sum(status == k))} {name}" for k, name in enumerate(STATUS_NAMES)
+    )
 
 
 def forces(reaction: NDArray[Any], frame: NDArray[Any] | None = None) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.frames import frames
@@ -34,7 +34,6 @@ from bipot_rs.fem.contact import (
     gaps_of_steps,
     gaps_onwards,
     meet,
-    place,
     relative_displacement,
 )
 from bipot_rs.fem.elasticity import nodal_forces, stiffness, vtk_cells

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import RATIO, floats, friction, number, shown
 from bipot_rs.contact.frames import frames
@@ -570,8 +571,3 @@ def body_index(bodies: Sequence[Body], name: str) -> int:
     raise ValueError(
         f"there is no body {name!r}, expected one of {[body.name for body in bodies]}"
     )
-
-
-def place(x: Floats) -> str:
-    """A place, for messages."""
-    return "(" + ", ".join(f"{c:g}" for c in x) + ")"

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.contact import rigid_motions
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.boundary import Spring, spring_stiffness
 from bipot_rs.fem.contact import body_index, outward
-from bipot_rs.obstacle.protocol import length, place
+from bipot_rs.obstacle.protocol import length
 
 # Of the size of the model: what meshing programs and their files round.
 _ROUNDING = 1e-9

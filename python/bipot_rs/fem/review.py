@@ -9,13 +9,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.result import Step
 from bipot_rs.contact.slip_check import distances, farthest
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import unsupported
 from bipot_rs.fem.stress_recovery import MeanStress
-from bipot_rs.obstacle.protocol import place
 from bipot_rs.obstacle.shapes import Plane
 
 # Rotations [rad] and strains up to here are small: equilibrium on the undeformed bodies,

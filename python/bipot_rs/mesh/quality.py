@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from bipot_rs._lib.messages import counted
-from bipot_rs._lib.types import Floats, Ints
+from bipot_rs._lib.messages import counted, place
+from bipot_rs._lib.types import Ints
 from bipot_rs.mesh.elements import KINDS, cell_nodes, inverse, jacobian, reference
 
 # Volume over the cube of the longest side, below which rounding makes the sign.
@@ -50,7 +50,7 @@ def check_mesh(mesh: Any, what: str = "mesh") -> None:
     used = cell_nodes(mesh)
     if not np.isfinite(mesh.p).all():
         at = int(np.argwhere(~np.isfinite(mesh.p).all(axis=0))[0, 0])
-        raise ValueError(f"{what} has node {at} at {_place(mesh.p[:, at])}")
+        raise ValueError(f"{what} has node {at} at {place(mesh.p[:, at])}")
     _cells(mesh, used, what)
     _neighbours(mesh, what)
     _pieces(mesh, what)
@@ -75,7 +75,7 @@ def _cells(mesh: Any, nodes: Ints, what: str) -> None:
             extent = "volume" if kind.dim == 3 else "area"
             raise ValueError(
                 f"{what} has {counted(int(bad.sum()), f'{word} cell')}, the first is "
-                f"cell {cell} at {_place(x[cell].mean(axis=0))}: its {extent} is "
+                f"cell {cell} at {place(x[cell].mean(axis=0))}: its {extent} is "
                 f"{abs(volume[cell]):.3g}, its longest side {longest[cell]:.3g}, and the "
                 f"determinant of its mapping from {determinant[:, cell].min():.3g} to "
                 f"{determinant[:, cell].max():.3g}; {_CURES[word]}"
@@ -90,7 +90,7 @@ def _neighbours(mesh: Any, what: str) -> None:
         at = int(np.argmax(many))
         raise ValueError(
             f"{what} has {many[at]} cells at one facet, at "
-            f"{_place(mesh.p[:, facets[:, at]].mean(axis=1))}, expected two at most: "
+            f"{place(mesh.p[:, facets[:, at]].mean(axis=1))}, expected two at most: "
             "cells that are there twice, or overlap"
         )
     inner = np.flatnonzero(many == 2)
@@ -115,7 +115,7 @@ def _neighbours(mesh: Any, what: str) -> None:
         volumes = f"cells {first[at]} and {second[at]}"
         raise ValueError(
             f"{what} has an inverted cell: {volumes} lie on the same side of the facet "
-            f"that they share at {_place(middle[:, at])}, so that one of them is turned "
+            f"that they share at {place(middle[:, at])}, so that one of them is turned "
             f"inside out ({counted(int(same.sum()), 'such facet')})"
         )
 
@@ -155,8 +155,8 @@ def _pieces(mesh: Any, what: str) -> None:
     raise ValueError(
         f"{what} falls into {len(names)} pieces that share no node, the smallest of "
         f"{counted(int(sizes.min()), 'cell')}{which} at "
-        f"{_place(mesh.p[:, own].mean(axis=1))}; it comes as near as {distance[at]:.3g} to "
-        f"the rest, at {_place(mesh.p[:, own[at]])}: {advice}"
+        f"{place(mesh.p[:, own].mean(axis=1))}; it comes as near as {distance[at]:.3g} to "
+        f"the rest, at {place(mesh.p[:, own[at]])}: {advice}"
     )
 
 
@@ -182,10 +182,6 @@ def _close(mesh: Any, what: str) -> None:
         raise ValueError(
             f"{what} has {counted(int(close.sum()), 'node')} on its border that nearly "
             f"coincide with others, the first pair {nodes[at]} and {nodes[apart[at]]} at "
-            f"{_place(mesh.p[:, nodes[at]])}, {distance[at, 1]:.3g} apart: the mesh is cut "
+            f"{place(mesh.p[:, nodes[at]])}, {distance[at, 1]:.3g} apart: the mesh is cut "
             "open there, merge them"
         )
-
-
-def _place(x: Floats) -> str:
-    return "(" + ", ".join(f"{c:g}" for c in x) + ")"

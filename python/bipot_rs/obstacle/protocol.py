@@ -65,8 +65,3 @@ def directed(what: str, value: object, dim: int | None = None) -> Floats:
 def length(values: Floats) -> Floats:
     """Lengths of vectors ``(..., d)``."""
     return np.asarray(np.linalg.norm(values, axis=-1), np.float64)
-
-
-def place(x: Floats) -> str:
-    """A point in words."""
-    return "(" + ", ".join(f"{c:g}" for c in x) + ")"

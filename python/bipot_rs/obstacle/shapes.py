@@ -21,10 +21,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bipot_rs._lib.messages import place
 from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import callback, floats, number, shown
 from bipot_rs.obstacle.motion import Motion
-from bipot_rs.obstacle.protocol import Closest, Obstacle, directed, length, place, taken
+from bipot_rs.obstacle.protocol import Closest, Obstacle, directed, length, taken
 from bipot_rs.obstacle.triangulated import Surface
 
 __all__ = [

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bipot_rs._lib.messages import counted
+from bipot_rs._lib.messages import counted, place
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import floats
 from bipot_rs.obstacle.facet_tree import FacetTree
-from bipot_rs.obstacle.protocol import Closest, length, place, taken
+from bipot_rs.obstacle.protocol import Closest, length, taken
 
 # A facet thinner than this share of its longest edge has no normal.
 _THIN = 1e-12

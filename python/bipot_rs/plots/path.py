@@ -13,7 +13,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.elliptic_friction import dissipation as by_pressure
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.resultants import held, is_curved
-from bipot_rs.contact.summary import STATUS
+from bipot_rs.contact.status import STATUS_NAMES
 from bipot_rs.plots import style as canvas
 from bipot_rs.plots.data import (
     Given,
@@ -212,7 +212,7 @@ def draw_shares(status: NDArray[Any], ax: Any) -> Any:
             0.8 if steps > 4 else 0.4,
             bottom=below,
             color=canvas.COLOURS[k],
-            label=STATUS[k],
+            label=STATUS_NAMES[k],
         )
         below += share
     ax.set_ylim(0, 1)

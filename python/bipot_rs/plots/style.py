@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs.contact.summary import STATUS
+from bipot_rs.contact.status import STATUS_NAMES
 from bipot_rs.files.export import library
 
 # By status: open, slip, stick.
@@ -166,7 +166,7 @@ def status_handles(status: NDArray[np.integer[Any]]) -> list[Any]:
 
     counts = [int(np.sum(status == k)) for k in range(3)]
     return [
-        Patch(facecolor=COLOURS[k], label=f"{STATUS[k]} ({counts[k]})")
+        Patch(facecolor=COLOURS[k], label=f"{STATUS_NAMES[k]} ({counts[k]})")
         for k in (2, 1, 0)
     ]
 

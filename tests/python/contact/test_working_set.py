@@ -152,8 +152,16 @@ def test_bits_do_not_depend_on_threads() -> None:
 
 
 FIELDS = (
-    *("reaction", "relative_displacement", "slip", "status", "residual", "iterations"),
-    *("work", "displacement", "bipotential_gap", "working_set"),
+    "reaction",
+    "relative_displacement",
+    "slip",
+    "status",
+    "residual",
+    "iterations",
+    "work",
+    "displacement",
+    "bipotential_gap",
+    "working_set",
 )
 
 
