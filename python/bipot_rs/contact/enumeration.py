@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, SupportsIndex, overload
 
 import numpy as np
 
@@ -32,6 +32,10 @@ class Answers(Sequence[Solution]):
     def __len__(self) -> int:
         return len(self._solutions)
 
+    @overload
+    def __getitem__(self, k: SupportsIndex) -> Solution: ...
+    @overload
+    def __getitem__(self, k: slice) -> tuple[Solution, ...]: ...
     def __getitem__(self, k: Any) -> Any:
         return self._solutions[k]
 

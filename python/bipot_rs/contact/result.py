@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from itertools import groupby
-from typing import Any, Protocol
+from typing import Any, Protocol, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -412,6 +412,10 @@ class Result(Sequence[Step]):
     def __len__(self) -> int:
         return len(self.steps)
 
+    @overload
+    def __getitem__(self, k: SupportsIndex) -> Step: ...
+    @overload
+    def __getitem__(self, k: slice) -> tuple[Step, ...]: ...
     def __getitem__(self, k: Any) -> Any:
         return self.steps[k]
 

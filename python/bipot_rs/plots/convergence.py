@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,11 +11,16 @@ from bipot_rs.contact.result import Result, Solution
 from bipot_rs.plots import style
 from bipot_rs.plots.data import one_step, steps_of
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 # More steps than this have their numbers on a colour bar.
 _NAMED = 6
 
 
-def convergence(result: Any, *, step: int | None = None, ax: Any = None) -> Any:
+def convergence(
+    result: Any, *, step: int | None = None, ax: Axes | None = None
+) -> Axes:
     """Residual η over work in products with W, an iteration a point.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,9 @@ from bipot_rs.contact.status import Status
 from bipot_rs.plots import style
 from bipot_rs.plots.arc_length import Places, common
 from bipot_rs.plots.data import Contacts, Given, look
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Beyond so many contacts markers would run into each other.
 _MARKERS = 60
@@ -28,8 +31,8 @@ def tractions(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Pressure and shear along a line, within ±μ times the pressure, and the zones.
 
     Shear is positive where it pulls the body that has the contacts the way that places
@@ -73,7 +76,7 @@ def tractions(
     return draw_tractions(seen, along, style.axes_of(ax))
 
 
-def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
+def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> Axes:
     """`tractions` on axes that are there."""
     lines, name = _lines(seen, along)
     pressure, shear = seen.traction[:, 0], seen.traction[:, 1:]
@@ -89,7 +92,8 @@ def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> An
             limit = _limit(seen, one) * p
             band = style.LIMIT if len(lines) == 1 else colours[0]
             ax.fill_between(one.s, -limit, limit, color=band, alpha=0.15, lw=0)
-            dashed = {"ls": "--" if len(lines) == 1 else ":", "color": band, "lw": 1}
+            line = "--" if len(lines) == 1 else ":"
+            dashed: dict[str, Any] = {"ls": line, "color": band, "lw": 1}
             (edge,) = ax.plot(one.s, limit, label="±μ × pressure", **dashed)
             ax.plot(one.s, -limit, **dashed)
         ax.plot(one.s, p, color=colours[0], lw=1.6, label=what[0], **mark)
@@ -191,7 +195,7 @@ def _padded(handles: list[Any], rows: int = 3) -> list[Any]:
     return handles + nothing
 
 
-def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
+def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> Axes:
     """Slip of the step along a line; none where contact is open."""
     lines, name = _lines(seen, along)
     for k, (_, one) in enumerate(lines):
@@ -224,7 +228,7 @@ def closed_slip(seen: Contacts) -> Floats:
     return np.where(seen.status[:, None] == Status.SLIP, seen.slip, 0.0)
 
 
-def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any:
+def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Axes) -> Axes:
     """Zones along a line, a row a load step, the first at the bottom.
 
     Several surfaces lie above each other, each with rows of its own.
@@ -246,10 +250,16 @@ def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any
             _edges(one.s), rows, status[:, one.order], **style.status_colours()
         )
         if len(lines) > 1:
-            place = {"ha": "left", "va": "center", "rotation": 90}
-            at = (1.01, rows.mean())
-            transform = ax.get_yaxis_transform()
-            ax.text(*at, whose, transform=transform, fontsize="small", **place)
+            ax.text(
+                1.01,
+                rows.mean(),
+                whose,
+                transform=ax.get_yaxis_transform(),
+                fontsize="small",
+                ha="left",
+                va="center",
+                rotation=90,
+            )
     if len(lines) == 1:
         style.whole_numbers(ax.yaxis)
     else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,9 @@ from bipot_rs.plots.data import (
     units_of,
 )
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 _STYLE: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 1.5}
 # A mean of normals shorter than this is the rounding of normals that cancel.
 _AROUND = 1e-6
@@ -40,8 +43,8 @@ def resultants(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Normal and tangential force over the load steps, and what friction could hold.
 
     Of a flat surface the tangential force is the one along the line that it follows;
@@ -80,8 +83,8 @@ def draw_resultants(
     mu: Floats | None,
     parts: Sequence[tuple[str, NDArray[np.intp]]],
     units: Mapping[str, str],
-    ax: Any,
-) -> Any:
+    ax: Axes,
+) -> Axes:
     """`resultants` on axes that are there.
 
     Parameters
@@ -177,9 +180,9 @@ def status_shares(
     result: Any,
     *,
     where: ArrayLike | str | None = None,
-    ax: Any = None,
+    ax: Axes | None = None,
     contacts: Given | None = None,
-) -> Any:
+) -> Axes:
     """Parts of the contacts that stick, slip and are open, over the load steps.
 
     Parameters
@@ -199,7 +202,7 @@ def status_shares(
     return draw_shares(status, canvas.axes_of(ax))
 
 
-def draw_shares(status: NDArray[Any], ax: Any) -> Any:
+def draw_shares(status: NDArray[Any], ax: Axes) -> Axes:
     """`status_shares` on axes that are there, of statuses ``(steps, n_c)``."""
     steps = len(status)
     number = np.arange(1, steps + 1)
@@ -233,8 +236,8 @@ def force_displacement(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Tangential force over displacement: the loop that friction leaves.
 
     The force is what drives the bodies that have the contacts, the opposite of friction.
@@ -281,7 +284,7 @@ def force_displacement(
     ax.plot(delta, -drag, color=canvas.SHEAR, label="force", **_style(len(path)))
     ax.axhline(0, color="black", lw=0.6)
     if limit is not None and limit.max() <= _IN_SIGHT * np.abs(drag).max():
-        dashed = {"ls": "--", "lw": 1, "color": canvas.LIMIT}
+        dashed: dict[str, Any] = {"ls": "--", "lw": 1, "color": canvas.LIMIT}
         ax.plot(delta, limit, label="±Σ μ × normal", **dashed)
         ax.plot(delta, -limit, **dashed)
         canvas.legend_above(ax)
@@ -299,8 +302,8 @@ def dissipation(
     result: Any,
     *,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Work that friction took, of each step and from the beginning of the path.
 
     Parameters

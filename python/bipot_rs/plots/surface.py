@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,9 @@ from bipot_rs.contact.status import Status
 from bipot_rs.plots import style
 from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection, steps_of
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # What `surface_map` draws: its name, and of what unit.
 QUANTITIES = {
@@ -51,8 +54,8 @@ def surface_map(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Map of a plane surface of contact in space, triangulated by its nodes.
 
     Tractions grow without bound towards an edge: the colours span what 98 nodes of 100
@@ -100,8 +103,8 @@ def surface_map(
 
 
 def draw_map(
-    seen: Contacts, quantity: str, ax: Any, vector: Floats | None = None
-) -> Any:
+    seen: Contacts, quantity: str, ax: Axes, vector: Floats | None = None
+) -> Axes:
     """`surface_map` on axes that are there."""
     uv, names = _plane(seen)
     values, name, unit = values_of(seen, quantity)
@@ -170,8 +173,8 @@ def status_map(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Where contact is open, slips and sticks.
 
     In space the plane surface at one step, each place in the colour of the nearest
@@ -207,7 +210,7 @@ def status_map(
     return ax
 
 
-def draw_status(seen: Contacts, ax: Any) -> Any:
+def draw_status(seen: Contacts, ax: Axes) -> Axes:
     """`status_map` of a surface on axes that are there."""
     from scipy.spatial import cKDTree
 
@@ -251,8 +254,8 @@ def slip(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Slip of a step: along a line in the plane, as arrows on a surface in space.
 
     Arrows are drawn at about one contact of each of 14 × 14 squares, their length as their
@@ -276,9 +279,10 @@ def slip(
     moved = closed_slip(seen)
     size = np.linalg.norm(moved, axis=1)
     closed = seen.status != Status.OPEN
-    ax.scatter(*uv[closed].T, s=4, color="#c9ced3", lw=0)
-    rings = {"facecolors": "none", "edgecolors": "#c9ced3", "lw": 0.6}
-    ax.scatter(*uv[~closed].T, s=9, **rings)
+    u, v = uv.T
+    ax.scatter(u[closed], v[closed], s=4, color="#c9ced3", lw=0)
+    rings: dict[str, Any] = {"facecolors": "none", "edgecolors": "#c9ced3", "lw": 0.6}
+    ax.scatter(u[~closed], v[~closed], s=9, **rings)
     arrows = _arrows(seen, uv, moved, ax, cmap="viridis", values=size)
     _finish(seen, uv, names, ax, margin=0.13)
     if arrows is not None:
