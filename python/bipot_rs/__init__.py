@@ -41,7 +41,8 @@ if TYPE_CHECKING:
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.projection import project
     from bipot_rs.contact.reduced import ReducedProblem
-    from bipot_rs.contact.result import Result, Solution, Step, load, load_result
+    from bipot_rs.contact.result import Result, load, load_result
+    from bipot_rs.contact.solution import Solution, Step
     from bipot_rs.contact.status import Outcome, Status
     from bipot_rs.fem import inspection as inspection
     from bipot_rs.fem import paraview as paraview
@@ -98,13 +99,8 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.contact.problem": ("ContactProblem",),
         "bipot_rs.contact.projection": ("project",),
         "bipot_rs.contact.reduced": ("ReducedProblem",),
-        "bipot_rs.contact.result": (
-            "Result",
-            "Solution",
-            "Step",
-            "load",
-            "load_result",
-        ),
+        "bipot_rs.contact.result": ("Result", "load", "load_result"),
+        "bipot_rs.contact.solution": ("Solution", "Step"),
         "bipot_rs.contact.status": ("Outcome", "Status"),
         "bipot_rs.mortar.pairs": ("Pairs", "pairs", "rigid_pairs"),
         "bipot_rs.scene.builder": ("Model", "ModelResult"),

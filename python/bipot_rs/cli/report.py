@@ -9,8 +9,8 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
 from bipot_rs.cli.progress import settled
 from bipot_rs.contact.remarks import NEVER_CLOSED
-from bipot_rs.contact.result import Step
 from bipot_rs.contact.resultants import resultants
+from bipot_rs.contact.solution import Step
 from bipot_rs.contact.status import STATUS_NAMES
 from bipot_rs.fem.contact_surface import surface_names
 

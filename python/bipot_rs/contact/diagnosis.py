@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.elliptic_friction import dissipation, largest, limit, resisting
-from bipot_rs.contact.result import Solution
+from bipot_rs.contact.solution import Solution
 from bipot_rs.contact.status import Outcome
 
 # Above so many components of W its rank and its softest motion are not looked for:

@@ -8,7 +8,7 @@ from typing import Any, SupportsIndex, overload
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.result import Solution
+from bipot_rs.contact.solution import Solution
 
 # Answers whose relative displacements differ by less, beside the largest one in
 # sight, are one: they are solved to 1e-12, and may lose some digits to condition.

@@ -16,7 +16,7 @@ from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import RATIO, csr, floats, friction
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
-from bipot_rs.contact.result import Solution
+from bipot_rs.contact.solution import Solution
 
 # Relative to √|M_ii M_jj|, which no change of units moves. `ContactProblem` refuses
 # ten times as much, so that what is symmetric here is symmetric there.

@@ -20,7 +20,8 @@ from bipot_rs.contact.error_bound import ErrorBound, from_core, without
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.load_steps import Totals, done, reached
 from bipot_rs.contact.reduced import opening, solution_fields
-from bipot_rs.contact.result import Result, Solution, Step
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Solution, Step
 from bipot_rs.contact.status import Outcome
 
 if TYPE_CHECKING:

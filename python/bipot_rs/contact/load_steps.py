@@ -15,7 +15,8 @@ from bipot_rs._lib.validation import floats, together
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
 from bipot_rs._lib.validation import loads as steps_of
-from bipot_rs.contact.result import Result, Step
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Step
 
 T = TypeVar("T")
 Loads = tuple[Floats, Floats]

@@ -8,7 +8,8 @@ from typing import Any, TypedDict, Unpack
 from numpy.typing import ArrayLike
 
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.result import Result, Step
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Step
 
 
 class _OfSolve(TypedDict, total=False):

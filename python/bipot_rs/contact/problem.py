@@ -44,7 +44,8 @@ from bipot_rs.contact.existence import Existence
 from bipot_rs.contact.load_path import Following, Known, state
 from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
 from bipot_rs.contact.reduced import ReducedProblem
-from bipot_rs.contact.result import Result, Step
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Step
 from bipot_rs.contact.step_control import follow, increments
 
 if TYPE_CHECKING:

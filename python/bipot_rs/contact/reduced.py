@@ -30,7 +30,7 @@ from bipot_rs.contact.elliptic_friction import isotropic
 from bipot_rs.contact.enumeration import Answers, search
 from bipot_rs.contact.error_bound import ErrorBound, from_core
 from bipot_rs.contact.existence import Existence
-from bipot_rs.contact.result import Solution
+from bipot_rs.contact.solution import Solution
 from bipot_rs.contact.status import Outcome
 
 

@@ -20,7 +20,7 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr
 from bipot_rs.contact import dof_order
-from bipot_rs.contact.result import Step
+from bipot_rs.contact.solution import Step
 
 # Of the size of the problem: what meshing programs and their files round.
 _ROUNDING = 1e-9

@@ -17,7 +17,8 @@ from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.load_path import Following
 from bipot_rs.contact.load_steps import Totals
-from bipot_rs.contact.result import Result, Step
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Step
 from bipot_rs.contact.status import Status
 
 # The least step, of the whole path where none is given, and where rounding of s begins.

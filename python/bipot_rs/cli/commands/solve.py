@@ -23,7 +23,8 @@ from bipot_rs.contact.status import STATUS_NAMES
 
 if TYPE_CHECKING:
     from bipot_rs.cli.matrix_files import Given
-    from bipot_rs.contact.result import Result, Step
+    from bipot_rs.contact.result import Result
+    from bipot_rs.contact.solution import Step
 
 _STEPS = ("step", *STATUS_NAMES, "residual", "iterations", "seconds")
 
