@@ -376,7 +376,7 @@ class _Recovery:
     seconds: dict[str, float]
     gap: Floats
 
-    def at_hand(self) -> bool:
+    def has_factor(self) -> bool:
         """Whether the problem keeps the factor that this takes."""
         return bool(self.core.stats["factor_kept"])
 

@@ -19,38 +19,36 @@ from bipot_rs.contact.solution import Step, recover
 from bipot_rs.contact.step_record import record_of, step_of
 from bipot_rs.files import export
 
-# What a file tells of a stiffness that is known to some digits.
+# Attributes of a file whose stiffness has a known relative error.
 _OF_STIFFNESS = ("stiffness_rtol", "rigid_motions_off")
 
 
 class Result(Sequence[Step]):
-    """The steps of a load path, stacked; ``result[k]`` is step ``k``.
+    """The steps of a load path; ``result[k]`` is step ``k``, and arrays are stacked.
 
     Attributes
     ----------
     steps
-        The complete steps.
+        The converged steps.
     contacts
-        What is known of the contacts: ``x``, ``normal``, ``frame``, ``area``,
-        ``gap``, ``mu``; ``None`` for what is not.
+        Data of the contacts: ``x``, ``normal``, ``frame``, ``area``, ``gap``, ``mu``;
+        ``None`` if not known.
     start
         The step that the path started from, ``None`` for the unloaded bodies.
     seconds
-        ``condense``, ``solve``, ``recover``.
+        Times ``condense``, ``solve`` and ``recover`` (of displacements).
     success, message
-        Whether the whole path was solved, and a sentence on it.
+        Whether the whole path was solved, and a sentence about it.
     remarks
-        What a person should look at, a sentence each: contacts that penetrate at the
-        start, normals that point out of their body, degrees of freedom in another order
-        than their places, no contact that closes, loads that look mixed in units. Where
-        ``coordinates`` were given all of them are looked for. Empty where nothing is
-        suspicious.
+        Warnings, one sentence each: contacts that penetrate at the start, normals that
+        point out of their body, coordinates in another order than the degrees of freedom,
+        no closed contact, inconsistent units of loads. Some need ``coordinates``.
     units
-        Names of the units by ``"length"``, ``"force"``, ``"stress"``, for labels; empty
-        where they are not known. May be set.
+        Names of the units of ``"length"``, ``"force"`` and ``"stress"``, for labels;
+        empty if not known. May be set.
     stiffness_rtol, rigid_motions_off
-        Relative error of the entries of K where that was given, and how far it left
-        rigid motions off before they were restored; else ``None``.
+        Relative error of the entries of K if it was given, and the error of its rigid
+        motions before they were restored; else ``None``.
     """
 
     def __init__(
@@ -75,7 +73,7 @@ class Result(Sequence[Step]):
         )
         self.success = success
         self.message = message
-        # Steps of the path before these, where a `Model` has gone on with one.
+        # Number of steps of the path before these.
         self._first = 0
         self.units = dict(units or {})
         self.stiffness_rtol: float | None = None
@@ -84,13 +82,15 @@ class Result(Sequence[Step]):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a person should look at, a sentence each."""
+        """Warnings to look at, one sentence each."""
         if self.stiffness_rtol is None:
             return self._remarks
         off = self.rigid_motions_off or 0.0
-        known = f"the entries of K are known to {self.stiffness_rtol:g} only"
-        restored = f"its rigid motions were off by {off:.1e} and are restored"
-        digits = f"{known}, and the results to no more; {restored}"
+        digits = (
+            f"the entries of K have a relative error of {self.stiffness_rtol:g}, and the "
+            f"results are not more exact; its rigid motions had an error of {off:.1e} and "
+            "were restored"
+        )
         return (*self._remarks, digits)
 
     def __len__(self) -> int:
@@ -156,22 +156,21 @@ class Result(Sequence[Step]):
 
     @property
     def displacement(self) -> Floats:
-        """Displacement of all degrees of freedom, ``(steps, n)``, computed when asked for."""
+        """Displacement of all degrees of freedom, ``(steps, n)``, computed on first use."""
         recover(self.steps)
         return self._stack("displacement", (0, 0))
 
     @property
     def dissipation(self) -> Floats:
-        """`Step.dissipation`, friction's work over each step, ``(steps,)``."""
+        """`Step.dissipation`, energy dissipated by friction in each step, ``(steps,)``."""
         return self._stack("dissipation", (0,))
 
     @property
     def resultant(self) -> Floats:
-        """Sum of the contact forces on the bodies that have the contacts, ``(steps, d)``.
+        """Sum of the contact forces on the bodies with the contacts, ``(steps, d)``.
 
-        In global components where the frames of the contacts are known. Otherwise the
-        sums of the components ``(n, t1[, t2])``: a force where all contacts have the
-        same frame.
+        Components are global if the frames of the contacts are known. Otherwise they are
+        ``(n, t1[, t2])``, and the sum is a force only if all contacts have the same frame.
         """
         return self.resultants(np.zeros(self._shape[0], np.int64))[:, 0]
 
@@ -187,7 +186,7 @@ class Result(Sequence[Step]):
         Raises
         ------
         TypeError, ValueError
-            ``group`` holds something else.
+            ``group`` has the wrong type, shape or values.
         """
         number = np.asarray(group)
         contacts = self._shape[0]
@@ -205,7 +204,7 @@ class Result(Sequence[Step]):
         force, frame = self.reaction, self.contacts.get("frame")
         if frame is not None:
             force = np.einsum("sck,ckd->scd", force, frame)
-        # One group even of no contacts: their sum is zero.
+        # Without contacts there is one group, whose sum is zero.
         groups = range(int(number.max(initial=0)) + 1)
         return np.stack([force[:, number == g].sum(axis=1) for g in groups], axis=1)
 
@@ -216,14 +215,14 @@ class Result(Sequence[Step]):
 
     @property
     def s(self) -> Floats | None:
-        """Where on the path each step ends, ``(steps,)``; ``None`` where steps were given."""
+        """Path parameter of each adaptive step, ``(steps,)``; ``None`` for other steps."""
         if not self.steps or any(step.s is None for step in self.steps):
             return None
         return self._stack("s", (0,))
 
     @property
     def error(self) -> tuple[ErrorBound, ...]:
-        """`Solution.error` of each step, found out when first asked for."""
+        """`Solution.error` of each step, computed on first use."""
         return tuple(step.error for step in self.steps)
 
     @property
@@ -238,42 +237,41 @@ class Result(Sequence[Step]):
 
     @property
     def converged(self) -> Bools:
-        """Whether each step is an answer, ``(steps,)``."""
+        """Whether each step converged, ``(steps,)``."""
         return self._stack("converged", (0,), np.bool_)
 
     def save(
         self, path: str | os.PathLike[str], *, displacements: bool | None = None
     ) -> None:
-        """Write the result to an HDF5 file; `load` reads it back.
+        """Write the result to an HDF5 file, which `load_result` reads.
 
         Parameters
         ----------
         path
             File to write or to replace.
         displacements
-            Whether displacements ``(n,)`` that nobody has asked for are found first, a
-            solve a load step. By default where the problem keeps its factor, not where
-            ``loads=`` did without, nor beyond the memory of the machine. The steps keep
-            them. Those that have been found are written in any case, and a file without
-            them can give none.
+            Whether to compute missing displacements ``(n,)`` first, with one solve for
+            each step. The default is to compute them if the problem keeps its factor
+            (not with ``loads=``) and if they fit into memory. Known displacements are
+            always written. Displacements that are not in the file are lost.
 
         Raises
         ------
         OSError
-            The file cannot be written; an earlier one of that name is intact.
+            The file cannot be written. An earlier file of that name is intact.
         ValueError
-            ``displacements=True`` and steps that have lost their problem.
+            ``displacements=True``, and the problem of a step is not available.
         """
         if displacements is None:
             ways = [(step, step._recover) for step in self.steps]
             with suppress(MemoryError):
                 recover(
-                    [step for step, way in ways if way is not None and way.at_hand()]
+                    [step for step, way in ways if way is not None and way.has_factor()]
                 )
         elif displacements:
             recover(self.steps)
             for step in self.steps:
-                _ = step.displacement  # of one that has lost its problem, refused
+                _ = step.displacement  # raises if the problem is not available
         export.write_result(
             path,
             self.contacts,
@@ -294,19 +292,19 @@ class Result(Sequence[Step]):
         )
 
     def _load(self, k: int) -> float:
-        """By what step ``k`` is told in a file."""
+        """Load parameter of step ``k`` in a file."""
         return float(k + 1)
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write a PVD series of the contacts for ParaView, a point each.
+        """Write the contacts as a PVD series of points for ParaView.
 
-        Fields are those of `Step`, by components ``(n, t1[, t2])``, and where the frames
-        are known ``force``, the reaction in global components, to draw as arrows.
+        The fields are those of `Step`, in components ``(n, t1[, t2])``. If the frames are
+        known there is also ``force``, the reaction in global components, for arrows.
 
         Raises
         ------
         ValueError
-            The places of the contacts are not known, or a name that does not end in
+            The coordinates of the contacts are not known, or the name does not end in
             ``.pvd``.
         OSError
             A file cannot be written.
@@ -315,8 +313,8 @@ class Result(Sequence[Step]):
         x = self.contacts.get("x")
         if x is None:
             raise ValueError(
-                "the places of the contacts are not known: give points= to ContactProblem "
-                "or solve to write them for ParaView"
+                "the coordinates of the contacts are not known, and ParaView needs them: "
+                "give points= to ContactProblem or solve"
             )
         names = ("reaction", "traction", "relative_displacement", "slip", "status")
         series = [{name: getattr(step, name) for name in names} for step in self.steps]
@@ -340,7 +338,7 @@ def load_result(path: str | os.PathLike[str]) -> Result:
     OSError
         The file cannot be read.
     ValueError
-        The file is not a result, or damaged.
+        The file is not a result, or is damaged.
     """
     contacts, records, attributes = export.read_result(path)
     area = contacts.get("area")
@@ -377,7 +375,7 @@ def load_result(path: str | os.PathLike[str]) -> Result:
 
 
 def _remarks(attributes: Mapping[str, Any]) -> tuple[str, ...]:
-    """Those of a file, where it has some."""
+    """Remarks in the attributes of a file."""
     try:
         return tuple(map(str, json.loads(str(attributes.get("remarks", "[]")))))
     except (ValueError, TypeError):
@@ -385,10 +383,10 @@ def _remarks(attributes: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _units(attributes: Mapping[str, Any]) -> dict[str, str]:
-    """Names of units as the command line writes them, where it did."""
+    """Names of units in the attributes of a file of the command line."""
     try:
-        told = json.loads(str(attributes.get("units", "{}")))
-        return {str(name): str(unit) for name, unit in told.items() if unit}
+        units = json.loads(str(attributes.get("units", "{}")))
+        return {str(name): str(unit) for name, unit in units.items() if unit}
     except (ValueError, AttributeError):
         return {}
 
@@ -396,12 +394,12 @@ def _units(attributes: Mapping[str, Any]) -> dict[str, str]:
 def _shape(
     contacts: Mapping[str, NDArray[Any]], records: Sequence[Mapping[str, Any]]
 ) -> tuple[int, int]:
-    """``(n_c, d)``; zero for what the file does not tell."""
-    told = records[0].get("reaction") if records else contacts.get("x")
-    if told is not None and np.ndim(told) == 2:
-        return told.shape[0], told.shape[1]
+    """``(n_c, d)``; zero for sizes that the file does not hold."""
+    rows = records[0].get("reaction") if records else contacts.get("x")
+    if rows is not None and np.ndim(rows) == 2:
+        return rows.shape[0], rows.shape[1]
     return len(contacts.get("gap", ())), 0
 
 
-# The promised name before it.
+# The earlier, promised name.
 load = load_result

@@ -16,10 +16,11 @@ from bipot_rs.contact import error_bound, summary
 from bipot_rs.contact.error_bound import ErrorBound
 from bipot_rs.contact.status import Outcome
 
-# Displacements found together: as many as a pass over the factor serves well.
+# Displacements are computed in blocks: more right sides gain nothing in a pass over the
+# factor.
 BLOCK = 32
 
-# For what has lost its problem.
+# For solutions without their problem, which cannot be diagnosed.
 _REASONS = {
     Outcome.STALLED: "the residual stopped falling",
     Outcome.ITERATION_LIMIT: "max_iterations was reached",
@@ -28,26 +29,26 @@ _REASONS = {
 
 
 class Inquiry(Protocol):
-    """The problem behind a solution, for what is found out when asked for."""
+    """The problem of a solution, for the properties that are computed on first use."""
 
     def unique(self, solution: Any, /) -> str:
-        """Whether the solution is the only one."""
+        """Whether the solution is unique."""
 
     def error_estimate(self, solution: Any, /) -> tuple[float, float] | None:
-        """Its relative forward errors."""
+        """Relative forward errors of the solution."""
 
     def error(self, solution: Any, /) -> ErrorBound:
-        """How far it is from the answer, as far as that can be proved."""
+        """Guaranteed bound of the error of the solution."""
 
     def diagnosis(self, solution: Any, /) -> str:
-        """Why it is no answer, in a sentence."""
+        """Why the solve failed, in one sentence."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Solution:
-    """The answer of one contact problem, or the best point that was reached.
+    """The solution of one contact problem, or the best point that was reached.
 
-    Components are normal first, ``(n, t1[, t2])``; units are the caller's.
+    Components are normal first, ``(n, t1[, t2])``. Units are those of the caller.
 
     Attributes
     ----------
@@ -58,34 +59,33 @@ class Solution:
     status
         `Status` of each contact, ``(n_c,)`` of ``int8``.
     converged, outcome
-        Whether ``residual <= tolerance`` was confirmed by a fresh evaluation,
-        and why the solver stopped.
+        Whether a fresh evaluation confirmed ``residual <= tolerance``, and why the
+        solver stopped.
     residual, tolerance
-        η of equation (13), and what it was held to: the larger of ``tol`` and
-        the rounding of η itself.
+        η of equation (13) and its limit, which is the larger of ``tol`` and the rounding
+        error of η.
     iterations, work
-        Iterations, and their cost in products with ``W``.
+        Number of iterations, and their cost in products with ``W``.
     rigid_motion
-        Amounts of the rigid motions of bodies held by contact alone, ``(k,)``.
+        Amplitudes of the rigid motions of bodies held by contact alone, ``(k,)``.
     free_motion
-        Amounts of a rigid motion, ``(k,)``, scaled so that the contact that moves most
-        moves by 1. With ``no_equilibrium`` a proof: it lies in the dual cone of every
-        contact and the loads work on it; ``None`` where something else is the proof. With
-        another outcome what the iteration moved along when it ended, an observation;
-        ``None`` where it did not run away.
+        Amplitudes of a rigid motion, ``(k,)``, scaled so that the largest displacement of
+        a contact is 1. If ``outcome`` is ``no_equilibrium``, it is a proof: the motion
+        lies in the dual cone of every contact and the loads do work on it; it is ``None``
+        if there is another proof. With another outcome it is the direction in which the
+        iteration diverged, which proves nothing; ``None`` if it did not diverge.
     history
-        A row ``(work, residual)`` an iteration.
+        A row ``(work, residual)`` for each iteration.
     bipotential_gap
         ``r·v + mu r_n |v_t|`` of each contact in units of work, ``(n_c,)``, (10); with
-        two coefficients ``r·v + r_n |D v_t|``, (10e). Zero on the law. Where
-        ``v_n >= 0`` and r lies in its cone it is zero nowhere else, and positive;
-        of a contact that penetrates, pulls or has more friction than its limit it may be
-        of either sign, or zero.
+        two coefficients ``r·v + r_n |D v_t|``, (10e). It is zero if the contact law holds.
+        Otherwise it is positive if ``v_n >= 0`` and r lies in its cone; it may have any
+        sign, or be zero, if the contact penetrates, pulls or exceeds its friction limit.
     seconds
-        Time taken.
+        Time of the solve.
     stats
-        ``bytes_beside_W``: what the solver held beside ``W``, its inverse or, of an
-        asymmetric one, its transpose; 0 for neither.
+        ``bytes_beside_W``: memory of the solver in addition to ``W``, for its inverse or
+        the transpose of an asymmetric ``W``; 0 for neither.
     """
 
     reaction: Floats
@@ -108,7 +108,7 @@ class Solution:
     _statuses_tried: int = 0
 
     def __repr__(self) -> str:
-        # What is told without asking: `message` may look for a cause first.
+        # Not `message`, which may compute a diagnosis.
         contacts = counted(len(self.status), "contact")
         iterations = counted(self.iterations, "iteration")
         return (
@@ -131,28 +131,29 @@ class Solution:
 
     @property
     def error_estimate(self) -> tuple[float, float] | None:
-        """Relative errors of reaction and relative displacement, as far as they go.
+        """Estimated relative errors of the reaction and of the relative displacement.
 
-        ``‖r - r*‖ / ‖r*‖`` and ``‖v - v*‖ / ‖v*‖`` by one further Newton correction (19),
-        with ``v`` from sums in twice the precision (of ``K`` where there is one), found
-        out when first asked for: about one factorisation of the closed contacts. Where
-        all contacts stick, ``v`` is rounding, and so is what is said of it. Where
-        ``stiffness_rtol`` was given, what entries of ``K`` within it can change is added
-        to both.
-        ``None`` where it is not determined (reactions of redundant supports), for what
-        has not converged, or has lost its problem (it was read from a file, or sent
-        by another process, before this was asked for).
+        ``‖r - r*‖ / ‖r*‖`` and ``‖v - v*‖ / ‖v*‖``, estimated with one more Newton
+        correction (19), where ``v`` is summed in double the precision (with ``K``, if
+        there is one). It is computed on first use, at the cost of about one factorisation
+        of the closed contacts. If all contacts stick, ``v`` is rounding error and its
+        estimate means nothing. With ``stiffness_rtol`` both include the effect of the
+        error of ``K``.
+
+        It is ``None`` if the reactions are not determined (redundant supports), if the
+        solve did not converge, or if the problem is not available: the solution was read
+        from a file or came from another process, and this was not computed before.
         """
         estimate: tuple[float, float] | None = self._ask("error_estimate", None)
         return estimate
 
     @property
     def error(self) -> ErrorBound:
-        """A guaranteed bound of the error, found out when first asked for.
+        """Guaranteed bound of the error, also of a solve that did not converge.
 
-        Of what has not converged, too. Some factorisations of the size of ``W``; where
-        there is none `ErrorBound.reason` says why. Its constitutive part is there in
-        any case.
+        It is computed on first use, at the cost of some factorisations of the size of
+        ``W``. If there is no bound, `ErrorBound.reason` says why; the constitutive part is
+        always available.
         """
         if "error" not in self._known:
             if self._problem is None:
@@ -163,58 +164,59 @@ class Solution:
 
     @property
     def unique(self) -> str:
-        """Whether this answer is the only one, found out when first asked for.
+        """Whether this solution is unique: ``"proved"``, ``"others exist"`` or ``"unknown"``.
 
-        ``"proved"``, ``"others exist"`` or ``"unknown"``, by the criteria of section 10
-        of ``docs/theory.md``. Some factorisations of the size of ``W``; ``"unknown"``
-        without trying where they would take more than half a gigabyte: 2100 contacts
-        with friction that feel each other in the plane, 1400 in space, 5700 without
-        friction, or 3000 unknowns of a sparse ``W``. ``"unknown"`` also for what has
-        not converged, or has lost its problem (it was read from a file, or sent by
-        another process, before this was asked for).
+        The criteria are in section 10 of ``docs/theory.md``. It is computed on first use,
+        at the cost of some factorisations of the size of ``W``. It is ``"unknown"`` if
+        they would need more than half a gigabyte: for more than 2100 coupled contacts with
+        friction in the plane, 1400 in space, 5700 without friction, or 3000 unknowns of a
+        sparse ``W``. It is also ``"unknown"`` if the solve did not converge, or if the
+        problem is not available: the solution was read from a file or came from another
+        process, and this was not computed before.
         """
         return str(self._ask("unique", "unknown"))
 
     def __getstate__(self) -> dict[str, Any]:
-        # The problem stays where it is: it may be gigabytes.
+        # Without the problem, which may be gigabytes.
         return self.__dict__ | {"_problem": None}
 
     @property
     def converged(self) -> bool:
-        """Whether this is an answer."""
+        """Whether the solve converged."""
         return self.outcome is Outcome.CONVERGED
 
     @property
     def message(self) -> str:
-        """One sentence on how it ended.
+        """How the solve ended, in one sentence.
 
-        Where it did not converge: what was tried, the contact that misses the law by
-        most, the likely cause and what to do, found out when first asked for.
+        If it did not converge: the method, the contact with the largest violation of the
+        law, the likely cause and what to do. This is computed on first use.
         """
-        judged = f"residual {self.residual:.1e}, held to {self.tolerance:.1e}"
+        judged = f"residual {self.residual:.1e}, limit {self.tolerance:.1e}"
         if self.converged:
             return f"converged in {counted(self.iterations, 'iteration')} ({judged})"
         if self.outcome is Outcome.NO_EQUILIBRIUM:
             if self._words:
                 return (
-                    "no answer exists: the loads lie outside what contact can carry, "
-                    f"nothing stops this motion: {self._words}; add a support that stops "
-                    "it, or loads that do not work on it"
+                    "no solution exists: contact cannot carry the loads, and nothing "
+                    f"stops this motion: {self._words}; add a support that stops it, or "
+                    "change the loads so that they do no work on it"
                 )
             if self._statuses_tried:
                 contacts = counted(len(self.reaction), "contact")
                 return (
-                    f"no answer exists: all {self._statuses_tried} statuses were tried, "
-                    f"each of {contacts} open, sticking, or sliding to either side, and "
-                    "none holds; add a support, or change mu or the ratio of the loads"
+                    f"no solution exists: all {self._statuses_tried} combinations of "
+                    f"statuses were tried, with each of {contacts} open, sticking, or "
+                    "slipping to either side, and none satisfies the contact law; add a "
+                    "support, or change mu or the ratio of the loads"
                 )
             return (
-                "no answer exists: contacts contradict each other, or one penetrates "
-                f"that nothing can move{self._diagnosis()}"
+                "no solution exists: contacts contradict each other, or a contact "
+                f"penetrates that no reaction can move{self._diagnosis()}"
             )
         if self._words:
             return (
-                f"not converged, seems to slide away: {self._words}; add a "
+                f"not converged, a body seems to slide away: {self._words}; add a "
                 "support that stops it, or change mu or the ratio of the loads "
                 f"({judged})"
             )
@@ -230,18 +232,18 @@ class Solution:
 
 
 class Recovery(Protocol):
-    """Displacements of steps, from their reactions."""
+    """Computes displacements of steps from their reactions."""
 
     def __call__(self, steps: Sequence[Step], /) -> Floats:
-        """Find them, a row each."""
+        """Compute the displacements, a row for each step."""
 
-    def at_hand(self) -> bool:
-        """Whether the problem keeps the factor that this takes."""
+    def has_factor(self) -> bool:
+        """Whether the problem keeps the factor that displacements need."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Step(Solution):
-    """One load step: a `Solution` with what belongs to a path.
+    """One load step: a `Solution` with its loads, slip and place on the path.
 
     Attributes
     ----------
@@ -254,19 +256,17 @@ class Step(Solution):
     traction
         ``reaction / area``, ``(n_c, d)``; ``None`` without areas.
     s, ahead
-        Where on a path of automatic steps this one ends, and the length that is tried
-        next (`ContactProblem.follow`); ``None`` where steps were given.
+        Path parameter at the end of an adaptive step, and the length of the next step to
+        try (`ContactProblem.follow`); ``None`` for other steps.
     gap
-        Gaps of this step, ``(n_c, d)``, where obstacles moved; ``None`` where they are
-        those of the problem.
+        Gaps of this step, ``(n_c, d)``, if obstacles moved; else ``None``.
     working_set
-        Numbers of the contacts that ``W`` was formed of, ascending; ``None`` where it is
-        formed of all from the start. With it a path goes on from this step to the bits
-        of one that went through.
+        Numbers of the contacts for which ``W`` was formed, ascending; ``None`` if it was
+        formed for all contacts at the start. A path that continues from this step then
+        has the same bits as an uninterrupted one.
     working_motion
-        Where that set has grown to all contacts of bodies that contact alone holds,
-        amounts of the rigid motions of these bodies as condensed onto all contacts,
-        from which the next step begins; else ``None``.
+        Amplitudes of rigid motions from which the next step begins, if the working set has
+        grown to all contacts of bodies that contact alone holds; else ``None``.
     """
 
     slip: Floats
@@ -283,17 +283,17 @@ class Step(Solution):
 
     @property
     def path_parameter(self) -> float | None:
-        """`s`: where on a path of automatic steps this one ends."""
+        """Path parameter at the end of an adaptive step: another name of `s`."""
         return self.s
 
     @property
     def dissipation(self) -> float:
-        """Work that friction took over the step, ``-Σ r_t · slip``, in force times length.
+        """Energy dissipated by friction in the step, ``-Σ r_t · slip``.
 
-        Of the reactions at its end, as the law of the step has it: it is then
-        ``Σ mu r_n ‖slip‖`` and not negative, but for the residual. Of a path it is the
-        energy balance's where normal forces stay; where they change, to first order in
-        the size of the steps.
+        The reactions are those at the end of the step, as in the law of the step. It is
+        therefore ``Σ mu r_n ‖slip‖`` up to the residual, and not negative. Over a path it
+        is exact in the energy balance if normal forces are constant, and first order in
+        the step size if they change.
         """
         return -float(np.sum(self.reaction[:, 1:] * self.slip))
 
@@ -304,14 +304,15 @@ class Step(Solution):
         Raises
         ------
         ValueError
-            The step has lost its problem (it was read from a file, or from
-            another process) before the displacement was asked for.
+            The problem is not available: the step was read from a file or came from
+            another process, and the displacement was not computed before.
         """
         if "u" not in self._kept:
             if self._recover is None:
                 raise ValueError(
-                    "displacement was not computed before this step was saved or sent: "
-                    "ask for it where the problem is at hand"
+                    "displacement was not computed before this step was saved or sent to "
+                    "another process: use step.displacement before that, or save with "
+                    "displacements=True"
                 )
             recover([self])
         return self._kept["u"]
@@ -321,9 +322,9 @@ class Step(Solution):
 
 
 def recover(steps: Sequence[Step]) -> None:
-    """Find the displacements of steps of one path that have none yet, as one block.
+    """Compute the missing displacements of steps, in blocks for each problem.
 
-    One reading of the factor then serves many steps.
+    One pass over the factor then serves many steps.
     """
     wanting = [step for step in steps if "u" not in step._kept]
     for found, of_path in groupby(wanting, key=lambda step: step._recover):
@@ -331,5 +332,5 @@ def recover(steps: Sequence[Step]) -> None:
         while found is not None and rest:
             block, rest = rest[:BLOCK], rest[BLOCK:]
             for step, u in zip(block, found(block), strict=True):
-                # A copy, so that one step does not hold the memory of its block.
+                # A copy, so that a step does not keep the memory of its block.
                 step._kept["u"] = u.copy() if len(block) > 1 else u

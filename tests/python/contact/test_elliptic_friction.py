@@ -275,7 +275,7 @@ class TestHeldByFrictionAlone:
         d = let_go.free_motion
         assert d[0] >= np.linalg.norm(self.MU * d[1:]) * (1 - 1e-9)
         assert np.array([-3, *(1.001 * limit * e)]) @ d > 0
-        assert "no answer exists" in let_go.message
+        assert "no solution exists" in let_go.message
 
     def test_residual_finds_the_motion(self) -> None:
         problem = self.problem(np.array([0.3, 0.1]))

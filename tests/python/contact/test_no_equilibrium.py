@@ -189,7 +189,7 @@ def test_the_step_and_what_was_solved_before_it() -> None:
     with pytest.raises(bp.NoEquilibriumError) as caught:
         solve(body, np.array([held, slides]))
     error = caught.value
-    assert str(error).startswith("load step 2: no answer exists")
+    assert str(error).startswith("load step 2: no solution exists")
     assert error.result is not None
     assert error.result.reaction.shape == (1, 4, 2)
     again = pickle.loads(pickle.dumps(error))

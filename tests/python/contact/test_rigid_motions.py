@@ -123,7 +123,7 @@ def test_an_indefinite_body_is_called_by_its_name() -> None:
         (["a"], TypeError, "bodies is a list, expected a mapping"),
         ({"a": 4}, ValueError, r"bodies\['a'\] is 4, expected 0 to 3"),
         ({"a": 0.5}, TypeError, r"bodies\['a'\] is 0.5, expected an integer"),
-        ({"a": 0, "b": 0}, ValueError, "expected each to begin somewhere else"),
+        ({"a": 0, "b": 0}, ValueError, "expected a different first degree of freedom"),
     ],
 )
 def test_names_that_are_none(bodies: Any, kind: type[Exception], message: str) -> None:

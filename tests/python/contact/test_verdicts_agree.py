@@ -42,7 +42,7 @@ def test_the_proof_is_that_all_statuses_were_tried() -> None:
     solution = held_by_friction(3e5).solve()
     assert str(solution.outcome) == "no_equilibrium"
     assert solution.free_motion is None
-    assert "all 4 statuses were tried" in solution.message
+    assert "all 4 combinations of statuses were tried" in solution.message
     assert "lower the loads" not in solution.message
 
 

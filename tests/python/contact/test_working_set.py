@@ -258,7 +258,9 @@ def test_a_set_that_is_none_is_refused(tmp_path: Path) -> None:
             del file.attrs["sealed"]
             del file["steps/0000/working_set"]
             file["steps/0000/working_set"] = np.array(wrong)
-        with pytest.raises(ValueError, match="working_set is wrong, expected ascending"):
+        with pytest.raises(
+            ValueError, match="working_set is wrong, expected ascending"
+        ):
             bp.load(name)
 
 
