@@ -330,7 +330,9 @@ def test_scenes_that_make_no_sense(settings: list[str], said: str) -> None:
 
 
 def test_scenes_that_make_no_sense_on_their_mesh() -> None:
-    with pytest.raises(scene.SceneError, match=r"axis is .* aside of the normal"):
+    with pytest.raises(
+        scene.SceneError, match=r"axis is .* not parallel to the normal"
+    ):
         cube(GRAIN[0], "contact.0.axis=[0,0,1]")
     with pytest.raises(
         scene.SceneError, match="in two dimensions there is one tangent"

@@ -525,7 +525,7 @@ def test_the_result_says_what_is_known(tmp_path: Path) -> None:
     (remark,) = result.remarks
     assert "a relative error of 1e-08" in remark
     assert f"an error of {problem.stats['rigid_motions_off']:.1e}" in remark
-    assert "known to 1e-08" in str(result)
+    assert "relative error 1e-08" in str(result)
     assert result[0].error_estimate[0] >= 1e-8
     result.save(tmp_path / "it.h5")
     assert bp.load(tmp_path / "it.h5").remarks == (remark,)
