@@ -71,8 +71,8 @@ def test_normals(cell: str, d: int, order: int) -> None:
         least = count if (cell, d) != ("tetrahedron", 3) else count - 4
         told = re.fullmatch(
             rf"the normals of (\d+) of the {count} contacts point out of the body, first at "
-            r"contact \d+: a normal is from the obstacle towards the body, and B gives the "
-            r"displacement of the body minus that of the obstacle",
+            r"contact \d+: a normal must point from the obstacle to the body, and B must give "
+            r"the displacement of the body minus that of the obstacle",
             said,
         )
         assert told is not None
@@ -218,15 +218,14 @@ def test_penetration() -> None:
     result = bp.solve(model.K, model.B, **options)
     (said,) = result.remarks
     assert said == (
-        "5 of the 5 contacts start inside what they may touch, the deepest, contact 0 at "
-        "(0, 0), by 0.01, 1 % of the size of the model: the first step presses them out; "
-        "right for an interference fit, else gap has the wrong sign, it is open when "
-        "positive"
+        "5 of the 5 contacts penetrate at the start, most of all contact 0 at (0, 0), by "
+        "0.01, 1 % of the size of the model: the first step pushes them out; this is right "
+        "for an interference fit, else check the sign of gap, which is positive when open"
     )
     # Without places; rounding is none; and of a problem whose gaps tell its size.
     eye: dict[str, Any] = {"mu": 0.3}
     plain = bp.ContactProblem(np.eye(4), np.eye(4), gap=[-1e-6, 2e-6], **eye)
-    assert plain._remarks[0].startswith("1 of the 2 contacts start inside")
+    assert plain._remarks[0].startswith("1 of the 2 contacts penetrate at")
     assert "contact 0, by 1e-06: the first" in plain._remarks[0]
     for gap in ([-1e-16, 1.0], [0.0, 0.0]):
         assert bp.ContactProblem(np.eye(4), np.eye(4), gap=gap, **eye)._remarks == ()
@@ -256,8 +255,8 @@ def test_loads_mixed_in_units(cell: str, d: int, order: int, size: float) -> Non
         assert not any("units" in said for said in calm)
         (said,) = (said for said in loud if "units" in said)
         assert said.startswith(
-            "units may be mixed: the loads of the body of degree of freedom 0 would strain it "
-            "by "
+            "check the units: the loads on the body of degree of freedom 0 would strain its "
+            "largest section by "
         )
 
 
@@ -285,9 +284,7 @@ def test_contacts_that_slide_beyond_all_of_them() -> None:
     load = np.array([-1.0, 5.0, -1.0, 5.0])
     problem = bp.ContactProblem(K, B, gap=[0.0, 0.0], mu=0.1, points=points)
     (said,) = problem.solve(load).remarks
-    assert said.startswith(
-        "units may be mixed: contacts slide by up to 4.9 in a load step"
-    )
+    assert said.startswith("check the units: contacts slip by up to 4.9 in a load step")
     assert problem.solve(1e-3 * load).remarks == ()
 
 
@@ -316,7 +313,7 @@ def test_of_a_model_those_of_the_answer_too() -> None:
     m.contact("block.bottom", plane={"point": [0, 0.05], "normal": [0, 1]}, mu=2.0)
     result = m.solve()
     assert result.remarks == tuple(result.remarks())
-    assert result.remarks[0].startswith("5 of the 5 contacts start inside")
+    assert result.remarks[0].startswith("5 of the 5 contacts penetrate")
     assert any(one.startswith("rotations") for one in result.remarks)
 
 

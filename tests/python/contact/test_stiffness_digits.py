@@ -198,7 +198,7 @@ def test_without_it_the_error_says_how_negative_and_offers_it(digits: int) -> No
     told = re.search(r"most negative eigenvalue is (\S+) of the largest", said)
     assert told
     assert float(told[1]) == pytest.approx(values[0] / values[-1], rel=0.1)
-    offered = re.search(r"stiffness_rtol=(\S+), .* coordinates=", said)
+    offered = re.search(r"stiffness_rtol=(\S+), .* coordinates,", said)
     assert offered
     problem = given.problem(K, stiffness_rtol=float(offered[1]))
     assert problem.stats["rigid_motions"] == 3
@@ -428,9 +428,9 @@ def test_directions_by_places(places: Any, d: int, expected: list[int]) -> None:
         (
             {"stiffness_rtol": 0.0},
             ValueError,
-            "stiffness_rtol is 0, expected a relative",
+            "stiffness_rtol is 0, expected the relative",
         ),
-        ({"stiffness_rtol": 0.1}, ValueError, "above 0, up to 0.001"),
+        ({"stiffness_rtol": 0.1}, ValueError, "above 0 and at most 0.001"),
         ({"stiffness_rtol": float("nan")}, ValueError, "stiffness_rtol is nan"),
         (
             {"stiffness_rtol": "8"},
@@ -466,18 +466,20 @@ def test_fewer_digits_than_told_are_refused(cell: str, claimed: int) -> None:
 def test_coordinates_of_another_numbering_are_refused() -> None:
     given = case("quadrilateral", False)
     wrong = np.roll(given.at, 2, axis=0)
-    with pytest.raises(ValueError, match=r"not under rotations.*another numbering"):
+    with pytest.raises(ValueError, match=r"not for rotations.*check the numbering"):
         given.problem(written(given.K, 8), coordinates=wrong, stiffness_rtol=1e-8)
     alone = given.at.copy()
     alone[7, 0] += 0.1
-    with pytest.raises(ValueError, match="degree of freedom 6 are not those of whole"):
+    with pytest.raises(
+        ValueError, match="of whole nodes: at the point of degree of freedom 6"
+    ):
         given.problem(coordinates=alone, stiffness_rtol=1e-8)
     thirds = case("quadrilateral", False, cells=3)
     K, rounded = written(thirds.K, 8), np.round(thirds.at, 5)
-    with pytest.raises(ValueError, match="Give coordinates with all the digits"):
+    with pytest.raises(ValueError, match="Give the coordinates with all digits"):
         thirds.problem(K, coordinates=rounded, stiffness_rtol=1e-8)
     axes = given.at[:, ::-1]
-    with pytest.raises(ValueError, match="or other axes"):
+    with pytest.raises(ValueError, match="and the axes"):
         given.problem(written(given.K, 8), coordinates=axes, stiffness_rtol=1e-8)
 
 
