@@ -1,17 +1,17 @@
-"""Contact with Coulomb friction by the de Saxcé bipotential.
+"""Contact with Coulomb friction, by the bipotential of de Saxcé.
 
-Hand in the stiffness and the contact operator of any finite-element code, get
-tractions, slip, status and displacements that are exact for that
-discretisation, with a residual that proves it::
+Give the stiffness and the contact operator of any finite-element code. The results are
+tractions, slip, status and displacements, exact for this discretisation up to a residual
+that is reported with them::
 
     problem = bipot_rs.ContactProblem(K, B, gap=gap, mu=0.3, fixed=fixed)
     result = problem.solve(load)
 
-`ContactProblem`, `solve`, `ReducedProblem` and `project` are the ways in;
-`Result` and `Solution` what comes out; `pairs` makes B for surfaces whose meshes do not
-match; `fclib` reads and writes the problems of that collection; `plots` draws results.
-Bodies described by name are a `Model`. Every name is imported when it is first used: the
-package itself imports nothing, arrays need NumPy and SciPy, and the rest its extras.
+Start with `ContactProblem`, `solve`, `ReducedProblem` or `project`; they return a `Result`
+or a `Solution`. `pairs` makes B for surfaces with meshes that do not match, `fclib` reads
+and writes problems of the FCLIB collection, and `plots` draws results. A `Model` describes
+bodies by names. Each name is imported when it is first used: arrays need only NumPy and
+SciPy, and other parts need the extras of the package.
 """
 
 from typing import TYPE_CHECKING
@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from bipot_rs.scene.builder import Model as Model
     from bipot_rs.scene.builder import ModelResult as ModelResult
 
-# `Model` and the modules that need scikit-fem and pydantic are not here: a star would
-# import them.
+# Without `Model` and the modules that need scikit-fem or pydantic, because a star import
+# would import them.
 __all__ = [
     "Answers",
     "BipotError",
