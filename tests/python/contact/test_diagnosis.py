@@ -1,4 +1,4 @@
-"""Each cause is named in a problem made to have it, and in no other."""
+"""The diagnosis names each cause for problems that have it, and for no others."""
 
 import pickle
 import re
@@ -41,7 +41,7 @@ def held(seed: int = 0, contacts: int = 20, d: int = 3) -> tuple[Array, Array]:
 
 
 def stopped(W: Any, q: Any, mu: Any = 0.3, **options: Any) -> str:
-    """The message of a solve that is cut short before it can end."""
+    """Message of a solve that a limit ends early."""
     rigid = options.pop("rigid", None)
     given = {"method": "uzawa", "tol": 1e-13, "max_iterations": 8} | options
     solution = bp.ReducedProblem(W, q, mu, rigid=rigid).solve(**given)
@@ -51,11 +51,11 @@ def stopped(W: Any, q: Any, mu: Any = 0.3, **options: Any) -> str:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_limit_and_nothing_else(method: str) -> None:
+def test_only_the_limit_is_named(method: str) -> None:
     W, q = held()
     message = stopped(W, q, method=method, max_iterations=1)
     assert names(message) == {"limit"}
-    # What was tried, what was reached, where it is worst, what to do: in that order.
+    # Method, residual, largest violation, cause and advice, in this order.
     order = [
         r"not converged: 1 iteration of " + repr(method),
         "reached max_iterations",
@@ -93,7 +93,7 @@ def test_redundant_contacts_are_no_cause_while_the_residual_falls() -> None:
     assert "try a larger max_seconds" in message
 
 
-def test_fewer_contacts_are_advised_where_the_default_stands_only() -> None:
+def test_fewer_contacts_are_advised_only_if_the_default_stalls() -> None:
     W, q = redundant()
     message = stopped(W, q, method="newton", max_iterations=300)
     assert names(message) == {"redundant"}
@@ -106,7 +106,7 @@ def test_fewer_contacts_are_advised_where_the_default_stands_only() -> None:
     assert message.endswith("try fewer contacts")
 
 
-def test_what_single_precision_left_of_zero_is_redundant() -> None:
+def test_redundant_contacts_of_a_single_precision_w() -> None:
     W, q = redundant()
     single = W.astype(np.float32).astype(float)
     assert np.linalg.eigvalsh(single)[0] < -1e-15 * np.abs(single).max() * 60
@@ -155,7 +155,7 @@ def test_a_stiffness_that_is_nearly_free() -> None:
 
     assert names(message(0.1, 1)) == {"limit"}
     assert names(message(1e-10, 1)) == {"limit", "nearly free"}
-    # Where it gains nothing more that is the cause, and is said once.
+    # If the residual no longer falls, this is the cause, and it is named once.
     stood = message(1e-10, 300)
     assert names(stood) == {"nearly free"}
     assert stood.count("nearly free") == 1
@@ -176,14 +176,14 @@ def test_friction_that_can_jam() -> None:
     assert "contact 0 and 1 more" in stopped(both, [[-1.0, 2.0]] * 2, 3.0)
 
 
-def test_coupling_that_is_rounding_jams_nothing() -> None:
+def test_rounding_error_of_coupling_does_not_jam() -> None:
     W = np.eye(4)
     W[0, 2] = W[2, 0] = 0.3
     W[0, 1] = W[1, 0] = 1e-14
     q, mu = [[-1.0, 0.3], [-1.0, 0.5]], 1e15
     message = stopped(W, q, mu, method="nesterov", max_iterations=60)
     assert names(message) == set()
-    # More of a method that has stopped gaining is no advice.
+    # More iterations of a stalled method are not advised.
     assert message.endswith("try method='auto'")
 
 
@@ -227,7 +227,7 @@ NEGATIVE = [
 def test_not_positive_semidefinite(
     W: Array, place: str, cure: str, method: str
 ) -> None:
-    """Named by its number, and no other cause with it."""
+    """The message gives the entry and no other cause."""
     # Some of these have answers: before the first iteration none is found.
     q = [[-1.0, 2.0], [-1.0, 0.5]]
     message = stopped(W, q, method=method, max_seconds=1e-12, max_iterations=None)
@@ -239,7 +239,7 @@ def test_not_positive_semidefinite(
 
 
 @pytest.mark.parametrize("W", [-np.eye(4), np.diag([1.0, 1, -1, 1])])
-def test_where_the_default_stands_on_a_negative_w(W: Array) -> None:
+def test_the_default_stalls_on_a_negative_w(W: Array) -> None:
     solution = bp.ReducedProblem(W, [[-1.0, 0], [-1.0, 0.5]], 0.3).solve()
     assert solution.outcome is bp.Outcome.STALLED
     assert names(solution.message) == {"indefinite"}
@@ -281,7 +281,7 @@ def test_newton_without_a_step() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_stand_is_not_said_to_fall(method: str) -> None:
+def test_a_stalled_residual_is_not_called_falling(method: str) -> None:
     W, q = redundant()
     solution = bp.ReducedProblem(W, q, 0.3).solve(method, 1e-14, max_iterations=8000)
     if solution.outcome is bp.Outcome.STALLED:
@@ -290,7 +290,7 @@ def test_a_stand_is_not_said_to_fall(method: str) -> None:
     assert "falling" not in short.message
 
 
-def test_a_residual_that_is_met_at_a_limit_and_says_nothing() -> None:
+def test_a_small_residual_at_a_limit_is_not_enough() -> None:
     B = np.vstack([np.eye(2), -np.eye(2)])
     walls = bp.ReducedProblem(B @ B.T, [[-1.0, 0], [-1.0, 0]], 0.3)
     solution = walls.solve("gauss_seidel", 1e-3, max_iterations=2000)
@@ -303,7 +303,7 @@ def test_a_residual_that_is_met_at_a_limit_and_says_nothing() -> None:
     assert "limit" not in names(solution.message)
 
 
-def test_no_advice_in_circles() -> None:
+def test_advice_is_not_the_method_that_failed() -> None:
     W, q = redundant()
     for method in METHODS:
         problem = bp.ReducedProblem(W, q, 0.3)
@@ -339,7 +339,7 @@ def test_a_body_that_slides_away() -> None:
     message = str(caught.value)
     assert "slide" in message or "nothing stops this motion" in message
     assert "add a support" in message
-    # More of both loads is no more friction.
+    # Smaller loads in proportion do not help.
     assert "lower the loads" not in message
 
 
@@ -353,7 +353,7 @@ def test_contacts_that_contradict_each_other_are_named() -> None:
     assert message.endswith("contact 1 penetrates by 0.25")
 
 
-def test_the_worst_contact_has_its_place() -> None:
+def test_the_contact_with_the_largest_violation_has_coordinates() -> None:
     K = np.diag([2.0, 1.0, 2.0, 1.0, 2.0, 1.0]) + 0.01
     points = np.array([[0.0, 0.0], [1.0, 2.5], [-3.0, 1e-3]])
     problem = bp.ContactProblem(K, np.eye(6), gap=np.zeros(3), mu=0.3, points=points)
@@ -369,7 +369,7 @@ def test_the_worst_contact_has_its_place() -> None:
     assert place[3] == ", ".join(f"{x:.4g}" for x in points[i])
 
 
-def test_what_each_contact_misses() -> None:
+def test_violations_of_each_contact() -> None:
     """By hand, with W_ii = 4: displacements count half, forces twice."""
     r = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.6], [1.0, 0.5], [0.0, 0.0]])
     v = np.array([[-0.2, 0.0], [0.2, 0.0], [0.0, 0.0], [0.0, 0.2], [3.0, 7.0]])
@@ -381,7 +381,7 @@ def test_what_each_contact_misses() -> None:
     np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
-def test_a_looser_tolerance_is_offered_where_it_would_do() -> None:
+def test_a_larger_tolerance_is_advised_if_it_would_help() -> None:
     W, q = held()
     problem = bp.ReducedProblem(W, q, 0.3)
     short = problem.solve("gauss_seidel", 1e-13, max_iterations=6)
@@ -392,25 +392,25 @@ def test_a_looser_tolerance_is_offered_where_it_would_do() -> None:
     assert again.converged
 
 
-def test_a_message_outlives_its_problem() -> None:
+def test_the_message_is_kept_without_the_problem() -> None:
     W, q = held()
     solution = bp.ReducedProblem(W, q, 0.3).solve("uzawa", max_iterations=2)
     lost = pickle.loads(pickle.dumps(solution))
     assert lost.message.startswith("not converged, max_iterations was reached")
     message = solution.message
     assert pickle.loads(pickle.dumps(solution)).message == message
-    # The W of the caller, written to since, is not judged by what it became.
+    # A W that the caller has changed is not diagnosed.
     other = bp.ReducedProblem(W, q, 0.3).solve("uzawa", max_iterations=2)
     W[3, 5] = np.nan
     assert other.message.startswith("not converged: 2 iterations of 'uzawa'")
 
 
-def test_no_contact_at_all_has_nothing_to_say() -> None:
+def test_without_contacts() -> None:
     solution = bp.ReducedProblem(np.zeros((0, 0)), np.zeros((0, 2)), 0.3).solve()
     assert solution.message.startswith("converged")
 
 
-def test_contacts_without_fault_are_not_called_the_worst() -> None:
+def test_contacts_without_violation_are_not_named() -> None:
     W, _ = held()
     R = np.zeros((60, 1))
     R[::3] = 1.0

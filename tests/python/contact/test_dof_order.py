@@ -1,4 +1,4 @@
-"""The order of degrees of freedom: rigid motions find a wrong one, and pass a right one."""
+"""A wrong order of the degrees of freedom is found by rigid motions, and a right one passes."""
 
 import csv
 import itertools
@@ -31,8 +31,8 @@ def fit(K: Any, order: str, nodes: Floats) -> dof_order.Fit:
 
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
 @pytest.mark.parametrize("aspect", [1.0, 100.0])
-def test_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
-    """In the right order rounding is left; in any other, much in some rows."""
+def test_orders_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
+    """The right order leaves only rounding errors, a wrong one large forces in some rows."""
     one = body(cell, d, order, aspect=aspect)
     K, x = fem.stiffness(one).tocsr(), one.points
     n = K.shape[0]
@@ -61,7 +61,9 @@ def test_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
 
 
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
-def test_supports_and_digits_are_no_other_order(cell: str, d: int, order: int) -> None:
+def test_supports_and_few_digits_are_not_a_wrong_order(
+    cell: str, d: int, order: int
+) -> None:
     one = body(cell, d, order)
     K, x = fem.stiffness(one).tocsr(), one.points
     n = K.shape[0]
@@ -92,7 +94,7 @@ def test_supports_and_digits_are_no_other_order(cell: str, d: int, order: int) -
         assert fit(given, "node", np.round(x, digits)).fits
 
 
-def test_nothing_is_said_of_what_is_no_body() -> None:
+def test_springs_without_rigid_motions_pass() -> None:
     parts = csr("K", np.eye(12)).parts
     assert dof_order.of_order(parts, "node", 2, np.zeros((6, 2))) is None
     # A point between springs along a slope, and a chain of which nothing turns.
@@ -104,8 +106,8 @@ def test_nothing_is_said_of_what_is_no_body() -> None:
     assert dof_order.fitting(csr("K", both).parts, 2) == ["node"]
 
 
-def test_in_python() -> None:
-    """A warning with the figure, and what would fit."""
+def test_warnings_of_contact_problem() -> None:
+    """The warning gives the misfit and the order that fits."""
     one = body("quadrilateral", 2)
     K, x = fem.stiffness(one).tocsr(), one.points
     n = K.shape[0]
@@ -162,7 +164,7 @@ def test_in_python() -> None:
     assert warned(K[turned][:, turned], B[:, turned], coordinates=components) == []
 
 
-def test_large_matrices_are_taken_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_matrices_are_checked_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     one = body("hexahedron", 3)
     K, x = fem.stiffness(one).tocsr(), one.points
     shuffled = x[np.random.default_rng(7).permutation(len(x))]
@@ -225,7 +227,7 @@ def files(tmp_path: Path) -> Any:
     return write, run
 
 
-def test_of_files(files: Any, tmp_path: Path) -> None:
+def test_orders_of_files(files: Any, tmp_path: Path) -> None:
     write, run = files
 
     def pressed() -> float:
@@ -280,7 +282,7 @@ def test_rows_of_nodes_in_another_order(supports: bool, files: Any) -> None:
     assert "remark: coordinates do not fit K" in done[1]
 
 
-def test_of_a_stiffness_that_names_its_nodes(tmp_path: Path) -> None:
+def test_a_stiffness_with_node_labels(tmp_path: Path) -> None:
     one = body("triangle", 2)
     K, x = sparse.coo_matrix(fem.stiffness(one)), one.points
     lines = [

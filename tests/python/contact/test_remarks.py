@@ -1,4 +1,4 @@
-"""What is said of arrays: penetration, normals, units, contacts that never close."""
+"""Remarks on arrays: penetration, normals, units, contacts that never close."""
 
 import json
 import pickle
@@ -160,7 +160,7 @@ def test_normals_of_many_faces(seed: int) -> None:
 
 @pytest.mark.parametrize("radius", [0.05, 0.3, 2.0])
 @pytest.mark.parametrize("at", [0.0, 0.5, 1.0])
-def test_a_ball_beside_an_edge_is_none(radius: float, at: float) -> None:
+def test_a_ball_beside_an_edge_gives_no_remark(radius: float, at: float) -> None:
     one = body("hexahedron", 3, cells=6)
     ball = ob.Sphere([at, 0.5, 1 + radius], radius)
     contact = fem.Contact("a", "top", 0.1, obstacle=ball)
@@ -233,7 +233,9 @@ def test_penetration() -> None:
 
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
-def test_loads_mixed_in_units(cell: str, d: int, order: int, size: float) -> None:
+def test_loads_in_inconsistent_units(
+    cell: str, d: int, order: int, size: float
+) -> None:
     """Of a bar, what strains it by 1 is Young's modulus times its section."""
     grid = np.linspace(0, size, 3)
     mesh = fem.box([grid] * d, cell)
@@ -260,7 +262,7 @@ def test_loads_mixed_in_units(cell: str, d: int, order: int, size: float) -> Non
         )
 
 
-def test_of_two_bodies_the_soft_one_counts() -> None:
+def test_the_soft_one_of_two_bodies_counts() -> None:
     grid = np.linspace(0, 1, 4)
     soft, stiff = (
         fem.Body(
@@ -277,7 +279,7 @@ def test_of_two_bodies_the_soft_one_counts() -> None:
     assert "degree of freedom 0" in said
 
 
-def test_contacts_that_slide_beyond_all_of_them() -> None:
+def test_slip_beyond_the_extent_of_the_contacts() -> None:
     """Places of the contacts alone, in metres where displacements are in millimetres."""
     K, B = np.diag([1e3, 1.0, 1e3, 1.0]), np.eye(4)
     points = np.array([[0.0, 0.0], [0.1, 0.0]])
@@ -288,7 +290,7 @@ def test_contacts_that_slide_beyond_all_of_them() -> None:
     assert problem.solve(1e-3 * load).remarks == ()
 
 
-def test_kept_in_files_and_between_processes(tmp_path: Path) -> None:
+def test_remarks_are_saved_and_pickled(tmp_path: Path) -> None:
     K = np.eye(2)
     result = bp.solve(K, np.eye(2), [[1.0, 0.0]], gap=[-0.1], mu=0.3)
     assert len(result.remarks) == 2
@@ -304,7 +306,7 @@ def test_kept_in_files_and_between_processes(tmp_path: Path) -> None:
     assert followed.remarks == result.remarks
 
 
-def test_of_a_model_those_of_the_answer_too() -> None:
+def test_a_model_has_remarks_of_the_result_too() -> None:
     side = {"from": 0.0, "to": 1.0, "cells": 4}
     m = bp.Model("Sheared far")
     m.material("soft", young=1.0, poisson=0.3)
@@ -317,7 +319,7 @@ def test_of_a_model_those_of_the_answer_too() -> None:
     assert any(one.startswith("rotations") for one in result.remarks)
 
 
-def test_of_files(bipot: Any) -> None:
+def test_remarks_in_files(bipot: Any) -> None:
     """`bipot solve` says them, and with --json has them in its last line."""
     one = body("quadrilateral", 2)
     from scipy.io import mmwrite

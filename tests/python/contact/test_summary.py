@@ -1,4 +1,4 @@
-"""What is told of problems and answers: right, short, harmless in HTML, and cheap."""
+"""Summaries of problems and solutions: correct, short, escaped in HTML, and cheap."""
 
 import doctest
 import re
@@ -53,7 +53,7 @@ def test_a_result_in_six_lines() -> None:
     assert "no contact closes" not in told
 
 
-def test_a_step_tells_what_has_been_asked() -> None:
+def test_a_step_shows_what_was_computed() -> None:
     step = two().solve(PULL)[0]
     assert str(step).startswith("Step: converged in ")
     assert len(str(step).splitlines()) == 6
