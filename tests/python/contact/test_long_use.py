@@ -1,4 +1,4 @@
-"""Long use: no memory that grows, nothing kept alive, whatever callbacks raise."""
+"""Long use: memory does not grow, and no object is kept alive, also if callbacks raise."""
 
 import ctypes
 import gc

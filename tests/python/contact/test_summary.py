@@ -65,7 +65,7 @@ def test_a_step_shows_what_was_computed() -> None:
     assert "forward error" in rows(str(step))["residual"]
 
 
-def test_what_did_not_converge_says_so() -> None:
+def test_a_step_that_did_not_converge() -> None:
     W = np.array([[2.0, 0.9], [0.9, 1.0]])
     solution = bp.ReducedProblem(W, [[-1.0, 1.2]], 0.5).solve(
         "uzawa", max_iterations=1, tol=1e-14
@@ -90,7 +90,7 @@ def test_a_problem_in_six_lines() -> None:
     assert re.search(rf"\({entries} entr", said["memory"])
 
 
-def test_bodies_that_contact_alone_holds_are_told() -> None:
+def test_rigid_motions_are_counted() -> None:
     # One mass on one spring to nothing: free to move along both axes of its contact.
     K = sparse.csr_array((2, 2))
     problem = bp.ContactProblem(K, np.eye(2), gap=[0.0], mu=0.5)
@@ -98,7 +98,7 @@ def test_bodies_that_contact_alone_holds_are_told() -> None:
     assert "2 rigid motions held by contact alone" in str(problem)
 
 
-def test_a_problem_without_contacts_is_told() -> None:
+def test_a_problem_without_contacts() -> None:
     none = np.empty((0, 2))
     problem = bp.ContactProblem(np.eye(2), none, gap=np.empty((0, 2)), mu=0.3, dim=2)
     said = rows(str(problem))
@@ -123,7 +123,7 @@ def test_a_reduced_problem() -> None:
     assert rows(str(kept))["rigid motions"].startswith("1 motion ")
 
 
-def test_html_says_the_same_and_escapes() -> None:
+def test_html_is_the_same_and_escaped() -> None:
     problem = two()
     result = problem.solve(PULL)
     for it in (problem, result, result[0], problem.reduced(PULL)):
@@ -135,7 +135,7 @@ def test_html_says_the_same_and_escapes() -> None:
     assert "&lt;script&gt;alert(1)&lt;/script&gt; &amp; more" in result._repr_html_()
 
 
-def test_no_steps_are_told_too() -> None:
+def test_a_result_without_steps() -> None:
     K, B = np.eye(2), np.eye(2)
     with pytest.raises(bp.NoEquilibriumError) as failed:
         bp.solve(K, B, prescribed=[-1.0], gap=[0.0], mu=0.1, fixed=[0])
@@ -144,7 +144,7 @@ def test_no_steps_are_told_too() -> None:
     assert "1 contact in the plane" in told
 
 
-def test_nothing_is_computed_to_be_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_computed_for_a_summary(monkeypatch: pytest.MonkeyPatch) -> None:
     """No recovery, no uniqueness, no diagnosis, no error."""
     problem = two()
     result = problem.solve(PULL)

@@ -1,4 +1,4 @@
-"""The compiled core, called as nobody should call it: exceptions, and no panic.
+"""Wrong calls of the compiled core raise exceptions and do not panic.
 
 A panic would be an exception that `except Exception` does not catch. What comes back is
 an error of Python's own, or an answer.
@@ -207,7 +207,7 @@ def spoiled(good: list[Any]) -> Iterator[list[Any]]:
         yield args
 
 
-def test_nothing_of_the_core_is_left_out() -> None:
+def test_every_function_of_the_core_is_called() -> None:
     called = {name.partition(",")[0] for name in ENTRIES}
     # Constants, and what takes no argument that could be wrong.
     rest = {"build_profile", "keep_heap", "threads", "version"}
@@ -244,7 +244,7 @@ def test_no_panic(name: str) -> None:
         (lambda: ENTRIES["Path"][0](tuple(x[:1] for x in ODD[-1])), "start"),
     ],
 )
-def test_what_would_read_beyond_an_array_is_said(call: Call, said: str) -> None:
+def test_indices_beyond_an_array_are_reported(call: Call, said: str) -> None:
     with pytest.raises(ValueError, match=said):
         call()
 
