@@ -36,20 +36,6 @@ def _written() -> list[str]:
     return [name for name in names if name not in _NOT_WRITTEN]
 
 
-# Entries that a step must have. The others have defaults.
-_NEEDED = {
-    "reaction",
-    "relative_displacement",
-    "slip",
-    "status",
-    "residual",
-    "tolerance",
-    "iterations",
-    "work",
-    "outcome",
-}
-
-
 def _check_set(record: Mapping[str, Any], contacts: int) -> None:
     """Refuse a working set or a motion with wrong entries."""
     found = np.asarray(record.get("working_set", np.empty(0, np.int64)))
@@ -72,19 +58,17 @@ def step_of(
         An entry is missing, or has the wrong shape or values.
     """
     contacts, d = shape
-    missing = _NEEDED - record.keys()
+    # Entries that a step must have. The others have defaults.
+    shapes: dict[str, tuple[int, ...]] = {
+        "reaction": (contacts, d),
+        "relative_displacement": (contacts, d),
+        "slip": (contacts, max(d - 1, 0)),
+        "status": (contacts,),
+    } | dict.fromkeys(("residual", "tolerance", "iterations", "work"), ())
+    missing = (shapes.keys() | {"outcome"}) - record.keys()
     if missing:
         raise ValueError(f"{', '.join(sorted(missing))} missing")
-    for name, expected in (
-        ("reaction", (contacts, d)),
-        ("relative_displacement", (contacts, d)),
-        ("slip", (contacts, max(d - 1, 0))),
-        ("status", (contacts,)),
-        ("residual", ()),
-        ("tolerance", ()),
-        ("iterations", ()),
-        ("work", ()),
-    ):
+    for name, expected in shapes.items():
         value = np.asarray(record[name])
         if value.shape != expected:
             raise ValueError(f"{name} has shape {value.shape}, expected {expected}")
