@@ -277,7 +277,7 @@ def test_normals_that_point_the_wrong_way_are_remarked(tmp_path: Path) -> None:
         run = bipot(*command, "--load", "load.csv", cwd=tmp_path)
         assert run.returncode == 0, run.stderr
         assert ("no contact closes in any load step" in run.stdout) is remarked
-        assert ("do the normals point from the obstacle" in run.stdout) is remarked
+        assert ("that the normals point from the obstacle" in run.stdout) is remarked
 
 
 def test_what_a_load_cell_would_show(tmp_path: Path) -> None:
