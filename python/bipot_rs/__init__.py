@@ -1,17 +1,17 @@
-"""Contact with Coulomb friction by the de Saxcé bipotential.
+"""Contact with Coulomb friction, by the bipotential of de Saxcé.
 
-Hand in the stiffness and the contact operator of any finite-element code, get
-tractions, slip, status and displacements that are exact for that
-discretisation, with a residual that proves it::
+Give the stiffness and the contact operator of any finite-element code. The results are
+tractions, slip, status and displacements, exact for this discretisation up to a residual
+that is reported with them::
 
     problem = bipot_rs.ContactProblem(K, B, gap=gap, mu=0.3, fixed=fixed)
     result = problem.solve(load)
 
-`ContactProblem`, `solve`, `ReducedProblem` and `project` are the ways in;
-`Result` and `Solution` what comes out; `pairs` makes B for surfaces whose meshes do not
-match; `fclib` reads and writes the problems of that collection; `plots` draws results.
-Bodies described by name are a `Model`. Every name is imported when it is first used: the
-package itself imports nothing, arrays need NumPy and SciPy, and the rest its extras.
+Start with `ContactProblem`, `solve`, `ReducedProblem` or `project`; they return a `Result`
+or a `Solution`. `pairs` makes B for surfaces with meshes that do not match, `fclib` reads
+and writes problems of the FCLIB collection, and `plots` draws results. A `Model` describes
+bodies by names. Each name is imported when it is first used: arrays need only NumPy and
+SciPy, and other parts need the extras of the package.
 """
 
 from typing import TYPE_CHECKING
@@ -41,15 +41,9 @@ if TYPE_CHECKING:
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.projection import project
     from bipot_rs.contact.reduced import ReducedProblem
-    from bipot_rs.contact.result import (
-        Outcome,
-        Result,
-        Solution,
-        Status,
-        Step,
-        load,
-        load_result,
-    )
+    from bipot_rs.contact.result import Result, load, load_result
+    from bipot_rs.contact.solution import Solution, Step
+    from bipot_rs.contact.status import Outcome, Status
     from bipot_rs.fem import inspection as inspection
     from bipot_rs.fem import paraview as paraview
     from bipot_rs.fem import review as review
@@ -58,8 +52,8 @@ if TYPE_CHECKING:
     from bipot_rs.scene.builder import Model as Model
     from bipot_rs.scene.builder import ModelResult as ModelResult
 
-# `Model` and the modules that need scikit-fem and pydantic are not here: a star would
-# import them.
+# Without `Model` and the modules that need scikit-fem or pydantic, because a star import
+# would import them.
 __all__ = [
     "Answers",
     "BipotError",
@@ -105,9 +99,9 @@ __getattr__, __dir__ = lazily(
         "bipot_rs.contact.problem": ("ContactProblem",),
         "bipot_rs.contact.projection": ("project",),
         "bipot_rs.contact.reduced": ("ReducedProblem",),
-        "bipot_rs.contact.result": (
-            *("Outcome", "Result", "Solution", "Status", "Step", "load", "load_result"),
-        ),
+        "bipot_rs.contact.result": ("Result", "load", "load_result"),
+        "bipot_rs.contact.solution": ("Solution", "Step"),
+        "bipot_rs.contact.status": ("Outcome", "Status"),
         "bipot_rs.mortar.pairs": ("Pairs", "pairs", "rigid_pairs"),
         "bipot_rs.scene.builder": ("Model", "ModelResult"),
     },

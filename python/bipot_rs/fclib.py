@@ -29,7 +29,8 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.global_problem import GlobalProblem
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
-from bipot_rs.contact.result import Result, Solution
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Solution
 from bipot_rs.files.export import aside, library, place
 
 __all__ = [

@@ -16,7 +16,7 @@ def counted(number: int, noun: str) -> str:
 
 
 def place(x: Iterable[float]) -> str:
-    """``(1, 0.5)``, a point in space."""
+    """Coordinates of a point: ``(0.5, 1)``."""
     return "(" + ", ".join(f"{c:g}" for c in x) + ")"
 
 

@@ -476,17 +476,26 @@ def by_component(normal: Floats, d: int) -> Floats:
     return whole
 
 
+class Settings(NamedTuple):
+    """Settings of the solver, in the order in which the core takes them."""
+
+    method: str
+    tol: float
+    max_iterations: int | None
+    max_seconds: float | None
+
+
 def settings(
     method: str, tol: float, max_iterations: int | None, max_seconds: float | None
-) -> tuple[str, float, int | None, float | None]:
-    """Settings of the solver as the core takes them; the core checks their ranges."""
+) -> Settings:
+    """Check the types of the settings; the core checks their ranges."""
     if not isinstance(method, str):
         raise TypeError(f"method is {shown(method)}, expected a name")
     limit = (
         None if max_iterations is None else positive("max_iterations", max_iterations)
     )
     seconds = None if max_seconds is None else number("max_seconds", max_seconds)
-    return method, number("tol", tol), limit, seconds
+    return Settings(method, number("tol", tol), limit, seconds)
 
 
 def callback(what: str, value: Any) -> None:

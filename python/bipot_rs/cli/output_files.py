@@ -13,7 +13,7 @@ from bipot_rs.cli.output_folder import RESULT
 if TYPE_CHECKING:
     from bipot_rs.contact.errors import NotConvergedError
     from bipot_rs.contact.problem import ContactProblem
-    from bipot_rs.contact.result import Step
+    from bipot_rs.contact.solution import Step
     from bipot_rs.discretisation.estimator import DiscretisationError
     from bipot_rs.scene.case import Case
     from bipot_rs.scene.schema.root import Scene
@@ -45,7 +45,7 @@ _FIELDS = (
 def recoverable(steps: Sequence[Step]) -> tuple[int, NotConvergedError | None]:
     """How many of the steps have displacements, which they keep, and what ended that."""
     from bipot_rs.contact.errors import NotConvergedError
-    from bipot_rs.contact.result import recover
+    from bipot_rs.contact.solution import recover
 
     try:
         recover(steps)

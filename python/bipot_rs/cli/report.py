@@ -9,20 +9,12 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
 from bipot_rs.cli.progress import settled
 from bipot_rs.contact.remarks import NEVER_CLOSED
-from bipot_rs.contact.result import Step
 from bipot_rs.contact.resultants import resultants
+from bipot_rs.contact.solution import Step
+from bipot_rs.contact.status import STATUS_NAMES
 from bipot_rs.fem.contact_surface import surface_names
 
-COLUMNS = (
-    "step",
-    "load",
-    "open",
-    "slip",
-    "stick",
-    "residual",
-    "iterations",
-    "seconds",
-)
+COLUMNS = ("step", "load", *STATUS_NAMES, "residual", "iterations", "seconds")
 # Of each contact surface, in steps.csv; of a curved one its force by components besides.
 FORCES = ("normal_force", "tangential_force", "friction_used")
 COMPONENTS = ("force_x", "force_y", "force_z")

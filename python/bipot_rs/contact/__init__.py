@@ -1,4 +1,4 @@
 """The contact problem on arrays: problems, load paths, results, bounds and proofs.
 
-It needs NumPy and SciPy alone, and knows no mesh.
+It needs only NumPy and SciPy, and does not use meshes.
 """

@@ -1,8 +1,7 @@
-"""Why a solve did not converge, in one sentence: found out when asked for.
+"""Diagnosis of a solve that did not converge, in one sentence.
 
-What was tried, where it is worst, the likely cause and what to do. Causes are told
-from the problem, not guessed from the iteration: none is named that a number does not
-show.
+It names the method, the contact with the largest violation of the law, the likely cause
+and what to do. A cause is named only if a number computed from the problem shows it.
 """
 
 from __future__ import annotations
@@ -15,34 +14,35 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.elliptic_friction import dissipation, largest, limit, resisting
-from bipot_rs.contact.result import Outcome, Solution
+from bipot_rs.contact.solution import Solution
+from bipot_rs.contact.status import Outcome
 
-# Above so many components of W its rank and its softest motion are not looked for:
-# its eigenvalues take seconds there.
+# Up to this many rows of W its eigenvalues are computed; for more they take seconds.
 _DENSE = 1500
-# An eigenvalue below this part of the largest one, times the order, is zero: ε, and a
-# digit for what W was made from.
+# An eigenvalue below this part of the largest one, times the order, is zero: ε, and one
+# digit for the error of W.
 _ROUNDING = 1e-15
-# A W kept in single precision has eigenvalues of -1e-7 of the largest one where those
-# of the bodies are zero: further below zero is no rounding.
+# In single precision a zero eigenvalue of W becomes up to -1e-7 of the largest one. Lower
+# values are not rounding errors.
 _NEGATIVE = 1e-6
-# Coupling below this part of the diagonal is what elimination leaves of none.
+# Coupling below this part of the diagonal is rounding error of the elimination.
 _UNCOUPLED = 1e-12
-# A motion softer by this than all others leaves a residual of 1e-10 no digits for them.
+# If one motion is softer than all others by this factor, a residual of 1e-10 says nothing
+# about the others.
 _SOFT = 1e8
 _NEARLY_FREE = "a body is nearly free"
-# Below, doubles have fewer digits, and above, squares of a few have none.
+# Numbers below have fewer digits, and squares of numbers above overflow.
 _SMALL, _LARGE = 1e-300, 1e300
-# From here on μ times the rounding of a displacement of order one is no small residual.
+# From this μ on, μ times the rounding error of a displacement is a large residual.
 _HUGE_FRICTION = 1e8
-# Fewer rows of history than this do not tell whether the residual falls.
+# Rows of history needed to see whether the residual falls.
 _ROWS = 10
-# Whose last fifth leaves less than this of it is still falling.
+# The residual still falls if the last fifth of the iterations reduces it by this factor.
 _FALLING = 0.9
-# Below this residual the statuses are likely those of an answer, and what they say of
-# the number of answers is worth telling.
+# Below this residual the statuses are probably those of a solution, and show whether there
+# are several solutions.
 NEAR = 1e-3
-# η and balance are both met to this where a solve can be said to have come far.
+# Below this, η and the violations of the law are small.
 _FAR = 1e-6
 
 
@@ -50,9 +50,9 @@ _FAR = 1e-6
 class Tried:
     """A solve and its problem, ``v = W r + R a + q`` of one step.
 
-    What costs anything is made when it is asked for: the dense ``W``, ``R`` (of no
-    columns where there is none), the condition of the stiffness, and whether other
-    answers are known to be near a point.
+    Functions compute what is expensive: the dense ``W``, ``R`` (with no columns if there
+    are no rigid motions), the condition number of the stiffness, and whether there are
+    several solutions near a point.
     """
 
     method: str
@@ -66,17 +66,18 @@ class Tried:
 
 
 def diagnose(tried: Tried, solution: Solution, v: Floats) -> str:
-    """What became of a solve that is no answer; ``v (n_c, d)`` is that of the step."""
-    # Where numbers near the ends of doubles are the fault, words are wanted too.
+    """Explain why a solve failed; ``v (n_c, d)`` is the one of the step."""
+    # Numbers near the ends of doubles, which overflow here, must be explained too.
     with np.errstate(all="ignore"):
         return _sentence(tried, solution, v)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something wrong with a problem: ``cause`` in words, and what to do.
+    """A fault of a problem: the ``cause``, and the ``cure``.
 
-    ``alone``: nothing else helps; ``certain``: however short the solve was.
+    ``alone``: only this cure helps. ``certain``: it is a cause also if a limit ended the
+    solve early.
     """
 
     cause: str
@@ -90,7 +91,7 @@ def _sentence(tried: Tried, solution: Solution, v: Floats) -> str:
         return _contradiction(tried, solution, v)
     W = tried.W() if 0 < v.size <= _DENSE else None
     if W is not None and not np.isfinite(W).all():
-        W = None  # written to since
+        W = None  # the caller has changed it
     scale = _scale(W, v, solution.reaction)
     parts = [f"not converged: {_ending(tried, solution)}"]
     worst = _worst(tried, solution.reaction, v, scale)
@@ -99,14 +100,14 @@ def _sentence(tried: Tried, solution: Solution, v: Floats) -> str:
     found = list(_findings(tried, solution, v, W))
     causes = found
     if _cut_short(solution):
-        # What would have kept it from an answer further on is no cause of this end.
+        # The limit is the cause of this end. Other faults would have acted later.
         causes = [finding for finding in found if finding.certain]
         if not causes:
-            beside = ", and ".join(finding.cause for finding in found)
-            # A W that was not looked at may have causes of its own.
-            alone = "" if found or W is None else " alone"
-            parts.append(f"likely cause: the limit{alone}")
-            parts += [f"found besides: {beside}"] if found else []
+            others = ", and ".join(finding.cause for finding in found)
+            # If W was not checked, there may be other causes.
+            only = " only" if not found and W is not None else ""
+            parts.append(f"likely cause: the limit{only}")
+            parts += [f"also found: {others}"] if found else []
     if causes:
         named = ", and ".join(finding.cause for finding in causes)
         parts.append(f"likely cause: {named}")
@@ -115,7 +116,7 @@ def _sentence(tried: Tried, solution: Solution, v: Floats) -> str:
 
 
 def _cut_short(solution: Solution) -> bool:
-    """Whether a limit ended what may have gone on to an answer."""
+    """Whether a limit ended a solve that was still improving."""
     if solution.outcome is Outcome.STALLED or solution.residual <= solution.tolerance:
         return False
     gain = _last_gain(solution)
@@ -123,7 +124,7 @@ def _cut_short(solution: Solution) -> bool:
 
 
 def _contradiction(tried: Tried, solution: Solution, v: Floats) -> str:
-    """Which contacts have no answer, where no motion of bodies is to blame."""
+    """Name the contacts that contradict each other, or the one that penetrates."""
     if not len(v):
         return ""
     deep = int(np.argmin(v[:, 0]))
@@ -140,9 +141,7 @@ def _contradiction(tried: Tried, solution: Solution, v: Floats) -> str:
 def _ending(tried: Tried, solution: Solution) -> str:
     stalled = solution.outcome is Outcome.STALLED
     trend = "" if stalled else _trend(solution)
-    judged = (
-        f"residual {solution.residual:.1e}{trend}, held to {solution.tolerance:.1e}"
-    )
+    judged = f"residual {solution.residual:.1e}{trend}, limit {solution.tolerance:.1e}"
     count = solution.iterations
     spent = f"{count} iteration{'' if count == 1 else 's'} of {tried.method!r}"
     ends = {
@@ -153,8 +152,8 @@ def _ending(tried: Tried, solution: Solution) -> str:
     if solution.residual <= solution.tolerance:
         met = f"{end} and met the residual" if end else "met the residual"
         return (
-            f"{spent} {met}, which says nothing here: a contact penetrates, "
-            f"reactions dwarf the loads, or rounding hides what is left ({judged})"
+            f"{spent} {met}, which is not enough here: a contact penetrates, reactions are "
+            f"much larger than the loads, or rounding hides an error ({judged})"
         )
     if end is not None:
         return f"{spent} {end} ({judged})"
@@ -162,19 +161,19 @@ def _ending(tried: Tried, solution: Solution) -> str:
         if tried.method == "newton":
             return (
                 "'newton' found no step from its start: its matrix is singular there, "
-                f"or no part of the step is better ({judged})"
+                f"or no part of the step reduces the residual ({judged})"
             )
-        return f"no iteration of {tried.method!r} was made ({judged})"
+        return f"{tried.method!r} made no iteration ({judged})"
     if solution.history[:, 1].min(initial=np.inf) <= solution.tolerance:
         return (
-            f"{spent} met the residual at a point that a fresh evaluation does not "
-            f"confirm as an answer ({judged})"
+            f"{spent} met the residual at a point that a fresh evaluation did not "
+            f"confirm as a solution ({judged})"
         )
-    return f"{spent} came to a stand ({judged})"
+    return f"{spent} stalled ({judged})"
 
 
 def _scale(W: Floats | None, v: Floats, r: Floats) -> Floats:
-    """Displacement per force of each contact, that makes r and v comparable."""
+    """Displacement per force of each contact, to compare r with v."""
     if W is not None:
         d = v.shape[1]
         trace = W.diagonal().reshape(-1, d).mean(axis=1)
@@ -185,10 +184,10 @@ def _scale(W: Floats | None, v: Floats, r: Floats) -> Floats:
 
 
 def misses(r: Floats, v: Floats, mu: Floats, scale: Floats) -> Floats:
-    """By how much each contact misses each part of the law (6), (8e), ``(4, n_c)``.
+    """Violation of each part of the law (6), (8e) at each contact, ``(4, n_c)``.
 
-    As displacements beside ``√scale``: penetration or pull, force on an open contact,
-    friction above its limit, slip that friction does not oppose at its limit.
+    The rows are penetration or pull, force on an open contact, friction above its limit,
+    and slip that friction does not oppose at its limit, as displacements over ``√scale``.
     """
     root = np.sqrt(scale)
     r, v = r * root[:, None], v / root[:, None]
@@ -202,7 +201,7 @@ def misses(r: Floats, v: Floats, mu: Floats, scale: Floats) -> Floats:
             np.maximum(-v[:, 0], 0) + np.maximum(-push, 0),
             np.maximum(np.minimum(push, v[:, 0]), 0),
             np.maximum(shear - limit(mu, r[:, 1:]) * push, 0),
-            # Where a contact hardly slips the direction of that says little.
+            # The direction of a small slip has little weight.
             slip * np.divide(off, whole, out=np.zeros_like(off), where=whole > 0),
         ]
     )
@@ -215,17 +214,17 @@ def _worst(tried: Tried, r: Floats, v: Floats, scale: Floats) -> str:
     kind, i = np.unravel_index(int(np.argmax(missed)), missed.shape)
     if missed[kind, i] == 0:
         if tried.modes().size:
-            return "each contact meets the law, the balance of forces is not met"
+            return "each contact satisfies the law, but forces are not in balance"
         return ""
     slip = float(np.linalg.norm(v[i, 1:]))
     pulls = max(-r[i, 0], 0) * scale[i] > max(-v[i, 0], 0)
     said = (
         "which pulls" if pulls else f"which penetrates by {-v[i, 0]:.2g}",
-        f"which is pressed by {r[i, 0]:.2g} while open by {v[i, 0]:.2g}",
+        f"which has a normal force {r[i, 0]:.2g} and is open by {v[i, 0]:.2g}",
         "whose friction is above its limit",
-        f"which slides by {slip:.2g}, not against friction at its limit",
+        f"which slips by {slip:.2g}, but friction does not oppose this at its limit",
     )
-    return f"worst at {_name(tried, int(i))}, {said[int(kind)]}"
+    return f"largest violation at {_name(tried, int(i))}, {said[int(kind)]}"
 
 
 def _name(tried: Tried, i: int) -> str:
@@ -238,11 +237,11 @@ def _name(tried: Tried, i: int) -> str:
 def _findings(
     tried: Tried, solution: Solution, v: Floats, W: Floats | None
 ) -> Iterator[Finding]:
-    """What is found wrong with the problem, the surest alone."""
+    """Faults of the problem. A certain one is returned alone."""
     soft = False
     if W is not None:
         scaled, root = _scaled(W, len(tried.mu))
-        # Motions of the unit of each contact's own compliance, as in W.
+        # Rigid motions in the scaled variables of W.
         modes = tried.modes() / root[:, None]
         modes /= np.maximum(np.linalg.norm(modes, axis=0), _SMALL)
         for sure in (
@@ -259,15 +258,17 @@ def _findings(
     condition = tried.condition()
     if condition > _SOFT and not soft:
         yield Finding(
-            f"{_NEARLY_FREE}, the condition of its stiffness is {condition:.0e}",
-            "a support for it",
+            f"{_NEARLY_FREE}, with a stiffness of condition number {condition:.0e}",
+            "adding a support",
         )
     if W is not None and solution.reaction.any() and tried.several(solution):
-        yield Finding("several answers near by", "smaller load steps, or another start")
+        yield Finding(
+            "several solutions nearby", "smaller load steps, or another start"
+        )
 
 
 def _scaled(W: Floats, contacts: int) -> tuple[Floats, Floats]:
-    """``W`` with the mean diagonal of each contact 1, symmetric, and the scale's root."""
+    """``W`` scaled to a mean diagonal of 1 for each contact, and the root of the scale."""
     d = len(W) // contacts
     trace = np.abs(W.diagonal().reshape(-1, d).mean(axis=1))
     largest = float(trace.max(initial=0.0)) or 1.0
@@ -277,30 +278,30 @@ def _scaled(W: Floats, contacts: int) -> tuple[Floats, Floats]:
 
 
 def _out_of_range(W: Floats, v: Floats) -> Finding | None:
-    """Where numbers near the ends of doubles have lost their digits."""
+    """Numbers near the ends of doubles, which have lost digits."""
     softest = float(np.abs(W).max(initial=0.0))
     if softest == 0:
         return None
     cure = "other units, in which W, displacements and forces are of order one"
     for what, size in (
         ("the largest entry of W is", softest),
-        ("reactions, displacements over W, are", float(np.abs(v).max()) / softest),
+        ("reactions (displacements over W) are", float(np.abs(v).max()) / softest),
     ):
         if size > _LARGE or (what.endswith("is") and size < _SMALL):
             side = "above 1e+300" if size > _LARGE else "below 1e-300"
-            return Finding(f"{what} {side}, where doubles end", cure, alone=True)
+            return Finding(f"{what} {side}, near the end of doubles", cure, alone=True)
     return None
 
 
 def _indefinite(
     tried: Tried, W: Floats, scaled: Floats, modes: Floats
 ) -> Finding | None:
-    """Where ``rᵀ W r < 0`` for reactions in balance, which no elastic body gives."""
+    """A ``W`` with ``rᵀ W r < 0`` for reactions in balance; elastic bodies have none."""
     if not np.isfinite(scaled).all():
         return None
     balanced = scaled
     if modes.size:
-        # On Rᵀ r = 0 alone: what W is along R does not matter.
+        # Only on Rᵀ r = 0: W along R does not matter.
         span, sizes, _ = np.linalg.svd(modes, full_matrices=False)
         span = span[:, sizes > _UNCOUPLED * sizes.max(initial=0.0)]
         out = np.eye(len(scaled)) - span @ span.T
@@ -312,21 +313,21 @@ def _indefinite(
     cure = "W = B K⁻¹ Bᵀ of a positive definite K"
     if values[-1] <= -_NEGATIVE * values[0]:
         cure = "-W, which is positive semidefinite"
-    told = "W is not positive semidefinite"
+    fault = "W is not positive semidefinite"
     k = int(np.argmin(scaled.diagonal()))
     if scaled[k, k] < -_NEGATIVE * largest:
         d = len(W) // len(tried.mu)
         names = ("nn", "tt") if d == 2 else ("nn", "t1t1", "t2t2")
-        # The normal one where several are negative: it is looked for first.
+        # The normal one, if several are negative.
         first = k // d * d
         k = first if scaled[first, first] < -_NEGATIVE * largest else k
         where = _name(tried, k // d)
         return Finding(
-            f"{told}, W_{names[k % d]} = {W[k, k]:.3g} at {where}", cure, True, True
+            f"{fault}: W_{names[k % d]} = {W[k, k]:.3g} at {where}", cure, True, True
         )
     return Finding(
-        f"{told}, with diagonals of mean 1 it has an eigenvalue {values[0]:.2g} beside "
-        f"{values[-1]:.2g}, the largest",
+        f"{fault}: scaled to a mean diagonal of 1, its smallest eigenvalue is "
+        f"{values[0]:.2g} and its largest {values[-1]:.2g}",
         cure,
         True,
         True,
@@ -334,13 +335,13 @@ def _indefinite(
 
 
 def _rounding_of_slip(tried: Tried, W: Floats, r: Floats, v: Floats) -> Finding | None:
-    """Where all that is left of the law is ``μ`` times the rounding of ``v_t``."""
-    # The rounding of rigid motions is not known here.
+    """A violation of the law that is only ``μ`` times the rounding error of ``v_t``."""
+    # The rounding error of rigid motions is not known here.
     most = largest(tried.mu)
     if most.max(initial=0.0) < _HUGE_FRICTION or not r.any() or tried.modes().size:
         return None
     moved = (np.abs(W) @ np.abs(r).ravel()).reshape(v.shape)
-    # Terms of a sum of len(W), each with its rounding, and q = v - W r with its own.
+    # A sum of len(W) rounded terms, and q = v - W r with its own rounding error.
     bound = 4 * np.finfo(float).eps * (len(W) * moved + np.abs(v))
     exact = np.where(np.abs(v) <= bound, 0.0, v)
     scale = _scale(W, v, r)
@@ -351,9 +352,9 @@ def _rounding_of_slip(tried: Tried, W: Floats, r: Floats, v: Floats) -> Finding 
         return None
     i = int(np.argmax(most * hidden / np.sqrt(scale)))
     return Finding(
-        f"rounding, for the reactions meet the law, and what is left is mu = {most[i]:.0e} "
-        f"times the {hidden[i]:.0e} that rounding leaves of the slip of {_name(tried, i)}",
-        "a smaller mu, the answer is the same while contacts stick",
+        f"rounding: the reactions satisfy the law, except for mu = {most[i]:.0e} times the "
+        f"rounding error {hidden[i]:.0e} of the slip of {_name(tried, i)}",
+        "a smaller mu, which gives the same solution while contacts stick",
         True,
         True,
     )
@@ -374,7 +375,7 @@ def _of_compliance(
         )
     if not np.isfinite(scaled).all():
         return
-    # A contact that nothing moves has reactions that do nothing: it is not redundant.
+    # A contact without compliance and rigid motion does not count as redundant.
     acts = np.abs(scaled).max(axis=1) > 0
     if modes.size:
         acts |= np.abs(modes).max(axis=1) > 0
@@ -383,17 +384,17 @@ def _of_compliance(
         return
     values = np.linalg.eigvalsh(scaled)[::-1]
     most = max(float(values[0]), _SMALL)
-    # Below zero is what rounding made of zero, before W came here.
+    # Negative eigenvalues are rounding errors of zero, and show their size.
     zero = max(_ROUNDING * len(values), -2 * float(values[-1]) / most)
     rank = int((values > zero * most).sum())
-    # What W leaves open, the rigid motions may determine.
+    # Rigid motions may determine reactions that W does not.
     known = rank
     if modes.size:
         whole = np.hstack([scaled / most, modes])
         known = int(np.linalg.matrix_rank(whole, tol=zero))
     if known < len(values):
         ways = f"in {known} independent ways only" if known != 1 else "in one way only"
-        # The default is made for these: it is the contacts where that comes to a stand.
+        # "auto" can solve such problems; only if it stalls are fewer contacts needed.
         stood = tried.method == "auto" and solution.outcome is Outcome.STALLED
         yield Finding(
             f"redundant contacts, their {len(values)} reaction components act {ways}",
@@ -405,11 +406,11 @@ def _of_compliance(
         if softer[first] > _SOFT and first < min(6, len(values) // 2):
             which = "one motion is" if first == 0 else f"{first + 1} motions are"
             cause = f"{_NEARLY_FREE}, {which} softer by {softer[first]:.0e}"
-            yield Finding(f"{cause} than all others", "a support for it")
+            yield Finding(f"{cause} than all others", "adding a support")
 
 
 def _wedged(W: Floats, mu: Floats, d: int) -> NDArray[np.intp]:
-    """Contacts that alone can jam or have several answers: ``‖D W_nt‖ ≥ W_nn``."""
+    """Contacts that can jam or have several solutions: ``‖D W_nt‖ ≥ W_nn``."""
     blocks = W.reshape(len(mu), d, len(mu), d)[
         np.arange(len(mu)), :, np.arange(len(mu))
     ]
@@ -421,9 +422,9 @@ def _wedged(W: Floats, mu: Floats, d: int) -> NDArray[np.intp]:
 
 
 def _last_gain(solution: Solution) -> float | None:
-    """Share of the residual that is left by the last fifth of the iterations.
+    """Factor of the residual over the last fifth of the iterations.
 
-    ``None`` where there are too few to tell, at least 1 where it gained nothing.
+    It is ``None`` for too few iterations, and at least 1 if the residual did not fall.
     """
     residuals = solution.history[:, 1]
     if len(residuals) < _ROWS:
@@ -456,14 +457,14 @@ def _cures(
             Outcome.TIME_LIMIT: "a larger max_seconds",
         }.get(solution.outcome)
         gain = _last_gain(solution)
-        # More of a method that has stopped gaining is no help; the default tries others.
+        # More iterations do not help a method that has stalled. "auto" tries others.
         if limit is not None and (tried.method == "auto" or gain is None or gain < 1):
             yield limit
         if tried.method != "auto":
             yield "method='auto'"
         elif limit is None and not causes:
             yield "smaller load steps, or another start"
-    # η is relative to the reactions: it says little where they dwarf what they move.
+    # η is relative to the reactions, and small if they are much larger than needed.
     missed = misses(solution.reaction, v, tried.mu, scale).max(initial=0.0)
     moved = (np.linalg.norm(v, axis=1) / np.sqrt(scale)).max(initial=0.0)
     if solution.tolerance < solution.residual <= _FAR and missed <= _FAR * moved:

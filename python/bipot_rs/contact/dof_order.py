@@ -1,13 +1,13 @@
-"""Whether degrees of freedom are in the order that is taken for granted.
+"""Check of the order of the degrees of freedom: by nodes or by components.
 
-``K x`` is zero to rounding for every rigid motion x of an elastic body that nothing
-holds. With another order of the degrees of freedom, x is another vector, and ``K x`` is of
-the size of ``|K| |x|`` in most rows. This module has the one statement of that test.
+``K x`` is zero to rounding for every rigid motion x of an elastic body without supports.
+With a wrong order of the degrees of freedom x is another vector, and ``K x`` is of the size
+of ``|K| |x|`` in most rows.
 
-It goes row by row. A row of K that a support was written into no longer adds up to zero.
-The sum of a row does not depend on the order of the columns, so such rows are known in any
-order, and are left out. So are rows that meet a node of which a degree of freedom was
-eliminated, whose own row is its diagonal.
+The check goes row by row. A row of K with a support in it does not add up to zero. The
+sum of a row does not depend on the order of the columns, so that such rows can be left out
+for any order. Rows coupled to a node with an eliminated degree of freedom, whose row has
+only its diagonal, are also left out.
 """
 
 from __future__ import annotations
@@ -23,50 +23,48 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Bools, Floats, Ints
 from bipot_rs._lib.validation import Parts
 
-# The two orders: all components of a node, then those of the next; or all u_x, then all
-# u_y. Each with the words for it.
+# The two orders and their descriptions.
 ORDERS: Mapping[str, str] = {
     "node": "node after node, degree of freedom = d * row + component",
     "component": "component after component, all u_x, then all u_y",
 }
-# What may be left of a row, relative to the entries that cancel. Rounding leaves 1e-16,
-# six digits of a file 1e-6, six digits of the places of nodes 1e-3 in a mesh of a thousand
-# cells a side, and initial stress its ratio to Young's modulus; another order leaves 0.1
-# and more, and in some rows of any mesh 0.3.
+# Allowed remainder of a row, relative to the terms that cancel. Rounding gives 1e-16, six
+# digits in a file 1e-6, coordinates with six digits 1e-3 in a mesh of 1000 cells per side,
+# and initial stress its ratio to Young's modulus. A wrong order gives 0.1 and more, and
+# 0.3 in some rows of any mesh.
 _LEFT = 0.02
-# Of the sum of a row without supports: a hundred times what the digits of K leave of most
-# rows, and no less than rounding.
+# A row has no support if its sum is below 100 times the median of all rows, which the
+# digits of K cause, or below rounding.
 _DIGITS, _ROUNDING = 100.0, 1e-12
-# Entries below this share of their row are what the assembly in single precision leaves of
-# zeros: they say nothing.
+# Entries below this part of their row are zeros of an assembly in single precision.
 _PRESENT = 1e-5
-# Squares of distances, in the extents of the places: what their difference rounds.
+# Rounding of squared distances, relative to the extent of the coordinates.
 _SHORT = 1e-13
-# Entries of K that are looked at together, to bound the memory.
+# Entries of K in one block, to bound the memory.
 _BLOCK = 2**24
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What rigid motions leave in the rows of K without supports.
+    """Remainder of rigid motions in the rows of K without supports.
 
     Attributes
     ----------
     rows
-        How many they are.
+        Number of rows without supports.
     moved
-        In how many a translation along an axis leaves more than digits do.
+        Number of rows in which a translation leaves a force above the limit.
     still
-        In how many it leaves nothing although all components are there.
+        Number of rows with all components in which it leaves no such force.
     translation
-        What it leaves, relative to the entries that should cancel: the median of the
-        rows that are moved, or the largest of the others.
+        Remainder of translations, relative to the terms that should cancel: the median
+        of the moved rows, or the maximum if there are none.
     turned : (m,)
-        Rows that are still, and that a rotation leaves more of than digits do.
+        Rows in which translations cancel, but a rotation leaves a force above the limit.
     turnable
-        How many rows a rotation says something of.
+        Number of rows in which rotations can be checked.
     rotation
-        What it leaves, likewise.
+        Remainder of rotations, as for translations.
     """
 
     rows: int
@@ -79,17 +77,17 @@ class Fit:
 
     @property
     def translates(self) -> bool:
-        """Whether components are where they are taken to be."""
-        # A support across the axes may leave the sum of a row at zero: such are few.
+        """Whether the translations of this order fit."""
+        # A few rows of inclined supports may also have the sum zero.
         return self.moved <= self.still
 
     @property
     def fits(self) -> bool:
-        """Whether the order is the right one, as far as K can tell."""
+        """Whether translations and rotations of this order fit."""
         return self.translates and not len(self.turned)
 
     def said(self) -> str:
-        """What was found and what was expected."""
+        """Describe the misfit for a message."""
         kind, rows, of, left = (
             ("rotation", len(self.turned), self.turnable, self.rotation)
             if self.translates
@@ -97,18 +95,18 @@ class Fit:
         )
         return (
             f"K times a rigid {kind} is not zero in {rows} of {of} rows without supports: "
-            f"it leaves {left:.2g} of what should cancel (median), expected rounding"
+            f"a median part of {left:.2g} does not cancel, expected only rounding errors"
         )
 
 
 def components(order: str, n: int, d: int) -> Ints:
-    """The component of each of n degrees of freedom."""
+    """Component of each of n degrees of freedom."""
     number = np.arange(n, dtype=np.int64)
     return number % d if order == "node" else number // (n // d)
 
 
 def node_of(order: str, n: int, d: int) -> Ints:
-    """The node of each of n degrees of freedom, by the row it has in a list of nodes."""
+    """Node of each of n degrees of freedom: its row in the list of nodes."""
     number = np.arange(n, dtype=np.int64)
     return number // d if order == "node" else number % (n // d)
 
@@ -116,23 +114,23 @@ def node_of(order: str, n: int, d: int) -> Ints:
 def fit(
     parts: Parts, component: Ints, node: Ints, places: Floats | None = None
 ) -> Fit | None:
-    """How well rigid motions of this order are those of K.
+    """Compare the rigid motions of an order with K.
 
     Parameters
     ----------
     parts
         K ``(n, n)`` by rows.
     component, node : (n,)
-        What each degree of freedom is, -1 where it is not known: rows that meet such a
-        column are left out.
+        Component and node of each degree of freedom, -1 if not known. Rows coupled to
+        such a column are left out.
     places : (n, d) or None
-        Where each is, in any unit; without them rotations are not looked at.
+        Coordinates in any unit; without them rotations are not checked.
 
     Returns
     -------
     Fit or None
-        None where K has fewer rows without supports than a simplex has degrees of
-        freedom: nothing can be said.
+        None if K has fewer rows without supports than a simplex has degrees of freedom,
+        which are too few for the check.
     """
     pointers = np.asarray(parts[0], np.int64)
     d = int(component.max(initial=-1)) + 1
@@ -148,10 +146,10 @@ def fit(
     left, alone = (np.concatenate(one) for one in zip(*looked, strict=True))
     level = float(np.median(left[~alone])) if not alone.all() else 0.0
     free = left <= min(max(_DIGITS * level, _ROUNDING), _LEFT)
-    # An eliminated degree of freedom takes its column from the rows of its neighbours.
+    # Eliminating a degree of freedom removes its column from the rows of its neighbours.
     known &= ~np.isin(node, node[alone])
     of = np.where(known, component, -1)
-    # A stiffness whose sums leave the range of doubles is not judged.
+    # A stiffness whose sums overflow passes.
     with np.errstate(over="ignore", invalid="ignore"):
         found = [
             _rows(parts, pointers, *block, d, of, places, free) for block in blocks
@@ -178,7 +176,7 @@ def fit(
 def of_order(
     parts: Parts, order: str, d: int, nodes: Floats | None = None
 ) -> Fit | None:
-    """`fit` in one of `ORDERS`, of the places of nodes in their rows ``(n / d, d)``."""
+    """`fit` for one of `ORDERS`, with the coordinates of the nodes ``(n / d, d)``."""
     n = len(parts[0]) - 1
     node = node_of(order, n, d)
     places = None if nodes is None else nodes[node]
@@ -186,7 +184,7 @@ def of_order(
 
 
 def _of_unit_size(places: Floats, known: Bools) -> Floats:
-    """Places about their middle, the longest side of their box 1: turning is the same."""
+    """Coordinates shifted to their centre and scaled to an extent of 1."""
     if not known.any():
         return places
     low, high = places[known].min(axis=0), places[known].max(axis=0)
@@ -195,14 +193,14 @@ def _of_unit_size(places: Floats, known: Bools) -> Floats:
 
 
 def _typical(left: Floats, wrong: Bools) -> float:
-    """The median of what is wrong, or else the largest of all."""
+    """Median of the wrong values, or the largest value if none is wrong."""
     if wrong.any():
         return float(np.median(left[wrong]))
     return float(left.max(initial=0.0))
 
 
 def fitting(parts: Parts, d: int, nodes: Floats | None = None) -> list[str]:
-    """The orders of `ORDERS` that K allows, where it decides."""
+    """The orders of `ORDERS` that fit K."""
     n = len(parts[0]) - 1
     if n % d or not n:
         return []
@@ -211,7 +209,7 @@ def fitting(parts: Parts, d: int, nodes: Floats | None = None) -> list[str]:
 
 
 def told_by(coordinates: Floats, d: int) -> str | None:
-    """The order of `ORDERS` that places of degrees of freedom ``(n, d)`` show, if any."""
+    """The order of `ORDERS` of coordinates ``(n, d)``, in which equal rows form nodes."""
     n = len(coordinates)
     if n % d or not n:
         return None
@@ -226,14 +224,14 @@ def told_by(coordinates: Floats, d: int) -> str | None:
 def unlike(
     stiffness: Parts, contact: Parts, coordinates: Floats | None, d: int
 ) -> str | None:
-    """What is wrong with the order of the degrees of freedom of arrays, in a sentence.
+    """Describe how the orders of K, B and the coordinates differ, or return None.
 
     Parameters
     ----------
     stiffness, contact
         K and B by rows.
     coordinates : (n, d) or None
-        Places of the degrees of freedom.
+        Coordinates of the degrees of freedom.
     """
     n = len(stiffness[0]) - 1
     if n % d or not n:
@@ -257,7 +255,7 @@ def _unlike_places(
     if how is None or how.fits:
         return None
     others = [one for one in fitting(stiffness, d, nodes) if one != order]
-    advice = "give the places of the nodes in the order of the rows of K"
+    advice = "give the coordinates in the order of the rows of K"
     if others:
         arrays = {
             "node": "numpy.repeat(nodes, d, axis=0)",
@@ -265,15 +263,15 @@ def _unlike_places(
         }
         advice = (
             f"K is {ORDERS[others[0]]}: coordinates = {arrays[others[0]]} would fit, and B "
-            "and loads must have that order too"
+            "and loads must have this order too"
         )
-    return f"coordinates do not fit K, they are {ORDERS[order]}: {how.said()}; {advice}"
+    return f"coordinates do not fit K: they are {ORDERS[order]}; {how.said()}; {advice}"
 
 
 def _unlike_contacts(
     contact: Parts, order: str, n: int, d: int, known: str
 ) -> str | None:
-    """Contacts of one node whose columns of B are its components in the other order."""
+    """Describe contacts of one node whose columns of B are in the other order."""
     pointers = np.asarray(contact[0], np.int64)[::d]
     columns = np.asarray(contact[1], np.int64)
     other = next(one for one in ORDERS if one != order)
@@ -288,19 +286,18 @@ def _unlike_contacts(
     for i, (first, last) in enumerate(pairwise(pointers.tolist())):
         of = np.unique(columns[first:last])
         if len(of) != d:
-            continue  # of several nodes, or held in part
+            continue  # contact of several nodes, or with prescribed components
         if of_one_node(of, order):
             right += 1
         elif of_one_node(of, other):
             wrong.append(i)
     if len(wrong) <= right:
         return None
-    by = ", by its rigid translations," if known == "K" else ""
+    shown = "the rigid translations of K" if known == "K" else known
     return (
-        f"B does not fit {known}, which{by} {'is' if known == 'K' else 'are'} "
-        f"{ORDERS[order]}: at "
-        f"{counted(len(wrong), 'contact')}, first contact {wrong[0]}, the columns of B are "
-        f"the components of one node where the order is {ORDERS[other]}"
+        f"B does not fit {known}: {shown} are {ORDERS[order]}, but the columns of B at "
+        f"{counted(len(wrong), 'contact')}, first contact {wrong[0]}, are the components of "
+        f"one node if the order is {ORDERS[other]}; give K, B and coordinates in one order"
     )
 
 
@@ -313,7 +310,7 @@ def _blocks(pointers: Ints) -> list[tuple[int, int]]:
 
 
 def _slice(parts: Parts, pointers: Ints, first: int, last: int) -> Any:
-    """Some rows of K as they lie in memory, with any columns."""
+    """Some rows of K, without a copy of their entries."""
     from scipy.sparse import csr_array
 
     inside = slice(pointers[first], pointers[last])
@@ -323,7 +320,7 @@ def _slice(parts: Parts, pointers: Ints, first: int, last: int) -> Any:
 
 
 def _sums(parts: Parts, pointers: Ints, first: int, last: int) -> tuple[Floats, Bools]:
-    """The sum of each row over its size, and whether its diagonal is all it has."""
+    """Relative sum of each row, and whether it has only a diagonal entry."""
     K = _slice(parts, pointers, first, last)
     ones = np.ones(K.shape[1])
     size = abs(K) @ ones
@@ -342,10 +339,10 @@ def _rows(
     places: Floats | None,
     free: Bools,
 ) -> tuple[Ints, Floats, Bools, Floats]:
-    """Which rows are ``free`` of supports, and what rigid motions leave of them.
+    """Remainder of rigid motions in the rows that are ``free`` of supports.
 
-    Their numbers, what a translation leaves, whether all components are there, and what a
-    rotation leaves: not a number where it says nothing.
+    Returns the numbers of the rows, the remainder of translations, whether all components
+    are present, and the remainder of rotations, NaN if it cannot be checked.
     """
     K = _slice(parts, pointers, first, last)
     size_of = abs(K)
@@ -362,13 +359,13 @@ def _rows(
         here = x[first:last]
 
         def turning(of: int, axis: int) -> tuple[Floats, Floats]:
-            """``Σ K (x_j - x_i)`` over a component, and the size of that sum."""
+            """``Σ K (x_j - x_i)`` over a component, and the size of its terms."""
             at = unit[:, of] * x[:, axis]
             own = here[:, axis]
             sum_ = K @ at - own * sums[:, of]
             once, twice = size_of @ at, size_of @ (at * x[:, axis])
             square = twice - 2 * own * once + own**2 * sizes[:, of]
-            # Below, it is the rounding of this difference.
+            # Below this it is rounding error of the difference.
             square[square <= _SHORT * sizes[:, of]] = 0.0
             return sum_, np.sqrt(sizes[:, of] * square)
 
@@ -376,8 +373,7 @@ def _rows(
             one, its_size = turning(b, a)
             other, other_size = turning(a, b)
             scale = its_size + other_size
-            # Components that do not feel each other, as on springs along the axes, do not
-            # turn.
+            # Rotations are not checked for uncoupled components, as of springs along axes.
             some = present[:, a] & present[:, b] & (scale > 0)
             ratio = np.abs(one - other)[some] / scale[some]
             turned[some] = np.fmax(turned[some], ratio)

@@ -1,28 +1,28 @@
-"""All answers of a problem that may have several, and the search for them."""
+"""Search for all solutions of a problem that may have several."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, SupportsIndex, overload
 
 import numpy as np
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.result import Solution
+from bipot_rs.contact.solution import Solution
 
-# Answers whose relative displacements differ by less, beside the largest one in
-# sight, are one: they are solved to 1e-12, and may lose some digits to condition.
+# Solutions whose relative displacements differ by less, relative to the largest, are the
+# same: they are solved to 1e-12 and may lose some digits to conditioning.
 _SAME = 1e-7
 
 
 class Answers(Sequence[Solution]):
-    """The answers that were found, each a `Solution`.
+    """Solutions of one problem: a sequence of `Solution`.
 
     Attributes
     ----------
     complete
-        Whether it is proved that there are no others. An empty sequence that is
-        complete proves that the problem has no answer.
+        Whether it is proved that there are no others. If the sequence is complete and
+        empty, the problem has no solution.
     """
 
     def __init__(self, solutions: Sequence[Solution], *, complete: bool) -> None:
@@ -32,6 +32,10 @@ class Answers(Sequence[Solution]):
     def __len__(self) -> int:
         return len(self._solutions)
 
+    @overload
+    def __getitem__(self, k: SupportsIndex) -> Solution: ...
+    @overload
+    def __getitem__(self, k: slice) -> tuple[Solution, ...]: ...
     def __getitem__(self, k: Any) -> Any:
         return self._solutions[k]
 
@@ -52,20 +56,22 @@ def search(
     seed: int,
     moved: float,
 ) -> Answers:
-    """Distinct answers from many starts; nothing proves that there are no others.
+    """Solve from many starts and collect the distinct solutions.
+
+    There may be others.
 
     Parameters
     ----------
     solve
-        From reactions ``(n_c, d)``, or from nothing.
+        Function of the reactions ``(n_c, d)`` to start from, or of None.
     size
-        Sizes of reactions to start from, ``(n_c,)``.
+        Magnitudes of reactions to start from, ``(n_c,)``.
     mu
         Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``.
     dim, restarts, seed
-        ``d``; how many starts; of the random ones among them.
+        Dimension, number of starts, and seed of the random starts.
     moved
-        Largest displacement that reactions undo, where contacts stick.
+        Largest displacement that reactions cancel, if contacts stick.
     """
     found: list[Solution] = []
     rng = np.random.default_rng(seed)
@@ -77,8 +83,8 @@ def search(
 
 
 def _same(one: Solution, other: Solution, moved: float) -> bool:
-    # By v: where W has not full rank, one v belongs to many reactions. Where all
-    # contacts stick v is the rounding of what reactions have undone.
+    # Compare v: if W is singular, many reactions have the same v. If all contacts stick,
+    # v is the rounding error of the cancelled displacements.
     apart = np.abs(one.relative_displacement - other.relative_displacement)
     sizes = (np.abs(s.relative_displacement).max(initial=0.0) for s in (one, other))
     return bool(apart.max(initial=0.0) <= _SAME * max(*sizes, moved))
@@ -87,7 +93,7 @@ def _same(one: Solution, other: Solution, moved: float) -> bool:
 def _starts(
     rng: np.random.Generator, size: Floats, mu: Floats, dim: int, restarts: int
 ) -> Iterator[Floats | None]:
-    """Nothing, all pressed and sticking, all sliding one way, then random ones."""
+    """None, all contacts sticking, all slipping in one direction, then random starts."""
     yield None
     limits = (size * mu.T).T.reshape(len(size), -1)
     directions = np.vstack([np.zeros(dim - 1), np.eye(dim - 1), -np.eye(dim - 1)])
@@ -97,7 +103,7 @@ def _starts(
         pressed = size * (rng.random(len(size)) < 0.7) * 10 ** rng.uniform(-1, 1)
         side = rng.normal(size=(len(size), dim - 1))
         side /= np.linalg.norm(side, axis=1, keepdims=True)
-        # Half of them inside the cone, half on its border.
+        # Half of the starts are inside the cone, half on its boundary.
         share = np.minimum(2 * rng.random(len(size)), 1.0)
         reach = (share * pressed * mu.T).T.reshape(len(size), -1)
         yield np.column_stack([pressed, reach * side])

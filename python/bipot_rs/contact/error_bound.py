@@ -1,4 +1,4 @@
-"""How far a point is from the answer: what is guaranteed, and where nothing is."""
+"""`ErrorBound`: a guaranteed bound of the distance to the solution."""
 
 from __future__ import annotations
 
@@ -9,83 +9,82 @@ from typing import Any
 from bipot_rs._lib.types import Floats
 
 _REASONS = {
-    "held by contact": "bodies are held by contact alone: friction feels their rigid "
-    "motion, of which nothing is known beforehand",
-    "no answer": "contact {0} penetrates and nothing can move it: there is no answer",
-    "touching": "nothing moves contact {0}, which just touches: its reaction is not "
+    "held by contact": "contact alone holds a body: friction depends on its rigid motion, "
+    "which has no bound in advance",
+    "no answer": "contact {0} penetrates and no reaction can move it: no solution exists",
+    "touching": "no reaction can move contact {0}, which just touches: its reaction is not "
     "determined",
-    "led": "contact {0} has friction along a tangent that nothing moves: its reaction "
-    "there follows from the slip of the others; set mu = 0 where a tangent is prescribed",
-    "too large": "{0} unknowns are coupled, expected 3000 at the most: the proof takes "
-    "dense matrices of that order",
-    "not definite": "W is not positive definite to rounding, or too nearly singular, "
-    "among the contacts that are coupled with contact {0}: reactions are not determined",
-    "friction": "friction is too large for a proof among the contacts that are coupled "
-    "with contact {0}: there may be several answers, or none near enough was isolated",
-    "impossible": "contact {0} has a reaction where the law leaves none, a tangential one "
-    "without friction, or one of a contact that must stay open",
-    "directional": "friction depends on direction: the rounding of the change of variables "
-    "that makes it Coulomb's is not counted",
+    "led": "contact {0} has friction along a tangent in which it cannot move: its reaction "
+    "there depends on the slip of other contacts; set mu = 0 if a tangent is prescribed",
+    "too large": "{0} unknowns are coupled, expected at most 3000: the proof needs dense "
+    "matrices of that order",
+    "not definite": "W of the contacts coupled with contact {0} is not positive definite to "
+    "rounding, or nearly singular: reactions are not determined",
+    "friction": "friction of the contacts coupled with contact {0} is too large for a proof: "
+    "there may be several solutions, or no solution close enough was isolated",
+    "impossible": "contact {0} has a reaction that the law excludes: a tangential reaction "
+    "without friction, or a reaction at a contact that must stay open",
+    "directional": "friction depends on direction: the rounding error of the change of "
+    "variables to isotropic friction is not bounded",
     "range": "the numbers leave the range of doubles",
-    "working set": "the problem was solved on a working set of its contacts, of the rest "
-    "no compliance is at hand",
-    "lost": "the solution has lost its problem (it was read from a file, or sent by "
-    "another process, before this was asked for)",
+    "working set": "the problem was solved on a working set of its contacts, and the "
+    "compliance of the other contacts was not formed",
+    "lost": "the problem is not available: the solution was read from a file or came from "
+    "another process, and the bound was not computed before",
 }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorBound:
-    """The error of a point ``r`` of a contact problem, as far as it can be proved.
+    """Proved bounds of the error of reactions ``r`` of a contact problem.
 
-    ``r*`` is the answer of the reduced problem ``v = W r + q`` with the numbers W, q
-    and mu that are in memory, and the law (9). What is bounded is the distance to it:
-    of a scene neither the error of the mesh is in it, nor what W has lost in
-    condensation. Rounding is counted. Proofs are in ``docs/paper/9-error-bound.md``.
+    ``r*`` is the solution of the reduced problem ``v = W r + q`` with the numbers W, q
+    and mu in memory, and the law (9). The distance to ``r*`` is bounded, including
+    rounding errors of the proof. The discretisation error and the rounding error of W in
+    the condensation are not included. The proofs are in ``docs/paper/9-error-bound.md``.
 
     Attributes
     ----------
     constitutive
         Gap of the bipotential ``r·ṽ`` of each contact in units of work, ``(n_c,)``,
-        (10): zero on the law, positive off it where ``v_n >= 0`` and r lies in its
-        cone, of either sign, or zero, where not.
+        (10): zero if the contact law holds, else positive if ``v_n >= 0`` and r lies in
+        its cone, and of any sign otherwise.
     total
-        Its sum. Where no contact penetrates and all reactions lie in their cones it is
-        the bifunctional B of section 4 of ``docs/theory.md``, for ``u`` in equilibrium
-        with ``r``, and then not negative; elsewhere B is infinite and this is not.
+        The sum of ``constitutive``. If no contact penetrates and all reactions lie in
+        their cones, it is the bifunctional B of section 4 of ``docs/theory.md`` for ``u``
+        in equilibrium with ``r``, and not negative. Otherwise B is infinite.
     share
-        ``total`` over the energy ``½ rᵀ W r`` that the reactions store; 0 where both are,
-        infinite where only that is.
+        ``total`` over the energy ``½ rᵀ W r`` of the reactions; 0 if both are zero,
+        infinite if only the energy is zero.
     kind
-        ``"global"``: there is one answer, and this bounds the distance to it.
-        ``"local"``: one answer is within ``energy`` of ``r``, the only one within
-        ``alone_within``, which is never less; nothing is said of answers further away.
-        ``"not available"``: no bound; the rest is ``None``.
+        ``"global"``: there is exactly one solution, and its distance is bounded.
+        ``"local"``: one solution lies within ``energy`` of ``r``, and no other within
+        ``alone_within``; there may be others further away.
+        ``"not available"``: there is no bound, and the following are ``None``.
     reason
-        Why there is none, in words; empty where there is one.
+        Why there is no bound; empty if there is one.
     unique
-        Whether it is proved that there is one answer, whatever q is.
+        Whether uniqueness of the solution is proved for any q.
     energy
         Bound of ``‖r - r*‖`` in the norm of W, ``√(dᵀ W d)``, in the root of units of work.
-        For bodies with supports it is that of ``‖u - u*‖`` in the norm of K too.
+        For bodies with supports it also bounds ``‖u - u*‖`` in the norm of K.
     relative
-        Bound of ``‖r - r*‖ / ‖r*‖`` in that norm; infinite where ``r* = 0`` is not
-        excluded.
+        Bound of ``‖r - r*‖ / ‖r*‖`` in that norm; infinite if ``r* = 0`` is possible.
     alone_within
-        How far from ``r``, in that norm, there is no other answer than the one that is
-        bounded: ``energy`` or more, infinite where the bound is global.
+        Distance from ``r`` in that norm within which there is no other solution: at least
+        ``energy``, and infinite for a global bound.
     reaction, relative_displacement
         Bounds of each component of ``r - r*`` and of ``v - v*``, ``(n_c, d)``, for
         the ``v`` that is reported with ``r``.
     traction
         ``reaction / area``, ``(n_c, d)``; ``None`` without areas.
     contraction
-        ``L`` of section 10 of ``docs/theory.md``, from above, where it is below 1; of scaled
-        variables or the caller's, whichever is smaller.
+        Upper bound of ``L`` of section 10 of ``docs/theory.md``, if it is below 1: the
+        smaller one of scaled and unscaled variables.
     energy_by_gap
-        Another bound of ``‖r - r*‖``, by what is missing in energy, where ``L < 1``:
-        ``½ (1 - L) (‖u - u*‖² + ‖r - r*‖²) ≤ B``. It goes with the root of the gap, and is
-        the coarser one.
+        Another bound of ``‖r - r*‖`` if ``L < 1``, from the gap in energy:
+        ``½ (1 - L) (‖u - u*‖² + ‖r - r*‖²) ≤ B``. It is proportional to the root of the
+        gap, and coarser.
     """
 
     constitutive: Floats
@@ -105,7 +104,7 @@ class ErrorBound:
 
 
 def from_core(raw: Mapping[str, Any], area: Floats | None = None) -> ErrorBound:
-    """Of what the core says of a point."""
+    """Build an `ErrorBound` from the numbers that the core returns."""
     gap = raw["gap"]
     known = {
         name: raw.get(name)
@@ -135,7 +134,7 @@ def from_core(raw: Mapping[str, Any], area: Floats | None = None) -> ErrorBound:
 
 
 def without(reason: str, gap: Floats) -> ErrorBound:
-    """Nothing but the gap."""
+    """Build an `ErrorBound` that has only the gap."""
     return ErrorBound(
         constitutive=gap,
         total=float(gap.sum()),

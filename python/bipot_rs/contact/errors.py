@@ -1,4 +1,4 @@
-"""What is raised where there is no answer; wrong arguments are ``ValueError``."""
+"""Errors of solves. Wrong arguments raise ``ValueError`` or ``TypeError`` instead."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ if TYPE_CHECKING:
 
 
 class BipotError(Exception):
-    """Base of the errors below.
+    """Base class of the errors of this package.
 
     Attributes
     ----------
     result
-        Everything up to the last good step of a load path; ``None`` where
-        there was none to take.
+        The steps of the load path that converged; ``None`` if there is no path.
     direction
-        How each contact moves along a rigid motion, ``(n_c, d)``, normal first, the
-        largest of length 1; ``None`` where there is none to tell. Of a
-        `NoEquilibriumError` it is a proof. Of a `NotConvergedError` it is what the
-        iteration moved along when it ended: an observation, no proof.
+        Displacement of each contact in a rigid motion, ``(n_c, d)``, normal first, scaled
+        so that the largest has length 1, or ``None``. For a `NoEquilibriumError` it is a
+        proof. For a `NotConvergedError` it is the direction in which the iteration
+        diverged, which proves nothing.
     dof
-        A degree of freedom of the body that is free to move, where one is; else ``None``.
+        A degree of freedom of the body that can move freely, or ``None``.
     """
 
     dof: int | None = None
@@ -45,18 +44,18 @@ class BipotError(Exception):
 
 
 class NoEquilibriumError(BipotError):
-    """No answer exists, which is proved; the message says how.
+    """No solution exists. This is proved, and the message gives the proof.
 
-    Where the loads lie outside what contact can carry, ``direction`` is the proof: it
-    lies in the dual cone of every contact, so that no reaction works against it, and the
-    loads work on it. It is ``None`` where something else is the proof: all statuses of
-    the contacts were tried and none holds, or contacts contradict each other.
+    If contact cannot carry the loads, ``direction`` is the proof: it lies in the dual cone
+    of every contact, so that no reaction does work against it, and the loads do work on
+    it. It is ``None`` for other proofs: all combinations of statuses were tried and none
+    satisfies the contact law, or contacts contradict each other.
     """
 
 
 class FloatingBodyError(BipotError):
-    """A motion is free that the contact set cannot hold."""
+    """A rigid motion of a body is free, and the contacts cannot hold it."""
 
 
 class NotConvergedError(BipotError):
-    """The solver stopped short of the tolerance; an answer may exist."""
+    """The solver did not reach the tolerance. A solution may exist."""

@@ -1,4 +1,4 @@
-"""The global problem, ``M v = H r + f``, condensed to the reactions."""
+"""`GlobalProblem`: ``M v = H r + f``, condensed to the reactions."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from bipot_rs._lib.types import Floats
 from bipot_rs._lib.validation import RATIO, csr, floats, friction
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.reduced import ReducedProblem
-from bipot_rs.contact.result import Solution
+from bipot_rs.contact.solution import Solution
 
-# Relative to √|M_ii M_jj|, which no change of units moves. `ContactProblem` refuses
-# ten times as much, so that what is symmetric here is symmetric there.
+# Relative to √|M_ii M_jj|, which does not depend on units. The limit of `ContactProblem`
+# is ten times larger, so that it accepts all matrices that are symmetric here.
 SYMMETRIC = 1e-11
-# Right sides solved at a time: W is made without ever being dense.
+# Right sides solved together: W is never dense.
 COLUMNS = 64
 
 
 class GlobalProblem:
-    """Contact in the degrees of freedom of FCLIB's global form.
+    """A contact problem in all degrees of freedom, in the global form of FCLIB.
 
-    ``M v = H r + f``, ``u = Hᵀ v + w``, and the law (9) between ``u`` and ``r``: (1) and
-    (2) with ``K = M`` and ``B = Hᵀ``. In dynamics ``v`` is a velocity and ``r`` an
-    impulse; the equations do not mind.
+    The problem is ``M v = H r + f``, ``u = Hᵀ v + w``, with the law (9) between ``u`` and
+    ``r``: equations (1) and (2) with ``K = M`` and ``B = Hᵀ``. In dynamics ``v`` is a
+    velocity and ``r`` an impulse; the equations are the same.
 
     Parameters
     ----------
     M
-        ``(n, n)``, anything SciPy calls sparse, or dense. If symmetric to rounding it
-        must be positive semidefinite, and is condensed by `ContactProblem`. Otherwise
-        it is factored by LU, and ``W = Hᵀ M⁻¹ H`` used as it comes out, asymmetric.
+        ``(n, n)``, any sparse format of SciPy, or dense. If it is symmetric to rounding, it
+        must be positive semidefinite, and `ContactProblem` condenses it. Otherwise it is
+        factored by LU, and the asymmetric ``W = Hᵀ M⁻¹ H`` is used.
     H
         ``(n, d n_c)``: column ``d i + k`` is component ``k`` of contact ``i``.
     f
@@ -51,7 +51,7 @@ class GlobalProblem:
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named.
+        An argument is wrong; the message names it.
     """
 
     def __init__(
@@ -69,8 +69,8 @@ class GlobalProblem:
             )
         if contact.shape != (n, d * contacts):
             raise ValueError(
-                f"H has shape {contact.shape}, expected {(n, d * contacts)}: a row for "
-                "each of M, a column for each entry of w"
+                f"H has shape {contact.shape}, expected {(n, d * contacts)}: as many rows "
+                "as M, and one column for each entry of w"
             )
         self.M, self.H = M, H
         self.f = floats("f", f, shape=(n,))
@@ -79,16 +79,19 @@ class GlobalProblem:
 
     @cached_property
     def asymmetry(self) -> float:
-        """Largest ``|M_ij - M_ji|`` over ``√|M_ii M_jj|``, free of units.
+        """Largest ``|M_ij - M_ji|`` over ``√|M_ii M_jj|``, independent of units.
 
-        Over the larger of the two entries where a diagonal is zero. Of ``W``,
-        `ReducedProblem.asymmetry`, another number: over the largest entry of all.
+        If a diagonal entry is zero, it is relative to the larger of the two entries.
+        `ReducedProblem.asymmetry` is relative to the largest entry of ``W`` instead.
         """
         return _asymmetry(self._mass)
 
     @property
     def stats(self) -> Mapping[str, Any]:
-        """Of the factorisation, made when first asked for, and ``asymmetry``."""
+        """Counts and seconds of the factorisation, and ``asymmetry``.
+
+        The first use factors the matrix.
+        """
         return {"asymmetry": self.asymmetry} | dict(self._condensed.stats)
 
     @cached_property
@@ -101,17 +104,17 @@ class GlobalProblem:
         return self._condensed.reduced()
 
     def reduced(self) -> ReducedProblem:
-        """The same problem in the reactions alone, (5); made at the first call.
+        """The same problem in the reactions (5); the first call makes it.
 
         Raises
         ------
         ValueError
             ``M`` is symmetric and indefinite, or asymmetric and singular.
         FloatingBodyError
-            A motion costs nothing that no contact feels. Others that cost nothing, of
-            bodies held by contact alone, are the ``rigid`` of the reduced problem.
+            A motion without energy moves no contact. Other motions without energy, of
+            bodies held by contact alone, are in ``rigid`` of the reduced problem.
         MemoryError
-            The factor or ``W`` does not fit.
+            The factor or ``W`` does not fit into memory.
         """
         return self._reduced
 
@@ -126,9 +129,9 @@ class GlobalProblem:
         num_threads: int | None = None,
         callback: Callable[[int, float, float], object] | None = None,
     ) -> Solution:
-        """As `ReducedProblem.solve`; raises also what `reduced` does.
+        """Solve as `ReducedProblem.solve`; it also raises the errors of `reduced`.
 
-        `Solution.relative_displacement` is ``u``; `velocity` gives ``v``.
+        `Solution.relative_displacement` is ``u``. `velocity` computes ``v``.
         """
         return self.reduced().solve(
             method,
@@ -150,13 +153,13 @@ class GlobalProblem:
         Parameters
         ----------
         solution
-            A `Solution`, or reactions ``(n_c, d)``. With bodies held by contact alone
-            reactions do not determine ``v``: then a `Solution` only.
+            A `Solution`, or reactions ``(n_c, d)``. If contact alone holds a body, a
+            `Solution` is needed, because reactions do not determine ``v``.
 
         Raises
         ------
         TypeError, ValueError
-            A wrong argument, named.
+            An argument is wrong; the message names it.
         """
         known = solution if isinstance(solution, Solution) else None
         r = floats(
@@ -168,14 +171,14 @@ class GlobalProblem:
         amounts = np.empty(0) if rigid is None else rigid
         if len(amounts) != count:
             raise ValueError(
-                f"solution has {counted(len(amounts), 'rigid motion')}, expected {count}: the "
-                "motion of bodies held by contact alone is part of a Solution"
+                f"solution has {counted(len(amounts), 'rigid motion')}, expected {count}: "
+                "contact alone holds a body, so give the Solution and not its reactions"
             )
         return self._condensed.velocity(r, amounts)
 
 
 class _Symmetric:
-    """Condensed as any stiffness is."""
+    """A symmetric matrix, condensed by `ContactProblem`."""
 
     def __init__(
         self, mass: Any, contact: Any, f: Floats, w: Floats, mu: Floats
@@ -186,9 +189,9 @@ class _Symmetric:
                 mass, contact.T, gap=w, mu=mu, dim=w.shape[1] or None
             )
         except ValueError as error:
-            # It knows the matrix as its stiffness.
-            told = re.sub(r"\b(stiffness )?K\b", "M", str(error))
-            raise ValueError(told) from None
+            # The message calls the matrix K.
+            message = re.sub(r"\b(stiffness )?K\b", "M", str(error))
+            raise ValueError(message) from None
         self.stats = self._problem.stats
 
     def reduced(self) -> ReducedProblem:
@@ -201,7 +204,7 @@ class _Symmetric:
 
 
 class _Lu:
-    """Factored as it is, by SuperLU."""
+    """An asymmetric matrix, factored by SuperLU."""
 
     def __init__(
         self, mass: Any, contact: Any, f: Floats, w: Floats, mu: Floats
@@ -218,7 +221,8 @@ class _Lu:
             singular = bool(_condition(mass, self._factor) > 1 / np.finfo(float).eps)
         if singular:
             raise ValueError(
-                "M is asymmetric and singular to rounding: W = Hᵀ M⁻¹ H does not exist"
+                "M is asymmetric and singular to rounding, so that W = Hᵀ M⁻¹ H does not "
+                "exist: add supports or masses"
             )
         self.stats = {
             "n": mass.shape[0],
@@ -233,7 +237,7 @@ class _Lu:
         pieces = []
         for begin in range(0, columns.shape[1], COLUMNS):
             right = columns[:, begin : begin + COLUMNS].toarray()
-            # Zero, not merely small, between bodies that M does not connect.
+            # Sparse: entries between bodies that M does not connect are exactly zero.
             pieces.append(csc_array(rows @ self._factor.solve(right)))
         size = self._w.size
         whole = csr_array(hstack(pieces)) if pieces else csr_array((0, 0))
@@ -261,7 +265,7 @@ def _asymmetry(matrix: Any) -> float:
 
 
 def _condition(matrix: Any, factor: Any) -> float:
-    """``‖ |M⁻¹| |M| ‖`` in unknowns of equal size, estimated: free of units."""
+    """Estimate ``‖ |M⁻¹| |M| ‖`` in scaled unknowns, independent of units."""
     from scipy.sparse.linalg import LinearOperator, onenormest
 
     n = matrix.shape[0]
@@ -273,8 +277,7 @@ def _condition(matrix: Any, factor: Any) -> float:
         np.maximum(size.max(axis=0).toarray(), size.max(axis=1).toarray())
     )
     unit = np.where(unit > 0, unit, largest.ravel())
-    # The norm by rows of D M⁻¹ G, G = diag(|M| D⁻¹ 1), as that by columns of its
-    # transpose.
+    # The row norm of D M⁻¹ G, G = diag(|M| D⁻¹ 1), as the column norm of its transpose.
     rows = size @ (1 / unit)
     operator = LinearOperator(
         (n, n),

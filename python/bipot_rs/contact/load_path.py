@@ -1,4 +1,4 @@
-"""One load path on a condensed problem: its steps as they come, and what is told of them."""
+"""A load path on a condensed problem: solves its steps one by one."""
 
 from __future__ import annotations
 
@@ -13,37 +13,38 @@ from numpy.typing import NDArray
 from bipot_rs import _core
 from bipot_rs._lib.messages import body_of, counted
 from bipot_rs._lib.types import Floats, Ints
-from bipot_rs._lib.validation import by_component
+from bipot_rs._lib.validation import Settings, by_component
 from bipot_rs.contact import rigid_motions as motion
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
 from bipot_rs.contact.error_bound import ErrorBound, from_core, without
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.load_steps import Totals, done, reached
 from bipot_rs.contact.reduced import opening, solution_fields
-from bipot_rs.contact.result import Outcome, Result, Solution, Step
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Solution, Step
+from bipot_rs.contact.status import Outcome
 
 if TYPE_CHECKING:
     from bipot_rs.contact.stiffness_digits import Digits
 
 Contacts = Mapping[str, NDArray[Any] | None]
-Settings = tuple[str, float, int | None, float | None]
 
 
 @dataclass(frozen=True)
 class Known:
-    """To how many digits K is known, and how far off they left its rigid motions."""
+    """Relative error of K, and the error of its rigid motions before they were restored."""
 
     digits: Digits
     off: float
 
 
 class Following:
-    """A load path that is being followed.
+    """A load path whose steps are being solved.
 
     Attributes
     ----------
     path
-        Where the core stands.
+        State of the core.
     before
         The step that the path started from; ``None`` for the unloaded bodies.
     steps
@@ -68,7 +69,7 @@ class Following:
         self._mu = mu
         self._shape = shape
         self._settings = settings
-        # Their names, each with its first degree of freedom.
+        # Names, each with the first degree of freedom of the body.
         self._bodies = bodies
         self._known = known
         self._remarks = remarks
@@ -83,21 +84,21 @@ class Following:
         self._recovery = _Recovery(core, self._seconds, offsets)
 
     def rewind(self) -> None:
-        """Stand behind the last of the steps, as a path that is started from there."""
+        """Set the core to the state after the last step."""
         at = self.steps[-1] if self.steps else self.before
         self._last = None if at is None else at.relative_displacement
         stand = _start(at, self._core.stats["rigid_motions"])
         self.path = _core.Path(self._core, stand, _working_set(at))
         if at is not None and at.stats.get("bytes_beside_W", 0):
-            # The inverse of W was made in a step before, and counted as its work.
+            # An earlier step made the inverse of W, and counted this work.
             self._core.make_inverse()
 
     def advance(
         self, load: Floats, prescribed: Floats, gap: Floats | None = None
     ) -> Step:
-        """Take one step; raise what ends the path.
+        """Solve one step and add it to the path; raise if that fails.
 
-        ``gap (n_c, d)`` are the gaps of the step; without them, the problem's.
+        ``gap (n_c, d)`` are the gaps of the step; the default is those of the problem.
         """
         try:
             step = self.attempt(load, prescribed, gap)
@@ -108,12 +109,12 @@ class Following:
     def attempt(
         self, load: Floats, prescribed: Floats, gap: Floats | None = None
     ) -> Step:
-        """Try a step, which is none of the path's before it is accepted.
+        """Solve a trial step. It joins the path only if it is accepted.
 
         Raises
         ------
         NoEquilibriumError
-            What the core says of it, of contacts that contradict each other.
+            Contacts contradict each other.
         """
         began = time.perf_counter()
         try:
@@ -129,7 +130,7 @@ class Following:
         prescribed: Floats,
         gap: Floats | None = None,
     ) -> Step:
-        """A step that the core has tried."""
+        """Make a `Step` from the answer of the core."""
         area = self._contacts["area"]
         core = self._core if gap is None else self._core.with_gap(gap)
         return Step(
@@ -161,12 +162,12 @@ class Following:
         return step
 
     def accept(self, step: Step) -> None:
-        """Make a step that converged the last of the path."""
+        """Add a converged step to the path."""
         self.steps.append(step)
         self._last = step.relative_displacement
 
     def failure(self, step: Step) -> NoEquilibriumError | NotConvergedError:
-        """What a step that did not converge ends the path with."""
+        """Make the error of a step that did not converge."""
         message = f"load step {len(self.steps) + 1}: {step.message}"
         none = step.outcome is Outcome.NO_EQUILIBRIUM
         direction = None
@@ -178,12 +179,12 @@ class Following:
         )
 
     def ended(self, error: Exception) -> NoEquilibriumError:
-        """What the core says of a step without an answer, with the steps before."""
+        """Make the error of a step without a solution, with the steps before it."""
         message = f"load step {len(self.steps) + 1}: {error}"
         return NoEquilibriumError(message, self.result(False, message))
 
     def result(self, success: bool = True, message: str | None = None) -> Result:
-        """The steps so far; without a message, all there are."""
+        """Make the `Result` of the steps so far."""
         count = counted(len(self.steps), "step")
         made = Result(
             self.steps,
@@ -207,7 +208,7 @@ class Following:
         totals: Sequence[Totals],
         followed: tuple[Sequence[dict[str, Any]], Exception | None],
     ) -> Result:
-        """The steps that the core has taken, whatever ended them."""
+        """Make the `Result` of steps that the core solved, also if an error ended them."""
         raws, error = followed
         try:
             for raw, asked in zip(raws, totals, strict=False):
@@ -230,8 +231,8 @@ class Following:
             return near and _core.assess_step(core, *asked) == "others exist"
 
         return Tried(
-            method=self._settings[0],
-            max_seconds=self._settings[3],
+            method=self._settings.method,
+            max_seconds=self._settings.max_seconds,
             mu=self._mu,
             W=lambda: _compliance(core),
             modes=lambda: core.modes().T,
@@ -241,7 +242,7 @@ class Following:
         )
 
     def _words(self, raw: dict[str, Any]) -> str:
-        """The free motion in words, body by body."""
+        """Describe the free motion of each body."""
         amounts = raw["free_motion"]
         if not len(amounts):
             return ""
@@ -250,7 +251,7 @@ class Following:
         felt = np.abs(modes.reshape(len(modes), contacts, d)).max(axis=2) > 0
         stats = self._core.stats
         owners = stats["rigid_motion_bodies"]
-        # A body is known by a degree of freedom that a motion of it moves most.
+        # A body without a name is identified by its most moved degree of freedom.
         names: dict[int, str] = {}
         for body, dof in zip(owners, stats["rigid_motion_dofs"], strict=True):
             names.setdefault(body, body_of(dof, self._bodies))
@@ -269,7 +270,7 @@ class Following:
 
 @dataclass(frozen=True)
 class _StepProblem:
-    """The problem of one step, for what is found out of its solution when asked for."""
+    """The problem of a step, for the properties of its solution that are computed on use."""
 
     core: _core.Condensed
     load: Floats
@@ -286,14 +287,14 @@ class _StepProblem:
 
     def error_estimate(self, step: Any, /) -> tuple[float, float] | None:
         if not self.core.stats["factor_kept"]:
-            return None  # it is judged by K itself
+            return None  # the estimate needs the factor of K
         motion = np.empty(0) if step.rigid_motion is None else step.rigid_motion
         found = _core.forward_errors_of_step(
             self.core, self.load, self.prescribed, self.before, step.reaction, motion
         )
         if found is None or self.known is None:
             return found
-        # What the digits of K leave open comes on top of what the solve does.
+        # Add the effect of the error of K.
         digits = self.known.digits
         factor = digits.amplification(self.core.stiffness(), step.displacement)
         unknown = max(digits.rtol, self.known.off) * factor
@@ -315,13 +316,13 @@ class _StepProblem:
         return from_core(raw, self.area)
 
     def diagnosis(self, step: Any, /) -> str:
-        # The law of a step is on its slip, not on where the contact has been before.
+        # The law of a step is about its slip, not the total tangential displacement.
         v = np.column_stack([step.relative_displacement[:, 0], step.slip])
         return diagnose(self.tried, step, v)
 
 
 def state(start: Result | Step | None, contacts: int, d: int) -> Step | None:
-    """The step to continue from, checked."""
+    """The step to continue from, with its shape checked."""
     step = reached(start)
     if step is not None and step.reaction.shape != (contacts, d):
         raise ValueError(
@@ -346,7 +347,7 @@ def _start(
 def _working_set(
     step: Step | None,
 ) -> tuple[Ints, Floats, bool] | None:
-    """The set that a step was found with, from which the next one goes on."""
+    """The working set of a step, from which the next step starts."""
     if step is None or step.working_set is None:
         return None
     motion = np.empty(0) if step.working_motion is None else step.working_motion
@@ -365,17 +366,17 @@ def _set_fields(raw: tuple[Ints, Floats] | None) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class _Recovery:
-    """Displacements of steps, when asked for.
+    """Computes displacements of steps.
 
-    Steps hold this and not their path: a path knows the step it started from, and of a
-    long chain all would stay alive.
+    Steps refer to this and not to their path: a path refers to the step that it started
+    from, and all steps of a long chain would stay in memory.
     """
 
     core: _core.Condensed
     seconds: dict[str, float]
     gap: Floats
 
-    def at_hand(self) -> bool:
+    def has_factor(self) -> bool:
         """Whether the problem keeps the factor that this takes."""
         return bool(self.core.stats["factor_kept"])
 
@@ -399,5 +400,5 @@ class _Recovery:
 
 def _compliance(core: _core.Condensed) -> Floats | None:
     if core.stats["working_set"] is not None:
-        return None  # a look is not worth condensing onto all candidates
+        return None  # a diagnosis does not justify condensing onto all candidates
     return core.compliance()

@@ -1,4 +1,4 @@
-"""What is asked of each load step: totals that are given, and those a problem has itself."""
+"""Loads, prescribed displacements and gaps of each load step."""
 
 from __future__ import annotations
 
@@ -15,43 +15,44 @@ from bipot_rs._lib.validation import floats, together
 from bipot_rs._lib.validation import gap as gap_of_step
 from bipot_rs._lib.validation import gaps as gaps_of_steps
 from bipot_rs._lib.validation import loads as steps_of
-from bipot_rs.contact.result import Result, Step
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Step
 
 T = TypeVar("T")
 Loads = tuple[Floats, Floats]
-# Total load, prescribed displacements, and gaps where they are not the problem's.
+# Total load, prescribed displacements, and gaps or None for those of the problem.
 Totals = tuple[Floats, Floats, Floats | None]
 
 
 class Held(Protocol):
-    """What K and B cannot say of nodes that are held across the axes."""
+    """Nodes on inclined supports, which K and B do not contain."""
 
     def stiffness(self, K: Any) -> Any:
-        """K of which they are held."""
+        """K with these supports."""
 
     def load(self, force: Floats) -> Floats:
-        """Forces without what holds them."""
+        """Forces without the reactions of these supports."""
 
     def prescribed(self, values: Floats) -> None:
-        """Refuse displacements that they cannot have."""
+        """Raise for displacements that these supports do not allow."""
 
 
 @dataclass(frozen=True)
 class Loading:
-    """Sizes of the totals of a step, and what a problem has of its own for each step.
+    """Checks the totals of each step, and holds the loads and gaps of the problem.
 
     Attributes
     ----------
     n, fixed
-        Degrees of freedom, and how many of them are prescribed.
+        Number of degrees of freedom, and of the prescribed ones.
     contacts, d
-        Contacts and their components.
+        Number of contacts and of their components.
     loads
-        Loads and prescribed displacements of each step; ``None`` without own ones.
+        ``loads`` of the problem: load and prescribed displacements of each step.
     gaps : (steps, n_c, d) or None
-        Gaps of each step; ``None`` where they do not change.
+        ``gaps`` of the problem.
     held
-        Of nodes that planes hold, which every load must know.
+        Nodes on inclined supports.
     """
 
     n: int
@@ -73,7 +74,7 @@ class Loading:
         gaps: ArrayLike | None,
         held: Held | None = None,
     ) -> Loading:
-        """With loads and gaps as `ContactProblem` takes them, checked."""
+        """Check the loads and gaps of a `ContactProblem`."""
         known = None
         if loads is not None:
             given = loads if isinstance(loads, tuple) else (loads, None)
@@ -85,7 +86,7 @@ class Loading:
             known = [_kept(held, one) for one in steps_of(*given, n, fixed)]
         moving = None if gaps is None else gaps_of_steps(gaps, contacts, d)
         if known is not None and moving is not None:
-            # As many of the one as of the other, or one.
+            # Raises unless both have the same number of steps, or one of them has one.
             together("gaps", list(moving), "loads", known, lambda *both: both)
         return cls(n, fixed, contacts, d, known, moving, held)
 
@@ -95,8 +96,8 @@ class Loading:
             if len(self.loads) == 1:
                 return self.loads[0]
             raise ValueError(
-                f"load is missing: this problem has loads of {len(self.loads)} steps of its "
-                "own, and one is asked for"
+                f"load is missing: the loads of this problem have {len(self.loads)} steps, "
+                "so give the load of this step"
             )
         steps = steps_of(load, prescribed, self.n, self.fixed)
         if len(steps) != 1:
@@ -116,12 +117,12 @@ class Loading:
         gap: ArrayLike | None,
         start: Result | Step | None,
     ) -> list[Totals]:
-        """Of each step to come; what is not given is the problem's own behind ``start``.
+        """Totals of each step: those given, else those of the problem after ``start``.
 
         Raises
         ------
         TypeError, ValueError
-            A wrong argument, named, or a start that does not tell what is next.
+            An argument is wrong, or ``start`` does not determine the next step.
         """
         own = load is None and prescribed is None
         loads = self.loads if own else None
@@ -129,7 +130,7 @@ class Loading:
         count = max(len(loads or ()), 0 if gaps is None else len(gaps))
         given = not own or gap is not None
         first = 0
-        # One step of its own stands for as many as are given.
+        # A single row of the problem is used in all steps.
         if start is not None and count > (1 if given else 0):
             first = _done(start, count, given)
             _same_path(start, first, loads, gaps)
@@ -143,7 +144,7 @@ class Loading:
         elif gaps is not None:
             offsets = list(gaps)
         if first:
-            # Of what is given there are the steps to come, of what is ours all.
+            # Arguments hold the following steps only, the problem holds all steps.
             forces = _behind(first, count, forces, "load", loads is None)
             if offsets is not None:
                 offsets = _behind(first, count, offsets, "gap", gaps is None)
@@ -160,19 +161,19 @@ class Loading:
         gap: Callable[[float], ArrayLike] | None,
         end: float,
     ) -> Callable[[float], Totals]:
-        """Totals at ``s``, of functions or of arrays that grow in proportion to it."""
+        """Totals as a function of ``s``; arrays are scaled in proportion to ``s``."""
         if self.loads is not None and load is None and prescribed is None:
             raise ValueError(
-                "load is missing: this problem has loads of "
-                f"{counted(len(self.loads), 'load step')} of its own, and steps in between "
-                "need them as a function of s"
+                "load is missing: the loads of this problem have "
+                f"{counted(len(self.loads), 'load step')}, and adaptive steps need the load "
+                "as a function of s"
             )
         force = _proportional("load", load, self.n, end)
         moved = _proportional("prescribed", prescribed, self.fixed, end)
         if gap is None and self.gaps is not None:
             raise ValueError(
-                "gap is missing: this problem has gaps of "
-                f"{counted(len(self.gaps), 'load step')}, and steps in between need them "
+                "gap is missing: the gaps of this problem have "
+                f"{counted(len(self.gaps), 'load step')}, and adaptive steps need the gap "
                 "as a function of s"
             )
         at = _gaps_at(gap, self.contacts, self.d)
@@ -180,7 +181,7 @@ class Loading:
 
 
 def _kept(held: Held | None, loads: Loads) -> Loads:
-    """Loads of a step, of nodes that planes hold without what the planes carry."""
+    """Loads of one step, with the reactions of inclined supports removed."""
     if held is None:
         return loads
     force, moved = loads
@@ -189,7 +190,7 @@ def _kept(held: Held | None, loads: Loads) -> Loads:
 
 
 def check_case(k: int, case: Any) -> None:
-    """Refuse what is no mapping of a path of several, case ``k``."""
+    """Check the type and the keys of case ``k`` of `ContactProblem.solve_many`."""
     keys = ("load", "prescribed", "gap", "mu", "start")
     expected = f"{', '.join(keys[:-1])} or {keys[-1]}"
     if not isinstance(case, Mapping):
@@ -202,20 +203,20 @@ def check_case(k: int, case: Any) -> None:
 
 
 def done(start: Result | Step | None) -> int:
-    """Steps of a path behind it, as far as ``start`` tells them."""
+    """Number of steps before the end of ``start``, 0 if it is a single step."""
     return start._first + len(start) if isinstance(start, Result) else 0
 
 
 def reached(start: Result | Step | None) -> Step | None:
-    """The step that a path goes on from.
+    """The step that a path continues from.
 
     Raises
     ------
     TypeError
-        What is no path and no step of one.
+        ``start`` is not a `Result` or a `Step`.
     """
     if isinstance(start, Result):
-        # Where nothing was added, what that path itself started from.
+        # A path without steps continues from its own start.
         return start[-1] if len(start) else start.start
     if start is None or isinstance(start, Step):
         return start
@@ -225,31 +226,31 @@ def reached(start: Result | Step | None) -> Step | None:
 
 
 def _done(start: Result | Step, count: int, given: bool) -> int:
-    """The same, of a path of which a problem has ``count`` steps itself."""
+    """`done`, checked against the ``count`` steps of the loads or gaps of the problem."""
     if not isinstance(start, Result):
         raise TypeError(
-            f"start is a {type(start).__name__}, expected a Result: how many steps it has "
-            f"tells which of the {count} that this problem has of its own come next; or "
-            "give gap, and load where the problem has loads"
+            f"start is a {type(start).__name__}, expected a Result: its number of steps "
+            f"determines the next of the {count} steps of this problem; or give the load "
+            "and gap of the following steps"
         )
     first = done(start)
     if first > count or (given and first == count):
         raise ValueError(
-            f"start has {counted(first, 'step')}, and this problem has loads or gaps of "
-            f"its own for {count}: give those of the steps to come"
+            f"start has {counted(first, 'step')}, and the loads or gaps of this problem "
+            f"have {count}: give the load and gap of the following steps"
         )
     return first
 
 
 def _behind(first: int, count: int, rows: list[T], what: str, given: bool) -> list[T]:
-    """What is to come of a path of ``count`` steps; one row stands for all of them."""
+    """Rows of the steps after ``first`` of ``count`` steps; a single row is repeated."""
     rest = count - first
     if len(rows) == 1:
         return rows * rest
     if given and len(rows) != rest:
         raise ValueError(
-            f"{what} has {counted(len(rows), 'step')}, expected {rest}: so many of the "
-            f"{count} that this problem has of its own are to come behind start"
+            f"{what} has {counted(len(rows), 'step')}, expected {rest}: the remaining ones "
+            f"of the {count} steps of this problem after start"
         )
     return rows if given else rows[first:]
 
@@ -260,7 +261,7 @@ def _same_path(
     loads: list[Loads] | None,
     gaps: Floats | None,
 ) -> None:
-    """Refuse a start that another path has led to."""
+    """Raise if ``start`` is not the end of step ``first`` of the path of the problem."""
     last = reached(start)
     if not first or last is None:
         return
@@ -273,15 +274,15 @@ def _same_path(
     other = differing(last, own)
     if other is not None:
         raise ValueError(
-            f"start ends with another {other} than load step {behind + 1} of the path that "
-            f"this problem has of its own: give {other}, of the steps to come"
+            f"start ends with another {other} than load step {behind + 1} of this "
+            f"problem: give the {other} of the following steps"
         )
 
 
 def differing(step: Step, totals: Mapping[str, Floats | None]) -> str | None:
-    """Which of these totals is another than that of a step, as far as the step knows.
+    """Name of the first total that differs from that of a step, or None.
 
-    Files keep no loads; gaps they do, of paths that have any.
+    A step that was read from a file has no loads, which then count as equal.
     """
     for name, own in totals.items():
         theirs = getattr(step, name)
@@ -297,7 +298,7 @@ def differing(step: Step, totals: Mapping[str, Floats | None]) -> str | None:
 def _proportional(
     what: str, value: Any, length: int, end: float
 ) -> Callable[[float], Any]:
-    """``value(s)``, or an array that grows in proportion to s up to ``end``; checked."""
+    """``value(s)``, or an array scaled by ``s / end``, with its shape checked."""
     if value is None:
         zero = np.zeros(length)
         return lambda _: zero
@@ -314,7 +315,7 @@ def _proportional(
 def _gaps_at(
     gap: Callable[[float], Any] | None, contacts: int, d: int
 ) -> Callable[[float], Any]:
-    """``gap(s)`` by component ``(n_c, d)``, checked; None, those of the problem, without it."""
+    """``gap(s)`` by component ``(n_c, d)``, checked; None for the gaps of the problem."""
     if gap is None:
         return lambda _: None
 

@@ -2,12 +2,44 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypedDict, Unpack
 
 from numpy.typing import ArrayLike
 
 from bipot_rs.contact.problem import ContactProblem
 from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Step
+
+
+class _OfSolve(TypedDict, total=False):
+    """Keywords of `ContactProblem.solve`."""
+
+    method: str
+    tol: float
+    max_iterations: int | None
+    max_seconds: float | None
+    start: Result | Step | None
+    on_step: Callable[[int, Step], object] | None
+
+
+class _Keywords(_OfSolve, total=False):
+    """Those, and the optional keywords of `ContactProblem`."""
+
+    fixed: ArrayLike | None
+    area: ArrayLike | None
+    dim: int | None
+    num_threads: int | None
+    points: ArrayLike | None
+    frame: ArrayLike | None
+    coordinates: ArrayLike | None
+    loads: ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None
+    memory_limit: int | None
+    working_set: bool | None
+    gaps: ArrayLike | None
+    on_forecast: Callable[[Mapping[str, Any]], object] | None
+    bodies: Mapping[str, int] | None
+    stiffness_rtol: float | None
 
 
 def solve(
@@ -18,76 +50,62 @@ def solve(
     *,
     gap: ArrayLike,
     mu: ArrayLike,
-    fixed: ArrayLike | None = None,
-    area: ArrayLike | None = None,
-    dim: int | None = None,
-    num_threads: int | None = None,
-    points: ArrayLike | None = None,
-    frame: ArrayLike | None = None,
-    coordinates: ArrayLike | None = None,
-    memory_limit: int | None = None,
-    working_set: bool | None = None,
-    gaps: ArrayLike | None = None,
-    stiffness_rtol: float | None = None,
-    **settings: Any,
+    **keywords: Unpack[_Keywords],
 ) -> Result:
     """Solve one contact problem with Coulomb friction, over one load step or a path.
 
-    ``K u = load + Bᵀ r``, ``v = B u + gap``, and at every contact no penetration, no
-    tension, and Coulomb's friction between ``v`` and ``r``: equations (1), (2) and (9) of
-    ``docs/theory.md``. It is ``ContactProblem(K, B, ...).solve(load, prescribed, ...)`` in
-    one call; keep the `ContactProblem` to solve again without another factorisation.
+    The problem is ``K u = load + Bᵀ r``, ``v = B u + gap``, and at every contact no
+    penetration, no tension, and Coulomb's friction between ``v`` and ``r``: equations (1),
+    (2) and (9) of ``docs/theory.md``. The call is short for
+    ``ContactProblem(K, B, ...).solve(load, prescribed, ...)``. Keep a `ContactProblem` to
+    solve again without another factorisation.
 
-    Any consistent units; components normal first, ``(n, t1[, t2])``; n degrees of
-    freedom, n_c contacts, d = 2 or 3.
+    Units are any consistent set. Components are normal first, ``(n, t1[, t2])``. There are
+    n degrees of freedom and n_c contacts, and d is 2 or 3.
 
     Parameters
     ----------
     K
-        Stiffness, ``(n, n)``, symmetric positive semidefinite, dense or sparse, supports
-        not eliminated.
+        Stiffness, ``(n, n)``, symmetric positive semidefinite, dense or sparse. Supports
+        are not eliminated from it.
     B
-        ``(d n_c, n)``: row ``d i + k`` gives component ``k`` of the relative displacement
-        of contact ``i``, that of the body minus that of the obstacle.
+        Contact operator, ``(d n_c, n)``: row ``d i + k`` gives component ``k`` of the
+        relative displacement of contact ``i``, body minus obstacle.
     load
         Nodal forces, ``(n,)``, or ``(steps, n)`` for a path: totals at the end of each
-        step; missing is zero.
+        step. The default is zero.
     prescribed
-        Displacements of ``fixed``, ``(len(fixed),)`` or ``(steps, len(fixed))``: totals;
-        missing is zero.
+        Displacements of the degrees of freedom ``fixed``, ``(len(fixed),)`` or
+        ``(steps, len(fixed))``: totals. The default is zero.
     gap
-        Normal gap, ``(n_c,)``, open when positive, or ``(n_c, d)``.
+        Normal gap, ``(n_c,)``, positive when open, or all components, ``(n_c, d)``.
     mu
         Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``.
-    fixed
-        Numbers of the prescribed degrees of freedom.
-    area
-        Tributary areas, ``(n_c,)``, for tractions.
-    dim, num_threads, points, frame, coordinates, memory_limit, working_set, gaps, \
-    stiffness_rtol
-        As in `ContactProblem`.
-    **settings
-        ``method``, ``tol``, ``max_iterations``, ``max_seconds``, ``start`` and ``on_step`` of
+    **keywords
+        All other keywords of `ContactProblem`, such as ``fixed`` (the prescribed degrees
+        of freedom) and ``area`` (the tributary areas, for tractions), and ``method``,
+        ``tol``, ``max_iterations``, ``max_seconds``, ``start`` and ``on_step`` of
         `ContactProblem.solve`.
 
     Returns
     -------
     Result
-        Of each step the ``reaction`` ``(steps, n_c, d)``, a force on the body, its normal
-        part never negative; ``relative_displacement``, ``slip``, ``status``,
-        ``displacement`` ``(steps, n)``, and the ``residual`` that says how exact it is.
+        For each step the ``reaction`` ``(steps, n_c, d)``, which is the force on the body,
+        with a normal part that is never negative; ``relative_displacement``, ``slip``,
+        ``status``, ``displacement`` ``(steps, n)``, and the ``residual``, which measures
+        the error in the equations.
 
     Raises
     ------
     TypeError, ValueError
-        A wrong argument; the message names it, what was found and what was expected.
+        An argument is wrong. The message names it, what was found and what is expected.
     NoEquilibriumError, NotConvergedError, FloatingBodyError, MemoryError
-        As `ContactProblem` and `ContactProblem.solve` say.
+        As `ContactProblem` and `ContactProblem.solve` raise them.
 
     Examples
     --------
-    A point on two springs is pressed onto a wall by 10 N and pulled along it, first by
-    2 N, which friction holds, then by 5 N, of which it takes 0.3 · 10 N:
+    A point on two springs is pressed onto a wall by 10 N and pulled along it: first by
+    2 N, which friction holds, then by 5 N, of which friction takes 0.3 · 10 N:
 
     >>> import numpy as np
     >>> import bipot_rs as bp
@@ -101,21 +119,8 @@ def solve(
     >>> result.displacement[-1].round(12)
     array([0.   , 0.002])
     """
-    problem = ContactProblem(
-        K,
-        B,
-        gap=gap,
-        mu=mu,
-        fixed=fixed,
-        area=area,
-        dim=dim,
-        num_threads=num_threads,
-        points=points,
-        frame=frame,
-        coordinates=coordinates,
-        memory_limit=memory_limit,
-        working_set=working_set,
-        gaps=gaps,
-        stiffness_rtol=stiffness_rtol,
+    own: dict[str, Any] = dict(keywords)
+    settings = {name: own.pop(name) for name in _OfSolve.__annotations__ if name in own}
+    return ContactProblem(K, B, gap=gap, mu=mu, **own).solve(
+        load, prescribed, **settings
     )
-    return problem.solve(load, prescribed, **settings)

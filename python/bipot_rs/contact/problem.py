@@ -1,4 +1,4 @@
-"""The problem: bodies, contacts and supports, condensed once, and its load paths."""
+"""`ContactProblem`: bodies, contacts and supports, condensed once, and its load paths."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from bipot_rs._lib.validation import (
     RATIO,
     Csr,
     Parts,
+    Settings,
     areas,
     by_component,
     callback,
@@ -40,10 +41,11 @@ from bipot_rs.contact import dof_order, remarks, summary
 from bipot_rs.contact import rigid_motions as motion
 from bipot_rs.contact.errors import FloatingBodyError, NoEquilibriumError
 from bipot_rs.contact.existence import Existence
-from bipot_rs.contact.load_path import Following, Known, Settings, state
+from bipot_rs.contact.load_path import Following, Known, state
 from bipot_rs.contact.load_steps import Held, Loading, Totals, check_case
 from bipot_rs.contact.reduced import ReducedProblem
-from bipot_rs.contact.result import Result, Step
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Step
 from bipot_rs.contact.step_control import follow, increments
 
 if TYPE_CHECKING:
@@ -51,7 +53,7 @@ if TYPE_CHECKING:
 
 
 class _Given(NamedTuple):
-    """What `_core.Condensed` takes of a problem after the stiffness, in its order."""
+    """Arguments of `_core.Condensed` after the stiffness, in its order."""
 
     contact: Parts
     gap: Floats
@@ -67,119 +69,118 @@ class _Given(NamedTuple):
 class ContactProblem:
     """Bodies, contacts and supports, condensed onto the contact set once.
 
-    ``K u = f + Bᵀ r``, ``v = B u + gap``, and Signorini's and Coulomb's laws between
-    ``v`` and ``r`` at every contact: equations (1), (2) and (9).
+    The problem is ``K u = f + Bᵀ r``, ``v = B u + gap``, with the laws of Signorini and
+    Coulomb between ``v`` and ``r`` at every contact: equations (1), (2) and (9).
 
     Parameters
     ----------
     K
-        Stiffness, ``(n, n)``, symmetric positive semidefinite: anything SciPy calls
-        sparse, or dense; of both triangles, which mirror each other, the lower is read.
+        Stiffness, ``(n, n)``, symmetric positive semidefinite: any sparse format of
+        SciPy, or dense. It holds both triangles; the values of the lower one are used.
     B
         Contact operator, ``(d n_c, n)``: row ``d i + k`` is component ``k`` of contact
         ``i``, normal first, so that ``B u + gap`` is the relative displacement and
         ``Bᵀ r`` the force on the bodies.
     gap
-        Normal gap, ``(n_c,)``, open when positive, or ``(n_c, d)`` to offset every
+        Normal gap, ``(n_c,)``, positive when open, or ``(n_c, d)`` to offset every
         component.
     mu
-        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, those
-        along ``t1`` and ``t2`` of each contact (8e): both zero, or both positive and
-        within a factor of 1e6 of each other.
+        Friction coefficient, a number or ``(n_c,)``. In space also ``(n_c, 2)``, the
+        coefficients along ``t1`` and ``t2`` of each contact (8e): both zero, or both
+        positive with a ratio of at most 1e6.
     fixed
-        Prescribed degrees of freedom, integers.
+        Numbers of the prescribed degrees of freedom.
     area
         Tributary areas, ``(n_c,)``, for tractions.
     dim
-        Dimension, 2 or 3; needed only without contacts.
+        Dimension, 2 or 3; needed only if there are no contacts.
     num_threads
-        Threads, 1024 at the most; default ``BIPOT_NUM_THREADS``, ``RAYON_NUM_THREADS``,
-        or all cores.
+        Number of threads, at most 1024. The default is ``BIPOT_NUM_THREADS``,
+        ``RAYON_NUM_THREADS``, or all cores.
     points
-        Places of the contacts, ``(n_c, d)``, for results and files.
+        Coordinates of the contacts, ``(n_c, d)``, for results and files.
     frame
-        Local bases ``(n_c, d, d)``, rows ``n, t1[, t2]``, for results and files:
-        unit vectors at right angles, to 1e-6, of either hand.
+        Local bases ``(n_c, d, d)`` with rows ``n, t1[, t2]``, for results and files:
+        orthonormal to 1e-6, right-handed or left-handed.
     coordinates
-        Where each degree of freedom is, ``(n, 2)`` or ``(n, 3)``, in any unit: a second
-        elimination order is then tried, and the one of fewer operations taken. Rigid
-        motions are then known exactly. Degrees of freedom may be ordered by nodes,
+        Coordinates of each degree of freedom, ``(n, 2)`` or ``(n, 3)``, in any unit. They
+        give the exact rigid motions and a second elimination order; the order with fewer
+        operations is used. Degrees of freedom may be ordered by nodes,
         ``numpy.repeat(nodes, d, axis=0)``, or by components, ``numpy.tile(nodes, (d, 1))``.
     loads
-        All loads there will be, where no displacement will be asked for: ``load`` of
-        `solve`, or the tuple ``(load, prescribed)``. The factor of ``K`` is then not
-        kept, only what the loads do at the contacts; `solve` without loads takes
-        these. Bodies that contact alone holds keep their factor, and so do those whose
-        ``W`` has lost digits that only ``K`` itself gives back. All contacts are then
-        condensed onto, whatever ``working_set`` says.
+        All loads of all steps, if no displacements are needed: ``load`` of `solve`, or
+        the tuple ``(load, prescribed)``. The factor of ``K`` is then not kept, only the
+        effect of the loads on the contacts, and `solve` is called without loads. The
+        factor is kept for bodies that contact alone holds, and for bodies whose ``W`` has
+        lost digits that only ``K`` can restore. ``working_set`` has no effect.
     memory_limit
-        Bytes that the condensation may take; default what the machine has free.
+        Bytes that the condensation may use. The default is the free memory.
     working_set
-        Whether ``W`` is formed only of contacts that may close, growing in each step
-        until no other penetrates. Default: where a body has hundreds of candidates,
-        and three in four or more are apart at the start.
+        Whether ``W`` is formed only for contacts that may close. The set grows in each
+        step until no other contact penetrates. By default a working set is used if a body
+        has hundreds of candidates and at least 3/4 of them are open at the start.
     gaps
-        Gaps of each load step where obstacles move, ``(steps, n_c)`` or
-        ``(steps, n_c, d)``: what `solve` takes for its ``gap`` where it is given none.
-        ``gap`` itself is that of the start.
+        Gaps of each load step for moving obstacles, ``(steps, n_c)`` or
+        ``(steps, n_c, d)``: the default of ``gap`` in `solve`. ``gap`` itself holds the
+        gaps at the start.
     on_forecast
-        Called once the order of elimination is known and before any of its numbers,
-        with what they will take, a mapping with ``bodies``, ``n_contact_dofs``,
-        ``nnz_factor``, ``flops``, ``bytes_factor``, ``bytes_peak`` and ``ordering`` as in
-        `stats`. An exception it raises ends the work and comes out here.
+        Called after the ordering and before the factorisation, with a forecast of the
+        cost: a mapping with ``bodies``, ``n_contact_dofs``, ``nnz_factor``, ``flops``,
+        ``bytes_factor``, ``bytes_peak`` and ``ordering`` as in `stats`. If it raises an
+        exception, the work ends with this exception.
     bodies
-        Names of the bodies, each with its first degree of freedom, by which messages
-        then call them: ``{"upper": 0, "lower": 240}``.
+        Names of the bodies for messages, each with its first degree of freedom:
+        ``{"upper": 0, "lower": 240}``.
     stiffness_rtol
-        Relative error of the entries of ``K``, where another program has written it with
-        six to twelve digits: 1e-8 for eight. Its rigid motions, which ``coordinates``
-        tell, are then restored exactly, by the least change of its entries;
-        ``stats["rigid_motions_off"]`` says how far they were off. Digits beyond are not
-        invented: `Solution.error_estimate` and `Result.remarks` count what is missing.
+        Relative error of the entries of ``K``, if another program wrote it with six to
+        twelve digits: 1e-8 for eight. The rigid motions, known from ``coordinates``, are
+        then restored exactly with the least change of the entries.
+        ``stats["rigid_motions_off"]`` is their error before that. No other digits are
+        restored: `Solution.error_estimate` and `Result.remarks` account for them.
 
     Raises
     ------
     TypeError, ValueError
-        An argument of the wrong kind, shape or value, ``K`` not symmetric or
-        indefinite; the message names the argument and the place.
+        An argument has the wrong type, shape or value, or ``K`` is asymmetric or
+        indefinite. The message names the argument and the place.
     FloatingBodyError
-        The contact set cannot hold a body.
+        The contacts cannot hold a body.
     MemoryError
-        The factor or ``W`` does not fit, with the figure, before it is allocated.
+        The factor or ``W`` does not fit into memory. This is known before it is
+        allocated; the message gives the number of bytes.
 
     Warns
     -----
     UserWarning
-        ``K`` times a rigid motion is not zero in rows without supports, in the order of
-        the degrees of freedom that ``coordinates`` show; or the columns of ``B`` are those
-        of another order than the rigid translations of ``K``.
+        The degrees of freedom of ``K`` seem to have another order than ``coordinates`` or
+        the columns of ``B``: ``K`` times a rigid motion is not zero in rows without
+        supports.
 
     Notes
     -----
-    It pickles as what it was made of, and is condensed again, to the same bits, where it
-    is read.
+    A pickle holds the arguments. Unpickling condenses the problem again, to the same bits.
 
     Examples
     --------
-    A bar of two springs in line, its left end held, its right end 1 mm in front of a wall.
-    Contact components are ``(n, t)``; the wall is to the right, its normal points left:
+    A bar of two springs is fixed at its left end. Its right end is 1 mm to the left of a
+    wall, whose normal points left. Contact components are ``(n, t)``:
 
     >>> import numpy as np
     >>> import bipot_rs as bp
     >>> K = np.zeros((4, 4))  # u_x, u_y of the middle, then of the right end
     >>> K[::2, ::2] = 1e6 * np.array([[2.0, -1.0], [-1.0, 1.0]])
-    >>> K[1::2, 1::2] = 1e6 * np.eye(2)  # something holds it sideways
+    >>> K[1::2, 1::2] = 1e6 * np.eye(2)  # springs across the bar
     >>> B = np.array([[0.0, 0.0, -1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
     >>> problem = bp.ContactProblem(K, B, gap=[1e-3], mu=0.2)
     >>> push = np.array([0.0, 0.0, 1.0, 0.0])
     >>> result = problem.solve([400.0 * push, 2000.0 * push])
-    >>> result.relative_displacement[:, 0, 0].round(9)  # what is left of the gap, m
+    >>> result.relative_displacement[:, 0, 0].round(9)  # remaining gap, m
     array([0.0002, 0.    ])
     >>> result.reaction[:, 0, 0].round(6)  # N
     array([   0., 1500.])
     """
 
-    # Nodes that planes across the axes hold: every load must know of them.
+    # Nodes on inclined supports, which change every load.
     _held: Held | None = None
 
     def __init__(
@@ -230,12 +231,10 @@ class ContactProblem:
         self._fixed = indices("fixed", fixed, n)
         self._shape = (n, contacts, d)
         self._loading = Loading.of(
-            *(n, len(self._fixed), contacts, d, loads, gaps), held=self._held
+            n, len(self._fixed), contacts, d, loads, gaps, held=self._held
         )
         self._bodies = _named(bodies, n)
         self._where = _of_components(coordinates, places(coordinates, n), d)
-        # Planes across the axes leave K without the rigid motions of its nodes.
-        self._in_planes = self._held is not None
         self._contact = contact
         limit = memory_limit
         if limit is not None:
@@ -269,15 +268,15 @@ class ContactProblem:
     def _on_inclined_supports(
         cls, held: Held | None, K: Any, B: Any, **given: Any
     ) -> ContactProblem:
-        """The problem of these arguments, with nodes held by planes across the axes."""
+        """Make a problem with nodes on supports inclined to the axes."""
         problem = cls.__new__(cls)
         problem._held = held
         problem.__init__(K, B, **given)  # type: ignore[misc]
         return problem
 
     def __getstate__(self) -> dict[str, Any]:
-        # What it was made of and not what came of it: the factor may be a hundred
-        # times as large, and condensing again gives the same bits.
+        # The arguments, not the factor, which may be a hundred times as large:
+        # condensing again gives the same bits.
         known = {name: value for name, value in vars(self).items() if name != "_core"}
         return known | {"_stiffness": self._core.stiffness()}
 
@@ -305,15 +304,15 @@ class ContactProblem:
 
     @property
     def compliance(self) -> Floats:
-        """The compliance ``W`` of (3), dense, ``(d n_c, d n_c)``, of all contacts.
+        """Compliance ``W`` of all contacts (3), dense, ``(d n_c, d n_c)``.
 
-        With bodies held by contact alone it is ``B_c (S + α R Rᵀ)⁻¹ B_cᵀ`` with their
-        rigid motions ``R`` and ``α = tr S / m``: the ``W`` of `reduced`.
+        For bodies held by contact alone it is ``B_c (S + α R Rᵀ)⁻¹ B_cᵀ`` with their
+        rigid motions ``R`` and ``α = tr S / m``, as in `reduced`.
 
         Raises
         ------
         MemoryError
-            It does not fit; contacts on separate bodies need no dense ``W``.
+            The dense ``W`` does not fit into memory.
         """
         return self._core.compliance()
 
@@ -321,19 +320,20 @@ class ContactProblem:
     def stats(self) -> Mapping[str, Any]:
         """Counts and seconds of the condensation.
 
-        Among them ``n``, ``n_contact_dofs``, ``nnz_factor``, ``flops``, ``bytes_factor``,
-        ``bytes_peak`` (foretold), ``cond_S``, ``ordering``, ``working_set`` (how many
-        contacts it began with, or ``None``), ``rigid_motions``, and seconds: ``seconds_order``,
-        ``seconds_symbolic``, ``seconds_factor``, ``seconds_compliance`` and their whole,
-        ``seconds_condense``.
+        They include ``n``, ``n_contact_dofs``, ``nnz_factor``, ``flops``, ``bytes_factor``,
+        ``bytes_peak`` (predicted), ``cond_S``, ``ordering``, ``working_set`` (the number of
+        contacts in it at the start, or ``None``), ``rigid_motions``, and the times
+        ``seconds_order``, ``seconds_symbolic``, ``seconds_factor``, ``seconds_compliance``
+        and ``seconds_condense``, the total.
 
-        ``orderings`` is the number of bodies that had to be ordered and analysed: none
-        where this process has met their pattern before, in this problem or in another.
-        What it has met it keeps within ``BIPOT_PATTERN_CACHE_MB`` megabytes, 64 by
-        default; 0 keeps nothing. Results have the same bits either way.
+        ``orderings`` is the number of bodies that were ordered and analysed. It does not
+        count bodies whose pattern is in the cache of this process, which holds up to
+        ``BIPOT_PATTERN_CACHE_MB`` megabytes: 64 by default, 0 for no cache. The cache does
+        not change a bit of the results.
 
-        With ``stiffness_rtol``, ``rigid_motions_off`` is the largest ``|K z|`` of a row,
-        ``z`` a rigid motion, over the sum of sizes of its terms, before it was restored.
+        With ``stiffness_rtol``, ``rigid_motions_off`` is the largest ``|K z|`` of a row for
+        a rigid motion ``z``, relative to the sum of the absolute values of its terms,
+        before the rigid motions were restored.
         """
         known = self._core.stats | {"seconds_condense": self._seconds}
         if self._known is None:
@@ -342,11 +342,11 @@ class ContactProblem:
 
     @property
     def rigid_motions(self) -> tuple[str, ...]:
-        """In words, the motions that supports leave free and contact alone must hold.
+        """Names of the rigid motions that supports leave free and contact must hold.
 
-        Directions are the axes ``x, y[, z]`` where ``frame`` is known, else those of the
-        contacts, ``n, t1[, t2]``; of bodies without a name a degree of freedom is named
-        that moves most.
+        Directions are the axes ``x, y[, z]`` if ``frame`` is known, else the axes
+        ``n, t1[, t2]`` of the contacts. A body without a name is identified by the degree
+        of freedom that moves most.
         """
         contacts, d = self._shape[1:]
         return motion.left_free(
@@ -365,28 +365,29 @@ class ContactProblem:
         *,
         gap: ArrayLike | None = None,
     ) -> ReducedProblem:
-        """The reduced problem (5) of one step, from the unloaded state or from ``start``.
+        """Reduced problem (5) of one step, from the unloaded state or from ``start``.
 
-        Its ``W`` is sparse where separate bodies make most of it zero.
+        Its ``W`` is sparse if there are separate bodies and most of ``W`` is zero.
 
         Parameters
         ----------
         load, prescribed
-            Totals at the end of the step, ``(n,)`` and ``(len(fixed),)``; missing is zero.
+            Totals at the end of the step, ``(n,)`` and ``(len(fixed),)``. The default is
+            zero.
         start
-            A `Result` or one of its steps, whose slip history is folded into ``q``.
+            A `Result` or one of its steps, whose slip history enters ``q``.
         gap
-            Gaps of the step, ``(n_c,)`` or ``(n_c, d)``; default the ``gap`` of the
+            Gaps of the step, ``(n_c,)`` or ``(n_c, d)``. The default is the ``gap`` of the
             problem.
 
         Raises
         ------
         TypeError, ValueError
-            A wrong argument, named.
+            An argument is wrong; the message names it.
         NoEquilibriumError
-            A contact penetrates and nothing can move it.
+            A contact penetrates and no reaction can move it.
         MemoryError
-            ``W`` of all contacts does not fit.
+            ``W`` of all contacts does not fit into memory.
         """
         _, contacts, d = self._shape
         loads, core = self._loading.one(load, prescribed), self._core
@@ -416,10 +417,10 @@ class ContactProblem:
         exhaust: bool = False,
         gap: ArrayLike | None = None,
     ) -> Existence:
-        """Whether one step must have an answer, can have none, or may have either.
+        """Whether a solution of one step exists, as far as this can be proved.
 
-        As `ReducedProblem.existence`, with the rigid motion at all degrees of freedom
-        besides. It forms ``W`` of all contacts.
+        This is `ReducedProblem.existence`, with the rigid motion also at all degrees of
+        freedom. It forms ``W`` of all contacts.
 
         Parameters
         ----------
@@ -431,18 +432,18 @@ class ContactProblem:
         Returns
         -------
         Existence
-            Its ``verdict``, the ``reason`` in words, and what witnesses it.
+            The ``verdict``, the ``reason`` in words, and the proof.
 
         Raises
         ------
         TypeError, ValueError
-            A wrong argument, named.
+            An argument is wrong; the message names it.
         MemoryError
-            ``W`` of all contacts does not fit.
+            ``W`` of all contacts does not fit into memory.
 
         Examples
         --------
-        A point that nothing but a wall holds, pressed and pulled away:
+        A point without supports is pressed onto a wall, then pulled away from it:
 
         >>> import numpy as np
         >>> import bipot_rs as bp
@@ -478,62 +479,61 @@ class ContactProblem:
         on_step: Callable[[int, Step], object] | None = None,
         gap: ArrayLike | None = None,
     ) -> Result:
-        """Follow a load path, step by step, with slip history.
+        """Solve a load path step by step, with slip history.
 
         Parameters
         ----------
         load
             ``(n,)`` or ``(steps, n)``, totals at the end of each step.
         prescribed
-            ``(len(fixed),)`` or ``(steps, len(fixed))``; missing is zero. Where one of the
-            two has several rows and the other one, the one is repeated.
+            ``(len(fixed),)`` or ``(steps, len(fixed))``, totals; the default is zero. A
+            single row of ``load`` or ``prescribed`` is used in all steps.
         method
-            ``"auto"``, or one of those it is compared with: ``"newton"``,
+            ``"auto"``, or a method to compare it with: ``"newton"``,
             ``"gauss_seidel"``, ``"nesterov"``, ``"uzawa"`` (one projection,
             [dSF91, 79-81]), ``"uzawa_two_projection"`` ([dSF91, 82-87]), and the
             paper's principles: ``"displacement_principle"`` ([dSF91, 68]),
             ``"alternating_principles"`` ([dSF91, 69, 70]), ``"stress_principle"``
             ([dSF91, 72]), ``"minimising_sequence"`` ([dSF91, 31-34]), ``"pivoting"``
-            (complementary pivoting, after [dSF91, 75]). The second, fourth and fifth
-            need bodies that supports hold, else a `ValueError` says so. Each of them
-            may come to a stand where friction is strong.
+            (complementary pivoting, after [dSF91, 75]). ``"alternating_principles"``,
+            ``"minimising_sequence"`` and ``"pivoting"`` need bodies that supports hold. The
+            methods from the paper may stall if friction is strong.
         tol
-            Residual η to reach; rounding may allow no less than `Solution.tolerance`.
+            Residual η to reach. `Solution.tolerance` is larger if rounding needs that.
         max_iterations, max_seconds
             Limits of one step.
         start
-            A `Result` or one of its steps to continue from, to the bits of a path that
-            went through. ``load``, ``prescribed`` and ``gap`` are then those of the steps
-            to come, totals all the same. What is not given and the problem has of its
-            own, its ``gaps`` and ``loads``, goes on behind the steps that ``start`` and
-            the paths before it have done; a single step does not tell how many, and is
-            refused there.
+            A `Result` or one of its steps to continue from; the results have the same bits
+            as those of one uninterrupted path. ``load``, ``prescribed`` and ``gap`` are the
+            totals of the following steps. If the problem has its own ``gaps`` or
+            ``loads``, the rows after the finished steps are used. This needs a `Result`,
+            because a step does not hold the number of steps before it.
         on_step
             Called as ``on_step(k, step)`` after each step.
         gap
-            Gaps of each step where obstacles move, ``(steps, n_c)`` along the normals
-            or ``(steps, n_c, d)`` by component; of one step also ``(n_c,)``; default the
-            ``gaps`` of the problem, or else its ``gap`` in all steps. Totals, and as many
-            rows as the loads have or one. A
-            tangential gap is where the body stands relative to its obstacle at
-            ``u = 0``: an obstacle that moves by ``s`` along a tangent makes it ``-s``,
-            and ``slip`` counts that motion too.
+            Gaps of each step for moving obstacles, totals: ``(steps, n_c)`` along the
+            normals or ``(steps, n_c, d)`` by component; for one step also ``(n_c,)``. One
+            row is used in all steps. The default is the ``gaps`` of the problem, else its
+            ``gap`` in all steps. A tangential gap is the tangential position of the body
+            relative to its obstacle at ``u = 0``: an obstacle that moves by ``s`` along a
+            tangent has the gap ``-s``, and this motion is part of ``slip``.
 
         Raises
         ------
         TypeError, ValueError
-            A wrong argument, named.
+            An argument is wrong; the message names it.
         NoEquilibriumError
-            No answer exists: contacts contradict each other, or the loads on a body
-            that contact alone holds lie outside what friction and pressure can carry.
-            The message says how the body moves, and ``.direction (n_c, d)`` how each
-            contact does: a proof, no reaction works on it and the loads do.
+            No solution exists: contacts contradict each other, or friction and pressure
+            cannot balance the loads on a body that contact alone holds. In the second case
+            the message describes the motion of the body and ``.direction (n_c, d)`` the
+            motion of each contact. It is a proof: the loads do work on this motion and no
+            reaction does work against it.
         NotConvergedError
-            A step did not converge. ``.result`` of these two holds the steps before.
+            A step did not converge. ``.result`` of both errors holds the steps before.
 
         Examples
         --------
-        A path in two pieces; the second goes on where the first has ended:
+        A path in two parts; the second part continues from the end of the first:
 
         >>> import numpy as np
         >>> import bipot_rs as bp
@@ -573,50 +573,49 @@ class ContactProblem:
         on_step: Callable[[int, Step], object] | None = None,
         gap: Callable[[float], ArrayLike] | None = None,
     ) -> Result:
-        """Follow a load path in steps as long as they may be, with slip history.
+        """Solve a load path in adaptive steps, with slip history.
 
-        A step that has no answer, does not converge or slips too far is halved; after
-        one that was not, the next may be twice as long. The answer of each step is, to
-        the bit, that of `solve` over the same load points, which ``result.s`` tells.
+        A step that has no solution, does not converge or slips too far is halved. After a
+        step that was not halved, the next step may be twice as long. The steps end at
+        ``result.s``; `solve` at these points gives the same bits.
 
         Parameters
         ----------
         load, prescribed
-            Totals at ``s``, functions that return ``(n,)`` and ``(len(fixed),)``, called
-            once for each attempt; or arrays, which grow in proportion to ``s``. Missing
-            is zero.
+            Totals: functions of ``s`` that return ``(n,)`` and ``(len(fixed),)``, called
+            once for each attempt, or arrays, which are scaled in proportion to ``s``. The
+            default is zero.
         stops
             Ascending values of ``s`` at which a step must end, such as corners of the
-            path; the last is its end.
+            path. The last value is the end of the path.
         first, largest, smallest
-            The first step tried, ``largest`` if not given; the longest, if not given the
-            whole path; and the shortest, below which the path is given up, if not given
-            a thousandth of it.
+            Length of the first step (default ``largest``), the longest step (default the
+            whole path) and the shortest step (default 1/1000 of the path). The path
+            stops if a step of length ``smallest`` fails.
         slip
-            The most that a pressed contact may slip over a step [length].
+            Largest slip of a closed contact in one step [length].
         method, tol, max_iterations, max_seconds, on_step
             As in `solve`.
         start
-            A `Result` of such a path or one of its steps: it goes on where that ended,
-            with the steps and the bits it would have had. From a state of another path
-            it begins at ``s = 0``.
+            A `Result` of such a path or one of its steps. The path continues from there,
+            with the same steps and bits as one uninterrupted path. From a step of
+            another kind of path it begins at ``s = 0``.
         gap
-            Gaps where obstacles move, a function of ``s`` that returns ``(n_c,)`` or
-            ``(n_c, d)``, totals as those of `solve`; default the ``gap`` of the problem,
-            throughout.
+            Gaps for moving obstacles: a function of ``s`` that returns ``(n_c,)`` or
+            ``(n_c, d)``, totals as in `solve`. The default is the ``gap`` of the problem.
 
         Raises
         ------
         TypeError, ValueError
-            A wrong argument, named.
+            An argument is wrong; the message names it.
         NoEquilibriumError, NotConvergedError
-            No step of length ``smallest`` leads on, with the last ``s``. ``.result``
-            holds the steps up to there.
+            A step of length ``smallest`` failed. The message gives the last ``s``, and
+            ``.result`` holds the steps up to there.
 
         Examples
         --------
-        A point on two springs, pressed by 10 N and pulled by 5 N in proportion, slides
-        along the wall by 2 mm, in steps of 1.5 mm at the most:
+        A point on two springs is pressed onto a wall by 10 N and pulled along it by 5 N,
+        both growing in proportion. It slips by 2 mm, in steps of at most 1.5 mm:
 
         >>> import numpy as np
         >>> import bipot_rs as bp
@@ -644,33 +643,33 @@ class ContactProblem:
         max_iterations: int | None = None,
         max_seconds: float | None = None,
     ) -> list[Result]:
-        """Follow several load paths on the one factorisation, side by side.
+        """Solve several load paths in parallel with one factorisation.
 
         Parameters
         ----------
         cases
-            Of each path a mapping with any of the keys ``load``, ``prescribed``,
-            ``gap`` and ``start``, as `solve` takes them, and ``mu``, friction
-            coefficients ``(n_c,)`` or one, in place of the problem's.
+            For each path a mapping with any of the keys ``load``, ``prescribed``,
+            ``gap`` and ``start``, as in `solve`, and ``mu``, the friction coefficients
+            that replace those of the problem.
         method, tol, max_iterations, max_seconds
             As in `solve`.
 
         Returns
         -------
         list of Result
-            One a case, in their order, with the bits that `solve` gives. A path that has
-            no answer or does not converge keeps the others from nothing: its ``success``
-            is false, its ``message`` says why, and it holds the steps before.
+            One result for each case, with the same bits as from `solve`. If a path has no
+            solution or does not converge, its ``success`` is false, its ``message`` gives
+            the reason, and it holds the steps before. The other paths are not affected.
 
         Raises
         ------
         TypeError, ValueError
-            A wrong argument, named with the number of its case.
+            An argument is wrong; the message names it and the number of its case.
 
         Examples
         --------
-        A point on two springs, pressed by 10 N and pulled along the wall by 5 N, on a
-        smooth wall and on a rough one:
+        A point on two springs is pressed onto a wall by 10 N and pulled along it by 5 N,
+        with a small and a large friction coefficient:
 
         >>> import numpy as np
         >>> import bipot_rs as bp
@@ -686,7 +685,8 @@ class ContactProblem:
         totals: list[list[Totals]] = []
         if not isinstance(cases, Iterable):
             raise TypeError(
-                f"cases is a {type(cases).__name__}, expected mappings, one a path"
+                f"cases is a {type(cases).__name__}, expected a list of mappings, one for "
+                "each path"
             )
         for k, case in enumerate(cases):
             check_case(k, case)
@@ -706,12 +706,11 @@ class ContactProblem:
         return [path.through(asked, done) for path, asked, done in parts]
 
     def update(self, K: Any) -> None:
-        """Take another stiffness, in place: other materials or thicknesses.
+        """Replace the stiffness in place, for other materials or thicknesses.
 
-        Where ``K`` has the pattern of the one before, orderings and symbolic work are
-        used again, and the memory of a factor that is no longer needed. Contacts,
-        supports and settings stay. Results made before keep the stiffness they were
-        made with, and its factor for their displacements.
+        If ``K`` has the same pattern as before, the orderings, the symbolic analysis and
+        the memory of the old factor are reused. Contacts, supports and settings stay.
+        Earlier results keep their stiffness, and its factor for their displacements.
 
         Parameters
         ----------
@@ -721,12 +720,12 @@ class ContactProblem:
         Raises
         ------
         TypeError, ValueError, FloatingBodyError, MemoryError
-            As `ContactProblem` does; the problem is then as it was.
+            As in `ContactProblem`. The problem is then unchanged.
 
         Examples
         --------
-        A point on two springs is pulled away from a wall by 1 N; springs of twice the
-        stiffness let it go half as far:
+        A point on two springs is pulled away from a wall by 1 N. With springs of twice the
+        stiffness it moves half as far:
 
         >>> import numpy as np
         >>> import bipot_rs as bp
@@ -741,8 +740,8 @@ class ContactProblem:
         n = self._shape[0]
         if stiffness.shape != (n, n):
             raise ValueError(
-                f"K has shape {stiffness.shape}, expected ({n}, {n}): whole, as before, "
-                "with the degrees of freedom that are held"
+                f"K has shape {stiffness.shape}, expected ({n}, {n}) as before, including "
+                "the prescribed degrees of freedom"
             )
         if self._loading.held is not None:
             from scipy.sparse import csr_array
@@ -755,7 +754,7 @@ class ContactProblem:
         self._remarks, self._strength = found
 
     def _with_digits(self, stiffness: Csr) -> tuple[Csr, Known | None]:
-        """K as it is condensed, and what is known of its digits."""
+        """K with its rigid motions restored, and how far they were off."""
         if self._digits is None:
             return stiffness, None
         from scipy.sparse import csr_array
@@ -767,10 +766,11 @@ class ContactProblem:
     def _looked_at(
         self, stiffness: Csr, gap: Floats
     ) -> tuple[tuple[str, ...], remarks.Strength | None]:
-        """Sentences on what was given, and how stiff the bodies are where it is known."""
+        """Remarks on the arguments, and the stiffness of the bodies if it is known."""
         places, d = self._where, self._shape[2]
         outward, known, said = None, None, []
-        if not self._in_planes:
+        # K with inclined supports has no rigid motions to compare with.
+        if self._held is None:
             misplaced = dof_order.unlike(
                 stiffness.parts, self._contact.parts, places, d
             )
@@ -820,7 +820,7 @@ class ContactProblem:
         self._seconds = time.perf_counter() - started
 
     def _of_digits(self, said: str, parts: Parts, dof: int) -> str:
-        """What the digits of K may have to do with an error of the core."""
+        """Text to add to an error of the core if few digits of K may be its cause."""
         from bipot_rs.contact.stiffness_digits import OFFER, said_of_indefinite
 
         if "K is indefinite" in said:
@@ -842,7 +842,13 @@ class ContactProblem:
             return (*before, *remarks.of_path(steps, contacts, known))
 
         return Following(
-            *(core, contacts, mu, shape, chosen, start, self._seconds),
+            core,
+            contacts,
+            mu,
+            shape,
+            chosen,
+            start,
+            condense=self._seconds,
             bodies=self._bodies,
             known=self._known,
             remarks=said,
@@ -850,7 +856,7 @@ class ContactProblem:
 
 
 def _of_components(given: Any, found: Floats | None, d: int) -> Floats | None:
-    """Places ``(n, d)`` of degrees of freedom, of those the core takes; None if unknown."""
+    """Coordinates ``(n, d)`` of degrees of freedom; None if they are in another dimension."""
     if found is None or (d == 3 and np.shape(given)[1] == 2):
         return None
     if d == 2 and np.ptp(found[:, 2]) > 0:
@@ -859,18 +865,20 @@ def _of_components(given: Any, found: Floats | None, d: int) -> Floats | None:
 
 
 def _named(bodies: Mapping[str, int] | None, n: int) -> dict[str, int] | None:
-    """Names of bodies with their first degrees of freedom, checked."""
+    """Check the names of bodies and their first degrees of freedom."""
     if bodies is None:
         return None
     if not isinstance(bodies, Mapping):
         raise TypeError(
-            f"bodies is a {type(bodies).__name__}, expected a mapping of names to first "
-            "degrees of freedom"
+            f"bodies is a {type(bodies).__name__}, expected a mapping from each name to "
+            "the first degree of freedom of the body"
         )
     found = {
         str(name): integer(f"bodies[{name!r}]", first, least=0, most=max(n - 1, 0))
         for name, first in bodies.items()
     }
     if len(set(found.values())) < len(found):
-        raise ValueError(f"bodies is {found}, expected each to begin somewhere else")
+        raise ValueError(
+            f"bodies is {found}, expected a different first degree of freedom for each"
+        )
     return found

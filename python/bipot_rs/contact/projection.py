@@ -1,4 +1,4 @@
-"""Coulomb's cone, and the projection onto it."""
+"""`project`: the projection onto Coulomb's cone."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from bipot_rs._lib.validation import floats, friction
 def project(
     tau: ArrayLike, mu: ArrayLike, base: ArrayLike | None = None
 ) -> tuple[Floats, NDArray[np.int8]]:
-    """Project onto Coulomb's cone or an elliptic one, contact by contact, in parallel.
+    """Project onto Coulomb's cone or an elliptic cone, for each contact, in parallel.
 
     Parameters
     ----------
     tau
         Points to project, ``(n_c, d)``, normal first.
     mu
-        Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, one a
-        tangent: the cone is then ``‖D⁻¹ r_t‖ ≤ r_n``, ``D = diag(mu_1, mu_2)``. Those of
-        a contact are both positive, or both zero.
+        Friction coefficient, a number or ``(n_c,)``. In space also ``(n_c, 2)``, one for
+        each tangent, both positive or both zero: the cone is then ``‖D⁻¹ r_t‖ ≤ r_n``,
+        ``D = diag(mu_1, mu_2)``.
     base
-        Start state ``t0``, ``(n_c, d)``. With it ``tau`` is an increment, projected
+        Start state ``t0``, ``(n_c, d)``. ``tau`` is then an increment, which is projected
         onto ``ΔK_μ = K_μ - t0`` [dSF91, 53].
 
     Returns
     -------
     t, status
         The projection ``(n_c, d)``, equation (12), and its `Status` ``(n_c,)``. With
-        ``mu = 0`` a pressed contact is ``SLIP``.
+        ``mu = 0`` a closed contact is ``SLIP``.
 
     Raises
     ------
     TypeError, ValueError
-        An argument of the wrong kind or shape, or not finite.
+        An argument has the wrong type or shape, or is not finite.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The reduced problem, in the reactions alone, and what its solutions are made of."""
+"""`ReducedProblem`: a contact problem whose only unknowns are the reactions."""
 
 from __future__ import annotations
 
@@ -30,24 +30,25 @@ from bipot_rs.contact.elliptic_friction import isotropic
 from bipot_rs.contact.enumeration import Answers, search
 from bipot_rs.contact.error_bound import ErrorBound, from_core
 from bipot_rs.contact.existence import Existence
-from bipot_rs.contact.result import Outcome, Solution
+from bipot_rs.contact.solution import Solution
+from bipot_rs.contact.status import Outcome
 
 
 class ReducedProblem:
-    """A contact problem in the reactions alone, ``v = W r + q`` (5).
+    """A contact problem whose only unknowns are the reactions, ``v = W r + q`` (5).
 
     Parameters
     ----------
     W
-        Compliance, ``(d n_c, d n_c)``, dense or sparse. It is used as given, never made
-        symmetric; ``asymmetry`` reports what it lacks. A C-ordered array of float64 is
-        read where it lies, at every call, and not copied.
+        Compliance, ``(d n_c, d n_c)``, dense or sparse. It is used as given and not made
+        symmetric; see ``asymmetry``. A C-ordered array of float64 is not copied, and every
+        call reads it.
     q
         Relative displacement without reactions, ``(n_c, d)``, normal first.
     mu
         Friction coefficient, a number or ``(n_c,)``; in space also ``(n_c, 2)``, as in
-        `ContactProblem`. What is solved and judged is then Coulomb's problem in stretched
-        variables, of which a copy of ``W`` is made at every call.
+        `ContactProblem`. With two coefficients the problem is solved in scaled variables,
+        in which friction is isotropic, and every call copies ``W``.
     rigid
         ``(R (d n_c, k), e (k,))`` for bodies held by contact alone:
         ``v = W r + R a + q`` with ``Rᵀ r + e = 0``.
@@ -55,15 +56,15 @@ class ReducedProblem:
     Raises
     ------
     TypeError, ValueError
-        A wrong argument, named.
+        An argument is wrong; the message names it.
     NoEquilibriumError
-        A contact penetrates and nothing can move it.
+        A contact penetrates and no reaction can move it.
     FloatingBodyError
         A column of ``R`` moves no contact.
 
     Examples
     --------
-    One contact, pressed into the obstacle by 1 and dragged by 0.75 where nothing resists:
+    One contact, which without reactions penetrates by 1 and slips by 0.75:
 
     >>> import bipot_rs as bp
     >>> problem = bp.ReducedProblem([[2.0, 0.0], [0.0, 1.0]], [[-1.0, 0.75]], 0.5)
@@ -94,7 +95,7 @@ class ReducedProblem:
             modes, force = np.empty((0, size)), np.empty(0)
         else:
             if not hasattr(rigid, "__len__") or len(rigid) != 2:
-                raise TypeError("rigid is not the pair (R, e)")
+                raise TypeError("rigid is wrong, expected the pair (R, e)")
             border = floats("R of rigid", rigid[0], ndim=2)
             if border.shape[0] != size:
                 raise ValueError(
@@ -133,28 +134,29 @@ class ReducedProblem:
             ("W", W),
             ("q", summary.gaps(self.q[:, 0])),
             ("friction", summary.friction(self.mu)),
-            ("rigid motions", f"{held} that contact alone must hold"),
+            ("rigid motions", f"{held} held by contact alone"),
         ]
 
     @property
     def asymmetry(self) -> float:
         """Largest ``|W_ij - W_ji|`` over the largest entry of ``W``.
 
-        Of ``M``, `fclib.GlobalProblem.asymmetry`, another number: over ``√|M_ii M_jj|``,
-        entry by entry, since unknowns of a body may have different units.
+        `fclib.GlobalProblem.asymmetry` is relative to ``√|M_ii M_jj|`` instead, because the
+        unknowns of a body may have different units.
         """
         return self._core.asymmetry
 
     def residual(self, r: ArrayLike, a: ArrayLike | None = None) -> float:
-        """η of (13) at the reactions ``r (n_c, d)``: the one certificate of every method.
+        """Residual η of (13) at the reactions ``r (n_c, d)``, the same for all methods.
 
-        With ``rigid`` and no ``a (k,)``, at the rigid motion of least squares. Where ``mu``
-        is ``(n_c, 2)``, in the stretched variables of section 3 of ``docs/theory.md``.
+        If there are rigid motions and ``a (k,)`` is not given, it is found by least
+        squares. If ``mu`` is ``(n_c, 2)``, η is that of the scaled variables of section 3
+        of ``docs/theory.md``.
 
         Raises
         ------
         TypeError, ValueError
-            ``r`` is not ``(n_c, d)`` or ``a`` not ``(k,)`` finite numbers.
+            ``r`` is not ``(n_c, d)`` or ``a`` is not ``(k,)``, or a number is not finite.
         """
         reaction = floats("r", r, shape=self.q.shape)
         count = 0 if self.rigid is None else len(self.rigid[1])
@@ -162,24 +164,24 @@ class ReducedProblem:
         return self._core.residual(reaction, rigid)
 
     def error_bound(self, r: ArrayLike) -> ErrorBound:
-        """How far reactions ``r (n_c, d)`` are from the answer, as far as it can be proved.
+        """Guaranteed bound of the error of reactions ``r (n_c, d)``.
 
-        Any ``r``, in its cones or not; its ``v`` is ``W r + q``.
+        ``r`` may lie outside its cones; ``v`` is ``W r + q``.
 
         Raises
         ------
         TypeError, ValueError
-            ``r`` is not ``(n_c, d)`` finite numbers.
+            ``r`` is not ``(n_c, d)``, or a number is not finite.
         """
         return self.error_bounds(floats("r", r, shape=self.q.shape)[None])[0]
 
     def error_bounds(self, reactions: ArrayLike) -> list[ErrorBound]:
-        """`error_bound` at many reactions ``(k, n_c, d)``: what W and mu ask is done once.
+        """`error_bound` of many reactions ``(k, n_c, d)``, with one factorisation.
 
         Raises
         ------
         TypeError, ValueError
-            ``reactions`` is not ``(k, n_c, d)`` finite numbers.
+            ``reactions`` is not ``(k, n_c, d)``, or a number is not finite.
         """
         found = floats("reactions", reactions, ndim=3)
         if found.shape[1:] != self.q.shape:
@@ -202,7 +204,7 @@ class ReducedProblem:
         num_threads: int | None = None,
         callback: Callable[[int, float, float], object] | None = None,
     ) -> Solution:
-        """Solve; what happened is `Solution.outcome`, whatever it was.
+        """Solve, and return how the solve ended in `Solution.outcome`.
 
         Parameters
         ----------
@@ -213,14 +215,14 @@ class ReducedProblem:
         num_threads
             As in `ContactProblem`.
         callback
-            Called as ``callback(iterations, work, residual)`` about twenty times a
-            second, with the smallest residual so far, infinite before there is one; an
-            exception from it ends the solve and comes back.
+            Called as ``callback(iterations, work, residual)`` about 20 times per second,
+            with the smallest residual so far (infinite before the first one). If it raises
+            an exception, the solve ends with this exception.
 
         Raises
         ------
         TypeError, ValueError
-            A wrong argument, named.
+            An argument is wrong; the message names it.
         """
         chosen = settings(method, tol, max_iterations, max_seconds)
         validation.callback("callback", callback)
@@ -238,28 +240,28 @@ class ReducedProblem:
         if num_threads is not None:
             num_threads = threads(num_threads)
         raw = self._core.solve(*chosen, reaction, rigid, num_threads, callback)
-        return self._solution(raw, method, chosen[3])
+        return self._solution(raw, method, chosen.max_seconds)
 
     def answers(self, *, restarts: int = 40, seed: int = 0) -> Answers:
-        """All answers, where there may be several.
+        """Find all solutions of a problem that may have several.
 
-        In the plane and with up to 12 contacts the statuses are exhausted, which finds
-        every answer and, where there is none, proves it: `Answers.complete`. It is
-        false where reactions are not determined (supports in excess), and for
-        other problems: those are solved from many starts, and what differs in
-        relative displacement is kept.
+        In the plane with up to 12 contacts all combinations of statuses are tried. This
+        finds every solution, or proves that there is none, and `Answers.complete` is true.
+        Other problems are solved from many starts, and solutions with different relative
+        displacements are returned; `Answers.complete` is then false. It is also false if
+        reactions are not determined (redundant supports).
 
         Parameters
         ----------
         restarts
-            Starts for a problem that is not exhausted.
+            Number of starts, if not all combinations are tried.
         seed
-            Of the random ones among them.
+            Seed of the random starts.
 
         Raises
         ------
         TypeError, ValueError
-            ``restarts`` is not a positive integer, or ``seed`` a negative one.
+            ``restarts`` is not a positive integer, or ``seed`` is negative.
         """
         restarts = positive("restarts", restarts)
         seed = integer("seed", seed, least=0)
@@ -272,7 +274,7 @@ class ReducedProblem:
         whole = self.W if hasattr(self.W, "diagonal") else np.asarray(self.W)
         diagonal = np.asarray(whole.diagonal(), float).reshape(contacts, d).mean(axis=1)
         moved = np.linalg.norm(self.q, axis=1)
-        # The reaction that alone would move a contact as far as it lacks.
+        # The reaction that moves a contact by its own q.
         size = np.divide(moved, diagonal, where=diagonal > 0, out=np.zeros(contacts))
         if self.rigid is not None:
             size += np.abs(self.rigid[1]).max(initial=0.0) / contacts
@@ -287,20 +289,20 @@ class ReducedProblem:
         )
 
     def existence(self, *, exhaust: bool = False) -> Existence:
-        """Whether an answer exists, where that can be said without solving.
+        """Whether a solution exists, as far as this can be proved without solving.
 
-        The conditions are those of section 10 of ``docs/theory.md``. Guaranteed: some
-        displacement within reach lies inside of every dual cone, and normal reactions
-        alone can balance the loads on rigid motions, or contacts in a plane hold a body
-        against translation, however they share the pressure. None: no reaction of the
-        cones can balance the loads, or contacts contradict each other. In between, where
-        friction must help to balance, an answer may exist or not.
+        The conditions are those of section 10 of ``docs/theory.md``. ``"guaranteed"``: a
+        possible displacement lies inside every dual cone, and normal reactions alone can
+        balance the loads on rigid motions, or friction of contacts in one plane holds a
+        body against translation for any distribution of pressure. ``"none"``: no reaction
+        in the cones can balance the loads, or contacts contradict each other.
+        ``"unknown"``: for example if friction is needed to balance the loads.
 
         Parameters
         ----------
         exhaust
-            Whether to try all statuses where the conditions decide nothing, as `answers`
-            does: in the plane, with up to 12 contacts.
+            Whether to try all combinations of statuses, as `answers` does, if the
+            conditions decide nothing: in the plane, with up to 12 contacts.
 
         Raises
         ------
@@ -309,7 +311,7 @@ class ReducedProblem:
         """
         if not isinstance(exhaust, bool):
             raise TypeError(f"exhaust is {validation.shown(exhaust)}, expected a bool")
-        # In components times these, friction that depends on direction is Coulomb's.
+        # In components scaled by these factors, friction is isotropic.
         by, mu = isotropic(self.mu, self.q.shape[1])
         rigid = self.rigid
         if rigid is not None and len(rigid[1]):
@@ -324,8 +326,8 @@ class ReducedProblem:
                 words = rigid_motions.describe(direction, self.mu)
                 return Existence(
                     verdict="none",
-                    reason="the loads lie outside what contact can carry, nothing stops "
-                    f"this motion: {words}",
+                    reason="contact cannot carry the loads, and nothing stops this "
+                    f"motion: {words}",
                     motion=direction,
                 )
         W = by.ravel()[:, None] * existence.dense(self.W) * by.ravel()
@@ -341,8 +343,8 @@ class ReducedProblem:
                 some = len(tried[0]) > 0
                 return Existence(
                     verdict="guaranteed" if some else "none",
-                    reason="all statuses of the contacts were tried, and "
-                    + (f"{len(tried[0])} hold" if some else "none holds"),
+                    reason="all combinations of statuses were tried, and "
+                    f"{len(tried[0]) or 'none'} satisfied the contact law",
                 )
         return found
 
@@ -384,13 +386,13 @@ class ReducedProblem:
 
 
 def _again(W: Any, q: Floats, mu: Floats, rigid: Any) -> ReducedProblem:
-    """The same problem in another process."""
+    """Make a problem from its pickle."""
     return ReducedProblem(W, q, mu, rigid=rigid)
 
 
 @dataclass(frozen=True)
 class _ReducedInquiry:
-    """A reduced problem, for what is found out of its solution when asked for."""
+    """A reduced problem, for the properties of its solution that are computed on use."""
 
     core: _core.Reduced
     tried: Tried
@@ -418,7 +420,7 @@ _Part = tuple[list[int], Floats, tuple[list[int], list[int]] | None]
 
 
 def _islands(W: Any, contacts: int, d: int) -> list[_Part]:
-    """Contacts, values and, where sparse, pattern of each independent part of ``W``."""
+    """Contacts, values and, if sparse, the pattern of each independent block of ``W``."""
     size = contacts * d
     if not hasattr(W, "tocsr"):
         dense = floats("W", W, ndim=2, finite=False, copy=False)
@@ -442,8 +444,7 @@ def _islands(W: Any, contacts: int, d: int) -> list[_Part]:
     bounds = np.searchsorted(label[order], np.arange(count + 1))
     place = np.empty(contacts, int)
     place[order] = np.arange(contacts) - bounds[label[order]]
-    # Entries island by island, as places in it: slices of the whole would each
-    # walk over all of it.
+    # Entries sorted by island: each slice of W itself would read all of it.
     sorted_by = np.argsort(label[row], kind="stable")
     starts = np.searchsorted(label[row][sorted_by], np.arange(count + 1))
     values = entries.data[sorted_by].astype(np.float64)
@@ -466,7 +467,7 @@ def _islands(W: Any, contacts: int, d: int) -> list[_Part]:
 
 
 def solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
-    """What `Solution` takes of the core's answer."""
+    """Fields of `Solution` in the answer of the core."""
     taken = (
         "reaction",
         "relative_displacement",
@@ -490,20 +491,20 @@ def solution_fields(raw: dict[str, Any]) -> dict[str, Any]:
 
 
 def opening(raw: dict[str, Any], mu: Floats) -> Floats:
-    """By how much of its slip a contact opens on the free rigid_motions.
+    """Ratio of opening to slip that the free motion contains: mu for a proof, else zero.
 
-    A proof lies in the dual cone; what an iteration ran away along is a displacement.
+    A proof lies in the dual cone; a direction of divergence is a displacement.
     """
     return mu if raw["outcome"] == Outcome.NO_EQUILIBRIUM else np.zeros_like(mu)
 
 
 def refuse_settings(method: str, tol: float | str) -> None:
-    """Let the core refuse settings before any work: one open contact.
+    """Check settings before any work, by solving a problem of one open contact.
 
     Raises
     ------
     TypeError, ValueError
-        As `ReducedProblem.solve` does, with the method that was meant.
+        As `ReducedProblem.solve`; the message suggests a method with a similar name.
     """
     one = ReducedProblem([[1, 0], [0, 1]], [[1, 0]], 0)
     try:

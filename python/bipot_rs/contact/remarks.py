@@ -1,9 +1,9 @@
-"""What looks wrong with a problem that is given as arrays: sentences for a person to judge.
+"""Warnings about a problem of arrays: what looks wrong but need not be an error.
 
-Nothing here is an error. Scenes have more to go by (`inspection`); of arrays there are the
-gaps, and with the places of the degrees of freedom K itself. K times a field that grows
-linearly with the places is the forces that hold such a strain: they act on the surface of
-the bodies, outwards where it is a dilation, and their work is that of the shear modulus.
+`fem.inspection` checks more, for scenes. For arrays the gaps are checked, and K if the
+coordinates of the degrees of freedom are known. K times a displacement that is linear in
+the coordinates gives the forces that hold this strain. They act on the surface of the
+bodies: for a dilation they point outwards, and for a shear their work gives the modulus.
 """
 
 from __future__ import annotations
@@ -20,43 +20,42 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import Csr
 from bipot_rs.contact import dof_order
-from bipot_rs.contact.result import Step
+from bipot_rs.contact.solution import Step
 
-# Of the size of the problem: what meshing programs and their files round.
+# Rounding of coordinates in mesh files, relative to the size of the problem.
 _ROUNDING = 1e-9
-# Sums of a row that a support was written into are of the order of its entries.
+# The sum of a row is below this part of its entries if no support was written into it.
 _FREE = 1e-2
-# Forces below this share of what is summed are rounding: the node is within a body.
+# Forces below this part of their terms are rounding: the node is inside a body.
 _WITHIN = 1e-6
-# The cosine from which on a normal points the wrong way: one of the nearest approach may
-# lie across the surface by a mesh width.
+# Below this cosine a normal points the wrong way. A normal towards the closest point may
+# differ from that of the surface.
 _AWAY = -0.5
-# Contacts further apart than this share of the size of the model are not looked at one by
-# one: an obstacle beside an edge may well be across it.
+# Single contacts with a gap above this part of the size of the model are not checked: an
+# obstacle next to an edge may lie on its other side.
 _NEAR = 0.05
-# Loads that strain a body by more than this in the mean are none of small strains.
+# Mean strain above which strains are not small.
 _SOFT = 0.05
-# Young's modulus in shear moduli, of solids 2 to 3.
+# Young's modulus over shear modulus; 2 to 3 for solids.
 _YOUNG = 2.5
-# Contacts that move by more than the extent of all of them.
+# Limit of the slip of a step over the extent of all contacts.
 _FAR = 1.0
 NEVER_CLOSED = (
-    "no contact closes in any load step: does the load press the bodies together, and do "
-    "the normals point from the obstacle to the body?"
+    "no contact closes in any load step: check that the load presses the bodies together "
+    "and that the normals point from the obstacle to the body"
 )
 
 
 @dataclass(frozen=True)
 class Strength:
-    """How stiff each body is.
+    """Stiffness of each body.
 
     Attributes
     ----------
     body : (n,)
         Number of the body of each degree of freedom.
     force : (bodies,)
-        What would strain it by 1 over its largest section; not a number where K does not
-        tell.
+        Force for a strain of 1 on its largest section; NaN if K does not determine it.
     """
 
     body: Ints
@@ -71,18 +70,18 @@ def at_start(
     places: Floats | None,
     outward: Floats | None,
 ) -> Iterator[str]:
-    """What the arrays say before any load.
+    """Warnings about the arrays, before any load.
 
     Parameters
     ----------
     contact
         B.
     gap : (n_c, d)
-        By component.
+        Gaps by component.
     points, places
-        Of the contacts ``(n_c, d)`` and of the degrees of freedom ``(n, d)``, where known.
+        Coordinates of the contacts ``(n_c, d)`` and of the degrees of freedom ``(n, d)``.
     outward : (n,) or None
-        As `surfaces` gives it.
+        Forces of `surfaces`.
     """
     yield from _penetrating(gap[:, 0], points, places)
     if outward is not None and len(gap):
@@ -111,18 +110,18 @@ def _penetrating(
     )
     where = "" if points is None else f" at {_place(points[deepest])}"
     yield (
-        f"{inside.size} of the {counted(len(gap), 'contact')} start inside what they may "
-        f"touch, the deepest, contact {deepest}{where}, by {depth:g}{share}: the first step "
-        "presses them out; right for an interference fit, else gap has the wrong sign, it "
-        "is open when positive"
+        f"{inside.size} of the {counted(len(gap), 'contact')} penetrate at the start, most "
+        f"of all contact {deepest}{where}, by {depth:g}{share}: the first step pushes them "
+        "out; this is right for an interference fit, else check the sign of gap, which is "
+        "positive when open"
     )
 
 
 def surfaces(stiffness: Csr, places: Floats, d: int) -> Floats | None:
-    """Forces ``(n,)`` that point outwards at the surface of the bodies, zero within.
+    """Forces ``(n,)`` that point outwards at the surface of the bodies, and are zero inside.
 
-    Zero too where a support was written into K. None where the order of the degrees of
-    freedom is not known from their places, or is not that of K.
+    They are also zero in rows of supports within K. None if the coordinates do not show
+    the order of the degrees of freedom.
     """
     order = dof_order.told_by(places, d)
     if order is None:
@@ -144,7 +143,7 @@ def surfaces(stiffness: Csr, places: Floats, d: int) -> Floats | None:
 def _into(
     contact: Csr, gap: Floats, outward: Floats, places: Floats | None
 ) -> Iterator[str]:
-    """Normals that do not point into the body whose surface has the contact."""
+    """Warn of normals that point out of the body with the contact."""
     d = gap.shape[1]
     if places is None or (order := dof_order.told_by(places, d)) is None:
         return
@@ -154,7 +153,7 @@ def _into(
     node = dof_order.node_of(order, n, d)
     of_node = csr_array((np.ones(n), (np.arange(n), node)), shape=(n, n // d))
     normal = contact.matrix[::d]
-    # Both sides of a pair: minus the normal points into the obstacle.
+    # For a pair of bodies both sides count: minus the normal points into the obstacle.
     along = -(normal @ outward)
     length = np.sqrt(outward**2 @ of_node)
     whole = (normal.multiply(normal)).tocsr() @ of_node
@@ -168,13 +167,13 @@ def _into(
         contacts = len(along)
         yield (
             f"the normals of {wrong.size} of the {counted(contacts, 'contact')} point out of "
-            f"the body, first at contact {wrong[0]}: a normal is from the obstacle towards "
-            "the body, and B gives the displacement of the body minus that of the obstacle"
+            f"the body, first at contact {wrong[0]}: a normal must point from the obstacle to "
+            "the body, and B must give the displacement of the body minus that of the obstacle"
         )
 
 
 def strength(stiffness: Csr, places: Floats, d: int) -> Strength | None:
-    """How stiff each body is, as far as places and K tell."""
+    """Stiffness of each body, from the coordinates and K."""
     from scipy.sparse.csgraph import connected_components
 
     order = dof_order.told_by(places, d)
@@ -184,7 +183,7 @@ def strength(stiffness: Csr, places: Floats, d: int) -> Strength | None:
     component = dof_order.components(order, n, d)
     K = stiffness.matrix
     count, body = connected_components(K, directed=False)
-    # A node is of one body, though its components may not feel each other.
+    # All components of a node belong to one body, even if K does not couple them.
     first = np.full(n // d, count)
     node = dof_order.node_of(order, n, d)
     np.minimum.at(first, node, body)
@@ -221,7 +220,7 @@ def of_path(
     contacts: Mapping[str, NDArray[Any] | None],
     known: Strength | None,
 ) -> Iterator[str]:
-    """What the load steps of a path say."""
+    """Warnings about the load steps of a path."""
     if not steps:
         return
     if len(steps[0].status) and not any(step.status.any() for step in steps):
@@ -242,9 +241,9 @@ def _overloaded(steps: Sequence[Step], known: Strength) -> Iterator[str]:
     if len(share) and share[most] > _SOFT:
         dof = int(np.argmax(known.body == most))
         yield (
-            "units may be mixed: the loads of the body of degree of freedom "
-            f"{dof} would strain it by {100 * share[most]:.2g} % over its largest section, "
-            "and strains are taken to be small"
+            "check the units: the loads on the body of degree of freedom "
+            f"{dof} would strain its largest section by {100 * share[most]:.2g} %, but the "
+            "theory needs small strains"
         )
 
 
@@ -253,9 +252,9 @@ def _beyond(steps: Sequence[Step], x: Floats) -> Iterator[str]:
     moved = max(float(np.abs(step.slip).max(initial=0.0)) for step in steps)
     if size > 0 and moved > _FAR * size:
         yield (
-            f"units may be mixed: contacts slide by up to {moved:.3g} in a load step, "
-            f"{moved / size:.2g} times the extent of all contacts, and displacements are "
-            "taken to be small"
+            f"check the units: contacts slip by up to {moved:.3g} in a load step, "
+            f"{moved / size:.2g} times the extent of all contacts, but the theory needs small "
+            "displacements"
         )
 
 

@@ -1,9 +1,9 @@
-"""Forces of a whole contact surface: what a load cell under it would show.
+"""Resultant forces of a contact surface.
 
-On a flat surface the sums of the components are forces themselves. On a curved one they
-are not: normals differ, forces that press from two sides add up in ``Σ r_n`` and cancel in
-the sum of vectors. There the vector in global components is what balances loads, ``Σ r_n``
-and ``Σ ‖r_t‖`` tell how much is pressed and held, whatever its direction.
+On a flat surface the sums of the components are forces. On a curved surface they are not,
+because the normals differ: opposite normal forces add up in ``Σ r_n`` but cancel in the
+sum of vectors. There only the vector in global components balances the loads; ``Σ r_n``
+and ``Σ ‖r_t‖`` measure pressing and friction in all directions.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.elliptic_friction import dissipation, largest, limit
 
-# Normals of one plane, from places that files write with seven digits.
+# Difference of normals of one plane, if a file gives coordinates with seven digits.
 _FLAT = 1e-6
 
 
@@ -26,17 +26,17 @@ class Resultant:
     Attributes
     ----------
     normal
-        ``Fn = Σ r_n`` [N], the force that presses where the surface is flat.
+        ``Fn = Σ r_n`` [N]: on a flat surface, the normal force.
     tangential
-        Where the surface is flat ``Ft = ‖Σ r_t‖`` [N], the sum as vectors in space; where
-        it is curved ``Σ ‖r_t‖`` [N], the sum of the sizes.
+        On a flat surface ``Ft = ‖Σ r_t‖`` [N], with vectors added in space; on a curved
+        surface ``Σ ‖r_t‖`` [N].
     limit
-        The most that ``tangential`` can be under these normal forces, ``Σ μ r_n`` [N]; of
-        two coefficients the ellipse's reach, where it is flat along the tangential force,
-        where it is curved along that of each contact.
+        Upper limit of ``tangential`` for these normal forces, ``Σ μ r_n`` [N]. With two
+        coefficients it is that of the friction ellipse, along the tangential force of a
+        flat surface, or along the tangential force of each contact of a curved surface.
     force : (d,)
-        The sum of all contact forces in global components [N], on the body that has the
-        contacts: what its loads and supports balance.
+        Sum of all contact forces on the body with the contacts, in global components [N].
+        The loads and supports of the body balance it.
     curved
         Whether normals differ.
     """
@@ -49,23 +49,22 @@ class Resultant:
 
     @property
     def used(self) -> float | None:
-        """``tangential / limit``, from 0 to 1; ``None`` where friction can hold nothing.
+        """``tangential / limit``, from 0 to 1; ``None`` if ``limit`` is 0.
 
-        Of a curved surface it is 1 where every contact that presses slips, in whatever
-        direction; of a flat one where all slip one way.
+        It is 1 if every closed contact slips; on a flat surface, all in one direction.
         """
         return self.tangential / self.limit if self.limit > 0 else None
 
 
 def is_curved(normal: Floats) -> bool:
-    """Whether unit normals ``(n_c, d)`` differ by more than those of one plane do."""
+    """Whether unit normals ``(n_c, d)`` differ by more than rounding."""
     return bool(len(normal) and np.abs(normal - normal[0]).max() > _FLAT)
 
 
 def resultants(
     reaction: Floats, frame: Floats, mu: Floats, group: Ints, count: int
 ) -> list[Resultant]:
-    """Forces on each contact surface.
+    """Resultant forces on each contact surface.
 
     Parameters
     ----------
@@ -78,7 +77,7 @@ def resultants(
     group : (n_c,)
         Number of the surface of each contact.
     count
-        Surfaces.
+        Number of surfaces.
     """
     found = []
     for k in range(count):
@@ -94,7 +93,7 @@ def resultants(
             total = np.einsum("ik,ikd->d", force[:, 1:], axes[:, 1:])
             size = float(np.linalg.norm(total))
             if coefficient.ndim == 2:
-                # Of an ellipse, the most along the line of the total.
+                # The limit of the ellipse along the total tangential force.
                 line = total / size if size > 0 else axes[0, 1]
                 coefficient = dissipation(coefficient, axes[:, 1:] @ line)
             most = float(press @ coefficient)
@@ -103,15 +102,15 @@ def resultants(
 
 
 def held(reaction: Floats, mu: Floats) -> tuple[Floats, Floats]:
-    """``‖r_t‖`` of each contact and the most that it could be, ``(..., n_c)`` [N].
+    """``‖r_t‖`` of each contact and its friction limit, ``(..., n_c)`` [N].
 
     Parameters
     ----------
     reaction : (..., n_c, d)
         Normal first.
     mu : (n_c,) or (n_c, 2)
-        Where two, the reach is that of the ellipse along ``r_t``; of a contact without
-        tangential force along its longer axis.
+        With two coefficients the limit is that of the ellipse along ``r_t``, or along the
+        longer axis if ``r_t`` is zero.
     """
     r_t = reaction[..., 1:]
     size = np.linalg.norm(r_t, axis=-1)

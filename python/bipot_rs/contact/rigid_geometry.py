@@ -1,4 +1,4 @@
-"""Rigid motions of degrees of freedom, from the places where they are."""
+"""Rigid motions of degrees of freedom, computed from their coordinates."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from bipot_rs._lib.types import Floats, Ints
 
-# Of a degree of freedom: 0, 1, 2 is a displacement along x, y, z, and 3, 4, 5 a rotation
-# about them.
+# Direction of a degree of freedom: 0, 1, 2 is a displacement along x, y, z, and 3, 4, 5 a
+# rotation about x, y, z.
 ABOUT = 3
 UNKNOWN = -1
 
@@ -15,9 +15,9 @@ UNKNOWN = -1
 def directions(places: Floats, d: int) -> Ints:
     """Direction of each degree of freedom, ``(n,)``, or `UNKNOWN`.
 
-    Degrees of freedom at one place are, in ascending order, the displacements of a node
-    along the axes, then its rotations where there are as many as a beam or a shell has.
-    Where nodes of several bodies share a place, numbers without a gap are one node. The
+    Degrees of freedom at one point are, in ascending order, the displacements of a node
+    along the axes, then its rotations if there are as many as in a beam or a shell. If
+    nodes of several bodies are at one point, consecutive numbers belong to one node. The
     condensation reads ``coordinates`` in the same way.
 
     Parameters
@@ -27,7 +27,7 @@ def directions(places: Floats, d: int) -> Ints:
     d
         Dimension, 2 or 3.
     """
-    x, y, z = (places + 0.0).T  # -0.0 is the same place as 0.0
+    x, y, z = (places + 0.0).T  # -0.0 is the same coordinate as 0.0
     n = len(places)
     order = np.lexsort((np.arange(n), z, y, x))
     new = np.ones(n, bool)
@@ -49,7 +49,7 @@ def _of_node(count: int, d: int) -> Ints:
 
 
 def _nodes(dofs: Ints, d: int) -> list[Ints]:
-    """Nodes at one place, each with its degrees of freedom in the order of directions."""
+    """Degrees of freedom of each node at one point, in the order of directions."""
     sizes = (d, 3 if d == 2 else 6)
     runs = np.split(dofs, np.flatnonzero(np.diff(dofs) != 1) + 1)
     if all(len(run) in sizes for run in runs):
@@ -59,18 +59,18 @@ def _nodes(dofs: Ints, d: int) -> list[Ints]:
     if all(len(run) % d == 0 for run in runs):
         return [node for run in runs for node in run.reshape(-1, d)]
     if len(dofs) % d == 0:
-        # All x first, then all y: of each axis one from every node.
+        # All x first, then all y.
         return list(dofs.reshape(d, -1).T)
     return []
 
 
 def motions(direction: Ints, places: Floats, d: int) -> tuple[Floats, Floats]:
-    """Rigid motions of one body and how much each degree of freedom moves at the most.
+    """Rigid motions of one body, and the largest motion of each degree of freedom.
 
-    Translations of size 1, and rotations about the mean place that move no node by more
-    than about 1: columns ``(n, 3)`` in the plane, ``(n, 6)`` in space. Those that a body
+    The columns, ``(n, 3)`` in the plane and ``(n, 6)`` in space, are translations by 1, and
+    rotations about the centre that move a node by about 1 at most. Motions that a body
     does not have, such as the rotation of a straight line about itself, are zero or
-    depend on others.
+    depend on other columns.
     """
     arm = places - places.mean(axis=0)
     reach = float(np.abs(arm[:, :d]).max(initial=0.0)) or 1.0
@@ -87,14 +87,14 @@ def axes_of(d: int) -> range:
 
 
 def amounts(direction: Ints, arm: Floats, d: int) -> list[tuple[int, Ints, Floats]]:
-    """Nonzeros of rigid motions: number of the motion, which rows, and how much.
+    """Nonzero entries of rigid motions: number of the motion, rows, and values.
 
     Parameters
     ----------
     direction
-        Of each row.
+        Direction of each row.
     arm
-        Of each row its place, from the point that rotations are about, ``(rows, 3)``.
+        Coordinates of each row relative to the centre of rotation, ``(rows, 3)``.
     """
     found = []
     for k in range(d):

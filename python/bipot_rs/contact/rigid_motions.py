@@ -1,4 +1,4 @@
-"""Rigid motions in words: what a body does that supports or contact leave free."""
+"""Descriptions of rigid motions in words, for messages."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from bipot_rs._lib.messages import body_of
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.elliptic_friction import dissipation
 
-# Coordinates below this, relative to the body, are zero: what rounding leaves of them.
+# Coordinates below this, relative to the size of the body, are rounding errors of zero.
 _ZERO = 1e-9
-# A motion is nearly a translation where turning moves what is seen by less than the
-# translation over this.
+# A motion is nearly a translation if its rotation moves the contacts by less than the
+# translation divided by this.
 _FAR = 2.0
-
-# Parts of a motion below this, relative to the whole, are not worth a word. Where the
-# loads pass the limit of friction by little, turning a proof by ω changes what it
-# proves by ω²: its direction is known to the root of rounding.
+# Parts of a motion below this, relative to the whole, are left out. If the loads exceed
+# the friction limit by little, a rotation of a proof by ω changes its work by ω²: its
+# direction is known to the root of rounding.
 _WORTH = 1e-4
 
 
 def at_contacts(modes: Floats, amounts: Floats, d: int) -> Floats:
-    """Motion of each contact ``(n_c, d)``, the largest of length 1.
+    """Displacement of each contact ``(n_c, d)``, scaled so that the largest is 1.
 
-    ``modes (k, d n_c)`` are the rigid motions, normal first; ``amounts (k,)`` of them.
+    ``modes (k, d n_c)`` are the rigid motions, normal first, and ``amounts (k,)`` their
+    amplitudes.
     """
     field = (amounts @ modes).reshape(-1, d)
     largest = np.linalg.norm(field, axis=1).max(initial=0.0)
@@ -45,13 +45,14 @@ def left_free(
     Parameters
     ----------
     fields
-        Motion of each contact, ``(k, n_c, d)``, normal first.
+        Displacement of each contact, ``(k, n_c, d)``, normal first.
     bodies, dofs
-        Number of the body of each motion, and a degree of freedom that it moves most.
+        Number of the body of each motion, and its most moved degree of freedom.
     frame
-        Bases ``(n_c, d, d)`` of the contacts; without them axes are those of the contacts.
+        Bases ``(n_c, d, d)`` of the contacts. Without them the axes are those of the
+        contacts.
     names
-        Of bodies, each with its first degree of freedom.
+        Names of bodies, each with its first degree of freedom.
     """
     axes = ("n", "t1", "t2")
     if frame is not None:
@@ -74,25 +75,23 @@ def describe(
     frame: Floats | None = None,
     bodies: Sequence[tuple[str, ...]] | None = None,
 ) -> str:
-    """Say how contacts move.
+    """Describe the motion of the contacts.
 
     Parameters
     ----------
     direction
-        Motion of each contact, ``(n_c, d)``, normal first, the largest of length 1.
+        Displacement of each contact, ``(n_c, d)``, normal first, the largest of length 1.
     mu
-        Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``. Where a motion opens a
-        contact by just the ``mu |v_t|`` of the dual cone, the contact slides without
-        opening: that is what is told if it is a rigid motion.
+        Friction coefficients, ``(n_c,)`` or ``(n_c, 2)``. The opening ``mu |v_t|`` of the
+        dual cone is subtracted first, if the rest is a rigid motion: the contacts slide.
     points, frame
-        Places ``(n_c, d)`` and bases ``(n_c, d, d)`` of the contacts; without them the
-        contacts that move most are named.
+        Coordinates ``(n_c, d)`` and bases ``(n_c, d, d)`` of the contacts. Without them
+        the contacts that move most are listed.
     bodies
-        Names of the bodies that meet at each contact; each set of them moves as one.
+        Names of the bodies at each contact; contacts with equal names move together.
     """
     length = np.linalg.norm(direction, axis=1)
-    # Where no answer was found by trying all statuses, the motion is what an
-    # iteration ran away along, and need not lie in the dual cone.
+    # A direction of divergence, unlike a proof, need not lie in the dual cone.
     slack = direction[:, 0] - dissipation(mu, direction[:, 1:])
     if slack.min(initial=0.0) < -_WORTH:
         mu = np.zeros_like(mu)
@@ -113,14 +112,14 @@ def describe(
 
 
 def _sliding(v: Floats, mu: Floats) -> Floats:
-    """The motion whose ``v + mu |v_t| n`` is given, as in (9)."""
+    """The motion ``v`` for a given ``v + mu |v_t| n`` of (9)."""
     slid = v.copy()
     slid[:, 0] -= dissipation(mu, v[:, 1:])
     return slid
 
 
 def _rigid(fields: Sequence[Floats], points: Floats, frame: Floats) -> str | None:
-    """Words of the first of the fields that is a rigid motion."""
+    """Describe the first field that is a rigid motion, if there is one."""
     for field in fields:
         size = np.linalg.norm(field)
         there = np.einsum("id,ide->ie", field, frame)
@@ -131,7 +130,7 @@ def _rigid(fields: Sequence[Floats], points: Floats, frame: Floats) -> str | Non
 
 
 def _fit(field: Floats, points: Floats) -> tuple[Floats, Floats, Floats, float]:
-    """``v(x) = t + ω × (x - c)`` of least squares: t, ω, c and what it misses by.
+    """Fit ``v(x) = t + ω × (x - c)`` by least squares; return t, ω, c and the misfit.
 
     In the plane ω has one component, in space three.
     """
@@ -151,7 +150,7 @@ def _fit(field: Floats, points: Floats) -> tuple[Floats, Floats, Floats, float]:
 
 
 def _named(shift: Floats, turn: Floats, centre: Floats, reach: float) -> str:
-    """Words of ``v(x) = t + ω × (x - c)``; ``reach`` is the size of where it is seen."""
+    """Describe ``v(x) = t + ω × (x - c)``; ``reach`` is the extent of the contacts."""
     d, rate = len(centre), float(np.linalg.norm(turn))
     axes = ", ".join("xyz"[:d])
     moved = float(np.linalg.norm(shift))
@@ -165,7 +164,7 @@ def _named(shift: Floats, turn: Floats, centre: Floats, reach: float) -> str:
 
 
 def _turning(shift: Floats, turn: Floats, centre: Floats, reach: float) -> str:
-    """Words of the axis."""
+    """Describe a rotation by its axis."""
     rate = float(np.linalg.norm(turn))
     if len(centre) == 2:
         place = centre + np.array([-shift[1], shift[0]]) / turn[0]
@@ -179,9 +178,9 @@ def _turning(shift: Floats, turn: Floats, centre: Floats, reach: float) -> str:
 
 
 def _numbers(values: Floats, unit: bool = False, *, size: float = 0.0) -> str:
-    """``(0.8, 0.6)``; of length 1 if asked, without the rounding of zeros.
+    """``(0.8, 0.6)``, with length 1 if ``unit``, and rounding errors replaced by zero.
 
-    Of places, ``size`` is that of the body: all of them may be roundings of zero.
+    For coordinates, ``size`` is the size of the body: all may be rounding errors of zero.
     """
     values = values / np.linalg.norm(values) if unit else values
     least = max(_WORTH * np.abs(values).max(initial=0.0), _ZERO * size)
@@ -190,14 +189,14 @@ def _numbers(values: Floats, unit: bool = False, *, size: float = 0.0) -> str:
 
 
 def _most_moved(field: Floats, contacts: NDArray[np.intp], count: int) -> str:
-    """Contacts and directions, where no rigid motion can be told."""
+    """Describe the contacts that move most."""
     axes = ", ".join(("n", "t1", "t2")[: field.shape[1]])
     length = np.linalg.norm(field, axis=1)
     same = np.abs(field - field[0]).max(initial=0.0) <= _WORTH
     if same:
         who = "every contact" if len(contacts) == count else _list(contacts)
         return f"{who} along {_numbers(field[0], True)} in ({axes})"
-    # Largest first; those that move alike in the order of their numbers.
+    # Largest first; equal ones in the order of their numbers.
     order = np.argsort(-np.round(length / length.max(), 4), kind="stable")[:3]
     most = [f"contact {contacts[i]} by {_numbers(field[i])}" for i in order]
     return f"{', '.join(most)} in ({axes}) most of all"
@@ -210,16 +209,16 @@ def _list(contacts: NDArray[np.intp]) -> str:
 
 
 def name_all(fields: Floats, axes: tuple[str, ...], whose: str) -> list[str]:
-    """Words for a space of motions, ``fields (k, n_c, d)``.
+    """Describe the space of motions that ``fields (k, n_c, d)`` span.
 
-    Translations that lie in it are named by their axis; the rest turn.
+    Translations along an axis are named; all other motions are rotations.
     """
     touched = np.abs(fields).max(axis=(0, 2)) > 0
     span, _ = np.linalg.qr(fields[:, touched].reshape(len(fields), -1).T)
     words = []
     for axis, unit in zip(axes, np.eye(fields.shape[2]), strict=False):
         shift = np.tile(unit, int(touched.sum())) / np.sqrt(touched.sum())
-        # Rounding leaves 1e-8 of a translation that is free, a rotation most of it.
+        # This is 1e-8 by rounding for a free translation, and large for a rotation.
         if np.linalg.norm(shift - span @ (span.T @ shift)) <= 1e-6:
             words.append(f"translation along {axis}, {whose}")
     turns = len(fields) - len(words)

@@ -1,4 +1,4 @@
-"""How far contacts slide, against their distance from each other."""
+"""Sliding distance of contacts relative to the distance between them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bipot_rs._lib.types import Floats
 
 
 def distances(points: Floats) -> Floats:
-    """Of each of several places the distance to the nearest other one, ``(m,)``.
+    """Distance of each point to its nearest neighbour, ``(m,)``.
 
     >>> distances(np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]]))
     array([1., 1., 2.])
@@ -23,17 +23,17 @@ def distances(points: Floats) -> Floats:
         return np.full(len(points), np.inf)
     found, _ = cKDTree(points).query(points, k=2)
     nearest = np.asarray(found[:, 1], np.float64)
-    # Two contacts of one node say nothing of the mesh.
+    # Two contacts of one node are not a distance in the mesh.
     return np.where(nearest > 0, nearest, np.inf)
 
 
 def farthest(
     steps: Sequence[Any], apart: Floats, at: NDArray[np.integer[Any]]
 ) -> tuple[int, int, float]:
-    """Where a pressed contact has gone farthest along, relative to ``apart (m,)``.
+    """Largest sliding distance of a closed contact, relative to ``apart (m,)``.
 
-    ``steps`` are of `Result`, and ``at (m,)`` the contacts that are looked at. Returns the
-    step from 0, which of ``at``, and the ratio.
+    ``steps`` are the steps of a `Result`, and ``at (m,)`` are the contacts to check.
+    Returns the number of the step, the index into ``at``, and the ratio.
     """
     found = 0, 0, 0.0
     for k, step in enumerate(steps):

@@ -1,8 +1,8 @@
-"""Load steps as long as they may be: halved where they fail, grown where they do not.
+"""Adaptive load steps: halved if they fail, doubled if they succeed.
 
-A path is followed over a parameter ``s`` from 0 to the last of its stops. What decides
-the next step is ``s`` and ``ahead``, and both stand in every `Step`: a path that is left
-off and taken up again takes the steps of one that went through.
+A path goes over a parameter ``s`` from 0 to the last of its stops. Only ``s`` and
+``ahead`` determine the next step, and every `Step` holds both: an interrupted path
+continues with the same steps.
 """
 
 from __future__ import annotations
@@ -17,26 +17,28 @@ from bipot_rs._lib.validation import floats, number
 from bipot_rs.contact.errors import NoEquilibriumError, NotConvergedError
 from bipot_rs.contact.load_path import Following
 from bipot_rs.contact.load_steps import Totals
-from bipot_rs.contact.result import Result, Status, Step
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Step
+from bipot_rs.contact.status import Status
 
-# The least step, of the whole path where none is given, and where rounding of s begins.
+# Default of the smallest step, and its lower limit by the rounding of s, over the path.
 _SMALLEST, _LEAST = 1e-3, 1e-12
-# What is left to a stop, in smallest steps, when it is rounding of s alone.
+# A distance to a stop below this part of the smallest step is rounding of s.
 _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
 class Increments:
-    """How a path is divided; all but ``slip`` in units of s.
+    """Limits of adaptive steps; all but ``slip`` in units of s.
 
     Attributes
     ----------
     stops
-        Ascending values of s where a step must end; the last is the end.
+        Ascending values of s at which a step must end. The last is the end of the path.
     first, largest, smallest
-        The first step tried, the longest, and the one below which a path is given up.
+        Length of the first, the longest and the shortest step.
     slip
-        The most that a contact may slip over a step [length]; None for any amount.
+        Largest slip of a contact in one step [length]; None for no limit.
     """
 
     stops: tuple[float, ...]
@@ -46,7 +48,7 @@ class Increments:
     slip: float | None = None
 
     def next(self, s: float, ahead: float) -> float:
-        """Where a step from s would end."""
+        """End of a step from s."""
         stop = next(stop for stop in self.stops if stop > s)
         to = s + ahead
         return stop if to > stop - _ROUNDING * self.smallest else to
@@ -55,12 +57,12 @@ class Increments:
 def increments(
     stops: Any, first: Any, largest: Any, smallest: Any, slip: Any
 ) -> Increments:
-    """The same, checked, with what is left to us filled in.
+    """Check the limits, and fill in the defaults.
 
     Raises
     ------
     TypeError, ValueError
-        An argument of the wrong kind or out of order, named.
+        An argument has the wrong type or order; the message names it.
     """
     ends = np.atleast_1d(floats("stops", stops))
     if ends.ndim != 1 or not ends.size or not (np.diff(ends, prepend=0.0) > 0).all():
@@ -76,7 +78,7 @@ def increments(
     if not _LEAST * end <= least <= begin <= most <= end:
         raise ValueError(
             f"smallest, first and largest are {least:g}, {begin:g} and {most:g}, expected "
-            f"them ascending, from {_LEAST:g} to 1 of the path's end, {end:g}"
+            f"ascending values from {_LEAST * end:g} to {end:g}, the end of the path"
         )
     most_slip = None if slip is None else number("slip", slip)
     if most_slip is not None and not 0 < most_slip < np.inf:
@@ -90,24 +92,23 @@ def follow(
     plan: Increments,
     on_step: Callable[[int, Step], object] | None,
 ) -> Result:
-    """Follow a path from where it stands.
+    """Solve a path in adaptive steps.
 
     Parameters
     ----------
     following
-        The path, which stands at a step of such a path, or at any state, which is then
-        at s = 0.
+        The path. If its start is no adaptive step, s begins at 0.
     loads
         Total load, prescribed displacement and gaps at s.
     plan
-        How it is divided.
+        Limits of the steps.
     on_step
         Called as ``on_step(k, step)`` after each step.
 
     Raises
     ------
     NoEquilibriumError, NotConvergedError
-        No step of ``smallest`` leads on; ``.result`` holds what was reached.
+        A step of length ``smallest`` failed; ``.result`` holds the steps before.
     """
     s, ahead = 0.0, plan.first
     start = following.before
@@ -134,7 +135,7 @@ def _advance(
     s: float,
     ahead: float,
 ) -> tuple[float, float, Step]:
-    """One step from s, with where it ends and the length to try next."""
+    """Solve one step from s; return its end, the next length to try, and the step."""
     halved = False
     while True:
         to = plan.next(s, ahead)
@@ -147,7 +148,7 @@ def _advance(
             slid = largest_slip(step)
             if step.converged and (plan.slip is None or slid <= plan.slip):
                 calm = plan.slip is None or slid <= 0.5 * plan.slip
-                # One that a stop has cut short says nothing of a longer one.
+                # A step that a stop has shortened does not justify a longer one.
                 whole = to - s >= ahead * (1 - _ROUNDING)
                 if calm and whole and not halved:
                     ahead = min(2 * ahead, plan.largest)
@@ -156,12 +157,12 @@ def _advance(
             raise _refusal(following, plan, failed, s, to)
         ahead = max((to - s) / 2, plan.smallest)
         halved = True
-        # A failed step leaves its traces in what the core holds.
+        # A failed step has changed the state of the core.
         following.rewind()
 
 
 def largest_slip(step: Step) -> float:
-    """The most that a pressed contact slips over a step."""
+    """Largest slip of a closed contact in a step."""
     slips = np.linalg.norm(step.slip, axis=1)[step.status == Status.SLIP]
     return float(slips.max(initial=0.0))
 
@@ -173,10 +174,10 @@ def _refusal(
     s: float,
     to: float,
 ) -> NoEquilibriumError | NotConvergedError:
-    """Why the path ends at s, with all that was reached."""
+    """Make the error of a path that ends at s, with the steps before."""
     where = (
-        f"load step {len(following.steps) + 1}: the path ends at s = {s:.10g}: from there no step "
-        f"to s = {to:.10g}, and smallest = {plan.smallest:g} allows no shorter one: "
+        f"load step {len(following.steps) + 1}: the path ends at s = {s:.10g}: the step to "
+        f"s = {to:.10g} failed, and smallest = {plan.smallest:g} allows no shorter step: "
     )
     if isinstance(failed, Step) and failed.converged:
         at = np.where(failed.status == Status.SLIP, 1.0, 0.0)

@@ -1,23 +1,22 @@
-"""A stiffness that is known to some digits, with its rigid motions restored.
+"""Restores the rigid motions of a stiffness whose entries were written with few digits.
 
-Programs write the entries of K with six to twelve digits. Rounded row by row, K resists
-rigid motions a little, or pushes them along: ``K Z`` is some 1e-8 of its terms in place
-of rounding. The rigid motions ``Z`` themselves are known from the places of the degrees
-of freedom. What is sought is the nearest stiffness that leaves them free,
+Programs write the entries of K with six to twelve digits. With rounded entries ``K Z`` is
+about 1e-8 of its terms instead of 1e-16. The rigid motions ``Z`` are known from the
+coordinates of the degrees of freedom. The closest stiffness that leaves them free solves
 
     min Σ (δ_ij / s_ij)²  with  (K + δ) Z = 0,  δ = δᵀ,
 
-over the entries that K has, ``s_ij`` being what ``k_ij`` is uncertain by. Its equations
-``A S² Aᵀ λ = -K Z`` (A takes δ to δ Z) are solved by an iteration (LSQR), which starts
-again from what is left until that is rounding. They are well conditioned row by row. A
-direct factorisation would fill in far more than that of K, as they have as many unknowns
-for each row as there are rigid motions. A full K, such as that of a superelement, is
-treated alike: the projection ``P K P``, which is the least change by the sum of squares
-of δ alone, would change small entries far from the diagonal by more than what they are
-uncertain by.
+over the entries of K, where ``s_ij`` is the uncertainty of ``k_ij``. The equations
+``A S² Aᵀ λ = -K Z`` (A maps δ to δ Z) are solved by LSQR, which is restarted from the
+remainder until this is rounding error. They are well conditioned for scaled rows. A direct
+factorisation would have far more fill-in than that of K, because they have as many
+unknowns for each row as there are rigid motions. A full K, such as that of a
+superelement, is treated in the same way: the projection ``P K P``, which has the smallest
+sum of squares of δ, would change small entries far from the diagonal by more than their
+uncertainty.
 
-Rotations are taken about the place of each row: a row then knows nothing of how long the
-body is, and slender ones keep their bending.
+Rotations are taken about the point of each row. A row then does not depend on the length
+of the body, and slender bodies keep their bending stiffness.
 """
 
 from __future__ import annotations
@@ -44,63 +43,63 @@ from bipot_rs.contact.rigid_geometry import (
 )
 
 OFFER = (
-    ". Where K was written with few digits, stiffness_rtol with coordinates= restores its "
-    "rigid motions"
+    ". If K was written with few digits, give stiffness_rtol and coordinates, which restore "
+    "its rigid motions"
 )
 EPS = float(np.finfo(np.float64).eps)
-# Nothing is written with fewer digits, and elasticity would be lost with rigid motions.
+# Fewer digits would also spoil the elasticity.
 MOST = 1e-3
-# What assembly rounds an entry by, in ε of the geometric mean of its two diagonals. Some
-# entries are that alone: sums of elements that cancel.
+# Rounding error of an entry in assembly, in ε of the geometric mean of its two diagonals.
+# Some entries, whose terms cancel, are only this error.
 ASSEMBLY = 8.0
-# "Right to 1e-8" and "written with eight digits" differ by up to ten: 1.0000000 is known
-# to 5e-8 of itself.
+# "Relative error 1e-8" and "eight digits" differ by up to ten: 1.0000000 has the relative
+# error 5e-8.
 SLACK = 10.0
-# A support resists by so many times what digits may do, or nobody can tell it from them.
+# A support must resist by this multiple of the error of K to be recognised.
 CLEAR = 100.0
-# Eigenvalues below this part of the largest are not made by digits that anybody writes,
+# Negative eigenvalues beyond this part of the largest are not caused by few digits.
 OF_DIGITS = 1e-5
-# and nobody writes more than twelve.
+# Smallest stiffness_rtol to suggest: twelve digits.
 LEAST_OFFER = 1e-12
-# Of all rows of a body, the share that must be in balance for the rigid motions to be
-# believed without a look at the whole matrix; supports touch few rows.
+# If this part of the rows of a body is in balance, the rigid motions are right: supports
+# are in few rows. Otherwise the whole matrix is checked.
 BELIEVED = 0.25
-# Unknowns of a body up to which that look, a dense factorisation, takes seconds.
+# Unknowns of a body up to which this check, a dense factorisation, takes seconds.
 DENSE = 3000
-# The same of a sparse one.
+# The same for a sparse factorisation.
 SPARSE = 20_000
-# No row of a stiffness is softer than this part of the whole, as far as that look goes.
+# Upper limit of the doubt in that check, relative to the entries.
 SOFTEST = 1e-4
-# Of restored rows, in ε of the sum of sizes of their terms: what rounding the entries
-# leaves of a row is 1, and the sums of a check add as much again.
+# Largest remainder of restored rows, in ε of the sum of the absolute values of their
+# terms. Rounding of the entries gives 1, and the sums of the check another 1.
 RESTORED = 16.0
 ENOUGH = 4.0
-# The same of rows that supports hold, over others.
+# Factor for rows with supports.
 COMBINED = 8.0
-# An energy below this part of its terms, in ε, is rounding.
+# An energy below this part of its terms, in ε, is rounding error.
 ROUNDED = 64.0
-# Entries of K whose rigid motions are fitted at once: some 60 MB.
+# Entries of K in one block of the fit of rigid motions: about 60 MB.
 BLOCK = 200_000
-# Steps of least squares. Meshes of 100 cells across take some 500.
+# Iterations of LSQR. Meshes with 100 cells per side need about 500.
 MOST_STEPS = 5000
-# What one run of least squares can do in double precision; another goes on from there.
+# Largest reduction of one LSQR run in double precision.
 LEAST_REDUCTION = 1e-11
 
 
 @dataclass(frozen=True)
 class Digits:
-    """What is known of K beside its entries.
+    """Relative error of K, and the coordinates that determine its rigid motions.
 
     Attributes
     ----------
     rtol
         Relative error of the entries of K.
     places
-        Of the degrees of freedom, ``(n, 3)``.
+        Coordinates of the degrees of freedom, ``(n, 3)``.
     d
         Dimension.
     bodies
-        Their names, each with its first degree of freedom, for messages.
+        Names of bodies, each with its first degree of freedom, for messages.
     """
 
     rtol: float
@@ -109,26 +108,26 @@ class Digits:
     bodies: Mapping[str, int] | None = None
 
     def restore(self, given: Csr) -> tuple[Parts, float]:
-        """K with its rigid motions free, by rows, and how far they were off.
+        """K with free rigid motions, by rows, and the error of the given K.
 
-        The figure is the largest ``|K z|`` of a row over the sum of sizes of its terms.
-        Rows that supports within K hold are left out, and keep their resistance.
+        The error is the largest ``|K z|`` of a row over the sum of the absolute values of
+        its terms. Rows of supports within K are left out, and stay as they are.
 
         Raises
         ------
         ValueError
-            Rows are off by more than the digits explain.
+            The error of a row is larger than ``rtol`` explains.
         """
         K = self._mirrored(given.matrix)
         if K is None:
-            return given.parts, 0.0  # refused by the core, with the entry
+            return given.parts, 0.0  # the core raises and names the entry
         direction = directions(self.places, self.d)
         if (direction == UNKNOWN).any():
             at = int(np.argmax(direction == UNKNOWN))
             raise ValueError(
-                f"stiffness_rtol needs coordinates that tell nodes apart: the degrees of "
-                f"freedom at the place of degree of freedom {at} are not those of whole "
-                f"nodes, {self.d} each, or {3 if self.d == 2 else 6} with rotations"
+                f"stiffness_rtol needs the coordinates of whole nodes: at the point of degree "
+                f"of freedom {at} the number of degrees of freedom does not fit, expected "
+                f"{self.d} for each node, or {3 if self.d == 2 else 6} with rotations"
             )
         rows = _Rows(K, direction, self)
         off = rows.classify()
@@ -136,11 +135,11 @@ class Digits:
         return csr("K", _whole(K.shape, rows.i, rows.j, values)).parts, off
 
     def amplification(self, parts: Parts, u: Floats) -> float:
-        """How much of the energy of a displacement entries of K can change, over ``rtol``.
+        """Relative change of the energy of a displacement by the error of K, over ``rtol``.
 
-        ``Σ |e_i| |k_ij| |e_j|`` over ``uᵀ K u``. Rigid motions are free to the last digit,
-        row by row: ``e`` is what the displacements that a row meets deviate by from the
-        rigid motion nearest to them. Some tens, where a mesh resolves what bends it.
+        It is ``Σ |e_i| |k_ij| |e_j|`` over ``uᵀ K u``. Rigid motions are exactly free in
+        each row: ``e`` is the difference of the displacements in a row from the closest
+        rigid motion. The result is some tens for a mesh that resolves bending.
         """
         pointers, columns, values = parts
         K = sparse.csr_array((values, columns, pointers), shape=(len(u), len(u)))
@@ -150,7 +149,7 @@ class Digits:
         energy = float(u @ (K @ u))
         size = np.abs(u)
         if energy <= ROUNDED * EPS * float(size @ (abs(K) @ size)):
-            return 1.0  # it moves rigidly, as far as anybody can see
+            return 1.0  # a rigid motion to rounding
         direction = directions(self.places, self.d)
         changed, first = 0.0, 0
         while first < len(u):
@@ -163,7 +162,7 @@ class Digits:
     def _deviation(
         self, K: Any, direction: Ints, u: Floats, first: int, last: int
     ) -> float:
-        """``Σ |e_i| |k_ij| |e_j|`` of some rows."""
+        """``Σ |e_i| |k_ij| |e_j|`` over some rows."""
         d = self.d
         pointer = K.indptr[first : last + 1] - K.indptr[first]
         entries = slice(K.indptr[first], K.indptr[last])
@@ -191,13 +190,13 @@ class Digits:
         return float((own[row] * weight * e).sum())
 
     def _mirrored(self, given: Any) -> Any:
-        """K symmetric to the bit; None where it is not symmetric to its digits."""
+        """K made exactly symmetric; None if its asymmetry is larger than its error."""
         K = sparse.csr_array(given)
         other = sparse.csr_array(K.T)
         roots = np.sqrt(np.abs(K.diagonal()))
         apart = sparse.coo_array(abs(K - other))
         at = sparse.coo_array(abs(K) + abs(other))
-        # The core itself lets pass 1e-10 of the diagonal.
+        # The core allows 1e-10 of the diagonal.
         limit = sparse.csr_array(
             (
                 SLACK * self.rtol * at.data + 1e-10 * roots[at.row] * roots[at.col],
@@ -217,34 +216,35 @@ def checked(
     d: int,
     bodies: Mapping[str, int] | None,
 ) -> Digits:
-    """``stiffness_rtol`` as `ContactProblem` takes it, with what it needs."""
+    """Check ``stiffness_rtol`` of `ContactProblem`."""
     value = number("stiffness_rtol", rtol)
     if not 0 < value <= MOST:
         raise ValueError(
-            f"stiffness_rtol is {value:g}, expected a relative error of the entries of K "
-            f"above 0, up to {MOST:g}"
+            f"stiffness_rtol is {value:g}, expected the relative error of the entries of K, "
+            f"above 0 and at most {MOST:g}"
         )
     if places is None:
         raise ValueError(
-            "stiffness_rtol needs coordinates, the places of the degrees of freedom: from "
-            "them the rigid motions are known that K has lost"
+            "stiffness_rtol needs coordinates: give those of the degrees of freedom, which "
+            "determine the rigid motions"
         )
     return Digits(value, places, d, bodies)
 
 
 class _Rows:
-    """Rows of ``K Z = 0``: those to restore, and how.
+    """Equations ``K Z = 0`` of the rows of K to restore.
 
     Attributes
     ----------
     i, j, values
         Entries of the lower triangle.
     uncertain
-        What each entry is uncertain by, over ``rtol``.
+        Uncertainty of each entry, over ``rtol``.
     A
-        Takes entries to ``K Z``, rotations about the place of each row, ``(n m, entries)``.
+        Maps entries to ``K Z`` with rotations about the point of each row,
+        ``(n m, entries)``.
     held
-        Rows that supports within K hold, ``(n,)``.
+        Whether a support within K is in each row, ``(n,)``.
     """
 
     def __init__(self, K: Any, direction: Ints, digits: Digits) -> None:
@@ -264,7 +264,7 @@ class _Rows:
         self.held = np.zeros(self.n, bool)
 
     def _operator(self) -> Any:
-        """A of all rows."""
+        """Build ``A`` for all rows."""
         at, d = self.digits.places, self.digits.d
         apart = np.flatnonzero(self.i != self.j)
         every = np.arange(len(self.i))
@@ -283,18 +283,18 @@ class _Rows:
         return A
 
     def classify(self) -> float:
-        """Find the rows that supports hold, and what they leave free; how far rows are off.
+        """Find the rows with supports, and return the largest error of the other rows.
 
         Raises
         ------
         ValueError
-            Neither the digits nor supports explain ``K Z``.
+            Neither the error of K nor supports explain ``K Z``.
         """
         forces = (self.A @ self.values).reshape(self.n, self.m)
         terms = (abs(self.A) @ self.uncertain).reshape(self.n, self.m)
         share = np.zeros_like(forces)
-        # Translations and rotations each relative to the largest of their kind: a row
-        # may have hardly any terms for one of them.
+        # Translations and rotations each relative to their largest terms: a row may have
+        # small terms for one of them.
         for of in (slice(0, self.digits.d), slice(self.digits.d, self.m)):
             largest = terms[:, of].max(axis=1, keepdims=True)
             share[:, of] = np.abs(forces[:, of]) / np.where(largest > 0, largest, 1.0)
@@ -303,8 +303,8 @@ class _Rows:
         used = float(off[~held].max(initial=0.0))
         if not held.any():
             return used
-        # What holds a displacement resists translations. A row that is in balance under
-        # these and not under rotations takes nodes to be where they are not.
+        # A support resists translations. A row that balances for translations but not for
+        # rotations has wrong coordinates.
         shifted = share[:, : self.digits.d].max(axis=1) > SLACK * self.digits.rtol
         turned = held & ~shifted & (self.direction < ABOUT)
         if turned.any():
@@ -315,25 +315,24 @@ class _Rows:
     def _misplaced(self, turned: Any, off: Floats) -> ValueError:
         typical = float(np.median(off[turned]))
         remedy = (
-            "The coordinates are not those of the degrees of freedom of K: another "
-            "numbering, or other axes"
+            "The coordinates do not belong to the degrees of freedom of K: check the "
+            "numbering and the axes"
         )
         if typical <= SOFTEST:
             digits = 10.0 ** np.ceil(np.log10(typical))
             remedy = (
-                "Give coordinates with all the digits that K was made with; if K itself "
-                f"was written with fewer digits, stiffness_rtol={digits:.0e}"
+                "Give the coordinates with all digits; if K itself was written with fewer "
+                f"digits, give stiffness_rtol={digits:.0e}"
             )
         return ValueError(
-            f"{int(turned.sum())} of {self.n} rows of K are in balance under translations "
-            "and not under rotations: they are off by more than stiffness_rtol = "
-            f"{self.digits.rtol:g} explains, typically by {typical:.1e} of the sum of "
-            f"sizes of their terms, the first at degree of freedom "
-            f"{int(np.argmax(turned))}. {remedy}"
+            f"{int(turned.sum())} of {self.n} rows of K are in balance for translations but "
+            f"not for rotations, the first at degree of freedom {int(np.argmax(turned))}: "
+            f"their error is larger than stiffness_rtol = {self.digits.rtol:g}, typically by "
+            f"{typical:.1e} of their terms. {remedy}"
         )
 
     def _leave(self, held: Any, off: Floats, forces: Floats) -> float:
-        """Take the rows that supports hold out, but for motions that they leave free."""
+        """Remove the rows with supports, except for motions that the supports leave free."""
         at, d, m = self.digits.places, self.digits.d, self.m
         _, label = connected_components(self.K, directed=False)
         order = np.argsort(label, kind="stable")
@@ -351,7 +350,7 @@ class _Rows:
             if not free.shape[1]:
                 continue
             turn = self._about(rows, dofs)
-            # Row k of it: motion k of those left free, in terms of the row's own.
+            # Row k: free motion k in terms of the motions about the point of the row.
             block = np.zeros((len(rows), m, m))
             block[:, : free.shape[1]] = np.einsum("kf,rkl->rfl", free, turn)
             row, k, own = np.nonzero(block)
@@ -367,7 +366,7 @@ class _Rows:
         return used
 
     def _about(self, rows: Ints, dofs: Ints) -> Floats:
-        """Of each row, rigid motions about the middle of the body by those about its place."""
+        """Rigid motions about the centre of the body, by those about the point of each row."""
         at, d, m = self.digits.places, self.digits.d, self.m
         centre = at[dofs].mean(axis=0)
         arm = at[rows] - centre
@@ -389,22 +388,19 @@ class _Rows:
         off: Floats,
         forces: Floats,
     ) -> tuple[Floats, float]:
-        """Combinations of rigid motions that supports leave free, ``(m, free)``.
-
-        And how far these are off, at the most.
-        """
+        """Rigid motions that supports leave free, ``(m, free)``, and their largest error."""
         rtol = self.digits.rtol
         of_body = np.zeros(self.n)
         of_body[dofs] = moved
         size = abs(self.K[rows]) @ of_body
         turn = self._about(rows, dofs)
         resisted = np.einsum("rkl,rl->rk", turn, forces[rows]) / size[:, None]
-        # At least as many rows as motions, lest some have no singular vector.
+        # At least as many rows as motions, so that each has a singular vector.
         padded = np.concatenate([resisted, np.zeros((self.m, self.m))])
         _, _, combined = np.linalg.svd(padded, full_matrices=False)
         amount = np.abs(Z @ combined.T).max(axis=0)
         resistance = np.abs(resisted @ combined.T).max(axis=0)
-        # A motion that the body does not have: of a straight line, that about itself.
+        # A motion that the body does not have, as a straight line about itself.
         none = amount <= 1e-10
         resistance = np.where(none, 0.0, resistance / np.where(none, 1.0, amount))
         free = resistance <= SLACK * rtol
@@ -418,8 +414,8 @@ class _Rows:
         return left, float(resistance[free].max(initial=0.0))
 
     def _stiff(self, dofs: Ints, free: Floats, off: Floats) -> bool:
-        """Whether a body is held beyond doubt, whatever errors its entries have."""
-        # All degrees of freedom, prescribed ones too: it is K that is to resist.
+        """Whether K holds a body for any errors of its entries within the tolerance."""
+        # Including prescribed degrees of freedom: K itself must resist.
         if len(dofs) > DENSE:
             return False
         K = self.K[dofs][:, dofs].toarray()
@@ -441,39 +437,39 @@ class _Rows:
         typical = float(np.median(off[dofs][over]))
         body = body_of(int(dofs[0]), self.digits.bodies)
         digits = 10.0 ** np.ceil(np.log10(typical))
-        remedy = "If coordinates are those of another numbering, mend them"
+        remedy = "Check that coordinates have the numbering of K"
         if digits <= MOST:
             remedy = (
                 f"If K was written with fewer digits, give stiffness_rtol={digits:.0e}"
             )
         return ValueError(
-            f"{body}: K does not leave the rigid motions free that coordinates describe: "
-            f"{int(over.sum())} of {len(dofs)} rows of K Z are off by more than "
-            f"stiffness_rtol = {rtol:g} explains, typically by {typical:.1e} of the sum of "
-            f"sizes of their terms; the softest motion is resisted by {least:.1e}. "
-            f"{remedy}; if supports or springs within K do this, leave stiffness_rtol out"
+            f"{body}: K resists the rigid motions that coordinates describe: the error of "
+            f"{int(over.sum())} of {len(dofs)} rows of K Z is larger than stiffness_rtol = "
+            f"{rtol:g}, typically by {typical:.1e} of their terms, and the resistance to the "
+            f"softest motion is {least:.1e}. {remedy}; if K contains supports or springs, "
+            "leave stiffness_rtol out"
         )
 
     def restore(self) -> Floats:
-        """Entries of the lower triangle, the nearest for which ``A`` gives zero.
+        """Entries of the lower triangle closest to those of K with ``A`` times them zero.
 
         Raises
         ------
         ValueError
-            The entries that K has do not suffice.
+            No change of the stored entries is enough.
         """
-        # Entries beside the diagonal stand for two.
+        # Entries off the diagonal count twice.
         scale = self.uncertain * np.where(self.i == self.j, 1.0, np.sqrt(0.5))
         G = self.A.copy()
         G.data *= scale[G.indices]
         norm = np.sqrt(np.add.reduceat(np.append(G.data**2, 0.0), G.indptr[:-1]))
         norm[np.diff(G.indptr) == 0] = 0.0
-        # A row of nothing asks for nothing.
+        # Empty rows have no equation.
         inverse = np.divide(1.0, norm, out=np.zeros_like(norm), where=norm > 0)
         G.data *= np.repeat(inverse, np.diff(G.indptr))
         terms = abs(self.A) @ np.abs(self.values)
         by_row = terms.reshape(self.n, self.m)
-        # Combinations of motions are known to rounding themselves.
+        # Combinations of motions have rounding errors of their own.
         by_row[self.held] = COMBINED * by_row[self.held].max(axis=1, keepdims=True)
         goal = inverse * EPS * terms
         values = self.values.copy()
@@ -490,18 +486,18 @@ class _Rows:
             values = values - scale * _least_change(G, left, reduction)
         if worst > RESTORED:
             raise ValueError(
-                "stiffness_rtol: no change of the entries that K has restores its rigid "
-                f"motions: {worst * EPS:.1e} of the terms of a row are left. Expected K of "
-                "whole elements, with none of their entries dropped"
+                "stiffness_rtol: no change of the stored entries of K restores its rigid "
+                f"motions, {worst * EPS:.1e} of the terms of a row remain. Store all entries "
+                "of the elements in K, also small ones"
             )
         return np.asarray(best, np.float64)
 
 
 def _complement(resisted: Floats, moved: Floats) -> Floats:
-    """Motions at right angles to those that are resisted, ``(m, free)``.
+    """Motions orthogonal to the resisted ones, ``(m, free)``.
 
-    What is resisted is a combination of how the held degrees of freedom move, rows of
-    ``moved``: K tells to its digits which one, and places tell the rest exactly.
+    A resisted motion is a combination of the rows of ``moved``, the motions of the held
+    degrees of freedom. K gives it with its error, and the coordinates give these rows.
     """
     _, sizes, across = np.linalg.svd(moved, full_matrices=False)
     possible = across[sizes > 1e-10 * sizes.max(initial=0.0)]
@@ -512,11 +508,10 @@ def _complement(resisted: Floats, moved: Floats) -> Floats:
 
 
 def _least_change(G: Any, left: Floats, reduction: float) -> Floats:
-    """Least x with ``G x = left`` but for this part of it, by least squares (LSQR).
+    """Smallest x with ``G x = left`` up to the factor ``reduction``, by LSQR.
 
-    ``G Gᵀ``, whose diagonal is one, is singular, as ``Zᵀ K Z`` is symmetric whatever K
-    is; what is asked for is consistent but for rounding, which least squares leave where
-    it is.
+    ``G Gᵀ``, which has a unit diagonal, is singular, because ``Zᵀ K Z`` is symmetric for
+    any K. The equations are consistent up to rounding errors, which least squares ignore.
     """
     turned = G.T
     product = LinearOperator(
@@ -529,7 +524,7 @@ def _least_change(G: Any, left: Floats, reduction: float) -> Floats:
 
 
 def _whole(shape: tuple[int, int], i: Ints, j: Ints, values: Floats) -> Any:
-    """The matrix with this lower triangle, by rows."""
+    """Symmetric matrix with this lower triangle, by rows."""
     apart = i != j
     row = np.concatenate([i, j[apart]])
     column = np.concatenate([j, i[apart]])
@@ -540,18 +535,18 @@ def _whole(shape: tuple[int, int], i: Ints, j: Ints, values: Floats) -> Any:
 def said_of_indefinite(
     parts: Parts, fixed: Ints, dof: int, digits: Digits | None
 ) -> str:
-    """How negative an indefinite K is, and whether its digits explain that.
+    """Describe the most negative eigenvalue of K, and whether its digits explain it.
 
     Parameters
     ----------
     parts
-        K by rows, of which the lower triangle is read.
+        K by rows; the lower triangle is used.
     fixed
         Prescribed degrees of freedom.
     dof
         A degree of freedom of the body.
     digits
-        What the caller has said of the digits of K, and was restored by it.
+        The error of K that the caller gave, or None.
     """
     pointers, columns, values = parts
     n = len(pointers) - 1
@@ -581,24 +576,24 @@ def said_of_indefinite(
 def _offer(negative: float, digits: Digits | None) -> str:
     if digits is not None:
         return (
-            f". Its rigid motions were restored: entries right to stiffness_rtol = "
-            f"{digits.rtol:g} leave no digit of its softest motion. Write K with more digits"
+            f". Its rigid motions were restored, but with stiffness_rtol = {digits.rtol:g} "
+            "its softest motion has no correct digit: write K with more digits"
         )
     rtol = max(10.0 ** np.ceil(np.log10(negative)), LEAST_OFFER)
     return (
-        f". A K that was written with some digits is like that: stiffness_rtol={rtol:.0e}, "
-        "the relative error of its entries, with coordinates=, the places of its degrees "
-        "of freedom, restores its rigid motions"
+        f". If K was written with few digits, give stiffness_rtol={rtol:.0e}, the relative "
+        "error of its entries, and coordinates, those of its degrees of freedom, which "
+        "restore its rigid motions"
     )
 
 
 def _least_eigenvalue(K: Any) -> float | None:
-    """The least eigenvalue over the largest; None for a small one that costs too much."""
+    """Smallest eigenvalue over the largest; None if it is small and too expensive."""
     n = K.shape[0]
     if not K.count_nonzero():
         return 0.0
     if n <= DENSE:
-        # Scaled, lest squares of entries leave the range of doubles.
+        # Scaled, so that squares of entries do not overflow.
         values = np.linalg.eigvalsh(K.toarray() / np.abs(K.data).max())
         return float(values[0] / np.abs(values).max())
     largest = abs(float(eigsh(K, k=1, which="LM", tol=1e-3, v0=np.ones(n))[0][0]))

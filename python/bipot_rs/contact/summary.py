@@ -1,7 +1,7 @@
-"""What a person wants to know of a problem or an answer, in six lines.
+"""Summary of a problem or a solution in about six lines.
 
-Read from what is there already: nothing is recovered, factored or asked of the core
-for it. As text and, for notebooks, as a table of HTML.
+It is written as text or, in notebooks, as a table of HTML. It uses known values only:
+nothing is solved or factored for it.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.contact.slip_check import distances, farthest
+from bipot_rs.contact.status import STATUS_NAMES
 
 Row = tuple[str, str]
-# A title and rows of a name and what is said of it.
+# A title, and rows of a name and a text.
 Summary = tuple[str, Sequence[Row]]
 
 _SPACE = {2: "in the plane", 3: "in space"}
-# In the order of their numbers.
-STATUS = ("open", "slip", "stick")
 
 
 def text(summary: Summary) -> str:
@@ -38,7 +37,7 @@ def text(summary: Summary) -> str:
 
 
 def html(summary: Summary) -> str:
-    """Table for a notebook, with what others wrote as text in it.
+    """Table for a notebook, with all texts escaped.
 
     >>> html(("A < B", [("q", "0")]))
     '<table><caption>A &lt; B</caption><tr><th>q</th><td>0</td></tr></table>'
@@ -54,7 +53,7 @@ def html(summary: Summary) -> str:
 
 
 def places(contacts: int, d: int) -> str:
-    """How many contacts, and where.
+    """Number of contacts, and their dimension.
 
     >>> places(1, 2)
     '1 contact in the plane'
@@ -68,22 +67,24 @@ def counts(status: NDArray[np.integer[Any]]) -> str:
     >>> counts(np.array([0, 2, 2], np.int8))
     '1 open, 0 slip, 2 stick'
     """
-    return ", ".join(f"{int(np.sum(status == k))} {STATUS[k]}" for k in range(3))
+    return ", ".join(
+        f"{int(np.sum(status == k))} {name}" for k, name in enumerate(STATUS_NAMES)
+    )
 
 
 def forces(reaction: NDArray[Any], frame: NDArray[Any] | None = None) -> str:
-    """What contact carries in all; friction summed as vectors.
+    """Sums of the normal forces and of the friction forces as vectors.
 
     Parameters
     ----------
     reaction
         ``(n_c, d)``, normal first.
     frame
-        Rows ``n, t1[, t2]`` of each contact, ``(n_c, d, d)``; without them friction is
+        Rows ``n, t1[, t2]`` of each contact, ``(n_c, d, d)``. Without them friction is
         summed as if the tangents of all contacts were the same.
 
     >>> forces(np.array([[3.0, 1.0], [1.0, 1.0]]))
-    'normal ones sum to 4, friction to 2 (50 %)'
+    'normal 4 in total, friction 2 (50 %)'
     """
     press = float(reaction[:, 0].sum())
     if frame is None:
@@ -92,11 +93,11 @@ def forces(reaction: NDArray[Any], frame: NDArray[Any] | None = None) -> str:
         drag = np.einsum("ck,ckd->d", reaction[:, 1:], frame[:, 1:])
     size = float(np.linalg.norm(drag))
     share = f" ({100 * size / press:.3g} %)" if press > 0 else ""
-    return f"normal ones sum to {press:.5g}, friction to {size:.5g}{share}"
+    return f"normal {press:.5g} in total, friction {size:.5g}{share}"
 
 
 def friction(mu: NDArray[Any]) -> str:
-    """Coefficients from the least to the largest.
+    """Smallest and largest friction coefficient.
 
     >>> friction(np.array([0.3, 0.3])), friction(np.array([0.0, 0.3]))
     ('mu = 0.3', 'mu from 0 to 0.3, 1 contact without friction')
@@ -112,7 +113,7 @@ def friction(mu: NDArray[Any]) -> str:
 
 
 def gaps(gap: NDArray[Any]) -> str:
-    """Normal gaps from the least to the largest, and how many are negative.
+    """Smallest and largest normal gap, and how many are negative.
 
     >>> gaps(np.array([-0.5, 1.0])), gaps(np.zeros(2))
     ('from -0.5 to 1, negative at 1 contact', '0')
@@ -126,7 +127,7 @@ def gaps(gap: NDArray[Any]) -> str:
 
 
 def size(count: float) -> str:
-    """Bytes, in the unit that leaves few digits.
+    """Bytes to three digits, in a suitable unit.
 
     >>> size(512), size(123456), size(4.5e9)
     ('512 B', '123 kB', '4.5 GB')
@@ -138,7 +139,7 @@ def size(count: float) -> str:
 
 
 def seconds(taken: float) -> str:
-    """Time, to three digits.
+    """Time to three digits.
 
     >>> seconds(0.0123), seconds(75.0)
     ('12.3 ms', '75 s')
@@ -153,19 +154,19 @@ def of_problem(
     stats: Mapping[str, Any],
     remarks: Sequence[str] = (),
 ) -> Summary:
-    """Of a `ContactProblem`: degrees of freedom, contacts and dimension, and what is known."""
+    """Summary of a `ContactProblem`."""
     n, contacts, d = shape
     left = stats["rigid_motions"]
     held = "supports hold them"
     if left:
-        held = f"{counted(left, 'rigid motion')} that contact alone must hold"
+        held = f"{counted(left, 'rigid motion')} held by contact alone"
     gap = np.asarray(arrays["gap"])
     gap = gap[:, 0] if gap.ndim > 1 else gap
     factor = counted(stats["nnz_factor"], "entry")
     kept = size(stats["bytes_factor"]) if stats["factor_kept"] else "not kept"
     memory = (
         f"factor {kept} ({factor}), W {size(stats['bytes_compliance'])}, "
-        f"{size(stats['bytes_peak'])} at the most"
+        f"at most {size(stats['bytes_peak'])}"
     )
     dofs = counted(n, "degree") + " of freedom"
     return f"ContactProblem: {dofs}, {places(contacts, d)}", [
@@ -185,22 +186,22 @@ def of_problem(
 
 
 def of_solution(solution: Any) -> Summary:
-    """Of a `Solution` or a `Step`, by what they hold."""
+    """Summary of a `Solution` or a `Step`."""
     name, iterations = (
         type(solution).__name__,
         counted(solution.iterations, "iteration"),
     )
     known = solution._known
-    # None: whether there are others has not been asked for.
-    answer = {
-        None: "whether it is the only one: see .unique",
-        "proved": "the only one, proved",
-        "unknown": "not known to be the only one",
-        "others exist": "not the only one",
+    # None: not computed yet.
+    unique = {
+        None: "not checked: see .unique",
+        "proved": "yes, proved",
+        "unknown": "unknown",
+        "others exist": "no",
     }[known.get("unique")]
     if not solution.converged:
-        answer = "none, the best point that was reached: see .message"
-    residual = f"{solution.residual:.2g}, held to {solution.tolerance:.2g}"
+        unique = "no solution, only the best point that was reached: see .message"
+    residual = f"{solution.residual:.2g}, limit {solution.tolerance:.2g}"
     estimate = known.get("error_estimate")
     if estimate is not None:
         residual += f"; forward error of r {estimate[0]:.1g}, of v {estimate[1]:.1g}"
@@ -210,23 +211,23 @@ def of_solution(solution: Any) -> Summary:
         ("contacts", f"{places(contacts, d)}: {counts(solution.status)}"),
         ("forces", forces(solution.reaction)),
         ("residual", residual),
-        ("answer", answer),
+        ("unique", unique),
         ("cost", f"{solution.work:.4g} products with W, {seconds(solution.seconds)}"),
     ]
 
 
 def _slid(result: Any) -> str:
-    """How far contacts have gone, where that is beyond their distance from each other."""
+    """Largest sliding distance, if it exceeds the distance between contacts."""
     x = result.contacts.get("x")
     if x is None or not len(x):
         return ""
     _, _, ratio = farthest(result, distances(x), np.arange(len(x)))
-    told = f", contacts slid by up to {ratio:.2g} times their distance from each other"
-    return told if ratio > 1 else ""
+    text = f", contacts slid by up to {ratio:.2g} times their distance from each other"
+    return text if ratio > 1 else ""
 
 
 def of_result(result: Any) -> Summary:
-    """Of a `Result`, by what its steps hold."""
+    """Summary of a `Result`."""
     title = f"Result: {result.message}"
     times = ", ".join(f"{k} {seconds(v)}" for k, v in result.seconds.items())
     if not len(result):
@@ -241,14 +242,14 @@ def of_result(result: Any) -> Summary:
     met = f"{places(contacts, d)}, at the end {counts(last.status)}"
     digits: list[Row] = []
     if result.stiffness_rtol is not None:
-        digits = [("stiffness", f"known to {result.stiffness_rtol:g}")]
+        digits = [("stiffness", f"relative error {result.stiffness_rtol:g}")]
     return title, [
         ("contacts", met),
         ("forces", f"at the end {forces(last.reaction, result.contacts.get('frame'))}"),
-        ("path", f"friction dissipated {lost:.5g} in all{_slid(result)}"),
+        ("path", f"friction dissipated {lost:.5g} in total{_slid(result)}"),
         (
             "residual",
-            f"{worst.residual:.2g} at the most, held to {worst.tolerance:.2g}",
+            f"at most {worst.residual:.2g}, limit {worst.tolerance:.2g}",
         ),
         (
             "cost",

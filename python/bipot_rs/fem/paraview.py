@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bipot_rs._lib.types import Floats
-from bipot_rs.contact.result import Step, recover
+from bipot_rs.contact.solution import Step, recover
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.contact_surface import contact_surface
 from bipot_rs.fem.stress_recovery import COLUMNS, ROWS, MeanStress, von_mises

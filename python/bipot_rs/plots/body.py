@@ -15,6 +15,8 @@ from bipot_rs.plots.boundary_facets import corners_of, deformed_nodes, skin
 from bipot_rs.plots.data import model_of, number_of, one_step, said_of, units_of
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from bipot_rs.fem.assembly import Assembly
 
 # Largest drawn displacement and longest arrow, relative to the size of the bodies.
@@ -36,9 +38,9 @@ def deformed(
     forces: bool = True,
     near: float | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
+    ax: Axes | None = None,
     at_rest: ArrayLike | None = None,
-) -> Any:
+) -> Axes:
     """Deformed bodies, coloured by the von Mises stress, with contact forces.
 
     In 2D rigid obstacles are grey bands, as far as contacts face them, at a distance of

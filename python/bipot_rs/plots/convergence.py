@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bipot_rs.contact.result import Result, Solution
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Solution
 from bipot_rs.plots import style
 from bipot_rs.plots.data import one_step, steps_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # With more steps than this, a colour bar shows their numbers.
 _NAMED = 6
 
 
-def convergence(result: Any, *, step: int | None = None, ax: Any = None) -> Any:
+def convergence(
+    result: Any, *, step: int | None = None, ax: Axes | None = None
+) -> Axes:
     """Residual η over work in products with W, one point for each iteration.
 
     Parameters

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from bipot_rs._lib.messages import meant
 from bipot_rs._lib.types import Floats, Ints
 from bipot_rs._lib.validation import floats
-from bipot_rs.contact.result import Result, Solution, Step
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Solution, Step
 from bipot_rs.scene.units import inconsistent
 
 # The argument ``contacts``: a mapping with points and frames, or the model.

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.types import Floats
 from bipot_rs.contact.elliptic_friction import dissipation
-from bipot_rs.contact.result import Status
+from bipot_rs.contact.status import Status
 from bipot_rs.plots import style
 from bipot_rs.plots.arc_length import Places, common
 from bipot_rs.plots.data import Contacts, Given, look
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # With more contacts, markers would overlap.
 _MARKERS = 60
@@ -28,8 +31,8 @@ def tractions(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Pressure and shear along a line, with the friction limit ±μ pressure and the status.
 
     Shear is positive if it pulls the body that has the contacts in the direction of
@@ -73,7 +76,7 @@ def tractions(
     return draw_tractions(seen, along, style.axes_of(ax))
 
 
-def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
+def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> Axes:
     """Draw `tractions` into existing axes."""
     lines, name = _lines(seen, along)
     pressure, shear = seen.traction[:, 0], seen.traction[:, 1:]
@@ -89,7 +92,8 @@ def draw_tractions(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> An
             limit = _limit(seen, one) * p
             band = style.LIMIT if len(lines) == 1 else colours[0]
             ax.fill_between(one.s, -limit, limit, color=band, alpha=0.15, lw=0)
-            dashed = {"ls": "--" if len(lines) == 1 else ":", "color": band, "lw": 1}
+            line = "--" if len(lines) == 1 else ":"
+            dashed: dict[str, Any] = {"ls": line, "color": band, "lw": 1}
             (edge,) = ax.plot(one.s, limit, label="±μ × pressure", **dashed)
             ax.plot(one.s, -limit, **dashed)
         ax.plot(one.s, p, color=colours[0], lw=1.6, label=what[0], **mark)
@@ -191,7 +195,7 @@ def _padded(handles: list[Any], rows: int = 3) -> list[Any]:
     return handles + nothing
 
 
-def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Any) -> Any:
+def draw_slip(seen: Contacts, along: ArrayLike | str | None, ax: Axes) -> Axes:
     """Draw the slip of the step along a line, except where contact is open."""
     lines, name = _lines(seen, along)
     for k, (_, one) in enumerate(lines):
@@ -224,7 +228,7 @@ def closed_slip(seen: Contacts) -> Floats:
     return np.where(seen.status[:, None] == Status.SLIP, seen.slip, 0.0)
 
 
-def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any:
+def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Axes) -> Axes:
     """Draw the status along a line, one row for each load step, the first at the bottom.
 
     Several surfaces are drawn above each other.
@@ -246,10 +250,16 @@ def draw_zones(seen: Contacts, status: NDArray[np.integer[Any]], ax: Any) -> Any
             _edges(one.s), rows, status[:, one.order], **style.status_colours()
         )
         if len(lines) > 1:
-            place = {"ha": "left", "va": "center", "rotation": 90}
-            at = (1.01, rows.mean())
-            transform = ax.get_yaxis_transform()
-            ax.text(*at, whose, transform=transform, fontsize="small", **place)
+            ax.text(
+                1.01,
+                rows.mean(),
+                whose,
+                transform=ax.get_yaxis_transform(),
+                fontsize="small",
+                ha="left",
+                va="center",
+                rotation=90,
+            )
     if len(lines) == 1:
         style.whole_numbers(ax.yaxis)
     else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,7 @@ from bipot_rs._lib.validation import floats
 from bipot_rs.contact.elliptic_friction import dissipation as by_pressure
 from bipot_rs.contact.result import Result
 from bipot_rs.contact.resultants import held, is_curved
-from bipot_rs.contact.summary import STATUS
+from bipot_rs.contact.status import STATUS_NAMES
 from bipot_rs.plots import style as canvas
 from bipot_rs.plots.data import (
     Given,
@@ -24,6 +24,9 @@ from bipot_rs.plots.data import (
     surface_of,
     units_of,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _STYLE: dict[str, Any] = {"marker": "o", "ms": 3, "lw": 1.5}
 # A mean of normals shorter than this is rounding: the normals cancel.
@@ -40,8 +43,8 @@ def resultants(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Normal and tangential force over the load steps, and the limit of friction.
 
     On a flat surface the tangential force is drawn along its main direction; its limit is
@@ -80,8 +83,8 @@ def draw_resultants(
     mu: Floats | None,
     parts: Sequence[tuple[str, NDArray[np.intp]]],
     units: Mapping[str, str],
-    ax: Any,
-) -> Any:
+    ax: Axes,
+) -> Axes:
     """Draw `resultants` into existing axes.
 
     Parameters
@@ -177,9 +180,9 @@ def status_shares(
     result: Any,
     *,
     where: ArrayLike | str | None = None,
-    ax: Any = None,
+    ax: Axes | None = None,
     contacts: Given | None = None,
-) -> Any:
+) -> Axes:
     """Fractions of the contacts that stick, slip and are open, over the load steps.
 
     Parameters
@@ -199,7 +202,7 @@ def status_shares(
     return draw_shares(status, canvas.axes_of(ax))
 
 
-def draw_shares(status: NDArray[Any], ax: Any) -> Any:
+def draw_shares(status: NDArray[Any], ax: Axes) -> Axes:
     """Draw `status_shares` of statuses ``(steps, n_c)`` into existing axes."""
     steps = len(status)
     number = np.arange(1, steps + 1)
@@ -212,7 +215,7 @@ def draw_shares(status: NDArray[Any], ax: Any) -> Any:
             0.8 if steps > 4 else 0.4,
             bottom=below,
             color=canvas.COLOURS[k],
-            label=STATUS[k],
+            label=STATUS_NAMES[k],
         )
         below += share
     ax.set_ylim(0, 1)
@@ -233,8 +236,8 @@ def force_displacement(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Tangential force over displacement: the hysteresis loop of friction.
 
     The force is opposite to friction: it drives the bodies that have the contacts. If
@@ -280,7 +283,7 @@ def force_displacement(
     ax.plot(delta, -drag, color=canvas.SHEAR, label="force", **_style(len(path)))
     ax.axhline(0, color="black", lw=0.6)
     if limit is not None and limit.max() <= _IN_SIGHT * np.abs(drag).max():
-        dashed = {"ls": "--", "lw": 1, "color": canvas.LIMIT}
+        dashed: dict[str, Any] = {"ls": "--", "lw": 1, "color": canvas.LIMIT}
         ax.plot(delta, limit, label="±Σ μ × normal", **dashed)
         ax.plot(delta, -limit, **dashed)
         canvas.legend_above(ax)
@@ -298,8 +301,8 @@ def dissipation(
     result: Any,
     *,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Work of friction in each step, and accumulated from the beginning of the path.
 
     Parameters

@@ -7,13 +7,16 @@ the process. Colours can be distinguished without red and green, and in grey by 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bipot_rs.contact.summary import STATUS
+from bipot_rs.contact.status import STATUS_NAMES
 from bipot_rs.files.export import library
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Colours of the statuses open, slip, stick.
 COLOURS = ("#d9dee3", "#f28e2b", "#1f4e79")
@@ -29,7 +32,9 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _WORK = {("N", "m"): "J", ("kN", "m"): "kJ", ("MN", "m"): "MJ"}
 
 
-def axes_of(ax: Any, *, size: tuple[float, float] = SIZE, space: bool = False) -> Any:
+def axes_of(
+    ax: Axes | None, *, size: tuple[float, float] = SIZE, space: bool = False
+) -> Axes:
     """``ax``, or the axes of a new figure; ``space`` asks for axes in 3D.
 
     Raises
@@ -166,7 +171,7 @@ def status_handles(status: NDArray[np.integer[Any]]) -> list[Any]:
 
     counts = [int(np.sum(status == k)) for k in range(3)]
     return [
-        Patch(facecolor=COLOURS[k], label=f"{STATUS[k]} ({counts[k]})")
+        Patch(facecolor=COLOURS[k], label=f"{STATUS_NAMES[k]} ({counts[k]})")
         for k in (2, 1, 0)
     ]
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bipot_rs._lib.types import Bools, Floats
-from bipot_rs.contact.result import Result, Status
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.status import Status
 from bipot_rs.plots import style
 from bipot_rs.plots.data import Contacts, Given, contacts_of, look, selection, steps_of
 from bipot_rs.plots.line import closed_slip, draw_slip, draw_zones
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Quantities of `surface_map`: label and kind of unit.
 QUANTITIES = {
@@ -50,8 +54,8 @@ def surface_map(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Map of a flat contact surface in 3D, on a triangulation of its nodes.
 
     At an edge tractions are singular: the colours cover the values of 98 % of the nodes,
@@ -98,8 +102,8 @@ def surface_map(
 
 
 def draw_map(
-    seen: Contacts, quantity: str, ax: Any, vector: Floats | None = None
-) -> Any:
+    seen: Contacts, quantity: str, ax: Axes, vector: Floats | None = None
+) -> Axes:
     """Draw `surface_map` into existing axes."""
     uv, names = _plane(seen)
     values, name, unit = values_of(seen, quantity)
@@ -168,8 +172,8 @@ def status_map(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Map of the contact status.
 
     In 3D: the flat surface at one step, each point in the colour of the nearest contact.
@@ -205,7 +209,7 @@ def status_map(
     return ax
 
 
-def draw_status(seen: Contacts, ax: Any) -> Any:
+def draw_status(seen: Contacts, ax: Axes) -> Axes:
     """Draw `status_map` of a surface into existing axes."""
     from scipy.spatial import cKDTree
 
@@ -249,8 +253,8 @@ def slip(
     where: ArrayLike | str | None = None,
     contacts: Given | None = None,
     units: Mapping[str, str] | None = None,
-    ax: Any = None,
-) -> Any:
+    ax: Axes | None = None,
+) -> Axes:
     """Slip of a step: in 2D along a line, in 3D as arrows on a flat surface.
 
     Arrows are drawn at one slipping contact in each of about 14 × 14 squares; their length
@@ -274,9 +278,10 @@ def slip(
     moved = closed_slip(seen)
     size = np.linalg.norm(moved, axis=1)
     closed = seen.status != Status.OPEN
-    ax.scatter(*uv[closed].T, s=4, color="#c9ced3", lw=0)
-    rings = {"facecolors": "none", "edgecolors": "#c9ced3", "lw": 0.6}
-    ax.scatter(*uv[~closed].T, s=9, **rings)
+    u, v = uv.T
+    ax.scatter(u[closed], v[closed], s=4, color="#c9ced3", lw=0)
+    rings: dict[str, Any] = {"facecolors": "none", "edgecolors": "#c9ced3", "lw": 0.6}
+    ax.scatter(u[~closed], v[~closed], s=9, **rings)
     arrows = _arrows(seen, uv, moved, ax, cmap="viridis", values=size)
     _finish(seen, uv, names, ax, margin=0.13)
     if arrows is not None:

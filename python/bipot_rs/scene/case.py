@@ -14,7 +14,8 @@ from bipot_rs._lib.types import Floats, Ints
 from bipot_rs.contact.errors import FloatingBodyError
 from bipot_rs.contact.load_steps import Totals, differing, reached
 from bipot_rs.contact.problem import ContactProblem
-from bipot_rs.contact.result import Result, Step
+from bipot_rs.contact.result import Result
+from bipot_rs.contact.solution import Step
 from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.inspection import inspect, unheld
 from bipot_rs.fem.stress_recovery import Initial, stress

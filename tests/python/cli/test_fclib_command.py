@@ -105,7 +105,7 @@ def test_what_is_not_solved_is_told_in_a_sentence(tmp_path: Path, stuck: str) ->
     assert len(said) == 2
     assert said[0].startswith(f"bipot: {stuck}: ")
     assert said[1].startswith(f"bipot: {slow}: ")
-    assert "no answer exists" in said[0]
+    assert "no solution exists" in said[0]
     assert "max_seconds" in said[1]
     assert bipot("--json", stuck, slow, *short, status=3).stderr == ""
 

@@ -364,7 +364,7 @@ x = { value = 5.0, amplitude = "drag" }
     assert status == 1
     last = err.splitlines()[-1]
     # 0.75 of the pull is 3.75, more than the 3 that hold.
-    assert last.startswith("bipot: load step 4 of 5: no answer exists")
+    assert last.startswith("bipot: load step 4 of 5: no solution exists")
     assert (
         "nothing stops this motion: body 'block', translation along (1, 0, 0)" in last
     )

@@ -277,7 +277,7 @@ def test_normals_that_point_the_wrong_way_are_remarked(tmp_path: Path) -> None:
         run = bipot(*command, "--load", "load.csv", cwd=tmp_path)
         assert run.returncode == 0, run.stderr
         assert ("no contact closes in any load step" in run.stdout) is remarked
-        assert ("do the normals point from the obstacle" in run.stdout) is remarked
+        assert ("that the normals point from the obstacle" in run.stdout) is remarked
 
 
 def test_what_a_load_cell_would_show(tmp_path: Path) -> None:
@@ -319,12 +319,12 @@ def test_no_answer_and_what_holds_nothing(tmp_path: Path) -> None:
     assert run.returncode == 1
     first, last = map(json.loads, run.stdout.splitlines())
     assert (first["step"], first["stick"]) == (0, 2)
-    assert "load step 2: no answer exists" in last["message"]
+    assert "load step 2: no solution exists" in last["message"]
     # As a person is told; the second one is not reached.
     run = bipot(*command, "--load", "load.csv", cwd=tmp_path)
     assert run.stderr.startswith(
         f"load step 1 of 2: open 0, slip 0, stick 2, residual {first['residual']:.1e}\n"
-        "bipot: load step 2: no answer exists"
+        "bipot: load step 2: no solution exists"
     )
     # What was reached has its row, and nothing says that it was solved.
     assert re.search(r"^    1     0     0      2   2  0\.5 ", run.stdout, re.M)

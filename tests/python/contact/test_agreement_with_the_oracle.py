@@ -1,4 +1,4 @@
-"""The package's methods against the oracle, which shares no algorithm with them."""
+"""The methods of the package agree with the oracle, which shares no algorithm with them."""
 
 import numpy as np
 import pytest
@@ -78,7 +78,7 @@ def test_held_by_contact_alone(dim: int, method: str) -> None:
         size = np.abs(expected.r).max()
         np.testing.assert_allclose(solution.reaction, expected.r, atol=1e-8 * size)
         balance = flat.T @ solution.reaction.ravel() + e
-        # Part of η, up to the orthonormal basis it is measured in.
+        # Part of η, in another orthonormal basis.
         assert np.abs(balance).max() <= 1e-10 * np.abs(e).max()
         r, v = solution.reaction, solution.relative_displacement
         a = np.asarray(solution.rigid_motion)
@@ -88,7 +88,7 @@ def test_held_by_contact_alone(dim: int, method: str) -> None:
 
 
 def test_measured_asymmetry_is_kept() -> None:
-    # W that a measurement made asymmetric is solved as it is, not its mean.
+    # A measured, asymmetric W is solved as given, and not made symmetric.
     rng = np.random.default_rng(9)
     W, q = compliance(rng, 12), pressed(rng, 4, 3)
     W += 0.02 * rng.normal(size=W.shape)

@@ -1,7 +1,7 @@
-"""What is called converged holds by a judge that shares nothing with the certificate.
+"""Converged solutions satisfy the law by a check that shares no code with the residual.
 
-And answers that are wrong as programs make them wrong are caught, by that judge and by
-`ReducedProblem.residual`: else neither would prove anything.
+Wrong solutions with typical programming errors are found by this check and by
+`ReducedProblem.residual`.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 # that, (1 + μ) more where slip adds to penetration in ṽ_n. Penetration, which a large
 # μ hides from η, is held to ten times the tolerance by itself.
 FACTOR = 10.0
-# Every answer that is broken on purpose is off by a percent or more of its sizes.
+# Each planted error is at least one percent.
 BROKEN = 1e-3
 
 
@@ -37,7 +37,7 @@ def judged(given: Given, r: Array, a: Array | None = None) -> Missed:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_claim_is_confirmed(kind: str, d: int, method: str) -> None:
+def test_converged_solutions_satisfy_the_law(kind: str, d: int, method: str) -> None:
     claims = 0
     for seed in range(12):
         problem = random_problem(kind, d, seed)
@@ -52,7 +52,7 @@ def test_a_claim_is_confirmed(kind: str, d: int, method: str) -> None:
         missed = judged(problem, solution.reaction, solution.rigid_motion)
         allowed = FACTOR * (1 + problem.mu.max()) * solution.tolerance
         assert missed.worst <= allowed, (seed, missed)
-    # Newton alone may stall on a few of them; the default on none.
+    # Newton may stall on a few of them, the default must not.
     assert claims >= (12 if method == "auto" else 6)
 
 
@@ -66,7 +66,7 @@ def test_a_claim_is_confirmed(kind: str, d: int, method: str) -> None:
     digits=st.floats(3, 12),
     start=st.one_of(st.none(), st.floats(-6, 6)),
 )
-def test_a_claim_from_anywhere_to_any_tolerance_is_confirmed(
+def test_converged_from_any_start_to_any_tolerance(
     kind: str,
     d: int,
     seed: int,
@@ -90,7 +90,7 @@ def test_a_claim_from_anywhere_to_any_tolerance_is_confirmed(
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_nothing_is_no_small_reaction(method: str) -> None:
+def test_zero_reactions_are_not_accepted(method: str) -> None:
     # No reaction is an answer: η is then relative to what is left of the start, which
     # shrinks until its squares are below the range of doubles.
     for seed in (187203, 632323, 746802):
@@ -222,16 +222,16 @@ BREAKERS: dict[str, Callable[[Given], Array]] = {
 
 @pytest.mark.parametrize("how", BREAKERS)
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_broken_answer_is_caught(how: str, d: int) -> None:
+def test_a_planted_error_is_found(how: str, d: int) -> None:
     given = all_statuses(d)
     right, wrong = solved(given).reaction, BREAKERS[how](given)
-    # What the right one is found to miss is its tolerance and rounding.
+    # The correct solution violates the law by its tolerance and rounding.
     assert judged(given, right).worst <= FACTOR * 1e-12
     assert judged(given, wrong).worst > BROKEN
     assert given.problem().residual(wrong) > BROKEN
 
 
-def test_each_inequality_is_found_by_itself() -> None:
+def test_each_inequality_alone() -> None:
     """One contact, W = I, each part of the law missed by a tenth."""
     one, still = np.ones(1), np.array([[-1.0, 0.0]])
     cases = {
@@ -252,7 +252,7 @@ def test_each_inequality_is_found_by_itself() -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_units_are_none_of_the_judges_business(d: int) -> None:
+def test_the_check_does_not_depend_on_units(d: int) -> None:
     given = all_statuses(d)
     r = wrong_mu(given)
     before = judged(given, r).worst
@@ -301,7 +301,7 @@ def test_every_step_of_a_path_is_confirmed_from_K_and_B(d: int, method: str) -> 
         before = u
 
 
-def test_total_slip_in_the_place_of_its_increment_is_caught() -> None:
+def test_total_slip_instead_of_the_increment_is_found() -> None:
     body, loads = _path(2)
     problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=MU)
     result = problem.solve(loads)
@@ -330,7 +330,7 @@ def forgot_motion(problem: bp.ReducedProblem, r: Array) -> Array:
 
 
 def test_the_oracle_and_the_judge_agree() -> None:
-    """Answers by exhausting the statuses, without the package, are answers here."""
+    """Solutions found by trying all statuses, without the package, pass the check."""
     for seed in range(6):
         given = random_problem("held", 2, seed)
         small = Given(given.W[:4, :4], given.q[:2], given.mu[:2], None)
@@ -344,7 +344,7 @@ def test_the_oracle_and_the_judge_agree() -> None:
             assert small.problem().residual(answer.r) <= 1e-9
 
 
-def test_walls_that_overlap_are_no_answer_when_a_body_runs_away() -> None:
+def test_overlapping_walls_have_no_solution_if_a_body_slides_away() -> None:
     """Three smooth contacts whose normals span a plane press each other without moving
     anything, a fourth slides off: reactions grow until rounding hides the overlap."""
     rng = np.random.default_rng(2)
@@ -369,8 +369,8 @@ def test_walls_that_overlap_are_no_answer_when_a_body_runs_away() -> None:
 
 
 @pytest.mark.parametrize("off", [1e-6, 1e-3])
-def test_displacements_are_held_to_what_the_law_was_judged_by(off: float) -> None:
-    """`B u + g` is `v`, or the step has not converged: asked of `K`, when u is asked for."""
+def test_displacements_agree_with_the_relative_displacements(off: float) -> None:
+    """If `B u + g` differs from `v`, `displacement` raises `NotConvergedError`."""
     body = block((2, 1), (6, 3), 1.0, 0.3)
     top = np.r_[body.dofs(1, 1.0, 0), body.dofs(1, 1.0, 1)]
     problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=0.3, fixed=top)

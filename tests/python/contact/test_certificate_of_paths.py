@@ -1,4 +1,4 @@
-"""Random load paths, judged from K and B alone: u anew, in extended precision."""
+"""Steps of random load paths are checked with K and B, in extended precision."""
 
 from typing import NamedTuple
 

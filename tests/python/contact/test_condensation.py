@@ -1,4 +1,4 @@
-"""W, q, u and r beside the same in twice the precision, on bodies of scikit-fem."""
+"""W, q, u and r agree with twice the precision, on bodies of scikit-fem."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -149,7 +149,7 @@ def test_open_contacts(shape: str, material: str) -> None:
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("material", MATERIALS)
 def test_sticking_contacts(shape: str, material: str) -> None:
-    """Where every contact sticks, its place is known, and its reaction is a support's."""
+    """If every contact sticks, contacts act as supports with known displacements."""
     rng = np.random.default_rng(2)
     body = held(shape, material, rng)
     n, contacts = body.K.shape[0], len(body.bottom)

@@ -1,4 +1,4 @@
-"""The order of degrees of freedom: rigid motions find a wrong one, and pass a right one."""
+"""A wrong order of the degrees of freedom is found by rigid motions, and a right one passes."""
 
 import csv
 import itertools
@@ -31,8 +31,8 @@ def fit(K: Any, order: str, nodes: Floats) -> dof_order.Fit:
 
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
 @pytest.mark.parametrize("aspect", [1.0, 100.0])
-def test_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
-    """In the right order rounding is left; in any other, much in some rows."""
+def test_orders_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
+    """The right order leaves only rounding errors, a wrong one large forces in some rows."""
     one = body(cell, d, order, aspect=aspect)
     K, x = fem.stiffness(one).tocsr(), one.points
     n = K.shape[0]
@@ -61,7 +61,9 @@ def test_of_meshes(cell: str, d: int, order: int, aspect: float) -> None:
 
 
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
-def test_supports_and_digits_are_no_other_order(cell: str, d: int, order: int) -> None:
+def test_supports_and_few_digits_are_not_a_wrong_order(
+    cell: str, d: int, order: int
+) -> None:
     one = body(cell, d, order)
     K, x = fem.stiffness(one).tocsr(), one.points
     n = K.shape[0]
@@ -92,7 +94,7 @@ def test_supports_and_digits_are_no_other_order(cell: str, d: int, order: int) -
         assert fit(given, "node", np.round(x, digits)).fits
 
 
-def test_nothing_is_said_of_what_is_no_body() -> None:
+def test_springs_without_rigid_motions_pass() -> None:
     parts = csr("K", np.eye(12)).parts
     assert dof_order.of_order(parts, "node", 2, np.zeros((6, 2))) is None
     # A point between springs along a slope, and a chain of which nothing turns.
@@ -104,8 +106,8 @@ def test_nothing_is_said_of_what_is_no_body() -> None:
     assert dof_order.fitting(csr("K", both).parts, 2) == ["node"]
 
 
-def test_in_python() -> None:
-    """A warning with the figure, and what would fit."""
+def test_warnings_of_contact_problem() -> None:
+    """The warning gives the misfit and the order that fits."""
     one = body("quadrilateral", 2)
     K, x = fem.stiffness(one).tocsr(), one.points
     n = K.shape[0]
@@ -130,26 +132,28 @@ def test_in_python() -> None:
     # Held, as by skfem.enforce without its asymmetry.
     (said,) = warned(K, B, coordinates=components)
     assert said.startswith(
-        "coordinates do not fit K, they are component after component, all u_x, then all "
-        "u_y: K times a rigid "
+        "coordinates do not fit K: they are component after component, all u_x, then all "
+        "u_y; K times a rigid "
     )
-    assert "of what should cancel (median), expected rounding" in said
+    assert "does not cancel, expected only rounding errors" in said
     assert "coordinates = numpy.repeat(nodes, d, axis=0) would fit" in said
     shuffled = np.random.default_rng(3).permutation(len(x))
     (said,) = warned(K, B, coordinates=np.repeat(x[shuffled], 2, axis=0))
     assert "K times a rigid rotation is not zero in" in said
-    assert said.endswith("give the places of the nodes in the order of the rows of K")
+    assert said.endswith("give the coordinates in the order of the rows of K")
     # K all u_x first, and B node after node: no coordinates are needed to see that.
     turned = by_component(n, 2)
     (said,) = warned(K[turned][:, turned], B, points=x[at])
     assert said == (
-        "B does not fit K, which, by its rigid translations, is component after component, "
-        "all u_x, then all u_y: at 5 contacts, first contact 0, the columns of B are the "
-        "components of one node where the order is node after node, degree of freedom = d * "
-        "row + component"
+        "B does not fit K: the rigid translations of K are component after component, all "
+        "u_x, then all u_y, but the columns of B at 5 contacts, first contact 0, are the "
+        "components of one node if the order is node after node, degree of freedom = d * row "
+        "+ component; give K, B and coordinates in one order"
     )
     (said,) = warned(K[turned][:, turned], B, coordinates=components)
-    assert said.startswith("B does not fit coordinates, which are component after")
+    assert said.startswith(
+        "B does not fit coordinates: coordinates are component after"
+    )
     # Frictionless pairs by their normals alone: two columns of two nodes are no mistake.
     rows = np.repeat(np.arange(0, 10, 2), 2)
     columns = (2 * np.column_stack([at, at - at.min() + 1]) + 1).ravel()
@@ -160,7 +164,7 @@ def test_in_python() -> None:
     assert warned(K[turned][:, turned], B[:, turned], coordinates=components) == []
 
 
-def test_large_matrices_are_taken_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_matrices_are_checked_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     one = body("hexahedron", 3)
     K, x = fem.stiffness(one).tocsr(), one.points
     shuffled = x[np.random.default_rng(7).permutation(len(x))]
@@ -223,7 +227,7 @@ def files(tmp_path: Path) -> Any:
     return write, run
 
 
-def test_of_files(files: Any, tmp_path: Path) -> None:
+def test_orders_of_files(files: Any, tmp_path: Path) -> None:
     write, run = files
 
     def pressed() -> float:
@@ -278,7 +282,7 @@ def test_rows_of_nodes_in_another_order(supports: bool, files: Any) -> None:
     assert "remark: coordinates do not fit K" in done[1]
 
 
-def test_of_a_stiffness_that_names_its_nodes(tmp_path: Path) -> None:
+def test_a_stiffness_with_node_labels(tmp_path: Path) -> None:
     one = body("triangle", 2)
     K, x = sparse.coo_matrix(fem.stiffness(one)), one.points
     lines = [

@@ -1,4 +1,4 @@
-"""Friction along two tangents: the law by hand, by an independent solver, by symmetry."""
+"""Friction with two coefficients: closed forms, an independent solver, symmetry."""
 
 from collections.abc import Iterator
 from itertools import product
@@ -16,7 +16,7 @@ OPEN, SLIP, STICK = bp.Status.OPEN, bp.Status.SLIP, bp.Status.STICK
 
 
 def friction(r_n: float, mu: Array, v_t: Array) -> Array:
-    """What the law (8e) says of a contact that slides."""
+    """Reaction of a slipping contact by the law (8e)."""
     return -r_n * mu**2 * v_t / np.linalg.norm(mu * v_t)
 
 
@@ -275,7 +275,7 @@ class TestHeldByFrictionAlone:
         d = let_go.free_motion
         assert d[0] >= np.linalg.norm(self.MU * d[1:]) * (1 - 1e-9)
         assert np.array([-3, *(1.001 * limit * e)]) @ d > 0
-        assert "no answer exists" in let_go.message
+        assert "no solution exists" in let_go.message
 
     def test_residual_finds_the_motion(self) -> None:
         problem = self.problem(np.array([0.3, 0.1]))
@@ -285,7 +285,7 @@ class TestHeldByFrictionAlone:
         assert problem.residual(1.1 * solution.reaction) > 1e-2
 
 
-def test_what_ends_early_is_told() -> None:
+def test_a_limit_is_reported() -> None:
     W, q, mu = random_problem(8, 3)
     solution = bp.ReducedProblem(W, q, mu).solve("uzawa", max_iterations=1)
     assert not solution.converged
@@ -339,7 +339,7 @@ class TestBadCoefficients:
             ),
         ],
     )
-    def test_are_refused(self, mu: list[list[float]], said: str) -> None:
+    def test_wrong_coefficients(self, mu: list[list[float]], said: str) -> None:
         with pytest.raises(ValueError, match=said):
             bp.ReducedProblem(np.eye(3), [[-1.0, 0, 0]], mu)
         with pytest.raises(ValueError, match=said):

@@ -1,4 +1,4 @@
-"""Friction along two tangents on bodies: paths, scenes, files."""
+"""Friction with two coefficients on bodies: load paths, scenes, files."""
 
 import json
 from pathlib import Path
@@ -39,7 +39,7 @@ def problem(model: fem.Assembly, mu: Any, **more: Any) -> bp.ContactProblem:
     )
 
 
-def test_a_path_is_that_of_the_stretched_problem() -> None:
+def test_a_path_agrees_with_the_scaled_problem() -> None:
     """r = T r̃ and ṽ = T v with B and gap stretched by hand and Coulomb's μ, step by step."""
     model, moved, mu = path()
     result = problem(model, mu, area=model.area).solve(None, moved, tol=1e-12)
@@ -103,7 +103,7 @@ def test_every_step_fulfils_the_law_and_the_balance() -> None:
         assert max(step.error_estimate) < 1e-7
 
 
-def test_what_a_problem_tells_is_in_the_callers_variables() -> None:
+def test_results_are_in_unscaled_variables() -> None:
     model, moved, mu = path()
     two, one = problem(model, mu), problem(model, 0.3)
     W = one.compliance
@@ -202,7 +202,7 @@ def test_a_working_set_and_another_stiffness() -> None:
         np.testing.assert_allclose(one, two, atol=1e-7 * np.abs(one).max())
 
 
-def test_a_path_goes_on_where_it_was_left(tmp_path: Path) -> None:
+def test_a_path_continues_after_an_interruption(tmp_path: Path) -> None:
     model, moved, mu = path()
     whole = problem(model, mu, points=model.points)
     straight = whole.solve(None, moved, tol=1e-12)
@@ -221,7 +221,7 @@ def test_a_path_goes_on_where_it_was_left(tmp_path: Path) -> None:
     assert (tmp_path / "contacts.pvd").is_file()
 
 
-def test_fclib_has_no_place_for_it(tmp_path: Path) -> None:
+def test_fclib_cannot_store_two_coefficients(tmp_path: Path) -> None:
     model, moved, mu = path()
     reduced = problem(model, mu).reduced(None, moved[1])
     with pytest.raises(ValueError, match=r"mu has shape .*one friction coefficient"):
@@ -324,13 +324,15 @@ class TestGrainOfTheCube:
         (["contact.0.mu=[0.3,0]", GRAIN[1]], "contact.0.mu: should be two positive"),
     ],
 )
-def test_scenes_that_make_no_sense(settings: list[str], said: str) -> None:
+def test_wrong_scenes(settings: list[str], said: str) -> None:
     with pytest.raises(scene.SceneError, match=said.replace(".", r"\.")):
         scene.read("sheared_cube", settings)
 
 
-def test_scenes_that_make_no_sense_on_their_mesh() -> None:
-    with pytest.raises(scene.SceneError, match=r"axis is .* aside of the normal"):
+def test_scenes_with_an_axis_along_the_normal() -> None:
+    with pytest.raises(
+        scene.SceneError, match=r"axis is .* not parallel to the normal"
+    ):
         cube(GRAIN[0], "contact.0.axis=[0,0,1]")
     with pytest.raises(
         scene.SceneError, match="in two dimensions there is one tangent"

@@ -1,4 +1,4 @@
-"""All answers of a problem, none, and what is said of their number."""
+"""Problems with several solutions or none, and the verdict on uniqueness."""
 
 import pickle
 from pathlib import Path
@@ -167,7 +167,7 @@ def test_restarts_find_several_answers_in_space() -> None:
         problem.answers(restarts=0)
 
 
-def test_the_answer_between_two_others_says_so_in_space() -> None:
+def test_a_solution_between_two_others_is_not_unique_in_space() -> None:
     problem = wedge_in_space()
     # Slip of the plane branch, bent a little by the second tangent.
     u_t = 0.5 / (1 - 3 * 0.5)
@@ -208,25 +208,25 @@ def test_a_verdict_does_not_depend_on_units() -> None:
             assert problem.solve([load])[0].unique == said
 
 
-def test_a_verdict_is_kept_where_it_was_asked_for(tmp_path: Path) -> None:
+def test_a_computed_verdict_is_pickled(tmp_path: Path) -> None:
     asked = one_node([[-1.0, 1.5], [-1.0, 1.4]], 0.3)
     assert asked[0].unique == "proved"
     asked.save(tmp_path / "x.h5")
     for copy in (bp.load(tmp_path / "x.h5"), pickle.loads(pickle.dumps(asked))):
-        # Nobody asked the second step, and the problem is gone.
+        # The verdict of the second step was not computed before.
         assert [step.unique for step in copy] == ["proved", "unknown"]
     assert asked[1].unique == "proved"
 
 
-def test_what_has_not_converged_is_unknown() -> None:
+def test_uniqueness_is_unknown_without_convergence() -> None:
     problem = one_contact([-1.0, 1.5], 0.3)
     stopped = problem.solve("uzawa", max_iterations=1)
     assert not stopped.converged
     assert stopped.unique == "unknown"
 
 
-def test_an_answer_that_sticks_is_one() -> None:
-    """All contacts stick: v is the rounding of what reactions have undone."""
+def test_a_sticking_solution_is_counted_once() -> None:
+    """If all contacts stick, v is rounding error."""
     W = [[2.0, 0.3, 0.1], [0.3, 3.0, 0.2], [0.1, 0.2, 2.5]]
     problem = bp.ReducedProblem(W, [[-1.0, 0.13, 0.07]], 1.0)
     assert problem.solve().unique == "proved"

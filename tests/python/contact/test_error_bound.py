@@ -1,4 +1,4 @@
-"""`error`: never beaten, sharp enough to be of use, and silent where nothing is proved."""
+"""`error`: the true error never exceeds the bound, which is sharp, or absent with a reason."""
 
 import itertools
 import pickle
@@ -103,7 +103,7 @@ def never_beaten(seeds: range) -> int:
     return COUNTED["global"]
 
 
-def test_never_beaten() -> None:
+def test_bound_holds() -> None:
     assert never_beaten(range(22)) > 1000
     # And of use: these matrices have a condition of ten or so.
     assert np.median(RATIOS) < 2
@@ -111,7 +111,7 @@ def test_never_beaten() -> None:
 
 
 @pytest.mark.verify
-def test_never_beaten_ten_thousand_times() -> None:
+def test_bound_holds_ten_thousand_times() -> None:
     assert never_beaten(range(22, 250)) > 10_000
 
 
@@ -122,7 +122,7 @@ def case_of(name: str, n: int) -> tuple[bp.ContactProblem, scene.Case]:
 
 
 @pytest.mark.parametrize(("name", "n"), [("sheared_cube", 4), ("two_blocks", 4)])
-def test_never_beaten_on_scenes(name: str, n: int) -> None:
+def test_bound_holds_on_scenes(name: str, n: int) -> None:
     problem, case = case_of(name, n)
     path = problem.solve(case.load, case.prescribed, tol=1e-8)
     before = path[-2] if len(path) > 1 else None
@@ -221,7 +221,7 @@ def eliminated(rows: list[list[Fraction]]) -> list[Fraction]:
 
 
 @pytest.mark.parametrize("soft", [1.0, 1e-6])
-def test_never_beaten_by_rounding(soft: float) -> None:
+def test_bound_holds_for_rounding_errors(soft: float) -> None:
     """Against answers in rational numbers, points that are answers to an ulp or two.
 
     With `soft` W has a condition of 1e8: solves lose half of all digits.
@@ -423,7 +423,7 @@ def test_an_exact_answer_has_no_error() -> None:
     ("words", "problem"),
     [
         (
-            "held by contact alone",
+            "contact alone holds a body",
             bp.ReducedProblem(
                 np.eye(2), [[0.0, 0.0]], 0.5, rigid=([[1.0], [0.0]], [-1.0])
             ),
@@ -443,12 +443,12 @@ def test_an_exact_answer_has_no_error() -> None:
             bp.ReducedProblem(np.diag([1.0, 0.0]), [[-1.0, 0.5]], 0.1),
         ),
         (
-            "friction is too large",
+            "is too large for a proof",
             bp.ReducedProblem([[1.0, 0.9], [0.9, 1.0]], [[-1.0, 0.0]], 50.0),
         ),
     ],
 )
-def test_says_why_there_is_none(words: str, problem: bp.ReducedProblem) -> None:
+def test_reason_without_a_bound(words: str, problem: bp.ReducedProblem) -> None:
     error = problem.error_bound(np.zeros(problem.q.shape))
     assert error.kind == "not available"
     assert words in error.reason
@@ -458,9 +458,9 @@ def test_says_why_there_is_none(words: str, problem: bp.ReducedProblem) -> None:
     assert error.constitutive.shape == (len(problem.q),)
 
 
-def test_a_reaction_that_cannot_be() -> None:
+def test_a_reaction_that_the_law_excludes() -> None:
     problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.5]], 0.0)
-    assert "leaves none" in problem.error_bound([[1.0, 1e-9]]).reason
+    assert "the law excludes" in problem.error_bound([[1.0, 1e-9]]).reason
     assert problem.error_bound([[1.0, 0.0]]).relative == pytest.approx(0, abs=1e-14)
 
 
@@ -475,7 +475,7 @@ def test_wrong_arguments() -> None:
     assert problem.error_bounds(np.zeros((0, 1, 2))) == []
 
 
-def test_of_a_path_and_after_it_was_sent() -> None:
+def test_bounds_of_a_path_and_of_its_pickle() -> None:
     K = np.array([[2.0, 0.5], [0.5, 1.0]])
     loads = [[-1.0, 0.2], [-1.0, 1.5], [-0.5, 1.5]]
     result = bp.solve(K, sparse.eye_array(2), loads, gap=[0.0], mu=0.3, area=[2.0])
@@ -491,7 +491,7 @@ def test_of_a_path_and_after_it_was_sent() -> None:
     lost = pickle.loads(
         pickle.dumps(bp.solve(K, sparse.eye_array(2), loads[1], gap=[0.0], mu=0.3)[0])
     )
-    assert "lost its problem" in lost.error.reason
+    assert "problem is not available" in lost.error.reason
     # A body with supports: ‖u - u*‖ in K is ‖r - r*‖ in W. By hand, it slides:
     # r = (r_n, -mu r_n), u_n = 0.
     exact_u = np.array([0.0, 0.0])
@@ -600,7 +600,7 @@ def test_missing_energy_bounds_the_error() -> None:
     assert np.quantile(sharpness, 0.9) < 2
 
 
-def test_without_contacts_nothing_is_off() -> None:
+def test_without_contacts_the_error_is_zero() -> None:
     problem = bp.ReducedProblem(np.zeros((0, 0)), np.zeros((0, 2)), 0.3)
     for bound in (problem.error_bound(np.zeros((0, 2))), problem.solve().error):
         assert bound.total == 0.0

@@ -1,4 +1,4 @@
-"""`error_estimate` against the true error, and where there is none to give."""
+"""`error_estimate` agrees with the true error, or is None."""
 
 import pickle
 from collections.abc import Callable
@@ -102,7 +102,7 @@ def test_none_where_reactions_are_not_determined() -> None:
     assert bar.error_estimate is None
 
 
-def test_none_for_what_has_not_converged() -> None:
+def test_none_without_convergence() -> None:
     cut = cube().solve("uzawa", 1e-10, max_iterations=2)
     assert not cut.converged
     assert cut.error_estimate is None
@@ -118,7 +118,7 @@ def two_steps() -> bp.Result:
     )
 
 
-def test_kept_where_it_was_asked_for(tmp_path: Path) -> None:
+def test_a_computed_estimate_is_pickled(tmp_path: Path) -> None:
     result = two_steps()
     asked = result[1].error_estimate
     assert asked is not None
@@ -128,7 +128,7 @@ def test_kept_where_it_was_asked_for(tmp_path: Path) -> None:
     for copy in (sent, read):
         assert copy[0].error_estimate is None
         assert copy[1].error_estimate == asked
-    # Where the problem is at hand it may still be asked for.
+    # It can still be computed if the problem is available.
     assert result[0].error_estimate is not None
     assert pickle.loads(pickle.dumps(result))[0].error_estimate is not None
 

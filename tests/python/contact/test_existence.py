@@ -1,4 +1,4 @@
-"""What is said of the existence of answers, held against closed forms and solves."""
+"""Verdicts on existence agree with closed forms and with solves."""
 
 from typing import Any
 
@@ -108,7 +108,7 @@ def test_a_plank_is_dragged_up_to_the_limit_of_its_feet(x: float) -> None:
 
 
 def check(given: Any, found: bp.Existence) -> None:
-    """The witnesses prove what is said, by their definitions alone."""
+    """The witnesses prove the verdict by their definitions."""
     W, q, mu, rigid = given
     columns = W if rigid is None else np.hstack([W, rigid[0]])
     if found.inside is not None:
@@ -139,7 +139,7 @@ def check(given: Any, found: bp.Existence) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_guarantee_is_always_kept(kind: str, d: int) -> None:
+def test_guaranteed_solutions_are_found(kind: str, d: int) -> None:
     guaranteed = 0
     for seed in range(40):
         given = random_problem(kind, d, seed)
@@ -224,7 +224,7 @@ def test_verdicts_on_bodies_that_contact_alone_holds(d: int) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_verdicts_do_not_know_the_units(d: int) -> None:
+def test_verdicts_do_not_depend_on_units(d: int) -> None:
     for seed in range(30):
         W, q, mu, (R, e) = random_rigid(d, seed)
         told = bp.ReducedProblem(W, q, mu, rigid=(R, e)).existence().verdict
@@ -364,7 +364,7 @@ def test_walls_that_overlap() -> None:
     assert held.existence(None, [0.1, 0.0]).verdict == "guaranteed"
 
 
-def test_compliance_that_no_theorem_is_about() -> None:
+def test_compliance_that_no_theorem_covers() -> None:
     W = np.array([[1.0, 2.0], [-2.0, 0.0]])
     found = bp.ReducedProblem(W, [[-1.0, 0.2]], 0.3).existence()
     assert found.verdict == "unknown"
@@ -414,7 +414,7 @@ def test_a_block_with_a_grain_in_its_feet() -> None:
 
 
 @pytest.mark.parametrize("turns", [-7, -3, 1, 5, 9])
-def test_a_normal_that_rounding_has_tilted_balances_nothing(turns: int) -> None:
+def test_a_rounding_error_of_a_normal_balances_no_load(turns: int) -> None:
     """cos(π/2) is 6e-17: a pressure of 1e16 would balance the loads by it."""
     angle = turns * np.pi / 2
     n = np.array([np.cos(angle), np.sin(angle)])

@@ -1,4 +1,4 @@
-"""Problems in M, H, f, w: condensed, or by LU, and judged by NumPy alone."""
+"""Global problems, condensed or factored by LU, are checked with NumPy."""
 
 from functools import cache
 from typing import Any
@@ -111,7 +111,7 @@ def test_asymmetric_matrix_is_used_as_given_and_reported() -> None:
     assert solution.converged
 
 
-def test_units_of_the_unknowns_move_nothing() -> None:
+def test_units_of_the_unknowns_change_nothing() -> None:
     """Length in the first dof, time in the next: still (a)symmetric, same answer."""
     rng = np.random.default_rng(3)
     for name in ("fe_cube_h8_9c", "rods_2_3c"):
@@ -131,7 +131,9 @@ def test_units_of_the_unknowns_move_nothing() -> None:
 
 
 @pytest.mark.parametrize(("noise", "condensed"), [(1e-14, True), (1e-8, False)])
-def test_rounding_is_no_asymmetry(noise: float, condensed: bool) -> None:
+def test_rounding_errors_do_not_count_as_asymmetry(
+    noise: float, condensed: bool
+) -> None:
     M, H, f, w, mu = arrays("rods_2_3c")
     shaken = M * (1 + noise * np.triu(np.ones_like(M), 1))
     problem = GlobalProblem(shaken, H, f, w, mu)
@@ -171,8 +173,8 @@ def test_body_held_by_contact_alone() -> None:
         problem.velocity(solution.reaction)
 
 
-def test_no_answer_is_an_outcome() -> None:
-    """A contact that nothing moves penetrates."""
+def test_no_solution_is_an_outcome() -> None:
+    """A contact penetrates that no reaction can move."""
     problem = GlobalProblem(np.eye(2), np.zeros((2, 2)), [0, 0], [[-1.0, 0.0]], 0.3)
     solution = problem.solve()
     assert solution.outcome is bp.Outcome.NO_EQUILIBRIUM

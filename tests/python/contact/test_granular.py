@@ -1,4 +1,4 @@
-"""Walls of rigid disks and packings of balls: large sets of contacts in excess."""
+"""Walls of rigid disks and packings of balls, with many redundant contacts."""
 
 import grains
 import numpy as np
@@ -67,7 +67,7 @@ def test_nine_in_ten_walls_within_twenty_seconds() -> None:
 
 
 @pytest.mark.verify
-def test_heaps_are_solved_or_not_called_so() -> None:
+def test_heaps_converge_or_report_that_they_do_not() -> None:
     """Those with little friction flow apart, and are not solved in that time."""
     found = [solved(grains.heaps(seed), seconds=20.0) for seed in range(10)]
     for solution in found:

@@ -1,4 +1,4 @@
-"""What may not change the answer: units, frames, numbering, threads, processes."""
+"""Solutions do not depend on units, frames, numbering, threads and processes."""
 
 import multiprocessing
 from typing import Any

@@ -1,4 +1,4 @@
-"""Load paths: cycles without drift, the balance of energy, every method's history."""
+"""Load paths: cycles without drift, energy balance, slip history of every method."""
 
 import math
 from typing import Any

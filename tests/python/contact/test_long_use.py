@@ -1,4 +1,4 @@
-"""Long use: no memory that grows, nothing kept alive, whatever callbacks raise."""
+"""Long use: memory does not grow, and no object is kept alive, also if callbacks raise."""
 
 import ctypes
 import gc
@@ -23,10 +23,18 @@ class _Heap(ctypes.Structure):
 
     _fields_ = [
         (name, ctypes.c_size_t)
-        for name in (
-            *("arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks"),
-            *("fsmblks", "uordblks", "fordblks", "keepcost"),
-        )
+        for name in [
+            "arena",
+            "ordblks",
+            "smblks",
+            "hblks",
+            "hblkhd",
+            "usmblks",
+            "fsmblks",
+            "uordblks",
+            "fordblks",
+            "keepcost",
+        ]
     ]
 
 

@@ -1,4 +1,4 @@
-"""Answers whose digits a nearly incompressible or unevenly stiff K tends to eat.
+"""Accuracy with a nearly incompressible K, or with large differences of stiffness.
 
 Closed forms of the oedometer: `shortening = p H / M`, `M = E (1 - ν)/((1 + ν)(1 - 2ν))`,
 under smooth walls, whatever the friction; and dense solves in extended precision.

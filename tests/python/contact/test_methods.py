@@ -1,4 +1,4 @@
-"""Every method on the same problem, and what can be asked of one while it runs."""
+"""All methods on one problem, and callbacks and interrupts during a solve."""
 
 import subprocess
 import sys
@@ -17,7 +17,7 @@ TOL = 1e-12
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_one_answer(method: str) -> None:
+def test_all_methods_find_one_solution(method: str) -> None:
     reference = cube().solve("gauss_seidel", tol=1e-14)
     assert set(reference.status.tolist()) == {0, 1, 2}
     solution = cube().solve(method, tol=TOL)
@@ -70,7 +70,7 @@ def endless() -> bp.ReducedProblem:
     return bp.ReducedProblem(columns @ columns.T, q, 0.5)
 
 
-def test_callback_is_told_how_far_it_is() -> None:
+def test_callback_gets_the_progress() -> None:
     told: list[tuple[int, float, float]] = []
     limited = {"max_seconds": 1.0, "max_iterations": 10**9}
     solution = endless().solve(

@@ -61,7 +61,7 @@ def close(found: np.ndarray, expected: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_a_wall_that_moves_is_a_body_that_moves(dim: int) -> None:
+def test_a_moving_wall_equals_a_moving_body(dim: int) -> None:
     problem = make(dim)
     ways, gaps = wall(dim)
     moving = problem.solve(gap=gaps, tol=TOL)
@@ -78,7 +78,7 @@ def test_a_wall_that_moves_is_a_body_that_moves(dim: int) -> None:
     close(moving.displacement - np.tile(shift.T, n), body.displacement)
 
 
-def test_with_a_working_set_contacts_come_in_that_only_a_step_closes() -> None:
+def test_a_working_set_grows_by_contacts_that_a_step_closes() -> None:
     body = block([1.0, 1.0], [320, 4], 1.0, 0.3)
     fixed = np.concatenate([body.dofs(1, 1.0, k) for k in range(2)])
     x = body.points[:, 0]
@@ -171,7 +171,7 @@ def test_history_turns_back() -> None:
     close(result.relative_displacement, moved + there)
 
 
-def test_going_on_in_the_middle_gives_the_same_bits(tmp_path: Path) -> None:
+def test_continuing_from_a_step_gives_the_same_bits(tmp_path: Path) -> None:
     problem = make(3)
     gaps = wall(3)[1]
     whole = problem.solve(gap=gaps)
@@ -213,7 +213,7 @@ def test_files_of_steps_hold_the_problem_of_the_step(tmp_path: Path) -> None:
         close(alone.solve().reaction, step.reaction)
 
 
-def test_a_problem_that_knows_its_gaps() -> None:
+def test_gaps_of_the_problem() -> None:
     body, fixed, gap = setup(2)
     moving = wall(2)[1]
     told = make(2).solve(gap=moving)
@@ -224,7 +224,7 @@ def test_a_problem_that_knows_its_gaps() -> None:
         bp.solve(body.K, body.B, gaps=np.zeros((4, 5)), **given)
 
 
-def test_what_a_problem_has_of_its_own_goes_on_behind_the_start(tmp_path: Path) -> None:
+def test_loads_and_gaps_of_the_problem_continue_after_the_start(tmp_path: Path) -> None:
     ways, gaps = wall(2)
     prescribed = as_supports(2, 0.1 * ways[::-1])
     owned: list[dict[str, Any]] = [
@@ -254,19 +254,21 @@ def test_what_a_problem_has_of_its_own_goes_on_behind_the_start(tmp_path: Path) 
             last = problem.solve(start=start)
             assert np.array_equal(last.reaction, whole.reaction[3:])
         assert len(problem.solve(start=whole)) == 0
-    # What is given is of the steps to come.
+    # Arguments hold the following steps only.
     loaded = make(2, gaps=gaps).solve(prescribed=prescribed)
     begun = make(2).solve(prescribed=prescribed[:2], gap=gaps[:2])
     rest = make(2, gaps=gaps).solve(prescribed=prescribed[2:], start=begun)
     assert np.array_equal(rest.reaction, loaded.reaction[2:])
 
 
-def test_a_start_that_does_not_tell_what_is_next() -> None:
+def test_a_start_that_does_not_determine_the_next_step() -> None:
     ways, gaps = wall(2)
     prescribed = as_supports(2, ways)
     problem = make(2, gaps=gaps)
     whole = problem.solve()
-    with pytest.raises(TypeError, match="start is a Step, expected a Result: how many"):
+    with pytest.raises(
+        TypeError, match="start is a Step, expected a Result: its number"
+    ):
         problem.solve(start=whole[1])
     with pytest.raises(TypeError, match="case 0: start is a Step"):
         problem.solve_many([{"start": whole[1]}])
@@ -277,7 +279,9 @@ def test_a_start_that_does_not_tell_what_is_next() -> None:
         ValueError, match="start ends with another gap than load step 2"
     ):
         problem.solve(start=other)
-    with pytest.raises(ValueError, match=r"4 steps, and this problem .* for 4: give"):
+    with pytest.raises(
+        ValueError, match=r"4 steps, and the loads or gaps .* have 4: give"
+    ):
         problem.solve(prescribed=prescribed, start=whole)
     with pytest.raises(ValueError, match="load has 4 steps, expected 2"):
         problem.solve(prescribed=prescribed, start=make(2).solve(gap=gaps[:2]))
@@ -290,7 +294,7 @@ def test_a_start_that_does_not_tell_what_is_next() -> None:
         loads.solve(start=make(2).solve(prescribed=2 * prescribed[0]))
 
 
-def test_one_step_of_loads_or_of_gaps_stands_for_all() -> None:
+def test_a_single_row_of_loads_or_gaps_is_repeated() -> None:
     problem = make(2)
     prescribed = as_supports(2, wall(2)[0])
     gaps = wall(2)[1]
@@ -315,7 +319,7 @@ def test_one_step_of_loads_or_of_gaps_stands_for_all() -> None:
         (np.full((4, 6), np.nan), r"gap is nan at \(0, 0\), expected finite numbers"),
     ],
 )
-def test_gaps_that_cannot_be(gap: np.ndarray, message: str) -> None:
+def test_wrong_gaps(gap: np.ndarray, message: str) -> None:
     problem = make(2)
     prescribed = as_supports(2, wall(2)[0])
     with pytest.raises(ValueError, match=message):
@@ -329,8 +333,8 @@ def test_a_gap_of_one_step() -> None:
         make(2).reduced(gap=np.zeros((2, 6)))
 
 
-def test_existence_is_of_the_gaps_of_the_step() -> None:
-    """A contact that nothing can move: closed it has an answer, penetrating none."""
+def test_existence_uses_the_gaps_of_the_step() -> None:
+    """A contact that cannot move has a solution if it is closed, none if it penetrates."""
     K, B = np.eye(2), np.eye(2)
     problem = bp.ContactProblem(K, B, gap=[0.1], mu=0.3, fixed=[0])
     assert problem.existence().verdict == "guaranteed"
@@ -341,8 +345,8 @@ def test_existence_is_of_the_gaps_of_the_step() -> None:
         problem.solve(gap=[[0.1], [-0.1]])
 
 
-def test_followed_in_steps_as_long_as_they_may_be() -> None:
-    """Of gaps that are a function of s; without need, those of load steps given."""
+def test_adaptive_steps() -> None:
+    """Gaps as a function of s; steps that need no halving equal given load steps."""
     for dim in (2, 3):
         _, gaps = wall(dim)
         problem = make(dim)
@@ -372,20 +376,22 @@ def test_followed_in_steps_as_long_as_they_may_be() -> None:
         assert rest.reaction.tobytes() == divided.reaction[3:].tobytes()
 
 
-def test_gaps_that_follow_does_not_take() -> None:
+def test_wrong_gaps_of_follow() -> None:
     _, gaps = wall(2)
     problem = make(2)
     with pytest.raises(ValueError, match=r"gap at s = 1 has shape \(2,\), expected"):
         problem.follow(gap=lambda _: [0.0, 1.0])
     with pytest.raises(TypeError, match="gap is"):
         problem.follow(gap=gaps[0])
-    # Obstacles that would stand still, unsaid.
-    with pytest.raises(ValueError, match="gap is missing: this problem has gaps of 4"):
+    # Otherwise the obstacles would stand still without a message.
+    with pytest.raises(
+        ValueError, match="gap is missing: the gaps of this problem have 4"
+    ):
         make(2, gaps=gaps).follow()
 
 
-def test_loads_of_its_own_are_not_forgotten() -> None:
-    """Who asks for one step or for steps in between is told that none was named."""
+def test_loads_of_the_problem_need_an_explicit_load_for_one_step() -> None:
+    """`reduced` and `follow` raise if the problem has loads and none is given."""
     K = 1e3 * np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2))
     given = {"gap": [0.0], "mu": 0.3}
     load = np.array([10.0, 1.0, 0.0, 0.0])
@@ -395,7 +401,7 @@ def test_loads_of_its_own_are_not_forgotten() -> None:
     np.testing.assert_array_equal(one.reduced().q, plain.reduced(load).q)
     several = bp.ContactProblem(K, np.eye(2, 4), loads=[0 * load, load], **given)
     for ask in (several.existence, several.reduced):
-        with pytest.raises(ValueError, match=r"load is missing: .* loads of 2 steps"):
+        with pytest.raises(ValueError, match=r"load is missing: .* have 2 steps"):
             ask()
     for problem in (one, several):
         with pytest.raises(ValueError, match=r"load is missing: .* as a function of s"):

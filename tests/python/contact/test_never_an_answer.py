@@ -1,4 +1,4 @@
-"""What must never be called an answer, however small the residual is."""
+"""Points with a small residual that must not count as solutions."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_walls_that_overlap_have_no_answer(dim: int, method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_walls_that_leave_room_are_solved(method: str) -> None:
+def test_walls_with_room_between_them_are_solved(method: str) -> None:
     B = np.vstack([np.eye(2), -np.eye(2)])
     problem = bp.ContactProblem(np.eye(2), B, gap=[0.5, -0.2], mu=0.3)
     result = problem.solve([0.0, 0.0], method=method)
@@ -51,7 +51,7 @@ def test_a_large_mu_hides_no_penetration(mu: float, method: str) -> None:
             assert deepest <= 1e-3 * np.abs(q).max()
 
 
-def test_soft_supports_lose_no_digit_unsaid() -> None:
+def test_lost_digits_of_soft_supports_are_reported() -> None:
     # A stiff chain on springs of 1e-9: W is dominated by the springs, and the local
     # part of it is rounding. The law is checked on u from K in extended precision.
     rng = np.random.default_rng(3)

@@ -1,4 +1,4 @@
-"""Bodies held by contact alone: loads that contact cannot carry, refused with a proof."""
+"""Loads that contact cannot carry raise an error with a proof, for bodies held by contact."""
 
 import contextlib
 import math
@@ -61,7 +61,7 @@ def test_a1_on_both_sides_of_the_limit(shear: list[float]) -> None:
     assert f"translation along ({along}) in ({', '.join('xyz'[:dim])})" in str(error)
 
 
-def test_at_the_limit_nothing_is_made_up() -> None:
+def test_at_the_limit() -> None:
     body = block((3, 2, 1), (3, 2, 2), 10.0, 0.0)
     with contextlib.suppress(bp.BipotError):
         at = solve(body, uniform_shear(body, 2.0, [MU * 1.6, MU * 1.2]))
@@ -93,7 +93,7 @@ def test_pulled_up(dim: int) -> None:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_of_an_axis_far_away_the_translation_is_told_first(dim: int) -> None:
+def test_a_distant_axis_is_described_as_a_translation(dim: int) -> None:
     """What turns by ω about a middle that moves by 1, seen over a length of 3."""
     plane = np.array([(x, y) for x in range(4) for y in range(3)], dtype=float)
     points = np.column_stack([plane] + [np.zeros(12)] * (dim - 2))
@@ -189,7 +189,7 @@ def test_the_step_and_what_was_solved_before_it() -> None:
     with pytest.raises(bp.NoEquilibriumError) as caught:
         solve(body, np.array([held, slides]))
     error = caught.value
-    assert str(error).startswith("load step 2: no answer exists")
+    assert str(error).startswith("load step 2: no solution exists")
     assert error.result is not None
     assert error.result.reaction.shape == (1, 4, 2)
     again = pickle.loads(pickle.dumps(error))
@@ -197,7 +197,7 @@ def test_the_step_and_what_was_solved_before_it() -> None:
     np.testing.assert_array_equal(again.direction, error.direction)
 
 
-def test_without_places_the_contacts_are_named() -> None:
+def test_without_coordinates_contacts_are_named() -> None:
     body = block((1, 3), (2, 6), 1e3, 0.3)
     load = body.traction(1, 3.0, [1.0, 0.0]) + body.weight([0.0, -5.0])
     with pytest.raises(bp.NoEquilibriumError) as caught:

@@ -1,4 +1,4 @@
-"""The oracle is itself judged: by closed forms, and its two routes by each other."""
+"""The oracle agrees with closed forms, and its two algorithms agree with each other."""
 
 import csv
 
@@ -26,7 +26,7 @@ def random_problem(seed: int, contacts: int, dim: int) -> Problem:
     return Problem(root @ root.T + 0.3 * np.eye(contacts * dim), q, 0.4)
 
 
-def test_violation_sees_each_condition() -> None:
+def test_each_violation_is_found() -> None:
     r, v = np.array([[1.0, -0.5]]), np.array([[0.0, 2.0]])
     assert violation(r, v, 0.5) == 0
     for wrong_r, wrong_v in [
@@ -133,7 +133,7 @@ def test_body_held_by_contact_alone() -> None:
     assert any(np.allclose(x.r, one.r, rtol=1e-10) for x in answers(problem))
 
 
-def test_nothing_is_found_where_there_is_no_answer() -> None:
+def test_no_solution_is_found_if_there_is_none() -> None:
     # The same bar pushed beyond the limit: 2.1 > 0.5 · 4.
     R = np.array([[1.0, 0.0, 0.0], [0, 1, 0], [1, 0, 1], [0, 1, 0]])
     e = np.array([-4.0, 2.1, -1.0])

@@ -1,4 +1,4 @@
-"""Orderings that problems of one pattern share: counted, not timed."""
+"""Problems with one pattern share their orderings, which are counted."""
 
 import threading
 from typing import Any
@@ -15,7 +15,7 @@ LIMIT = "BIPOT_PATTERN_CACHE_MB"
 
 
 def body(cells: int, young: float = 100.0) -> Body:
-    """Every test has sizes of its own, which no other of this process has met."""
+    """Each test uses its own sizes, so that no pattern is in the cache before."""
     return block([4.0, 2.0], [2 * cells + 1, cells], young, 0.3)
 
 
@@ -64,7 +64,7 @@ def test_zeros_that_are_stored() -> None:
     assert np.abs(W[0] - W[1]).max() <= bound
 
 
-def test_what_is_shared_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cache_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     here = body(8)
     load = uniform_shear(here, 0.2, [0.05])
 
@@ -81,7 +81,7 @@ def test_what_is_shared_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     assert first[1:] == second[1:] == alone[1:]
 
 
-def test_another_pattern_is_not_taken_for_it() -> None:
+def test_different_patterns_are_distinguished() -> None:
     here = body(7)
     assert orderings(problem(here)) == 1
     fixed = np.concatenate([here.dofs(1, 2.0, k) for k in range(2)])
@@ -105,7 +105,7 @@ def test_another_pattern_is_not_taken_for_it() -> None:
         assert (orderings(make()), orderings(make())) == (1, 0)
 
 
-def test_the_bound_drops_what_was_not_asked_for_longest(
+def test_the_least_recently_used_pattern_is_dropped(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv(LIMIT, "1")
@@ -123,7 +123,7 @@ def test_the_bound_drops_what_was_not_asked_for_longest(
 
 
 @pytest.mark.parametrize("value", ["abc", "-1", "1.5", "64MB", "9" * 40])
-def test_a_bound_that_is_no_number(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_cache_size(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(LIMIT, value)
     words = f'{LIMIT} is "{value}", expected a whole number of megabytes'
     with pytest.raises(ValueError, match=words):

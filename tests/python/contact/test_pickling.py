@@ -1,7 +1,7 @@
 """Problems and answers in another process: the same numbers to the bit.
 
-What is sent is what a problem was made of. Condensing it again must not round
-otherwise, and what the receiver asks of it must be what the sender would be told.
+A pickle holds the arguments of a problem. Condensing it again must give the same bits,
+and so must all results of the receiver.
 """
 
 import copy
@@ -133,7 +133,7 @@ def test_known_loads() -> None:
     np.testing.assert_array_equal(again.solve().reaction, problem.solve().reaction)
 
 
-def test_the_stiffness_it_has_now_is_sent() -> None:
+def test_the_current_stiffness_is_pickled() -> None:
     """Not the array of the caller, which may have changed since, nor the first one."""
     model = block()
     K = model.K.copy()
@@ -171,7 +171,7 @@ def test_reduced_problems(kind: Any) -> None:
         )
 
 
-def test_what_else_comes_out() -> None:
+def test_other_public_objects_are_pickled() -> None:
     """Bounds, verdicts, answers, global problems: with every number they hold."""
     W, q = np.array([[2.0, 0.5], [0.5, 1.0]]), [[-1.0, 0.75]]
     problem = bp.ReducedProblem(W, q, 0.1)
@@ -190,7 +190,7 @@ def test_what_else_comes_out() -> None:
     np.testing.assert_array_equal(mine.reaction, theirs.reaction)
 
 
-def test_results_carry_their_words(tmp_path: Path) -> None:
+def test_results_keep_their_messages(tmp_path: Path) -> None:
     problem, load, prescribed = held_by_contact()
     result = problem.solve(load, prescribed)
     _ = result.displacement

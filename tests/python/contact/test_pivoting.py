@@ -1,4 +1,4 @@
-"""Complementary pivoting, and which methods take bodies that nothing else holds."""
+"""Complementary pivoting, and the methods that accept bodies without supports."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def strong(seed: int, contacts: int, mu: float) -> bp.ReducedProblem:
     return bp.ReducedProblem((W + W.T) / 2, q, mu)
 
 
-def test_one_of_the_answers_whatever_friction_is() -> None:
+def test_a_solution_for_any_friction() -> None:
     several = 0
     for seed in range(30):
         for mu in (0.5, 2.0, 8.0):

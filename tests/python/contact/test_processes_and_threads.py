@@ -185,7 +185,7 @@ def test_order_of_precedence(
 
 @pytest.mark.parametrize("name", ["BIPOT_NUM_THREADS", "RAYON_NUM_THREADS"])
 @pytest.mark.parametrize("value", ["two", "-1", "1.5", "1e3", "1000000", "9" * 40])
-def test_numbers_of_threads_that_are_none(
+def test_wrong_numbers_of_threads(
     name: str, value: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(name, value)

@@ -1,4 +1,4 @@
-"""`bp.project` against what only the nearest point of the cone satisfies."""
+"""`bp.project` satisfies the conditions of the nearest point of the cone."""
 
 import math
 

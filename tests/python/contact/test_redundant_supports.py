@@ -1,4 +1,4 @@
-"""Supports in excess: W has no inverse, reactions are not determined, answers exist."""
+"""Redundant supports: W is singular, reactions are not determined, solutions exist."""
 
 import numpy as np
 import problems

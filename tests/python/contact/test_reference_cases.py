@@ -1,4 +1,4 @@
-"""Answers known from elsewhere. Ids: A have closed forms, P are published problems."""
+"""Known solutions. Ids: A have closed forms, P are published problems."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""What is said of arrays: penetration, normals, units, contacts that never close."""
+"""Remarks on arrays: penetration, normals, units, contacts that never close."""
 
 import json
 import pickle
@@ -71,8 +71,8 @@ def test_normals(cell: str, d: int, order: int) -> None:
         least = count if (cell, d) != ("tetrahedron", 3) else count - 4
         told = re.fullmatch(
             rf"the normals of (\d+) of the {count} contacts point out of the body, first at "
-            r"contact \d+: a normal is from the obstacle towards the body, and B gives the "
-            r"displacement of the body minus that of the obstacle",
+            r"contact \d+: a normal must point from the obstacle to the body, and B must give "
+            r"the displacement of the body minus that of the obstacle",
             said,
         )
         assert told is not None
@@ -160,7 +160,7 @@ def test_normals_of_many_faces(seed: int) -> None:
 
 @pytest.mark.parametrize("radius", [0.05, 0.3, 2.0])
 @pytest.mark.parametrize("at", [0.0, 0.5, 1.0])
-def test_a_ball_beside_an_edge_is_none(radius: float, at: float) -> None:
+def test_a_ball_beside_an_edge_gives_no_remark(radius: float, at: float) -> None:
     one = body("hexahedron", 3, cells=6)
     ball = ob.Sphere([at, 0.5, 1 + radius], radius)
     contact = fem.Contact("a", "top", 0.1, obstacle=ball)
@@ -218,15 +218,14 @@ def test_penetration() -> None:
     result = bp.solve(model.K, model.B, **options)
     (said,) = result.remarks
     assert said == (
-        "5 of the 5 contacts start inside what they may touch, the deepest, contact 0 at "
-        "(0, 0), by 0.01, 1 % of the size of the model: the first step presses them out; "
-        "right for an interference fit, else gap has the wrong sign, it is open when "
-        "positive"
+        "5 of the 5 contacts penetrate at the start, most of all contact 0 at (0, 0), by "
+        "0.01, 1 % of the size of the model: the first step pushes them out; this is right "
+        "for an interference fit, else check the sign of gap, which is positive when open"
     )
     # Without places; rounding is none; and of a problem whose gaps tell its size.
     eye: dict[str, Any] = {"mu": 0.3}
     plain = bp.ContactProblem(np.eye(4), np.eye(4), gap=[-1e-6, 2e-6], **eye)
-    assert plain._remarks[0].startswith("1 of the 2 contacts start inside")
+    assert plain._remarks[0].startswith("1 of the 2 contacts penetrate at")
     assert "contact 0, by 1e-06: the first" in plain._remarks[0]
     for gap in ([-1e-16, 1.0], [0.0, 0.0]):
         assert bp.ContactProblem(np.eye(4), np.eye(4), gap=gap, **eye)._remarks == ()
@@ -234,7 +233,9 @@ def test_penetration() -> None:
 
 @pytest.mark.parametrize(("cell", "d", "order"), CELLS)
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
-def test_loads_mixed_in_units(cell: str, d: int, order: int, size: float) -> None:
+def test_loads_in_inconsistent_units(
+    cell: str, d: int, order: int, size: float
+) -> None:
     """Of a bar, what strains it by 1 is Young's modulus times its section."""
     grid = np.linspace(0, size, 3)
     mesh = fem.box([grid] * d, cell)
@@ -256,12 +257,12 @@ def test_loads_mixed_in_units(cell: str, d: int, order: int, size: float) -> Non
         assert not any("units" in said for said in calm)
         (said,) = (said for said in loud if "units" in said)
         assert said.startswith(
-            "units may be mixed: the loads of the body of degree of freedom 0 would strain it "
-            "by "
+            "check the units: the loads on the body of degree of freedom 0 would strain its "
+            "largest section by "
         )
 
 
-def test_of_two_bodies_the_soft_one_counts() -> None:
+def test_the_soft_one_of_two_bodies_counts() -> None:
     grid = np.linspace(0, 1, 4)
     soft, stiff = (
         fem.Body(
@@ -278,20 +279,18 @@ def test_of_two_bodies_the_soft_one_counts() -> None:
     assert "degree of freedom 0" in said
 
 
-def test_contacts_that_slide_beyond_all_of_them() -> None:
+def test_slip_beyond_the_extent_of_the_contacts() -> None:
     """Places of the contacts alone, in metres where displacements are in millimetres."""
     K, B = np.diag([1e3, 1.0, 1e3, 1.0]), np.eye(4)
     points = np.array([[0.0, 0.0], [0.1, 0.0]])
     load = np.array([-1.0, 5.0, -1.0, 5.0])
     problem = bp.ContactProblem(K, B, gap=[0.0, 0.0], mu=0.1, points=points)
     (said,) = problem.solve(load).remarks
-    assert said.startswith(
-        "units may be mixed: contacts slide by up to 4.9 in a load step"
-    )
+    assert said.startswith("check the units: contacts slip by up to 4.9 in a load step")
     assert problem.solve(1e-3 * load).remarks == ()
 
 
-def test_kept_in_files_and_between_processes(tmp_path: Path) -> None:
+def test_remarks_are_saved_and_pickled(tmp_path: Path) -> None:
     K = np.eye(2)
     result = bp.solve(K, np.eye(2), [[1.0, 0.0]], gap=[-0.1], mu=0.3)
     assert len(result.remarks) == 2
@@ -307,7 +306,7 @@ def test_kept_in_files_and_between_processes(tmp_path: Path) -> None:
     assert followed.remarks == result.remarks
 
 
-def test_of_a_model_those_of_the_answer_too() -> None:
+def test_a_model_has_remarks_of_the_result_too() -> None:
     side = {"from": 0.0, "to": 1.0, "cells": 4}
     m = bp.Model("Sheared far")
     m.material("soft", young=1.0, poisson=0.3)
@@ -316,11 +315,11 @@ def test_of_a_model_those_of_the_answer_too() -> None:
     m.contact("block.bottom", plane={"point": [0, 0.05], "normal": [0, 1]}, mu=2.0)
     result = m.solve()
     assert result.remarks == tuple(result.remarks())
-    assert result.remarks[0].startswith("5 of the 5 contacts start inside")
+    assert result.remarks[0].startswith("5 of the 5 contacts penetrate")
     assert any(one.startswith("rotations") for one in result.remarks)
 
 
-def test_of_files(bipot: Any) -> None:
+def test_remarks_in_files(bipot: Any) -> None:
     """`bipot solve` says them, and with --json has them in its last line."""
     one = body("quadrilateral", 2)
     from scipy.io import mmwrite

@@ -1,4 +1,4 @@
-"""Forces of whole contact surfaces, and the table and sentences made of them."""
+"""Resultant forces of contact surfaces, and their table and sentences."""
 
 import io
 
@@ -31,7 +31,7 @@ def flat_frames(count: int, d: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_as_sums_of_vectors_in_space(d: int) -> None:
+def test_resultants_are_sums_of_vectors(d: int) -> None:
     reaction = RANDOM.standard_normal((12, d))
     frame, mu = flat_frames(12, d), RANDOM.uniform(0.1, 0.9, 12)
     group = np.arange(12) % 3
@@ -58,7 +58,7 @@ def ring(count: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("curve", [ring(9), frames(9, 3)])
-def test_what_turns_in_a_ring_uses_its_friction_and_has_no_force(
+def test_rotation_in_a_ring_uses_friction_without_a_force(
     curve: np.ndarray,
 ) -> None:
     """Each contact at its limit, whatever its direction: used up, to rounding."""
@@ -82,7 +82,7 @@ def test_what_turns_in_a_ring_uses_its_friction_and_has_no_force(
         np.testing.assert_allclose(one.force, 0, atol=1e-13)
 
 
-def test_an_ellipse_on_a_curved_surface_is_used_up_at_its_limit() -> None:
+def test_two_coefficients_on_a_curved_surface_reach_their_limit() -> None:
     """By the reach of the ellipse along the friction of each contact."""
     mu = RANDOM.uniform(0.1, 0.9, (7, 2))
     way = RANDOM.standard_normal((7, 2))
@@ -99,7 +99,7 @@ def test_an_ellipse_on_a_curved_surface_is_used_up_at_its_limit() -> None:
     assert still.limit == pytest.approx(press @ mu.max(axis=1), rel=1e-14)
 
 
-def test_friction_is_used_up_where_all_slip_one_way() -> None:
+def test_friction_is_fully_used_if_all_slip_in_one_direction() -> None:
     """Each node at its limit, along one direction: the ratio is one; else it is below."""
     frame = np.broadcast_to(np.eye(3), (5, 3, 3)).copy()
     pressure, mu = RANDOM.uniform(1, 2, 5), RANDOM.uniform(0.1, 0.9, 5)
@@ -115,7 +115,7 @@ def test_friction_is_used_up_where_all_slip_one_way() -> None:
     assert mixed.used < 0.99
 
 
-def test_an_ellipse_is_used_up_at_its_own_points() -> None:
+def test_two_coefficients_reach_the_limit_of_the_ellipse() -> None:
     """Slip along a line: the reaction is the ellipse's point furthest along it."""
     mu = np.array([0.5, 0.2])
     slip = np.array([0.3, 0.7])
@@ -131,7 +131,7 @@ def test_an_ellipse_is_used_up_at_its_own_points() -> None:
     assert one.used == pytest.approx(1, rel=1e-14)
 
 
-def test_without_friction_there_is_nothing_to_use() -> None:
+def test_without_friction_used_is_none() -> None:
     (one,) = resultants(
         np.array([[2.0, 0.0]]), np.eye(2)[None], np.zeros(1), np.zeros(1, np.int64), 1
     )
@@ -177,7 +177,7 @@ def test_a_narrow_table_has_fewer_columns_and_whole_cells(width: int) -> None:
 
 
 @pytest.mark.parametrize("width", [75, 100, 200])
-def test_a_curved_surface_is_told_by_its_own_heads(width: int) -> None:
+def test_a_curved_surface_has_its_own_column_heads(width: int) -> None:
     rows = [
         {**row, "force_x of block.side0": 3.0, "force_y of block.side0": -4e-13}
         for row in path(3)
@@ -197,7 +197,7 @@ def test_a_curved_surface_is_told_by_its_own_heads(width: int) -> None:
         assert cells[at + 1] == "0"
 
 
-def test_zero_but_for_rounding_is_zero() -> None:
+def test_rounding_errors_of_zero_are_shown_as_zero() -> None:
     (line,) = (one for one in printed(path(3), 200) if one.lstrip().startswith("2 "))
     step, load, *_, normal, tangential, used, _, _, _ = line.split()
     # sin 2π in floating point is not zero, and neither is a sum of forces that balance.
@@ -212,7 +212,7 @@ def test_a_long_path_shows_both_ends() -> None:
     assert lines[-1] == "all 500 load steps are in steps.csv"
 
 
-def test_surfaces_are_named_where_there_are_several() -> None:
+def test_several_surfaces_are_named() -> None:
     text = "\n".join(printed(path(1, surfaces=2), 200))
     assert "block.side0" in text
     assert "block.side1" in text

@@ -1,4 +1,4 @@
-"""Motions that supports leave free: found, counted, named, and pinned by contact."""
+"""Rigid motions that supports leave free are found, named, and held by contact."""
 
 import pickle
 from typing import Any
@@ -39,21 +39,21 @@ def test_supports_take_motions_away(axis: int) -> None:
     assert words(problem) == [f"translation along {'y' if axis == 0 else 'x'}"]
 
 
-def test_a_held_body_has_none() -> None:
+def test_a_held_body_has_no_rigid_motions() -> None:
     body = block((2, 1), (3, 2), 7.0, 0.3)
     fixed = np.concatenate([body.dofs(1, 1.0, 0), body.dofs(1, 1.0, 1)])
     problem = bp.ContactProblem(body.K, body.B, gap=body.gap, mu=0.3, fixed=fixed)
     assert problem.rigid_motions == ()
 
 
-def test_contacts_that_do_not_pin_a_body_are_refused() -> None:
+def test_contacts_that_cannot_hold_a_body() -> None:
     body = block((2, 1, 1), (2, 1, 1), 7.0, 0.3)
     one = sparse.csr_array(body.B)[:3]
     with pytest.raises(bp.FloatingBodyError, match="degree of freedom"):
         bp.ContactProblem(body.K, one, gap=np.zeros(1), mu=0.3)
 
 
-def test_a_mechanism_that_contact_pins() -> None:
+def test_a_mechanism_held_by_contact() -> None:
     # Four springs resist stretching of one direction each: sixteen unknowns in one
     # component with rank four leave twelve motions, far more than a rigid body has.
     rng = np.random.default_rng(5)
@@ -78,7 +78,7 @@ def two_blocks(dof_names: bool) -> bp.ContactProblem:
     return bp.ContactProblem(K, B, gap=np.tile(body.gap, 2), mu=0.3, **names)
 
 
-def test_bodies_are_called_by_their_names() -> None:
+def test_messages_name_bodies() -> None:
     assert {motion.split(", ")[1] for motion in two_blocks(True).rigid_motions} == {
         "body 'upper'",
         "body 'lower'",
@@ -91,7 +91,7 @@ def test_bodies_are_called_by_their_names() -> None:
         two_blocks(False).solve(load)
 
 
-def test_a_body_that_floats_is_called_by_its_name() -> None:
+def test_a_floating_body_is_named() -> None:
     body = block((2, 1), (2, 1), 7.0, 0.3)
     n = body.K.shape[0]
     K = sparse.block_diag([body.K, body.K])
@@ -110,7 +110,7 @@ def test_a_body_that_floats_is_called_by_its_name() -> None:
     assert str(again) == str(named.value)
 
 
-def test_an_indefinite_body_is_called_by_its_name() -> None:
+def test_an_indefinite_body_is_named() -> None:
     K = np.diag([1.0, 1.0, -1.0, 1.0])
     B = np.eye(4)
     with pytest.raises(ValueError, match=r"^body 'b': stiffness K is indefinite"):
@@ -123,9 +123,9 @@ def test_an_indefinite_body_is_called_by_its_name() -> None:
         (["a"], TypeError, "bodies is a list, expected a mapping"),
         ({"a": 4}, ValueError, r"bodies\['a'\] is 4, expected 0 to 3"),
         ({"a": 0.5}, TypeError, r"bodies\['a'\] is 0.5, expected an integer"),
-        ({"a": 0, "b": 0}, ValueError, "expected each to begin somewhere else"),
+        ({"a": 0, "b": 0}, ValueError, "expected a different first degree of freedom"),
     ],
 )
-def test_names_that_are_none(bodies: Any, kind: type[Exception], message: str) -> None:
+def test_wrong_names(bodies: Any, kind: type[Exception], message: str) -> None:
     with pytest.raises(kind, match=message):
         bp.ContactProblem(np.eye(4), np.eye(4), gap=np.zeros(2), mu=0.3, bodies=bodies)

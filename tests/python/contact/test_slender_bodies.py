@@ -1,4 +1,4 @@
-"""Slender bodies: what is rigid is never decided by how small a stiffness is.
+"""Slender bodies: a small stiffness does not make a motion rigid.
 
 All answers are held to eliminations in twice the precision (`slender`), with the statuses
 that were found: they are right if the displacements are, nothing penetrates and nothing
@@ -132,7 +132,7 @@ def test_forces_on_a_free_strip_balance(slenderness: float) -> None:
     assert abs(moment) <= 1e-12 * whole * 1000.0
 
 
-def test_where_no_digits_are_left_that_is_said() -> None:
+def test_a_stiffness_without_digits_is_an_error() -> None:
     """Cells a hundred times as long as high, 5000 of these heights in a row."""
     body = strip((1000.0, 0.2), (160, 2))
     model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 2))
@@ -147,7 +147,7 @@ def test_where_no_digits_are_left_that_is_said() -> None:
 
 
 @pytest.mark.parametrize("height", [5.0, 2.0, 1.0])
-def test_the_estimate_knows_the_digits_of_K(height: float) -> None:
+def test_the_estimate_includes_the_error_of_K(height: float) -> None:
     """Entries of K moved by half a unit in the last place move the answer as foretold."""
     body = strip((1000.0, height), (40, 1))
     model = fem.assemble([body], [floor(body, 0.0)], supports("clamped", 2))

@@ -1,4 +1,4 @@
-"""W where most of it is zero: never made dense, and the same answers."""
+"""A sparse W is never made dense, and gives the same solutions."""
 
 import resource
 
@@ -20,7 +20,7 @@ def reduced(n: int, mu: float = 0.4) -> tuple[bp.ReducedProblem, bp.ReducedProbl
     return bp.ReducedProblem(W, q, mu), bp.ReducedProblem(W.toarray(), q, mu)
 
 
-def test_the_dense_problem_judges_the_answer_of_the_sparse_one() -> None:
+def test_the_residual_of_the_dense_problem_is_the_same() -> None:
     thin, thick = reduced(9)
     assert thin.W.shape[0] > 3 * 81, "reactions are to be undetermined"
     solution = thin.solve(tol=TOL)
@@ -96,7 +96,7 @@ def test_twenty_thousand_contacts_take_megabytes() -> None:
     assert grown < 1e9
 
 
-def test_an_entry_that_is_not_a_number_is_named() -> None:
+def test_the_message_locates_a_wrong_entry() -> None:
     W = sparse.diags_array(np.ones(300)).tolil()
     W[7, 4] = np.inf
     with pytest.raises(ValueError, match="W is not finite at row 7, column 4: inf"):

@@ -1,4 +1,4 @@
-"""The stability studies at a few values each: errors within their bounds, and why."""
+"""The stability studies at a few values each: errors are within their bounds."""
 
 import csv
 from collections.abc import Iterable, Iterator
@@ -74,7 +74,7 @@ def test_contrast_within_one_body(value: float) -> None:
     assert max(found.error_r, found.error_u) <= allowed
 
 
-def test_more_contrast_than_double_precision_holds_is_refused() -> None:
+def test_too_much_contrast_for_double_precision() -> None:
     line = np.linspace(0, 1, 5)
     case, _ = blocks.column([1.0, 1e16], 0.3, (line, line), bonded=True)
     # The rounding of the stiff half, ε E₂, exceeds the modulus of the soft one.
@@ -121,7 +121,7 @@ def test_needles_at_the_contact() -> None:
         assert max(x.error_r, x.error_u) <= 1e-14 + 2 * EPS * x.parameter
 
 
-def test_flat_cells_of_a_free_body_take_nothing() -> None:
+def test_flat_cells_of_a_free_body() -> None:
     lines = np.linspace(0, 1, 5), slender.layers(1e6)
     case, closed = blocks.column([1.0], 0.3, lines)
     problem, step = solved(case)
@@ -182,13 +182,13 @@ def test_exact_answers_are_exact() -> None:
     assert np.abs(closed.u[1] - float(u_t)) <= 4 * EPS
 
 
-def test_wrong_statuses_are_seen() -> None:
+def test_wrong_statuses_are_found() -> None:
     case, _ = friction.slider(0.5)
     assert not exact.solve(case, np.array([STICK], np.int8), np.zeros((1, 1))).lawful
     assert not exact.solve(case, np.array([SLIP], np.int8), -np.ones((1, 1))).lawful
 
 
-def test_bounds_see_an_answer_that_is_off() -> None:
+def test_bounds_find_a_wrong_solution() -> None:
     axes = [np.linspace(0, 2, 9), np.linspace(0, 1, 5)]
     case = blocks.pressed(axes, 0.3)
     problem, step = solved(case)
@@ -264,7 +264,7 @@ def test_the_tables_keep_the_bounds(name: str) -> None:
         )
 
 
-def test_a_row_says_how_an_answer_is_refused() -> None:
+def test_a_row_names_the_error() -> None:
     line = np.linspace(0, 1, 5)
     case, _ = blocks.column([1.0, 1e16], 0.3, (line, line), bonded=True)
     assert row("bonded", 1e16, case).outcome == "NotConvergedError"

@@ -1,4 +1,4 @@
-"""Supports and contacts that are just enough, too few, or those of a mechanism."""
+"""Supports and contacts that are just enough, too few, or allow a mechanism."""
 
 import math
 from typing import Any

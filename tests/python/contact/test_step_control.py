@@ -1,4 +1,4 @@
-"""Automatic load steps: where they end, what they are, and that nothing else changes."""
+"""Adaptive load steps: their ends, their lengths, and results equal to given steps."""
 
 from pathlib import Path
 from typing import Any
@@ -28,14 +28,14 @@ def towed(s: float) -> Any:
 
 
 @pytest.mark.parametrize("floor", [0.05, 1e-3, 1e-7])
-def test_a_limit_is_found_to_within_the_floor(floor: float) -> None:
+def test_a_limit_load_is_found_to_within_the_smallest_step(floor: float) -> None:
     with pytest.raises(bp.NoEquilibriumError, match="the path ends at s = ") as refused:
         pair().follow(towed, smallest=floor)
     reached = refused.value.result
     assert reached is not None
     assert not reached.success
     assert f"smallest = {floor:g}" in str(refused.value)
-    assert "the loads lie outside what contact can carry" in str(refused.value)
+    assert "contact cannot carry the loads" in str(refused.value)
     assert f"s = {reached.s[-1]:.10g}" in str(refused.value)
     # η of 1e-10 lets a load pass that is that much too large.
     assert reached.s[-1] <= 5 / 12 * (1 + 1e-9)
@@ -99,7 +99,7 @@ def test_the_steps_are_those_of_the_same_load_points() -> None:
     assert again.s.tobytes() == automatic.s.tobytes()
 
 
-def test_left_off_and_taken_up_again(tmp_path: Path) -> None:
+def test_an_interrupted_path_continues(tmp_path: Path) -> None:
     problem, load = bar_problem(12)
     options: dict[str, Any] = {
         "stops": [0.3, 1.0, 1.7],
@@ -165,7 +165,7 @@ def test_a_step_that_does_not_converge_is_halved() -> None:
     )
 
 
-def test_too_much_slip_for_the_floor_is_refused() -> None:
+def test_too_much_slip_in_the_smallest_step() -> None:
     with pytest.raises(bp.NotConvergedError, match="contact 0 slips by") as refused:
         spring().follow(
             lambda s: [-2.0, 4.0 * s], largest=0.25, slip=1e-3, smallest=0.125

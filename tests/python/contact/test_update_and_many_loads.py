@@ -51,7 +51,7 @@ def test_known_loads_give_the_same_answer_without_the_factor() -> None:
     assert np.array_equal(dropped.compliance, kept.compliance)
 
 
-def test_what_the_dropped_factor_would_be_needed_for_is_said() -> None:
+def test_messages_without_the_factor() -> None:
     load, moved = steps()
     dropped = problem(loads=(load, moved))
     with pytest.raises(ValueError, match=r"displacements need the factor .* `loads=`"):
@@ -62,7 +62,7 @@ def test_what_the_dropped_factor_would_be_needed_for_is_said() -> None:
         problem(loads=(load, moved, moved))
 
 
-def test_displacements_are_saved_where_there_is_a_factor(tmp_path: Path) -> None:
+def test_displacements_are_saved_if_there_is_a_factor(tmp_path: Path) -> None:
     load, moved = steps()
     path = tmp_path / "r.h5"
     kept = problem()
@@ -128,7 +128,7 @@ def test_another_stiffness_in_place() -> None:
     )
 
 
-def test_an_update_orders_nothing_anew_where_the_pattern_is_the_same() -> None:
+def test_an_update_with_the_same_pattern_needs_no_ordering() -> None:
     one = problem()
     ordered = one.stats["seconds_order"]
     one.update(2.0 * BODY.K)
@@ -156,7 +156,7 @@ def test_an_update_that_fails_leaves_the_problem_as_it_was() -> None:
     same_bits(held.solve(load, moved), problem().solve(load, moved))
 
 
-def test_many_paths_are_each_the_path_alone() -> None:
+def test_each_of_many_paths_equals_the_single_path() -> None:
     load, moved = steps()
     shared = problem()
     before = shared.solve(load[0], moved[0])
@@ -175,14 +175,14 @@ def test_many_paths_are_each_the_path_alone() -> None:
     varied = problem(mu=cases[3]["mu"])
     same_bits(results[3], varied.solve(prescribed=moved[1]))
     assert np.array_equal(results[1].contacts["mu"], np.full(len(BODY.gap), 0.1))
-    # What is told of a step is told of its own friction.
+    # A step uses the friction coefficients of its own case.
     assert results[3][0].unique == varied.solve(prescribed=moved[1])[0].unique
     alone = shared.solve(load, moved)
     # A displacement has the bits it has alone, however many are found together.
     assert np.array_equal(results[0].displacement[2], alone[2].displacement)
 
 
-def test_a_path_that_fails_keeps_the_others_from_nothing() -> None:
+def test_a_path_that_fails_does_not_affect_the_others() -> None:
     free = problem(fixed=None)
     rests = uniform_shear(BODY, 0.2, [0.02])
     slides = uniform_shear(BODY, 0.2, [0.2])
@@ -217,7 +217,7 @@ def test_a_wrong_case_is_named(case: Any, error: type[Exception], said: str) -> 
         problem().solve_many([{}, case])
 
 
-def test_a_memory_limit_refuses_before_the_work() -> None:
+def test_a_memory_limit_raises_before_the_work() -> None:
     needs = problem().stats["bytes_peak"]
     with pytest.raises(
         MemoryError,

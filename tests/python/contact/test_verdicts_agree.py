@@ -1,4 +1,4 @@
-"""No verdict contradicts what another function proves; what is told as a proof proves."""
+"""Verdicts of different functions agree, and their proofs hold."""
 
 from collections import Counter
 from dataclasses import replace
@@ -38,19 +38,19 @@ def test_a_large_friction_hides_no_opening(mu: float, method: str) -> None:
         assert not problem.solve(method, tol, max_iterations=2000).converged
 
 
-def test_the_proof_is_that_all_statuses_were_tried() -> None:
+def test_trying_all_statuses_is_a_proof() -> None:
     solution = held_by_friction(3e5).solve()
     assert str(solution.outcome) == "no_equilibrium"
     assert solution.free_motion is None
-    assert "all 4 statuses were tried" in solution.message
+    assert "all 4 combinations of statuses were tried" in solution.message
     assert "lower the loads" not in solution.message
 
 
-def test_reactions_that_run_away_with_a_motion_are_no_answer() -> None:
+def test_diverging_reactions_are_not_a_solution() -> None:
     agree(range(18190, 18191))
 
 
-def test_a_rigid_motion_that_runs_away_does_not_raise_the_floor() -> None:
+def test_a_diverging_rigid_motion_does_not_raise_the_tolerance() -> None:
     # Free to slide, and pressed by 1: any motion along the floor is an answer.
     rigid = (np.array([[0.0], [1.0]]), [0.0])
     problem = bp.ReducedProblem(np.eye(2), [[-1.0, 0.5]], 0.0, rigid=rigid)
@@ -87,14 +87,14 @@ def test_verdicts_agree_on_a_thousand_sliders() -> None:
     sliders(range(60, 1060))
 
 
-def test_a_motion_is_told_where_it_proves_and_only_there() -> None:
+def test_a_motion_is_reported_only_as_a_proof() -> None:
     counts = proofs(range(400))
     assert counts["motion"] > 40
     assert counts["statuses"] > 15
 
 
 @pytest.mark.verify
-def test_a_motion_is_told_where_it_proves_ten_thousand_times() -> None:
+def test_a_motion_is_reported_only_as_a_proof_ten_thousand_times() -> None:
     proofs(range(400, 10_400))
 
 
@@ -141,7 +141,7 @@ def test_the_direction_of_an_error_proves() -> None:
 
 
 @pytest.mark.parametrize("exponent", [*range(-170, 151, 20), 150])
-def test_a_bound_does_not_know_the_size_of_its_point(exponent: int) -> None:
+def test_a_bound_does_not_depend_on_scale(exponent: int) -> None:
     """Where r* = 0, and of problems that are scaled as a whole."""
     scale = 10.0**exponent
     problem = bp.ReducedProblem(4 * np.eye(2), [[3.0, 3.0]], 0.5)
@@ -194,7 +194,7 @@ def test_a_bound_of_random_problems_at_every_scale(exponent: int) -> None:
     assert seen > 20
 
 
-def test_where_numbers_leave_the_range_a_bound_says_so() -> None:
+def test_a_bound_reports_overflow() -> None:
     problem = bp.ReducedProblem(4 * np.eye(2), [[3.0, 3.0]], 0.5)
     for size in (5e-324, 1e-300, 1e290):
         bound = problem.error_bound([[size, 0.0]])
@@ -202,7 +202,7 @@ def test_where_numbers_leave_the_range_a_bound_says_so() -> None:
         assert "range of doubles" in bound.reason
 
 
-def test_an_answer_lies_where_it_is_alone() -> None:
+def test_the_solution_lies_within_the_local_bound() -> None:
     W = np.array([[2.0, -1.0], [-1.0, 11.0]])
     problem = bp.ReducedProblem(W, [[-5.0, 0.0]], 3.0)
     r = np.array([[2.857099, 0.187654]])

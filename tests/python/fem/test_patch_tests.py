@@ -208,7 +208,7 @@ def test_frames_are_orthonormal_and_follow_the_axes() -> None:
         fem.frames([[0.0, 0.0, 2.0]])[0], [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     )
     np.testing.assert_array_equal(fem.frames([[0.0, -3.0]])[0], [[0, -1], [1, 0]])
-    with pytest.raises(ValueError, match="normal has length zero, that at 1"):
+    with pytest.raises(ValueError, match="normal 1 has length zero"):
         fem.frames([[0.0, 1.0], [0.0, 0.0]])
 
 

@@ -385,6 +385,7 @@ def test_links_of_the_site_stay_in_it(monkeypatch: pytest.MonkeyPatch) -> None:
         "contact.projection",
         "contact.reduced",
         "contact.result",
+        "contact.solution",
         "fclib",
         "obstacle.motion",
     ],

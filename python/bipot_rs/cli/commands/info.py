@@ -13,6 +13,7 @@ from bipot_rs.cli.commands.info_mesh import SUFFIXES, box, mesh
 from bipot_rs.cli.commands.info_sweep import sweep
 from bipot_rs.cli.matrix_files import MARKET, market_refuses
 from bipot_rs.cli.output_folder import RESULT, SWEEP
+from bipot_rs.contact.status import STATUS_NAMES
 
 # Steps of a result that are told one by one; of longer paths both ends.
 _STEPS = 3
@@ -163,7 +164,7 @@ def _result(path: Path) -> dict[str, Any]:
                 f"{result[k].reaction[:, 0].sum():.5g}"
             )
         last = told[-1]
-        found["last"] = {name: last[name] for name in ("open", "slip", "stick")}
+        found["last"] = {name: last[name] for name in STATUS_NAMES}
     return found | {"lines": lines}
 
 

@@ -24,7 +24,8 @@ from bipot_rs.cli.progress import Progress, complain, line
 
 if TYPE_CHECKING:
     from bipot_rs.contact.problem import ContactProblem
-    from bipot_rs.contact.result import Result, Step
+    from bipot_rs.contact.result import Result
+    from bipot_rs.contact.solution import Step
     from bipot_rs.discretisation.estimator import DiscretisationError, Estimator
     from bipot_rs.scene.case import Case
     from bipot_rs.scene.schema.root import Scene

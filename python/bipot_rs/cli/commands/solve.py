@@ -19,13 +19,14 @@ from bipot_rs.cli.output_files import recoverable
 from bipot_rs.cli.output_folder import RESULT, make
 from bipot_rs.cli.progress import complain, tell
 from bipot_rs.cli.report import closing, console, of_surfaces, print_table
+from bipot_rs.contact.status import STATUS_NAMES
 
 if TYPE_CHECKING:
     from bipot_rs.cli.matrix_files import Given
-    from bipot_rs.contact.result import Result, Step
+    from bipot_rs.contact.result import Result
+    from bipot_rs.contact.solution import Step
 
-_STATUS = ("open", "slip", "stick")
-_STEPS = ("step", *_STATUS, "residual", "iterations", "seconds")
+_STEPS = ("step", *STATUS_NAMES, "residual", "iterations", "seconds")
 
 
 def run(
@@ -67,7 +68,7 @@ def run(
         if as_json:
             _print(json.dumps(row))
         else:
-            counts = ", ".join(f"{name} {row[name]}" for name in _STATUS)
+            counts = ", ".join(f"{name} {row[name]}" for name in STATUS_NAMES)
             of = "" if given is None else f" of {_count(given)}"
             said = f"load step {k + 1}{of}: {counts}, residual {row['residual']:.1e}"
             tell(said, sys.stderr)
@@ -157,7 +158,7 @@ def _labelled(given: Given, dof: int | None) -> str:
 
 
 def _row(k: int, step: Any) -> dict[str, Any]:
-    counts = [int((step.status == number).sum()) for number in range(len(_STATUS))]
+    counts = [int((step.status == number).sum()) for number in range(len(STATUS_NAMES))]
     told = (k, *counts, step.residual, step.iterations, step.seconds)
     return dict(zip(_STEPS, told, strict=True))
 
@@ -263,7 +264,7 @@ def _reactions(given: Given, result: Result) -> Iterator[list[Any]]:
         for c in range(len(given.gap)):
             yield [
                 *(k, c, "" if given.nodes is None else int(given.nodes[c])),
-                _STATUS[step.status[c]],
+                STATUS_NAMES[step.status[c]],
                 *step.reaction[c].tolist(),
                 *force[c].tolist(),
                 *step.relative_displacement[c].tolist(),

@@ -20,6 +20,7 @@ from bipot_rs.cli.commands.info_sweep import read as table_of
 from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
 from bipot_rs.cli.output_folder import SWEEP, make
 from bipot_rs.cli.progress import Progress, complain, line
+from bipot_rs.contact.status import STATUS_NAMES
 
 # More rows are a slip of the pen.
 MOST = 100_000
@@ -35,7 +36,7 @@ _LOST = "lost"
 # From the best to the worst.
 _ORDER = (SOLVED, NO_ANSWER, NOT_CONVERGED, BAD_INPUT)
 # What is known of every row, besides its settings and the forces on its surfaces.
-FIGURES = ("outcome", "steps", "open", "slip", "stick", "residual", "iterations")
+FIGURES = ("outcome", "steps", *STATUS_NAMES, "residual", "iterations")
 _LAST = ("seconds", "message", "digest")
 # What each row imports.
 _NEEDED = (
@@ -198,7 +199,7 @@ def _solved(
     last = of_step(end, case.step_parameter(end, result[-1]), result[-1])
     return {
         "steps": len(result),
-        **{name: last[name] for name in ("open", "slip", "stick")},
+        **{name: last[name] for name in STATUS_NAMES},
         "residual": float(result.residual.max()),
         "iterations": int(result.iterations.sum()),
         **forces(case.model, result[-1]),
@@ -390,7 +391,7 @@ def _print(
         + (f"\n{whose}" if len(forces) > 1 else "")
         for whose in (name.partition(" of ")[2] for name in forces)
     ]
-    shown = [*keys, "outcome", "open", "slip", "stick", "residual", "seconds"]
+    shown = [*keys, "outcome", *STATUS_NAMES, "residual", "seconds"]
     for name in ("row", *shown[: len(keys) + 4], *heads, *shown[len(keys) + 4 :]):
         table.add_column(name.replace("[", r"\["), justify="right")
     for k in sorted(done):

@@ -1,4 +1,4 @@
-"""Good calls in strange clothes: the same bits as in plain ones, or refused in words.
+"""Unusual types of valid arguments give the same bits, or an error with a message.
 
 Entries are small multiples of 1/8, exact in every type below, so that nothing but the
 type, the layout and the container differ.
@@ -319,7 +319,7 @@ def test_indices(fixed: Any) -> None:
     )
 
 
-def test_settings_of_other_numbers() -> None:
+def test_number_types_of_settings() -> None:
     problem = bp.ReducedProblem(W, GIVEN["q"], 0.25)
     plain = problem.solve(tol=2.0**-30, max_iterations=100, max_seconds=60.0)
     worn = problem.solve(
@@ -344,7 +344,7 @@ def test_settings_of_other_numbers() -> None:
     }.items(),
     ids=lambda item: item[0],
 )
-def test_refused_in_words(
+def test_dense_errors(
     argument: str, clothes: tuple[str, Callable[[Array], Any]]
 ) -> None:
     name = {"R": "rigid", "e": "rigid"}.get(argument, argument.split()[0])
@@ -354,7 +354,7 @@ def test_refused_in_words(
 
 @pytest.mark.parametrize("argument", MATRICES)
 @pytest.mark.parametrize("kind", [complex, object])
-def test_sparse_refused_in_words(argument: str, kind: type) -> None:
+def test_sparse_errors(argument: str, kind: type) -> None:
     worn = sparse.coo_array(GIVEN[argument])
     worn.data = worn.data.astype(kind)
     with pytest.raises(TypeError, match=rf"\b{argument}\b.*(complex|object)"):

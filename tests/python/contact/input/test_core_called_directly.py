@@ -1,4 +1,4 @@
-"""The compiled core, called as nobody should call it: exceptions, and no panic.
+"""Wrong calls of the compiled core raise exceptions and do not panic.
 
 A panic would be an exception that `except Exception` does not catch. What comes back is
 an error of Python's own, or an answer.
@@ -51,8 +51,8 @@ ODD: list[Any] = [
     {},
     object(),
     1j,
-    *(np.zeros(shape) for shape in (0, 2, 3, 4, 5, 16, (0, 2), (0, 3), (2, 2), (3, 2))),
-    *(np.zeros(shape) for shape in ((2, 3), (1, 2), (2, 4), (2, 1), (4, 0), (2, 2, 2))),
+    *map(np.zeros, (0, 2, 3, 4, 5, 16, (0, 2), (0, 3), (2, 2), (3, 2), (2, 3), (1, 2))),
+    *map(np.zeros, ((2, 4), (2, 1), (4, 0), (2, 2, 2))),
     np.full((2, 2), np.nan),
     np.full((2, 2), 1e308),
     np.full((2, 2), 5e-324),
@@ -207,7 +207,7 @@ def spoiled(good: list[Any]) -> Iterator[list[Any]]:
         yield args
 
 
-def test_nothing_of_the_core_is_left_out() -> None:
+def test_every_function_of_the_core_is_called() -> None:
     called = {name.partition(",")[0] for name in ENTRIES}
     # Constants, and what takes no argument that could be wrong.
     rest = {"build_profile", "keep_heap", "threads", "version"}
@@ -244,7 +244,7 @@ def test_no_panic(name: str) -> None:
         (lambda: ENTRIES["Path"][0](tuple(x[:1] for x in ODD[-1])), "start"),
     ],
 )
-def test_what_would_read_beyond_an_array_is_said(call: Call, said: str) -> None:
+def test_indices_beyond_an_array_are_reported(call: Call, said: str) -> None:
     with pytest.raises(ValueError, match=said):
         call()
 

@@ -1,4 +1,4 @@
-"""Wrong input is refused at the border, with the argument and the place named."""
+"""Wrong arguments raise errors that name the argument and the place."""
 
 import copy
 import pickle
@@ -361,7 +361,7 @@ class TestStiffness:
         assert caught.value.result is None
 
 
-def test_a_memory_of_terabytes_is_refused_before_it_is_asked_for() -> None:
+def test_terabytes_raise_before_they_are_allocated() -> None:
     # 4e5 rows of W are 1.3 TB. The stiffness itself is small.
     n = 400_000
     many = bp.ContactProblem(
@@ -471,7 +471,7 @@ class TestSettled:
                 solution.residual, abs=1e-15
             )
 
-    def test_a_tolerance_below_rounding_is_lifted(self) -> None:
+    def test_a_tolerance_below_rounding_is_raised(self) -> None:
         solution = reduced().solve(tol=1e-300)
         assert solution.converged
         # The floor: 4 eps times a modest ratio, and never a claim above 1e-6.

@@ -1,4 +1,4 @@
-"""Calls that are wrong in one argument: refused in words, and never otherwise.
+"""Calls with one wrong argument raise an error with a message.
 
 A good call is generated, one argument of it spoiled. What must come is a `ValueError`
 or `TypeError` that names the argument and says what was found; nothing else, and no
@@ -515,9 +515,7 @@ def test_closed_forms(name: str, argument: str) -> None:
     name=st.sampled_from(sorted(CLOSED_FORMS)),
     exponents=st.lists(st.integers(-320, 308), min_size=6, max_size=6),
 )
-def test_closed_forms_give_numbers_or_say_why_not(
-    name: str, exponents: list[int]
-) -> None:
+def test_closed_forms_return_numbers_or_raise(name: str, exponents: list[int]) -> None:
     known = CLOSED_FORMS[name]
     given = {
         key: value * 10.0**exponent if isinstance(value, float) else value

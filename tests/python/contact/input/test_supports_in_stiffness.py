@@ -1,4 +1,4 @@
-"""Supports written into K, or degrees of freedom taken out: what went wrong, and the remedy."""
+"""Supports in K, or removed degrees of freedom: messages with the fault and the remedy."""
 
 from typing import Any
 
