@@ -15,17 +15,17 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from bipot_rs._lib.optional import missing
-from bipot_rs.cli.commands.run import ENOUGH, Job
+from bipot_rs.cli.commands.run import ENOUGH, Job, Request
 from bipot_rs.cli.exit_codes import (
     BAD_INPUT,
     FAULT,
     INTERRUPTED,
     NO_ANSWER,
-    NOT_CONVERGED,
     SOLVED,
 )
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line
+from bipot_rs.cli.runner import MISTAKES, outcome
 
 try:
     import typer
@@ -52,7 +52,8 @@ class _App(typer.Typer):
                         # command itself goes to standard error.
                         complain(message)
                     return status
-                return Job(None, as_json="--json" in arguments).end(status, message)
+                job = Job(Request(), as_json="--json" in arguments)
+                return job.end(status, message)
 
             status: Any = INTERRUPTED
             if arguments[:1] == ["run"]:
@@ -208,19 +209,18 @@ def run(
 
     Ctrl-C ends it with the load steps that are complete.
     """
-    job = Job(scene, as_json=json, interrupts=context.obj)
-    folder = Path("out") / Path(scene).stem if out is None else out
-    status = job.run(
-        settings or [],
-        folder,
-        method,
-        _tol(tol),
+    request = Request(
+        scene=scene,
+        settings=settings or [],
+        folder=Path("out") / Path(scene).stem if out is None else out,
+        method=method,
+        tol=_tol(tol),
         plot=plot,
         fclib=export,
         resume=resume,
         error=error,
     )
-    raise typer.Exit(status)
+    raise typer.Exit(Job(request, as_json=json, interrupts=context.obj).run())
 
 
 @app.command()
@@ -240,10 +240,10 @@ def fclib(
 
     The asymmetry of a matrix is told where it is more than rounding, beyond 1e-11.
     """
-    from bipot_rs.cli.commands import fclib as fclib_job
+    from bipot_rs.cli.commands.fclib import Request, Solve
 
-    status = fclib_job.run(files, method, tol, max_seconds, context.obj, as_json=json)
-    raise typer.Exit(status)
+    request = Request(files, method, tol, max_seconds)
+    raise typer.Exit(Solve(request, as_json=json, interrupts=context.obj).run())
 
 
 @app.command()
@@ -302,23 +302,21 @@ def solve(
     file --nodes says which degree of freedom is which, in --order. Writes
     reactions.csv, displacements.csv, steps.csv, result.h5, and with nodes result.pvd.
     """
-    from bipot_rs.cli.commands import solve as stiffness_job
+    from bipot_rs.cli.commands.solve import Request, Solve
 
-    folder = Path("out") / stiffness.stem if out is None else out
-    files = {
-        "stiffness": stiffness,
-        "contacts": contacts,
-        "nodes": nodes,
-        "load": load,
-        "fixed": fixed,
-    }
-    status = stiffness_job.run(
-        *(files, folder, method, tol, context.obj),
+    request = Request(
+        stiffness=stiffness,
+        contacts=contacts,
+        nodes=nodes,
+        load=load,
+        fixed=fixed,
         order=order,
-        as_json=json,
+        folder=Path("out") / stiffness.stem if out is None else out,
+        method=method,
+        tol=tol,
         stiffness_rtol=stiffness_rtol,
     )
-    raise typer.Exit(status)
+    raise typer.Exit(Solve(request, as_json=json, interrupts=context.obj).run())
 
 
 def _tol(given: str | None) -> float | str | None:
@@ -587,24 +585,23 @@ def _refusing(
     *, as_json: bool = False, interrupts: Interrupts | None = None, **told: Any
 ) -> Iterator[None]:
     """Make bad input a sentence and a status; with --json the last line has both."""
-    from bipot_rs.contact.errors import BipotError, NotConvergedError
+    from bipot_rs.contact.errors import BipotError
 
     try:
         yield
         return
-    except BipotError as error:
-        message = str(error)
-        status = NOT_CONVERGED if isinstance(error, NotConvergedError) else NO_ANSWER
+    except BrokenPipeError:
+        raise
     except KeyboardInterrupt:
         if interrupts is None:
             raise
         message = "interrupted; --resume goes on with the rows that are left"
         status = interrupts.status
         interrupts.told = True
-    except (ImportError, ValueError, OSError, MemoryError) as error:
-        if isinstance(error, BrokenPipeError):
-            raise
-        message, status = str(error) or type(error).__name__, BAD_INPUT
+    except BipotError as error:
+        status, message = outcome(error)
+    except MISTAKES as error:
+        status, message = outcome(error)
     if as_json:
         line(**told, ok=False, message=message)
     else:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from bipot_rs.scene.case import Case
     from bipot_rs.scene.schema.root import Scene
 
-# What is told of each load step, and the step.
-Reached = Sequence[tuple[dict[str, Any], "Step"]]
+# The row of a load step, and the step.
+Reached = tuple[dict[str, Any], "Step"]
 Errors = Sequence["DiscretisationError | None"]
 
 _FIELDS = (
@@ -80,7 +80,7 @@ def contacts(case: Case) -> dict[str, Any]:
 
 
 def write_series(
-    draft: Path, folder: Path, case: Case, reached: Reached, errors: Errors
+    draft: Path, folder: Path, case: Case, reached: Sequence[Reached], errors: Errors
 ) -> None:
     """The series for ParaView; ``folder`` is where they will be, for what goes wrong."""
     from bipot_rs.fem.paraview import write_bodies, write_contact
@@ -119,7 +119,7 @@ def write_pictures(
     folder: Path,
     scene: Scene,
     case: Case,
-    reached: Reached,
+    reached: Sequence[Reached],
     errors: Errors,
 ) -> None:
     """tractions.png, and error.png of the last load step where its error is known."""
@@ -159,7 +159,7 @@ def write_problems(
     scene: Scene,
     case: Case,
     problem: ContactProblem,
-    reached: Reached,
+    reached: Sequence[Reached],
     message: str,
 ) -> None:
     """Write the problem of each step for other solvers."""
@@ -190,7 +190,7 @@ def write_result(
     draft: Path,
     folder: Path,
     case: Case | None,
-    reached: Reached,
+    reached: Sequence[Reached],
     errors: Errors,
     *,
     complete: bool,
@@ -210,7 +210,7 @@ def write_result(
         )
 
 
-def steps(reached: Reached, errors: Errors) -> list[dict[str, Any]]:
+def steps(reached: Sequence[Reached], errors: Errors) -> list[dict[str, Any]]:
     """Fields of a step under their own names: `bipot_rs.load` takes them."""
     return [
         {name: getattr(step, name) for name in _FIELDS}

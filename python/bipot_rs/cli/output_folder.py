@@ -97,8 +97,8 @@ def ours(folder: Path) -> list[Path]:
     return [path for path in map(folder.joinpath, _NAMES) if path.exists()] + series
 
 
-def told(folder: Path) -> str:
-    """What there is of ours, in a line."""
+def describe(folder: Path) -> str:
+    """The files of a run that the folder holds, in one line."""
     # The pieces of the series are named by its index, result.pvd.
     names = sorted(path.name for path in ours(folder) if path.suffix != ".vtu")
     problems = [name for name in names if name.endswith(".hdf5")]

@@ -115,14 +115,16 @@ class Progress:
             self.bar.advance(1, steps)
 
     def step(self, row: Mapping[str, Any]) -> None:
-        """Tell that a load step is done."""
-        told = f"open {row['open']}, slip {row['slip']}, stick {row['stick']}"
+        """Report a solved load step."""
+        status = f"open {row['open']}, slip {row['slip']}, stick {row['stick']}"
         of = "" if self.steps is None else f" of {self.steps}"
-        self.largest = max(self.largest, abs(row["load"]))
-        load = settled(row["load"], self.largest)
+        load = ""
+        if "load" in row:
+            self.largest = max(self.largest, abs(row["load"]))
+            load = f"load {settled(row['load'], self.largest):.6g}, "
         self.advance(
-            told,
-            f"load step {row['step'] + 1}{of}: load {load:.6g}, {told}, "
+            status,
+            f"load step {row['step'] + 1}{of}: {load}{status}, "
             f"residual {row['residual']:.1e}",
         )
 

@@ -9,7 +9,7 @@ from bipot_rs._lib.messages import counted
 from bipot_rs._lib.types import Floats
 from bipot_rs.cli.progress import settled
 from bipot_rs.contact.remarks import NEVER_CLOSED
-from bipot_rs.contact.result import Step
+from bipot_rs.contact.result import Status, Step
 from bipot_rs.contact.resultants import resultants
 from bipot_rs.fem.contact_surface import surface_names
 
@@ -44,11 +44,18 @@ _ROUNDING = 1e-13
 _MOST_ROWS = 60
 
 
-def row(k: int, parameter: float, step: Step) -> dict[str, Any]:
-    """What is told of a load step: a line of --json, of the table, of steps.csv."""
-    counts = [int((step.status == status).sum()) for status in (0, 1, 2)]
-    told = (k, parameter, *counts, step.residual, step.iterations, step.seconds)
-    return dict(zip(COLUMNS, told, strict=True))
+def row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
+    """The row of a load step in --json, in the table and in steps.csv."""
+    load = {} if parameter is None else {"load": parameter}
+    status = {s.name.lower(): int((step.status == s).sum()) for s in Status}
+    return {
+        "step": k,
+        **load,
+        **status,
+        "residual": step.residual,
+        "iterations": step.iterations,
+        "seconds": step.seconds,
+    }
 
 
 def forces(model: Any, step: Step) -> dict[str, float | None]:

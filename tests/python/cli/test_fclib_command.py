@@ -13,7 +13,7 @@ import pytest
 import bipot_rs as bp
 import pressed
 from bipot_rs import fclib
-from bipot_rs.cli.commands import fclib as fclib_job
+from bipot_rs.cli.commands.fclib import Request, Solve
 from bipot_rs.cli.interrupts import Interrupts
 from collection import FILES, path
 from methods import METHODS
@@ -159,7 +159,8 @@ def test_exit_status_is_the_worst(
 
     def status(*files: str) -> int:
         # No method is through within a nanosecond.
-        return fclib_job.run(files, "uzawa", 1e-12, 1e-9, Interrupts(), as_json=True)
+        request = Request(files, "uzawa", 1e-12, max_seconds=1e-9)
+        return Solve(request, as_json=True, interrupts=Interrupts()).run()
 
     # Refused by geometry before the clock is asked.
     assert status(stuck) == status(floating) == 1

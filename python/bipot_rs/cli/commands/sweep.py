@@ -17,9 +17,10 @@ from typing import Any
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.commands.info_sweep import read as table_of
-from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
+from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED, worst
 from bipot_rs.cli.output_folder import SWEEP, make
 from bipot_rs.cli.progress import Progress, complain, line
+from bipot_rs.cli.runner import outcome
 
 # More rows are a slip of the pen.
 MOST = 100_000
@@ -32,8 +33,7 @@ OUTCOMES = {
 }
 # Its process was killed: the only rows that are tried again.
 _LOST = "lost"
-# From the best to the worst.
-_ORDER = (SOLVED, NO_ANSWER, NOT_CONVERGED, BAD_INPUT)
+_OUTCOME_OF = {code: name for name, code in OUTCOMES.items() if name != _LOST}
 # What is known of every row, besides its settings and the forces on its surfaces.
 FIGURES = ("outcome", "steps", "open", "slip", "stick", "residual", "iterations")
 _LAST = ("seconds", "message", "digest")
@@ -153,11 +153,7 @@ def solve(
     from importlib import import_module
     from time import perf_counter
 
-    from bipot_rs.contact.errors import (
-        FloatingBodyError,
-        NoEquilibriumError,
-        NotConvergedError,
-    )
+    from bipot_rs.contact.errors import BipotError
 
     # Not counted: else the first row of each process would be the slow one.
     for needed in _NEEDED:
@@ -166,15 +162,16 @@ def solve(
     found: dict[str, Any] = {}
     try:
         found = _solved(scene, settings, method, tol)
-        outcome, message = "solved", ""
-    except (NoEquilibriumError, FloatingBodyError) as error:
-        outcome, message = "no answer", str(error)
-    except NotConvergedError as error:
-        outcome, message = "not converged", str(error)
-    except (ValueError, MemoryError) as error:
-        outcome, message = "bad input", str(error) or type(error).__name__
+        code, message = SOLVED, ""
+    except (BipotError, ValueError, MemoryError) as error:
+        code, message = outcome(error)
     seconds = round(perf_counter() - started, 6)
-    return {"outcome": outcome, **found, "seconds": seconds, "message": message}
+    return {
+        "outcome": _OUTCOME_OF[code],
+        **found,
+        "seconds": seconds,
+        "message": message,
+    }
 
 
 def _solved(
@@ -360,14 +357,13 @@ def run(
             told += f": {found['outcome']}"
             progress.advance(told, f"row {k + 1} of {len(asked)}: {told}")
     outcomes = [done[k]["outcome"] for k in sorted(done)]
-    worst = max((OUTCOMES[outcome] for outcome in outcomes), key=_ORDER.index)
     solved = outcomes.count("solved")
     message = f"{solved} of {counted(len(done), 'row')} solved; the table is {path}"
     if as_json:
         line(scene=scene, rows=len(done), solved=solved, message=message)
     else:
         _print(keys, done, message)
-    return worst
+    return worst(OUTCOMES[outcome] for outcome in outcomes)
 
 
 def _print(
