@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -103,15 +102,12 @@ def write_table(
     draft: Path, folder: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]
 ) -> None:
     """steps.csv, a line a load step."""
+    from bipot_rs.files import csv_tables
     from bipot_rs.files.export import writing
 
-    with (
-        writing(folder / "steps.csv"),
-        (draft / "steps.csv").open("w", newline="", encoding="utf-8") as file,
-    ):
-        table = csv.DictWriter(file, columns)
-        table.writeheader()
-        table.writerows(rows)
+    with writing(folder / "steps.csv"):
+        lines = ([row.get(column) for column in columns] for row in rows)
+        csv_tables.write(draft / "steps.csv", columns, lines)
 
 
 def write_pictures(

@@ -6,11 +6,9 @@ written as they end: an interrupted sweep keeps what is done, and goes on from t
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import itertools
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +19,7 @@ from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED,
 from bipot_rs.cli.output_folder import SWEEP, make
 from bipot_rs.cli.progress import Progress, complain, line
 from bipot_rs.cli.runner import outcome
+from bipot_rs.files import csv_tables
 
 # More rows are a slip of the pen.
 MOST = 100_000
@@ -283,18 +282,8 @@ def write(
     """The table of what is done, in order; it takes the place of the one before."""
     names = [name for row in done.values() for name in row if " of " in name]
     columns = ["row", *keys, *FIGURES, *dict.fromkeys(names), *_LAST]
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with draft.open("w", newline="", encoding="utf-8") as file:
-            table = csv.DictWriter(file, columns, extrasaction="ignore")
-            table.writeheader()
-            for k in sorted(done):
-                table.writerow({**done[k], "row": k})
-        draft.replace(path)
-    except OSError as error:
-        raise OSError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        draft.unlink(missing_ok=True)
+    table = ({**done[k], "row": k} for k in sorted(done))
+    csv_tables.write(path, columns, ([row.get(c) for c in columns] for row in table))
 
 
 def run(
