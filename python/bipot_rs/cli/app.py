@@ -498,7 +498,9 @@ def plot(
 
     with _refusing():
         made = draw(
-            *(result, kind, out),
+            result,
+            kind,
+            out,
             contact=contact,
             along=along,
             step=step,
@@ -554,7 +556,12 @@ def sweep(
     folder = Path("out") / f"{Path(scene).stem}-sweep" if out is None else out
     with _refusing(as_json=json, scene=scene, interrupts=context.obj):
         status = solve_all(
-            *(scene, settings or [], ranges or [], folder, method, tol),
+            scene,
+            settings or [],
+            ranges or [],
+            folder,
+            method,
+            tol,
             jobs=jobs,
             resume=resume,
             as_json=json,

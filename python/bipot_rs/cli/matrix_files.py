@@ -155,8 +155,8 @@ def read(
         raise ValueError(f"order is {order!r}, expected {expected}")
     table = Table(contacts)
     dim = 3 if "nz" in table.names else 2
-    listed = None if nodes is None else csv_tables.nodes(nodes)
-    K, dofs = _stiffness(Path(stiffness), dim, listed, nodes, order)
+    listed = None if nodes is None else _Nodes(nodes, *csv_tables.nodes(nodes))
+    K, dofs = _stiffness(Path(stiffness), dim, listed, order)
     given = _contacts(table, dim, dofs, listed)
     forces = (
         None
@@ -173,15 +173,24 @@ def read(
         K=K,
         fixed=held,
         prescribed=prescribed,
-        load=None if forces is None else np.nan_to_num(forces[0]),
+        load=None if forces is None else np.nan_to_num(forces),
         labels=dofs.labels(),
         coordinates=dofs.coordinates(listed, dim),
         **given,
     )
 
 
+@dataclass(frozen=True)
+class _Nodes:
+    """The node list: its file, labels ``(nodes,)`` and coordinates ``(nodes, d)``."""
+
+    path: Name
+    labels: Ints
+    places: Floats
+
+
 class _Dofs:
-    """Which degree of freedom is which: by number, or node and component from 1."""
+    """The numbers of the degrees of freedom, by node and component from 1 if known."""
 
     def __init__(self, count: int, known: dict[tuple[int, int], int], why: str) -> None:
         self.count = count
@@ -218,13 +227,11 @@ class _Dofs:
             found[dof] = (node, name)
         return found
 
-    def coordinates(
-        self, listed: tuple[Ints, Floats] | None, dim: int
-    ) -> Floats | None:
-        """Place of each degree of freedom; None where one has none."""
+    def coordinates(self, listed: _Nodes | None, dim: int) -> Floats | None:
+        """Coordinates of the node of each degree of freedom; None if some are unknown."""
         if listed is None or not self.known:
             return None
-        place = dict(zip(listed[0].tolist(), listed[1][:, :dim], strict=True))
+        place = dict(zip(listed.labels.tolist(), listed.places[:, :dim], strict=True))
         found = np.full((self.count, dim), np.nan)
         for (node, _), dof in self.known.items():
             if node in place:
@@ -233,11 +240,7 @@ class _Dofs:
 
 
 def _stiffness(
-    path: Path,
-    dim: int,
-    listed: tuple[Ints, Floats] | None,
-    nodes: Name | None,
-    order: str | None,
+    path: Path, dim: int, listed: _Nodes | None, order: str | None
 ) -> tuple[Any, _Dofs]:
     with path.open("rb") as file:
         start = without(file.read(1024))
@@ -253,15 +256,15 @@ def _stiffness(
                 f"order is {order!r}, but {path} names its degrees of freedom itself, by "
                 "node and component: leave --order out"
             )
-        if listed is not None and nodes is not None:
-            _same_nodes(path, K, dofs, dim, listed, nodes)
+        if listed is not None:
+            _same_nodes(path, K, dofs, dim, listed)
         return K, dofs
     K = _market(path)
     n = K.shape[0]
     if listed is None:
         why = "names nodes, which --nodes must list; or give degrees of freedom"
         return K, _Dofs(n, {}, why)
-    labels = listed[0]
+    labels = listed.labels
     if n != dim * len(labels):
         condensed = (
             ": were the degrees of freedom that are held taken out? Give the whole "
@@ -271,10 +274,9 @@ def _stiffness(
         )
         raise ValueError(
             f"{path} has {n} rows, expected {dim} for each of the "
-            f"{counted(len(labels), 'node')} of {nodes}{condensed}"
+            f"{counted(len(labels), 'node')} of {listed.path}{condensed}"
         )
-    if nodes is not None:
-        _in_order(path, K, dim, listed, nodes, order)
+    _in_order(path, K, dim, listed, order)
     taken = order or "node"
     at = zip(
         labels[dof_order.node_of(taken, n, dim)].tolist(),
@@ -285,16 +287,10 @@ def _stiffness(
     return K, _Dofs(n, known, "")
 
 
-def _in_order(
-    path: Path,
-    K: Any,
-    dim: int,
-    listed: tuple[Ints, Floats],
-    nodes: Name,
-    order: str | None,
-) -> None:
+def _in_order(path: Path, K: Any, dim: int, listed: _Nodes, order: str | None) -> None:
     """Refuse a stiffness whose degrees of freedom are in another order than the nodes."""
-    parts, (labels, places) = csr("K", K).parts, listed
+    parts, labels, places = csr("K", K).parts, listed.labels, listed.places
+    nodes = listed.path
     if places.shape[1] < dim:
         return  # two coordinates where normals have three: refused with the contacts
     places, n = places[:, :dim], K.shape[0]
@@ -328,19 +324,12 @@ def _in_order(
     )
 
 
-def _same_nodes(
-    path: Path,
-    K: Any,
-    dofs: _Dofs,
-    dim: int,
-    listed: tuple[Ints, Floats],
-    nodes: Name,
-) -> None:
+def _same_nodes(path: Path, K: Any, dofs: _Dofs, dim: int, listed: _Nodes) -> None:
     """Refuse places that are not those of the nodes that a stiffness names."""
     places = np.full((dofs.count, dim), np.nan)
     component, node_of = (np.full(dofs.count, -1, np.int64) for _ in range(2))
-    of = dict(zip(listed[0].tolist(), listed[1], strict=True))
-    if listed[1].shape[1] < dim:
+    of = dict(zip(listed.labels.tolist(), listed.places, strict=True))
+    if listed.places.shape[1] < dim:
         return
     for (node, k), dof in dofs.known.items():
         if node in of and k <= dim:
@@ -348,7 +337,7 @@ def _same_nodes(
     how = dof_order.fit(csr("K", K).parts, component, node_of, places)
     if how is not None and not how.fits:
         raise ValueError(
-            f"{path} does not fit the places of its nodes in {nodes}: {how.said()}; are "
+            f"{path} does not fit the places of its nodes in {listed.path}: {how.said()}; are "
             "both of one mesh, undeformed, in one system of coordinates?"
         )
 
@@ -448,7 +437,7 @@ def _once(
 
 
 def _contacts(
-    table: Table, dim: int, dofs: _Dofs, listed: tuple[Ints, Floats] | None
+    table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None
 ) -> dict[str, Any]:
     from scipy.sparse import coo_array
 
@@ -565,24 +554,22 @@ def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
 def _listed(
     table: Table,
     nodes: Ints,
-    listed: tuple[Ints, Floats],
+    listed: _Nodes,
     dim: int,
     has: Bools | None = None,
 ) -> Floats:
-    place = {int(label): row for row, label in enumerate(listed[0])}
+    place = {int(label): row for row, label in enumerate(listed.labels)}
     found = np.zeros((len(nodes), dim))
     for k, node in enumerate(nodes.tolist()):
         if has is not None and not has[k]:
             continue
         if node not in place:
             raise table.wrong(table.lines[k], f"the node list has no node {node}")
-        found[k] = listed[1][place[node]][:dim]
+        found[k] = listed.places[place[node]][:dim]
     return found
 
 
-def _values(
-    table: Table, dofs: _Dofs, components: list[str], single: str
-) -> tuple[Floats, Table]:
+def _values(table: Table, dofs: _Dofs, components: list[str], single: str) -> Floats:
     """Numbers ``(steps, n)`` of a table, not a number where there is none."""
     by_node = "node" in table.names
     needed = ("node",) if by_node else ("dof", single)
@@ -623,15 +610,12 @@ def _values(
                 )
             found[step[k], dof] = value
             where[step[k], dof] = line
-    return found, table
+    return found
 
 
-def _prescribed(
-    moved: tuple[Floats, Table] | None, fixed: Name | None
-) -> tuple[Ints, Floats]:
-    if moved is None:
+def _prescribed(values: Floats | None, fixed: Name | None) -> tuple[Ints, Floats]:
+    if values is None:
         return np.zeros(0, np.int64), np.zeros((1, 0))
-    values = moved[0]
     held = np.flatnonzero(np.isfinite(values).any(axis=0))
     prescribed = values[:, held]
     lacking = np.argwhere(np.isnan(prescribed))

@@ -89,7 +89,10 @@ def write_series(
     with writing(folder / "result.pvd"):
         of_cells = [_of_cells(_found(errors, k)) for k in range(len(steps))]
         write_bodies(
-            *(draft / "result.pvd", model, steps, of_cells),
+            draft / "result.pvd",
+            model,
+            steps,
+            of_cells,
             at_rest=lambda k: case.stress_at_rest(
                 k if steps[k].s is None else steps[k]
             ),

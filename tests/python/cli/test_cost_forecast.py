@@ -52,7 +52,8 @@ def test_with_few_of_many_candidates() -> None:
     gap = model.gap.copy()
     gap[3:] = 1.0
     problem = bp.ContactProblem(
-        *(model.K, model.B),
+        model.K,
+        model.B,
         gap=gap,
         mu=0.3,
         fixed=model.fixed,
