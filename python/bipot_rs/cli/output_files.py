@@ -1,4 +1,7 @@
-"""What a run writes of the load steps it has reached, into a folder made for it."""
+"""The files of a run, written into a draft folder.
+
+``draft`` is where a function writes, ``folder`` where the files will be: errors name it.
+"""
 
 from __future__ import annotations
 
@@ -42,14 +45,14 @@ _FIELDS = (
 
 
 def recoverable(steps: Sequence[Step]) -> tuple[int, NotConvergedError | None]:
-    """How many of the steps have displacements, which they keep, and what ended that."""
+    """Find displacements; returns for how many steps, and the error of the next one."""
     from bipot_rs.contact.errors import NotConvergedError
     from bipot_rs.contact.result import recover
 
     try:
         recover(steps)
     except NotConvergedError:
-        # Of a block none is kept: one by one up to the first that has none.
+        # A block that fails has none: find them one by one, up to the first failure.
         for k, step in enumerate(steps):
             try:
                 recover([step])
@@ -59,7 +62,7 @@ def recoverable(steps: Sequence[Step]) -> tuple[int, NotConvergedError | None]:
 
 
 def labels(scene: Scene | None) -> dict[str, str]:
-    """What a picture of the result says of the scene: attributes of the file."""
+    """Title and units of the scene, as attributes of the result file."""
     if scene is None:
         return {}
     return {"title": scene.title, "units": json.dumps(scene.units.model_dump())}
@@ -81,7 +84,7 @@ def contacts(case: Case) -> dict[str, Any]:
 def write_series(
     draft: Path, folder: Path, case: Case, reached: Sequence[Reached], errors: Errors
 ) -> None:
-    """The series for ParaView; ``folder`` is where they will be, for what goes wrong."""
+    """Write the series for ParaView."""
     from bipot_rs.fem.paraview import write_bodies, write_contact
     from bipot_rs.files.export import writing
 
@@ -104,7 +107,7 @@ def write_series(
 def write_table(
     draft: Path, folder: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]
 ) -> None:
-    """steps.csv, a line a load step."""
+    """Write steps.csv, one line per load step."""
     from bipot_rs.files import csv_tables
     from bipot_rs.files.export import writing
 
@@ -121,7 +124,7 @@ def write_pictures(
     reached: Sequence[Reached],
     errors: Errors,
 ) -> None:
-    """tractions.png, and error.png of the last load step where its error is known."""
+    """Write tractions.png and, if the error is known, error.png of the last load step."""
     from bipot_rs.fem.contact_surface import surface_labels
     from bipot_rs.files.export import writing
     from bipot_rs.plots.run_figure import tractions
@@ -161,7 +164,7 @@ def write_problems(
     reached: Sequence[Reached],
     message: str,
 ) -> None:
-    """Write the problem of each step for other solvers."""
+    """Write the problem of each load step as an FCLIB file."""
     from importlib.metadata import version
 
     from bipot_rs.contact.result import Result
@@ -195,7 +198,7 @@ def write_result(
     complete: bool,
     attributes: Mapping[str, Any],
 ) -> None:
-    """What is there to be read back."""
+    """Write result.h5."""
     from bipot_rs.fem.contact_surface import surface_labels
     from bipot_rs.files.export import write_result, writing
 
@@ -210,7 +213,7 @@ def write_result(
 
 
 def steps(reached: Sequence[Reached], errors: Errors) -> list[dict[str, Any]]:
-    """Fields of a step under their own names: `bipot_rs.load` takes them."""
+    """The fields of each step, as `bipot_rs.load` reads them."""
     return [
         {name: getattr(step, name) for name in _FIELDS}
         | {
@@ -229,7 +232,7 @@ def _found(errors: Errors, k: int) -> DiscretisationError | None:
 
 
 def _of_cells(found: DiscretisationError | None) -> dict[str, Any]:
-    """Fields of the elements of a step for ParaView."""
+    """Element fields of a step for ParaView."""
     if found is None:
         return {}
     return {"error": found.cells, "error_density": found.density}

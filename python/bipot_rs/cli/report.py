@@ -1,4 +1,4 @@
-"""What is told of load steps: rows, the table of them, and the sentence at the end."""
+"""Rows of load steps, their table in the terminal, and the closing remarks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COLUMNS = (
     "iterations",
     "seconds",
 )
-# Of each contact surface, in steps.csv; of a curved one its force by components besides.
+# Columns of each contact surface in steps.csv. A curved surface also has COMPONENTS.
 FORCES = ("normal_force", "tangential_force", "friction_used")
 COMPONENTS = ("force_x", "force_y", "force_z")
 _FORMS = {
@@ -36,11 +36,11 @@ _FORMS = {
     "friction_used": "{:.4f}",
     **dict.fromkeys(COMPONENTS, "{:.5g}"),
 }
-# What a terminal too narrow for all of them does without, first to last.
+# Columns that a narrow terminal drops, in this order.
 _LEAST = ("seconds", "iterations", "load")
-# What sums of forces that balance leave of zero, relative to those summed.
+# Rounding of a sum of forces that cancel, relative to these forces.
 _ROUNDING = 1e-13
-# Rows of a table that is still read as a whole; of longer ones both ends are shown.
+# Most rows that are all shown; of a longer table only the first and the last are.
 _MOST_ROWS = 60
 
 
@@ -61,9 +61,9 @@ def row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
 def forces(model: Any, step: Step) -> dict[str, float | None]:
     """`FORCES` of every contact surface, keys ``"normal_force of block.bottom"``.
 
-    As `Resultant` has them: of a flat surface ``Σ r_n``, ``‖Σ r_t‖`` and its part of
-    ``Σ μ r_n``; of a curved one ``Σ r_n``, ``Σ ‖r_t‖`` and its part of ``Σ μ r_n``, and
-    `COMPONENTS` of the force on the body that has the contacts, in global axes.
+    They are those of `Resultant`. Flat surface: ``Σ r_n``, ``‖Σ r_t‖`` and
+    ``‖Σ r_t‖ / Σ μ r_n``. Curved surface: ``Σ r_n``, ``Σ ‖r_t‖``, ``Σ ‖r_t‖ / Σ μ r_n``,
+    and `COMPONENTS` of the force on the body of the contacts, in global axes.
     """
     return of_surfaces(step, model.frame, model.mu, model.group, surface_names(model))
 
@@ -71,22 +71,22 @@ def forces(model: Any, step: Step) -> dict[str, float | None]:
 def of_surfaces(
     step: Step, frame: Floats, mu: Floats, group: Any, names: Sequence[str]
 ) -> dict[str, float | None]:
-    """`forces` of surfaces by name, ``group (n_c,)`` the number of that of each contact."""
+    """`forces` of named surfaces; ``group (n_c,)`` is the surface number of each contact."""
     found: dict[str, float | None] = {}
     each = resultants(step.reaction, frame, mu, group, len(names))
     for name, force in zip(names, each, strict=True):
-        told: list[tuple[str, float | None]] = list(
+        columns: list[tuple[str, float | None]] = list(
             zip(FORCES, (force.normal, force.tangential, force.used), strict=True)
         )
         if force.curved:
-            told += zip(COMPONENTS, force.force.tolist(), strict=False)
-        for key, value in told:
+            columns += zip(COMPONENTS, force.force.tolist(), strict=False)
+        for key, value in columns:
             found[f"{key} of {name}"] = value
     return found
 
 
 def console() -> Any:
-    """Of rich, as wide as the terminal is; a file has no width."""
+    """A rich console as wide as the terminal; 1000 characters for a file."""
     from rich.console import Console
 
     found = Console(highlight=False, soft_wrap=True)
@@ -103,16 +103,16 @@ def print_table(
     unit: str = "",
     more: Sequence[str] = (),
 ) -> None:
-    """Lay out the load steps as wide as the console is.
+    """Print the table of load steps, no wider than the console.
 
     Parameters
     ----------
     console
-        Of rich.
+        A rich console.
     rows
-        Of `row`, with those of `forces` and of ``more``.
+        Rows of `row` with those of `forces` and the columns ``more``.
     unit
-        Of force.
+        Unit of force.
     more
         Further columns.
     """
@@ -121,7 +121,7 @@ def print_table(
     if rows and "load" not in rows[0]:
         columns.remove("load")
     largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
-    # Counted from 1, as people do; files and --json count from 0.
+    # For people, steps count from 1; in files and --json from 0.
     rows = [
         {**row, "step": row["step"] + 1, "load": settled(row.get("load", 0.0), largest)}
         for row in rows
@@ -133,7 +133,7 @@ def print_table(
     table = _table(columns, shown, title, unit)
     components = [key for key in keys if key.startswith(COMPONENTS)]
     for name in filter(columns.__contains__, (*_LEAST, *components)):
-        # As wide as its cells are: rich would shorten them to what fits.
+        # The full width of the table: rich would shorten cells to fit.
         free = console.options.update(width=10_000)
         if console.measure(table, options=free).maximum <= console.width:
             break
@@ -191,7 +191,7 @@ def _head(kind: str, unit: str, *, curved: bool) -> str:
             "friction_used": "Σ|rt|/(Σμrn)",
             **{name: f"F{name[-1]}{force}" for name in COMPONENTS},
         }
-    # Of rich, square brackets are markup.
+    # rich reads square brackets as markup.
     return heads.get(kind, kind).replace("[", r"\[")
 
 
@@ -213,7 +213,7 @@ def closing(
     folder: Any,
     remarks: Sequence[str] = (),
 ) -> list[str]:
-    """What a solved path comes to, and what to look at next, where ``folder`` has that."""
+    """Closing lines of a solved path: summary, remarks, and next commands on ``folder``."""
     if not rows:
         return []
     last = rows[-1]
@@ -232,8 +232,8 @@ def closing(
         if held and slipping:
             also = f" and {len(slipping) - 1} more" if len(slipping) > 1 else ""
             said.append(
-                f"remark: all contacts that press slip in load step {slipping[0]} of "
-                f"{len(rows)}{also}: friction is used up there."
+                f"remark: all closed contacts slip in load step {slipping[0]} of "
+                f"{len(rows)}{also}: no friction is left to resist a larger load."
             )
     said += [f"remark: {remark}." for remark in remarks if remark != NEVER_CLOSED]
     if folder is not None:

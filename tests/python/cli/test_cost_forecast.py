@@ -169,7 +169,7 @@ def test_meshes_of_files_are_counted_once_they_are_read(
     entries = 12 * cells * (3 * 2) ** 2
     monkeypatch.setattr(cost_forecast, "available", lambda: entries - 1)
     cost_forecast.fits(asked)
-    with pytest.raises(MemoryError, match="fewer cells take less"):
+    with pytest.raises(MemoryError, match="use fewer cells"):
         cost_forecast.fits(asked, meshed)
     monkeypatch.setattr(cost_forecast, "available", lambda: entries)
     cost_forecast.fits(asked, meshed)

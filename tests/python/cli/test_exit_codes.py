@@ -44,7 +44,7 @@ def said(command: list[str], status: int, out: str, err: str) -> str:
     """The sentence of an exit that is no success, checked."""
     assert status in (0, 1, 2, 3), (command, status, out, err)
     assert "Traceback" not in out + err
-    assert "fault of bipot" not in out + err
+    assert "internal error of bipot" not in out + err
     if "--json" not in command:
         if status == 0:
             return ""
@@ -176,8 +176,8 @@ def test_a_fault_of_the_program_is_a_sentence(
     status, out, err = bipot(command, *name)
     assert (status, out) == (FAULT, "")
     assert err == (
-        "bipot: this is a fault of bipot, ZeroDivisionError: division by zero; please "
-        "report it with what BIPOT_TRACEBACK=1 shows\n"
+        "bipot: internal error of bipot, ZeroDivisionError: division by zero; please "
+        "report it with the traceback that BIPOT_TRACEBACK=1 prints\n"
     )
     if name:
         status, out, err = bipot(command, *name, "--json")

@@ -115,7 +115,7 @@ def test_what_a_line_was_held_to() -> None:
     tight = bipot("--tol", "1e-20", GOOD, status=0).stdout.splitlines()[0]
     (row,) = rows(bipot("--tol", "1e-20", "--json", GOOD, status=0).stdout)
     assert row["tolerance"] > 1e-20
-    assert f"held to {row['tolerance']:.1e} by rounding" in tight
+    assert f"tolerance raised to {row['tolerance']:.1e} by rounding" in tight
     loose = bipot("--tol", "1e-6", GOOD, status=0).stdout.splitlines()[0]
     assert "held to" not in loose
 

@@ -213,7 +213,7 @@ def test_files_after_a_full_disk(before: bool, tmp_path: Path) -> None:
     )
     assert run.returncode == 2
     last = run.stdout.splitlines()[-1]
-    of = ", its files are of an earlier run" if before else ""
+    of = "; its files are from an earlier run" if before else ""
     assert last == f"here: nothing was written{of}"
     assert "bipot: cannot write here/" in run.stderr
 
@@ -223,12 +223,12 @@ def test_files_of_solve_after_a_full_disk(tmp_path: Path) -> None:
     (tmp_path / "contacts.csv").write_text("dof_x,dof_y,nx,ny,mu\n0,1,0,1,0\n")
     command = ("solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv")
     for name, said in (
-        ("steps.csv", "of this run there is result.h5"),
+        ("steps.csv", "files written before: result.h5"),
         (
             "displacements.csv",
-            "of this run there are result.h5, steps.csv, reactions.csv",
+            "files written before: result.h5, steps.csv, reactions.csv",
         ),
-        ("result.h5", "nothing else was written"),
+        ("result.h5", "files written before: none"),
     ):
 
         def fault(path: Any, *_: object, name: str = name) -> None:

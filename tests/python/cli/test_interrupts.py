@@ -101,7 +101,7 @@ def test_an_earlier_result_gives_way_to_load_steps_only(tmp_path: Path) -> None:
     before = (tmp_path / "here" / "result.h5").read_bytes()
     run = bipot_with(hit(INT), "bipot_rs.scene.build:bodies", *RUN, cwd=tmp_path)
     assert run.returncode == 130
-    assert "is as it was" in json.loads(run.stdout)["message"]
+    assert "result.h5 is unchanged" in json.loads(run.stdout)["message"]
     assert (tmp_path / "here" / "result.h5").read_bytes() == before
 
 

@@ -191,7 +191,10 @@ def test_who_begins_anew_is_told_what_there_is(broken: Path) -> None:
     assert "load step 4 of 9: open" in looked.stdout
     again = bipot(*SCENE, "--out", "here", cwd=broken.parent)
     assert again.returncode == 0
-    assert "4 load steps of this very run, which was left off: --resume" in again.stderr
+    assert (
+        "4 load steps of this run; it starts again from the beginning, --resume"
+        in again.stderr
+    )
     # Whole it is now; and of other settings nothing can be gone on with.
     for more in ([], ["--tol", "1e-9"]):
         quiet = bipot(*SCENE, *more, "--out", "here", cwd=broken.parent)
@@ -202,7 +205,7 @@ def test_who_begins_anew_is_told_what_there_is(broken: Path) -> None:
 def test_who_goes_on_is_told_behind_what(broken: Path) -> None:
     run = bipot(*SCENE, "--out", "here", "--resume", cwd=broken.parent)
     assert run.returncode == 0
-    assert "going on behind 4 load steps" in run.stderr
+    assert "continuing after 4 load steps" in run.stderr
     looked = bipot("info", "here", cwd=broken.parent)
     assert "9 load steps, every residual" in looked.stdout
 
@@ -211,16 +214,16 @@ def test_complete_is_complete(whole: Path) -> None:
     before = (whole / "result.h5").read_bytes()
     run = bipot(*SCENE, "--out", "here", "--resume", cwd=whole.parent)
     assert run.returncode == 0
-    assert "complete already" in run.stderr
+    assert "already complete" in run.stderr
     assert (whole / "result.h5").read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--set", "contact.0.mu=0.31"], "of another scene, or of other settings"),
-        (["--tol", "1e-9"], "solved to tol 1e-12, this run asks for 1e-09"),
-        (["--method", "uzawa"], "method 'auto', this run asks for 'uzawa'"),
+        (["--set", "contact.0.mu=0.31"], "belongs to another scene"),
+        (["--tol", "1e-9"], "solved with tol 1e-12, this run uses 1e-09"),
+        (["--method", "uzawa"], "method 'auto', this run uses 'uzawa'"),
     ],
 )
 def test_another_run_is_refused(arguments: list[str], words: str, broken: Path) -> None:
@@ -249,11 +252,11 @@ def test_files_that_cannot_be_resumed(broken: Path) -> None:
     # Whatever writes behind the seal of the file breaks it.
     assert "checksum" in refusal() or "its end is missing" in refusal()
     bp.load(kept).save(file)
-    assert "does not say of which scene" in refusal()
+    assert "does not name its scene" in refusal()
     file.write_bytes(b"nothing of the kind")
     assert "cannot be read" in refusal()
     file.unlink()
-    assert "nothing to resume" in refusal()
+    assert "cannot resume: there is no" in refusal()
 
 
 @pytest.mark.parametrize("place", ["scene.build:bodies", "scene.reading:assemble"])

@@ -95,7 +95,7 @@ def test_tolerance_of_the_mesh(tmp_path: Path) -> None:
         *SMALL, "--tol=discretisation", "--method=nesterov", "--json", cwd=tmp_path
     )
     *steps, last = lines(run.stdout)
-    assert "the mesh leaves an error of" in last["message"]
+    assert "the discretisation error is" in last["message"]
     assert all(1e-8 < step["residual"] <= 1e-2 for step in steps)
     assert "error" not in steps[0]
 

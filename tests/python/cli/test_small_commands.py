@@ -57,7 +57,7 @@ def test_new_overwrites_nothing(bipot: Any) -> None:
     Path("mine.toml").write_text("mine")
     status, out, err = bipot("new", "mine")
     assert (status, out) == (2, "")
-    assert "mine.toml is there already and stays as it is" in err
+    assert "mine.toml exists already and is not overwritten" in err
     assert Path("mine.toml").read_text() == "mine"
     status, _, err = bipot("new", "nowhere/mine")
     assert status == 2
@@ -173,7 +173,7 @@ def test_info(bipot: Any) -> None:
         ("gone.h5", "there is no gone.h5"),
         ("empty", "empty is a folder without result.h5 or sweep.csv"),
         ("gone.msh", "gone.msh is not there"),
-        ("half.mtx", "half.mtx is no matrix of Matrix Market: "),
+        ("half.mtx", "half.mtx is not a valid Matrix Market file: "),
         ("gone.mtx", "there is no gone.mtx"),
         ("K.dat", "K.dat is a file .dat, expected a result (.h5), a sweep"),
         ("text.h5", "text.h5"),
@@ -237,7 +237,7 @@ def test_info_of_a_matrix(bipot: Any) -> None:
     mmwrite("K.mtx", sparse.diags([2.0, 3.0, 4.0]), symmetry="symmetric")
     status, out, _ = bipot("info", "K.mtx")
     assert status == 0
-    assert out.splitlines()[0] == "K.mtx: a matrix of Matrix Market, 3 × 3"
+    assert out.splitlines()[0] == "K.mtx: a Matrix Market file, 3 × 3"
     assert "3 entries, coordinate, real, symmetric" in out
     assert "bipot solve --stiffness K.mtx" in out
     # Nothing that `bipot solve` would refuse is sent there.
@@ -296,7 +296,7 @@ def test_info_of_folders(bipot: Any) -> None:
         assert "row 2     scene 'sheared_cube': contact.0.mu: should be" in out
     status, _, err = bipot("plot", "out/sheared_cube-sweep")
     assert status == 2
-    assert "is the folder of a sweep, which keeps a table and no results" in err
+    assert "is the folder of a sweep, which has a table but no results" in err
     found = json.loads(bipot("info", "out/sheared_cube-sweep", "--json")[1])
     assert found["outcomes"] == {"solved": 1, "bad input": 1}
     status, out, _ = bipot("info", "out")
@@ -309,7 +309,7 @@ def test_new_with_a_mesh_overwrites_neither(bipot: Any) -> None:
     Path("mine.inp").write_text("mine")
     status, _, err = bipot("new", "mine", "--template", "mesh")
     assert status == 2
-    assert "mine.inp is there already and stays as it is" in err
+    assert "mine.inp exists already and is not overwritten" in err
     assert [path.name for path in Path().iterdir()] == ["mine.inp"]
     assert Path("mine.inp").read_text() == "mine"
     # Beside the scene, and found from anywhere.
@@ -415,7 +415,7 @@ def test_plot_draws_each_kind(bipot: Any) -> None:
         assert status == 2
         assert f"--step is {k}, expected one from 1 to 2" in err
     asked = ("--kind", "resultants", "--step", "1")
-    assert "--step does not go with" in bipot("plot", "out/sheared_cube", *asked)[2]
+    assert "--step cannot be used with" in bipot("plot", "out/sheared_cube", *asked)[2]
     assert (
         bipot("plot", "out/sheared_cube", "--kind", "shear_map", "--out", "m.svg")[0]
         == 0

@@ -127,23 +127,31 @@ def line(number: int, text: str) -> Edit:
             lambda _: "1 1 2.0\n",
             "K.mtx line 1: is '1 1 2.0', expected row node",
         ),
-        ("K.mtx", lambda _: "1,1,1,1,2\n1,1,1,1,2\n", "element by element"),
+        (
+            "K.mtx",
+            lambda _: "1,1,1,1,2\n1,1,1,1,2\n",
+            "assemble the element matrices first",
+        ),
         (
             "K.mtx",
             lambda _: "1,1,-2,1,2\n",
-            "K.mtx line 1: '1,1,-2,1,2' is of an internal",
+            "K.mtx line 1: '1,1,-2,1,2' belongs to an internal",
         ),
         (
             "K.mtx",
             lambda _: "%%MatrixMarket matrix coordinate pattern general\n1 1 1\n1 1\n",
-            "its numbers are pattern, expected real ones",
+            "its numbers are pattern, expected real",
         ),
         (
             "K.mtx",
             lambda _: "%%MatrixMarket matrix coordinate real general\n1 2 1\n1 1 3\n",
             "it has 1 rows and 2 columns",
         ),
-        ("K.mtx", lambda text: text[:200], "is no stiffness in Matrix Market form"),
+        (
+            "K.mtx",
+            lambda text: text[:200],
+            "is not a stiffness in Matrix Market format",
+        ),
         ("nodes.inp", line(6, "13, x, 0"), "nodes.inp line 6: is '13, x, 0', expected"),
         ("nodes.inp", line(6, "13, 0, 0\n13, 1, 1"), "node 13 is at line "),
         ("nodes.inp", line(4, "*NODE, INPUT=more.inp"), "nodes of another file"),
@@ -176,7 +184,7 @@ def line(number: int, text: str) -> Edit:
             "load.csv line 2: fx is 'a', expected a finite",
         ),
         ("load.csv", line(2, "-1,10,1,0"), "load.csv line 2: step is -1, expected 0"),
-        ("load.csv", line(2, "2,10,1,0"), "load.csv has no step 1, and one 2: "),
+        ("load.csv", line(2, "2,10,1,0"), "load.csv has step 2 but no step 1: "),
         (
             "contacts.csv",
             lambda text: text.replace(",", ";"),
@@ -194,7 +202,7 @@ def line(number: int, text: str) -> Edit:
         (
             "fixed.csv",
             lambda text: text + text.splitlines()[1] + "\n",
-            "ux is given already at line 2",
+            "ux is already given on line 2",
         ),
     ],
 )
@@ -237,7 +245,10 @@ def test_a_matrix_that_is_no_text(tmp_path: Path) -> None:
     command[command.index("--stiffness") + 1] = "K.npz"
     run = bipot(*command, cwd=tmp_path)
     assert run.returncode == 2
-    assert "K.npz is no text, expected a Matrix Market file, as scipy" in run.stderr
+    assert (
+        "K.npz is not a text file, expected a Matrix Market file, as scipy"
+        in run.stderr
+    )
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
@@ -255,14 +266,14 @@ def test_degrees_of_freedom_without_nodes(tmp_path: Path) -> None:
     path.write_text(line(2, "0,50,0,1,0.3,1,0")(path.read_text()))
     run = bipot(*command, cwd=tmp_path)
     assert run.returncode == 2
-    assert "line 2: degree of freedom 50 is none of 0 to 49" in run.stderr
+    assert "line 2: degree of freedom 50 is out of range: the stiffness has 50 (0 to 49)" in run.stderr
     path.write_text("dof_x,dof_y,other_x,other_y,nx,ny,mu\n0,1,4,,0,1,0.3\n")
     run = bipot(*command, cwd=tmp_path)
     assert run.returncode == 2
-    assert "line 2: other_y is blank where other_x is 4: expected all" in run.stderr
+    assert "line 2: other_y is empty but other_x is 4: give all" in run.stderr
     path.write_text("node,nx,ny,mu\n3,0,1,0.3\n")
     run = bipot(*command, cwd=tmp_path)
-    assert "names nodes, which --nodes must list" in run.stderr
+    assert "names a node: give --nodes" in run.stderr
 
 
 def test_normals_that_point_the_wrong_way_are_remarked(tmp_path: Path) -> None:

@@ -60,14 +60,14 @@ def test_ranges_that_are_none(setting: str) -> None:
 @pytest.mark.parametrize(
     ("setting", "why"),
     [
-        ("4:9:4", "names no KEY"),
-        ("n=4:9", "has 2 parts where three are needed"),
-        ("n=4:9:0.5", "is not of two numbers and a whole one"),
-        ("n=4:9:0", "asks for 0 values, of 1 to 100000"),
+        ("4:9:4", "KEY is missing"),
+        ("n=4:9", "has 2 parts instead of three"),
+        ("n=4:9:0.5", "FROM and TO must be numbers, COUNT an integer"),
+        ("n=4:9:0", "COUNT is 0, not between 1 and 100000"),
     ],
 )
 def test_what_is_wrong_with_a_range(setting: str, why: str) -> None:
-    with pytest.raises(ValueError, match=f"--range {setting}: {why}, should be KEY="):
+    with pytest.raises(ValueError, match=f"--range {setting}: {why}; expected KEY="):
         spaced(setting)
 
 
@@ -77,8 +77,8 @@ def test_a_count_taken_for_a_step(
     monkeypatch.chdir(tmp_path)
     assert app(["sweep", "sheared_cube", "--range", "mesh.n=4:9:4"]) == 2
     told = capsys.readouterr().err
-    assert "--range mesh.n=4:9:4: is 4 values, 4, 5.66667, 7.33333, 9" in told
-    assert "mesh.n takes whole numbers: the third number is how many values" in told
+    assert "--range mesh.n=4:9:4: mesh.n takes integers, but this is 4 values, " in told
+    assert "4, 5.66667, 7.33333, 9: the third number is the number of values" in told
     assert list(tmp_path.iterdir()) == []
 
 
@@ -130,9 +130,12 @@ def test_combinations() -> None:
     for settings, message in (
         ((["a=1", "a=2"], []), "a is given 2 times"),
         (([], []), "nothing varies"),
-        ((["a=1,,2"], []), "should be KEY=V1,V2"),
-        ((["a"], []), "should be KEY=V1,V2"),
-        (([], ["a=0:1:1000", "b=0:1:1000"]), "1000000 combinations, more than 100000"),
+        ((["a=1,,2"], []), "expected KEY=V1,V2"),
+        ((["a"], []), "expected KEY=V1,V2"),
+        (
+            ([], ["a=0:1:1000", "b=0:1:1000"]),
+            "1000000 combinations, expected at most 100000",
+        ),
     ):
         with pytest.raises(ValueError, match=message):
             rows(*settings)
@@ -171,8 +174,8 @@ def test_mistakes_of_all_rows_are_told_before_any_work(
     for more, message in (
         (["--set", "mesh.m=1,2"], "mesh.m: unknown key"),
         (["--method", "newtom"], "did you mean 'newton'?"),
-        (["--resume"], "nothing to resume"),
-        (["--set", "contact.0.mu"], "should be KEY=V1,V2"),
+        (["--resume"], "cannot resume: there is no"),
+        (["--set", "contact.0.mu"], "expected KEY=V1,V2"),
     ):
         assert app([*SWEEP, *more]) == 2
         captured = capsys.readouterr()
@@ -225,7 +228,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(tmp_path: Path) -> None:
         timeout=60,
     )
     assert again.returncode == 0
-    assert "are done already" not in again.stderr
+    assert "are already finished" not in again.stderr
     assert table(tmp_path / "here")[0]["digest"] != whole[0]["digest"]
 
 
@@ -244,7 +247,9 @@ def test_a_worker_that_dies_is_told_and_replaced() -> None:
     with Workers(work, 1) as workers:
         found = dict(workers.map([(k,) for k in range(6)]))
     assert sorted(found) == list(range(6))
-    assert found[1] == "its process was ended by SIGKILL, out of memory most likely"
+    assert (
+        found[1] == "its process was killed by SIGKILL, probably because memory ran out"
+    )
     assert found[2] == "RuntimeError: no"
     assert found[4] == "its process ended with status 7"
     # The same process stays for what does not kill it.

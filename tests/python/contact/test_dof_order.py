@@ -302,7 +302,7 @@ def test_of_a_stiffness_that_names_its_nodes(tmp_path: Path) -> None:
         (tmp_path / "nodes.csv").write_text(text)
         run = bipot(*command, cwd=tmp_path)
         assert run.returncode == code, run.stderr
-    assert "K.dat does not fit the places of its nodes in nodes.csv" in run.stderr
+    assert "K.dat does not fit the coordinates of its nodes in nodes.csv" in run.stderr
     run = bipot(*command, "--order", "node", cwd=tmp_path)
     assert run.returncode == 2
     assert "names its degrees of freedom itself" in run.stderr

@@ -94,7 +94,7 @@ RUN = ("run", "sheared_cube")
         ((*RUN, "--set", "contact.3.mu=0.1"), "contact has entries 0 to 0"),
         ((*RUN, "--method", "newtom"), "did you mean 'newton'?"),
         ((*RUN, "--tol", "2"), "tol is 2, expected a positive number below 1"),
-        ((*RUN, "--out", "mine.toml/x"), "--out DIR names another"),
+        ((*RUN, "--out", "mine.toml/x"), "choose another with --out DIR"),
         ((*RUN, "--out", "mine.toml"), "mine.toml is a file, expected a folder"),
         (("run", "--json", "sheared_cube", "--fast"), "No such option"),
     ],
@@ -132,7 +132,7 @@ def test_what_does_not_fit_is_refused_before_any_work(
     monkeypatch.setattr(cost_forecast, "available", lambda: 8_000_000_000)
     told = said(*RUN, "--set", "mesh.n=150")
     # 150³ hexahedra of (8·3)² entries, a number and an index of four bytes each.
-    assert "takes 23.3 GB to assemble, more than the 8 GB" in told
+    assert "takes 23.3 GB, but only 8 GB" in told
     assert "mesh.n up to 104 would fit" in told
     # What is said to fit is taken, and one more is not.
     cost_forecast.fits(read("sheared_cube", ["mesh.n=104"]))

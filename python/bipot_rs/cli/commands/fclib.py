@@ -179,7 +179,7 @@ def _line(row: dict[str, Any], width: int, tol: float) -> str:
     start = f"{printable(row['file']):<{width}} {size:>10}  {row['outcome']:<15}"
     line = " ".join([start, *cells, f"{row['seconds']:9.3f} s"])
     if row["tolerance"] is not None and row["tolerance"] > tol:
-        line += f", held to {row['tolerance']:.1e} by rounding"
+        line += f", tolerance raised to {row['tolerance']:.1e} by rounding"
     if (row["asymmetry"] or 0.0) > SYMMETRIC:
         matrix, size = _MATRICES[row["form"]]
         line += f", {matrix} asymmetric by {row['asymmetry']:.2g} of {size}"

@@ -109,7 +109,7 @@ class Job(Runner):
             if self.done.success:
                 return SOLVED, self._complete_already(self.done)
             kept = counted(len(self.done), "load step")
-            remark = f"{folder / RESULT}: going on behind {kept}"
+            remark = f"{folder / RESULT}: continuing after {kept}"
         elif not self.as_json:
             remark = left_off(folder / RESULT, stamp, self.count)
         if remark and not self.as_json:
@@ -129,10 +129,10 @@ class Job(Runner):
     def _complete_already(self, done: Result) -> str:
         self.reached = [({}, step) for step in done]
         message = (
-            f"{self.request.folder / RESULT} is complete already, nothing to resume"
+            f"{self.request.folder / RESULT} is already complete, nothing to resume"
         )
         if self.request.fclib:
-            message += ": --fclib writes problems of what is solved, without --resume"
+            message += "; to write FCLIB files, run without --resume"
         if not self.as_json:
             complain(message)
         return message
@@ -194,7 +194,7 @@ class Job(Runner):
                 )
                 tol = enough.tol
                 self.enough = (
-                    f"tol {enough.tol:.1e}: the mesh leaves an error of "
+                    f"tol {enough.tol:.1e}: the discretisation error is "
                     f"{enough.discretisation:.1%}"
                 )
             self.tol = float(tol)
@@ -223,7 +223,7 @@ class Job(Runner):
         remarks = cost_forecast.remarked(self.case.remarks())
         self.progress.block("\n".join([*title, *known, *cost, *remarks]))
         seconds = cost_forecast.seconds(counts, cost_forecast.cores())
-        self.progress.foretell(cost_forecast.duration(seconds))
+        self.progress.forecast(cost_forecast.duration(seconds))
 
     def _row(self, k: int, case: Case, step: Step) -> dict[str, Any]:
         """The row of a load step, with its discretisation error if that is asked for."""
@@ -275,7 +275,7 @@ class Job(Runner):
         nothing_new = len(self.reached) == self.resumed
         if interrupted and nothing_new and (folder / RESULT).exists():
             # An earlier result is worth more than an empty one.
-            return code, f"{message}, {folder / RESULT} is as it was"
+            return code, f"{message}; {folder / RESULT} is unchanged"
         if self.case is not None and self.scene is not None:
             with self._phase("recover"):
                 code, message = self.recover(code, message)
@@ -318,7 +318,7 @@ class Job(Runner):
         if code != SOLVED:
             message += f" (load steps in {folder}: {len(self.reached)})"
             if interrupted and self.reached:
-                message += "; --resume goes on from there"
+                message += "; --resume continues from there"
         return code, message
 
     def _write_fields(self, scene: Scene, case: Case, draft: Path) -> None:
@@ -367,9 +367,11 @@ class Job(Runner):
         for kind in dict.fromkeys(error.kind for error in known):
             why = dict.fromkeys(r for e in known if e.kind == kind for r in e.reasons)
             reason = f" ({'; '.join(why)})" if why else ""
-            said.append(f"error: of u in the energy norm, {kind}{reason}")
+            said.append(
+                f"error: relative error of u in the energy norm, {kind}{reason}"
+            )
         if self.no_error:
-            said.append(f"no error: {self.no_error}")
+            said.append(f"no discretisation error: {self.no_error}")
         folder = self.request.folder
         if code == SOLVED:
             remarks = review(model, [step for _, step in self.reached])
@@ -383,6 +385,6 @@ class Job(Runner):
             said.append(describe(folder))
         else:
             # As on a full disk.
-            earlier = ", its files are of an earlier run" if ours(folder) else ""
+            earlier = "; its files are from an earlier run" if ours(folder) else ""
             said.append(f"{folder}: nothing was written{earlier}")
         screen.print("\n".join(said), markup=False, soft_wrap=True)

@@ -181,11 +181,8 @@ class Solve(Runner):
             try:
                 writer(self.request.folder / name)
             except OSError as error:
-                are = "are" if len(self.written) > 1 else "is"
-                said = f"of this run there {are} {', '.join(self.written)}"
-                raise OSError(
-                    f"{error}; {said if self.written else 'nothing else was written'}"
-                ) from error
+                written = ", ".join(self.written) or "none"
+                raise OSError(f"{error}; files written before: {written}") from error
             self.written.append(name)
 
     def show(self, code: int) -> None:
