@@ -52,7 +52,7 @@ def test_values_of_a_range(setting: str, found: list[str]) -> None:
     "setting",
     ["mu", "mu=", "mu=1:2", "mu=1:2:x", "mu=1:2:0", "mu=nan:1:3", "=1:2:3", "a=1:2:1"],
 )
-def test_ranges_that_are_none(setting: str) -> None:
+def test_wrong_ranges(setting: str) -> None:
     with pytest.raises(ValueError, match=f"--range {setting}"):
         spaced(setting)
 
@@ -71,7 +71,7 @@ def test_what_is_wrong_with_a_range(setting: str, why: str) -> None:
         spaced(setting)
 
 
-def test_a_count_taken_for_a_step(
+def test_a_spacing_given_as_count(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -91,7 +91,7 @@ def test_a_count_taken_for_a_step(
         (lambda _: "", "not the table of a sweep"),
     ],
 )
-def test_a_damaged_table_is_told_by_name(
+def test_a_damaged_table_is_named(
     spoil: Any,
     why: str,
     tmp_path: Path,
@@ -112,7 +112,7 @@ def test_a_damaged_table_is_told_by_name(
 
 
 def write(folder: Path, path: Path) -> None:
-    """The table that a sweep of two rows leaves, without its numbers."""
+    """The table of a sweep of two rows, without its numbers."""
     folder.mkdir()
     done = {
         k: {"contact.0.mu": mu, "outcome": "solved", "message": "", "digest": str(k)}
@@ -161,13 +161,13 @@ def test_rows_are_those_of_single_runs(
             assert int(one[name]) == step[name]
         with Path("out/sheared_cube/steps.csv").open(newline="") as file:
             *_, same = csv.DictReader(file)
-        # One thread or several: the same bits.
+        # Bitwise the same with one thread and with several.
         for name in ("tangential_force", "normal_force", "friction_used"):
             key = f"{name} of cube.bottom"
             assert one[key] == same[key]
 
 
-def test_mistakes_of_all_rows_are_told_before_any_work(
+def test_mistakes_of_all_rows_are_reported_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -184,7 +184,7 @@ def test_mistakes_of_all_rows_are_told_before_any_work(
         assert not (tmp_path / "out" / "sheared_cube-sweep" / "sweep.csv").exists()
 
 
-def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(tmp_path: Path) -> None:
+def test_ctrl_c_keeps_finished_rows_and_resume_continues(tmp_path: Path) -> None:
     command = [
         *(*BIPOT, *SWEEP, "--range", "contact.0.mu=0.1:0.6:6", "--jobs", "1"),
         *("--out", "here"),
@@ -199,7 +199,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(tmp_path: Path) -> None:
     )
     assert process.stdout is not None
     first = json.loads(process.stdout.readline())
-    # As a terminal does: to all processes of the group.
+    # To all processes of the group, as a terminal does.
     os.killpg(process.pid, signal.SIGINT)
     output, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (130, "")
@@ -209,7 +209,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(tmp_path: Path) -> None:
     done = table(tmp_path / "here")
     assert 1 <= len(told) <= len(done) < 6
     assert [path.name for path in (tmp_path / "here").iterdir()] == ["sweep.csv"]
-    # A row that is there is not solved again: its seconds stay, to the digit.
+    # A finished row is not solved again: its seconds are unchanged.
     run = subprocess.run(
         [*command, "--resume"], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
@@ -219,7 +219,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(tmp_path: Path) -> None:
     assert [one["row"] for one in whole] == [str(k) for k in range(6)]
     assert whole[: len(done)] == done
     assert {one["outcome"] for one in whole} == {"solved"}
-    # Nothing is left to do, and rows of another scene are no rows of this.
+    # No row remains; and rows of another scene do not count.
     again = subprocess.run(
         [*command, "--resume", "--tol", "1e-9"],
         cwd=tmp_path,
@@ -233,7 +233,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(tmp_path: Path) -> None:
 
 
 def work(k: int) -> Any:
-    """One of four kinds of work, in a process of its own."""
+    """One of four kinds of work in a separate process."""
     if k == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     if k == 2:
@@ -243,7 +243,7 @@ def work(k: int) -> Any:
     return os.getpid(), os.environ["BIPOT_NUM_THREADS"]
 
 
-def test_a_worker_that_dies_is_told_and_replaced() -> None:
+def test_a_killed_worker_is_reported_and_replaced() -> None:
     with Workers(work, 1) as workers:
         found = dict(workers.map([(k,) for k in range(6)]))
     assert sorted(found) == list(range(6))
@@ -252,7 +252,7 @@ def test_a_worker_that_dies_is_told_and_replaced() -> None:
     )
     assert found[2] == "RuntimeError: no"
     assert found[4] == "its process ended with status 7"
-    # The same process stays for what does not kill it.
+    # A process that is not killed serves the next argument.
     assert found[3][0] != found[0][0]
     assert found[5][0] != found[3][0]
     assert {found[k][1] for k in (0, 3, 5)} == {"1"}
@@ -260,7 +260,7 @@ def test_a_worker_that_dies_is_told_and_replaced() -> None:
 
 
 def sleep() -> None:
-    """Work that nobody waits for."""
+    """Work whose answer is not awaited."""
     time.sleep(60)
 
 
@@ -268,7 +268,7 @@ def test_leaving_ends_the_workers() -> None:
     started = time.monotonic()
     with Workers(sleep, 2) as workers:
         iterator = workers.map([(), ()])
-        # Begin, and leave before there is an answer.
+        # Start, and leave before an answer arrives.
         connection = workers._idle({})
         connection.send(())
         processes = list(workers.processes.values())
