@@ -196,11 +196,11 @@ def test_a_terminal_shows_that_a_long_phase_is_running(
     monkeypatch.delenv("NO_COLOR", raising=False)
     with telling.Progress(6, 2, quiet=False) as progress:
         progress.phase("condense")
-        progress.foretell(cost_forecast.duration(40.0))
+        progress.forecast(cost_forecast.duration(40.0))
         progress.bar.refresh()
         began = screen.getvalue()
         assert "condense" in began
-        assert "about 40 s foretold" in began
+        assert "expected: about 40 s" in began
         # The clock without a remaining time: the phases differ too much.
         assert len(re.findall(r"-:--|\d:\d\d:\d\d", began.splitlines()[-1])) == 1
         # Ten times a second, while the core works without holding the interpreter.
@@ -210,4 +210,4 @@ def test_a_terminal_shows_that_a_long_phase_is_running(
         assert screen.getvalue() != began
         progress.phase("solve")
         progress.bar.refresh()
-        assert "foretold" not in screen.getvalue().rpartition("solve")[2]
+        assert "expected" not in screen.getvalue().rpartition("solve")[2]

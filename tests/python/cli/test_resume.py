@@ -282,8 +282,11 @@ def test_a_file_without_contacts_is_resumed(
 def test_an_older_version_or_other_contacts(broken: Path) -> None:
     file = broken / "result.h5"
     for change, words in (
-        (lambda f: f.attrs.update(package="0.0.1"), "version 0.0.1 of this package"),
-        (lambda f: f["contacts/gap"].write_direct(np.full(49, 1.0)), "another gap"),
+        (lambda f: f.attrs.update(package="0.0.1"), "version 0.0.1 of bipot_rs"),
+        (
+            lambda f: f["contacts/gap"].write_direct(np.full(49, 1.0)),
+            "gap of its contacts differs",
+        ),
     ):
         kept = file.read_bytes()
         with h5py.File(file, "r+") as altered:

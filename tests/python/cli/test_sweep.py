@@ -85,7 +85,10 @@ def test_a_spacing_given_as_count(
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
-        (lambda text: "".join(text.splitlines(True)[:-1]) + "1,0.3", "row 2 has not"),
+        (
+            lambda text: "".join(text.splitlines(True)[:-1]) + "1,0.3",
+            "row 2 does not have",
+        ),
         (lambda text: text.replace("row,", "raw,"), "not the table of a sweep"),
         (lambda text: text[:-4] + '"open', "is damaged"),
         (lambda _: "", "not the table of a sweep"),
@@ -214,7 +217,7 @@ def test_ctrl_c_keeps_finished_rows_and_resume_continues(tmp_path: Path) -> None
         [*command, "--resume"], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
     assert run.returncode == 0, run.stderr
-    assert f"{len(done)} row" in run.stderr
+    assert f"{len(done)} of 6 rows" in run.stderr
     whole = table(tmp_path / "here")
     assert [one["row"] for one in whole] == [str(k) for k in range(6)]
     assert whole[: len(done)] == done
