@@ -45,7 +45,7 @@ class _App(typer.Typer):
 
             def end(status: int, message: str) -> int:
                 if "--json" in arguments and arguments[0] != "run":
-                    interrupts.told = True
+                    interrupts.reported = True
                     line(command=arguments[0], ok=False, success=False, message=message)
                     if arguments[0] == "fclib":
                         # Its lines on standard output belong to files: an error of the
@@ -78,16 +78,16 @@ class _App(typer.Typer):
                 if os.environ.get("BIPOT_TRACEBACK"):
                     raise
                 return end(FAULT, _fault(error))
-            if interrupts.came is not None and not interrupts.told:
+            if interrupts.came is not None and not interrupts.reported:
                 return end(interrupts.status, "interrupted")
             return status
 
 
 def _fault(error: Exception) -> str:
     """The message for an exception that no command expects."""
-    said = " ".join(str(error).split())
+    text = " ".join(str(error).split())
     return (
-        f"internal error of bipot, {type(error).__name__}{': ' if said else ''}{said}; "
+        f"internal error of bipot, {type(error).__name__}{': ' if text else ''}{text}; "
         "please report it with the traceback that BIPOT_TRACEBACK=1 prints"
     )
 
@@ -236,7 +236,8 @@ def fclib(
     method: Annotated[str, typer.Option(help="Contact solver.")] = "auto",
     tol: Annotated[float, typer.Option(help="Residual to reach.")] = 1e-10,
     max_seconds: Annotated[
-        float | None, typer.Option(help="Time limit of the solver for each file [s].")
+        float | None,
+        typer.Option(help="Time limit of the solver for each file, in seconds."),
     ] = None,
     json: Annotated[
         bool, typer.Option("--json", help="Print JSON, one object per line.")
@@ -411,8 +412,8 @@ def new(
     from bipot_rs.cli.commands.new import write
 
     with _errors_reported():
-        path, *beside = write(name, template)
-        written = " and ".join(map(str, [path, *beside]))
+        path, *others = write(name, template)
+        written = " and ".join(map(str, [path, *others]))
         typer.echo(f"{written}: bipot check {path}, bipot run {path}")
 
 
@@ -628,7 +629,7 @@ def _errors_reported(
             raise
         message = "interrupted; --resume solves the remaining rows"
         status = interrupts.status
-        interrupts.told = True
+        interrupts.reported = True
     except BipotError as error:
         status, message = outcome(error)
     except MISTAKES as error:

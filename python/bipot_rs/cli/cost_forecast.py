@@ -89,7 +89,7 @@ def cost(counts: Mapping[str, Any]) -> list[str]:
     of = "" if free is None else f", {size(free)} are free"
     threads = cores()
     most, factor = size(counts["bytes_peak"]), size(counts["bytes_factor"])
-    entries = f"{counts['nnz_factor'] / 1e6:.3g} million entries"
+    entries = f"{counts['nnz_factor']:.3g} entries"
     rate = f"{RATE / 1e9:g} Gflop/s on {'' if threads == 1 else 'each of '}"
     time = duration(seconds(counts, threads))
     rate += f"{counted(threads, 'core')}; load steps not included"

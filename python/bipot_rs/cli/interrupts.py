@@ -29,13 +29,13 @@ class Interrupts:
     ----------
     came
         Number of the first signal, or ``None``.
-    told
+    reported
         Whether the command has reported how it ended.
     """
 
     def __init__(self, *, last: bool = False) -> None:
         self.came: int | None = None
-        self.told = False
+        self.reported = False
         self._last = last
         self._held = False
         self._owed = False  # a signal waits, or its exception was lost

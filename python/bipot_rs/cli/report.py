@@ -220,27 +220,27 @@ def closing(
     contacts = last["open"] + last["slip"] + last["stick"]
     worst = max(row["residual"] for row in rows)
     residual = f"every residual at most {worst:.1e} (asked for {tol:.1e})"
-    said = [
+    lines = [
         f"solved: {counted(len(rows), 'load step')}, {residual}. At the end "
         + _state(last, contacts)
     ]
     if all(row["open"] == contacts for row in rows):
-        said.append(f"remark: {NEVER_CLOSED}")
+        lines.append(f"remark: {NEVER_CLOSED}")
     else:
         held = any(key.startswith("friction_used") and last[key] for key in last)
         slipping = [row["step"] + 1 for row in rows if row["slip"] and not row["stick"]]
         if held and slipping:
             also = f" and {len(slipping) - 1} more" if len(slipping) > 1 else ""
-            said.append(
+            lines.append(
                 f"remark: all closed contacts slip in load step {slipping[0]} of "
                 f"{len(rows)}{also}: no friction is left to resist a larger load."
             )
-    said += [f"remark: {remark}." for remark in remarks if remark != NEVER_CLOSED]
+    lines += [f"remark: {remark}." for remark in remarks if remark != NEVER_CLOSED]
     if folder is not None:
-        said.append(
+        lines.append(
             f"next: paraview {folder}/result.pvd, bipot plot {folder}, bipot info {folder}"
         )
-    return said
+    return lines
 
 
 def _state(last: Mapping[str, Any], contacts: int) -> str:

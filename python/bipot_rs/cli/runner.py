@@ -93,7 +93,7 @@ class Runner:
 
     def end(self, code: int, message: str) -> int:
         """Report the outcome: the last line of --json, or the message of an error."""
-        self.interrupts.told = True
+        self.interrupts.reported = True
         if self.as_json:
             line(**self.last_line(code, message))
         elif code != SOLVED:

@@ -88,7 +88,7 @@ class Solve(Runner):
 
     def end(self, code: int, message: str) -> int:
         """Report an error of the command itself; the rows report those of files."""
-        self.interrupts.told = True
+        self.interrupts.reported = True
         if message and self.as_json:
             line(command="fclib", ok=False, success=False, message=message)
         complain(message)

@@ -212,12 +212,12 @@ def draw(
             at = None if step is None else step - 1
             known[kind](target, result, title, Asked(contact, along, at, case))
     except ValueError as error:
-        said = str(error)
-        if "not supported" in said:
+        message = str(error)
+        if "not supported" in message:
             raise ValueError(f"cannot draw {target}: {error}") from error
         for word, own in _WORDS.items():
-            said = said.replace(word, own)
-        raise ValueError(said) from error
+            message = message.replace(word, own)
+        raise ValueError(message) from error
     return target
 
 

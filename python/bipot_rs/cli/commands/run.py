@@ -362,29 +362,29 @@ class Job(Runner):
             unit=self.scene.units.force,
             more=self._extra()[:1],
         )
-        said = [self.enough] if self.enough else []
+        lines = [self.enough] if self.enough else []
         known = [error for error in self.errors if error is not None]
         for kind in dict.fromkeys(error.kind for error in known):
             why = dict.fromkeys(r for e in known if e.kind == kind for r in e.reasons)
             reason = f" ({'; '.join(why)})" if why else ""
-            said.append(
+            lines.append(
                 f"error: relative error of u in the energy norm, {kind}{reason}"
             )
         if self.no_error:
-            said.append(f"no discretisation error: {self.no_error}")
+            lines.append(f"no discretisation error: {self.no_error}")
         folder = self.request.folder
         if code == SOLVED:
             remarks = review(model, [step for _, step in self.reached])
-            said += closing(rows, self.tol, folder, remarks)
+            lines += closing(rows, self.tol, folder, remarks)
         times = ", ".join(
             f"{phase} {self.seconds[phase]:.2f} s" for phase in PHASES[:-1]
         )
         contacts = counted(len(model.gap), "contact")
-        said.append(f"{model.n} degrees of freedom, {contacts}: {times}")
+        lines.append(f"{model.n} degrees of freedom, {contacts}: {times}")
         if self.kept:
-            said.append(describe(folder))
+            lines.append(describe(folder))
         else:
             # As on a full disk.
             earlier = "; its files are from an earlier run" if ours(folder) else ""
-            said.append(f"{folder}: nothing was written{earlier}")
-        screen.print("\n".join(said), markup=False, soft_wrap=True)
+            lines.append(f"{folder}: nothing was written{earlier}")
+        screen.print("\n".join(lines), markup=False, soft_wrap=True)

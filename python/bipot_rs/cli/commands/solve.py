@@ -197,14 +197,14 @@ class Solve(Runner):
             return
         remarks = () if self.result is None else self.result.remarks
         drawn = None if given.points is None else folder
-        said = closing(rows, self.request.tol, drawn, remarks)
+        lines = closing(rows, self.request.tol, drawn, remarks)
         contacts = counted(len(given.gap), "contact")
         seconds = perf_counter() - self.started
-        said.append(
+        lines.append(
             f"{given.K.shape[0]} degrees of freedom, {contacts}, {seconds:.2f} s"
         )
-        said.append(f"{folder}: {', '.join(sorted(self.written))}")
-        tell("\n".join(said), sys.stdout)
+        lines.append(f"{folder}: {', '.join(sorted(self.written))}")
+        tell("\n".join(lines), sys.stdout)
 
     def last_line(self, code: int, message: str) -> dict[str, Any]:
         """Keys of the last line of --json."""

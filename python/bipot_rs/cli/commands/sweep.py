@@ -373,9 +373,9 @@ def _print(
     # For a curved surface the ratio is one of sums of sizes, see `report.forces`.
     curved = {n for row in done.values() for n in row if n.startswith("force_x of ")}
     heads = [
-        ("Σ|rt|/(Σμrn)" if f"force_x of {whose}" in curved else "Ft/(μFn)")
-        + (f"\n{whose}" if len(forces) > 1 else "")
-        for whose in (name.partition(" of ")[2] for name in forces)
+        ("Σ|rt|/(Σμrn)" if f"force_x of {surface}" in curved else "Ft/(μFn)")
+        + (f"\n{surface}" if len(forces) > 1 else "")
+        for surface in (name.partition(" of ")[2] for name in forces)
     ]
     shown = [*keys, "outcome", "open", "slip", "stick", "residual", "seconds"]
     for name in ("row", *shown[: len(keys) + 4], *heads, *shown[len(keys) + 4 :]):
