@@ -132,6 +132,28 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
+_Scene = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        help="Name of a shipped scene, or a TOML file.",
+        autocompletion=_scenes_like,
+    ),
+]
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON, one object per line.")]
+_Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change a key, as in --set mesh.n=24."
+    ),
+]
+_Method = Annotated[str, typer.Option(help="Contact solver.")]
+_OtherMethod = Annotated[
+    str | None, typer.Option(help="Contact solver, instead of the scene's.")
+]
+_Tol = Annotated[float, typer.Option(help="Residual to reach.")]
+
+
 @app.callback()
 def _before(
     *,
@@ -151,26 +173,12 @@ def _before(
 @app.command()
 def run(
     context: typer.Context,
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE",
-            help="Name of a shipped scene, or a TOML file.",
-            autocompletion=_scenes_like,
-        ),
-    ],
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change a key, as in --set mesh.n=24."
-        ),
-    ] = None,
+    scene: _Scene,
+    settings: _Settings = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results. Default: out/SCENE.")
     ] = None,
-    method: Annotated[
-        str | None, typer.Option(help="Contact solver, instead of the scene's.")
-    ] = None,
+    method: _OtherMethod = None,
     tol: Annotated[
         str | None,
         typer.Option(
@@ -179,9 +187,7 @@ def run(
             "tenth of the discretisation error (P1 meshes only).",
         ),
     ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print JSON, one object per line.")
-    ] = False,
+    json: _Json = False,
     plot: Annotated[
         bool,
         typer.Option(
@@ -233,15 +239,13 @@ def fclib(
     files: Annotated[
         list[str], typer.Argument(metavar="FILE...", help="FCLIB files (HDF5).")
     ],
-    method: Annotated[str, typer.Option(help="Contact solver.")] = "auto",
-    tol: Annotated[float, typer.Option(help="Residual to reach.")] = 1e-10,
+    method: _Method = "auto",
+    tol: _Tol = 1e-10,
     max_seconds: Annotated[
         float | None,
         typer.Option(help="Time limit of the solver for each file, in seconds."),
     ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print JSON, one object per line.")
-    ] = False,
+    json: _Json = False,
 ) -> None:
     """Solve files of the FCLIB collection. Prints one line per file and a summary.
 
@@ -305,11 +309,9 @@ def solve(
             "Rigid motions are restored. Needs --nodes."
         ),
     ] = None,
-    method: Annotated[str, typer.Option(help="Contact solver.")] = "auto",
-    tol: Annotated[float, typer.Option(help="Residual to reach.")] = 1e-10,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print JSON, one object per line.")
-    ] = False,
+    method: _Method = "auto",
+    tol: _Tol = 1e-10,
+    json: _Json = False,
 ) -> None:
     """Solve a contact problem with a stiffness matrix of another program.
 
@@ -385,17 +387,6 @@ def scenes(
         raise typer.Exit(BAD_INPUT) from None
 
 
-_Scene = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE",
-        help="Name of a shipped scene, or a TOML file.",
-        autocompletion=_scenes_like,
-    ),
-]
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON, one object per line.")]
-
-
 @app.command()
 def new(
     name: Annotated[
@@ -420,12 +411,7 @@ def new(
 @app.command()
 def check(
     scene: _Scene,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change a key, as in --set mesh.n=24."
-        ),
-    ] = None,
+    settings: _Settings = None,
     json: _Json = False,
 ) -> None:
     """Check a scene: report its mistakes, its size, memory and time. Does not solve."""
@@ -555,9 +541,7 @@ def sweep(
         Path | None,
         typer.Option(help="Folder for sweep.csv. Default: out/SCENE-sweep."),
     ] = None,
-    method: Annotated[
-        str | None, typer.Option(help="Contact solver, instead of the scene's.")
-    ] = None,
+    method: _OtherMethod = None,
     tol: Annotated[
         float | None, typer.Option(help="Residual to reach, instead of the scene's.")
     ] = None,

@@ -85,6 +85,14 @@ def of_surfaces(
     return found
 
 
+def columns(rows: Sequence[Mapping[str, Any]], more: Sequence[str] = ()) -> list[str]:
+    """The columns of a table of load steps: forces after the statuses, ``more`` at the end."""
+    known = rows[0] if rows else ("load",)
+    forces = [key for key in known if " of " in key]
+    first = [name for name in COLUMNS[:5] if name != "load" or name in known]
+    return [*first, *forces, *COLUMNS[5:], *more]
+
+
 def console() -> Any:
     """A rich console as wide as the terminal; 1000 characters for a file."""
     from rich.console import Console
@@ -116,10 +124,7 @@ def print_table(
     more
         Further columns.
     """
-    keys = [key for key in (rows[0] if rows else ()) if " of " in key]
-    columns = [*COLUMNS[:5], *keys, *COLUMNS[5:], *more]
-    if rows and "load" not in rows[0]:
-        columns.remove("load")
+    names = columns(rows, more)
     largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
     # For people, steps count from 1; in files and --json from 0.
     rows = [
@@ -130,15 +135,15 @@ def print_table(
     if len(rows) > _MOST_ROWS:
         third = _MOST_ROWS // 3
         shown = [*rows[:third], None, *rows[-third:]]
-    table = _table(columns, shown, title, unit)
-    components = [key for key in keys if key.startswith(COMPONENTS)]
-    for name in filter(columns.__contains__, (*_LEAST, *components)):
+    table = _table(names, shown, title, unit)
+    components = [name for name in names if name.startswith(COMPONENTS)]
+    for name in filter(names.__contains__, (*_LEAST, *components)):
         # The full width of the table: rich would shorten cells to fit.
         free = console.options.update(width=10_000)
         if console.measure(table, options=free).maximum <= console.width:
             break
-        columns.remove(name)
-        table = _table(columns, shown, title, unit)
+        names.remove(name)
+        table = _table(names, shown, title, unit)
     console.print(table)
     if len(shown) < len(rows):
         console.print(f"all {len(rows)} load steps are in steps.csv", highlight=False)

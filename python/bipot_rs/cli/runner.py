@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
 from bipot_rs.cli.interrupts import Interrupts
-from bipot_rs.cli.output_files import Reached, recoverable
+from bipot_rs.cli.output_files import Reached
 from bipot_rs.cli.progress import Progress, complain, line
 
 if TYPE_CHECKING:
@@ -133,8 +133,18 @@ class Runner:
 
     def recover(self, code: int, message: str) -> tuple[int, str]:
         """Find the displacements; drop the load steps from the first one that has none."""
-        found, error = recoverable([step for _, step in self.reached])
-        if error is None:
-            return code, message
-        del self.reached[found:]
-        return NOT_CONVERGED, f"load step {found + 1}: {error}"
+        from bipot_rs.contact.errors import NotConvergedError
+        from bipot_rs.contact.result import recover
+
+        steps = [step for _, step in self.reached]
+        try:
+            recover(steps)
+        except NotConvergedError:
+            # A block that fails has none: find them one by one, up to the first failure.
+            for k, step in enumerate(steps):
+                try:
+                    recover([step])
+                except NotConvergedError as error:
+                    del self.reached[k:]
+                    return NOT_CONVERGED, f"load step {k + 1}: {error}"
+        return code, message

@@ -360,7 +360,7 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
     Path("clamp.toml").rename("moved.toml")
     status, _, err = bipot("plot", folder, "--kind", "deformed")
     assert status == 2
-    assert "give it by --scene" in err
+    assert "give it with --scene" in err
     moved = ("--scene", "moved.toml", *setting)
     assert bipot("plot", folder, "--kind", "deformed", *moved)[0] == 0
 

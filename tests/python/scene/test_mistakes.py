@@ -44,7 +44,7 @@ RUN = ("run", "sheared_cube")
         (("run", "SHEARED_CUBE"), "did you mean 'sheared_cube'?"),
         (("run", "sheared_cube.toml"), "did you mean 'sheared_cube'?"),
         (("run", "mein.toml"), "did you mean 'mine.toml'?"),
-        (("sweep",), "Missing argument 'SCENE'. bipot sweep --help tells what"),
+        (("sweep",), "Missing argument 'SCENE'. bipot sweep --help lists the"),
         (
             (*RUN, "--set", 'material.steel.young="7"'),
             "material.steel.young: should be a valid number, without quotes, got '7'",

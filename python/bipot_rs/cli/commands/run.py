@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from bipot_rs import _core
 from bipot_rs._lib.messages import counted, later
-from bipot_rs.cli import output_files
 from bipot_rs.cli.exit_codes import SOLVED
 from bipot_rs.cli.interrupts import Interrupts
+from bipot_rs.cli.output_files import Output
 from bipot_rs.cli.output_folder import RESULT, describe, draft_in, ours, replace
 from bipot_rs.cli.peak_memory import peak_mb
 from bipot_rs.cli.progress import Progress, complain
@@ -33,7 +33,11 @@ if TYPE_CHECKING:
 ENOUGH = "discretisation"
 # Every run needs these. They are imported while signals wait, and before the clocks of
 # the phases start.
-_NEEDED = ("bipot_rs.fem.paraview", "bipot_rs.cli.report")
+_NEEDED = (
+    "bipot_rs.fem.paraview",
+    "bipot_rs.cli.report",
+    "bipot_rs.files.csv_tables",
+)
 PHASES = ("mesh", "assemble", "condense", "solve", "recover", "write", "total")
 
 
@@ -276,43 +280,35 @@ class Job(Runner):
         if interrupted and nothing_new and (folder / RESULT).exists():
             # An earlier result is worth more than an empty one.
             return code, f"{message}; {folder / RESULT} is unchanged"
-        if self.case is not None and self.scene is not None:
+        from bipot_rs.cli.report import columns
+
+        scene, case = self.scene, self.case
+        out = Output(draft, folder, scene, case, self.reached, self.errors)
+        if scene is not None and case is not None:
             with self._phase("recover"):
                 code, message = self.recover(code, message)
             with self._phase("write"):
-                self._write_fields(self.scene, self.case, draft)
+                out.series(case)
+                rows = self._rows(case)
+                out.table(columns(rows, self._extra()), rows)
+                if request.plot and self.reached:
+                    out.pictures(scene, case)
                 if request.fclib and self.problem is not None:
-                    output_files.write_problems(
-                        draft,
-                        folder,
-                        request.scene or "",
-                        self.scene,
-                        self.case,
-                        self.problem,
-                        self.reached,
-                        message,
-                    )
+                    name = request.scene or ""
+                    out.problems(name, scene, case, self.problem, message)
         elif not interrupted:
             return code, message
         if code == SOLVED and self.interrupts.came is not None:
             code, message = self.interrupted
+        attributes = {
+            "scene": request.scene or "",
+            "message": message,
+            "settings": json.dumps(request.settings),
+            **({} if self.count is None else {"planned": self.count}),
+            **stamp,
+        }
         with self._phase("write"):
-            output_files.write_result(
-                draft,
-                folder,
-                self.case,
-                self.reached,
-                self.errors,
-                complete=code == SOLVED,
-                attributes={
-                    "scene": request.scene or "",
-                    "message": message,
-                    "settings": json.dumps(request.settings),
-                    **({} if self.count is None else {"planned": self.count}),
-                    **output_files.labels(self.scene),
-                    **stamp,
-                },
-            )
+            out.result(complete=code == SOLVED, attributes=attributes)
         replace(draft, folder)
         self.kept = True
         if code != SOLVED:
@@ -320,21 +316,6 @@ class Job(Runner):
             if interrupted and self.reached:
                 message += "; --resume continues from there"
         return code, message
-
-    def _write_fields(self, scene: Scene, case: Case, draft: Path) -> None:
-        """Write the series for ParaView, the table and the pictures."""
-        from bipot_rs.cli.report import COLUMNS
-
-        folder = self.request.folder
-        output_files.write_series(draft, folder, case, self.reached, self.errors)
-        rows = self._rows(case)
-        forces = [key for key in (rows[0] if rows else ()) if " of " in key]
-        columns = [*COLUMNS[:5], *forces, *COLUMNS[5:], *self._extra()]
-        output_files.write_table(draft, folder, columns, rows)
-        if self.request.plot and self.reached:
-            output_files.write_pictures(
-                draft, folder, scene, case, self.reached, self.errors
-            )
 
     def _extra(self) -> tuple[str, ...]:
         return () if self.estimator is None else ("error", "error_kind")
