@@ -614,9 +614,7 @@ def _errors_reported(
         message = "interrupted; --resume solves the remaining rows"
         status = interrupts.status
         interrupts.reported = True
-    except BipotError as error:
-        status, message = outcome(error)
-    except MISTAKES as error:
+    except (BipotError, *MISTAKES) as error:
         status, message = outcome(error)
     if as_json:
         line(**fields, ok=False, message=message)

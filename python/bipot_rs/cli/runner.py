@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bipot_rs.contact.result import Step
 
 # Mistakes of the caller. Any other exception is a fault of the program.
-MISTAKES: tuple[type[Exception], ...] = (ImportError, ValueError, OSError, MemoryError)
+MISTAKES = (ImportError, ValueError, OSError, MemoryError)
 
 
 def outcome(error: BaseException) -> tuple[int, str]:
@@ -48,7 +48,7 @@ class Runner:
         Exceptions that mean bad input.
     """
 
-    mistakes = MISTAKES
+    mistakes: tuple[type[Exception], ...] = MISTAKES
 
     def __init__(self, *, as_json: bool, interrupts: Interrupts | None = None) -> None:
         self.as_json = as_json

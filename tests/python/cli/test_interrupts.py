@@ -14,8 +14,7 @@ from children import bipot, bipot_hit_at_import, bipot_with, child, strays
 
 STEPS = 8
 RUN = (
-    *("run", "cyclic_cube", "--set", "mesh.n=2", "--set", f"path.steps={STEPS}"),
-    *("--out", "here", "--json"),
+    f"run cyclic_cube --set mesh.n=2 --set path.steps={STEPS} --out here --json".split()
 )
 INT, TERM = signal.SIGINT, signal.SIGTERM
 
