@@ -6,14 +6,14 @@ import os
 import signal
 import sys
 
-_INTERRUPTED = 130
+from bipot_rs.cli.exit_codes import INTERRUPTED
 
 
 def main() -> int:
-    """Run the command; Ctrl-C while NumPy and others load leaves no traceback."""
+    """Run the command. Ctrl-C while libraries are imported leaves no traceback."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        # Nothing is begun yet that would have to be finished.
-        signal.signal(signal.SIGINT, lambda *_: os._exit(_INTERRUPTED))
+        # No work has begun: there is nothing to write or to close.
+        signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
     from bipot_rs.cli.app import app
 
     return int(app() or 0)

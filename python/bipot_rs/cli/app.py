@@ -1,8 +1,8 @@
-"""The command `bipot`: arguments to scene to files.
+"""The command `bipot`: its arguments, its help texts, and errors in the arguments.
 
-Exit status: 0 solved, 1 no answer exists, 2 bad input, 3 not converged, 70 a fault of the
-program, 130 interrupted, 143 likewise by SIGTERM. Every exit has a sentence, and with
---json a line. Everything heavy is imported by the command that needs it.
+Exit status: 0 solved, 1 no answer exists, 2 bad input, 3 not converged, 70 internal
+error, 130 interrupted, 143 interrupted by SIGTERM. Every error ends in one message and,
+with --json, in one line. A command imports large libraries when it needs them.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from bipot_rs._lib.optional import missing
-from bipot_rs.cli.commands.run import ENOUGH, Job
+from bipot_rs.cli.commands.run import ENOUGH, Job, Request
 from bipot_rs.cli.exit_codes import (
     BAD_INPUT,
     FAULT,
     INTERRUPTED,
     NO_ANSWER,
-    NOT_CONVERGED,
     SOLVED,
 )
 from bipot_rs.cli.interrupts import Interrupts
 from bipot_rs.cli.progress import complain, line
+from bipot_rs.cli.runner import MISTAKES, outcome
 
 try:
     import typer
@@ -35,31 +35,32 @@ except ModuleNotFoundError as error:
 
 
 class _App(typer.Typer):
-    """Typer, with one sentence for a wrong argument and the last line of --json."""
+    """Typer, with one message for a wrong argument and the last line of --json."""
 
     def __call__(self, *args: Any, **_: Any) -> Any:
         arguments = [str(a) for a in (args[0] if args else sys.argv[1:])]
         _open_streams()
-        # Called without arguments, the command is all that its process does.
+        # Without arguments this is the console command, and the process ends after it.
         with Interrupts(last=not args) as interrupts:
 
             def end(status: int, message: str) -> int:
                 if "--json" in arguments and arguments[0] != "run":
-                    interrupts.told = True
+                    interrupts.reported = True
                     line(command=arguments[0], ok=False, success=False, message=message)
                     if arguments[0] == "fclib":
-                        # On standard output it prints one line a file; an error of the
-                        # command itself goes to standard error.
+                        # Its lines on standard output belong to files: an error of the
+                        # command itself also goes to standard error.
                         complain(message)
                     return status
-                return Job(None, as_json="--json" in arguments).end(status, message)
+                job = Job(Request(), as_json="--json" in arguments)
+                return job.end(status, message)
 
             status: Any = INTERRUPTED
             if arguments[:1] == ["run"]:
-                # It says itself from where on it can be stopped.
+                # The runner releases the signals when the imports are done.
                 interrupts.hold()
             try:
-                # Of an interrupt typer makes the status, without a word.
+                # typer turns an interrupt into an exit status, without a message.
                 status = typer.main.get_command(self).main(
                     arguments, prog_name="bipot", standalone_mode=False, obj=interrupts
                 )
@@ -68,9 +69,8 @@ class _App(typer.Typer):
             except OSError as error:
                 return _output_gone(error)
             except SystemExit as left:
-                # With 0 a shell has what it completes by; with 1 is how libraries leave
-                # when the reader has gone (`| head`), which here says that no answer
-                # exists.
+                # 0: shell completion is done. 1: libraries exit so when the reader of the
+                # output has gone (`| head`), but here 1 means that no answer exists.
                 return BAD_INPUT if left.code else SOLVED
             except (KeyboardInterrupt, typer.Abort):
                 pass
@@ -78,29 +78,29 @@ class _App(typer.Typer):
                 if os.environ.get("BIPOT_TRACEBACK"):
                     raise
                 return end(FAULT, _fault(error))
-            if interrupts.came is not None and not interrupts.told:
+            if interrupts.came is not None and not interrupts.reported:
                 return end(interrupts.status, "interrupted")
             return status
 
 
 def _fault(error: Exception) -> str:
-    """The message for an exception that no command expects: a fault of the program."""
-    said = " ".join(str(error).split())
+    """The message for an exception that no command expects."""
+    text = " ".join(str(error).split())
     return (
-        f"this is a fault of bipot, {type(error).__name__}{': ' if said else ''}{said}; "
-        "please report it with what BIPOT_TRACEBACK=1 shows"
+        f"internal error of bipot, {type(error).__name__}{': ' if text else ''}{text}; "
+        "please report it with the traceback that BIPOT_TRACEBACK=1 prints"
     )
 
 
 def _scenes_like(incomplete: str) -> list[str]:
-    """Shipped scenes for a shell to complete; it knows files itself."""
+    """Names of shipped scenes for shell completion; the shell completes files itself."""
     from bipot_rs.scene.library import shipped
 
     return [name for name in shipped() if name.startswith(incomplete)]
 
 
 def _helpful(message: str, arguments: list[str]) -> str:
-    """Typer's sentence, with what was meant where that is known."""
+    """Typer's message, with advice where there is some."""
     if message.startswith("No such command") and "Did you mean" not in message:
         from bipot_rs.scene.library import shipped
 
@@ -111,14 +111,14 @@ def _helpful(message: str, arguments: list[str]) -> str:
             return f"{message} To solve a scene: bipot run {name}"
         return f"{message} bipot --help lists the commands."
     if message.startswith("Missing ") and arguments:
-        return f"{message} bipot {arguments[0]} --help tells what it takes."
+        return f"{message} bipot {arguments[0]} --help lists the arguments."
     if message.startswith("Got unexpected extra argument") and "--set" in arguments:
         return f"{message}: --set takes KEY=VALUE in one piece, without spaces"
     return message
 
 
 app = _App(
-    help="Frictional contact, exact on the mesh: from a scene to certified tractions.",
+    help="Solve contact problems with Coulomb friction: scenes, matrices, FCLIB files.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
@@ -132,6 +132,28 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
+_Scene = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        help="Name of a shipped scene, or a TOML file.",
+        autocompletion=_scenes_like,
+    ),
+]
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON, one object per line.")]
+_Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change a key, as in --set mesh.n=24."
+    ),
+]
+_Method = Annotated[str, typer.Option(help="Contact solver.")]
+_OtherMethod = Annotated[
+    str | None, typer.Option(help="Contact solver, instead of the scene's.")
+]
+_Tol = Annotated[float, typer.Option(help="Residual to reach.")]
+
+
 @app.callback()
 def _before(
     *,
@@ -141,109 +163,98 @@ def _before(
             "--version",
             callback=_version,
             is_eager=True,
-            help="Print the version; bp.show_versions() in Python tells more.",
+            help="Print the version. In Python, bp.show_versions() also prints libraries.",
         ),
     ] = False,
 ) -> None:
-    """What the command takes before the name of another."""
+    """Options before the name of a command."""
 
 
 @app.command()
 def run(
     context: typer.Context,
-    scene: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENE",
-            help="A shipped name or a TOML file.",
-            autocompletion=_scenes_like,
-        ),
-    ],
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="As in --set mesh.n=24."),
-    ] = None,
+    scene: _Scene,
+    settings: _Settings = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the results; out/SCENE if not given.")
+        Path | None, typer.Option(help="Folder for the results. Default: out/SCENE.")
     ] = None,
-    method: Annotated[
-        str | None, typer.Option(help="Contact solver, instead of the scene's.")
-    ] = None,
+    method: _OtherMethod = None,
     tol: Annotated[
         str | None,
         typer.Option(
             metavar="T",
-            help="Residual to reach, instead of the scene's; or discretisation: a tenth "
-            "of the error of a P1 mesh.",
+            help="Residual to reach, instead of the scene's. With 'discretisation': a "
+            "tenth of the discretisation error (P1 meshes only).",
         ),
     ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="One JSON object a line on standard output.")
-    ] = False,
+    json: _Json = False,
     plot: Annotated[
         bool,
         typer.Option(
-            "--plot", help="Write tractions.png as well; with --error, error.png."
+            "--plot", help="Also write tractions.png and, with --error, error.png."
         ),
     ] = False,
     export: Annotated[
         bool,
-        typer.Option("--fclib", help="Write problem-0000.hdf5, … for other solvers."),
+        typer.Option(
+            "--fclib",
+            help="Also write each load step as an FCLIB file, problem-0000.hdf5.",
+        ),
     ] = False,
     error: Annotated[
         bool,
         typer.Option(
             "--error",
-            help="Tell the discretisation error; needs --set mesh.element=P1.",
+            help="Estimate the discretisation error. Needs --set mesh.element=P1.",
         ),
     ] = False,
     resume: Annotated[
         bool,
         typer.Option(
-            "--resume", help="Go on from an incomplete result.h5 of this run."
+            "--resume", help="Continue this run from its incomplete result.h5."
         ),
     ] = False,
 ) -> None:
-    """Solve a scene: a table of load steps, result.h5, result.pvd for ParaView.
+    """Solve a scene. Writes steps.csv, result.h5, and result.pvd for ParaView.
 
-    Ctrl-C ends it with the load steps that are complete.
+    Ctrl-C stops it; the load steps solved so far are written.
     """
-    job = Job(scene, as_json=json, interrupts=context.obj)
-    folder = Path("out") / Path(scene).stem if out is None else out
-    status = job.run(
-        settings or [],
-        folder,
-        method,
-        _tol(tol),
+    request = Request(
+        scene=scene,
+        settings=settings or [],
+        folder=Path("out") / Path(scene).stem if out is None else out,
+        method=method,
+        tol=_tol(tol),
         plot=plot,
         fclib=export,
         resume=resume,
         error=error,
     )
-    raise typer.Exit(status)
+    raise typer.Exit(Job(request, as_json=json, interrupts=context.obj).run())
 
 
 @app.command()
 def fclib(
     context: typer.Context,
-    files: Annotated[list[str], typer.Argument(metavar="FILE...", help="HDF5 files.")],
-    method: Annotated[str, typer.Option(help="Contact solver.")] = "auto",
-    tol: Annotated[float, typer.Option(help="Residual to reach.")] = 1e-10,
+    files: Annotated[
+        list[str], typer.Argument(metavar="FILE...", help="FCLIB files (HDF5).")
+    ],
+    method: _Method = "auto",
+    tol: _Tol = 1e-10,
     max_seconds: Annotated[
-        float | None, typer.Option(help="Limit of the solver, for each file.")
+        float | None,
+        typer.Option(help="Time limit of the solver for each file, in seconds."),
     ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="One JSON object a line on standard output.")
-    ] = False,
+    json: _Json = False,
 ) -> None:
-    """Solve problems of the FCLIB collection: a line a file, and a summary.
+    """Solve files of the FCLIB collection. Prints one line per file and a summary.
 
-    The asymmetry of a matrix is told where it is more than rounding, beyond 1e-11.
+    The line also shows the asymmetry of the matrix if it is above 1e-11.
     """
-    from bipot_rs.cli.commands import fclib as fclib_job
+    from bipot_rs.cli.commands.fclib import Request, Solve
 
-    status = fclib_job.run(files, method, tol, max_seconds, context.obj, as_json=json)
-    raise typer.Exit(status)
+    request = Request(files, method, tol, max_seconds)
+    raise typer.Exit(Solve(request, as_json=json, interrupts=context.obj).run())
 
 
 @app.command()
@@ -251,74 +262,80 @@ def solve(
     context: typer.Context,
     stiffness: Annotated[
         Path,
-        typer.Option(help="Matrix Market, or node, component, … as Abaqus writes it."),
+        typer.Option(
+            help="Stiffness: a Matrix Market file, or lines node, component, node, "
+            "component, value as Abaqus writes them."
+        ),
     ],
     contacts: Annotated[
-        Path, typer.Option(help="Table: node, nx, ny[, nz], mu[, other, gap, area].")
+        Path,
+        typer.Option(
+            help="CSV table with columns node, nx, ny[, nz], mu[, other, gap, area]."
+        ),
     ],
     nodes: Annotated[
         Path | None,
-        typer.Option(help="Table: node, x, y[, z]; or a file with a *NODE listing."),
+        typer.Option(
+            help="CSV table with columns node, x, y[, z], or a file with *NODE lines."
+        ),
     ] = None,
     load: Annotated[
-        Path | None, typer.Option(help="Table: node, fx, fy[, fz][, step from 0].")
+        Path | None,
+        typer.Option(help="CSV table with columns node, fx, fy[, fz][, step]."),
     ] = None,
     fixed: Annotated[
         Path | None,
         typer.Option(
-            help="Table: node, ux, uy[, uz][, step from 0], blank where free."
+            help="CSV table with columns node, ux, uy[, uz][, step]; empty where free."
         ),
     ] = None,
     order: Annotated[
         str | None,
         typer.Option(
             metavar="node|component",
-            help="Degrees of freedom of a Matrix Market file: node, d * row + component in "
-            "the rows of --nodes (default), or component, all u_x, then all u_y. It is "
-            "checked: rigid motions must leave nothing.",
+            help="Order of the degrees of freedom in a Matrix Market file. node "
+            "(default): d * row + component, with the rows of --nodes. component: all "
+            "u_x, then all u_y. The order is checked with rigid motions.",
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder of the results; out/STIFFNESS if not given."),
+        typer.Option(help="Folder for the results. Default: out/STIFFNESS."),
     ] = None,
     stiffness_rtol: Annotated[
         float | None,
         typer.Option(
-            help="Relative error of the entries of the stiffness, 1e-8 for eight digits: "
-            "rigid motions are restored; needs --nodes."
+            help="Relative error of the entries of the stiffness: 1e-8 for eight digits. "
+            "Rigid motions are restored. Needs --nodes."
         ),
     ] = None,
-    method: Annotated[str, typer.Option(help="Contact solver.")] = "auto",
-    tol: Annotated[float, typer.Option(help="Residual to reach.")] = 1e-10,
-    json: Annotated[
-        bool, typer.Option("--json", help="One JSON object a line on standard output.")
-    ] = False,
+    method: _Method = "auto",
+    tol: _Tol = 1e-10,
+    json: _Json = False,
 ) -> None:
-    """Solve contacts on a stiffness that another program has written.
+    """Solve a contact problem with a stiffness matrix of another program.
 
-    Degrees of freedom may be given instead of nodes: dof_x, dof_y[, dof_z], counted
-    from 0, in the contacts, dof and force or value in the other tables. Of a Matrix Market
-    file --nodes says which degree of freedom is which, in --order. Writes
-    reactions.csv, displacements.csv, steps.csv, result.h5, and with nodes result.pvd.
+    Tables may name degrees of freedom instead of nodes: columns dof_x, dof_y[, dof_z] in
+    --contacts, dof and force in --load, dof and value in --fixed. Steps and degrees of
+    freedom count from 0. To name nodes of a Matrix Market file, give --nodes and, if
+    needed, --order. Writes reactions.csv, displacements.csv, steps.csv, result.h5 and,
+    with --nodes, result.pvd.
     """
-    from bipot_rs.cli.commands import solve as stiffness_job
+    from bipot_rs.cli.commands.solve import Request, Solve
 
-    folder = Path("out") / stiffness.stem if out is None else out
-    files = {
-        "stiffness": stiffness,
-        "contacts": contacts,
-        "nodes": nodes,
-        "load": load,
-        "fixed": fixed,
-    }
-    status = stiffness_job.run(
-        *(files, folder, method, tol, context.obj),
+    request = Request(
+        stiffness=stiffness,
+        contacts=contacts,
+        nodes=nodes,
+        load=load,
+        fixed=fixed,
         order=order,
-        as_json=json,
+        folder=Path("out") / stiffness.stem if out is None else out,
+        method=method,
+        tol=tol,
         stiffness_rtol=stiffness_rtol,
     )
-    raise typer.Exit(status)
+    raise typer.Exit(Solve(request, as_json=json, interrupts=context.obj).run())
 
 
 def _tol(given: str | None) -> float | str | None:
@@ -333,10 +350,10 @@ def _tol(given: str | None) -> float | str | None:
 
 
 def _open_streams() -> None:
-    """Give what the caller has closed (`>&-`) a place to write to.
+    """Replace standard streams that the caller has closed (`>&-`) by the null device.
 
-    The status still tells how it went. Else the next file that is opened would take
-    the number of a standard stream, and what libraries print would go into it.
+    Otherwise the next file that is opened would get the number of a standard stream, and
+    output of libraries would go into it.
     """
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
@@ -344,7 +361,7 @@ def _open_streams() -> None:
 
 
 def _output_gone(error: OSError) -> int:
-    """The disk behind `> file` is full: what is still buffered has no place to go."""
+    """Report a full disk behind `> file`; what is still buffered is discarded."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     with suppress(OSError):
         complain(f"cannot write to standard output: {error}")
@@ -370,52 +387,38 @@ def scenes(
         raise typer.Exit(BAD_INPUT) from None
 
 
-_Scene = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE",
-        help="A shipped name or a TOML file.",
-        autocompletion=_scenes_like,
-    ),
-]
-_Json = Annotated[
-    bool, typer.Option("--json", help="One JSON object a line on standard output.")
-]
-
-
 @app.command()
 def new(
-    name: Annotated[str, typer.Argument(help="The file, .toml added.")] = "scene",
+    name: Annotated[
+        str, typer.Argument(help="Name of the new file; .toml is added.")
+    ] = "scene",
     template: Annotated[
         str,
         typer.Option(
-            help="What to begin with: block, mesh, mortar, obstacle or two_bodies."
+            help="Kind of scene: block, mesh, mortar, obstacle or two_bodies."
         ),
     ] = "block",
 ) -> None:
-    """Write a commented scene that runs as it is; an existing file stays as it is."""
+    """Write a commented scene to start from. An existing file is not overwritten."""
     from bipot_rs.cli.commands.new import write
 
-    with _refusing():
-        path, *beside = write(name, template)
-        written = " and ".join(map(str, [path, *beside]))
+    with _errors_reported():
+        path, *others = write(name, template)
+        written = " and ".join(map(str, [path, *others]))
         typer.echo(f"{written}: bipot check {path}, bipot run {path}")
 
 
 @app.command()
 def check(
     scene: _Scene,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="As in --set mesh.n=24."),
-    ] = None,
+    settings: _Settings = None,
     json: _Json = False,
 ) -> None:
-    """Tell all mistakes of a scene, its sizes, memory and time, without solving."""
-    from bipot_rs.cli.commands.check import check as of
+    """Check a scene: report its mistakes, its size, memory and time. Does not solve."""
+    from bipot_rs.cli.commands.check import check as check_scene
 
-    with _refusing(as_json=json, scene=scene):
-        found = of(scene, settings or []) | {"scene": scene}
+    with _errors_reported(as_json=json, scene=scene):
+        found = check_scene(scene, settings or []) | {"scene": scene}
         floating = found.pop("floating")
         ended = {"ok": floating is None}
         if floating is not None:
@@ -433,16 +436,16 @@ def info(
         str,
         typer.Argument(
             metavar="FILE",
-            help="A result, the folder of a run or of a sweep, a mesh, a problem, a scene.",
+            help="A result, scene, mesh, matrix or FCLIB file; a folder of a run or sweep.",
         ),
     ],
     json: _Json = False,
 ) -> None:
-    """Tell what is in a file or a folder, in some ten lines."""
-    from bipot_rs.cli.commands.info import info as of
+    """Summarise a file or a folder in some ten lines."""
+    from bipot_rs.cli.commands.info import info as summarise
 
-    with _refusing(as_json=json, file=file):
-        _say(of(file), as_json=json)
+    with _errors_reported(as_json=json, file=file):
+        _say(summarise(file), as_json=json)
 
 
 @app.command()
@@ -454,53 +457,57 @@ def plot(
     kind: Annotated[
         str,
         typer.Option(
-            help="Which picture: tractions, slip, status_map, resultants, status_shares, "
-            "force_displacement, dissipation, deformed; of a plane surface in space also "
-            "pressure_map, shear_map, gap_map, of any pressure_3d, shear_3d, gap_3d, "
-            "slip_3d, status_3d."
+            help="Picture to draw: tractions, slip, status_map, resultants, "
+            "status_shares, force_displacement, dissipation, deformed. In three dimensions "
+            "also pressure_3d, shear_3d, gap_3d, slip_3d, status_3d; for plane surfaces "
+            "pressure_map, shear_map, gap_map."
         ),
     ] = "tractions",
     out: Annotated[
-        Path | None, typer.Option(help="The file; RESULT/KIND.png if not given.")
+        Path | None, typer.Option(help="File to write. Default: RESULT/KIND.png.")
     ] = None,
     contact: Annotated[
         str | None,
         typer.Option(
-            metavar="BODY.SURFACE", help="The contact surface; all if not given."
+            metavar="BODY.SURFACE", help="Contact surface to draw. Default: all."
         ),
     ] = None,
     along: Annotated[
         str | None,
         typer.Option(
             metavar="x|y|z|arc",
-            help="What places along a line are: a coordinate, or the length of its arc.",
+            help="Horizontal axis of a line: a coordinate, or arc for its arc length.",
         ),
     ] = None,
     step: Annotated[
         int | None,
         typer.Option(
             metavar="K",
-            help="The load step to draw, from 1 as in the table; the last if not given.",
+            help="Load step to draw, counted from 1. Default: the last.",
         ),
     ] = None,
     scene: Annotated[
         str | None,
         typer.Option(
-            help="Of deformed and the pictures in 3d: the scene, where the result does "
-            "not lead to it."
+            help="Scene of the result, for deformed and the _3d pictures. Default: the "
+            "scene named in the result."
         ),
     ] = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="What was set in --scene."),
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Keys that were set for the run."
+        ),
     ] = None,
 ) -> None:
-    """Draw a result that is there, without solving."""
+    """Draw a picture of a result. Does not solve again."""
     from bipot_rs.cli.commands.plot import draw
 
-    with _refusing():
+    with _errors_reported():
         made = draw(
-            *(result, kind, out),
+            result,
+            kind,
+            out,
             contact=contact,
             along=along,
             step=step,
@@ -517,7 +524,9 @@ def sweep(
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=V1,V2,…", help="As in --set contact.0.mu=0.1,0.3."
+            "--set",
+            metavar="KEY=V1,V2,…",
+            help="Values of a key: contact.0.mu=0.1,0.3.",
         ),
     ] = None,
     ranges: Annotated[
@@ -525,38 +534,43 @@ def sweep(
         typer.Option(
             "--range",
             metavar="KEY=FROM:TO:COUNT",
-            help="COUNT values with both ends: 0.1:0.5:3 is 0.1, 0.3, 0.5.",
+            help="COUNT equally spaced values: 0.1:0.5:3 is 0.1, 0.3, 0.5.",
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder of sweep.csv; out/SCENE-sweep if not given."),
+        typer.Option(help="Folder for sweep.csv. Default: out/SCENE-sweep."),
     ] = None,
-    method: Annotated[
-        str | None, typer.Option(help="Contact solver, instead of the scene's.")
-    ] = None,
+    method: _OtherMethod = None,
     tol: Annotated[
         float | None, typer.Option(help="Residual to reach, instead of the scene's.")
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes, of one thread each; a core each."),
+        typer.Option(
+            min=1, help="Processes with one thread each. Default: one per core."
+        ),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Keep the rows that are done.")
+        bool, typer.Option("--resume", help="Keep finished rows and solve the others.")
     ] = False,
     json: _Json = False,
 ) -> None:
-    """Solve a scene under all combinations of settings, in parallel, into one table.
+    """Solve a scene for all combinations of settings, in parallel. Writes sweep.csv.
 
-    Rows that fail are told in it; Ctrl-C ends with the rows that are done.
+    A row that fails has its message in the table. Ctrl-C keeps the finished rows.
     """
     from bipot_rs.cli.commands.sweep import run as solve_all
 
     folder = Path("out") / f"{Path(scene).stem}-sweep" if out is None else out
-    with _refusing(as_json=json, scene=scene, interrupts=context.obj):
+    with _errors_reported(as_json=json, scene=scene, interrupts=context.obj):
         status = solve_all(
-            *(scene, settings or [], ranges or [], folder, method, tol),
+            scene,
+            settings or [],
+            ranges or [],
+            folder,
+            method,
+            tol,
             jobs=jobs,
             resume=resume,
             as_json=json,
@@ -566,12 +580,12 @@ def sweep(
 
 @app.command()
 def schema() -> None:
-    """Print the JSON schema of scene files, for editors that check them."""
+    """Print the JSON schema of scene files, with which an editor can check them."""
     from json import dumps
 
-    from bipot_rs.cli.commands.schema import schema as of
+    from bipot_rs.cli.commands.schema import schema as scene_schema
 
-    typer.echo(dumps(of(), indent=2))
+    typer.echo(dumps(scene_schema(), indent=2))
 
 
 def _say(found: dict[str, Any], *, as_json: bool) -> None:
@@ -583,30 +597,27 @@ def _say(found: dict[str, Any], *, as_json: bool) -> None:
 
 
 @contextmanager
-def _refusing(
-    *, as_json: bool = False, interrupts: Interrupts | None = None, **told: Any
+def _errors_reported(
+    *, as_json: bool = False, interrupts: Interrupts | None = None, **fields: Any
 ) -> Iterator[None]:
-    """Make bad input a sentence and a status; with --json the last line has both."""
-    from bipot_rs.contact.errors import BipotError, NotConvergedError
+    """Turn an exception into a message and an exit status."""
+    from bipot_rs.contact.errors import BipotError
 
     try:
         yield
         return
-    except BipotError as error:
-        message = str(error)
-        status = NOT_CONVERGED if isinstance(error, NotConvergedError) else NO_ANSWER
+    except BrokenPipeError:
+        raise
     except KeyboardInterrupt:
         if interrupts is None:
             raise
-        message = "interrupted; --resume goes on with the rows that are left"
+        message = "interrupted; --resume solves the remaining rows"
         status = interrupts.status
-        interrupts.told = True
-    except (ImportError, ValueError, OSError, MemoryError) as error:
-        if isinstance(error, BrokenPipeError):
-            raise
-        message, status = str(error) or type(error).__name__, BAD_INPUT
+        interrupts.reported = True
+    except (BipotError, *MISTAKES) as error:
+        status, message = outcome(error)
     if as_json:
-        line(**told, ok=False, message=message)
+        line(**fields, ok=False, message=message)
     else:
         complain(message)
     raise typer.Exit(status)

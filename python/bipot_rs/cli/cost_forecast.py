@@ -1,4 +1,4 @@
-"""What a scene will take, in a block of lines, before its numbers are made."""
+"""Sizes, memory and time of a scene, before it is solved."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from bipot_rs.fem.assembly import Assembly
 from bipot_rs.fem.body import Body
 from bipot_rs.scene.schema.root import Scene
 
-# Nodes of a cell of first and of second order, and how many of its kind a cell of the
-# grid is cut into.
+# Nodes of a cell of first and of second order, and number of cells that a cell of the
+# grid is divided into.
 _NODES = {
     "triangle": (3, 6, 2),
     "quadrilateral": (4, 9, 1),
     "tetrahedron": (4, 10, 6),
     "hexahedron": (8, 27, 1),
 }
-# A number and an index of four bytes.
+# Bytes of a number and of an index.
 _ENTRY = 12
 
-# Rate of the condensation that seconds are foretold by [flop/s a core]: benches/README.md
-# has twice as much on a server core; small bodies and old machines have less.
+# Rate of the condensation for the forecast [flop/s per core]. benches/README.md has twice
+# as much on a server core; small bodies and old machines have less.
 RATE = 2e10
 
 
 def available() -> int | None:
-    """Bytes that this machine can still give, where it tells (Linux)."""
+    """Free memory of this machine in bytes; None if unknown (not Linux)."""
     try:
         text = Path("/proc/meminfo").read_text(encoding="ascii")
         lines = dict(line.split(":", 1) for line in text.splitlines())
@@ -41,18 +41,18 @@ def available() -> int | None:
 
 def work(counts: Mapping[str, Any]) -> float:
     """Operations of the condensation [flop]: the factor of K, and the inverse of S."""
-    # Of bodies alike: (m/b)³ each.
+    # Assumes b equal bodies: (m/b)³ each.
     inverse = float(counts["n_contact_dofs"]) ** 3 / max(int(counts["bodies"]), 1) ** 2
     return float(counts["flops"]) + inverse
 
 
 def seconds(counts: Mapping[str, Any], cores: int) -> float:
-    """What the condensation may take, rough."""
+    """Rough time of the condensation [s]."""
     return work(counts) / (RATE * max(cores, 1))
 
 
 def cores() -> int:
-    """Threads that the core will use, as it counts them."""
+    """Number of threads that the core will use."""
     for name in ("BIPOT_NUM_THREADS", "RAYON_NUM_THREADS"):
         value = os.environ.get(name, "")
         if value.isdigit() and int(value) > 0:
@@ -61,7 +61,7 @@ def cores() -> int:
 
 
 def sizes(model: Assembly, steps: int) -> list[str]:
-    """Bodies and contacts of a model, a line each kind."""
+    """Lines with the bodies, the contacts and the sizes of a model."""
     bodies = ", ".join(
         f"{body.name} ({counted(len(body.points), 'node')}, "
         f"{counted(body.mesh.nelements, 'cell')})"
@@ -84,28 +84,28 @@ def sizes(model: Assembly, steps: int) -> list[str]:
 
 
 def cost(counts: Mapping[str, Any]) -> list[str]:
-    """Memory and time of the condensation, of the counts that the analysis has made."""
+    """Lines with memory and time of the condensation, from the counts of the analysis."""
     free = available()
-    of = "" if free is None else f" of {size(free)} free"
+    of = "" if free is None else f", {size(free)} are free"
     threads = cores()
     most, factor = size(counts["bytes_peak"]), size(counts["bytes_factor"])
-    entries = f"{counts['nnz_factor'] / 1e6:.3g} million entries"
-    rate = f"{RATE / 1e9:g} a second on {'' if threads == 1 else 'each of '}"
+    entries = f"{counts['nnz_factor']:.3g} entries"
+    rate = f"{RATE / 1e9:g} Gflop/s on {'' if threads == 1 else 'each of '}"
     time = duration(seconds(counts, threads))
-    rate += f"{counted(threads, 'core')}, rough; load steps come on top"
+    rate += f"{counted(threads, 'core')}; load steps not included"
     return [
-        f"  memory    {most} at the most{of}; the factor {factor}, {entries}",
-        f"  time      {time} to condense: {work(counts) / 1e9:.3g} Gflop at {rate}",
+        f"  memory    at most {most}{of}; factor of K {factor}, {entries}",
+        f"  time      {time} to condense, {work(counts) / 1e9:.3g} Gflop at {rate}",
     ]
 
 
 def remarked(remarks: Sequence[str]) -> list[str]:
-    """What a person should look at, a line each."""
+    """A line for each remark."""
     return [f"  remark    {remark}" for remark in remarks]
 
 
 def size(count: float) -> str:
-    """Bytes as a person says them."""
+    """Bytes with a unit, three digits."""
     units = ("bytes", "kB", "MB", "GB", "TB")
     step = 0
     while count >= 1000 and step < len(units) - 1:
@@ -114,7 +114,7 @@ def size(count: float) -> str:
 
 
 def duration(time: float) -> str:
-    """Seconds as a person says them; a forecast has no more than one digit."""
+    """Seconds, minutes or hours as text; a forecast is accurate to one digit at most."""
     if time < 1:
         return "less than 1 s"
     if time < 90:
@@ -125,43 +125,43 @@ def duration(time: float) -> str:
 
 
 def fits(scene: Scene, meshed: Sequence[Body] | None = None) -> None:
-    """Refuse a scene whose assembly alone does not fit, before it is begun.
+    """Refuse a scene whose assembly does not fit into the free memory.
 
     Parameters
     ----------
     scene
-        Of its boxes the sizes are known before they are meshed.
+        The sizes of its boxes are known before meshing.
     meshed
-        Its bodies, once files were read.
+        Its bodies, if they are meshed.
 
     Raises
     ------
     MemoryError
-        With the figure, and what would fit.
+        The message has the bytes needed, and a mesh that would fit.
     """
     needed = _assembly(scene) if meshed is None else _entries(meshed)
     free = available()
     if free is None or needed <= free:
         return
-    way = "fewer cells take less"
+    way = "use fewer cells"
     if scene.mesh is not None and scene.mesh.n and not any(scene.files()):
         dim = scene.dim or 2
         n = int(scene.mesh.n * (free / needed) ** (1 / dim))
         way = f"mesh.n up to {max(n, 1)} would fit, if all cells depend on it"
     raise MemoryError(
-        f"the stiffness of so many cells takes {size(needed)} to assemble, more than "
-        f"the {size(free)} this machine has free: {way}"
+        f"assembling the stiffness takes {size(needed)}, but only {size(free)} of memory "
+        f"are free: {way}"
     )
 
 
 def _assembly(scene: Scene) -> float:
-    """Bytes that assembly takes at the least: entries of all element matrices."""
+    """Least bytes of the assembly: the entries of all element matrices."""
     n = scene.mesh.n if scene.mesh else None
     total = 0.0
     for block in scene.body.values():
         cell = scene.cell(block)
         if cell is None or block.dim is None:
-            # Of a file: nobody knows before it is read.
+            # A mesh in a file: the size is known after reading.
             continue
         axes = (block.x, block.y, block.z)
         cells = prod(len(axis.grid(n)) - 1 for axis in axes if axis is not None)
@@ -172,6 +172,6 @@ def _assembly(scene: Scene) -> float:
 
 
 def _entries(meshed: Sequence[Body]) -> float:
-    """The same of meshes that are there."""
+    """Likewise, for bodies that are meshed."""
     shapes = [(*body.cells.shape, body.dim) for body in meshed]
     return float(sum(m * (nodes * d) ** 2 * _ENTRY for m, nodes, d in shapes))

@@ -1,5 +1,12 @@
 """Exit statuses of the command `bipot`."""
 
+from collections.abc import Iterable
+
 SOLVED, NO_ANSWER, BAD_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 1, 2, 3, 130
 # A fault of the program itself, EX_SOFTWARE of sysexits.
 FAULT = 70
+
+
+def worst(codes: Iterable[int]) -> int:
+    """The exit status of several runs: bad input, then not converged, then no answer."""
+    return max(codes, key=(SOLVED, NO_ANSWER, NOT_CONVERGED, BAD_INPUT).index)

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM during a command: where they stop it, and where they wait."""
+"""Ctrl-C and SIGTERM during a command: they raise, or wait until files are written."""
 
 from __future__ import annotations
 
@@ -8,38 +8,37 @@ import threading
 import time
 from typing import Any
 
-# Launchers pass a Ctrl-C on to children that have had it from the terminal already:
-# a second signal this soon [s] is the first one again.
+# Some launchers forward a Ctrl-C that the terminal has already sent to the process: a
+# second signal within this time [s] is ignored.
 _SAME = 1.0
 
 
 class Interrupts:
     """Handlers of SIGINT and SIGTERM for the length of a ``with`` block.
 
-    A signal raises ``KeyboardInterrupt`` at once, except between `hold` and `release`,
-    where it is only noted: files are then finished. A second signal does not wait.
+    A signal raises ``KeyboardInterrupt`` at once. Between `hold` and `release` it waits, so
+    that files are written whole; a second signal raises at once.
 
     Parameters
     ----------
     last
-        The process ends with the block: signals are ignored after it, instead of
-        handled as before, since an interpreter that is shutting down answers them with
-        a traceback.
+        The process ends with the block. Signals are then ignored after it, because an
+        interpreter that shuts down answers them with a traceback.
 
     Attributes
     ----------
     came
-        Number of the first signal; ``None`` while there was none.
-    told
-        Whether the command has said how it ended.
+        Number of the first signal, or ``None``.
+    reported
+        Whether the command has reported how it ended.
     """
 
     def __init__(self, *, last: bool = False) -> None:
         self.came: int | None = None
-        self.told = False
+        self.reported = False
         self._last = last
         self._held = False
-        self._owed = False  # noted, or lost on the way, and not yet raised
+        self._owed = False  # a signal waits, or its exception was lost
         self._at = 0.0
         self._leaving = False
         self._before: dict[int, Any] = {}
@@ -47,15 +46,15 @@ class Interrupts:
 
     @property
     def status(self) -> int:
-        """Exit status of a command that a signal ended, as shells count: 130 or 143."""
+        """Exit status of a command that a signal ended: 130 or 143, as in shells."""
         return 128 + (signal.SIGINT if self.came is None else self.came)
 
     def __enter__(self) -> Interrupts:
         self._hook, sys.unraisablehook = sys.unraisablehook, self._unraisable
-        # Elsewhere Python allows no handlers, and delivers no signals.
+        # Python allows signal handlers in the main thread only.
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM):
-                # What the parent has switched off (nohup, `&` in a script) stays off.
+                # A signal that the parent ignores (nohup, `&` in a script) stays ignored.
                 if signal.getsignal(number) is not signal.SIG_IGN:
                     self._before[number] = signal.signal(number, self._handle)
         return self
@@ -68,16 +67,16 @@ class Interrupts:
             sys.unraisablehook = self._hook
 
     def hold(self) -> None:
-        """From here on signals wait."""
+        """Let signals wait from now on."""
         self._held = True
 
     def release(self) -> None:
-        """From here on signals raise; one that has waited raises now."""
+        """Let signals raise from now on; one that waits raises now."""
         self._held = False
         self.check()
 
     def check(self) -> None:
-        """Raise a signal that is owed: one whose exception somebody swallowed."""
+        """Raise a signal that has waited, or whose exception was lost."""
         if self._owed and not self._held:
             self._owed = False
             raise KeyboardInterrupt
@@ -88,7 +87,7 @@ class Interrupts:
             self.came, self._at = number, now
             self._owed = self._held
             if not self._held:
-                # Whoever handles it is not to be interrupted in turn.
+                # The code that handles it must not be interrupted by another.
                 self._held = True
                 raise KeyboardInterrupt
         elif now - self._at > _SAME and not self._leaving:
@@ -96,8 +95,8 @@ class Interrupts:
             raise KeyboardInterrupt
 
     def _unraisable(self, lost: Any) -> None:
-        # Raised within a finaliser or a callback of C code, which Python reports as a
-        # traceback and forgets: raised anew at the next `check`.
+        # Python prints an exception in a finaliser or in a callback of C code, and drops
+        # it. The next `check` raises it again.
         if self.came is not None and issubclass(lost.exc_type, KeyboardInterrupt):
             self._owed, self._held = True, False
         else:

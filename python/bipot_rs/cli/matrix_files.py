@@ -1,28 +1,27 @@
-"""A contact problem from files of another program: stiffness, contacts, loads.
+"""Read a contact problem from files of another program: stiffness, contacts, loads.
 
-Stiffness: Matrix Market, or the lines ``row node, row component, column node, column
-component, value`` of Abaqus' `*MATRIX OUTPUT, FORMAT=MATRIX INPUT` (its default), which
-hold either triangle or both. Of a Matrix Market file the node list tells the degrees of
-freedom: node after node in the order of its rows, x, y[, z] each (``node``), or all x,
-then all y[, then all z] in that order (``component``). Rigid motions of the nodes listed
-must leave nothing in K times them, or the files are refused (`dof_order`).
+The stiffness is a Matrix Market file, or the lines ``row node, row component, column node,
+column component, value`` of Abaqus (`*MATRIX OUTPUT, FORMAT=MATRIX INPUT`, its default),
+with one triangle or both. For a Matrix Market file the node list gives the degrees of
+freedom, in the order of its rows: x, y[, z] of each node (``node``), or all x, then all
+y[, then all z] (``component``). K times each rigid motion of the listed nodes must be
+zero, otherwise the files are refused (`dof_order`).
 
-The tables are comma-separated, the first line names the columns:
+The tables are comma-separated; the first line names the columns:
 
 contacts
-    ``node``, with ``other`` where the obstacle is a node too; or the degrees of freedom
-    themselves, counted from 0, ``dof_x, dof_y[, dof_z]``, with ``other_x, …``. The normal
-    ``nx, ny[, nz]``, of any length, from the obstacle towards the body that ``node`` is
-    of. ``mu``. And if need be ``gap``, open when positive: missing it is the distance to
-    ``other`` along the normal, or zero. ``area``, for tractions: of all contacts or none.
+    ``node``, with ``other`` if the obstacle is a node too; or degrees of freedom, counted
+    from 0, ``dof_x, dof_y[, dof_z]``, with ``other_x, …``. The normal ``nx, ny[, nz]``, of
+    any length, points from the obstacle to the body of ``node``. ``mu``. Optional: ``gap``,
+    positive if open; by default the distance to ``other`` along the normal, or zero.
+    ``area``, for tractions.
 load
-    ``node, fx, fy[, fz]``, or ``dof, force``; blank is zero.
+    ``node, fx, fy[, fz]``, or ``dof, force``; an empty cell is zero.
 fixed
-    ``node, ux, uy[, uz]``, blank where free, or ``dof, value``: prescribed
-    displacements.
+    Prescribed displacements ``node, ux, uy[, uz]``, or ``dof, value``; an empty cell is free.
 
-``step``, counted from 0, in the last two makes a path of totals at the end of each
-step. Units are whatever consistent set the files use.
+``step``, counted from 0, in the last two makes a load path; values are totals at the end
+of each step. Units are those of the files, and must be consistent.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ MARKET = "%%MatrixMarket"
 
 @dataclass(frozen=True)
 class Given:
-    """What the files hold, as `ContactProblem` and its `solve` take it.
+    """Contents of the files, as `ContactProblem` and its `solve` take them.
 
     Attributes
     ----------
@@ -64,14 +63,14 @@ class Given:
     area : (n_c,) or None
     frame : (n_c, d, d)
     points : (n_c, d) or None
-        Where nodes are listed.
+        With a node list.
     coordinates : (n, d) or None
-        Likewise.
+        With a list of all nodes.
     fixed : (m,)
     load : (steps, n) or None
     prescribed : (steps, m)
     labels : list of str
-        What each degree of freedom is called: node and component, or its number.
+        Name of each degree of freedom: node and component, or its number.
     nodes : (n_c,) or None
         Labels of the contact nodes.
     """
@@ -96,17 +95,17 @@ class Given:
         num_threads: int | None = None,
         stiffness_rtol: float | None = None,
     ) -> ContactProblem:
-        """Condense; of a K that is known to ``stiffness_rtol``, with its rigid motions.
+        """Condense; with ``stiffness_rtol``, restore the rigid motions of K.
 
         Raises
         ------
         ValueError
-            As `ContactProblem`; ``stiffness_rtol`` without places of all nodes.
+            As `ContactProblem`; or ``stiffness_rtol`` without coordinates of all nodes.
         """
         if stiffness_rtol is not None and self.coordinates is None:
             raise ValueError(
-                "--stiffness-rtol needs --nodes with the places of all nodes of the "
-                "stiffness: from them the rigid motions are known that K has lost"
+                "--stiffness-rtol needs --nodes with the coordinates of all nodes of the "
+                "stiffness: the rigid motions are computed from them"
             )
         return ContactProblem(
             self.K,
@@ -140,23 +139,23 @@ def read(
     stiffness, contacts, nodes, load, fixed
         The files.
     order
-        One of `dof_order.ORDERS`, for a Matrix Market file; ``"node"`` if not given.
+        One of `dof_order.ORDERS`, for a Matrix Market file; by default ``"node"``.
 
     Raises
     ------
     OSError
         A file cannot be read.
     ValueError
-        A file holds something else than expected, with its line; or the degrees of
-        freedom of the stiffness are in another order than the nodes listed.
+        A file is wrong, with the line; or the order of the degrees of freedom does not fit
+        the node list.
     """
     if order is not None and order not in dof_order.ORDERS:
         expected = " or ".join(dof_order.ORDERS)
         raise ValueError(f"order is {order!r}, expected {expected}")
     table = Table(contacts)
     dim = 3 if "nz" in table.names else 2
-    listed = None if nodes is None else csv_tables.nodes(nodes)
-    K, dofs = _stiffness(Path(stiffness), dim, listed, nodes, order)
+    listed = None if nodes is None else _Nodes(nodes, *csv_tables.nodes(nodes))
+    K, dofs = _stiffness(Path(stiffness), dim, listed, order)
     given = _contacts(table, dim, dofs, listed)
     forces = (
         None
@@ -173,15 +172,24 @@ def read(
         K=K,
         fixed=held,
         prescribed=prescribed,
-        load=None if forces is None else np.nan_to_num(forces[0]),
+        load=None if forces is None else np.nan_to_num(forces),
         labels=dofs.labels(),
         coordinates=dofs.coordinates(listed, dim),
         **given,
     )
 
 
+@dataclass(frozen=True)
+class _Nodes:
+    """The node list: its file, labels ``(nodes,)`` and coordinates ``(nodes, d)``."""
+
+    path: Name
+    labels: Ints
+    places: Floats
+
+
 class _Dofs:
-    """Which degree of freedom is which: by number, or node and component from 1."""
+    """The numbers of the degrees of freedom, by node and component from 1 if known."""
 
     def __init__(self, count: int, known: dict[tuple[int, int], int], why: str) -> None:
         self.count = count
@@ -192,7 +200,9 @@ class _Dofs:
     def number(self, dof: int, table: Table, line: int) -> int:
         if not 0 <= dof < self.count:
             raise table.wrong(
-                line, f"degree of freedom {dof} is none of 0 to {self.count - 1}"
+                line,
+                f"degree of freedom {dof} is out of range: the stiffness has {self.count} "
+                f"(0 to {self.count - 1})",
             )
         return dof
 
@@ -218,13 +228,11 @@ class _Dofs:
             found[dof] = (node, name)
         return found
 
-    def coordinates(
-        self, listed: tuple[Ints, Floats] | None, dim: int
-    ) -> Floats | None:
-        """Place of each degree of freedom; None where one has none."""
+    def coordinates(self, listed: _Nodes | None, dim: int) -> Floats | None:
+        """Coordinates of the node of each degree of freedom; None if some are unknown."""
         if listed is None or not self.known:
             return None
-        place = dict(zip(listed[0].tolist(), listed[1][:, :dim], strict=True))
+        place = dict(zip(listed.labels.tolist(), listed.places[:, :dim], strict=True))
         found = np.full((self.count, dim), np.nan)
         for (node, _), dof in self.known.items():
             if node in place:
@@ -233,48 +241,43 @@ class _Dofs:
 
 
 def _stiffness(
-    path: Path,
-    dim: int,
-    listed: tuple[Ints, Floats] | None,
-    nodes: Name | None,
-    order: str | None,
+    path: Path, dim: int, listed: _Nodes | None, order: str | None
 ) -> tuple[Any, _Dofs]:
     with path.open("rb") as file:
         start = without(file.read(1024))
     if b"\0" in start:
         raise ValueError(
-            f"{path} is no text, expected a Matrix Market file, as scipy.io.mmwrite makes "
-            "of any matrix, or lines of nodes and components"
+            f"{path} is not a text file, expected a Matrix Market file, as scipy.io.mmwrite "
+            "writes, or lines of nodes and components"
         )
     if not start.startswith(MARKET.encode()):
         K, dofs = _of_nodes(path)
         if order is not None:
             raise ValueError(
-                f"order is {order!r}, but {path} names its degrees of freedom itself, by "
-                "node and component: leave --order out"
+                f"order is {order!r}, but {path} names its degrees of freedom by node and "
+                "component: remove --order"
             )
-        if listed is not None and nodes is not None:
-            _same_nodes(path, K, dofs, dim, listed, nodes)
+        if listed is not None:
+            _same_nodes(path, K, dofs, dim, listed)
         return K, dofs
     K = _market(path)
     n = K.shape[0]
     if listed is None:
-        why = "names nodes, which --nodes must list; or give degrees of freedom"
+        why = "names a node: give --nodes, or name degrees of freedom instead of nodes"
         return K, _Dofs(n, {}, why)
-    labels = listed[0]
+    labels = listed.labels
     if n != dim * len(labels):
         condensed = (
-            ": were the degrees of freedom that are held taken out? Give the whole "
-            "stiffness, and --fixed"
+            ": if fixed degrees of freedom were removed, give the whole stiffness and "
+            "--fixed"
             if n < dim * len(labels)
             else ""
         )
         raise ValueError(
             f"{path} has {n} rows, expected {dim} for each of the "
-            f"{counted(len(labels), 'node')} of {nodes}{condensed}"
+            f"{counted(len(labels), 'node')} of {listed.path}{condensed}"
         )
-    if nodes is not None:
-        _in_order(path, K, dim, listed, nodes, order)
+    _in_order(path, K, dim, listed, order)
     taken = order or "node"
     at = zip(
         labels[dof_order.node_of(taken, n, dim)].tolist(),
@@ -285,18 +288,12 @@ def _stiffness(
     return K, _Dofs(n, known, "")
 
 
-def _in_order(
-    path: Path,
-    K: Any,
-    dim: int,
-    listed: tuple[Ints, Floats],
-    nodes: Name,
-    order: str | None,
-) -> None:
-    """Refuse a stiffness whose degrees of freedom are in another order than the nodes."""
-    parts, (labels, places) = csr("K", K).parts, listed
+def _in_order(path: Path, K: Any, dim: int, listed: _Nodes, order: str | None) -> None:
+    """Refuse a stiffness whose degrees of freedom do not fit the order of the nodes."""
+    parts, labels, places = csr("K", K).parts, listed.labels, listed.places
+    nodes = listed.path
     if places.shape[1] < dim:
-        return  # two coordinates where normals have three: refused with the contacts
+        return  # The contacts, with normals of three components, are refused later.
     places, n = places[:, :dim], K.shape[0]
     taken = order or "node"
 
@@ -304,7 +301,7 @@ def _in_order(
     if how is None or how.fits:
         return
     if order is not None and how.translates and 2 * len(how.turned) < how.turnable:
-        return  # asked for by name, and right in most rows: `ContactProblem` warns
+        return  # Given explicitly, and correct in most rows: `ContactProblem` warns.
     sorted_ = places[np.argsort(labels, kind="stable")]
     advice = (
         f"no order of components fits, nor do the nodes sorted by label: the rows of {nodes} "
@@ -319,8 +316,8 @@ def _in_order(
     if how.translates and 2 * len(how.turned) < how.turnable:
         first = int(labels[dof_order.node_of(taken, n, dim)[how.turned[0]]])
         where = (
-            f", first at node {first}; where springs of fixed direction join distant nodes "
-            f"there, --order {taken} goes on all the same"
+            f", first at node {first}; if springs of fixed direction join distant nodes "
+            f"there, give --order {taken} to accept it"
         )
     raise ValueError(
         f"{path} does not fit the rows of {nodes} as {dof_order.ORDERS[taken]}: "
@@ -328,19 +325,12 @@ def _in_order(
     )
 
 
-def _same_nodes(
-    path: Path,
-    K: Any,
-    dofs: _Dofs,
-    dim: int,
-    listed: tuple[Ints, Floats],
-    nodes: Name,
-) -> None:
-    """Refuse places that are not those of the nodes that a stiffness names."""
+def _same_nodes(path: Path, K: Any, dofs: _Dofs, dim: int, listed: _Nodes) -> None:
+    """Refuse coordinates that do not fit the nodes named in the stiffness."""
     places = np.full((dofs.count, dim), np.nan)
     component, node_of = (np.full(dofs.count, -1, np.int64) for _ in range(2))
-    of = dict(zip(listed[0].tolist(), listed[1], strict=True))
-    if listed[1].shape[1] < dim:
+    of = dict(zip(listed.labels.tolist(), listed.places, strict=True))
+    if listed.places.shape[1] < dim:
         return
     for (node, k), dof in dofs.known.items():
         if node in of and k <= dim:
@@ -348,15 +338,15 @@ def _same_nodes(
     how = dof_order.fit(csr("K", K).parts, component, node_of, places)
     if how is not None and not how.fits:
         raise ValueError(
-            f"{path} does not fit the places of its nodes in {nodes}: {how.said()}; are "
-            "both of one mesh, undeformed, in one system of coordinates?"
+            f"{path} does not fit the coordinates of its nodes in {listed.path}: "
+            f"{how.said()}; are both of the same undeformed mesh, in the same axes?"
         )
 
 
 def market_refuses(field: str, symmetry: str) -> str | None:
-    """Why a stiffness has no such numbers or symmetry, in Matrix Market's words."""
+    """The reason why a matrix of this Matrix Market header is not a stiffness, or None."""
     if field not in ("real", "integer", "unsigned-integer"):
-        return f"its numbers are {field}, expected real ones"
+        return f"its numbers are {field}, expected real"
     if symmetry not in ("general", "symmetric"):
         return f"it is {symmetry}, expected symmetric or general"
     return None
@@ -375,12 +365,12 @@ def _market(path: Path) -> Any:
             return mmread(source)
     except (ValueError, TypeError, OverflowError) as error:
         raise ValueError(
-            f"{path} is no stiffness in Matrix Market form: {printable(str(error))}"
+            f"{path} is not a stiffness in Matrix Market format: {printable(str(error))}"
         ) from None
 
 
 def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
-    """Lines ``node, component, node, component, value``."""
+    """Read lines ``node, component, node, component, value``."""
     from scipy.sparse import coo_array
 
     entries, values = [], []
@@ -398,13 +388,13 @@ def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
             if len(cells) != 5 or len(one) != 4 or not np.isfinite(value):
                 raise ValueError(
                     f"{path} line {number}: is {printable(text[:60])!r}, expected row "
-                    "node, row component, column node, column component, value; a file "
-                    f"of rows and columns alone should begin with {MARKET}"
+                    "node, row component, column node, column component, value; a Matrix "
+                    f"Market file begins with {MARKET}"
                 )
             if min(one) < 1:
                 raise ValueError(
-                    f"{path} line {number}: {printable(text[:60])!r} is of an internal "
-                    "variable (a multiplier, say), of which a stiffness has none"
+                    f"{path} line {number}: {printable(text[:60])!r} belongs to an internal "
+                    "variable, such as a multiplier: a stiffness has displacements only"
                 )
             entries.append(one)
             values.append(value)
@@ -421,7 +411,7 @@ def _of_nodes(path: Path) -> tuple[Any, _Dofs]:
     apart = row != column
     there = np.unique(row[apart] * n + column[apart])
     if not np.isin(there, column[apart] * n + row[apart]).any():
-        # One triangle was written: in an order of its own, of which labels tell nothing.
+        # The file has one triangle, in an order of rows that the labels do not show.
         K = K + K.T - _diagonal(K)
     return K, _Dofs(n, known, "")
 
@@ -435,20 +425,20 @@ def _diagonal(K: Any) -> Any:
 def _once(
     path: Path, row: Ints, column: Ints, entries: Sequence[tuple[int, ...]]
 ) -> None:
-    """Entries are those of an assembled matrix, each there once."""
+    """Refuse an entry that is given twice, as in matrices that are not assembled."""
     _, first, counts = np.unique(
         np.stack([row, column]), axis=1, return_index=True, return_counts=True
     )
     if (counts > 1).any():
         at = entries[int(first[np.argmax(counts > 1)])]
         raise ValueError(
-            f"{path} gives the entry of {at[:2]} and {at[2:]} several times: matrices "
-            "element by element are not assembled here"
+            f"{path} gives the entry of {at[:2]} and {at[2:]} several times: assemble the "
+            "element matrices first"
         )
 
 
 def _contacts(
-    table: Table, dim: int, dofs: _Dofs, listed: tuple[Ints, Floats] | None
+    table: Table, dim: int, dofs: _Dofs, listed: _Nodes | None
 ) -> dict[str, Any]:
     from scipy.sparse import coo_array
 
@@ -463,7 +453,7 @@ def _contacts(
     second = _places(table, others, dim, dofs) if others[0] in table.names else None
     if second is not None and (first == second).any():
         k = int(np.argmax((first == second).any(axis=1)))
-        raise table.wrong(table.lines[k], "is a contact of a node with itself")
+        raise table.wrong(table.lines[k], "the node is in contact with itself")
 
     n = np.stack([table.numbers(name) for name in normal], axis=1)
     for k, length in enumerate(np.abs(n).max(axis=1)):
@@ -529,12 +519,12 @@ def _contacts(
 
 
 def _optional(table: Table, name: str) -> Floats:
-    """A column where it is given, not a number where it is not."""
+    """A column; not a number where it is missing or blank."""
     return table.numbers(name, np.nan)
 
 
 def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
-    """Degrees of freedom ``(n_c, d)`` of a side; -1 where it is blank."""
+    """Degrees of freedom ``(n_c, d)`` of one side; -1 where the cell is empty."""
     optional = names[0].startswith("other")
     missing = -(10**9) if optional else None
     columns = [table.integers(name, missing) for name in names]
@@ -548,8 +538,8 @@ def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
             lacks, has = names[blank.index(True)], names[blank.index(False)]
             raise table.wrong(
                 line,
-                f"{lacks} is blank where {has} is {values[blank.index(False)]}: expected "
-                "all of them, or none for a rigid obstacle",
+                f"{lacks} is empty but {has} is {values[blank.index(False)]}: give all of "
+                "them, or none for a rigid obstacle",
             )
         if len(values) == 1:
             found[k] = [dofs.at(values[0], c + 1, table, line) for c in range(dim)]
@@ -557,7 +547,7 @@ def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
             found[k] = [dofs.number(v, table, line) for v in values]
         if len(set(found[k])) < dim:
             raise table.wrong(
-                line, f"has degree of freedom {found[k, 0]} for two components"
+                line, f"degree of freedom {found[k, 0]} is given for two components"
             )
     return found
 
@@ -565,43 +555,41 @@ def _places(table: Table, names: list[str], dim: int, dofs: _Dofs) -> Ints:
 def _listed(
     table: Table,
     nodes: Ints,
-    listed: tuple[Ints, Floats],
+    listed: _Nodes,
     dim: int,
     has: Bools | None = None,
 ) -> Floats:
-    place = {int(label): row for row, label in enumerate(listed[0])}
+    place = {int(label): row for row, label in enumerate(listed.labels)}
     found = np.zeros((len(nodes), dim))
     for k, node in enumerate(nodes.tolist()):
         if has is not None and not has[k]:
             continue
         if node not in place:
             raise table.wrong(table.lines[k], f"the node list has no node {node}")
-        found[k] = listed[1][place[node]][:dim]
+        found[k] = listed.places[place[node]][:dim]
     return found
 
 
-def _values(
-    table: Table, dofs: _Dofs, components: list[str], single: str
-) -> tuple[Floats, Table]:
-    """Numbers ``(steps, n)`` of a table, not a number where there is none."""
+def _values(table: Table, dofs: _Dofs, components: list[str], single: str) -> Floats:
+    """Values ``(steps, n)`` of a table; not a number where none is given."""
     by_node = "node" in table.names
     needed = ("node",) if by_node else ("dof", single)
     table.expect(needed, (*(components if by_node else ()), "step"))
     names = [c for c in components if c in table.names] if by_node else [single]
     if not names:
         raise table.wrong(
-            table.header_line, f"there is none of the columns {', '.join(components)}"
+            table.header_line, f"there is no column {' or '.join(components)}"
         )
     step = table.integers("step", 0)
     if step.size and step.min() < 0:
         k = int(np.argmin(step))
         raise table.wrong(table.lines[k], f"step is {step[k]}, expected 0 or more")
     count = int(step.max(initial=0)) + 1
-    told = np.unique(step)
-    if len(table) and len(told) < count:
-        absent = int(np.argmax(told != np.arange(len(told))))
+    given = np.unique(step)
+    if len(table) and len(given) < count:
+        absent = int(np.argmax(given != np.arange(len(given))))
         raise ValueError(
-            f"{table.path} has no step {absent}, and one {count - 1}: steps count from 0"
+            f"{table.path} has step {count - 1} but no step {absent}: steps count from 0"
         )
     found = np.full((count, dofs.count), np.nan)
     where = np.zeros(found.shape, np.int64)
@@ -619,26 +607,23 @@ def _values(
                 dof = dofs.number(int(number[k]), table, line)
             if where[step[k], dof]:
                 raise table.wrong(
-                    line, f"{name} is given already at line {where[step[k], dof]}"
+                    line, f"{name} is already given on line {where[step[k], dof]}"
                 )
             found[step[k], dof] = value
             where[step[k], dof] = line
-    return found, table
+    return found
 
 
-def _prescribed(
-    moved: tuple[Floats, Table] | None, fixed: Name | None
-) -> tuple[Ints, Floats]:
-    if moved is None:
+def _prescribed(values: Floats | None, fixed: Name | None) -> tuple[Ints, Floats]:
+    if values is None:
         return np.zeros(0, np.int64), np.zeros((1, 0))
-    values = moved[0]
     held = np.flatnonzero(np.isfinite(values).any(axis=0))
     prescribed = values[:, held]
     lacking = np.argwhere(np.isnan(prescribed))
     if len(lacking):
         step, k = lacking[0]
         raise ValueError(
-            f"{fixed} prescribes degree of freedom {held[k]} in some steps, and not in "
-            f"step {step}: a support stays one"
+            f"{fixed} prescribes degree of freedom {held[k]} in some steps but not in step "
+            f"{step}: prescribe it in every step"
         )
     return held, prescribed

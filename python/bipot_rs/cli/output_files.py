@@ -1,26 +1,25 @@
-"""What a run writes of the load steps it has reached, into a folder made for it."""
+"""The files of a run, written into a draft folder."""
 
 from __future__ import annotations
 
-import csv
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bipot_rs.cli.output_folder import RESULT
 
 if TYPE_CHECKING:
-    from bipot_rs.contact.errors import NotConvergedError
     from bipot_rs.contact.problem import ContactProblem
     from bipot_rs.contact.solution import Step
     from bipot_rs.discretisation.estimator import DiscretisationError
     from bipot_rs.scene.case import Case
     from bipot_rs.scene.schema.root import Scene
 
-# What is told of each load step, and the step.
-Reached = Sequence[tuple[dict[str, Any], "Step"]]
-Errors = Sequence["DiscretisationError | None"]
+# The row of a load step, and the step.
+Reached = tuple[dict[str, Any], "Step"]
 
 _FIELDS = (
     "reaction",
@@ -42,25 +41,8 @@ _FIELDS = (
 )
 
 
-def recoverable(steps: Sequence[Step]) -> tuple[int, NotConvergedError | None]:
-    """How many of the steps have displacements, which they keep, and what ended that."""
-    from bipot_rs.contact.errors import NotConvergedError
-    from bipot_rs.contact.solution import recover
-
-    try:
-        recover(steps)
-    except NotConvergedError:
-        # Of a block none is kept: one by one up to the first that has none.
-        for k, step in enumerate(steps):
-            try:
-                recover([step])
-            except NotConvergedError as error:
-                return k, error
-    return len(steps), None
-
-
 def labels(scene: Scene | None) -> dict[str, str]:
-    """What a picture of the result says of the scene: attributes of the file."""
+    """Title and units of the scene, as attributes of the result file."""
     if scene is None:
         return {}
     return {"title": scene.title, "units": json.dumps(scene.units.model_dump())}
@@ -79,158 +61,148 @@ def contacts(case: Case) -> dict[str, Any]:
     }
 
 
-def write_series(
-    draft: Path, folder: Path, case: Case, reached: Reached, errors: Errors
-) -> None:
-    """The series for ParaView; ``folder`` is where they will be, for what goes wrong."""
-    from bipot_rs.fem.paraview import write_bodies, write_contact
-    from bipot_rs.files.export import writing
+@dataclass(frozen=True)
+class Output:
+    """Where the files of a run go, and what they hold.
 
-    model, steps = case.model, [step for _, step in reached]
-    with writing(folder / "result.pvd"):
-        of_cells = [_of_cells(_found(errors, k)) for k in range(len(steps))]
-        write_bodies(
-            *(draft / "result.pvd", model, steps, of_cells),
-            at_rest=lambda k: case.stress_at_rest(
-                k if steps[k].s is None else steps[k]
-            ),
+    Attributes
+    ----------
+    draft, folder
+        The folder to write into, and where the files will be: errors name the latter.
+    scene, case
+        None if the run ended before.
+    reached, errors
+        The load steps, and their discretisation errors if known.
+    """
+
+    draft: Path
+    folder: Path
+    scene: Scene | None
+    case: Case | None
+    reached: Sequence[Reached]
+    errors: Sequence[DiscretisationError | None]
+
+    @contextmanager
+    def _file(self, name: str) -> Iterator[Path]:
+        from bipot_rs.files.export import writing
+
+        with writing(self.folder / name):
+            yield self.draft / name
+
+    def series(self, case: Case) -> None:
+        """Write the series for ParaView."""
+        from bipot_rs.fem.paraview import write_bodies, write_contact
+
+        steps = [step for _, step in self.reached]
+        with self._file("result.pvd") as path:
+            write_bodies(
+                path,
+                case.model,
+                steps,
+                [_of_cells(self._error(k)) for k in range(len(steps))],
+                at_rest=lambda k: case.stress_at_rest(
+                    k if steps[k].s is None else steps[k]
+                ),
+            )
+        with self._file("contact.pvd") as path:
+            write_contact(path, case.model, steps)
+
+    def table(self, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
+        """Write steps.csv, one line per load step."""
+        from bipot_rs.files import csv_tables
+
+        with self._file("steps.csv") as path:
+            lines = ([row.get(column) for column in columns] for row in rows)
+            csv_tables.write(path, columns, lines)
+
+    def pictures(self, scene: Scene, case: Case) -> None:
+        """Write tractions.png and, if its error is known, error.png of the last step."""
+        from bipot_rs.plots.run_figure import tractions
+
+        title, units = scene.title, scene.units.model_dump()
+        with self._file("tractions.png") as path:
+            tractions(path, self._contacts(), self._steps(), title=title, units=units)
+        last = self.errors[-1] if self.errors else None
+        if last is not None and last.total > 0:
+            from bipot_rs.plots.error_map import error_map
+
+            with self._file("error.png") as path:
+                error_map(
+                    path,
+                    case.model.nodes,
+                    case.model.cells,
+                    last.cells,
+                    contacts=case.model.points,
+                    title=f"{title}: {last.kind} {last.relative:.1%}",
+                    unit=units["length"],
+                )
+
+    def problems(
+        self, name: str, scene: Scene, case: Case, problem: ContactProblem, message: str
+    ) -> None:
+        """Write the problem of each load step as an FCLIB file."""
+        from importlib.metadata import version
+
+        from bipot_rs.contact.result import Result
+        from bipot_rs.fclib import write_path
+        from bipot_rs.files.export import writing
+
+        result = Result(
+            [step for _, step in self.reached],
+            contacts={},
+            shape=case.model.points.shape,
+            success=True,
+            message=message,
         )
-    with writing(folder / "contact.pvd"):
-        write_contact(draft / "contact.pvd", model, steps)
+        units = scene.units.model_dump().items()
+        info = {
+            "title": scene.title,
+            "description": f"scene {name} of bipot_rs {version('bipot-rs')}; "
+            + ", ".join(f"{quantity} in {unit}" for quantity, unit in units),
+        }
+        with writing(self.folder / "problem-….hdf5"):
+            write_path(self.draft / "problem", problem, result, info=info)
 
+    def result(self, *, complete: bool, attributes: Mapping[str, Any]) -> None:
+        """Write result.h5."""
+        from bipot_rs.files.export import write_result
 
-def write_table(
-    draft: Path, folder: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]
-) -> None:
-    """steps.csv, a line a load step."""
-    from bipot_rs.files.export import writing
-
-    with (
-        writing(folder / "steps.csv"),
-        (draft / "steps.csv").open("w", newline="", encoding="utf-8") as file,
-    ):
-        table = csv.DictWriter(file, columns)
-        table.writeheader()
-        table.writerows(rows)
-
-
-def write_pictures(
-    draft: Path,
-    folder: Path,
-    scene: Scene,
-    case: Case,
-    reached: Reached,
-    errors: Errors,
-) -> None:
-    """tractions.png, and error.png of the last load step where its error is known."""
-    from bipot_rs.fem.contact_surface import surface_labels
-    from bipot_rs.files.export import writing
-    from bipot_rs.plots.run_figure import tractions
-
-    title, units = scene.title, scene.units.model_dump()
-    with writing(folder / "tractions.png"):
-        tractions(
-            draft / "tractions.png",
-            contacts(case) | surface_labels(case.model),
-            steps(reached, errors),
-            title=title,
-            units=units,
-        )
-    last = errors[-1] if errors else None
-    if last is not None and last.total > 0:
-        from bipot_rs.plots.error_map import error_map
-
-        with writing(folder / "error.png"):
-            error_map(
-                draft / "error.png",
-                case.model.nodes,
-                case.model.cells,
-                last.cells,
-                contacts=case.model.points,
-                title=f"{title}: {last.kind} {last.relative:.1%}",
-                unit=units["length"],
+        with self._file(RESULT) as path:
+            write_result(
+                path,
+                self._contacts(),
+                self._steps(),
+                complete=complete,
+                attributes={**labels(self.scene), **attributes},
             )
 
+    def _contacts(self) -> dict[str, Any]:
+        from bipot_rs.fem.contact_surface import surface_labels
 
-def write_problems(
-    draft: Path,
-    folder: Path,
-    name: str,
-    scene: Scene,
-    case: Case,
-    problem: ContactProblem,
-    reached: Reached,
-    message: str,
-) -> None:
-    """Write the problem of each step for other solvers."""
-    from importlib.metadata import version
+        if self.case is None:
+            return {}
+        return contacts(self.case) | surface_labels(self.case.model)
 
-    from bipot_rs.contact.result import Result
-    from bipot_rs.fclib import write_path
-    from bipot_rs.files.export import writing
+    def _steps(self) -> list[dict[str, Any]]:
+        """The fields of each step, as `bipot_rs.load` reads them."""
+        return [
+            {name: getattr(step, name) for name in _FIELDS}
+            | {
+                "load": row["load"],
+                "outcome": str(step.outcome),
+                "displacement": step.displacement,
+            }
+            | dict(step.stats)
+            | _of_step(self._error(k))
+            for k, (row, step) in enumerate(self.reached)
+        ]
 
-    result = Result(
-        [step for _, step in reached],
-        contacts={},
-        shape=case.model.points.shape,
-        success=True,
-        message=message,
-    )
-    units = scene.units.model_dump().items()
-    info = {
-        "title": scene.title,
-        "description": f"scene {name} of bipot_rs {version('bipot-rs')}; "
-        + ", ".join(f"{quantity} in {unit}" for quantity, unit in units),
-    }
-    with writing(folder / "problem-….hdf5"):
-        write_path(draft / "problem", problem, result, info=info)
-
-
-def write_result(
-    draft: Path,
-    folder: Path,
-    case: Case | None,
-    reached: Reached,
-    errors: Errors,
-    *,
-    complete: bool,
-    attributes: Mapping[str, Any],
-) -> None:
-    """What is there to be read back."""
-    from bipot_rs.fem.contact_surface import surface_labels
-    from bipot_rs.files.export import write_result, writing
-
-    with writing(folder / RESULT):
-        write_result(
-            draft / RESULT,
-            {} if case is None else contacts(case) | surface_labels(case.model),
-            steps(reached, errors),
-            complete=complete,
-            attributes=attributes,
-        )
-
-
-def steps(reached: Reached, errors: Errors) -> list[dict[str, Any]]:
-    """Fields of a step under their own names: `bipot_rs.load` takes them."""
-    return [
-        {name: getattr(step, name) for name in _FIELDS}
-        | {
-            "load": row["load"],
-            "outcome": str(step.outcome),
-            "displacement": step.displacement,
-        }
-        | dict(step.stats)
-        | _of_step(_found(errors, k))
-        for k, (row, step) in enumerate(reached)
-    ]
-
-
-def _found(errors: Errors, k: int) -> DiscretisationError | None:
-    return errors[k] if k < len(errors) else None
+    def _error(self, k: int) -> DiscretisationError | None:
+        return self.errors[k] if k < len(self.errors) else None
 
 
 def _of_cells(found: DiscretisationError | None) -> dict[str, Any]:
-    """Fields of the elements of a step for ParaView."""
+    """Element fields of a step for ParaView."""
     if found is None:
         return {}
     return {"error": found.cells, "error_density": found.density}

@@ -1,4 +1,4 @@
-"""The folder of a run: its files come all together, and nothing else in it is touched."""
+"""The folder of a run: all its files appear together; other files are not touched."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ RESULT = "result.h5"
 # The table of a sweep.
 SWEEP = "sweep.csv"
 _DRAFT = ".bipot-"
-# Folders of runs that are looked into for what killed runs have left.
-_BESIDE = 1000
+# At most this many neighbouring folders are searched for drafts of killed runs.
+_MOST_NEIGHBOURS = 1000
 _NAMES = (
     RESULT,
     "result.pvd",
@@ -28,10 +28,7 @@ _NAMES = (
 
 
 def make(folder: Path) -> None:
-    """Make a folder that may be there, and clear what killed runs have left.
-
-    A file of its name is no place for results.
-    """
+    """Make the folder if it does not exist, and remove the drafts of killed runs."""
     for one in (folder, *folder.parents):
         if one.exists() and not one.is_dir():
             raise NotADirectoryError(f"{one} is a file, expected a folder")
@@ -41,14 +38,14 @@ def make(folder: Path) -> None:
 
 @contextmanager
 def draft_in(folder: Path) -> Iterator[Path]:
-    """Place inside the folder to prepare its files in, gone at the end.
+    """A folder inside the folder, in which files are prepared; removed at the end.
 
-    Made before the work, so that a folder that cannot be written is found then.
+    It is made before the work, so that a folder that cannot be written is found then.
 
     Raises
     ------
     OSError
-        One sentence, with what would help.
+        The folder cannot be written.
     """
     try:
         make(folder)
@@ -58,16 +55,16 @@ def draft_in(folder: Path) -> Iterator[Path]:
         draft, lock = _made(folder)
     except OSError as error:
         raise OSError(
-            f"cannot write to the folder {folder}: {error}; --out DIR names another"
+            f"cannot write to the folder {folder}: {error}; choose another with --out DIR"
         ) from error
     with draft as name, lock:
         yield Path(name)
 
 
 def _made(folder: Path) -> tuple[tempfile.TemporaryDirectory[str], ExitStack]:
-    """A draft with its lock, held as long as this process lives: so others know it does.
+    """A draft and its lock. The lock tells other runs that this process is alive.
 
-    Another run may have taken it for an abandoned one before it was locked.
+    Another run may remove the draft before it is locked: then a new one is made.
     """
     while True:
         draft = tempfile.TemporaryDirectory(prefix=_DRAFT, dir=folder)
@@ -80,7 +77,7 @@ def _made(folder: Path) -> tuple[tempfile.TemporaryDirectory[str], ExitStack]:
 
 
 def replace(draft: Path, folder: Path) -> None:
-    """Move the files of the draft in, and remove those of an earlier run."""
+    """Move the files of the draft into the folder, and remove those of an earlier run."""
     new = {path.name for path in draft.iterdir()}
     for name in sorted(new):
         (draft / name).replace(folder / name)
@@ -90,16 +87,16 @@ def replace(draft: Path, folder: Path) -> None:
 
 
 def ours(folder: Path) -> list[Path]:
-    """Files that a run writes; whatever else a folder holds is not ours to touch."""
+    """The files in the folder that a run writes."""
     series = [p for p in folder.glob("result_*.vtu") if p.stem[7:].isdigit()]
     series += [p for p in folder.glob("contact_*.vtu") if p.stem[8:].isdigit()]
     series += [p for p in folder.glob("problem-*.hdf5") if p.stem[8:].isdigit()]
     return [path for path in map(folder.joinpath, _NAMES) if path.exists()] + series
 
 
-def told(folder: Path) -> str:
-    """What there is of ours, in a line."""
-    # The pieces of the series are named by its index, result.pvd.
+def describe(folder: Path) -> str:
+    """The files of a run that the folder holds, in one line."""
+    # result.pvd stands for the .vtu files of its series.
     names = sorted(path.name for path in ours(folder) if path.suffix != ".vtu")
     problems = [name for name in names if name.endswith(".hdf5")]
     if len(problems) > 2:
@@ -110,13 +107,13 @@ def told(folder: Path) -> str:
 
 @contextmanager
 def _locked(draft: Path) -> Iterator[bool]:
-    """Whether the draft could be locked; nobody else locks it meanwhile."""
+    """Lock the draft; yields whether that was possible."""
     handle = os.open(draft, os.O_RDONLY | os.O_DIRECTORY)
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            # Someone holds it, or the file system knows no locks.
+            # Another process holds it, or the file system has no locks.
             yield False
         else:
             yield True
@@ -125,14 +122,16 @@ def _locked(draft: Path) -> Iterator[bool]:
 
 
 def _clear(folder: Path) -> None:
-    """Remove what killed runs were preparing, in the folder and in those beside it."""
-    beside: list[Path] = []
+    """Remove the drafts of killed runs, in the folder and in its neighbours."""
+    neighbours: list[Path] = []
     with suppress(OSError), os.scandir(folder.absolute().parent) as entries:
-        # A folder of many things is no folder of runs, and looking into each takes time.
-        first = list(islice(entries, _BESIDE + 1))
-        if len(first) <= _BESIDE:
-            beside = [Path(e.path) for e in first if e.is_dir(follow_symlinks=False)]
-    for place in dict.fromkeys([folder.absolute(), *beside]):
+        # To look into each of many folders takes time, and they are hardly runs.
+        first = list(islice(entries, _MOST_NEIGHBOURS + 1))
+        if len(first) <= _MOST_NEIGHBOURS:
+            neighbours = [
+                Path(e.path) for e in first if e.is_dir(follow_symlinks=False)
+            ]
+    for place in dict.fromkeys([folder.absolute(), *neighbours]):
         with suppress(OSError):
             for draft in place.glob(f"{_DRAFT}*"):
                 with suppress(OSError), _locked(draft) as abandoned:

@@ -1,4 +1,4 @@
-"""The largest memory that this process has held."""
+"""The peak memory of this process."""
 
 import sys
 from pathlib import Path

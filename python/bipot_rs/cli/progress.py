@@ -1,4 +1,4 @@
-"""What a command tells while it works: lines on its streams, a bar on a terminal."""
+"""Progress of a command: a bar on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -9,38 +9,38 @@ from typing import Any, TextIO
 
 
 def settled(load: float, largest: float) -> float:
-    """The load, or zero where a sine has come back to that but for its rounding."""
+    """The load, or zero if it is zero up to rounding, as at the end of a sine."""
     return 0.0 if abs(load) < 1e-13 * largest else load
 
 
 def line(**values: Any) -> None:
-    """One object of --json."""
+    """Print one object of --json."""
     tell(json.dumps(values), sys.stdout)
 
 
 def complain(message: str) -> None:
-    """Say on standard error what went wrong; help that was asked for has no message."""
+    """Print a message on standard error; an empty one, as of --help, is not printed."""
     if message:
         tell(f"bipot: {message}", sys.stderr)
 
 
 def tell(text: str, stream: TextIO) -> None:
-    """Write a line, and flush: who reads through a pipe wants progress, not the end."""
+    """Write a line and flush, so that a reader behind a pipe sees it at once."""
     stream.write(text + "\n")
     stream.flush()
 
 
 class Progress:
-    """Bars over phases and load steps on a terminal, lines elsewhere; on standard error.
+    """Bars of phases and load steps on a terminal, lines elsewhere; on standard error.
 
     Parameters
     ----------
     phases, steps
-        How many of each there will be; of steps it may not be known.
+        Number of each; None for an unknown number of steps.
     noun
-        What a step is called.
+        Name of the steps.
     quiet
-        No lines where there is no terminal: --json.
+        Print no lines, as for --json; a terminal still has bars.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Progress:
             from rich.text import Text
 
             class Remaining(TimeRemainingColumn):
-                """Of steps, which are alike; of phases the ones before tell nothing."""
+                """Remaining time of the steps only: the times of phases differ too much."""
 
                 def render(self, task: Task) -> Text:
                     return super().render(task) if task.id else Text("")
@@ -80,15 +80,15 @@ class Progress:
                 MofNCompleteColumn(),
                 TimeElapsedColumn(),
                 Remaining(),
-                TextColumn("{task.fields[told]}"),
-                # NO_COLOR and TERM=dumb are rich's to honour.
+                TextColumn("{task.fields[text]}"),
+                # rich handles NO_COLOR and TERM=dumb.
                 console=Console(stderr=True, highlight=False),
                 transient=True,
             )
             self.bar.start()
             many = self.phases > 1
-            self.bar.add_task("", total=self.phases, visible=many, told="")
-            self.bar.add_task(self.noun, total=self.steps, visible=not many, told="")
+            self.bar.add_task("", total=self.phases, visible=many, text="")
+            self.bar.add_task(self.noun, total=self.steps, visible=not many, text="")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -96,45 +96,47 @@ class Progress:
             self.bar.stop()
 
     def phase(self, name: str) -> None:
-        """Name the phase that begins."""
+        """Show the phase that begins."""
         if self.bar is not None and self.bar.tasks[0].description != name:
             before = self.bar.tasks[0].description
-            self.bar.update(0, description=name, advance=1 if before else 0, told="")
+            self.bar.update(0, description=name, advance=1 if before else 0, text="")
             if name == "solve":
-                # Its clock is that of the steps, and so is the time they will take.
+                # The clock of the steps starts with this phase.
                 self.bar.reset(1, completed=self.bar.tasks[1].completed, visible=True)
 
-    def foretell(self, time: str) -> None:
-        """Say how long the phase that runs may take, beside its bar and its clock."""
+    def forecast(self, time: str) -> None:
+        """Show the expected time of the current phase next to its bar."""
         if self.bar is not None:
-            self.bar.update(0, told=f"{time} foretold")
+            self.bar.update(0, text=f"expected: {time}")
 
     def skip(self, steps: int) -> None:
-        """Begin after load steps that are done already."""
+        """Count load steps that an earlier run has solved."""
         if self.bar is not None:
             self.bar.advance(1, steps)
 
     def step(self, row: Mapping[str, Any]) -> None:
-        """Tell that a load step is done."""
-        told = f"open {row['open']}, slip {row['slip']}, stick {row['stick']}"
+        """Report a solved load step."""
+        status = f"open {row['open']}, slip {row['slip']}, stick {row['stick']}"
         of = "" if self.steps is None else f" of {self.steps}"
-        self.largest = max(self.largest, abs(row["load"]))
-        load = settled(row["load"], self.largest)
+        load = ""
+        if "load" in row:
+            self.largest = max(self.largest, abs(row["load"]))
+            load = f"load {settled(row['load'], self.largest):.6g}, "
         self.advance(
-            told,
-            f"load step {row['step'] + 1}{of}: load {load:.6g}, {told}, "
+            status,
+            f"load step {row['step'] + 1}{of}: {load}{status}, "
             f"residual {row['residual']:.1e}",
         )
 
-    def advance(self, told: str, alone: str) -> None:
-        """One more is done: what is told of it beside the bar, and on a line alone."""
+    def advance(self, short: str, line: str) -> None:
+        """Count one step; ``short`` appears next to the bar, ``line`` without a bar."""
         if self.bar is not None:
-            self.bar.update(1, advance=1, told=told)
+            self.bar.update(1, advance=1, text=short)
         if self.lines:
-            tell(alone, sys.stderr)
+            tell(line, sys.stderr)
 
     def block(self, text: str) -> None:
-        """Some lines above the bar; none for --json, whose reader is a program."""
+        """Print lines above the bar; none if quiet."""
         if self.bar is not None:
             self.bar.console.print(text, highlight=False, soft_wrap=True, markup=False)
         elif self.lines:

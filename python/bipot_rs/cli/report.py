@@ -1,4 +1,4 @@
-"""What is told of load steps: rows, the table of them, and the sentence at the end."""
+"""Rows of load steps, their table in the terminal, and the closing remarks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bipot_rs.contact.status import STATUS_NAMES
 from bipot_rs.fem.contact_surface import surface_names
 
 COLUMNS = ("step", "load", *STATUS_NAMES, "residual", "iterations", "seconds")
-# Of each contact surface, in steps.csv; of a curved one its force by components besides.
+# Columns of each contact surface in steps.csv. A curved surface also has COMPONENTS.
 FORCES = ("normal_force", "tangential_force", "friction_used")
 COMPONENTS = ("force_x", "force_y", "force_z")
 _FORMS = {
@@ -28,27 +28,35 @@ _FORMS = {
     "friction_used": "{:.4f}",
     **dict.fromkeys(COMPONENTS, "{:.5g}"),
 }
-# What a terminal too narrow for all of them does without, first to last.
+# Columns that a narrow terminal drops, in this order.
 _LEAST = ("seconds", "iterations", "load")
-# What sums of forces that balance leave of zero, relative to those summed.
+# Rounding of a sum of forces that cancel, relative to these forces.
 _ROUNDING = 1e-13
-# Rows of a table that is still read as a whole; of longer ones both ends are shown.
+# Most rows that are all shown; of a longer table only the first and the last are.
 _MOST_ROWS = 60
 
 
-def row(k: int, parameter: float, step: Step) -> dict[str, Any]:
-    """What is told of a load step: a line of --json, of the table, of steps.csv."""
-    counts = [int((step.status == status).sum()) for status in (0, 1, 2)]
-    told = (k, parameter, *counts, step.residual, step.iterations, step.seconds)
-    return dict(zip(COLUMNS, told, strict=True))
+def row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
+    """The row of a load step in --json, in the table and in steps.csv."""
+    load = {} if parameter is None else {"load": parameter}
+    counts = np.bincount(step.status, minlength=len(STATUS_NAMES)).tolist()
+    status = dict(zip(STATUS_NAMES, counts, strict=True))
+    return {
+        "step": k,
+        **load,
+        **status,
+        "residual": step.residual,
+        "iterations": step.iterations,
+        "seconds": step.seconds,
+    }
 
 
 def forces(model: Any, step: Step) -> dict[str, float | None]:
     """`FORCES` of every contact surface, keys ``"normal_force of block.bottom"``.
 
-    As `Resultant` has them: of a flat surface ``Σ r_n``, ``‖Σ r_t‖`` and its part of
-    ``Σ μ r_n``; of a curved one ``Σ r_n``, ``Σ ‖r_t‖`` and its part of ``Σ μ r_n``, and
-    `COMPONENTS` of the force on the body that has the contacts, in global axes.
+    They are those of `Resultant`. Flat surface: ``Σ r_n``, ``‖Σ r_t‖`` and
+    ``‖Σ r_t‖ / Σ μ r_n``. Curved surface: ``Σ r_n``, ``Σ ‖r_t‖``, ``Σ ‖r_t‖ / Σ μ r_n``,
+    and `COMPONENTS` of the force on the body of the contacts, in global axes.
     """
     return of_surfaces(step, model.frame, model.mu, model.group, surface_names(model))
 
@@ -56,22 +64,30 @@ def forces(model: Any, step: Step) -> dict[str, float | None]:
 def of_surfaces(
     step: Step, frame: Floats, mu: Floats, group: Any, names: Sequence[str]
 ) -> dict[str, float | None]:
-    """`forces` of surfaces by name, ``group (n_c,)`` the number of that of each contact."""
+    """`forces` of named surfaces; ``group (n_c,)`` is the surface number of each contact."""
     found: dict[str, float | None] = {}
     each = resultants(step.reaction, frame, mu, group, len(names))
     for name, force in zip(names, each, strict=True):
-        told: list[tuple[str, float | None]] = list(
+        columns: list[tuple[str, float | None]] = list(
             zip(FORCES, (force.normal, force.tangential, force.used), strict=True)
         )
         if force.curved:
-            told += zip(COMPONENTS, force.force.tolist(), strict=False)
-        for key, value in told:
+            columns += zip(COMPONENTS, force.force.tolist(), strict=False)
+        for key, value in columns:
             found[f"{key} of {name}"] = value
     return found
 
 
+def columns(rows: Sequence[Mapping[str, Any]], more: Sequence[str] = ()) -> list[str]:
+    """The columns of a table of load steps: forces after the statuses, ``more`` at the end."""
+    known = rows[0] if rows else ("load",)
+    forces = [key for key in known if " of " in key]
+    first = [name for name in COLUMNS[:5] if name != "load" or name in known]
+    return [*first, *forces, *COLUMNS[5:], *more]
+
+
 def console() -> Any:
-    """Of rich, as wide as the terminal is; a file has no width."""
+    """A rich console as wide as the terminal; 1000 characters for a file."""
     from rich.console import Console
 
     found = Console(highlight=False, soft_wrap=True)
@@ -88,25 +104,22 @@ def print_table(
     unit: str = "",
     more: Sequence[str] = (),
 ) -> None:
-    """Lay out the load steps as wide as the console is.
+    """Print the table of load steps, no wider than the console.
 
     Parameters
     ----------
     console
-        Of rich.
+        A rich console.
     rows
-        Of `row`, with those of `forces` and of ``more``.
+        Rows of `row` with those of `forces` and the columns ``more``.
     unit
-        Of force.
+        Unit of force.
     more
         Further columns.
     """
-    keys = [key for key in (rows[0] if rows else ()) if " of " in key]
-    columns = [*COLUMNS[:5], *keys, *COLUMNS[5:], *more]
-    if rows and "load" not in rows[0]:
-        columns.remove("load")
+    names = columns(rows, more)
     largest = max((abs(row.get("load", 0.0)) for row in rows), default=0.0)
-    # Counted from 1, as people do; files and --json count from 0.
+    # For people, steps count from 1; in files and --json from 0.
     rows = [
         {**row, "step": row["step"] + 1, "load": settled(row.get("load", 0.0), largest)}
         for row in rows
@@ -115,15 +128,15 @@ def print_table(
     if len(rows) > _MOST_ROWS:
         third = _MOST_ROWS // 3
         shown = [*rows[:third], None, *rows[-third:]]
-    table = _table(columns, shown, title, unit)
-    components = [key for key in keys if key.startswith(COMPONENTS)]
-    for name in filter(columns.__contains__, (*_LEAST, *components)):
-        # As wide as its cells are: rich would shorten them to what fits.
+    table = _table(names, shown, title, unit)
+    components = [name for name in names if name.startswith(COMPONENTS)]
+    for name in filter(names.__contains__, (*_LEAST, *components)):
+        # The full width of the table: rich would shorten cells to fit.
         free = console.options.update(width=10_000)
         if console.measure(table, options=free).maximum <= console.width:
             break
-        columns.remove(name)
-        table = _table(columns, shown, title, unit)
+        names.remove(name)
+        table = _table(names, shown, title, unit)
     console.print(table)
     if len(shown) < len(rows):
         console.print(f"all {len(rows)} load steps are in steps.csv", highlight=False)
@@ -176,7 +189,7 @@ def _head(kind: str, unit: str, *, curved: bool) -> str:
             "friction_used": "Σ|rt|/(Σμrn)",
             **{name: f"F{name[-1]}{force}" for name in COMPONENTS},
         }
-    # Of rich, square brackets are markup.
+    # rich reads square brackets as markup.
     return heads.get(kind, kind).replace("[", r"\[")
 
 
@@ -198,34 +211,34 @@ def closing(
     folder: Any,
     remarks: Sequence[str] = (),
 ) -> list[str]:
-    """What a solved path comes to, and what to look at next, where ``folder`` has that."""
+    """Closing lines of a solved path: summary, remarks, and next commands on ``folder``."""
     if not rows:
         return []
     last = rows[-1]
     contacts = last["open"] + last["slip"] + last["stick"]
     worst = max(row["residual"] for row in rows)
     residual = f"every residual at most {worst:.1e} (asked for {tol:.1e})"
-    said = [
+    lines = [
         f"solved: {counted(len(rows), 'load step')}, {residual}. At the end "
         + _state(last, contacts)
     ]
     if all(row["open"] == contacts for row in rows):
-        said.append(f"remark: {NEVER_CLOSED}")
+        lines.append(f"remark: {NEVER_CLOSED}")
     else:
         held = any(key.startswith("friction_used") and last[key] for key in last)
         slipping = [row["step"] + 1 for row in rows if row["slip"] and not row["stick"]]
         if held and slipping:
             also = f" and {len(slipping) - 1} more" if len(slipping) > 1 else ""
-            said.append(
-                f"remark: all contacts that press slip in load step {slipping[0]} of "
-                f"{len(rows)}{also}: friction is used up there."
+            lines.append(
+                f"remark: all closed contacts slip in load step {slipping[0]} of "
+                f"{len(rows)}{also}: no friction is left to resist a larger load."
             )
-    said += [f"remark: {remark}." for remark in remarks if remark != NEVER_CLOSED]
+    lines += [f"remark: {remark}." for remark in remarks if remark != NEVER_CLOSED]
     if folder is not None:
-        said.append(
+        lines.append(
             f"next: paraview {folder}/result.pvd, bipot plot {folder}, bipot info {folder}"
         )
-    return said
+    return lines
 
 
 def _state(last: Mapping[str, Any], contacts: int) -> str:

@@ -1,7 +1,7 @@
-"""Going on with a load path that a run left unfinished, to the same bits.
+"""Continue an interrupted run, bitwise to the same result.
 
-What decides the numbers of a run is stamped on its result file; only the file of
-the very same run is continued.
+The result file holds everything that determines the numbers of its run. Only a file of
+the same run is continued.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from bipot_rs.contact.result import Result
 from bipot_rs.files import export
 from bipot_rs.scene.schema.root import Scene
 
-# Attribute of the file, and what it is called when it differs.
+# Attributes of the file, and the message if one differs.
 _STAMPS = {
-    "package": "version {found} of this package wrote it, this is {expected}",
-    "scene_digest": "it is of another scene, or of other settings of it",
-    "method": "it was solved by method {found!r}, this run asks for {expected!r}",
-    "tol": "it was solved to tol {found}, this run asks for {expected}",
+    "package": "it was written by version {found} of bipot_rs, this is {expected}",
+    "scene_digest": "it belongs to another scene, or the scene or its settings were changed",
+    "method": "it was solved with method {found!r}, this run uses {expected!r}",
+    "tol": "it was solved with tol {found}, this run uses {expected}",
 }
 
 
 def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, Any]:
-    """Attributes by which the file of a run is known again."""
+    """Attributes of a result file that identify its run."""
     from importlib.metadata import version
 
-    # After defaults and --set: two spellings of one scene are one scene.
+    # After defaults and --set, so that two spellings of one scene are the same.
     text = scene.model_dump_json(by_alias=True)
     digest = hashlib.sha256(text.encode())
     for file in scene.files():
-        # One that is not there is told when it is read.
+        # A missing file is reported when it is read.
         if file.is_file():
             digest.update(hashlib.sha256(file.read_bytes()).digest())
     return {
@@ -49,7 +49,7 @@ def stamps(scene: Scene, method: str, tol: float | str) -> dict[str, Any]:
 
 
 def earlier(path: Path, expected: Mapping[str, Any], count: int | None) -> Result:
-    """The steps that ``path`` holds of the run known by ``expected``.
+    """The result in ``path``, if it belongs to the run with the attributes ``expected``.
 
     Parameters
     ----------
@@ -58,34 +58,35 @@ def earlier(path: Path, expected: Mapping[str, Any], count: int | None) -> Resul
     expected
         The `stamps` of this run.
     count
-        Load steps of the whole path; None where they are automatic.
+        Load steps of the whole path; None for automatic steps.
 
     Raises
     ------
     OSError
         The file cannot be read.
     ValueError
-        There is no file, it is damaged, or it is of another run; one sentence.
+        There is no file, it is damaged, or it belongs to another run.
     """
     if not path.exists():
-        raise ValueError(f"nothing to resume: there is no {path}")
+        raise ValueError(f"cannot resume: there is no {path}")
     _, _, attributes = export.read_result(path)
     for name, words in _STAMPS.items():
         if attributes.get(name) != expected[name]:
-            told = words.format(found=attributes.get(name), expected=expected[name])
+            why = words.format(found=attributes.get(name), expected=expected[name])
             if name not in attributes:
-                told = "it does not say of which scene and settings it is"
-            raise ValueError(f"cannot resume {path}: {told}")
+                why = "it does not name its scene and settings"
+            raise ValueError(f"cannot resume {path}: {why}")
     found = result.load(path)
     if count is not None and len(found) > count:
         raise ValueError(
-            f"cannot resume {path}: it holds {counted(len(found), 'load step')} of {count}"
+            f"cannot resume {path}: it has {counted(len(found), 'load step')}, the path "
+            f"{count}"
         )
     return found
 
 
 def left_off(path: Path, expected: Mapping[str, Any], count: int | None) -> str:
-    """What to say to one who begins anew what ``path`` holds a part of; or nothing."""
+    """A remark if ``path`` holds an unfinished result of this run; else an empty text."""
     try:
         found = earlier(path, expected, count)
     except (OSError, ValueError):
@@ -93,23 +94,22 @@ def left_off(path: Path, expected: Mapping[str, Any], count: int | None) -> str:
     if found.success or not len(found):
         return ""
     return (
-        f"{path} has {counted(len(found), 'load step')} of this very run, which was left "
-        "off: --resume goes on from there, this begins anew"
+        f"{path} has {counted(len(found), 'load step')} of this run; it starts again from "
+        "the beginning, --resume would continue"
     )
 
 
 def same_contacts(
     path: Path, found: Result, contacts: Mapping[str, NDArray[Any] | None]
 ) -> None:
-    """Refuse a file whose contacts are not, to the bit, those of this run.
+    """Refuse a file whose contacts are not bitwise equal to those of this run.
 
-    A file without load steps, of a run that ended before it had contacts, holds
-    nothing that could differ.
+    A file without load steps may have no contacts and is accepted.
 
     Raises
     ------
     ValueError
-        Other versions of the libraries that mesh and assemble, most likely.
+        Some array differs; the usual cause is another version of a library.
     """
     if not len(found):
         return
@@ -120,6 +120,6 @@ def same_contacts(
         )
         if not same:
             raise ValueError(
-                f"cannot resume {path}: its contacts have another {name} than those "
+                f"cannot resume {path}: {name} of its contacts differs from that "
                 "assembled now"
             )

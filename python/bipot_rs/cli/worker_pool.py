@@ -1,7 +1,8 @@
-"""A function on many arguments, in processes of their own, one thread each.
+"""Call a function with many arguments in parallel processes of one thread each.
 
-The pools of the standard library hang when a worker is killed (memory), or give up all
-work that is left; here the argument it had is told to be lost, and another takes over.
+When a worker is killed (out of memory, for example), the pools of the standard library
+hang or drop the remaining work. Here its argument is reported as lost, and a new process
+continues.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-# Of every library that has threads of its own.
+# Number of threads of every library that has its own.
 _THREADS = (
     "BIPOT_NUM_THREADS",
     "OMP_NUM_THREADS",
@@ -24,34 +25,34 @@ _THREADS = (
 
 
 def _serve(connection: Connection, work: Callable[..., Any]) -> None:
-    """Answer arguments until there are no more."""
-    # A Ctrl-C reaches all processes of a terminal; the parent says what becomes of it.
+    """Answer arguments until None arrives."""
+    # A Ctrl-C reaches all processes of a terminal; the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with suppress(EOFError, OSError):
         while (asked := connection.recv()) is not None:
             try:
                 answer = work(*asked)
-            except Exception as error:  # noqa: BLE001 — told, in the parent
+            except Exception as error:  # noqa: BLE001 — the parent reports it
                 answer = f"{type(error).__name__}: {error}"
             connection.send(answer)
 
 
 class Workers:
-    """Processes that stay for many arguments; ended with the block, at once.
+    """Processes that serve many arguments; they are terminated at the end of the block.
 
     Parameters
     ----------
     work
-        A function of a module, whose arguments and answers can be pickled. An answer
-        that is text says what went wrong.
+        A function of a module, whose arguments and answers can be pickled. A text as
+        answer is an error message.
     count
-        Processes.
+        Number of processes.
     """
 
     def __init__(self, work: Callable[..., Any], count: int) -> None:
         self.work, self.count = work, max(count, 1)
-        # Not forked: threads and locks of this process would come along.
+        # A fork would copy locks of threads that do not exist in the child.
         self.context = multiprocessing.get_context("spawn")
         self.processes: dict[Connection, Any] = {}
 
@@ -67,7 +68,7 @@ class Workers:
         self.processes.clear()
 
     def map(self, arguments: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
-        """Number and answer of each argument, as they come."""
+        """Yield the index and the answer of each argument, in the order of the answers."""
         left = list(range(len(arguments)))[::-1]
         busy: dict[Connection, int] = {}
         while left or busy:
@@ -105,7 +106,7 @@ class Workers:
                     del os.environ[name]
                 else:
                     os.environ[name] = value
-        # Else the end of the process would not end the connection.
+        # Otherwise the connection stays open when the process ends.
         there.close()
         self.processes[here] = process
         return here
@@ -114,6 +115,6 @@ class Workers:
 def _death(code: int | None) -> str:
     if code is not None and code < 0:
         name = signal.Signals(-code).name
-        hint = ", out of memory most likely" if name == "SIGKILL" else ""
-        return f"its process was ended by {name}{hint}"
+        hint = ", probably because memory ran out" if name == "SIGKILL" else ""
+        return f"its process was killed by {name}{hint}"
     return f"its process ended with status {code}"

@@ -1,4 +1,4 @@
-"""What the work will take, told before it is done."""
+"""The forecast of sizes, memory and time, before a scene is solved."""
 
 import io
 import re
@@ -24,7 +24,7 @@ COUNTS = (
 
 @pytest.mark.parametrize(
     ("scene", "n"),
-    # In the plane, in space, two bodies; the last takes longer than a look at signals.
+    # Two and three dimensions, two bodies; the last outlasts one check for signals.
     [
         ("pressed_block", 8),
         ("sheared_cube", 4),
@@ -32,7 +32,7 @@ COUNTS = (
         ("sheared_cube", 13),
     ],
 )
-def test_told_once_and_true(scene: str, n: int) -> None:
+def test_forecast_comes_once_and_is_correct(scene: str, n: int) -> None:
     asked = read(scene, [f"mesh.n={n}"])
     model = assemble(asked, bodies(asked)).model
     told: list[Any] = []
@@ -40,19 +40,20 @@ def test_told_once_and_true(scene: str, n: int) -> None:
     (counts,) = told
     assert set(counts) == set(COUNTS)
     assert {name: problem.stats[name] for name in COUNTS} == dict(counts)
-    # Nobody asked: the same problem.
+    # The problem is the same without a forecast.
     assert model.problem().stats["flops"] == counts["flops"]
 
 
 def test_with_few_of_many_candidates() -> None:
-    """Condensed onto those that touch: above 600 components not all are kept."""
+    """Above 600 components only the candidates that touch are condensed."""
     asked = read("sheared_cube", ["mesh.n=14"])
     model = assemble(asked, bodies(asked)).model
     told: list[Any] = []
     gap = model.gap.copy()
     gap[3:] = 1.0
     problem = bp.ContactProblem(
-        *(model.K, model.B),
+        model.K,
+        model.B,
         gap=gap,
         mu=0.3,
         fixed=model.fixed,
@@ -65,7 +66,7 @@ def test_with_few_of_many_candidates() -> None:
 
 
 class _NoError(Exception):
-    """Raised by whoever has heard enough."""
+    """Raised by the callback."""
 
 
 def test_an_exception_ends_the_work_in_the_calling_thread() -> None:
@@ -96,7 +97,7 @@ def test_more_work_takes_longer_and_more_cores_less() -> None:
     assert cost_forecast.seconds(large, 4) == pytest.approx(
         cost_forecast.seconds(large, 1) / 4
     )
-    # Of the same unknowns on two bodies the inverses are a quarter of the work.
+    # With the same unknowns on two bodies, the inverses are a quarter of the work.
     dense = {"flops": 0.0, "n_contact_dofs": 1000}
     halves = cost_forecast.work(dense | {"bodies": 2})
     assert halves == pytest.approx(cost_forecast.work(dense | {"bodies": 1}) / 4)
@@ -139,7 +140,7 @@ def test_cores_as_the_core_counts_them(monkeypatch: pytest.MonkeyPatch) -> None:
     assert cost_forecast.cores() == 3
 
 
-def test_a_run_tells_it_before_the_first_step(
+def test_a_run_prints_the_forecast_before_the_first_step(
     tmp_path: Any, monkeypatch: Any, capsys: Any
 ) -> None:
     from bipot_rs.cli.app import app
@@ -152,15 +153,15 @@ def test_a_run_tells_it_before_the_first_step(
         *("bodies", "contacts", "sizes", "memory", "time")
     ]
     assert lines[6].startswith("load step 1 of 2")
-    # A program that reads lines of JSON is told nothing else.
+    # With --json nothing else is printed.
     assert app(["run", "sheared_cube", "--set", "mesh.n=3", "--json"]) == 0
     assert capsys.readouterr().err == ""
 
 
-def test_meshes_of_files_are_counted_once_they_are_read(
+def test_meshes_of_files_are_counted_after_reading(
     monkeypatch: pytest.MonkeyPatch, repository: Path
 ) -> None:
-    """Nobody knows before; then by their own cells, as boxes are by theirs."""
+    """Their size is unknown before; then their own cells count, as those of boxes do."""
     file = repository / "examples" / "scenes" / "gmsh_two_bodies.toml"
     asked = read(str(file))
     meshed = bodies(asked)
@@ -168,7 +169,7 @@ def test_meshes_of_files_are_counted_once_they_are_read(
     entries = 12 * cells * (3 * 2) ** 2
     monkeypatch.setattr(cost_forecast, "available", lambda: entries - 1)
     cost_forecast.fits(asked)
-    with pytest.raises(MemoryError, match="fewer cells take less"):
+    with pytest.raises(MemoryError, match="use fewer cells"):
         cost_forecast.fits(asked, meshed)
     monkeypatch.setattr(cost_forecast, "available", lambda: entries)
     cost_forecast.fits(asked, meshed)
@@ -179,28 +180,28 @@ def test_meshes_of_files_are_counted_once_they_are_read(
 
 
 class Terminal(io.StringIO):
-    """A screen as far as it says so."""
+    """A stream that claims to be a terminal."""
 
     def isatty(self) -> bool:
         return True
 
 
-def test_a_terminal_sees_that_a_long_phase_goes_on(
+def test_a_terminal_shows_that_a_long_phase_is_running(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Its name, its clock, what was foretold; drawn anew with nobody asking for it."""
+    """Its name, its clock and the expected time are drawn again without a new step."""
     screen = Terminal()
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.delenv("NO_COLOR", raising=False)
     with telling.Progress(6, 2, quiet=False) as progress:
         progress.phase("condense")
-        progress.foretell(cost_forecast.duration(40.0))
+        progress.forecast(cost_forecast.duration(40.0))
         progress.bar.refresh()
         began = screen.getvalue()
         assert "condense" in began
-        assert "about 40 s foretold" in began
-        # Its clock alone: phases differ, what is left of them nobody knows.
+        assert "expected: about 40 s" in began
+        # The clock without a remaining time: the phases differ too much.
         assert len(re.findall(r"-:--|\d:\d\d:\d\d", began.splitlines()[-1])) == 1
         # Ten times a second, while the core works without holding the interpreter.
         limit = time.monotonic() + 10
@@ -209,4 +210,4 @@ def test_a_terminal_sees_that_a_long_phase_goes_on(
         assert screen.getvalue() != began
         progress.phase("solve")
         progress.bar.refresh()
-        assert "foretold" not in screen.getvalue().rpartition("solve")[2]
+        assert "expected" not in screen.getvalue().rpartition("solve")[2]

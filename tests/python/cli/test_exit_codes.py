@@ -1,4 +1,4 @@
-"""Every exit of every command is a sentence and, with --json, a line."""
+"""Every error of every command has a message and, with --json, a line."""
 
 import json
 from collections.abc import Callable
@@ -16,7 +16,7 @@ from rollers import roller
 
 Bipot = Callable[..., tuple[int, str, str]]
 
-# What each command makes of a scene; those that take settings, and those with --json.
+# Arguments of each command for a scene, and the commands with --json.
 COMMANDS: dict[str, Callable[[Faulty, list[str]], list[str]]] = {
     "run": lambda scene, given: ["run", scene.name, *given],
     "check": lambda scene, given: ["check", scene.name, *given],
@@ -34,21 +34,21 @@ COMMANDS: dict[str, Callable[[Faulty, list[str]], list[str]]] = {
     ],
 }
 JSON = ("run", "check", "sweep", "info", "fclib", "solve")
-# They read the file whatever stands in it, or take no settings.
+# They accept any text in the file, or take no settings.
 MAY_PASS = ("info", "scenes", "new")
-# What only the solution shows, a check does not know.
+# Mistakes that only solving shows, so that a check passes.
 SOLVED_ONLY = ("pulled_away", "pushed_along_ice", "out_of_iterations")
 
 
 def said(command: list[str], status: int, out: str, err: str) -> str:
-    """The sentence of an exit that is no success, checked."""
+    """Check the message of an exit with an error, and return it."""
     assert status in (0, 1, 2, 3), (command, status, out, err)
     assert "Traceback" not in out + err
-    assert "fault of bipot" not in out + err
+    assert "internal error of bipot" not in out + err
     if "--json" not in command:
         if status == 0:
             return ""
-        # Of a sweep the rows that fail are told with its table.
+        # A sweep prints the messages of failed rows below its table.
         first = [*err.splitlines(), *(["bipot: " + out] if "\nrow 1: " in out else [])]
         assert any(one.startswith("bipot: ") and len(one) > 20 for one in first), (
             command
@@ -96,7 +96,7 @@ def test_all_commands_over_all_faulty_scenes(
     ids=[name for name, _, status in late() if status == 1],
 )
 def test_check_of_what_floats(name: str, model: bp.Model, bipot: Bipot) -> None:
-    """The sentence of a run, with the counts that there are."""
+    """The message is that of a run, and the sizes are reported too."""
     model.to_toml("it.toml")
     status, out, err = bipot("check", "it.toml")
     found = json.loads(bipot("check", "it.toml", "--json")[1])
@@ -116,8 +116,10 @@ def test_check_of_what_floats(name: str, model: bp.Model, bipot: Bipot) -> None:
 
 
 @pytest.mark.parametrize("pairing", ["match", "mortar", "nodes"])
-def test_check_of_two_bodies_is_no_chance(pairing: str, bipot: Bipot) -> None:
-    """Whatever the mesh, of which the core makes its order."""
+def test_check_of_two_bodies_does_not_depend_on_the_mesh(
+    pairing: str, bipot: Bipot
+) -> None:
+    """The order of elimination depends on the mesh; the message does not."""
     for cells in (2, 3, 4, 7) if pairing != "match" else (2,):
         pair(pairing, cells=cells).to_toml("it.toml")
         status, _, err = bipot("check", "it.toml")
@@ -156,10 +158,10 @@ def test_wrong_settings(arguments: tuple[str, ...], bipot: Bipot) -> None:
 
 
 @pytest.mark.parametrize("command", ["run", "check", "info", "scenes", "schema"])
-def test_a_fault_of_the_program_is_a_sentence(
+def test_an_internal_error_has_a_message(
     command: str, bipot: Bipot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And no answer that does not exist, which Python's own status 1 would say."""
+    """Its status is not 1, as Python's own would be: 1 means that no answer exists."""
 
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("division\nby zero")
@@ -176,8 +178,8 @@ def test_a_fault_of_the_program_is_a_sentence(
     status, out, err = bipot(command, *name)
     assert (status, out) == (FAULT, "")
     assert err == (
-        "bipot: this is a fault of bipot, ZeroDivisionError: division by zero; please "
-        "report it with what BIPOT_TRACEBACK=1 shows\n"
+        "bipot: internal error of bipot, ZeroDivisionError: division by zero; please "
+        "report it with the traceback that BIPOT_TRACEBACK=1 prints\n"
     )
     if name:
         status, out, err = bipot(command, *name, "--json")
@@ -191,7 +193,7 @@ def test_a_fault_of_the_program_is_a_sentence(
 def test_displacements_that_cannot_be_found(
     bipot: Bipot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The steps before are kept, and the status says that it has not converged."""
+    """Earlier steps are kept, and the exit status is "not converged"."""
     from bipot_rs.contact import load_path
 
     m = block()

@@ -1,4 +1,4 @@
-"""`bipot fclib`: a line a file, a summary, and the worst of the exit statuses."""
+"""`bipot fclib`: a line per file, a summary, and the worst exit status."""
 
 import json
 import signal
@@ -13,7 +13,7 @@ import pytest
 import bipot_rs as bp
 import pressed
 from bipot_rs import fclib
-from bipot_rs.cli.commands import fclib as fclib_job
+from bipot_rs.cli.commands.fclib import Request, Solve
 from bipot_rs.cli.interrupts import Interrupts
 from collection import FILES, path
 from methods import METHODS
@@ -36,7 +36,7 @@ def bipot(*arguments: str, status: int) -> subprocess.CompletedProcess[str]:
 
 
 def rows(output: str) -> list[dict[str, Any]]:
-    """Every line is an object of JSON as the standard has it."""
+    """Parse the lines; every line is an object of standard JSON."""
 
     def refuse(word: str) -> None:
         raise AssertionError(f"{word} is no JSON")
@@ -46,7 +46,7 @@ def rows(output: str) -> list[dict[str, Any]]:
 
 @pytest.fixture
 def stuck(tmp_path: Path) -> str:
-    """A file without an answer: what nothing can move penetrates."""
+    """A file without an answer: a fixed body penetrates."""
     problem = bp.ReducedProblem(np.diag([1.0, 1.0, 0.0, 0.0]), [[-1.0, 0.0]] * 2, 0.3)
     fclib.write(tmp_path / "stuck.hdf5", problem)
     return str(tmp_path / "stuck.hdf5")
@@ -54,7 +54,7 @@ def stuck(tmp_path: Path) -> str:
 
 @pytest.fixture
 def floating(tmp_path: Path) -> str:
-    """A file whose second unknown nothing holds."""
+    """A file whose second unknown is not held."""
     problem = fclib.GlobalProblem(
         np.diag([1.0, 0.0]), [[1.0, 0.0], [0.0, 0.0]], [0.0, 1.0], [[1.0, 0.0]], 0.3
     )
@@ -62,7 +62,7 @@ def floating(tmp_path: Path) -> str:
     return str(tmp_path / "floating.hdf5")
 
 
-def test_all_files_are_solved_and_told() -> None:
+def test_all_files_are_solved_and_reported() -> None:
     files = [str(path(name)) for name in FILES]
     run = bipot(*files, "--json", status=0)
     assert run.stderr == ""
@@ -78,7 +78,7 @@ def test_all_files_are_solved_and_told() -> None:
         assert row["seconds"] > 0
 
 
-def test_people_get_lines_and_a_summary() -> None:
+def test_output_without_json_is_lines_and_a_summary() -> None:
     run = bipot(GOOD, str(path("d2_fcp00031")), status=0)
     first, second, *summary = run.stdout.splitlines()
     assert "asymmetric" not in first + second
@@ -95,8 +95,8 @@ def test_people_get_lines_and_a_summary() -> None:
         assert word in text
 
 
-def test_what_is_not_solved_is_told_in_a_sentence(tmp_path: Path, stuck: str) -> None:
-    """One a file, beside the line of the table; lines of JSON have their own."""
+def test_each_unsolved_file_has_a_message(tmp_path: Path, stuck: str) -> None:
+    """One message per file, besides its line; a line of JSON contains it."""
     slow = str(tmp_path / "slow.hdf5")
     fclib.write(slow, pressed.cube())
     short = ("--method", "uzawa", "--tol", "1e-12", "--max-seconds", "1e-9")
@@ -110,18 +110,18 @@ def test_what_is_not_solved_is_told_in_a_sentence(tmp_path: Path, stuck: str) ->
     assert bipot("--json", stuck, slow, *short, status=3).stderr == ""
 
 
-def test_what_a_line_was_held_to() -> None:
-    """Rounding of η may be more than the tolerance asked for: then it is told."""
+def test_a_raised_tolerance_is_reported() -> None:
+    """Rounding of η may exceed the given tolerance."""
     tight = bipot("--tol", "1e-20", GOOD, status=0).stdout.splitlines()[0]
     (row,) = rows(bipot("--tol", "1e-20", "--json", GOOD, status=0).stdout)
     assert row["tolerance"] > 1e-20
-    assert f"held to {row['tolerance']:.1e} by rounding" in tight
+    assert f"tolerance raised to {row['tolerance']:.1e} by rounding" in tight
     loose = bipot("--tol", "1e-6", GOOD, status=0).stdout.splitlines()[0]
     assert "held to" not in loose
 
 
 def test_a_name_is_one_line(tmp_path: Path) -> None:
-    """File names hold newlines, and bytes that are no text."""
+    """File names may contain newlines, and bytes that are not text."""
     odd = tmp_path / "a\nb\udcff.hdf5"
     odd.write_bytes(Path(GOOD).read_bytes())
     run = bipot(str(odd), str(tmp_path / "no\nfile"), status=2)
@@ -132,7 +132,7 @@ def test_a_name_is_one_line(tmp_path: Path) -> None:
     assert run.stderr.count("\n") == 1
 
 
-def test_a_bad_file_stops_no_other(tmp_path: Path, stuck: str) -> None:
+def test_a_bad_file_does_not_stop_the_others(tmp_path: Path, stuck: str) -> None:
     broken = tmp_path / "broken.hdf5"
     broken.write_bytes(b"not HDF5")
     missing = str(tmp_path / "missing.hdf5")
@@ -152,16 +152,17 @@ def test_a_bad_file_stops_no_other(tmp_path: Path, stuck: str) -> None:
 def test_exit_status_is_the_worst(
     tmp_path: Path, stuck: str, floating: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """2 over 3 over 1 over 0, in whatever order the files come."""
+    """2 before 3 before 1 before 0, in any order of the files."""
     slow = tmp_path / "slow.hdf5"
     fclib.write(slow, pressed.cube())
     missing = str(tmp_path / "missing.hdf5")
 
     def status(*files: str) -> int:
-        # No method is through within a nanosecond.
-        return fclib_job.run(files, "uzawa", 1e-12, 1e-9, Interrupts(), as_json=True)
+        # No method finishes within a nanosecond.
+        request = Request(files, "uzawa", 1e-12, max_seconds=1e-9)
+        return Solve(request, as_json=True, interrupts=Interrupts()).run()
 
-    # Refused by geometry before the clock is asked.
+    # The geometry is refused before the time limit is checked.
     assert status(stuck) == status(floating) == 1
     assert status(str(slow)) == 3
     assert status(stuck, str(slow)) == status(str(slow), stuck) == 3
@@ -216,7 +217,7 @@ def test_every_method_is_there(method: str) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("as_json", [True, False])
 def test_interrupt(number: signal.Signals, as_json: bool, tmp_path: Path) -> None:
-    # Some milliseconds each: the signal comes long before the last.
+    # Each takes some milliseconds: the signal comes long before the last.
     process = subprocess.Popen(
         [*BIPOT, *["--json"] * as_json, *[GOOD] * 5000],
         cwd=tmp_path,
@@ -254,8 +255,8 @@ def test_reader_that_goes_away() -> None:
     process.stderr.close()
 
 
-def test_scene_goes_out_as_problems(tmp_path: Path) -> None:
-    """Others, and we, solve each load step from its file alone."""
+def test_scene_is_written_as_fclib_files(tmp_path: Path) -> None:
+    """Each load step can be solved from its file alone."""
     run = [sys.executable, "-m", "bipot_rs", "run", "sheared_cube", "--set=mesh.n=3"]
     subprocess.run([*run, "--fclib"], cwd=tmp_path, check=True, capture_output=True)
     out = tmp_path / "out" / "sheared_cube"
@@ -272,6 +273,6 @@ def test_scene_goes_out_as_problems(tmp_path: Path) -> None:
         info = fclib.read_info(file)
         assert "sheared_cube" in info["description"]
         assert "mm" in info["description"]
-    # A run without them leaves none of an earlier one behind.
+    # A run without --fclib removes the files of an earlier run.
     subprocess.run(run, cwd=tmp_path, check=True, capture_output=True)
     assert list(out.glob("*.hdf5")) == []

@@ -1,4 +1,4 @@
-"""A full disk, a kill, a folder that is closed: nothing lost, and said in a sentence."""
+"""A full disk, a kill, a read-only folder: earlier files survive, with a message."""
 
 import errno
 import json
@@ -40,7 +40,7 @@ def full_after(size: int) -> Callable[..., None]:
 
 @pytest.fixture
 def bipot_here(tmp_path: Path) -> Callable[..., int]:
-    """The status of the command in a child."""
+    """The exit status of the command in a child process."""
     return lambda *arguments: bipot(*arguments, cwd=tmp_path).returncode
 
 
@@ -64,7 +64,7 @@ def test_full_disk(size: int, earlier: dict[str, bytes], tmp_path: Path) -> None
     )
     assert (run.returncode, run.stderr) == (2, "")
     message = json.loads(run.stdout.splitlines()[-1])["message"]
-    # The name that was asked for, not that of the draft.
+    # The message names the final file, not the draft.
     assert re.match(r"cannot write here/(result\.(pvd|h5)|steps\.csv): ", message)
     assert message.endswith(os.strerror(errno.EFBIG))
     assert files(tmp_path) == earlier
@@ -94,8 +94,7 @@ def test_full_disk_under_result_save(tmp_path: Path) -> None:
         with pytest.raises(OSError, match=words):
             result.save(path)
 
-    # The child must come to its end: HDF5 left with a file that it can neither write
-    # nor close brings the process down.
+    # The child must end normally: HDF5 aborts the process if it cannot close a file.
     assert forked(save).returncode == 0
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
@@ -134,16 +133,16 @@ def test_killed_while_writing(
     )
     assert run.returncode == -signal.SIGKILL
     assert files(tmp_path) == earlier
-    # What the dead run was preparing goes when the next one comes.
+    # The next run removes the draft of the killed one.
     assert len(strays(tmp_path / "here")) == 1
     assert bipot(*RUN, cwd=tmp_path).returncode == 0
     assert strays(tmp_path / "here") == []
 
 
-def test_what_killed_runs_left_goes_with_any_next_run(
+def test_drafts_of_killed_runs_are_removed_by_the_next_run(
     tmp_path: Path, bipot_here: Callable[..., int]
 ) -> None:
-    """In its own folder and in those beside it; what a live run prepares stays."""
+    """In its own folder and in its neighbours; drafts of live runs stay."""
     kill = lambda *_: os.kill(os.getpid(), signal.SIGKILL)  # noqa: E731
     for out in ("out/a", "out/b"):
         run = (*RUN, "--out", out)
@@ -161,7 +160,7 @@ def test_what_killed_runs_left_goes_with_any_next_run(
 
 
 @pytest.mark.parametrize("command", ["solve", "sweep"])
-def test_other_commands_clear_too(
+def test_other_commands_remove_drafts_too(
     command: str, tmp_path: Path, bipot_here: Callable[..., int]
 ) -> None:
     (tmp_path / "here" / ".bipot-dead").mkdir(parents=True)
@@ -175,10 +174,10 @@ def test_other_commands_clear_too(
     assert strays(tmp_path / "here") == []
 
 
-def test_a_draft_that_another_run_has_taken_is_made_again(
+def test_a_draft_that_another_run_removed_is_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Between its making and its lock it looks like one of a dead run."""
+    """Before it is locked, it looks like the draft of a killed run."""
     taken = []
     made = tempfile.TemporaryDirectory
 
@@ -201,7 +200,7 @@ def test_a_draft_that_another_run_has_taken_is_made_again(
 
 @pytest.mark.parametrize("before", [False, True])
 def test_files_after_a_full_disk(before: bool, tmp_path: Path) -> None:
-    """What is told of the folder is what is there, and whose."""
+    """The output names the files that are there, and the run they belong to."""
     if before:
         assert bipot(*RUN, cwd=tmp_path).returncode == 0
 
@@ -213,7 +212,7 @@ def test_files_after_a_full_disk(before: bool, tmp_path: Path) -> None:
     )
     assert run.returncode == 2
     last = run.stdout.splitlines()[-1]
-    of = ", its files are of an earlier run" if before else ""
+    of = "; its files are from an earlier run" if before else ""
     assert last == f"here: nothing was written{of}"
     assert "bipot: cannot write here/" in run.stderr
 
@@ -223,12 +222,12 @@ def test_files_of_solve_after_a_full_disk(tmp_path: Path) -> None:
     (tmp_path / "contacts.csv").write_text("dof_x,dof_y,nx,ny,mu\n0,1,0,1,0\n")
     command = ("solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv")
     for name, said in (
-        ("steps.csv", "of this run there is result.h5"),
+        ("steps.csv", "files written before: result.h5"),
         (
             "displacements.csv",
-            "of this run there are result.h5, steps.csv, reactions.csv",
+            "files written before: result.h5, steps.csv, reactions.csv",
         ),
-        ("result.h5", "nothing else was written"),
+        ("result.h5", "files written before: none"),
     ):
 
         def fault(path: Any, *_: object, name: str = name) -> None:
@@ -263,7 +262,7 @@ def test_killed_under_result_save(tmp_path: Path) -> None:
 
 
 def test_two_runs_at_once_leave_each_other_alone(tmp_path: Path) -> None:
-    """Only the drafts of the dead are cleared away."""
+    """Only drafts of killed runs are removed."""
     inner = []
 
     def fault(*_: object) -> None:
@@ -277,7 +276,7 @@ def test_two_runs_at_once_leave_each_other_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["result.h5", "result.pvd", "steps.csv"])
-def test_a_folder_in_the_way_is_found_before_the_work(
+def test_a_folder_with_the_name_of_a_file_is_found_before_the_work(
     name: str, tmp_path: Path
 ) -> None:
     (tmp_path / "here" / name).mkdir(parents=True)
@@ -289,7 +288,7 @@ def test_a_folder_in_the_way_is_found_before_the_work(
     assert [path.name for path in (tmp_path / "here").iterdir()] == [name]
 
 
-def test_a_place_where_nobody_writes(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     run = bipot(*RUN, "--out", "/proc/here", cwd=tmp_path)
     assert run.returncode == 2
     (last,) = map(json.loads, run.stdout.splitlines())

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM, at chosen places of a run: what is told and what is left."""
+"""Ctrl-C and SIGTERM at chosen places of a run: messages, exit status and files."""
 
 import json
 import os
@@ -14,14 +14,13 @@ from children import bipot, bipot_hit_at_import, bipot_with, child, strays
 
 STEPS = 8
 RUN = (
-    *("run", "cyclic_cube", "--set", "mesh.n=2", "--set", f"path.steps={STEPS}"),
-    *("--out", "here", "--json"),
+    f"run cyclic_cube --set mesh.n=2 --set path.steps={STEPS} --out here --json".split()
 )
 INT, TERM = signal.SIGINT, signal.SIGTERM
 
 
 def left(cwd: Path) -> tuple[bool, int]:
-    """Whether `result.h5` says that it is complete, and how many steps it holds."""
+    """Whether `result.h5` is complete, and its number of steps."""
     assert strays(cwd / "here") == []
     _, steps, attributes = export.read_result(cwd / "here" / "result.h5")
     return attributes["complete"], len(steps)
@@ -30,7 +29,7 @@ def left(cwd: Path) -> tuple[bool, int]:
 def hit(
     number: signal.Signals, times: int = 1, pause: float = 0.0
 ) -> Callable[..., None]:
-    """A fault: signals that this process sends itself."""
+    """A fault that sends signals to this process."""
 
     def fault(*_: object) -> None:
         for k in range(times):
@@ -83,7 +82,7 @@ def test_between_steps(number: signal.Signals, tmp_path: Path) -> None:
     "before", ["bipot_rs.fem.paraview:write_bodies", "bipot_rs.files.export:_three"]
 )
 def test_while_files_are_written(before: str, tmp_path: Path) -> None:
-    """All steps are there by then, and all files come whole."""
+    """All steps are solved by then, and all files are written whole."""
     run = bipot_with(hit(INT), before, *RUN, cwd=tmp_path)
     assert run.returncode == 130
     assert left(tmp_path) == (False, STEPS)
@@ -95,18 +94,18 @@ def test_after_the_last_file_the_run_has_ended(tmp_path: Path) -> None:
     assert left(tmp_path) == (True, STEPS)
 
 
-def test_an_earlier_result_gives_way_to_load_steps_only(tmp_path: Path) -> None:
+def test_an_earlier_result_is_replaced_by_load_steps_only(tmp_path: Path) -> None:
     whole = bipot(*RUN, cwd=tmp_path)
     assert whole.returncode == 0
     before = (tmp_path / "here" / "result.h5").read_bytes()
     run = bipot_with(hit(INT), "bipot_rs.scene.build:bodies", *RUN, cwd=tmp_path)
     assert run.returncode == 130
-    assert "is as it was" in json.loads(run.stdout)["message"]
+    assert "result.h5 is unchanged" in json.loads(run.stdout)["message"]
     assert (tmp_path / "here" / "result.h5").read_bytes() == before
 
 
-def test_who_asks_twice_does_not_wait_for_files(tmp_path: Path) -> None:
-    # Two signals within a second are one: some launchers send them so.
+def test_a_second_signal_does_not_wait_for_files(tmp_path: Path) -> None:
+    # Two signals within a second count as one: some launchers send it twice.
     run = bipot_with(
         hit(INT, 2), "bipot_rs.fem.paraview:write_bodies", *RUN, cwd=tmp_path
     )
@@ -122,7 +121,7 @@ def test_who_asks_twice_does_not_wait_for_files(tmp_path: Path) -> None:
 
 
 def test_an_interrupt_that_python_cannot_raise(tmp_path: Path) -> None:
-    """In a finaliser: Python prints such an exception and goes on."""
+    """Python prints an exception in a finaliser and continues."""
 
     class Hit:
         def __del__(self) -> None:
@@ -170,7 +169,7 @@ finally:
 
 
 def test_sigterm_while_metis_orders(tmp_path: Path) -> None:
-    """METIS takes SIGTERM for its own, and jumps from whatever thread gets it."""
+    """METIS uses SIGTERM internally, and jumps from the thread that receives it."""
     code = """
 import os, signal, threading, time
 import numpy as np

@@ -1,4 +1,4 @@
-"""The peak memory of a run is its own, whatever process started it."""
+"""The peak memory of a run does not include that of its parent process."""
 
 import json
 import subprocess
@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-# Linux reports, as a process's `ru_maxrss`, no less than what its parent held.
+# On Linux, `ru_maxrss` of a process is at least the memory of its parent.
 LARGE = """
 import subprocess, sys
 held = bytearray(1_500_000_000)
@@ -38,10 +38,10 @@ def test_a_large_parent_is_not_counted() -> None:
     assert 10 < peak < 1000  # Python with NumPy takes some 100 MB
 
 
-def test_what_was_freed_counts() -> None:
+def test_freed_memory_counts() -> None:
     figures = printed(LARGER)
     assert isinstance(figures, list)
     before, between, after = figures
-    # The kernel sums its counters of pages now and then: some 0.2 MB are uncertain.
+    # The kernel updates its page counters with a delay: some 0.2 MB are uncertain.
     assert between - before == pytest.approx(300e6 / 2**20, rel=0.05)
     assert after == pytest.approx(between, rel=0.05)

@@ -1,4 +1,4 @@
-"""Paths that are left off and taken up again: the same bits as in one go."""
+"""Interrupted and resumed load paths: bitwise the results of an uninterrupted run."""
 
 import json
 import shutil
@@ -24,7 +24,7 @@ FIELDS = (
 
 
 def same(one: Any, other: Any) -> bool:
-    """Every field of two paths, to the bit."""
+    """Compare every field of two paths bitwise."""
     return len(one) == len(other) and all(
         np.asarray(getattr(a, name)).tobytes() == np.asarray(getattr(b, name)).tobytes()
         for a, b in zip(one, other, strict=True)
@@ -67,7 +67,7 @@ def test_from_the_result_of_an_error(tmp_path: Path) -> None:
     problem, load = bar_problem(12)
     path = pulled(load, 30 * np.sin(0.6 * np.arange(9)))
     whole = problem.solve(path)
-    # As many iterations as the first three steps take, and one of the others more.
+    # Enough iterations for the first three steps, but not for one of the others.
     limit = int(whole.iterations[:3].max())
     assert whole.iterations[3:].max() > limit
     with pytest.raises(bp.NotConvergedError) as stopped:
@@ -92,7 +92,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def broken(tmp_path: Path) -> Path:
-    """The same, interrupted after four load steps."""
+    """The same run, interrupted after four load steps."""
     assert interrupted(4, cwd=tmp_path).returncode == 130
     return tmp_path / "here"
 
@@ -130,7 +130,7 @@ def test_resumed_twice_to_the_same_files(whole: Path, broken: Path) -> None:
 
 
 def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) -> None:
-    """What the set was goes along: contacts that have opened again are still in it."""
+    """The working set is stored: contacts that have opened again are still in it."""
     m = bp.Model("A block pressed onto a ball")
     m.material("soft", young=1.0, poisson=0.3)
     m.body(
@@ -164,7 +164,7 @@ def test_a_path_on_a_working_set_is_resumed_to_the_same_files(tmp_path: Path) ->
     steps = bp.load(tmp_path / "whole" / "result.h5").steps
     grown = steps[1].working_set
     assert grown is not None
-    # More than the set to begin with of a path that goes on from its state alone.
+    # Larger than the initial set of a path that starts from this state alone.
     assert len(grown) > (steps[1].status > 0).sum() + 12
     case = m.assemble()
     assert case.problem().stats["working_set"] is not None
@@ -185,42 +185,45 @@ def test_problems_of_a_resumed_path(broken: Path) -> None:
     assert "without --resume" in again.stderr
 
 
-def test_who_begins_anew_is_told_what_there_is(broken: Path) -> None:
+def test_a_new_run_reports_an_unfinished_one(broken: Path) -> None:
     looked = bipot("info", "here", cwd=broken.parent)
     assert "4 load steps of 9, every residual" in looked.stdout
     assert "load step 4 of 9: open" in looked.stdout
     again = bipot(*SCENE, "--out", "here", cwd=broken.parent)
     assert again.returncode == 0
-    assert "4 load steps of this very run, which was left off: --resume" in again.stderr
-    # Whole it is now; and of other settings nothing can be gone on with.
+    assert (
+        "4 load steps of this run; it starts again from the beginning, --resume"
+        in again.stderr
+    )
+    # The result is complete now; and a run with other settings cannot be resumed.
     for more in ([], ["--tol", "1e-9"]):
         quiet = bipot(*SCENE, *more, "--out", "here", cwd=broken.parent)
         assert quiet.returncode == 0
         assert "left off" not in quiet.stderr
 
 
-def test_who_goes_on_is_told_behind_what(broken: Path) -> None:
+def test_a_resumed_run_reports_its_start(broken: Path) -> None:
     run = bipot(*SCENE, "--out", "here", "--resume", cwd=broken.parent)
     assert run.returncode == 0
-    assert "going on behind 4 load steps" in run.stderr
+    assert "continuing after 4 load steps" in run.stderr
     looked = bipot("info", "here", cwd=broken.parent)
     assert "9 load steps, every residual" in looked.stdout
 
 
-def test_complete_is_complete(whole: Path) -> None:
+def test_a_complete_run_is_not_resumed(whole: Path) -> None:
     before = (whole / "result.h5").read_bytes()
     run = bipot(*SCENE, "--out", "here", "--resume", cwd=whole.parent)
     assert run.returncode == 0
-    assert "complete already" in run.stderr
+    assert "already complete" in run.stderr
     assert (whole / "result.h5").read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--set", "contact.0.mu=0.31"], "of another scene, or of other settings"),
-        (["--tol", "1e-9"], "solved to tol 1e-12, this run asks for 1e-09"),
-        (["--method", "uzawa"], "method 'auto', this run asks for 'uzawa'"),
+        (["--set", "contact.0.mu=0.31"], "belongs to another scene"),
+        (["--tol", "1e-9"], "solved with tol 1e-12, this run uses 1e-09"),
+        (["--method", "uzawa"], "method 'auto', this run uses 'uzawa'"),
     ],
 )
 def test_another_run_is_refused(arguments: list[str], words: str, broken: Path) -> None:
@@ -246,21 +249,21 @@ def test_files_that_cannot_be_resumed(broken: Path) -> None:
     shutil.copy(file, kept)
     with h5py.File(file, "r+") as damaged:
         damaged.attrs["package"] = "0.0.1"
-    # Whatever writes behind the seal of the file breaks it.
+    # Writing after the checksum of the file makes it invalid.
     assert "checksum" in refusal() or "its end is missing" in refusal()
     bp.load(kept).save(file)
-    assert "does not say of which scene" in refusal()
+    assert "does not name its scene" in refusal()
     file.write_bytes(b"nothing of the kind")
     assert "cannot be read" in refusal()
     file.unlink()
-    assert "nothing to resume" in refusal()
+    assert "cannot resume: there is no" in refusal()
 
 
 @pytest.mark.parametrize("place", ["scene.build:bodies", "scene.reading:assemble"])
 def test_a_file_without_contacts_is_resumed(
     place: str, whole: Path, tmp_path: Path
 ) -> None:
-    """Interrupted before assembly there is a result of no steps, and no contacts."""
+    """An interrupt before assembly leaves a result without steps and contacts."""
 
     def fault(*_: object) -> None:
         raise KeyboardInterrupt
@@ -279,12 +282,15 @@ def test_a_file_without_contacts_is_resumed(
 def test_an_older_version_or_other_contacts(broken: Path) -> None:
     file = broken / "result.h5"
     for change, words in (
-        (lambda f: f.attrs.update(package="0.0.1"), "version 0.0.1 of this package"),
-        (lambda f: f["contacts/gap"].write_direct(np.full(49, 1.0)), "another gap"),
+        (lambda f: f.attrs.update(package="0.0.1"), "version 0.0.1 of bipot_rs"),
+        (
+            lambda f: f["contacts/gap"].write_direct(np.full(49, 1.0)),
+            "gap of its contacts differs",
+        ),
     ):
         kept = file.read_bytes()
         with h5py.File(file, "r+") as altered:
-            # As a file without a seal, which others may write.
+            # A file without a checksum, as other programs may write.
             del altered.attrs["sealed"]
             change(altered)
         run = bipot(*SCENE, "--out", "here", "--resume", cwd=broken.parent)

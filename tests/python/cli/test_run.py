@@ -1,4 +1,4 @@
-"""The command line: its output, its files and its exit status, by subprocess."""
+"""`bipot run` in a subprocess: output, files and exit status."""
 
 import json
 import re
@@ -38,11 +38,11 @@ def test_run_writes_table_and_files(tmp_path: Path) -> None:
     assert (out / "tractions.png").read_bytes().startswith(b"\x89PNG")
     for word in ("stick", "slip", "open", "residual", "result.h5", "192 degrees"):
         assert word in run.stdout
-    # Without a terminal a line for each load step takes the place of the bar.
+    # Without a terminal there is a line for each load step instead of a bar.
     assert re.findall(r"^load step (\d) of 2: load", run.stderr, re.M) == ["1", "2"]
 
 
-def test_a_sine_that_comes_back_to_zero_is_told_as_zero(tmp_path: Path) -> None:
+def test_a_sine_that_returns_to_zero_is_shown_as_zero(tmp_path: Path) -> None:
     run = bipot("run", "cyclic_cube", "--set", "mesh.n=3", cwd=tmp_path)
     loads = re.findall(r"^load step \d+ of 41: load ([^,]+),", run.stderr, re.M)
     assert [loads[k] for k in (0, 10, 20, 30, 40)] == ["0"] * 5
@@ -124,7 +124,7 @@ def test_method_and_tolerance(tmp_path: Path) -> None:
     arguments = ("run", "sheared_cube", "--set", "mesh.n=3", "--json")
     tight = bipot(*arguments, cwd=tmp_path)
     loose = bipot(*arguments, "--tol", "1e-4", "--method", "uzawa", cwd=tmp_path)
-    # Loose, but not for nothing: it stops where it is told to.
+    # A loose tolerance has an effect: the run stops there.
     residual = max(step["residual"] for step in lines(loose.stdout)[:-1])
     assert 1e-12 < residual <= 1e-4
     assert lines(tight.stdout)[:-1] != lines(loose.stdout)[:-1]
@@ -143,8 +143,8 @@ def test_version(tmp_path: Path) -> None:
     assert (told.stdout, told.stderr) == (f"bipot-rs {bp.__version__}\n", "")
 
 
-def test_forgotten_supports_are_told_as_such(tmp_path: Path) -> None:
-    """By what nothing holds, not by a degree of freedom."""
+def test_forgotten_supports_are_named(tmp_path: Path) -> None:
+    """The message names the body, not a degree of freedom."""
     bipot("new", "two", "--template", "two_bodies", cwd=tmp_path)
     text = (tmp_path / "two.toml").read_text()
     held, _, rest = text.partition("[[support]]")
@@ -215,8 +215,7 @@ def test_bad_input(arguments: list[str], message: str, tmp_path: Path) -> None:
 
 
 def test_not_converged_keeps_the_earlier_steps(tmp_path: Path) -> None:
-    # Nothing moves in the first step, and no method needs an iteration for that;
-    # none solves the second in one.
+    # Nothing moves in the first step, without iterations; the second needs several.
     run = bipot(
         *("run", "sheared_cube", "--set=mesh.n=3", "--json"),
         *("--set", "solver.max_iterations=1"),
@@ -246,7 +245,7 @@ def test_interrupt_keeps_the_complete_steps(tmp_path: Path) -> None:
     first = json.loads(process.stdout.readline())
     assert process.stderr is not None
     process.send_signal(signal.SIGINT)
-    # Not by `communicate`: it does not know of lines that came with the first.
+    # `communicate` would lose lines that arrived together with the first.
     with process.stdout, process.stderr:
         output, errors = process.stdout.read(), process.stderr.read()
     assert process.wait(timeout=60) == 130, errors
@@ -259,14 +258,14 @@ def test_interrupt_keeps_the_complete_steps(tmp_path: Path) -> None:
     _, written, attributes = export.read_result(path)
     assert attributes["complete"] is False
     told = [step["load"] for step in (first, *more)]
-    # The signal may come after a step is kept and before it is told.
+    # The signal may come after a step is stored and before it is printed.
     assert [step["load"] for step in written][: len(told)] == told
     assert len(written) - len(told) <= 1
     assert np.isfinite(written[0]["reaction"]).all()
 
 
 def test_help_is_quick_to_import(tmp_path: Path) -> None:
-    """Neither numbers nor pictures are loaded to print a help text."""
+    """No large library is imported to print a help text."""
     code = (
         "import sys; from bipot_rs.cli.app import app; app(['--help']); "
         "print(sorted({'scipy', 'skfem', 'matplotlib', 'h5py', 'meshio', 'pydantic'}"
@@ -280,8 +279,8 @@ def test_help_is_quick_to_import(tmp_path: Path) -> None:
     assert run.stderr.strip() == "[]"
 
 
-def test_a_run_has_what_it_needs_before_its_phases(tmp_path: Path) -> None:
-    """A signal between two phases finds no module half imported, nor does a clock."""
+def test_a_run_imports_everything_before_its_phases(tmp_path: Path) -> None:
+    """A signal cannot leave half a module, and no phase is charged for imports."""
     code = """
 import sys
 from contextlib import contextmanager
@@ -337,14 +336,14 @@ SOLVE = ("run", "pressed_block", "--set", "mesh.n=4")
         (("scenes",), ">/dev/full", 2),
         ((*SOLVE, "--json"), ">/dev/full", 2),
         (("fclib", "nothing.hdf5"), ">/dev/full", 2),
-        # In a shell's words, so that the reader has gone before the first byte.
+        # Through a shell, so that the reader has gone before the first byte.
         (("--help",), "> >(exec true)", 2),
     ],
 )
-def test_standard_streams_that_take_nothing(
+def test_closed_or_full_standard_streams(
     arguments: tuple[str, ...], closed: str, status: int, tmp_path: Path
 ) -> None:
-    """The status says how it went, with a place to say more or without."""
+    """The exit status is correct with and without a place for messages."""
     wait = "sleep 0.2; " if "true" in closed else ""
     run = subprocess.run(
         ["bash", "-c", f'{{ {wait}exec "$@"; }} {closed}', "bash", *BIPOT, *arguments],
@@ -359,7 +358,7 @@ def test_standard_streams_that_take_nothing(
         assert "cannot write to standard output" in run.stderr
 
 
-def test_problems_are_among_what_was_written(tmp_path: Path) -> None:
+def test_fclib_files_are_listed_in_the_output(tmp_path: Path) -> None:
     run = bipot("run", "sheared_cube", "--set=mesh.n=2", "--fclib", cwd=tmp_path)
     last = run.stdout.splitlines()[-1]
     assert "problem-0000.hdf5, problem-0001.hdf5, result.h5" in last
@@ -378,5 +377,5 @@ def test_read_only_folder(tmp_path: Path) -> None:
         status=2,
     )
     assert lines(run.stdout)[-1]["success"] is False
-    # Nothing half done is left behind.
+    # No draft is left.
     assert [path.name for path in closed.iterdir()] == ["result.h5"]

@@ -1,4 +1,4 @@
-"""`bipot run --error` and `--tol discretisation`: what they tell and write."""
+"""`bipot run --error` and `--tol discretisation`: output and files."""
 
 import csv
 from pathlib import Path
@@ -25,7 +25,7 @@ def test_error_in_table_files_and_picture(tmp_path: Path) -> None:
     assert {p.name for p in out.iterdir()} == FILES | series | pictures
     assert (out / "error.png").read_bytes().startswith(b"\x89PNG")
     assert "indicator (Coulomb" in run.stdout
-    # There is friction: nothing is guaranteed, and nothing may say so.
+    # With friction the error is an estimate, and must not be called a bound.
     assert "guaranteed" not in run.stdout
     with (out / "steps.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -40,7 +40,7 @@ def test_error_in_table_files_and_picture(tmp_path: Path) -> None:
             mesh = meshio.read(out / f"result_000{k}.vtu")
             (own,) = mesh.cell_data["error"]
             np.testing.assert_array_equal(own, cells)
-            # Six equal tetrahedra a cube.
+            # Six equal tetrahedra per cube.
             (density,) = mesh.cell_data["error_density"]
             np.testing.assert_allclose(density * 1e6 / 48, cells, rtol=1e-12)
     assert len(bp.load(out / "result.h5")) == 2
@@ -55,7 +55,7 @@ def test_json_and_resume(tmp_path: Path) -> None:
     assert last.keys() == LAST_LINE
     assert all(step["error_kind"] == "guaranteed bound" for step in steps)
     assert all(0 < step["error"] < 1 for step in steps)
-    # The first step alone, as an interrupted run leaves it; the rest is found again.
+    # Keep the first step, as after an interrupt; the others are solved again.
     whole = tmp_path / "a" / "result.h5"
     contacts, records, attributes = export.read_result(whole)
     attributes = {
@@ -72,8 +72,8 @@ def test_json_and_resume(tmp_path: Path) -> None:
     assert found == [step["error"] for step in steps]
 
 
-def test_what_has_no_error(tmp_path: Path) -> None:
-    """Other cells, before anything is solved; a node held alone, after."""
+def test_no_error_where_none_can_be_estimated(tmp_path: Path) -> None:
+    """Other cells: before solving. A single supported node: after solving."""
     run = bipot(
         "run", "sheared_cube", "--set=mesh.n=2", "--error", cwd=tmp_path, status=2
     )
@@ -95,12 +95,12 @@ def test_tolerance_of_the_mesh(tmp_path: Path) -> None:
         *SMALL, "--tol=discretisation", "--method=nesterov", "--json", cwd=tmp_path
     )
     *steps, last = lines(run.stdout)
-    assert "the mesh leaves an error of" in last["message"]
+    assert "the discretisation error is" in last["message"]
     assert all(1e-8 < step["residual"] <= 1e-2 for step in steps)
     assert "error" not in steps[0]
 
 
-def test_map_of_errors_refuses_nothing_to_draw(tmp_path: Path) -> None:
+def test_map_of_errors_refuses_zero_errors(tmp_path: Path) -> None:
     nodes = np.array([[0.0, 0], [1, 0], [0, 1]])
     cells = [("triangle", np.array([[0, 1, 2]]))]
     with pytest.raises(ValueError, match="there is no error to draw"):

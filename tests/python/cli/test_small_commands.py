@@ -1,4 +1,4 @@
-"""The small commands: new, check, info, plot, schema, and what shells complete."""
+"""The commands new, check, info, plot and schema, and shell completion."""
 
 import csv
 import json
@@ -33,7 +33,7 @@ def test_a_new_scene_runs_as_it_is(name: str, bipot: Any) -> None:
     assert status == 0
     assert out == f"{files}: bipot check mine.toml, bipot run mine.toml\n"
     written = Path("mine.toml").read_text()
-    # It says why, and how it is run under the name it has.
+    # The comments explain the scene, and name the command that runs this file.
     assert written.count("#") > 15
     assert "bipot run mine.toml" in written
     assert written.startswith("#:schema ./bipot-scene.schema.json\n")
@@ -43,13 +43,13 @@ def test_a_new_scene_runs_as_it_is(name: str, bipot: Any) -> None:
     assert found["remarks"] == []
     status, out, _ = bipot("run", "mine.toml")
     assert status == 0
-    # It shows what the program is for: contacts that stick, and later some that slip.
+    # First all contacts stick, later some slip.
     with Path("out/mine/steps.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert int(rows[0]["stick"]) > 0
     assert int(rows[-1]["slip"]) > 0
     forces = [float(rows[-1][name]) for name in rows[-1] if name.startswith("friction")]
-    # Dragged until nothing holds, or nearly so.
+    # Dragged until all contacts slip, or nearly all.
     assert 0.9 < forces[0] <= 1 + 1e-12
 
 
@@ -57,7 +57,7 @@ def test_new_overwrites_nothing(bipot: Any) -> None:
     Path("mine.toml").write_text("mine")
     status, out, err = bipot("new", "mine")
     assert (status, out) == (2, "")
-    assert "mine.toml is there already and stays as it is" in err
+    assert "mine.toml exists already and is not overwritten" in err
     assert Path("mine.toml").read_text() == "mine"
     status, _, err = bipot("new", "nowhere/mine")
     assert status == 2
@@ -67,7 +67,7 @@ def test_new_overwrites_nothing(bipot: Any) -> None:
     assert "did you mean 'two_bodies'?" in err
 
 
-def test_check_counts_what_a_run_will_take(bipot: Any) -> None:
+def test_check_forecasts_a_run(bipot: Any) -> None:
     status, out, err = bipot("check", "sheared_cube", *SMALL, "--json")
     assert (status, err) == (0, "")
     found = json.loads(out)
@@ -82,8 +82,8 @@ def test_check_counts_what_a_run_will_take(bipot: Any) -> None:
     assert "375 degrees of freedom, 75 prescribed, 25 contacts, 2 load steps" in out
 
 
-def test_check_ends_before_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The factor is not waited for: its forecast ends the work."""
+def test_check_ends_before_the_factorisation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The forecast of the factorisation ends the work."""
     ended = []
     original = checking._Counted
 
@@ -96,7 +96,7 @@ def test_check_ends_before_the_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     assert ended == [1]
 
 
-def test_check_tells_all_mistakes(bipot: Any) -> None:
+def test_check_reports_all_mistakes(bipot: Any) -> None:
     settings = ("--set", "mesh.m=3", "--set", "contact.0.mu=-1")
     status, out, err = bipot("check", "sheared_cube", *settings)
     assert (status, out) == (2, "")
@@ -135,11 +135,11 @@ def test_check_remarks(settings: list[str], remark: str) -> None:
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_of_shipped_scenes_nothing_is_remarked(name: str) -> None:
+def test_shipped_scenes_have_no_remarks(name: str) -> None:
     assert checking.check(name, ["mesh.n=4"])["remarks"] == []
 
 
-def test_info_of_what_scenes_name(bipot: Any, repository: Path) -> None:
+def test_info_of_files_named_in_scenes(bipot: Any, repository: Path) -> None:
     folder = repository / "examples" / "scenes"
     out = bipot("info", str(folder / "heated_bar.toml"))[1]
     assert "loads     2 symmetries, 1 initial strain" in out
@@ -173,7 +173,7 @@ def test_info(bipot: Any) -> None:
         ("gone.h5", "there is no gone.h5"),
         ("empty", "empty is a folder without result.h5 or sweep.csv"),
         ("gone.msh", "gone.msh does not exist"),
-        ("half.mtx", "half.mtx is no matrix of Matrix Market: "),
+        ("half.mtx", "half.mtx is not a valid Matrix Market file: "),
         ("gone.mtx", "there is no gone.mtx"),
         ("K.dat", "K.dat is a file .dat, expected a result (.h5), a sweep"),
         ("text.h5", "text.h5"),
@@ -194,7 +194,7 @@ def test_info_of_nothing(name: str, message: str, bipot: Any) -> None:
 
 
 def test_info_of_arrays_without_displacements(bipot: Any) -> None:
-    """What Python saves: displacements, unless they are not wanted."""
+    """Python saves displacements unless told not to."""
     result = bp.solve(np.eye(2), np.eye(2), [[-1.0, 0.0]], gap=[0.0], mu=0.3)
     result.save("plain.h5", displacements=False)
     status, out, _ = bipot("info", "plain.h5")
@@ -237,10 +237,10 @@ def test_info_of_a_matrix(bipot: Any) -> None:
     mmwrite("K.mtx", sparse.diags([2.0, 3.0, 4.0]), symmetry="symmetric")
     status, out, _ = bipot("info", "K.mtx")
     assert status == 0
-    assert out.splitlines()[0] == "K.mtx: a matrix of Matrix Market, 3 × 3"
+    assert out.splitlines()[0] == "K.mtx: a Matrix Market file, 3 × 3"
     assert "3 entries, coordinate, real, symmetric" in out
     assert "bipot solve --stiffness K.mtx" in out
-    # Nothing that `bipot solve` would refuse is sent there.
+    # `bipot solve` is not suggested for a matrix that it would refuse.
     mmwrite("B.mtx", sparse.eye_array(2, 3))
     mmwrite("C.mtx", 1j * sparse.eye_array(3))
     for name in ("B.mtx", "C.mtx"):
@@ -269,7 +269,7 @@ def test_info_of_meshes(bipot: Any, repository: Path) -> None:
     assert re.search(
         r'mesh = \{ file = "pad_on_block.msh", group = "(pad|block)" \}', out
     )
-    # A cell turned inside out is told, and the rest besides.
+    # An inverted cell is reported together with everything else.
     text = Path("pad.inp").read_text().replace("1, 1, 2, 23, 22", "1, 2, 1, 23, 22")
     Path("bad.inp").write_text(text)
     status, out, _ = bipot("info", "bad.inp")
@@ -296,7 +296,7 @@ def test_info_of_folders(bipot: Any) -> None:
         assert "row 2     scene 'sheared_cube': contact.0.mu: should be" in out
     status, _, err = bipot("plot", "out/sheared_cube-sweep")
     assert status == 2
-    assert "is the folder of a sweep, which keeps a table and no results" in err
+    assert "is the folder of a sweep, which has a table but no results" in err
     found = json.loads(bipot("info", "out/sheared_cube-sweep", "--json")[1])
     assert found["outcomes"] == {"solved": 1, "bad input": 1}
     status, out, _ = bipot("info", "out")
@@ -309,10 +309,10 @@ def test_new_with_a_mesh_overwrites_neither(bipot: Any) -> None:
     Path("mine.inp").write_text("mine")
     status, _, err = bipot("new", "mine", "--template", "mesh")
     assert status == 2
-    assert "mine.inp is there already and stays as it is" in err
+    assert "mine.inp exists already and is not overwritten" in err
     assert [path.name for path in Path().iterdir()] == ["mine.inp"]
     assert Path("mine.inp").read_text() == "mine"
-    # Beside the scene, and found from anywhere.
+    # The mesh lies next to the scene, and is found from any folder.
     Path("there").mkdir()
     assert bipot("new", "there/pad", "--template", "mesh")[0] == 0
     assert 'mesh = "pad.inp"' in Path("there/pad.toml").read_text()
@@ -320,7 +320,7 @@ def test_new_with_a_mesh_overwrites_neither(bipot: Any) -> None:
 
 
 def test_check_counts_all_nodes(bipot: Any) -> None:
-    """Of second order those between the corners, too."""
+    """Second-order cells also have nodes between the corners."""
     for element, nodes in (("Q1", 5**3), ("Q2", 9**3)):
         out = bipot(
             "check", "sheared_cube", *SMALL, "--set", f"mesh.element={element}"
@@ -328,8 +328,8 @@ def test_check_counts_all_nodes(bipot: Any) -> None:
         assert f"cube ({nodes} nodes, 64 cells)" in out
 
 
-def test_names_of_which_there_are_none(bipot: Any) -> None:
-    """What makes one is said, where there is nothing to choose from."""
+def test_unknown_names_where_none_exist(bipot: Any) -> None:
+    """The message says how to define one."""
     assert bipot("new", "mine", "--template", "block")[0] == 0
     text = Path("mine.toml").read_text()
     cut = re.sub(r"(?s)\[path.amplitude\].*", "", text)
@@ -346,8 +346,8 @@ def test_names_of_which_there_are_none(bipot: Any) -> None:
     )
 
 
-def test_a_body_that_slides_away_has_its_name(bipot: Any) -> None:
-    """Towed by 5 where it is pressed by 10 and friction takes 3."""
+def test_a_body_that_slides_away_is_named(bipot: Any) -> None:
+    """It is towed by 5, pressed by 10, and friction can carry 3."""
     assert bipot("new", "mine", "--template", "block")[0] == 0
     text = Path("mine.toml").read_text()
     supports = re.compile(r"(?s)\[\[support\]\]\n.*?(?=\n# Forces)")
@@ -363,7 +363,7 @@ x = { value = 5.0, amplitude = "drag" }
     status, _, err = bipot("run", "mine.toml", "--set", "mesh.n=2")
     assert status == 1
     last = err.splitlines()[-1]
-    # 0.75 of the pull is 3.75, more than the 3 that hold.
+    # 0.75 of the pull is 3.75, more than the 3 of friction.
     assert last.startswith("bipot: load step 4 of 5: no solution exists")
     assert (
         "nothing stops this motion: body 'block', translation along (1, 0, 0)" in last
@@ -393,7 +393,7 @@ def test_plot_draws_what_run_draws(bipot: Any) -> None:
 
 
 def test_plot_draws_each_kind(bipot: Any) -> None:
-    """Of a run in space all of them, each another picture; in the plane no maps."""
+    """All kinds for a run in three dimensions, all different; no maps in the plane."""
     assert bipot("run", "sheared_cube", *SMALL)[0] == 0
     told = re.sub(r"[│\s]+", " ", bipot("plot", "--help")[1])
     drawn = {}
@@ -418,7 +418,7 @@ def test_plot_draws_each_kind(bipot: Any) -> None:
         assert status == 2
         assert f"--step is {k}, expected one from 1 to 2" in err
     asked = ("--kind", "resultants", "--step", "1")
-    assert "--step does not go with" in bipot("plot", "out/sheared_cube", *asked)[2]
+    assert "--step cannot be used with" in bipot("plot", "out/sheared_cube", *asked)[2]
     assert (
         bipot("plot", "out/sheared_cube", "--kind", "shear_map", "--out", "m.svg")[0]
         == 0
@@ -433,7 +433,7 @@ def test_plot_draws_each_kind(bipot: Any) -> None:
 
 
 def wrong(value: Any, rule: dict[str, Any], whole: dict[str, Any]) -> str:
-    """Why a value is not as a JSON schema says; the part of the draft that is used."""
+    """The reason why a value does not fit a JSON schema; only keywords that are used."""
     if "$ref" in rule:
         place: Any = whole
         for part in rule["$ref"].removeprefix("#/").split("/"):

@@ -1,4 +1,4 @@
-"""`bipot solve`: stiffness and tables of another program, to the same bits as arrays."""
+"""`bipot solve`: files of another program give bitwise the result of arrays."""
 
 import csv
 import json
@@ -23,7 +23,9 @@ from matrix_and_tables import AXES, MODELS, labels, written
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("by_dof", [False, True], ids=["nodes", "dofs"])
-def test_the_same_bits_as_arrays(name: str, by_dof: bool, tmp_path: Path) -> None:
+def test_files_give_bitwise_the_result_of_arrays(
+    name: str, by_dof: bool, tmp_path: Path
+) -> None:
     command, case = written(tmp_path, name, by_dof=by_dof)
     run = bipot(*command, "--out", "here", "--tol", "1e-12", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
@@ -56,7 +58,7 @@ def test_the_same_bits_as_arrays(name: str, by_dof: bool, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("form", ["lower", "upper", "both"])
 def test_stiffness_by_nodes(form: str, tmp_path: Path) -> None:
-    """Other numbers of the degrees of freedom, the same answer."""
+    """Another numbering of the degrees of freedom gives the same answer."""
     command, case = written(tmp_path, "block", form=form)
     run = bipot(*command, "--out", "here", "--tol", "1e-12", "--json", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
@@ -67,7 +69,7 @@ def test_stiffness_by_nodes(form: str, tmp_path: Path) -> None:
     assert np.abs(found.reaction - expected.reaction).max() <= 1e-9 * size
     *_, last = map(json.loads, run.stdout.splitlines())
     assert (last["dofs"], last["contacts"], last["success"]) == (50, 5, True)
-    # Tables, by the labels of the nodes.
+    # Tables by node labels.
     label = labels(25)
     with (tmp_path / "here" / "displacements.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -88,7 +90,7 @@ def test_stiffness_by_nodes(form: str, tmp_path: Path) -> None:
 
 
 def test_gaps_of_listed_nodes(tmp_path: Path) -> None:
-    """Without a gap it is the distance of the nodes along the normal."""
+    """The default gap is the distance of the nodes along the normal."""
     eye = sparse.identity(4, format="coo")
     mmwrite(tmp_path / "K.mtx", eye, symmetry="symmetric")
     (tmp_path / "nodes.csv").write_text("node, x, y\n7, 0, 0.5\n3, 0.1, 0.25\n")
@@ -108,7 +110,7 @@ Edit = Callable[[str], str]
 
 
 def line(number: int, text: str) -> Edit:
-    """Put another line in."""
+    """Replace a line."""
 
     def edit(content: str) -> str:
         lines = content.splitlines()
@@ -127,23 +129,31 @@ def line(number: int, text: str) -> Edit:
             lambda _: "1 1 2.0\n",
             "K.mtx line 1: is '1 1 2.0', expected row node",
         ),
-        ("K.mtx", lambda _: "1,1,1,1,2\n1,1,1,1,2\n", "element by element"),
+        (
+            "K.mtx",
+            lambda _: "1,1,1,1,2\n1,1,1,1,2\n",
+            "assemble the element matrices first",
+        ),
         (
             "K.mtx",
             lambda _: "1,1,-2,1,2\n",
-            "K.mtx line 1: '1,1,-2,1,2' is of an internal",
+            "K.mtx line 1: '1,1,-2,1,2' belongs to an internal",
         ),
         (
             "K.mtx",
             lambda _: "%%MatrixMarket matrix coordinate pattern general\n1 1 1\n1 1\n",
-            "its numbers are pattern, expected real ones",
+            "its numbers are pattern, expected real",
         ),
         (
             "K.mtx",
             lambda _: "%%MatrixMarket matrix coordinate real general\n1 2 1\n1 1 3\n",
             "it has 1 rows and 2 columns",
         ),
-        ("K.mtx", lambda text: text[:200], "is no stiffness in Matrix Market form"),
+        (
+            "K.mtx",
+            lambda text: text[:200],
+            "is not a stiffness in Matrix Market format",
+        ),
         ("nodes.inp", line(6, "13, x, 0"), "nodes.inp line 6: is '13, x, 0', expected"),
         ("nodes.inp", line(6, "13, 0, 0\n13, 1, 1"), "repeats node 13 of line "),
         ("nodes.inp", line(4, "*NODE, INPUT=more.inp"), "nodes in another file"),
@@ -176,7 +186,7 @@ def line(number: int, text: str) -> Edit:
             "load.csv line 2: fx is 'a', expected a finite",
         ),
         ("load.csv", line(2, "-1,10,1,0"), "load.csv line 2: step is -1, expected 0"),
-        ("load.csv", line(2, "2,10,1,0"), "load.csv has no step 1, and one 2: "),
+        ("load.csv", line(2, "2,10,1,0"), "load.csv has step 2 but no step 1: "),
         (
             "contacts.csv",
             lambda text: text.replace(",", ";"),
@@ -194,7 +204,7 @@ def line(number: int, text: str) -> Edit:
         (
             "fixed.csv",
             lambda text: text + text.splitlines()[1] + "\n",
-            "ux is given already at line 2",
+            "ux is already given on line 2",
         ),
     ],
 )
@@ -231,16 +241,19 @@ def test_numbers_of_contacts(row: str, words: str, tmp_path: Path) -> None:
     assert f"contacts.csv line 3: {words}" in run.stderr
 
 
-def test_a_matrix_that_is_no_text(tmp_path: Path) -> None:
+def test_a_matrix_that_is_not_text(tmp_path: Path) -> None:
     command, _ = written(tmp_path, "block", by_dof=True)
     sparse.save_npz(tmp_path / "K.npz", sparse.identity(4, format="csr"))
     command[command.index("--stiffness") + 1] = "K.npz"
     run = bipot(*command, cwd=tmp_path)
     assert run.returncode == 2
-    assert "K.npz is no text, expected a Matrix Market file, as scipy" in run.stderr
+    assert (
+        "K.npz is not a text file, expected a Matrix Market file, as scipy"
+        in run.stderr
+    )
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_file(tmp_path: Path) -> None:
     command, _ = written(tmp_path, "block")
     (tmp_path / "load.csv").unlink()
     run = bipot(*command, cwd=tmp_path)
@@ -255,18 +268,21 @@ def test_degrees_of_freedom_without_nodes(tmp_path: Path) -> None:
     path.write_text(line(2, "0,50,0,1,0.3,1,0")(path.read_text()))
     run = bipot(*command, cwd=tmp_path)
     assert run.returncode == 2
-    assert "line 2: degree of freedom 50 is none of 0 to 49" in run.stderr
+    assert (
+        "line 2: degree of freedom 50 is out of range: the stiffness has 50 (0 to 49)"
+        in run.stderr
+    )
     path.write_text("dof_x,dof_y,other_x,other_y,nx,ny,mu\n0,1,4,,0,1,0.3\n")
     run = bipot(*command, cwd=tmp_path)
     assert run.returncode == 2
-    assert "line 2: other_y is blank where other_x is 4: expected all" in run.stderr
+    assert "line 2: other_y is empty but other_x is 4: give all" in run.stderr
     path.write_text("node,nx,ny,mu\n3,0,1,0.3\n")
     run = bipot(*command, cwd=tmp_path)
-    assert "names nodes, which --nodes must list" in run.stderr
+    assert "names a node: give --nodes" in run.stderr
 
 
-def test_normals_that_point_the_wrong_way_are_remarked(tmp_path: Path) -> None:
-    """Nothing closes then, which is an answer, and hardly ever the one that is meant."""
+def test_wrong_normals_give_a_remark(tmp_path: Path) -> None:
+    """No contact closes: a correct answer, but hardly ever the intended one."""
     mmwrite(tmp_path / "K.mtx", sparse.identity(2, format="coo"), symmetry="symmetric")
     (tmp_path / "load.csv").write_text("dof,force\n1,-1\n")
     command = ["solve", "--stiffness", "K.mtx", "--contacts", "contacts.csv"]
@@ -280,7 +296,7 @@ def test_normals_that_point_the_wrong_way_are_remarked(tmp_path: Path) -> None:
         assert ("that the normals point from the obstacle" in run.stdout) is remarked
 
 
-def test_what_a_load_cell_would_show(tmp_path: Path) -> None:
+def test_forces_of_the_contact_surface(tmp_path: Path) -> None:
     """Two nodes pressed by 1 N each and towed by 0.4 N, of the 1 N that μ = 0.5 holds."""
     K = sparse.coo_matrix(np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2)))
     mmwrite(tmp_path / "K.mtx", K, symmetry="symmetric")
@@ -304,8 +320,8 @@ def test_what_a_load_cell_would_show(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, (2.0, 0.4, 0.4), rtol=1e-9)
 
 
-def test_no_answer_and_what_holds_nothing(tmp_path: Path) -> None:
-    """Towed harder than friction holds; and bodies that contact cannot hold."""
+def test_no_answer_and_floating_bodies(tmp_path: Path) -> None:
+    """Towed harder than friction can carry; and bodies that contact cannot hold."""
     K = sparse.coo_matrix(np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(2)))
     mmwrite(tmp_path / "K.mtx", K, symmetry="symmetric")
     (tmp_path / "contacts.csv").write_text(
@@ -320,24 +336,24 @@ def test_no_answer_and_what_holds_nothing(tmp_path: Path) -> None:
     first, last = map(json.loads, run.stdout.splitlines())
     assert (first["step"], first["stick"]) == (0, 2)
     assert "load step 2: no solution exists" in last["message"]
-    # As a person is told; the second one is not reached.
+    # Without --json; the second step is not reached.
     run = bipot(*command, "--load", "load.csv", cwd=tmp_path)
     assert run.stderr.startswith(
         f"load step 1 of 2: open 0, slip 0, stick 2, residual {first['residual']:.1e}\n"
         "bipot: load step 2: no solution exists"
     )
-    # What was reached has its row, and nothing says that it was solved.
+    # The solved step has its row, and the path is not called solved.
     assert re.search(r"^    1     0     0      2   2  0\.5 ", run.stdout, re.M)
     assert "solved" not in run.stdout
     kept = bp.load(tmp_path / "out" / "K" / "result.h5")
     assert (len(kept), kept.success) == (1, False)
-    # The second node is a body of its own, which nothing touches.
+    # The second node is a separate body that nothing touches.
     mmwrite(tmp_path / "K.mtx", sparse.diags_array([1.0, 1, 0, 0]).tocoo())
     (tmp_path / "contacts.csv").write_text("dof_x,dof_y,nx,ny,mu\n0,1,0,1,0\n")
     run = bipot(*command, cwd=tmp_path)
     assert run.returncode == 1
     assert "degree of freedom 2" in run.stderr
-    # No nodes, no labels.
+    # Without --nodes there are no labels.
     assert "of node" not in run.stderr
 
 
@@ -348,7 +364,7 @@ def test_an_interrupt_keeps_the_steps(tmp_path: Path) -> None:
         if step == 1:
             raise KeyboardInterrupt
 
-    run = bipot_with(fault, "bipot_rs.cli.commands.solve:_row", *command, cwd=tmp_path)
+    run = bipot_with(fault, "bipot_rs.cli.commands.solve:row", *command, cwd=tmp_path)
     assert run.returncode == 130
     kept = bp.load(tmp_path / "out" / "K" / "result.h5")
     assert (len(kept), kept.success, kept.message) == (1, False, "interrupted")
@@ -361,7 +377,7 @@ def test_an_interrupt_keeps_the_steps(tmp_path: Path) -> None:
     assert bipot(*command, cwd=tmp_path).returncode == 2
 
 
-def test_what_floats_is_told_by_its_node(tmp_path: Path) -> None:
+def test_a_floating_body_is_named_by_its_node(tmp_path: Path) -> None:
     mmwrite(tmp_path / "K.mtx", sparse.diags_array([1.0, 1, 0, 0]).tocoo())
     (tmp_path / "nodes.csv").write_text("node,x,y\n3,0,0\n7,1,0\n")
     (tmp_path / "contacts.csv").write_text("node,nx,ny,mu\n3,0,1,0.3\n")

@@ -52,7 +52,7 @@ def test_values_of_a_range(setting: str, found: list[str]) -> None:
     "setting",
     ["mu", "mu=", "mu=1:2", "mu=1:2:x", "mu=1:2:0", "mu=nan:1:3", "=1:2:3", "a=1:2:1"],
 )
-def test_ranges_that_are_none(setting: str) -> None:
+def test_wrong_ranges(setting: str) -> None:
     with pytest.raises(ValueError, match=f"--range {setting}"):
         spaced(setting)
 
@@ -60,38 +60,41 @@ def test_ranges_that_are_none(setting: str) -> None:
 @pytest.mark.parametrize(
     ("setting", "why"),
     [
-        ("4:9:4", "names no KEY"),
-        ("n=4:9", "has 2 parts where three are needed"),
-        ("n=4:9:0.5", "is not of two numbers and a whole one"),
-        ("n=4:9:0", "asks for 0 values, of 1 to 100000"),
+        ("4:9:4", "KEY is missing"),
+        ("n=4:9", "has 2 parts instead of three"),
+        ("n=4:9:0.5", "FROM and TO must be numbers, COUNT an integer"),
+        ("n=4:9:0", "COUNT is 0, not between 1 and 100000"),
     ],
 )
 def test_what_is_wrong_with_a_range(setting: str, why: str) -> None:
-    with pytest.raises(ValueError, match=f"--range {setting}: {why}, should be KEY="):
+    with pytest.raises(ValueError, match=f"--range {setting}: {why}; expected KEY="):
         spaced(setting)
 
 
-def test_a_count_taken_for_a_step(
+def test_a_spacing_given_as_count(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert app(["sweep", "sheared_cube", "--range", "mesh.n=4:9:4"]) == 2
     told = capsys.readouterr().err
-    assert "--range mesh.n=4:9:4: is 4 values, 4, 5.66667, 7.33333, 9" in told
-    assert "mesh.n takes whole numbers: the third number is how many values" in told
+    assert "--range mesh.n=4:9:4: mesh.n takes integers, but this is 4 values, " in told
+    assert "4, 5.66667, 7.33333, 9: the third number is the number of values" in told
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
     ("spoil", "why"),
     [
-        (lambda text: "".join(text.splitlines(True)[:-1]) + "1,0.3", "row 2 has not"),
+        (
+            lambda text: "".join(text.splitlines(True)[:-1]) + "1,0.3",
+            "row 2 does not have",
+        ),
         (lambda text: text.replace("row,", "raw,"), "not the table of a sweep"),
         (lambda text: text[:-4] + '"open', "is damaged"),
         (lambda _: "", "not the table of a sweep"),
     ],
 )
-def test_a_damaged_table_is_told_by_name(
+def test_a_damaged_table_is_named(
     spoil: Any,
     why: str,
     tmp_path: Path,
@@ -112,7 +115,7 @@ def test_a_damaged_table_is_told_by_name(
 
 
 def write(folder: Path, path: Path) -> None:
-    """The table that a sweep of two rows leaves, without its numbers."""
+    """The table of a sweep of two rows, without its numbers."""
     folder.mkdir()
     done = {
         k: {"contact.0.mu": mu, "outcome": "solved", "message": "", "digest": str(k)}
@@ -130,9 +133,12 @@ def test_combinations() -> None:
     for settings, message in (
         ((["a=1", "a=2"], []), "a is given 2 times"),
         (([], []), "nothing varies"),
-        ((["a=1,,2"], []), "should be KEY=V1,V2"),
-        ((["a"], []), "should be KEY=V1,V2"),
-        (([], ["a=0:1:1000", "b=0:1:1000"]), "1000000 combinations, more than 100000"),
+        ((["a=1,,2"], []), "expected KEY=V1,V2"),
+        ((["a"], []), "expected KEY=V1,V2"),
+        (
+            ([], ["a=0:1:1000", "b=0:1:1000"]),
+            "1000000 combinations, expected at most 100000",
+        ),
     ):
         with pytest.raises(ValueError, match=message):
             rows(*settings)
@@ -158,21 +164,21 @@ def test_rows_are_those_of_single_runs(
             assert int(one[name]) == step[name]
         with Path("out/sheared_cube/steps.csv").open(newline="") as file:
             *_, same = csv.DictReader(file)
-        # One thread or several: the same bits.
+        # Bitwise the same with one thread and with several.
         for name in ("tangential_force", "normal_force", "friction_used"):
             key = f"{name} of cube.bottom"
             assert one[key] == same[key]
 
 
-def test_mistakes_of_all_rows_are_told_before_any_work(
+def test_mistakes_of_all_rows_are_reported_before_any_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for more, message in (
         (["--set", "mesh.m=1,2"], "mesh.m: unknown key"),
         (["--method", "newtom"], "did you mean 'newton'?"),
-        (["--resume"], "nothing to resume"),
-        (["--set", "contact.0.mu"], "should be KEY=V1,V2"),
+        (["--resume"], "cannot resume: there is no"),
+        (["--set", "contact.0.mu"], "expected KEY=V1,V2"),
     ):
         assert app([*SWEEP, *more]) == 2
         captured = capsys.readouterr()
@@ -181,7 +187,7 @@ def test_mistakes_of_all_rows_are_told_before_any_work(
         assert not (tmp_path / "out" / "sheared_cube-sweep" / "sweep.csv").exists()
 
 
-def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(tmp_path: Path) -> None:
+def test_ctrl_c_keeps_finished_rows_and_resume_continues(tmp_path: Path) -> None:
     command = [
         *(*BIPOT, *SWEEP, "--range", "contact.0.mu=0.1:0.6:6", "--jobs", "1"),
         *("--out", "here"),
@@ -196,7 +202,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(tmp_path: Path) -> None:
     )
     assert process.stdout is not None
     first = json.loads(process.stdout.readline())
-    # As a terminal does: to all processes of the group.
+    # To all processes of the group, as a terminal does.
     os.killpg(process.pid, signal.SIGINT)
     output, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (130, "")
@@ -206,17 +212,17 @@ def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(tmp_path: Path) -> None:
     done = table(tmp_path / "here")
     assert 1 <= len(told) <= len(done) < 6
     assert [path.name for path in (tmp_path / "here").iterdir()] == ["sweep.csv"]
-    # A row that is there is not solved again: its seconds stay, to the digit.
+    # A finished row is not solved again: its seconds are unchanged.
     run = subprocess.run(
         [*command, "--resume"], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
     assert run.returncode == 0, run.stderr
-    assert f"{len(done)} row" in run.stderr
+    assert f"{len(done)} of 6 rows" in run.stderr
     whole = table(tmp_path / "here")
     assert [one["row"] for one in whole] == [str(k) for k in range(6)]
     assert whole[: len(done)] == done
     assert {one["outcome"] for one in whole} == {"solved"}
-    # Nothing is left to do, and rows of another scene are no rows of this.
+    # No row remains; and rows of another scene do not count.
     again = subprocess.run(
         [*command, "--resume", "--tol", "1e-9"],
         cwd=tmp_path,
@@ -225,12 +231,12 @@ def test_ctrl_c_keeps_what_is_done_and_resume_goes_on(tmp_path: Path) -> None:
         timeout=60,
     )
     assert again.returncode == 0
-    assert "are done already" not in again.stderr
+    assert "are already finished" not in again.stderr
     assert table(tmp_path / "here")[0]["digest"] != whole[0]["digest"]
 
 
 def work(k: int) -> Any:
-    """One of four kinds of work, in a process of its own."""
+    """One of four kinds of work in a separate process."""
     if k == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     if k == 2:
@@ -240,14 +246,16 @@ def work(k: int) -> Any:
     return os.getpid(), os.environ["BIPOT_NUM_THREADS"]
 
 
-def test_a_worker_that_dies_is_told_and_replaced() -> None:
+def test_a_killed_worker_is_reported_and_replaced() -> None:
     with Workers(work, 1) as workers:
         found = dict(workers.map([(k,) for k in range(6)]))
     assert sorted(found) == list(range(6))
-    assert found[1] == "its process was ended by SIGKILL, out of memory most likely"
+    assert (
+        found[1] == "its process was killed by SIGKILL, probably because memory ran out"
+    )
     assert found[2] == "RuntimeError: no"
     assert found[4] == "its process ended with status 7"
-    # The same process stays for what does not kill it.
+    # A process that is not killed serves the next argument.
     assert found[3][0] != found[0][0]
     assert found[5][0] != found[3][0]
     assert {found[k][1] for k in (0, 3, 5)} == {"1"}
@@ -255,7 +263,7 @@ def test_a_worker_that_dies_is_told_and_replaced() -> None:
 
 
 def sleep() -> None:
-    """Work that nobody waits for."""
+    """Work whose answer is not awaited."""
     time.sleep(60)
 
 
@@ -263,7 +271,7 @@ def test_leaving_ends_the_workers() -> None:
     started = time.monotonic()
     with Workers(sleep, 2) as workers:
         iterator = workers.map([(), ()])
-        # Begin, and leave before there is an answer.
+        # Start, and leave before an answer arrives.
         connection = workers._idle({})
         connection.send(())
         processes = list(workers.processes.values())

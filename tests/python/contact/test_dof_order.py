@@ -276,7 +276,7 @@ def test_rows_of_nodes_in_another_order(supports: bool, files: Any) -> None:
     code, last = run()
     assert code == 2
     assert "K times a rigid rotation is not zero in" in last["message"]
-    assert ", first at node 2; where springs" in last["message"]
+    assert ", first at node 2; if springs" in last["message"]
     done = run("--order", "node", as_json=False)
     assert done[0] == 0
     assert "remark: coordinates do not fit K" in done[1]
@@ -306,10 +306,10 @@ def test_a_stiffness_with_node_labels(tmp_path: Path) -> None:
         (tmp_path / "nodes.csv").write_text(text)
         run = bipot(*command, cwd=tmp_path)
         assert run.returncode == code, run.stderr
-    assert "K.dat does not fit the places of its nodes in nodes.csv" in run.stderr
+    assert "K.dat does not fit the coordinates of its nodes in nodes.csv" in run.stderr
     run = bipot(*command, "--order", "node", cwd=tmp_path)
     assert run.returncode == 2
-    assert "names its degrees of freedom itself" in run.stderr
+    assert "names its degrees of freedom by node" in run.stderr
 
 
 @pytest.mark.verify

@@ -230,7 +230,7 @@ def test_the_sentence_at_the_end() -> None:
     assert not any("remark" in line for line in told)
     for row in rows:
         row["friction_used of block.side0"] = 0.9
-    assert "friction is used up" in closing(rows, 1e-12, "out/a")[1]
+    assert "no friction is left" in closing(rows, 1e-12, "out/a")[1]
     for row in rows:
         row.update(open=21, slip=0)
     told = closing(rows, 1e-12, "out/a")

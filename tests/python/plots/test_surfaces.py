@@ -338,16 +338,22 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
     for more, said in (
         (("--contact", "pad.tob"), "there is no contact on 'pad.tob', expected one of"),
         (("--along", "w"), "--along is 'w', expected x, y, z or arc"),
-        (("--kind", "resultants", "--along", "x"), "--along does not go with --kind"),
+        (
+            ("--kind", "resultants", "--along", "x"),
+            "--along cannot be used with --kind",
+        ),
         (
             ("--kind", "slip", "--scene", "x.toml"),
-            "go with --kind deformed, pressure_3d",
+            "are only for --kind deformed, pressure_3d",
         ),
-        (("--kind", "deformed", "--contact", "pad.top"), "--contact does not go with"),
+        (
+            ("--kind", "deformed", "--contact", "pad.top"),
+            "--contact cannot be used with",
+        ),
         # By itself it knows what was set; with another scene that is to be told.
         (
             ("--kind", "deformed", "--scene", "clamp.toml"),
-            "is of another scene than 'clamp.toml' as it is now, or of other settings",
+            "was not solved from 'clamp.toml' as it is now, or with other settings",
         ),
     ):
         status, out, err = bipot("plot", folder, *more)
@@ -356,7 +362,7 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
     Path("clamp.toml").rename("moved.toml")
     status, _, err = bipot("plot", folder, "--kind", "deformed")
     assert status == 2
-    assert "give it by --scene" in err
+    assert "give it with --scene" in err
     moved = ("--scene", "moved.toml", *setting)
     assert bipot("plot", folder, "--kind", "deformed", *moved)[0] == 0
 
@@ -364,8 +370,8 @@ def test_the_command_draws_surfaces_and_bodies(bipot: Any) -> None:
 def test_result_of_arrays_has_no_names(bipot: Any) -> None:
     bp.solve(np.eye(2), np.eye(2), [-1.0, 0], gap=[0], mu=0.3).save("a.h5")
     for more, said in (
-        (("--kind", "deformed"), "a.h5 is not the result of a scene, whose mesh"),
-        (("--contact", "a.b"), "--contact is 'a.b', but a.h5 does not tell surfaces"),
+        (("--kind", "deformed"), "a.h5 is not the result of a scene, so that its mesh"),
+        (("--contact", "a.b"), "--contact is 'a.b', but a.h5 has no names of surfaces"),
     ):
         status, out, err = bipot("plot", "a.h5", *more)
         assert (status, out) == (2, "")

@@ -185,7 +185,7 @@ def test_another_mesh_in_the_file_is_not_resumed(tmp_path: Path) -> None:
     here.write_bytes(here.read_bytes() + b"\n")
     run = bipot("run", "it.toml", "--resume", cwd=tmp_path)
     assert run.returncode == 2
-    assert "of another scene" in run.stderr
+    assert "belongs to another scene" in run.stderr
 
 
 @pytest.mark.parametrize("dim", [2, 3])

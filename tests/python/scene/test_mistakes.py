@@ -44,7 +44,7 @@ RUN = ("run", "sheared_cube")
         (("run", "SHEARED_CUBE"), "did you mean 'sheared_cube'?"),
         (("run", "sheared_cube.toml"), "did you mean 'sheared_cube'?"),
         (("run", "mein.toml"), "did you mean 'mine.toml'?"),
-        (("sweep",), "Missing argument 'SCENE'. bipot sweep --help tells what"),
+        (("sweep",), "Missing argument 'SCENE'. bipot sweep --help lists the"),
         (
             (*RUN, "--set", 'material.steel.young="7"'),
             "material.steel.young: should be a valid number, without quotes, got '7'",
@@ -94,7 +94,7 @@ RUN = ("run", "sheared_cube")
         ((*RUN, "--set", "contact.3.mu=0.1"), "contact is a list of 1 entry"),
         ((*RUN, "--method", "newtom"), "did you mean 'newton'?"),
         ((*RUN, "--tol", "2"), "tol is 2, expected a positive number below 1"),
-        ((*RUN, "--out", "mine.toml/x"), "--out DIR names another"),
+        ((*RUN, "--out", "mine.toml/x"), "choose another with --out DIR"),
         ((*RUN, "--out", "mine.toml"), "mine.toml is a file, expected a folder"),
         (("run", "--json", "sheared_cube", "--fast"), "No such option"),
     ],
@@ -132,7 +132,7 @@ def test_too_large_mesh_is_refused_before_meshing(
     monkeypatch.setattr(cost_forecast, "available", lambda: 8_000_000_000)
     told = said(*RUN, "--set", "mesh.n=150")
     # 150³ hexahedra of (8·3)² entries, a number and an index of four bytes each.
-    assert "takes 23.3 GB to assemble, more than the 8 GB" in told
+    assert "takes 23.3 GB, but only 8 GB" in told
     assert "mesh.n up to 104 would fit" in told
     # What is said to fit is taken, and one more is not.
     cost_forecast.fits(read("sheared_cube", ["mesh.n=104"]))

@@ -1,4 +1,4 @@
-"""``bipot check``: what is wrong with a scene, and what it will take, without solving."""
+"""``bipot check``: mistakes of a scene, its size, memory and time, without solving."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ if TYPE_CHECKING:
 
 
 class _Counted(Exception):
-    """Ends the condensation once its cost is known."""
+    """Ends the condensation when its cost is known."""
 
 
 def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
-    """Read, mesh and assemble a scene, and count what condensing it will take.
+    """Read, mesh and assemble a scene, and find the cost of condensing it.
 
     Returns
     -------
     dict
         ``title``, sizes (``dofs``, ``prescribed``, ``contacts``, ``steps``, ``bodies``),
         ``forecast`` with the counts of `ContactProblem`'s ``on_forecast`` and
-        ``seconds``, None where a body floats; ``floating``, the sentence on motions that
-        neither supports nor contact can hold, or None; ``remarks`` a list of sentences,
-        and ``lines`` for a terminal.
+        ``seconds``, None where a body floats; ``floating``, a message on motions that
+        neither supports nor contact can prevent, or None; ``remarks``, a list of
+        messages; and ``lines`` for a terminal.
 
     Raises
     ------
     SceneError
         All mistakes of the scene.
     MemoryError
-        It would not fit into this machine.
+        The assembly does not fit into the free memory.
     """
     from bipot_rs.cli import cost_forecast
     from bipot_rs.scene.build import bodies
@@ -73,10 +73,9 @@ def check(name: str, settings: Sequence[str]) -> dict[str, Any]:
 
 
 def _counts(case: Case) -> tuple[dict[str, Any], list[str]]:
-    """What condensing will take, as far as it comes to that, and what floats.
+    """The cost of condensing, if it gets that far, and messages on floating bodies.
 
-    Geometry is asked before the core: that looks for rigid motions body by body, and not
-    always before its cost_forecast.
+    The geometry is checked first: the core may find a rigid motion only after its forecast.
     """
     from bipot_rs.contact.errors import FloatingBodyError
     from bipot_rs.fem.inspection import unheld

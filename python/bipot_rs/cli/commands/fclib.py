@@ -1,24 +1,25 @@
-"""Many FCLIB files, one after the other: a line each as it ends, and a summary."""
+"""``bipot fclib``: solve FCLIB files one after the other; a line each, and a summary."""
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
 from bipot_rs._lib.messages import counted, printable
 from bipot_rs.cli.exit_codes import (
     BAD_INPUT,
-    INTERRUPTED,
     NO_ANSWER,
     NOT_CONVERGED,
     SOLVED,
+    worst,
 )
 from bipot_rs.cli.interrupts import Interrupts
-from bipot_rs.cli.progress import complain, line
+from bipot_rs.cli.progress import complain, line, tell
+from bipot_rs.cli.runner import Runner
 
 UNREADABLE = "unreadable"
 _STATUS = {
@@ -29,70 +30,84 @@ _STATUS = {
     "time_limit": NOT_CONVERGED,
     UNREADABLE: BAD_INPUT,
 }
-# The matrix of a form, and what its asymmetry is relative to.
-_SIZES = {
+# The matrix of each form, and the size that its asymmetry is relative to.
+_MATRICES = {
     "local": ("W", "its largest entry"),
     "global": ("M", "√|M_ii M_jj|"),
 }
-# From the best to the worst.
-_ORDER = (SOLVED, NO_ANSWER, NOT_CONVERGED, BAD_INPUT)
 
 
-def run(
-    files: Sequence[str],
-    method: str,
-    tol: float,
-    max_seconds: float | None,
-    interrupts: Interrupts,
-    *,
-    as_json: bool,
-) -> int:
-    """Solve every file, and tell; returns the exit status, the worst of all."""
-    rows: list[dict[str, Any]] = []
-    try:
-        _check(method, tol, max_seconds)
-        width = max(len(printable(name)) for name in files)
-        for name in files:
-            row = _solve(name, method, tol, max_seconds)
-            if interrupts.came is not None:
-                # The exception was raised within HDF5, which forgets it.
+@dataclass(frozen=True)
+class Request:
+    """Arguments of the command."""
+
+    files: Sequence[str]
+    method: str
+    tol: float
+    max_seconds: float | None
+
+
+class Solve(Runner):
+    """One solution of many files. The exit status is the worst of all files."""
+
+    # Errors of files are outcomes of these files; `OSError` here means standard output.
+    mistakes = (ImportError, ValueError, TypeError)
+
+    def __init__(
+        self, request: Request, *, as_json: bool, interrupts: Interrupts
+    ) -> None:
+        super().__init__(as_json=as_json, interrupts=interrupts)
+        self.request = request
+        self.rows: list[dict[str, Any]] = []
+
+    def work(self) -> tuple[int, str]:
+        """Solve the files; each is reported as it ends."""
+        request = self.request
+        _check(request)
+        width = max(len(printable(name)) for name in request.files)
+        for name in request.files:
+            row = _solve(name, request)
+            if self.interrupts.came is not None:
+                # HDF5 has swallowed the exception of the signal.
                 raise KeyboardInterrupt
-            rows.append(row)
-            _print(
-                json.dumps(row, allow_nan=False) if as_json else _line(row, width, tol)
-            )
-            # Lines of JSON have the sentence themselves.
-            if row["outcome"] == UNREADABLE or not (as_json or _solved(row)):
+            self.rows.append(row)
+            if self.as_json:
+                line(**row)
+            else:
+                tell(_line(row, width, request.tol), sys.stdout)
+            # With --json the row has the message.
+            solved = _STATUS[row["outcome"]] == SOLVED
+            if row["outcome"] == UNREADABLE or not (self.as_json or solved):
                 complain(_sentence(row))
-        status = max((_STATUS[row["outcome"]] for row in rows), key=_ORDER.index)
-    except KeyboardInterrupt:
-        # What interrupts a command says so.
-        status = INTERRUPTED
-    except (ImportError, ValueError, TypeError) as error:
-        if as_json:
-            line(command="fclib", ok=False, success=False, message=str(error))
-        complain(str(error))
-        status = BAD_INPUT
-    if rows and not as_json:
-        _summary(rows)
-    return status
+        return worst(_STATUS[row["outcome"]] for row in self.rows), ""
+
+    def show(self, _: int) -> None:
+        """Print the summary."""
+        if self.rows:
+            _summary(self.rows)
+
+    def end(self, code: int, message: str) -> int:
+        """Report an error of the command itself; the rows report those of files."""
+        self.interrupts.reported = True
+        if message and self.as_json:
+            line(command="fclib", ok=False, success=False, message=message)
+        complain(message)
+        return code
 
 
-def _check(method: str, tol: float, max_seconds: float | None) -> None:
-    """Let the core refuse settings before any file is read: one open contact."""
+def _check(request: Request) -> None:
+    """Let the core refuse wrong settings before any file is read: one open contact."""
     from bipot_rs.contact.reduced import ReducedProblem
     from bipot_rs.fclib import require
 
-    require()  # so that the seconds of the first file are its own
+    require()  # else the seconds of the first file would include imports
     ReducedProblem([[1, 0], [0, 1]], [[1, 0]], 0).solve(
-        method, tol, max_seconds=max_seconds
+        request.method, request.tol, max_seconds=request.max_seconds
     )
 
 
-def _solve(
-    name: str, method: str, tol: float, max_seconds: float | None
-) -> dict[str, Any]:
-    """What is told of a file."""
+def _solve(name: str, request: Request) -> dict[str, Any]:
+    """The row of a file."""
     from bipot_rs import fclib
     from bipot_rs.contact.errors import FloatingBodyError, NoEquilibriumError
 
@@ -109,7 +124,9 @@ def _solve(
             form, (contacts, dim) = "local", problem.q.shape
         row |= {"contacts": contacts, "dim": dim}
         asymmetry = _finite(problem.asymmetry)
-        answer = problem.solve(method, tol, max_seconds=max_seconds)
+        answer = problem.solve(
+            request.method, request.tol, max_seconds=request.max_seconds
+        )
         row |= {
             "outcome": str(answer.outcome),
             "residual": _finite(answer.residual),
@@ -135,22 +152,18 @@ def _solve(
 
 
 def _finite(number: float) -> float | None:
-    """A number that JSON has."""
+    """The number, or None where JSON has no such number."""
     return number if math.isfinite(number) else None
 
 
-def _solved(row: dict[str, Any]) -> bool:
-    return _STATUS[row["outcome"]] == SOLVED
-
-
 def _sentence(row: dict[str, Any]) -> str:
-    """What is said of a file on a line of its own."""
+    """The message of a file on a line of its own, with its name."""
     name, message = row["file"], row["message"]
     return printable(message if name in message else f"{name}: {message}")
 
 
 def _line(row: dict[str, Any], width: int, tol: float) -> str:
-    """A row for people; what is not known is left blank."""
+    """The row of a file as text; unknown numbers are left blank."""
     from bipot_rs.contact.global_problem import SYMMETRIC
 
     size = "" if row["contacts"] is None else f"{row['contacts']} × {row['dim']}D"
@@ -166,9 +179,9 @@ def _line(row: dict[str, Any], width: int, tol: float) -> str:
     start = f"{printable(row['file']):<{width}} {size:>10}  {row['outcome']:<15}"
     line = " ".join([start, *cells, f"{row['seconds']:9.3f} s"])
     if row["tolerance"] is not None and row["tolerance"] > tol:
-        line += f", held to {row['tolerance']:.1e} by rounding"
+        line += f", tolerance raised to {row['tolerance']:.1e} by rounding"
     if (row["asymmetry"] or 0.0) > SYMMETRIC:
-        matrix, size = _SIZES[row["form"]]
+        matrix, size = _MATRICES[row["form"]]
         line += f", {matrix} asymmetric by {row['asymmetry']:.2g} of {size}"
     return line
 
@@ -201,9 +214,3 @@ def _summary(rows: list[dict[str, Any]]) -> None:
             add(outcome, some)
     add("all", rows)
     Console().print(table)
-
-
-def _print(line: str) -> None:
-    # Flushed: who reads it through a pipe wants a line as its file ends.
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""``bipot info``: what is in a file or a folder, in some ten lines."""
+"""``bipot info``: summarise a file or a folder in some ten lines."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from bipot_rs.cli.matrix_files import MARKET, market_refuses
 from bipot_rs.cli.output_folder import RESULT, SWEEP
 from bipot_rs.contact.status import STATUS_NAMES
 
-# Steps of a result that are told one by one; of longer paths both ends.
+# Most load steps that are listed; of a longer path the first and the last are.
 _STEPS = 3
 
 
 def info(name: str) -> dict[str, Any]:
-    """What a result, a sweep, a problem of FCLIB, a mesh, a matrix or a scene holds.
+    """Summarise a result, a sweep, an FCLIB problem, a mesh, a matrix or a scene.
 
     Parameters
     ----------
     name
-        A file, the folder of a run, of a sweep or of several of them, or a shipped scene.
+        A file, the folder of a run or a sweep, a folder of such folders, or a shipped scene.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def info(name: str) -> dict[str, Any]:
     Raises
     ------
     OSError, ValueError
-        It cannot be read, or is nothing of these.
+        The file cannot be read, or is of another kind.
     """
     path = Path(name)
     if path.is_dir():
@@ -68,7 +68,7 @@ def info(name: str) -> dict[str, Any]:
 
 
 def _folder(path: Path) -> dict[str, Any]:
-    """A folder of folders, as ``out`` is after some runs."""
+    """Summarise a folder of runs and sweeps, such as ``out``."""
     kinds = {RESULT: "run", SWEEP: "sweep"}
     inside = sorted(one for one in path.iterdir() if one.is_dir())
     found = {
@@ -79,7 +79,7 @@ def _folder(path: Path) -> dict[str, Any]:
     }
     if not found:
         raise ValueError(
-            f"{path} is a folder without {RESULT} or {SWEEP}, and so are those in it"
+            f"{path} is a folder without {RESULT} or {SWEEP}, and so are the folders in it"
         )
     many = [
         counted(list(found.values()).count(kind), kind)
@@ -100,7 +100,7 @@ def _result(path: Path) -> dict[str, Any]:
     result = load(path)
     count = len(result)
     x = contacts.get("x")
-    # Of arrays places need not be known.
+    # A problem given as arrays may have no points.
     contacts_n, d = result._shape if count else (0 if x is None else len(x), 0)
     dim = (d or None) if x is None else x.shape[1]
     found: dict[str, Any] = {
@@ -115,14 +115,14 @@ def _result(path: Path) -> dict[str, Any]:
         "contacts": contacts_n if count or x is not None else None,
         "dim": dim,
         "steps": count,
-        # Automatic steps are as many as it takes, and other files do not say.
+        # The number of automatic steps is unknown, and other files lack it.
         "planned": int(attributes["planned"]) if "planned" in attributes else None,
     }
-    whose = found["scene"] or "a problem given as arrays"
+    source = found["scene"] or "a problem given as arrays"
     by = f"method {found['method'] or '-'}, tol {found['tol'] or '-'}"
     lines = [
-        f"{path}: a result of {whose}, {'' if found['complete'] else 'not '}complete",
-        f"  said      {found['message'] or '-'}",
+        f"{path}: a result of {source}, {'' if found['complete'] else 'not '}complete",
+        f"  message   {found['message'] or '-'}",
     ]
     if found["package"]:
         lines.append(f"  by        bipot_rs {found['package']}, {by}")
@@ -145,7 +145,7 @@ def _result(path: Path) -> dict[str, Any]:
             f"  steps     {counted(count, 'load step')}{missing}, every residual at most "
             f"{found['residual']:.1e}; {moved} displacements each"
         )
-        told = [
+        rows = [
             row(k, float(steps[k].get("load", k)), step)
             for k, step in enumerate(result)
         ]
@@ -155,7 +155,7 @@ def _result(path: Path) -> dict[str, Any]:
         if count > _STEPS:
             ends[1 : 1 - _STEPS] = []
         for before, k in zip([-1, *ends], ends, strict=False):
-            one = told[k]
+            one = rows[k]
             if k > before + 1:
                 lines.append(f"  ...       {counted(k - before - 1, 'load step')}")
             lines.append(
@@ -163,13 +163,13 @@ def _result(path: Path) -> dict[str, Any]:
                 f"{one['slip']}, stick {one['stick']}, normal force "
                 f"{result[k].reaction[:, 0].sum():.5g}"
             )
-        last = told[-1]
+        last = rows[-1]
         found["last"] = {name: last[name] for name in STATUS_NAMES}
     return found | {"lines": lines}
 
 
 def _matrix(path: Path) -> dict[str, Any]:
-    """What the head of a file of Matrix Market says; its numbers are not read."""
+    """Summarise the header of a Matrix Market file; its entries are not read."""
     from scipy.io import mminfo
 
     name = printable(str(path))
@@ -183,13 +183,13 @@ def _matrix(path: Path) -> dict[str, Any]:
             .lower()
             .startswith(MARKET.lower().encode())
         ):
-            said = "a matrix as Abaqus writes it, node, component, ... a line, if it is one"
-            return found | {"lines": [f"{name}: {said}", following]}
+            kind = "no Matrix Market file; perhaps a matrix as Abaqus writes it"
+            return found | {"lines": [f"{name}: {kind}", following]}
     try:
         with unmarked(path) as source:
             rows, columns, entries, form, field, symmetry = mminfo(source)
     except (ValueError, OverflowError) as error:
-        raise ValueError(f"{path} is no matrix of Matrix Market: {error}") from None
+        raise ValueError(f"{path} is not a valid Matrix Market file: {error}") from None
     found |= {
         "shape": [int(rows), int(columns)],
         "entries": int(entries),
@@ -197,7 +197,7 @@ def _matrix(path: Path) -> dict[str, Any]:
     }
     many = f"{counted(int(entries), 'entry')}, " if form == "coordinate" else ""
     lines = [
-        f"{name}: a matrix of Matrix Market, {rows} × {columns}",
+        f"{name}: a Matrix Market file, {rows} × {columns}",
         f"  holds     {many}{form}, {field}, {symmetry}",
     ]
     if rows == columns and market_refuses(field, symmetry) is None:
@@ -232,7 +232,7 @@ def _problem(path: Path) -> dict[str, Any]:
     }
     many = f"{counted(contacts, 'contact')} in {dim} dimensions"
     lines = [
-        f"{path}: a problem of FCLIB, {kind} form, {many}",
+        f"{path}: an FCLIB problem, {kind} form, {many}",
         f"  friction  {_span(problem.mu)}",
         f"  solve it  bipot fclib {printable(str(path))}",
     ]
@@ -276,14 +276,14 @@ def _scene(name: str) -> dict[str, Any]:
         )
         if entries
     ]
-    told = scene.path.parameter or "their number"
+    parameter = scene.path.parameter or "step number"
     lines = [
         f"{name}: a scene, {scene.title or 'without a title'}",
         f"  units     {units or 'not named'}",
         "  bodies    " + ", ".join(f"{b} ({m})" for b, m in bodies.items()),
         "  contacts  " + ", ".join(_touch(contact) for contact in scene.contact),
         f"  loads     {', '.join(loads) or 'none'}",
-        f"  path      {counted(steps, 'load step')}, told by {told}",
+        f"  path      {counted(steps, 'load step')}, parameter: {parameter}",
         f"  solver    {scene.solver.method}, tol {scene.solver.tol}",
         f"  next      bipot check {name}, bipot run {name}",
     ]

@@ -1,4 +1,4 @@
-"""What a mesh file holds: sizes, kinds of cells, volumes and surfaces by name."""
+"""``bipot info`` of a mesh file: sizes, kinds of cells, named volumes and surfaces."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from bipot_rs._lib.messages import counted, printable
 
-# Bodies, and surfaces of rigid obstacles.
+# Files of bodies, and of surfaces of rigid obstacles.
 _BODIES, _SURFACES = (".msh", ".inp", ".vtu"), (".stl",)
 SUFFIXES = (*_BODIES, *_SURFACES)
 _MANY = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}
-# Names that are told one by one; of more the first ones.
+# Most names that are listed.
 _NAMES = 12
 
 
 def mesh(path: Path) -> dict[str, Any]:
-    """What a mesh file holds.
+    """Summarise a mesh file.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def mesh(path: Path) -> dict[str, Any]:
 
 
 def box(x: NDArray[Any]) -> str:
-    """The ranges of places ``(m, d)``, axis by axis."""
+    """The range of points ``(m, d)`` along each axis."""
     low, high = x.min(axis=0), x.max(axis=0)
     return " × ".join(f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high, strict=True))
 
@@ -51,12 +51,12 @@ def _bodies(path: Path) -> dict[str, Any]:
     try:
         parts = [read_mesh(path, check=False)]
     except ValueError as error:
-        # Cells of several kinds: volume by volume there may be one in each.
+        # Cells of several kinds: each volume may have one kind.
         try:
             parts = list(read_meshes(path, check=False).values())
         except ValueError:
             raise error from None
-        several = "cells of several kinds: read its volumes apart by group="
+        several = "it has several kinds of cells: read each volume with group="
     dim = int(parts[0].p.shape[0])
     cells: dict[str, int] = {}
     volumes: dict[str, int] = {}
@@ -74,11 +74,13 @@ def _bodies(path: Path) -> dict[str, Any]:
                 known[group] = max(known.get(group, 0), len(members))
         mistake = mistake or _wrong(one, "it")
     if mistake and len(volumes) > 1 and not several:
-        # Bodies side by side are pieces: each may be sound.
+        # Volumes that are not connected may each be correct.
         apart = read_meshes(path, check=False)
-        told = [_wrong(one, f"volume {name!r}") for name, one in apart.items()]
-        mistake = next(filter(None, told), "")
-        several = "" if mistake else "its volumes are bodies apart: read each by group="
+        mistakes = [_wrong(one, f"volume {name!r}") for name, one in apart.items()]
+        mistake = next(filter(None, mistakes), "")
+        several = (
+            "" if mistake else "its volumes are not connected: read each with group="
+        )
     points = np.concatenate([one.p.T for one in parts])
     found: dict[str, Any] = {
         "kind": "mesh",
@@ -95,8 +97,8 @@ def _bodies(path: Path) -> dict[str, Any]:
         f"{path}: a mesh in {dim} dimensions",
         f"  cells     {kinds}",
         f"  nodes     {len(points)}, {box(points)}",
-        f"  volumes   {_told(volumes, 'cell') or 'none named'}",
-        f"  surfaces  {_told(surfaces, 'facet') or _NO_SURFACE}",
+        f"  volumes   {_listed(volumes, 'cell') or 'none named'}",
+        f"  surfaces  {_listed(surfaces, 'facet') or _NO_SURFACE}",
     ]
     if several:
         lines.append(f"  remark    {several}")
@@ -111,7 +113,7 @@ def _bodies(path: Path) -> dict[str, Any]:
 
 
 def _wrong(mesh: Any, what: str) -> str:
-    """What is wrong with a mesh, or nothing."""
+    """The mistake of a mesh, or an empty text."""
     from bipot_rs.mesh.quality import check_mesh
 
     try:
@@ -121,7 +123,7 @@ def _wrong(mesh: Any, what: str) -> str:
     return ""
 
 
-_NO_SURFACE = "none named: a scene names some by place, [body.NAME.surface.OTHER]"
+_NO_SURFACE = "none named: define them by position, [body.NAME.surface.OTHER]"
 
 
 def _surface(path: Path) -> dict[str, Any]:
@@ -130,18 +132,18 @@ def _surface(path: Path) -> dict[str, Any]:
     points, blocks = read_cells(path)
     cells = {kind: len(nodes) for kind, nodes in blocks}
     found = {"kind": "surface", "file": str(path), "nodes": len(points), "cells": cells}
-    told = ", ".join(f"{count} of kind {kind}" for kind, count in cells.items())
+    kinds = ", ".join(f"{count} of kind {kind}" for kind, count in cells.items())
     lines = [
         f"{path}: a surface, for a rigid obstacle",
-        f"  facets    {told or 'none'}",
-        f"  places    {len(points)}" + (f", {box(points)}" if len(points) else ""),
+        f"  facets    {kinds or 'none'}",
+        f"  points    {len(points)}" + (f", {box(points)}" if len(points) else ""),
         f'  use it    surface = "{printable(path.name)}" in [obstacle.NAME] of a scene',
     ]
     return found | {"lines": lines}
 
 
-def _told(known: Mapping[str, int], noun: str) -> str:
+def _listed(known: Mapping[str, int], noun: str) -> str:
     names: Sequence[str] = sorted(known)
-    told = [f"{name} ({counted(known[name], noun)})" for name in names[:_NAMES]]
+    shown = [f"{name} ({counted(known[name], noun)})" for name in names[:_NAMES]]
     more = len(names) - _NAMES
-    return ", ".join(told) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")

@@ -1,4 +1,4 @@
-"""What the table of a sweep holds."""
+"""``bipot info`` of the table of a sweep, and reading the table."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 
 from bipot_rs._lib.messages import counted
 
-# Columns between the number of a row and how it ended: what was varied.
+# The varied settings stand between these two columns.
 _FIRST, _THEN = "row", "outcome"
-# Values of a setting that are told one by one.
+# Most values of a setting that are listed.
 _VALUES = 6
 
 
 def read(path: Path) -> tuple[list[str], list[dict[str, str]]]:
-    """The settings that were varied, and the rows.
+    """Read the keys that were varied, and the rows.
 
     Raises
     ------
@@ -35,22 +35,21 @@ def read(path: Path) -> tuple[list[str], list[dict[str, str]]]:
         raise OSError(f"{path} cannot be read: {error.strerror or error}") from error
     if names[:1] != [_FIRST] or _THEN not in names:
         raise ValueError(
-            f"{path} is not the table of a sweep, or damaged: its first line should "
-            f"begin with {_FIRST} and hold {_THEN}"
+            f"{path} is not the table of a sweep, or it is damaged: its first line must "
+            f"begin with {_FIRST} and contain {_THEN}"
         )
     for k, row in enumerate(rows):
-        # Of a line cut off the last columns are missing; of two run together they are
-        # too many.
+        # A truncated line lacks columns; two merged lines have too many.
         if None in row or None in row.values():
             raise ValueError(
-                f"{path} is damaged: row {k + 1} has not the {len(names)} columns that "
-                "the first line names"
+                f"{path} is damaged: row {k + 1} does not have the {len(names)} columns "
+                "of the first line"
             )
     return names[1 : names.index(_THEN)], rows
 
 
 def sweep(path: Path) -> dict[str, Any]:
-    """What a sweep has done, as `info` tells it; raises as `read`."""
+    """Summarise a sweep; raises as `read`."""
     keys, rows = read(path)
     outcomes: dict[str, int] = {}
     for row in rows:
@@ -70,9 +69,9 @@ def sweep(path: Path) -> dict[str, Any]:
     ]
     for key, values in varied.items():
         many = len(values) > _VALUES
-        told = [*values[:2], "…", values[-1]] if many else values
+        shown = [*values[:2], "…", values[-1]] if many else values
         count = f" ({counted(len(values), 'value')})" if many else ""
-        lines.append(f"  varied    {key} = {', '.join(told)}{count}")
+        lines.append(f"  varied    {key} = {', '.join(shown)}{count}")
     bad = next((k for k, row in enumerate(rows) if row.get("message")), None)
     if bad is not None:
         lines.append(f"  row {bad + 1:<5} {rows[bad]['message']}")

@@ -1,4 +1,4 @@
-"""``bipot new``: a scene to begin with, that runs as it is."""
+"""``bipot new``: write a commented scene to start from."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ _HINT = (
     f"#:schema ./{SCHEMA}\n"
     f"# An editor that knows TOML checks this file: bipot schema > {SCHEMA}\n\n"
 )
-# What a template says where the command to run it has its file, and where it has the
-# mesh beside it: as seen from here, and from the scene.
+# Placeholders in templates: the path of the scene, the path of its mesh, and the path of
+# the mesh as seen from the scene.
 _NAME, _MESH, _BESIDE = "@NAME@", "@MESH@", "@FILE@"
 
 
 def templates() -> list[str]:
-    """Names of what there is to begin with."""
+    """Names of the templates."""
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
 def write(name: str, template: str) -> list[Path]:
     """Write a commented scene; returns its files, first ``name`` with ``.toml``.
 
-    A template with a mesh has it written beside the scene, under the name of the scene.
+    The mesh of a template is written next to the scene, under the same name.
 
     Raises
     ------
     ValueError
         There is no such template.
     OSError
-        There is a file of this name already, scene or mesh, or none can be written there.
+        A file exists already, or cannot be written.
     """
     if template not in templates():
         raise ValueError(
@@ -51,21 +51,21 @@ def write(name: str, template: str) -> list[Path]:
     try:
         _new(mesh, source.read_text(encoding="utf-8"))
     except OSError:
-        # One without the other is of no use.
+        # A scene without its mesh is useless.
         path.unlink()
         raise
     return [path, mesh]
 
 
 def _new(path: Path, text: str) -> None:
-    """Write a file that is not there yet."""
+    """Write a new file; never overwrite."""
     try:
-        # Not looked for first: whatever comes in between would be overwritten.
+        # Mode "x" leaves no time between a test for existence and the writing.
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
         raise FileExistsError(
-            f"{path} is there already and stays as it is: give another name"
+            f"{path} exists already and is not overwritten: choose another name"
         ) from None
     except OSError as error:
         raise OSError(f"cannot write {path}: {error.strerror or error}") from error

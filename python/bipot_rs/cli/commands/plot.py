@@ -1,4 +1,4 @@
-"""``bipot plot``: pictures of a result that is there, without solving."""
+"""``bipot plot``: draw pictures of a result, without solving."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from typing import Any
 from bipot_rs._lib.messages import meant
 from bipot_rs.cli.output_folder import RESULT, SWEEP
 
-# Quantities that are drawn on the surfaces of bodies in space.
+# Quantities that can be drawn on the surfaces of three-dimensional bodies.
 _IN_SPACE = ("pressure", "shear", "gap", "slip", "status")
-# Pictures of the bodies, which need their mesh.
+# Pictures that need the mesh of the bodies.
 BODIES = ("deformed", *(f"{quantity}_3d" for quantity in _IN_SPACE))
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What is drawn of a result.
+    """The part of a result to draw.
 
     Attributes
     ----------
     where
         Name of a contact surface, ``"body.surface"``; None for all.
     along
-        ``"x"``, ``"y"``, ``"z"`` or ``"arc"``; None for what the picture takes.
+        ``"x"``, ``"y"``, ``"z"`` or ``"arc"``; None for the default of the picture.
     step
-        The load step that is drawn, from 0; None for the last.
+        The load step to draw, from 0; None for the last.
     case
-        The bodies, for the picture of them.
+        The `Case` with the bodies, for pictures that need their mesh.
     """
 
     where: str | None = None
@@ -40,12 +40,12 @@ class Asked:
     case: Any = None
 
 
-# Draws a result that `load` has read: the file to write, the result, a title, what of it.
+# A function that draws: the file to write, the result, a title, the part to draw.
 Picture = Callable[[Path, Any, str, Asked], None]
 
 
 def kinds() -> dict[str, Picture]:
-    """Pictures by name: what a run leaves, and those of `bipot_rs.plots`."""
+    """Pictures by name: that of ``bipot run --plot``, and those of `bipot_rs.plots`."""
     from bipot_rs import plots
 
     def one(kind: str, function: Callable[..., Any], *names: str) -> Picture:
@@ -57,7 +57,7 @@ def kinds() -> dict[str, Picture]:
             for key in given:
                 if key not in takes:
                     raise ValueError(
-                        f"--{_OPTIONS[key]} does not go with --kind {kind}"
+                        f"--{_OPTIONS[key]} cannot be used with --kind {kind}"
                     )
             bodies = [asked.case] if kind in BODIES else []
             ax = function(*bodies, result, *names, **given)
@@ -88,9 +88,9 @@ def kinds() -> dict[str, Picture]:
     return drawn
 
 
-# What `Asked` holds, by the options of the command line.
+# Attributes of `Asked`, and the options of the command line.
 _OPTIONS = {"where": "contact", "along": "along", "step": "step"}
-# Words of the pictures in Python, and those of the command line.
+# Words in messages of `bipot_rs.plots`, and those of the command line.
 _WORDS = {
     "along is missing": "--along is missing",
     "by where=": "by --contact",
@@ -102,7 +102,7 @@ _WORDS = {
 
 
 def _tractions(line: Picture) -> Picture:
-    """What a run leaves; along a direction or of one surface the line alone."""
+    """The picture of ``bipot run --plot``; with --along the line alone."""
 
     def draw(path: Path, result: Any, title: str, asked: Asked) -> None:
         if asked.along is not None:
@@ -147,17 +147,17 @@ def draw(
     kind
         One of `kinds`.
     out
-        File to write, the suffix chooses the format; ``KIND.png`` beside the result if
-        not given.
+        File to write, in the format of its suffix; by default ``KIND.png`` in the folder of
+        the result.
     contact
-        The surface to draw, ``"body.surface"``; all if not given.
+        The surface to draw, ``"body.surface"``; by default all.
     along
-        What places are: ``"x"``, ``"y"``, ``"z"`` or ``"arc"``.
+        Horizontal axis of a line: ``"x"``, ``"y"``, ``"z"`` or ``"arc"``.
     step
-        The load step to draw, from 1; the last if not given.
+        The load step to draw, from 1; by default the last.
     scene, settings
-        For the picture of the bodies, the scene of the result and what was set in it;
-        those that the file tells if not given.
+        The scene of the result and the keys set in it, for pictures that need the mesh; by
+        default those named in the file.
 
     Raises
     ------
@@ -177,29 +177,31 @@ def draw(
         raise ValueError(f"--along is {along!r}, expected x, y, z or arc")
     if kind not in BODIES and (scene is not None or settings):
         raise ValueError(
-            f"--scene and --set go with --kind {', '.join(BODIES)} alone: the others "
+            f"--scene and --set are only for --kind {', '.join(BODIES)}: other pictures "
             "need no mesh"
         )
     path = Path(name)
     if path.is_dir():
         if (path / SWEEP).exists() and not (path / RESULT).exists():
             raise ValueError(
-                f"{name} is the folder of a sweep, which keeps a table and no results: "
-                "bipot run with the --set of a row makes one to draw"
+                f"{name} is the folder of a sweep, which has a table but no results: to "
+                "draw a row, solve it with bipot run and its --set"
             )
         path = path / RESULT
     if not path.exists():
-        raise OSError(f"there is no {path}: bipot run makes one, as out/SCENE/{RESULT}")
+        raise OSError(
+            f"there is no {path}: bipot run writes one, by default out/SCENE/{RESULT}"
+        )
     _, steps, attributes = read_result(path)
     if not steps:
-        raise ValueError(f"{path} holds no load steps to draw")
+        raise ValueError(f"{path} has no load steps to draw")
     if step is not None and not 1 <= step <= len(steps):
         raise ValueError(f"--step is {step}, expected one from 1 to {len(steps)}")
     result = load(path)
     if contact is not None and "surface" not in result.contacts:
         raise ValueError(
-            f"--contact is {contact!r}, but {path} does not tell surfaces: an earlier "
-            "version wrote it, or it is of a problem given as arrays"
+            f"--contact is {contact!r}, but {path} has no names of surfaces: an earlier "
+            "version wrote it, or its problem was given as arrays"
         )
     title, units = _labels(attributes)
     result.units = units or result.units
@@ -210,12 +212,12 @@ def draw(
             at = None if step is None else step - 1
             known[kind](target, result, title, Asked(contact, along, at, case))
     except ValueError as error:
-        said = str(error)
-        if "not supported" in said:
+        message = str(error)
+        if "not supported" in message:
             raise ValueError(f"cannot draw {target}: {error}") from error
         for word, own in _WORDS.items():
-            said = said.replace(word, own)
-        raise ValueError(said) from error
+            message = message.replace(word, own)
+        raise ValueError(message) from error
     return target
 
 
@@ -225,37 +227,37 @@ def _case(
     scene: str | None,
     settings: Sequence[str],
 ) -> Any:
-    """The bodies of a result, meshed again; the very scene that was solved, or an error."""
+    """Mesh the bodies of a result again; an error if the scene is not the one solved."""
     from bipot_rs.cli.resume import stamps
     from bipot_rs.scene.build import bodies
     from bipot_rs.scene.reading import assemble, read
 
-    told = str(attributes.get("scene", ""))
+    solved = str(attributes.get("scene", ""))
     if "scene_digest" not in attributes:
         raise ValueError(
-            f"{path} is not the result of a scene, whose mesh the picture needs: draw the "
-            "contacts by ParaView, and the bodies of a Model by plots.deformed in Python"
+            f"{path} is not the result of a scene, so that its mesh is not known: use "
+            "ParaView, or plots.deformed in Python"
         )
     if scene is None:
         settings = [*json.loads(attributes.get("settings", "[]")), *settings]
-    name = told if scene is None else scene
+    name = solved if scene is None else scene
     try:
         found = read(name, settings)
     except ValueError as error:
         raise ValueError(
-            f"the picture needs the scene of {path}, {told!r} where it was solved: give it "
-            f"by --scene, with what was set by --set ({error})"
+            f"the picture needs the scene of {path}, which was {solved!r}: give it with "
+            f"--scene, and its settings with --set ({error})"
         ) from error
     digest = stamps(found, "", 0.0)["scene_digest"]
     if digest != attributes["scene_digest"]:
         raise ValueError(
-            f"{path} is of another scene than {name!r} as it is now, or of other settings: "
-            "give that by --scene, with what was set by --set"
+            f"{path} was not solved from {name!r} as it is now, or with other settings: "
+            "give its scene with --scene, and its settings with --set"
         )
     return assemble(found, bodies(found))
 
 
 def _labels(attributes: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
-    """Title and names of units, where the run has left them."""
+    """Title and names of units, if the file has them."""
     units = attributes.get("units", "")
     return str(attributes.get("title", "")), json.loads(units) if units else {}

@@ -1,17 +1,17 @@
-"""``bipot schema``: what a scene file may hold, as a JSON schema for editors."""
+"""``bipot schema``: the JSON schema of scene files, for editors."""
 
 from __future__ import annotations
 
 from typing import Any
 
-# A plain value that stands for a table with one key: what `schema` wraps as it reads.
+# Plain values that a scene accepts in place of a table with one key.
 _SHORT: dict[str, dict[str, Any]] = {
     "Varying": {"type": "number"},
     "Clearance": {"type": "number"},
     "MeshFile": {"type": "string"},
     "Amplitude": {"type": "array", "items": {"type": "number"}, "minItems": 1},
 }
-# Keys that are a number, or one that depends on n as text.
+# Keys that are a number, or a text such as "2*n".
 _OF_N = ("cell", "cells")
 
 
@@ -30,7 +30,7 @@ def schema() -> dict[str, Any]:
     growth = axis["growth"]
     axis["growth"] = {"anyOf": [{"type": "number"}, growth]}
     _shorten(found)
-    # Editors show what a table is for; its docstring is written for that.
+    # Editors show the docstrings of the tables.
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **found,
@@ -39,7 +39,7 @@ def schema() -> dict[str, Any]:
 
 
 def _shorten(node: Any) -> None:
-    """Let plain values stand where `_SHORT` has them, in place."""
+    """Accept the plain values of `_SHORT`; changes ``node`` in place."""
     inner = list(node.values() if isinstance(node, dict) else node)
     for one in inner:
         if isinstance(one, dict | list):

@@ -1,28 +1,28 @@
-"""``bipot sweep``: one scene under many settings, in parallel, into one table.
+"""``bipot sweep``: solve one scene with many settings in parallel, into one table.
 
-A row is the settings, how it ended, and where the last load step came to. Rows are
-written as they end: an interrupted sweep keeps what is done, and goes on from there.
+A row holds its settings, its outcome, and numbers of the last load step. The table is
+written after each row, so that an interrupted sweep can continue.
 """
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import itertools
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from bipot_rs._lib.messages import counted
 from bipot_rs.cli.commands.info_sweep import read as table_of
-from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
+from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED, worst
 from bipot_rs.cli.output_folder import SWEEP, make
 from bipot_rs.cli.progress import Progress, complain, line
+from bipot_rs.cli.runner import outcome
 from bipot_rs.contact.status import STATUS_NAMES
+from bipot_rs.files import csv_tables
 
-# More rows are a slip of the pen.
+# More rows are probably a mistake in a range.
 MOST = 100_000
 OUTCOMES = {
     "solved": SOLVED,
@@ -31,14 +31,13 @@ OUTCOMES = {
     "bad input": BAD_INPUT,
     "lost": NOT_CONVERGED,
 }
-# Its process was killed: the only rows that are tried again.
+# The process of the row was killed. --resume tries only these rows again.
 _LOST = "lost"
-# From the best to the worst.
-_ORDER = (SOLVED, NO_ANSWER, NOT_CONVERGED, BAD_INPUT)
-# What is known of every row, besides its settings and the forces on its surfaces.
+_OUTCOME_OF = {code: name for name, code in OUTCOMES.items() if name != _LOST}
+# Columns of every row, besides settings and forces of the contact surfaces.
 FIGURES = ("outcome", "steps", *STATUS_NAMES, "residual", "iterations")
 _LAST = ("seconds", "message", "digest")
-# What each row imports.
+# Modules that each row needs.
 _NEEDED = (
     "bipot_rs.cli.cost_forecast",
     "bipot_rs.cli.report",
@@ -47,7 +46,7 @@ _NEEDED = (
 
 
 def values(setting: str) -> tuple[str, list[str]]:
-    """``KEY=V1,V2,…`` as the key and its values; commas within brackets are their own.
+    """Split ``KEY=V1,V2,…`` into key and values, not at commas in brackets or quotes.
 
     Raises
     ------
@@ -71,15 +70,15 @@ def values(setting: str) -> tuple[str, list[str]]:
             found[-1] += c
     if not equals or not key.strip() or not all(value.strip() for value in found):
         raise ValueError(
-            f"--set {setting}: should be KEY=V1,V2,…, as in contact.0.mu=0.1,0.2"
+            f"--set {setting}: expected KEY=V1,V2,…, as in contact.0.mu=0.1,0.2"
         )
     return key.strip(), [value.strip() for value in found]
 
 
 def spaced(setting: str) -> tuple[str, list[str]]:
-    """``KEY=FROM:TO:COUNT`` as the key and COUNT values with both ends.
+    """Split ``KEY=FROM:TO:COUNT`` into the key and COUNT equally spaced values.
 
-    They are whole numbers where the ends are, if that many of equal distance are.
+    The values are integers if the ends are and the spacing allows it.
 
     Raises
     ------
@@ -91,38 +90,38 @@ def spaced(setting: str) -> tuple[str, list[str]]:
 
     def problem(why: str) -> ValueError:
         return ValueError(
-            f"--range {setting}: {why}, should be KEY=FROM:TO:COUNT, COUNT values with "
-            "both ends, as contact.0.mu=0.1:0.5:3 is 0.1, 0.3, 0.5"
+            f"--range {setting}: {why}; expected KEY=FROM:TO:COUNT, as in "
+            "contact.0.mu=0.1:0.5:3, which is 0.1, 0.3, 0.5"
         )
 
     if not equals or not key.strip():
-        raise problem("names no KEY")
+        raise problem("KEY is missing")
     if len(parts) != 3:
-        raise problem(f"has {counted(len(parts), 'part')} where three are needed")
+        raise problem(f"has {counted(len(parts), 'part')} instead of three")
     try:
         low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
     except ValueError:
-        raise problem("is not of two numbers and a whole one") from None
+        raise problem("FROM and TO must be numbers, COUNT an integer") from None
     if not (abs(low) < 1e300 and abs(high) < 1e300):
-        raise problem("goes beyond 1e300")
+        raise problem("a value is beyond 1e300")
     if not 1 <= count <= MOST:
-        raise problem(f"asks for {count} values, of 1 to {MOST}")
+        raise problem(f"COUNT is {count}, not between 1 and {MOST}")
     if count == 1 and low != high:
         raise ValueError(
-            f"--range {setting}: one value cannot be both {low} and {high}"
+            f"--range {setting}: COUNT is 1, but FROM {low} and TO {high} differ"
         )
     step = (high - low) / max(count - 1, 1)
-    # The ends as given, to the bit.
+    # The last value is TO itself, without rounding.
     found = [low + k * step for k in range(count - 1)] + [high]
     whole = all("." not in part and "e" not in part.lower() for part in parts[:2])
     if whole and all(value == round(value) for value in found):
         return key.strip(), [str(round(value)) for value in found]
-    # Steps of decimal numbers: 0.30000000000000004 is 0.3.
+    # 0.30000000000000004 should be 0.3.
     return key.strip(), [repr(float(f"{value:.15g}")) for value in found]
 
 
 def rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]:
-    """All combinations, the last key changing fastest.
+    """All combinations of the values; the last key changes fastest.
 
     Raises
     ------
@@ -142,7 +141,9 @@ def rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]
     for _, found in axes:
         count *= len(found)
     if count > MOST:
-        raise ValueError(f"{count} combinations, more than {MOST}")
+        raise ValueError(
+            f"the settings have {count} combinations, expected at most {MOST}"
+        )
     product = itertools.product(*(found for _, found in axes))
     return [dict(zip(names, one, strict=True)) for one in product]
 
@@ -150,32 +151,29 @@ def rows(settings: Sequence[str], ranges: Sequence[str]) -> list[dict[str, str]]
 def solve(
     scene: str, settings: Mapping[str, str], method: str | None, tol: float | None
 ) -> dict[str, Any]:
-    """One row: how the scene ends under these settings. Files are not written."""
+    """Solve one row. No files are written."""
     from importlib import import_module
     from time import perf_counter
 
-    from bipot_rs.contact.errors import (
-        FloatingBodyError,
-        NoEquilibriumError,
-        NotConvergedError,
-    )
+    from bipot_rs.contact.errors import BipotError
 
-    # Not counted: else the first row of each process would be the slow one.
+    # Before the clock starts, so that the first row of a process is not slower.
     for needed in _NEEDED:
         import_module(needed)
     started = perf_counter()
     found: dict[str, Any] = {}
     try:
         found = _solved(scene, settings, method, tol)
-        outcome, message = "solved", ""
-    except (NoEquilibriumError, FloatingBodyError) as error:
-        outcome, message = "no answer", str(error)
-    except NotConvergedError as error:
-        outcome, message = "not converged", str(error)
-    except (ValueError, MemoryError) as error:
-        outcome, message = "bad input", str(error) or type(error).__name__
+        code, message = SOLVED, ""
+    except (BipotError, ValueError, MemoryError) as error:
+        code, message = outcome(error)
     seconds = round(perf_counter() - started, 6)
-    return {"outcome": outcome, **found, "seconds": seconds, "message": message}
+    return {
+        "outcome": _OUTCOME_OF[code],
+        **found,
+        "seconds": seconds,
+        "message": message,
+    }
 
 
 def _solved(
@@ -213,14 +211,14 @@ def digests(
     tol: float | None,
     ranges: Sequence[str] = (),
 ) -> list[str]:
-    """What decides the numbers of each row, in a word; empty where a scene is wrong.
+    """A digest of everything that determines a row; empty where the scene has mistakes.
 
     Raises
     ------
     SceneError
-        All rows are wrong, and the first says why.
+        The scene of every row has mistakes; the error is that of the first row.
     ValueError
-        One of ``ranges`` has parts of whole numbers, where the scene takes none.
+        One of ``ranges`` has fractions, but its key takes integers.
     """
     from bipot_rs.cli.resume import stamps
     from bipot_rs.scene.library import SceneError
@@ -248,30 +246,30 @@ def digests(
 
 
 def _whole(ranges: Sequence[str], problems: Sequence[str]) -> None:
-    """Say of a range that it would split whole numbers: a count taken for a step."""
+    """Refuse a range with fractions for a key that takes integers."""
     for setting in ranges:
         key, found = spaced(setting)
         if any(p.startswith(f"{key}: ") and "integer" in p for p in problems):
             shown = [f"{float(v):.6g}" for v in found[:4]]
             shown += ["…"] if len(found) > len(shown) else []
             raise ValueError(
-                f"--range {setting}: is {counted(len(found), 'value')}, "
-                f"{', '.join(shown)}, and {key} takes whole numbers: the third number "
-                "is how many values, not their distance"
+                f"--range {setting}: {key} takes integers, but this is "
+                f"{counted(len(found), 'value')}, {', '.join(shown)}: the third number is "
+                "the number of values, not their spacing"
             )
 
 
 def earlier(
     path: Path, asked: Sequence[Mapping[str, str]], known: Sequence[str]
 ) -> dict[int, dict[str, Any]]:
-    """Rows that an earlier sweep has done, by number: the same settings of the same scene."""
+    """Rows that an earlier sweep has solved, by their number in this sweep."""
     if not path.exists():
-        raise ValueError(f"nothing to resume: there is no {path}")
+        raise ValueError(f"cannot resume: there is no {path}")
     try:
         _, rows = table_of(path)
     except ValueError as error:
         raise ValueError(
-            f"cannot resume: {error}; without --resume all rows are solved anew"
+            f"cannot resume: {error}; run without --resume to solve all rows"
         ) from None
     done = {row.get("digest", ""): row for row in rows}
     return {
@@ -284,21 +282,11 @@ def earlier(
 def write(
     path: Path, keys: Sequence[str], done: Mapping[int, Mapping[str, Any]]
 ) -> None:
-    """The table of what is done, in order; it takes the place of the one before."""
+    """Write the table of the finished rows; it replaces an earlier one."""
     names = [name for row in done.values() for name in row if " of " in name]
     columns = ["row", *keys, *FIGURES, *dict.fromkeys(names), *_LAST]
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with draft.open("w", newline="", encoding="utf-8") as file:
-            table = csv.DictWriter(file, columns, extrasaction="ignore")
-            table.writeheader()
-            for k in sorted(done):
-                table.writerow({**done[k], "row": k})
-        draft.replace(path)
-    except OSError as error:
-        raise OSError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        draft.unlink(missing_ok=True)
+    table = ({**done[k], "row": k} for k in sorted(done))
+    csv_tables.write(path, columns, ([row.get(c) for c in columns] for row in table))
 
 
 def run(
@@ -313,9 +301,9 @@ def run(
     resume: bool,
     as_json: bool,
 ) -> int:
-    """Solve all combinations, tell and keep them; the exit status, the worst of all.
+    """Solve all combinations and write the table; returns the worst exit status.
 
-    ``KeyboardInterrupt`` passes through once what is done has been written.
+    ``KeyboardInterrupt`` passes through; the finished rows are in the table.
     """
     from bipot_rs.cli.cost_forecast import cores
     from bipot_rs.cli.worker_pool import Workers
@@ -335,14 +323,14 @@ def run(
     done: dict[int, dict[str, Any]] = earlier(path, asked, known) if resume else {}
     left = [k for k in range(len(asked)) if k not in done]
     if path.exists() and path.read_bytes().count(b"\n") > len(done) + 1:
-        # Rows that are not asked for now, of this sweep or another, are worth keeping.
+        # Rows of another sweep may be valuable.
         before = path.with_name(f"{path.stem}-before{path.suffix}")
         path.replace(before)
         if not as_json:
-            complain(f"rows that are not asked for now are kept in {before}")
+            complain(f"rows that are not part of this sweep are kept in {before}")
     write(path, keys, done)
     if done and not as_json:
-        complain(f"{counted(len(done), 'row')} of {len(asked)} are done already")
+        complain(f"{len(done)} of {counted(len(asked), 'row')} are already finished")
     several = min(cores() if jobs is None else jobs, max(len(left), 1))
     arguments = [(scene, asked[k], method, tol) for k in left]
     with (
@@ -357,18 +345,17 @@ def run(
             write(path, keys, done)
             if as_json:
                 line(row=k, set=asked[k], **found)
-            told = ", ".join(f"{key}={value}" for key, value in asked[k].items())
-            told += f": {found['outcome']}"
-            progress.advance(told, f"row {k + 1} of {len(asked)}: {told}")
+            text = ", ".join(f"{key}={value}" for key, value in asked[k].items())
+            text += f": {found['outcome']}"
+            progress.advance(text, f"row {k + 1} of {len(asked)}: {text}")
     outcomes = [done[k]["outcome"] for k in sorted(done)]
-    worst = max((OUTCOMES[outcome] for outcome in outcomes), key=_ORDER.index)
     solved = outcomes.count("solved")
     message = f"{solved} of {counted(len(done), 'row')} solved; the table is {path}"
     if as_json:
         line(scene=scene, rows=len(done), solved=solved, message=message)
     else:
         _print(keys, done, message)
-    return worst
+    return worst(OUTCOMES[outcome] for outcome in outcomes)
 
 
 def _print(
@@ -384,12 +371,12 @@ def _print(
     names = [name for row in done.values() for name in row if "friction_used" in name]
     forces = list(dict.fromkeys(names))
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    # Of a curved surface the part that sizes of friction have, `report.forces`.
+    # For a curved surface the ratio is one of sums of sizes, see `report.forces`.
     curved = {n for row in done.values() for n in row if n.startswith("force_x of ")}
     heads = [
-        ("Σ|rt|/(Σμrn)" if f"force_x of {whose}" in curved else "Ft/(μFn)")
-        + (f"\n{whose}" if len(forces) > 1 else "")
-        for whose in (name.partition(" of ")[2] for name in forces)
+        ("Σ|rt|/(Σμrn)" if f"force_x of {surface}" in curved else "Ft/(μFn)")
+        + (f"\n{surface}" if len(forces) > 1 else "")
+        for surface in (name.partition(" of ")[2] for name in forces)
     ]
     shown = [*keys, "outcome", *STATUS_NAMES, "residual", "seconds"]
     for name in ("row", *shown[: len(keys) + 4], *heads, *shown[len(keys) + 4 :]):
@@ -400,8 +387,8 @@ def _print(
     console.print(table)
     for k in sorted(done):
         if done[k].get("message"):
-            told = f"row {k + 1}: {done[k]['message']}"
-            console.print(told, markup=False, soft_wrap=True)
+            text = f"row {k + 1}: {done[k]['message']}"
+            console.print(text, markup=False, soft_wrap=True)
     console.print(message, markup=False, soft_wrap=True)
 
 

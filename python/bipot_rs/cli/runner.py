@@ -1,0 +1,150 @@
+"""The life of a command that solves: where signals stop it, how it ends, what it reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from bipot_rs.cli.exit_codes import BAD_INPUT, NO_ANSWER, NOT_CONVERGED, SOLVED
+from bipot_rs.cli.interrupts import Interrupts
+from bipot_rs.cli.output_files import Reached
+from bipot_rs.cli.progress import Progress, complain, line
+
+if TYPE_CHECKING:
+    from bipot_rs.contact.errors import BipotError
+    from bipot_rs.contact.solution import Step
+
+# Mistakes of the caller. Any other exception is a fault of the program.
+MISTAKES = (ImportError, ValueError, OSError, MemoryError)
+
+
+def outcome(error: BaseException) -> tuple[int, str]:
+    """Exit status and message of an exception that ends a command."""
+    from bipot_rs.contact.errors import BipotError, NotConvergedError
+
+    if isinstance(error, NotConvergedError):
+        return NOT_CONVERGED, str(error)
+    if isinstance(error, BipotError):
+        return NO_ANSWER, str(error)
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        return BAD_INPUT, f"{error.filename}: {error.strerror}"
+    return BAD_INPUT, str(error) or type(error).__name__
+
+
+class Runner:
+    """One run of a command. The command defines `work`, `show` and `last_line`.
+
+    Attributes
+    ----------
+    started
+        When the run began, `perf_counter`.
+    reached
+        The row and the `Step` of each load step that is solved. They are stored as
+        pairs, so that an interrupt cannot separate them.
+    progress
+        Bar or lines on standard error.
+    mistakes
+        Exceptions that mean bad input.
+    """
+
+    mistakes: tuple[type[Exception], ...] = MISTAKES
+
+    def __init__(self, *, as_json: bool, interrupts: Interrupts | None = None) -> None:
+        self.as_json = as_json
+        self.interrupts = Interrupts() if interrupts is None else interrupts
+        self.started = perf_counter()
+        self.reached: list[Reached] = []
+        self.progress = Progress(0, 0, quiet=True)
+
+    @property
+    def interrupted(self) -> tuple[int, str]:
+        """Exit status and message of a run that a signal ended."""
+        return self.interrupts.status, "interrupted"
+
+    def work(self) -> tuple[int, str]:
+        """Do everything, files included; returns the exit status and a message."""
+        raise NotImplementedError
+
+    def show(self, code: int) -> None:
+        """Print the results for a person, before the message of an error."""
+        raise NotImplementedError
+
+    def last_line(self, code: int, message: str) -> dict[str, Any]:
+        """Keys of the last line of --json."""
+        raise NotImplementedError
+
+    def run(self) -> int:
+        """Work, report, and return the exit status."""
+        try:
+            code, message = self.work()
+        except BrokenPipeError:
+            # Nobody reads the output any more.
+            raise
+        except KeyboardInterrupt:
+            code, message = self.interrupted
+        except self.mistakes as error:
+            # Libraries turn an interrupt into errors of their own.
+            came = self.interrupts.came is not None
+            code, message = self.interrupted if came else outcome(error)
+        if not self.as_json:
+            self.show(code)
+        return self.end(code, message)
+
+    def end(self, code: int, message: str) -> int:
+        """Report the outcome: the last line of --json, or the message of an error."""
+        self.interrupts.reported = True
+        if self.as_json:
+            line(**self.last_line(code, message))
+        elif code != SOLVED:
+            complain(message)
+        return code
+
+    def attempt(self, solve: Callable[[], object]) -> tuple[int, str]:
+        """Solve; the load steps solved before an error or a signal stay in `reached`.
+
+        Signals raise within ``solve`` and wait after it, so that files are written whole.
+        """
+        from bipot_rs.contact.errors import BipotError
+
+        try:
+            try:
+                self.interrupts.release()
+                solve()
+            finally:
+                self.interrupts.hold()
+        except KeyboardInterrupt:
+            return self.interrupted
+        except BipotError as error:
+            return self.failed(error)
+        return SOLVED, "solved"
+
+    def failed(self, error: BipotError) -> tuple[int, str]:
+        """Exit status and message of a load path that ended in an error."""
+        return outcome(error)
+
+    def reach(self, row: dict[str, Any], step: Step) -> None:
+        """Keep and report a solved load step; a signal that was lost raises here."""
+        self.reached.append((row, step))
+        if self.as_json:
+            line(**row)
+        self.progress.step(row)
+        self.interrupts.check()
+
+    def recover(self, code: int, message: str) -> tuple[int, str]:
+        """Find the displacements; drop the load steps from the first one that has none."""
+        from bipot_rs.contact.errors import NotConvergedError
+        from bipot_rs.contact.solution import recover
+
+        steps = [step for _, step in self.reached]
+        try:
+            recover(steps)
+        except NotConvergedError:
+            # A block that fails has none: find them one by one, up to the first failure.
+            for k, step in enumerate(steps):
+                try:
+                    recover([step])
+                except NotConvergedError as error:
+                    del self.reached[k:]
+                    return NOT_CONVERGED, f"load step {k + 1}: {error}"
+        return code, message
