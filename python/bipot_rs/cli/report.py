@@ -39,8 +39,9 @@ _MOST_ROWS = 60
 def row(k: int, parameter: float | None, step: Step) -> dict[str, Any]:
     """The row of a load step in --json, in the table and in steps.csv."""
     load = {} if parameter is None else {"load": parameter}
-    counts = np.bincount(step.status, minlength=len(STATUS_NAMES)).tolist()
-    status = dict(zip(STATUS_NAMES, counts, strict=True))
+    status = {
+        name: int((step.status == k).sum()) for k, name in enumerate(STATUS_NAMES)
+    }
     return {
         "step": k,
         **load,
