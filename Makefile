@@ -55,7 +55,7 @@ types: $(STAMP)
 
 .PHONY: python-test
 python-test: $(STAMP)
-	$(PY) -m pytest -n 2
+	$(PY) -m pytest -n 2 --dist loadgroup
 
 .PHONY: verify
 verify: $(STAMP) ## the checks that take over 30 s each: before a change of numerics is called done

@@ -27,7 +27,9 @@ def solved(assembly: grains.Assembly, seconds: float | None = None) -> bp.Soluti
 
 
 @pytest.mark.parametrize("staggered", [False, True])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(k, marks=pytest.mark.verify) for k in (0, 2))]
+)
 def test_a_wall_of_four_hundred_disks(seed: int, staggered: bool) -> None:
     """Sweeps, Newton and proximal points alone need up to 40,000 iterations, or stall."""
     rng = np.random.default_rng(seed)

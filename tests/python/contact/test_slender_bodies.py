@@ -250,9 +250,8 @@ def bimetal_is_solved(height: float, how: str) -> None:
             assert off(result.displacement[-1], there.u) <= max(1e-9, estimate[1])
 
 
-@pytest.mark.parametrize("how", ["both", "roll"])
-def test_a_bimetal_strip(how: str) -> None:
-    bimetal_is_solved(2.0, how)
+def test_a_bimetal_strip() -> None:
+    bimetal_is_solved(2.0, "roll")
 
 
 @pytest.mark.verify

@@ -60,7 +60,20 @@ def agree(grown: bp.Result, whole: bp.Result, inertia: float = 0.0) -> None:
     assert all(step.residual <= step.tolerance for step in grown)
 
 
-@pytest.mark.parametrize(("dim", "cells"), [(2, 320), (3, 15)])
+# Smaller bodies take the same branches; only the large ones take minutes to condense.
+SMALL = [(2, 100), (3, 10)]
+LARGE = [pytest.param(*size, marks=pytest.mark.verify) for size in ((2, 320), (3, 15))]
+
+
+@pytest.mark.parametrize(
+    ("dim", "cells"),
+    [
+        (2, 100),
+        (3, 10),
+        pytest.param(2, 320, marks=LARGE),
+        pytest.param(3, 15, marks=LARGE),
+    ],
+)
 def test_the_answer_of_all_candidates(dim: int, cells: int) -> None:
     body, gap = indented(dim, cells, radius=1.0)
     fixed = np.concatenate([body.dofs(dim - 1, 1.0, k) for k in range(dim)])
@@ -85,7 +98,15 @@ def test_the_gaps_decide() -> None:
     assert few.stats["working_set"] is None
 
 
-@pytest.mark.parametrize(("dim", "cells"), [(2, 320), (3, 14)])
+@pytest.mark.parametrize(
+    ("dim", "cells"),
+    [
+        (2, 100),
+        (3, 10),
+        pytest.param(2, 320, marks=LARGE),
+        pytest.param(3, 14, marks=LARGE),
+    ],
+)
 def test_a_body_held_by_contact_alone(dim: int, cells: int) -> None:
     # In space the contacts are numbered row by row: those that pin the body must not
     # follow a diagonal, about which it would be held by rounding.
@@ -98,7 +119,7 @@ def test_a_body_held_by_contact_alone(dim: int, cells: int) -> None:
 
 
 def test_a_sliding_body_is_reported() -> None:
-    body, gap = indented(2, 320, radius=1.0)
+    body, gap = indented(2, 100, radius=1.0)
     pulled = body.weight([0.0, 1.0])
     for grow in (True, False):
         problem = bp.ContactProblem(body.K, body.B, gap=gap, mu=0.4, working_set=grow)
@@ -107,7 +128,7 @@ def test_a_sliding_body_is_reported() -> None:
 
 
 def test_all_candidates_are_used_if_nearly_all_close() -> None:
-    body, gap = indented(2, 320, radius=50.0)
+    body, gap = indented(2, 100, radius=50.0)
     fixed = np.concatenate([body.dofs(1, 1.0, k) for k in range(2)])
     grown, whole = both(body, gap, fixed, None, path(body, fixed, 0.05))
     assert (whole.status != 0).all(axis=1).any()
@@ -115,7 +136,7 @@ def test_all_candidates_are_used_if_nearly_all_close() -> None:
 
 
 def test_two_bodies_and_a_state_to_start_from() -> None:
-    upper, gap = indented(2, 320, radius=1.0)
+    upper, gap = indented(2, 100, radius=1.0)
     n = upper.K.shape[0]
     K = sparse.block_diag([upper.K, 0.5 * upper.K], format="csr")
     B = sparse.hstack([upper.B, -upper.B], format="csr")
@@ -266,7 +287,7 @@ def test_a_wrong_set_in_a_file(tmp_path: Path) -> None:
 
 def test_other_properties_with_a_working_set() -> None:
     """The dense W, the reduced problem and the error estimate, as without it."""
-    body, gap = indented(2, 320, radius=1.0)
+    body, gap = indented(2, 100, radius=1.0)
     fixed = np.concatenate([body.dofs(1, 1.0, k) for k in range(2)])
     made = [
         bp.ContactProblem(

@@ -55,6 +55,7 @@ def test_layout_of_the_file(tmp_path: Path) -> None:
         assert file["contacts/x"].shape == (3, 2)
 
 
+@pytest.mark.verify
 def test_more_than_9999_steps_stay_in_order(tmp_path: Path) -> None:
     steps = [{"load": float(k)} for k in range(10_001)]
     export.write_result(tmp_path / "a.h5", {}, steps, complete=True)

