@@ -25,6 +25,8 @@ __all__ = [
     "forward_errors_of_step",
     "is_sparse",
     "keep_heap",
+    "largest_reaction",
+    "least_work",
     "project",
     "threads",
     "version",
@@ -37,6 +39,8 @@ _Indices = NDArray[np.integer[Any]]
 _Csr = tuple[_Indices, _Indices, _Floats]
 
 build_profile: Final[str]
+largest_reaction: Final[float]
+least_work: Final[float]
 version: Final[str]
 
 def threads() -> int:
@@ -141,6 +145,12 @@ class Reduced:
         """Largest `|W_ij − W_ji|` over the largest entry."""
     def residual(self, reaction: _Floats, rigid: _Floats | None = None) -> float:
         """η at `(r, a)`; without `a`, at the rigid motion of least squares."""
+    def is_unresisted(self, amounts: _Floats) -> bool:
+        """Whether amounts of the rigid motions prove that there is no equilibrium."""
+    def is_contradiction(self, amounts: _Floats) -> bool:
+        """Whether amounts of normal displacements prove that contacts contradict."""
+    def balances(self, pressure: _Floats) -> bool | None:
+        """Whether normal reactions balance the loads; ``None`` if too large to count."""
     def solve(
         self,
         method: str,

@@ -8,7 +8,7 @@ use crate::condensation::body::DIGITS;
 use crate::condensation::condense::Condensed;
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::reduced::balance;
+use crate::reduced::existence;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
 use crate::solver::newton::refine::{Point, forward_change};
@@ -196,7 +196,7 @@ impl<const D: usize> LoadPath<D> {
         if !solution.free_motion.is_empty() && solution.outcome == Outcome::NoEquilibrium {
             // Loads that balance one another leave rounding, which nothing need carry.
             reduced.load_rounding = problem.bodies().load_rounding(load, prescribed)?;
-            if !balance::works(&reduced, &solution.free_motion) {
+            if !existence::works(&reduced, &solution.free_motion) {
                 let rounding = reduced.load_rounding;
                 let mut free = problem.free_part(load, prescribed)?;
                 let q = incremental(&free.q, self.state.as_ref());

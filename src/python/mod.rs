@@ -32,6 +32,16 @@ mod _core {
     #[pymodule_export]
     use super::solver::{Reduced, is_sparse, project, threads};
 
+    /// Reactions that are this many times the loads are not a solution.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
+    const largest_reaction: f64 = crate::reduced::existence::LARGEST_REACTION;
+
+    /// Loads that are out of balance by a smaller share count as balanced.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
+    const least_work: f64 = crate::reduced::existence::LEAST_WORK;
+
     /// How this module was compiled: `"release"`, or `"debug"`, which is far slower.
     #[pymodule_export]
     #[expect(non_upper_case_globals, reason = "the name that Python sees")]

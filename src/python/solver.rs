@@ -18,6 +18,7 @@ use crate::python::arrays::{self, Coefficients, Matrix, Vector};
 use crate::python::interrupt;
 use crate::reduced::compliance::{self, Compliance, Part};
 use crate::reduced::elliptic_scaling::{Stretch, over, times};
+use crate::reduced::existence::{balances, is_contradiction, is_unresisted};
 use crate::reduced::reduced::{Reduced as Problem, Rigid};
 use crate::reduced::residual::{Certificate, best_motion};
 use crate::solver::monitor::Progress;
@@ -394,6 +395,18 @@ impl<const D: usize> Owned<D> {
         self.run(py, None, None, |_, _, _| Ok(()))
     }
 
+    /// Calls `decide` with a number each contact or each rigid motion.
+    fn decide<T: Send>(
+        &self,
+        py: Python<'_>,
+        witness: &[f64],
+        expected: usize,
+        decide: impl FnOnce(&Problem<'_, D>, &[f64]) -> T + Send,
+    ) -> PyResult<T> {
+        arrays::length("witness", witness.len(), expected)?;
+        self.run(py, None, None, |problem, _, _| Ok(decide(problem, witness)))
+    }
+
     /// Of `W` as it was given.
     fn asymmetry(&self, py: Python<'_>) -> PyResult<f64> {
         self.with_compliance(py, None, None, |given, _, _| Ok(given.asymmetry()))
@@ -472,6 +485,41 @@ impl Reduced {
         match &self.kind {
             Kind::Two(owned) => owned.certificate(py, &reaction, rigid),
             Kind::Three(owned) => owned.certificate(py, &reaction, rigid),
+        }
+    }
+
+    /// Whether amounts of the rigid motions prove that there is no equilibrium.
+    fn is_unresisted(&self, py: Python<'_>, amounts: Vector<'_>) -> PyResult<bool> {
+        let a = amounts.as_slice()?;
+        match &self.kind {
+            Kind::Two(owned) => owned.decide(py, a, owned.rigid.modes.len(), is_unresisted),
+            Kind::Three(owned) => owned.decide(py, a, owned.rigid.modes.len(), is_unresisted),
+        }
+    }
+
+    /// Whether amounts of normal displacements prove that contacts contradict each other.
+    fn is_contradiction(&self, py: Python<'_>, amounts: Vector<'_>) -> PyResult<bool> {
+        let amounts = amounts.as_slice()?;
+        match &self.kind {
+            Kind::Two(owned) => owned.decide(py, amounts, owned.contacts(), |problem, a| {
+                is_contradiction(problem, &problem.compliance.gather(a))
+            }),
+            Kind::Three(owned) => owned.decide(py, amounts, owned.contacts(), |problem, a| {
+                is_contradiction(problem, &problem.compliance.gather(a))
+            }),
+        }
+    }
+
+    /// Whether normal reactions balance the loads; `None` if they are too large to count.
+    fn balances(&self, py: Python<'_>, pressure: Vector<'_>) -> PyResult<Option<bool>> {
+        let pressure = pressure.as_slice()?;
+        match &self.kind {
+            Kind::Two(owned) => owned.decide(py, pressure, owned.contacts(), |problem, p| {
+                balances(problem, &problem.compliance.gather(p))
+            }),
+            Kind::Three(owned) => owned.decide(py, pressure, owned.contacts(), |problem, p| {
+                balances(problem, &problem.compliance.gather(p))
+            }),
         }
     }
 

@@ -12,12 +12,11 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::linalg::compensated::Sum;
 use crate::linalg::nonnegative::{add, shortest};
 use crate::linalg::small::{dot_long, norm, tangential_norm};
 use crate::linalg::union::Union;
+use crate::reduced::existence::{LEAST_WORK, excludes, is_unresisted};
 use crate::reduced::reduced::Reduced;
-use crate::reduced::residual::WORST_FLOOR;
 
 /// What the cone programme says.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,21 +31,12 @@ pub enum Balance {
     },
 }
 
-/// Loads out of balance by less than this share of them count as balanced: ten
-/// times what a solution is held to by default, and far above what rounding
-/// leaves of loads that are found by condensation.
-const LEAST_WORK: f64 = 1e-9;
-
 /// Rounding of the motion of a contact, relative to the size of its rows.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// Rigid motions are null vectors of the condensed stiffness, known to about
 /// this: a proof that can do so keeps clear of it.
 const KNOWN: f64 = 1e-13;
-
-/// Reactions so many times the loads are no answer to any solver: the rounding
-/// of their balance, 4 ε of them, is above the floor that the judge believes in.
-const LARGEST_REACTION: f64 = WORST_FLOOR / (4.0 * f64::EPSILON);
 
 /// A contact that works against a motion by less than this, relative to what it
 /// could do, does not resist it.
@@ -61,9 +51,7 @@ const LEAST_SLACK: f64 = 1e-6;
 
 /// Decides the cone programme, as far as rounding lets it be decided.
 ///
-/// `Impossible` is only said with a motion at hand that was checked: it lies in
-/// `K*_μ` at every contact, or so near to it that balance would take reactions
-/// above `1e9 ‖e‖`, and the loads work on it by more than `1e-9 ‖e‖`.
+/// It returns `Impossible` only with a motion that [`is_unresisted`] accepts.
 #[must_use]
 pub fn balance<const D: usize>(problem: &Reduced<D>, stop: &AtomicBool) -> Balance {
     for modes in coupled(problem) {
@@ -77,47 +65,12 @@ pub fn balance<const D: usize>(problem: &Reduced<D>, stop: &AtomicBool) -> Balan
                 scaled[mode] = amount;
             }
             let motion = of_largest_one(problem, &scaled);
-            if works(problem, &motion) && proves_as_given(problem, &motion) {
+            if is_unresisted(problem, &motion) {
                 return Balance::Impossible { motion };
             }
         }
     }
     Balance::Possible
-}
-
-/// Whether a rigid motion `a` is a proof in the numbers that were given, `R`, `e` and μ,
-/// rather than in the scaled ones that it was found in: sums as in twice the precision.
-fn proves_as_given<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
-    let scaling = &problem.scaling;
-    let mut lack = 0.0_f64;
-    for (i, &mu) in problem.mu.iter().enumerate() {
-        let v: [f64; D] = std::array::from_fn(|k| {
-            let mut sum = Sum::default();
-            for (mode, &amount) in problem.rigid.modes.iter().zip(a) {
-                sum.add_product(mode[i][k], amount);
-            }
-            sum.value() * scaling.to_v[i]
-        });
-        let slack = v[0] - mu * tangential_norm(&v);
-        // Without friction a contact resists by its normal force alone.
-        lack = lack.hypot((-slack).max(0.0) / mu.hypot(1.0).max(1.0));
-    }
-    let mut work = Sum::default();
-    for (e, a) in problem.rigid.load.iter().zip(a) {
-        work.add_product(*e, *a);
-    }
-    // r̂·v̂ over r·v is the same for every contact.
-    let unit = scaling.to_v.first().zip(scaling.to_r.first());
-    let work = unit.map_or(work.value(), |(v, r)| work.value() * r * v);
-    work > 0.0 && work >= LARGEST_REACTION * lack * norm(&scaling.load)
-}
-
-/// Whether the loads work on a rigid motion `a` beyond what rounding has made of them.
-#[must_use]
-pub fn works<const D: usize>(problem: &Reduced<D>, a: &[f64]) -> bool {
-    let rounding = problem.load_rounding.iter().zip(a);
-    let least: f64 = rounding.map(|(e, a)| e * a.abs()).sum();
-    dot_long(&problem.rigid.load, a) > least
 }
 
 /// How many times the deformation a rigid motion must be to be a body that
@@ -357,7 +310,7 @@ impl<const D: usize> Part<D> {
         let distance = (0..self.size.len()).map(distance).sum::<f64>().sqrt();
         let work = dot_long(motion, &self.load);
         let size = norm(&self.load) * length;
-        work > LEAST_WORK * size && work >= LARGEST_REACTION * distance * size
+        work > LEAST_WORK * size && excludes(work, distance, size)
     }
 
     /// A motion brought into `K*_μ` by a little of one that lies well inside.

@@ -231,6 +231,23 @@ impl<'a, const D: usize> Compliance<'a, D> {
         }
     }
 
+    /// `y = Wᵀ r`, faster with fewer reactions.
+    pub fn transposed_product(&self, r: &[[f64; D]], y: &mut [[f64; D]]) {
+        y.fill([0.0; D]);
+        for island in &self.islands {
+            let y = &mut y[island.nodes.clone()];
+            for (contact, r) in r[island.nodes.clone()].iter().enumerate() {
+                if r.iter().any(|&c| c != 0.0) {
+                    island.row_blocks(contact, &mut |other, w| {
+                        for (k, value) in y[other].iter_mut().enumerate() {
+                            *value += (0..D).map(|l| w[(l, k)] * r[l]).sum::<f64>();
+                        }
+                    });
+                }
+            }
+        }
+    }
+
     /// Component `k` of `W r` at a position, in twice the precision.
     #[must_use]
     pub fn exact_row(&self, position: usize, k: usize, r: &[[f64; D]]) -> Sum {

@@ -3,9 +3,9 @@
 pub mod balance;
 pub mod compliance;
 pub mod elliptic_scaling;
+pub mod existence;
 pub mod island;
 pub mod memory;
-pub mod overlap;
 pub mod reduced;
 pub mod residual;
 pub mod validate;

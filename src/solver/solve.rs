@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::law::cone::project;
 use crate::reduced::balance::{self, Balance};
-use crate::reduced::overlap::overlap;
+use crate::reduced::existence::is_contradiction;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
 use crate::solver::auto;
@@ -99,7 +99,8 @@ pub fn solve_watched<const D: usize>(
         Outcome::Converged => solution.residual > settings.tol,
         outcome => matches!(outcome, Outcome::Stalled | Outcome::IterationLimit),
     };
-    if doubted && overlap(problem, &problem.compliance.gather(&solution.reaction)) {
+    let pressures: Vec<f64> = solution.reaction.iter().map(|r| r[0]).collect();
+    if doubted && is_contradiction(problem, &problem.compliance.gather(&pressures)) {
         solution.outcome = Outcome::NoEquilibrium;
     }
     if settings.method == Method::Auto && solution.outcome == Outcome::Stalled {

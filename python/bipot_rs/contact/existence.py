@@ -10,14 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from bipot_rs import _core
 from bipot_rs._lib.types import Bools, Floats
 from bipot_rs.contact.existence_by_friction import holds
 
-# A motion, or a reaction, is refused only where balance would take reactions this much
-# larger than the loads: the rounding of such a balance is no answer to the judge (13).
-_BEYOND = 1e9
-# Balance that rounding leaves, relative to the forces of the problem.
-_BALANCED = 1e-10
 # Facets of the polygon inside the disc of slip, in space: 2 % of the angle are given up.
 _FACETS = 16
 
@@ -86,24 +82,19 @@ class _Scaled:
         return float(np.abs(self.q).max(initial=0.0))
 
 
-def proves_none(motion: Floats, mu: Floats, e: Floats, amounts: Floats) -> bool:
-    """Whether ``motion = R amounts (n_c, d)`` lies in the dual cones and loads work on it.
-
-    To rounding: reactions of a billion times the loads would be needed to stop it.
-    """
-    work = float(e @ amounts)
-    slack = motion[:, 0] - mu * np.linalg.norm(motion[:, 1:], axis=1)
-    lack = float(np.linalg.norm(np.minimum(slack, 0.0)))
-    return work > 0 and work >= _BEYOND * lack * float(np.linalg.norm(e))
-
-
 def judge(
-    W: Floats, q: Floats, mu: Floats, rigid: tuple[Floats, Floats] | None
+    core: _core.Reduced,
+    W: Floats,
+    q: Floats,
+    mu: Floats,
+    rigid: tuple[Floats, Floats] | None,
 ) -> Existence:
     """The verdict on ``v = W r + R a + q``, loads being balanced by some reaction.
 
     Parameters
     ----------
+    core
+        The problem, which decides whether a witness is a proof.
     W, q, mu, rigid
         As in `ReducedProblem`, dense.
     """
@@ -111,7 +102,7 @@ def judge(
     symmetric = np.abs(p.W - p.W.T).max(initial=0.0) <= 1e-8
     inside: Floats | None = None
     if not _definite(p.W):
-        overlap = _overlap(p)
+        overlap = _overlap(core, p)
         if overlap is not None:
             return Existence(
                 verdict="none",
@@ -132,7 +123,7 @@ def judge(
     reason = "supports hold every body"
     if p.R.shape[1]:
         reason = "normal reactions alone can balance the loads"
-        pressure, rest = _balanced(p)
+        pressure, rest = _balanced(core, p)
         if pressure is None and rest is None:
             return Existence(
                 verdict="unknown",
@@ -218,7 +209,7 @@ def _semidefinite(W: Floats) -> bool:
     return bool(values.min(initial=0.0) >= -1e-10 * np.abs(values).max(initial=0.0))
 
 
-def _overlap(p: _Scaled) -> Floats | None:
+def _overlap(core: _core.Reduced, p: _Scaled) -> Floats | None:
     """``λ >= 0`` with ``λ·W_n = 0``, ``λ·R_n = 0``, ``λ·q_n < 0``: then ``λ·v_n < 0``."""
     from scipy.optimize import nnls
 
@@ -230,12 +221,11 @@ def _overlap(p: _Scaled) -> Floats | None:
         amounts, _ = nnls(rows, np.append(np.zeros(len(rows) - 1), -1.0))
     except RuntimeError:  # its limit of iterations: nothing is proved
         return None
-    work = float(-(q @ amounts))
-    lack = float(np.linalg.norm(rows[:-1] @ amounts))
-    if work <= 0 or lack * _BEYOND > work:
+    if not amounts.any():
         return None
     # In the caller's displacements: the scaled ones are v times the scale.
-    return np.asarray(amounts * p.scale / np.max(amounts * p.scale))
+    overlap = amounts * p.scale / np.max(amounts * p.scale)
+    return overlap if core.is_contradiction(overlap) else None
 
 
 def _inside(p: _Scaled) -> Floats | None:
@@ -283,27 +273,27 @@ def _inside(p: _Scaled) -> Floats | None:
     return np.asarray(v * size / p.scale[:, None], np.float64)
 
 
-def _balanced(p: _Scaled) -> tuple[Floats | None, Floats | None]:
+def _balanced(core: _core.Reduced, p: _Scaled) -> tuple[Floats | None, Floats | None]:
     """Normal reactions that balance the loads; else the motion that they do not stop.
 
-    Neither, where such reactions would be larger than any that count as an answer.
+    Neither, if such reactions are larger than those of any solution.
     """
     from scipy.optimize import nnls
 
-    # Of a normal along which nothing can move a body, rounding leaves something: a
-    # pressure of a billion times the loads would balance them by it.
+    # Rounding leaves a small component of a normal along which nothing can move a body.
+    # Only reactions that are too large would balance the loads by it.
     columns = p.R[p.normal].copy()
-    columns[np.abs(columns) * _BEYOND <= np.abs(p.motions).max(initial=0.0)] = 0.0
+    small = np.abs(columns) * _core.largest_reaction
+    columns[small <= np.abs(p.motions).max(initial=0.0)] = 0.0
     amounts, _ = nnls(columns.T, -p.e)
-    rest = columns.T @ amounts + p.e
-    size = max(float(np.linalg.norm(p.e)), p.size)
-    balanced = float(np.linalg.norm(rest)) <= _BALANCED * size
-    if balanced and float(amounts.max(initial=0.0)) <= _BEYOND * size:
-        return np.asarray(amounts * p.scale), None
-    if balanced:
+    pressure = amounts * p.scale
+    balances = core.balances(pressure)
+    if balances is None:
         return None, None
+    if balances:
+        return pressure, None
     # The shortest rest works on no normal reaction: R_n rest >= 0, e·rest = |rest|².
-    return None, rest
+    return None, columns.T @ amounts + p.e
 
 
 def dense(W: Any) -> Floats:

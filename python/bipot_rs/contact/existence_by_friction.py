@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bipot_rs import _core
 from bipot_rs._lib.types import Floats
 
 # Tangents that a lift moves by less are still, and so are normals of a sliding; rigid
@@ -14,8 +15,6 @@ from bipot_rs._lib.types import Floats
 _FLAT = 1e-9
 # Linear programmes are held to 1e-7.
 _MARGIN = 1e-6
-# Balance that rounding leaves, relative to the loads.
-_BALANCED = 1e-10
 # Facets of a polygon inside the disc of friction.
 _FACETS = 32
 
@@ -123,7 +122,9 @@ def _shared(
     b = np.concatenate([np.zeros(contacts * slides), -pull])
     # All solutions of the equations, to rounding; the programme chooses among them.
     x0 = np.linalg.lstsq(A, b, rcond=None)[0]
-    if np.linalg.norm(A @ x0 - b) > _BALANCED * max(1.0, float(np.linalg.norm(pull))):
+    if np.linalg.norm(A @ x0 - b) > _core.least_work * max(
+        1.0, float(np.linalg.norm(pull))
+    ):
         return False
     ways = _null_space(A / max(1.0, float(np.linalg.norm(A, 2))))
     sides = np.array([[1.0], [-1.0]])
@@ -150,7 +151,9 @@ def _within(columns: Floats, load: Floats) -> bool:
     """Whether amounts that are not negative of the columns make the load."""
     from scipy.optimize import nnls
 
-    return bool(np.linalg.norm(columns @ nnls(columns, load)[0] - load) <= _BALANCED)
+    return bool(
+        np.linalg.norm(columns @ nnls(columns, load)[0] - load) <= _core.least_work
+    )
 
 
 def _null_space(A: Floats) -> Floats:

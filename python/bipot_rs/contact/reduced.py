@@ -315,9 +315,7 @@ class ReducedProblem:
         if rigid is not None and len(rigid[1]):
             rigid = by.ravel()[:, None] * rigid[0], rigid[1]
             a = self.solve(max_iterations=1).free_motion
-            if a is not None and existence.proves_none(
-                (rigid[0] @ a).reshape(self.q.shape), mu, rigid[1], a
-            ):
+            if a is not None and self._core.is_unresisted(a):
                 direction = (
                     rigid_motions.at_contacts(rigid[0].T, a, self.q.shape[1]) / by
                 )
@@ -329,7 +327,7 @@ class ReducedProblem:
                     motion=direction,
                 )
         W = by.ravel()[:, None] * existence.dense(self.W) * by.ravel()
-        found = existence.judge(W, by * self.q, mu, rigid)
+        found = existence.judge(self._core, W, by * self.q, mu, rigid)
         found = replace(
             found,
             motion=None if found.motion is None else found.motion / by,

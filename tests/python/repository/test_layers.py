@@ -57,7 +57,8 @@ RUST_SIBLINGS = {
         "compliance",
         "reduced",
         "residual",
-        "balance overlap",
+        "existence",
+        "balance",
     ),
     "condensation": (
         "forecast pattern_cache sparse stats",

@@ -166,6 +166,9 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "residual, floating": (floating.residual, [GAP, np.zeros(2)]),
         "solve": (lambda *a: held.solve(*a, 1), [*limits, None, None]),
         "solve, floating": (lambda *a: floating.solve(*a, 1), [*limits, GAP, NONE]),
+        "is_unresisted": (floating.is_unresisted, [np.zeros(2)]),
+        "is_contradiction": (held.is_contradiction, [np.zeros(2)]),
+        "balances": (floating.balances, [np.zeros(2)]),
         "is_sparse": (_core.is_sparse, [9, 3]),
         "answers": (_core.answers, [held]),
         "assess": (_core.assess, [held, GAP]),
@@ -210,7 +213,14 @@ def spoiled(good: list[Any]) -> Iterator[list[Any]]:
 def test_nothing_of_the_core_is_left_out() -> None:
     called = {name.partition(",")[0] for name in ENTRIES}
     # Constants, and what takes no argument that could be wrong.
-    rest = {"build_profile", "keep_heap", "threads", "version"}
+    rest = {
+        "build_profile",
+        "keep_heap",
+        "largest_reaction",
+        "least_work",
+        "threads",
+        "version",
+    }
     assert set(_core.__all__) - rest <= called
 
 
