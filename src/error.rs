@@ -58,9 +58,13 @@ pub enum Error {
     /// friction along one of them only.
     #[error(
         "mu of contact {node} is ({}, {}), expected two positive numbers within a factor \
-         of 1e6 of each other, or twice zero", mu[0], mu[1]
+         of {ratio:e} of each other, or twice zero", mu[0], mu[1]
     )]
-    EllipticFriction { node: usize, mu: [f64; 2] },
+    EllipticFriction {
+        node: usize,
+        mu: [f64; 2],
+        ratio: f64,
+    },
     /// A setting out of its range.
     #[error("{what} is {found}, expected {expected}")]
     Setting {

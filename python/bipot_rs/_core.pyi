@@ -24,7 +24,9 @@ __all__ = [
     "forward_errors",
     "forward_errors_of_step",
     "is_sparse",
+    "isotropic",
     "keep_heap",
+    "largest_friction_ratio",
     "largest_reaction",
     "least_work",
     "project",
@@ -39,6 +41,7 @@ _Indices = NDArray[np.integer[Any]]
 _Csr = tuple[_Indices, _Indices, _Floats]
 
 build_profile: Final[str]
+largest_friction_ratio: Final[float]
 largest_reaction: Final[float]
 least_work: Final[float]
 version: Final[str]
@@ -50,6 +53,13 @@ def project(
     tau: _Floats, mu: _Floats, base: _Floats | None = None
 ) -> tuple[_Floats, NDArray[np.int8]]:
     """Projects every row of `tau` onto its cone, or increment set when `base` is given."""
+
+def isotropic(mu: _Floats, d: int) -> tuple[_Floats, _Floats]:
+    """Factors ``(n_c, d)`` of components in which the law is Coulomb's, and its ``mu``.
+
+    With these factors as the diagonal matrix ``T``, the law holds between ``T⁻¹ r`` and
+    ``T v``.
+    """
 
 @final
 class Condensed:

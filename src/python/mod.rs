@@ -30,7 +30,12 @@ mod _core {
     #[pymodule_export]
     use super::problem::{Condensed, Path, follow};
     #[pymodule_export]
-    use super::solver::{Reduced, is_sparse, project, threads};
+    use super::solver::{Reduced, is_sparse, isotropic, project, threads};
+
+    /// Two friction coefficients of a contact are within this factor of each other.
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "the name that Python sees")]
+    const largest_friction_ratio: f64 = crate::reduced::elliptic_scaling::LARGEST_RATIO;
 
     /// Reactions that are this many times the loads are not a solution.
     #[pymodule_export]

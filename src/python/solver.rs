@@ -58,6 +58,27 @@ pub(super) fn project<'py>(
     }
 }
 
+type Isotropic<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// Factors `(n_c, d)` of the components in which the friction law is Coulomb's, and its
+/// coefficients.
+#[pyfunction]
+pub(super) fn isotropic<'py>(
+    py: Python<'py>,
+    mu: Coefficients<'py>,
+    d: usize,
+) -> PyResult<Isotropic<'py>> {
+    let (mu, stretch) = match d {
+        2 => mu.friction::<2>()?,
+        3 => mu.friction::<3>()?,
+        _ => return Err(PyValueError::new_err(format!("d is {d}, expected 2 or 3"))),
+    };
+    let factor = |at: usize| stretch.as_ref().map_or(1.0, |s| s.factor(at / d, at % d));
+    let factors = (0..d * mu.len()).map(factor).collect();
+    let factors = arrays::square(py, factors, mu.len(), d)?;
+    Ok((factors, arrays::from_vec(py, mu)))
+}
+
 type Onto<const D: usize, M> = fn(&[f64; D], Option<&[f64; D]>, M) -> ([f64; D], Status);
 
 fn onto_round<const D: usize>(

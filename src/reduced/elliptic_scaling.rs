@@ -28,15 +28,15 @@ pub struct Stretch {
 /// it is the identity at every contact.
 pub type Friction = (Vec<f64>, Option<Stretch>);
 
-/// Coefficients of a contact lie within this factor of each other. `v_t` is `T⁻¹ ṽ_t`:
-/// along the tangent of little friction it has that many times the error of `ṽ_t`, and
-/// the judge, who sees `ṽ`, would let pass what is no answer any more.
-pub const MOST_RATIO: f64 = 1e6;
+/// The largest ratio of the two coefficients of a contact. `v_t` is `T⁻¹ ṽ_t`: along the
+/// tangent with the smaller coefficient its error is this many times that of `ṽ_t`, and the
+/// certificate checks only `ṽ`.
+pub const LARGEST_RATIO: f64 = 1e6;
 
 impl Stretch {
     /// # Errors
     /// [`Error::Friction`] for a coefficient that is negative or not finite,
-    /// [`Error::EllipticFriction`] for two that differ by more than [`MOST_RATIO`], as
+    /// [`Error::EllipticFriction`] for two that differ by more than [`LARGEST_RATIO`], as
     /// where one of them is zero.
     pub fn new(mu: &[[f64; 2]]) -> Result<Friction, Error> {
         let mut round = Vec::with_capacity(mu.len());
@@ -52,8 +52,12 @@ impl Stretch {
             } else {
                 [1.0; 2]
             };
-            if t[0].min(t[1]) * MOST_RATIO < 1.0 {
-                return Err(Error::EllipticFriction { node, mu: pair });
+            if t[0].min(t[1]) * LARGEST_RATIO < 1.0 {
+                return Err(Error::EllipticFriction {
+                    node,
+                    mu: pair,
+                    ratio: LARGEST_RATIO,
+                });
             }
             round.push(largest);
             tangents.push(t);

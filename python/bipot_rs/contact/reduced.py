@@ -26,7 +26,6 @@ from bipot_rs._lib.validation import (
 )
 from bipot_rs.contact import existence, rigid_motions, summary
 from bipot_rs.contact.diagnosis import NEAR, Tried, diagnose
-from bipot_rs.contact.elliptic_friction import isotropic
 from bipot_rs.contact.enumeration import Answers, search
 from bipot_rs.contact.error_bound import ErrorBound, from_core
 from bipot_rs.contact.existence import Existence
@@ -310,7 +309,7 @@ class ReducedProblem:
         if not isinstance(exhaust, bool):
             raise TypeError(f"exhaust is {validation.shown(exhaust)}, expected a bool")
         # In components times these, friction that depends on direction is Coulomb's.
-        by, mu = isotropic(self.mu, self.q.shape[1])
+        by, mu = _core.isotropic(self.mu, self.q.shape[1])
         rigid = self.rigid
         if rigid is not None and len(rigid[1]):
             rigid = by.ravel()[:, None] * rigid[0], rigid[1]

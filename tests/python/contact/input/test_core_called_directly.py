@@ -166,6 +166,8 @@ def entries() -> dict[str, tuple[Call, list[Any]]]:
         "residual, floating": (floating.residual, [GAP, np.zeros(2)]),
         "solve": (lambda *a: held.solve(*a, 1), [*limits, None, None]),
         "solve, floating": (lambda *a: floating.solve(*a, 1), [*limits, GAP, NONE]),
+        "isotropic": (_core.isotropic, [MU, 3]),
+        "isotropic, two": (_core.isotropic, [np.ones((2, 2)), 3]),
         "is_unresisted": (floating.is_unresisted, [np.zeros(2)]),
         "is_contradiction": (held.is_contradiction, [np.zeros(2)]),
         "balances": (floating.balances, [np.zeros(2)]),
@@ -216,6 +218,7 @@ def test_nothing_of_the_core_is_left_out() -> None:
     rest = {
         "build_profile",
         "keep_heap",
+        "largest_friction_ratio",
         "largest_reaction",
         "least_work",
         "threads",
