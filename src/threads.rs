@@ -15,12 +15,12 @@ use crate::per_process::PerProcess;
 /// memory with stacks before the system refuses.
 pub const MOST: usize = 1024;
 
-struct Entry {
+struct CachedPool {
     threads: usize,
     pool: Arc<ThreadPool>,
 }
 
-static POOLS: PerProcess<Entry> = PerProcess::new();
+static POOLS: PerProcess<CachedPool> = PerProcess::new();
 
 /// The number of threads to use: `asked`, else `BIPOT_NUM_THREADS`, else
 /// `RAYON_NUM_THREADS`, else the cores this process may run on.
@@ -72,7 +72,7 @@ pub fn pool(threads: usize) -> Result<Arc<ThreadPool>, Error> {
         .build()
         .map(Arc::new)
         .map_err(|_| Error::Threads { threads })?;
-    pools.push(Entry {
+    pools.push(CachedPool {
         threads,
         pool: Arc::clone(&pool),
     });

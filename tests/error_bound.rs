@@ -2,7 +2,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use bipot_rs::linalg::verified_cholesky::{Below, is_definite};
+use bipot_rs::linalg::verified_cholesky::{VerifiedCholesky, is_definite};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 /// `G Gᵀ + ridge`, column by column.
@@ -38,7 +38,9 @@ fn an_ellipsoid_holds_its_points_and_little_more() {
         let n = rng.random_range(1..=6);
         let a = random_matrix(&mut rng, n, 0.3);
         let e: Vec<f64> = (0..n).map(|_| rng.random_range(-1.0..1.0)).collect();
-        let below = Below::new(a.clone(), n, 0.0, &stop).unwrap().unwrap();
+        let below = VerifiedCholesky::new(a.clone(), n, 0.0, &stop)
+            .unwrap()
+            .unwrap();
         let ellipsoid = below.ellipsoid(&e, &vec![0.0; n]);
         let widths = below.widths();
         let mut reached = vec![0.0_f64; n];
@@ -79,7 +81,7 @@ fn an_uncertain_side_is_covered() {
     let stop = AtomicBool::new(false);
     let mut rng = StdRng::seed_from_u64(5);
     let a = random_matrix(&mut rng, 4, 0.5);
-    let below = Below::new(a, 4, 0.0, &stop).unwrap().unwrap();
+    let below = VerifiedCholesky::new(a, 4, 0.0, &stop).unwrap().unwrap();
     let e = [0.3, -0.2, 0.1, 0.7];
     let error = [1e-3, 2e-3, 0.0, 1e-3];
     let wide = below.ellipsoid(&e, &error);

@@ -12,7 +12,7 @@ use std::sync::atomic::AtomicBool;
 
 use bipot_rs::error::Error;
 use bipot_rs::linalg::compensated::{Sum, dot};
-use bipot_rs::linalg::gmres::{self, Found};
+use bipot_rs::linalg::gmres::{self, GmresSolution};
 use bipot_rs::linalg::lu::Lu;
 use bipot_rs::linalg::small::norm;
 use rand::{RngExt, SeedableRng, rngs::StdRng, seq::SliceRandom};
@@ -171,7 +171,7 @@ fn lu_stops_when_it_is_asked_to() {
 }
 
 /// GMRES on a matrix by rows, preconditioned by the diagonal `m`.
-fn krylov(a: &[f64], m: &[f64], b: &[f64], tol: f64, most: usize) -> Found {
+fn krylov(a: &[f64], m: &[f64], b: &[f64], tol: f64, most: usize) -> GmresSolution {
     let apply = |x: &[f64]| Ok::<_, Infallible>(times(a, x));
     let precondition = |x: &mut [f64]| {
         for (value, m) in x.iter_mut().zip(m) {

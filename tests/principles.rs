@@ -16,7 +16,7 @@ use bipot_rs::linalg::dense::symmetric_eigen;
 use bipot_rs::reduced::compliance::Compliance;
 use bipot_rs::reduced::reduced::Reduced;
 use bipot_rs::solver::monitor::{Monitor, Progress};
-use bipot_rs::solver::principles::convex::{Least, Point, least};
+use bipot_rs::solver::principles::convex::{Least, PrinciplePoint, least};
 use bipot_rs::solver::principles::{
     alternating_principles, displacement_principle, minimising_sequence, stress_principle,
 };
@@ -137,8 +137,8 @@ impl Factors {
 fn answer<const D: usize>(
     problem: &Reduced<D>,
     frozen: Vec<Frozen<D>>,
-    from: &Point<D>,
-) -> Point<D> {
+    from: &PrinciplePoint<D>,
+) -> PrinciplePoint<D> {
     let (settings, progress) = (settings(1e-15), Progress::default());
     let mut monitor = Monitor::new(problem, &settings, &GO, &progress);
     let enough = 1e-13 * from.merit(problem);
@@ -168,13 +168,15 @@ fn apart<const D: usize>(a: &[[f64; D]], b: &[[f64; D]]) -> Vec<f64> {
 fn contracts<const D: usize>(case: &Case<D>, seed: u64, used: &mut [f64; 3]) {
     let factors = Factors::new(case);
     let problem = case.problem();
-    let at = |seed| Point::new(&problem, reactions(case, seed), Vec::new());
+    let at = |seed| PrinciplePoint::new(&problem, reactions(case, seed), Vec::new());
     let (x, y) = (at(seed), at(seed + 1000));
     // Frozen problems are solved to 1e-13.
     let slack = 1.0 + 1e-9;
     let before = length(&factors.w, &apart(&x.r, &y.r));
-    let tresca = |p: &Point<D>| answer(&problem, displacement_principle::frozen(&problem, &p.r), p);
-    let cone = |p: &Point<D>| answer(&problem, stress_principle::frozen(&problem, &p.v), p);
+    let tresca =
+        |p: &PrinciplePoint<D>| answer(&problem, displacement_principle::frozen(&problem, &p.r), p);
+    let cone =
+        |p: &PrinciplePoint<D>| answer(&problem, stress_principle::frozen(&problem, &p.v), p);
     for (k, (x, y)) in [(tresca(&x), tresca(&y)), (cone(&x), cone(&y))]
         .iter()
         .enumerate()
@@ -183,12 +185,12 @@ fn contracts<const D: usize>(case: &Case<D>, seed: u64, used: &mut [f64; 3]) {
         assert!(after <= slack * factors.whole * before, "{k} {seed}");
         used[k] = used[k].max(after / (factors.whole * before));
     }
-    let turn = |p: &Point<D>| {
+    let turn = |p: &PrinciplePoint<D>| {
         let pressed = answer(&problem, alternating_principles::frozen_friction(&p.r), p);
         let friction = alternating_principles::frozen_contact(&problem, &pressed.r);
         answer(&problem, friction, &pressed)
     };
-    let tangential = |a: &Point<D>, b: &Point<D>| {
+    let tangential = |a: &PrinciplePoint<D>, b: &PrinciplePoint<D>| {
         let all = apart(&a.r, &b.r);
         let own: Vec<f64> = factors.tangential.iter().map(|&k| all[k]).collect();
         length(

@@ -7,11 +7,11 @@ use std::time::Instant;
 
 use crate::condensation::body::{Body, DIGITS};
 use crate::condensation::null_space::{
-    Block, Verdict, Weights, part, softest, softest_interior, softest_of_all,
+    DiagonalScaling, MotionBlock, SoftestMotions, part, softest, softest_interior, softest_of_all,
 };
-use crate::condensation::pattern_cache::Asked;
+use crate::condensation::pattern_cache::Lookup;
 use crate::condensation::rigid_motions::Geometry;
-use crate::condensation::sparse::Owned;
+use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::jacobi::{combine, orthogonalise};
@@ -53,9 +53,9 @@ const WIDTH: usize = 9;
 
 /// A body before its numbers: what condensing it will take is known.
 #[derive(Debug)]
-pub struct Analysed {
+pub struct AnalysedBody {
     dofs: Vec<usize>,
-    stiffness: Owned,
+    stiffness: OwnedMatrix,
     unit: f64,
     kept: Vec<usize>,
     places: Option<Vec<[f64; 3]>>,
@@ -67,7 +67,7 @@ pub struct Analysed {
     again: bool,
 }
 
-impl Analysed {
+impl AnalysedBody {
     /// Orders and counts; the analysis of the same body with other values is used
     /// again, or else the one `known` of its pattern. `kept` are local numbers, `places`
     /// those of the degrees of freedom in space, where they are known.
@@ -76,7 +76,7 @@ impl Analysed {
     /// [`Error::IndexRange`] for more entries than 32-bit indices can number.
     pub fn new(
         dofs: Vec<usize>,
-        mut stiffness: Owned,
+        mut stiffness: OwnedMatrix,
         kept: Vec<usize>,
         places: Option<Vec<[f64; 3]>>,
         before: Option<&Body>,
@@ -122,7 +122,7 @@ impl Analysed {
     /// Keeps an analysis that was made here for other problems of its pattern.
     pub fn share(&self) {
         if self.ordered {
-            let asked = Asked {
+            let asked = Lookup {
                 matrix: self.stiffness.view(),
                 kept: &self.kept,
                 places: self.places.as_deref(),
@@ -134,7 +134,7 @@ impl Analysed {
     /// The same body with other unknowns kept.
     ///
     /// # Errors
-    /// As [`Analysed::new`].
+    /// As [`AnalysedBody::new`].
     pub fn again(body: &Body, kept: Vec<usize>) -> Result<Self, Error> {
         let stiffness = body.stiffness.clone();
         let symbolic = analyse(&stiffness.view(), &kept, body.places.as_deref())?;
@@ -250,7 +250,7 @@ impl Analysed {
         {
             return false;
         }
-        let weights = Weights::new(&self.stiffness);
+        let weights = DiagonalScaling::new(&self.stiffness);
         softest_interior(factor, &weights, &self.kept) <= DOUBTFUL
     }
 
@@ -299,12 +299,12 @@ impl Analysed {
             self.pin(motions)?;
         }
         let known = geometric.clone().unwrap_or_default();
-        let weights = Weights::new(k);
+        let weights = DiagonalScaling::new(k);
         let of = (k, &self.kept[..], &self.symbolic);
         let softest = |width| softest_of_all(of, &weights, known.len() + width, stop);
-        let verdict = self.look(&weights, &known, softest)?;
-        let verdict = verdict.ok_or_else(|| self.indefinite())?;
-        let more = self.believed(verdict, geometric.is_some())?;
+        let motions_found = self.look(&weights, &known, softest)?;
+        let motions_found = motions_found.ok_or_else(|| self.indefinite())?;
+        let more = self.believed(motions_found, geometric.is_some())?;
         if !more.is_empty() {
             self.pin(&[known, more].concat())?;
         }
@@ -319,10 +319,10 @@ impl Analysed {
     /// where none are to be had.
     fn look(
         &self,
-        weights: &Weights,
+        weights: &DiagonalScaling,
         known: &[Vec<f64>],
-        softest: impl Fn(usize) -> Result<Option<Block>, Error>,
-    ) -> Result<Option<Verdict>, Error> {
+        softest: impl Fn(usize) -> Result<Option<MotionBlock>, Error>,
+    ) -> Result<Option<SoftestMotions>, Error> {
         let mut width = WIDTH;
         loop {
             let Some(block) = softest(width)? else {
@@ -330,12 +330,12 @@ impl Analysed {
             };
             let all = block.columns.len() < width;
             let shift = block.shift;
-            let verdict = part(&self.stiffness, weights, known, block);
-            if verdict.negative {
+            let motions_found = part(&self.stiffness, weights, known, block);
+            if motions_found.negative {
                 return Err(self.indefinite());
             }
-            if all || verdict.is_complete(shift) {
-                return Ok(Some(verdict));
+            if all || motions_found.is_complete(shift) {
+                return Ok(Some(motions_found));
             }
             width *= 2;
         }
@@ -345,15 +345,19 @@ impl Analysed {
     ///
     /// # Errors
     /// [`Error::FewDigits`] where only the stiffness could say, and its digits do not.
-    fn believed(&self, verdict: Verdict, geometric: bool) -> Result<Vec<Vec<f64>>, Error> {
-        let mut null = verdict.null;
+    fn believed(
+        &self,
+        motions_found: SoftestMotions,
+        geometric: bool,
+    ) -> Result<Vec<Vec<f64>>, Error> {
+        let mut null = motions_found.null;
         if geometric {
             // A rigid motion that geometry finds held is held, by however short a lever.
             null.retain(|x| !self.is_rigid(x));
-            if verdict.gap < MECHANISM {
+            if motions_found.gap < MECHANISM {
                 null.clear();
             }
-        } else if !null.is_empty() && verdict.gap < CLEAR {
+        } else if !null.is_empty() && motions_found.gap < CLEAR {
             return Err(Error::FewDigits { dof: self.dofs[0] });
         }
         Ok(null)
@@ -471,22 +475,23 @@ impl Analysed {
         let mut motions = self.pin(geometric.as_deref().unwrap_or_default())?;
         let mut s = self.with_modes(schur, &motions.kept);
         let of = (&self.stiffness, &self.kept[..], factor);
-        let weights = Weights::new(&self.stiffness);
+        let weights = DiagonalScaling::new(&self.stiffness);
         let softest = |width| softest(of, &s, scale, width, stop);
         let found = self.look(&weights, &motions.whole, softest)?;
-        let verdict = if let Some(verdict) = found.filter(|verdict| !verdict.doubtful) {
-            verdict
-        } else {
-            // Motions that are extended from the contact set gather there what K is out
-            // of balance by everywhere, and of a stiff part on a soft one S may be
-            // rounding; found in full, they leave it where it is.
-            let of = (&self.stiffness, &self.kept[..], &self.symbolic);
-            let width = |width| motions.whole.len() + width;
-            let in_full = |more| softest_of_all(of, &weights, width(more), stop);
-            let verdict = self.look(&weights, &motions.whole, in_full)?;
-            verdict.ok_or_else(|| self.indefinite())?
-        };
-        let more = self.believed(verdict, geometric.is_some())?;
+        let motions_found =
+            if let Some(motions_found) = found.filter(|motions_found| !motions_found.doubtful) {
+                motions_found
+            } else {
+                // Motions that are extended from the contact set gather there what K is out
+                // of balance by everywhere, and of a stiff part on a soft one S may be
+                // rounding; found in full, they leave it where it is.
+                let of = (&self.stiffness, &self.kept[..], &self.symbolic);
+                let width = |width| motions.whole.len() + width;
+                let in_full = |more| softest_of_all(of, &weights, width(more), stop);
+                let motions_found = self.look(&weights, &motions.whole, in_full)?;
+                motions_found.ok_or_else(|| self.indefinite())?
+            };
+        let more = self.believed(motions_found, geometric.is_some())?;
         if !more.is_empty() {
             let mut all = std::mem::take(&mut motions.whole);
             all.extend(more);
@@ -644,8 +649,8 @@ fn scales(kept: &[usize], diagonal: &[f64]) -> Vec<f64> {
 }
 
 /// A body before its numbers.
-fn undo(body: Body) -> Analysed {
-    Analysed {
+fn undo(body: Body) -> AnalysedBody {
+    AnalysedBody {
         dofs: body.dofs,
         stiffness: body.stiffness,
         unit: body.unit,

@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::condensation::analysed::Analysed;
-use crate::condensation::body::{Body, Left};
+use crate::condensation::analysed::AnalysedBody;
+use crate::condensation::body::{Body, Imbalance};
 use crate::condensation::forecast::Forecast;
-use crate::condensation::sparse::Owned;
+use crate::condensation::sparse::OwnedMatrix;
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::Surface;
 use crate::error::Error;
@@ -30,7 +30,7 @@ pub struct Supports {
     /// Prescribed degrees of freedom.
     pub fixed: Vec<usize>,
     /// Columns of `K` at the prescribed degrees of freedom, free rows only.
-    pub coupling: Owned,
+    pub coupling: OwnedMatrix,
     /// All loads there will be, where they are known beforehand: then no factor is kept.
     pub known: Option<Vec<Loads>>,
 }
@@ -86,19 +86,19 @@ impl Bodies {
     /// bytes that all of it will take.
     ///
     /// # Errors
-    /// As [`Analysed::condense`], of the first body that fails; [`Error::Memory`].
+    /// As [`AnalysedBody::condense`], of the first body that fails; [`Error::Memory`].
     pub fn new(
-        parts: Vec<Analysed>,
+        parts: Vec<AnalysedBody>,
         supports: Supports,
         needed: u128,
         budget: &Budget,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
         let what = "the condensation of K";
-        let spare = parts.iter().map(Analysed::bytes_spare).sum();
+        let spare = parts.iter().map(AnalysedBody::bytes_spare).sum();
         budget.check(what, needed, spare)?;
         // Time, for memory that nobody else wants.
-        let left: u128 = parts.iter().map(Analysed::bytes_left).sum();
+        let left: u128 = parts.iter().map(AnalysedBody::bytes_left).sum();
         let leave = supports.known.is_none() && budget.check(what, needed + left, spare).is_ok();
         for part in &parts {
             part.leave_stack(leave);
@@ -109,7 +109,7 @@ impl Bodies {
             known.iter().map(force).collect::<Result<Vec<_>, _>>()
         });
         let loads = loads.transpose()?;
-        let condense = |part: Analysed| part.condense(loads.as_deref(), stop);
+        let condense = |part: AnalysedBody| part.condense(loads.as_deref(), stop);
         let started = Instant::now();
         let small = parts.iter().all(|part| part.counts().flops < SMALL);
         let list: Vec<Result<Body, Error>> = if small {
@@ -164,7 +164,7 @@ impl Bodies {
     /// `K` by rows as the bodies hold it: what these were condensed from, but for the
     /// entries between two prescribed degrees of freedom, which nothing here depends on.
     #[must_use]
-    pub fn stiffness(&self) -> Owned {
+    pub fn stiffness(&self) -> OwnedMatrix {
         let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.order()];
         for body in &self.list {
             for (local, &dof) in body.dofs().iter().enumerate() {
@@ -179,7 +179,7 @@ impl Bodies {
                 rows[dof].push((i, k));
             }
         }
-        let mut whole = Owned::default();
+        let mut whole = OwnedMatrix::default();
         for mut row in rows {
             row.sort_unstable_by_key(|&(column, _)| column);
             whole.index.extend(row.iter().map(|&(column, _)| column));
@@ -274,7 +274,7 @@ impl Bodies {
             let pushes: Vec<f64> = states.iter().flat_map(push).collect();
             let n = body.dofs().len();
             let recovered = body.displacements(&forces, &pushes, &own)?;
-            recovered.left.iter().try_for_each(Left::check)?;
+            recovered.left.iter().try_for_each(Imbalance::check)?;
             let parts = [recovered.u, recovered.low];
             for (part, values) in parts.iter().enumerate() {
                 for (u, values) in all.iter_mut().zip(values.chunks_exact(n.max(1))) {
@@ -379,13 +379,13 @@ impl Bodies {
 /// The counts of bodies that are analysed and not yet condensed; `dropped` as in
 /// [`needed`].
 #[must_use]
-pub fn forecast(parts: &[Analysed], dropped: bool) -> Forecast {
+pub fn forecast(parts: &[AnalysedBody], dropped: bool) -> Forecast {
     let mut told = Forecast {
         bodies: parts.len(),
         bytes_peak: needed(parts, dropped),
         ..Forecast::default()
     };
-    for counts in parts.iter().map(Analysed::counts) {
+    for counts in parts.iter().map(AnalysedBody::counts) {
         told.contact_dofs += counts.kept;
         told.nnz_factor += counts.nnz_factor;
         told.flops += counts.flops;
@@ -400,7 +400,7 @@ pub fn forecast(parts: &[Analysed], dropped: bool) -> Forecast {
 /// Bytes at the height of a condensation: what all bodies hold, and what the
 /// greediest needs besides while it is at work.
 #[must_use]
-pub fn needed(parts: &[Analysed], dropped: bool) -> u128 {
+pub fn needed(parts: &[AnalysedBody], dropped: bool) -> u128 {
     let mut held = 0;
     let mut most = 0;
     for part in parts {

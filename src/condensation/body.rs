@@ -5,11 +5,11 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use crate::condensation::rigid_motions::Geometry;
-use crate::condensation::sparse::Owned;
+use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
 use crate::linalg::compensated::{self, Sum};
 use crate::linalg::dense;
-use crate::linalg::random_signs::signs;
+use crate::linalg::random_signs::random_signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::{Counts, Symbolic};
@@ -38,12 +38,12 @@ pub struct Recovered {
     /// What rounding has cut off from `u`, where `K` amplifies it; zero elsewhere.
     pub low: Vec<f64>,
     /// One a step.
-    pub left: Vec<Left>,
+    pub left: Vec<Imbalance>,
 }
 
 /// What is left of `f + Bᵀ r − K u`.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Left {
+pub struct Imbalance {
     /// The largest of a row, relative to `|K||u| + |f + Bᵀ r|` of that row.
     pub by_row: f64,
     /// The degree of freedom of that row, in the caller's numbering.
@@ -52,7 +52,7 @@ pub struct Left {
     pub of_forces: f64,
 }
 
-impl Left {
+impl Imbalance {
     /// Whether rounding of the terms explains it.
     ///
     /// # Errors
@@ -76,7 +76,7 @@ pub struct Body {
     /// Its degrees of freedom in the caller's numbering.
     pub(super) dofs: Vec<usize>,
     /// `unit K`.
-    pub(super) stiffness: Owned,
+    pub(super) stiffness: OwnedMatrix,
     /// A power of two that makes the stiffness of order one: square roots of
     /// pivots then round alike in all units that differ by powers of two.
     pub(super) unit: f64,
@@ -324,19 +324,19 @@ impl Body {
         let fine = self.amplification > DIGITS;
         let mut low = vec![0.0; u.len()];
         let column = |k: usize| k * n..(k + 1) * n;
-        let mut left = vec![Left::default(); count];
+        let mut left = vec![Imbalance::default(); count];
         let mut last = vec![f64::INFINITY; count];
         // Columns that are done take no further part.
         let mut open: Vec<usize> = (0..count).filter(|_| n > 0).collect();
         for _ in 0..=MOST {
-            let judge = |&k: &usize| {
+            let imbalance = |&k: &usize| {
                 let low = fine.then(|| &low[column(k)]);
                 self.left(&u[column(k)], low, &forces[column(k)])
             };
-            let judged: Vec<(Vec<f64>, Left)> = open.par_iter().map(judge).collect();
+            let found: Vec<(Vec<f64>, Imbalance)> = open.par_iter().map(imbalance).collect();
             let mut rest = Vec::new();
-            for (&k, (own, found)) in open.iter().zip(judged) {
-                left[k] = found;
+            for (&k, (own, left_of_k)) in open.iter().zip(found) {
+                left[k] = left_of_k;
                 if last[k] > 0.0 {
                     rest.extend(own);
                 }
@@ -379,7 +379,7 @@ impl Body {
 
     /// `f − K u` without its rigid part, which contact has balanced as well as it is
     /// asked to, and what it comes to.
-    fn left(&self, u: &[f64], low: Option<&[f64]>, force: &[f64]) -> (Vec<f64>, Left) {
+    fn left(&self, u: &[f64], low: Option<&[f64]>, force: &[f64]) -> (Vec<f64>, Imbalance) {
         let (mut rest, size) = self.stiffness.residual_and_size(u, low, force);
         let work: Vec<f64> = self.motions.iter().map(|z| dot_long(z, &rest)).collect();
         for (mode, work) in self.modes.iter().zip(&work) {
@@ -399,7 +399,7 @@ impl Body {
             }
         });
         let forces = norm(force);
-        let left = Left {
+        let left = Imbalance {
             by_row,
             dof: self.dofs[row],
             of_forces: if forces > 0.0 {
@@ -510,7 +510,7 @@ impl Body {
         let sizes: Vec<f64> = (0..own.len()).map(size).collect();
         let mut forces = Vec::with_capacity(GROUP * own.len());
         for seed in 1..GROUP as u64 {
-            let signs = signs(own.len(), seed).into_iter();
+            let signs = random_signs(own.len(), seed).into_iter();
             forces.extend(signs.zip(&sizes).map(|(sign, size)| sign * size));
         }
         let along = own.iter().zip(&sizes);
@@ -547,13 +547,13 @@ impl Body {
 
 #[cfg(test)]
 mod tests {
-    use super::{BALANCED, Left, NO_DIGITS};
+    use super::{BALANCED, Imbalance, NO_DIGITS};
     use crate::error::Error;
 
     #[test]
     fn what_rounding_explains_passes_and_nothing_else() {
         let passes = |by_row: f64, of_forces: f64| {
-            let left = Left {
+            let left = Imbalance {
                 by_row,
                 dof: 7,
                 of_forces,

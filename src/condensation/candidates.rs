@@ -8,17 +8,17 @@ use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, OnceLock};
 
-use crate::condensation::analysed::Analysed;
+use crate::condensation::analysed::AnalysedBody;
 use crate::condensation::assemble::{Source, assemble};
 use crate::condensation::bodies::{Bodies, Loaded, forecast, needed};
-use crate::condensation::condense::{Condensed, Sorted, analyse, contact_set};
+use crate::condensation::condense::{Condensed, SortedProblem, analyse, contact_set};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::{Far, Share, Surface};
 use crate::error::Error;
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::reach::Reach;
 use crate::reduced::compliance::Compliance;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory::Budget;
 
 /// Degrees of freedom in the contact set of a body up to which all are kept: `W` of
@@ -62,12 +62,12 @@ pub struct View<const D: usize> {
 
 impl<const D: usize> Candidates<D> {
     pub(super) fn new(
-        sorted: Sorted<D>,
+        sorted: SortedProblem<D>,
         seeds: Vec<usize>,
         before: Option<&Bodies>,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
-        let Sorted {
+        let SortedProblem {
             parts,
             places,
             geometry,
@@ -149,9 +149,9 @@ impl<const D: usize> Candidates<D> {
     }
 
     /// Gaps along normals, and with them the seeds, are as they were.
-    pub(super) fn stretched(&self, stretch: &Stretch) -> Self {
+    pub(super) fn scaled(&self, elliptic: &EllipticScaling) -> Self {
         let mut surface = self.surface.clone();
-        surface.stretch(stretch);
+        surface.scale(elliptic);
         Self {
             bodies: Arc::clone(&self.bodies),
             surface,
@@ -304,7 +304,7 @@ impl<const D: usize> Candidates<D> {
         }
         let bodies = self.bodies.list.iter().zip(self.surface.shares.iter());
         let parts = bodies
-            .map(|(body, share)| Analysed::again(body, contact_set(share, body.dofs().len())));
+            .map(|(body, share)| AnalysedBody::again(body, contact_set(share, body.dofs().len())));
         let parts = parts.collect::<Result<Vec<_>, _>>()?;
         let made = Condensed::from_parts(
             parts,

@@ -12,19 +12,19 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::condensation::analysed::Analysed;
+use crate::condensation::analysed::AnalysedBody;
 use crate::condensation::assemble::{Source, assemble, bytes_beside};
 use crate::condensation::bodies::{Bodies, Loaded, Loads, Supports, forecast, needed};
 use crate::condensation::forecast::Notice;
-use crate::condensation::pattern_cache::{self, Asked};
+use crate::condensation::pattern_cache::{self, Lookup};
 use crate::condensation::rigid_motions::Geometry;
-use crate::condensation::sparse::{self, Owned, Rows};
+use crate::condensation::sparse::{self, OwnedMatrix, Rows};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::{Share, Surface};
 use crate::error::Error;
 use crate::linalg::sparse::csc::Symmetric;
 use crate::reduced::compliance::Compliance;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory::Budget;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::validate::{check_finite, check_friction, check_length};
@@ -35,7 +35,7 @@ const FEW: usize = 16;
 
 /// What a contact problem is made of, borrowed from the caller.
 #[derive(Debug)]
-pub struct Given<'a, const D: usize> {
+pub struct ProblemArrays<'a, const D: usize> {
     /// Symmetric positive semidefinite stiffness, both triangles; the lower one is read.
     pub stiffness: Symmetric<'a>,
     /// `B`, a row each component of each contact.
@@ -55,9 +55,9 @@ pub struct Given<'a, const D: usize> {
 
 /// What was given, checked and sorted by body.
 #[derive(Clone, Debug)]
-pub struct Sorted<const D: usize> {
+pub struct SortedProblem<const D: usize> {
     /// Degrees of freedom and stiffness of each body.
-    pub parts: Vec<(Vec<usize>, Owned)>,
+    pub parts: Vec<(Vec<usize>, OwnedMatrix)>,
     /// Where the degrees of freedom of each body are.
     pub places: Option<Vec<Vec<[f64; 3]>>>,
     /// Where all degrees of freedom are.
@@ -89,12 +89,12 @@ pub struct FreePart<const D: usize> {
     pub rigid: Rigid<D>,
 }
 
-impl<const D: usize> Sorted<D> {
+impl<const D: usize> SortedProblem<D> {
     /// Checks everything but what only the factorisation can tell.
     ///
     /// # Errors
     /// Wrong arguments, each naming the place; [`Error::Asymmetric`].
-    pub fn new(given: Given<D>) -> Result<Self, Error> {
+    pub fn new(given: ProblemArrays<D>) -> Result<Self, Error> {
         let n = given.stiffness.n();
         let rows = D * given.gap.len();
         given.contact.check("B", rows, n)?;
@@ -155,13 +155,13 @@ pub type Whereabouts = (Option<Vec<Vec<[f64; 3]>>>, Option<Arc<Geometry>>);
 /// of problems that this process has met, and theirs are kept for problems to come.
 ///
 /// # Errors
-/// As [`pattern_cache::limit`], and as [`Analysed::new`], of the first body that fails.
+/// As [`pattern_cache::limit`], and as [`AnalysedBody::new`], of the first body that fails.
 pub fn analyse(
-    parts: Vec<(Vec<usize>, Owned)>,
+    parts: Vec<(Vec<usize>, OwnedMatrix)>,
     kept: Vec<Vec<usize>>,
     (places, geometry): Whereabouts,
     before: Option<&Bodies>,
-) -> Result<Vec<Analysed>, Error> {
+) -> Result<Vec<AnalysedBody>, Error> {
     let old = |b: usize| before.and_then(|bodies| bodies.list.get(b));
     let places: Vec<Option<Vec<[f64; 3]>>> = match places {
         Some(places) => places.into_iter().map(Some).collect(),
@@ -171,7 +171,7 @@ pub fn analyse(
     let all = parts.iter().zip(&kept).zip(&places);
     let known: Vec<_> = all
         .map(|(((_, stiffness), kept), places)| {
-            let asked = Asked {
+            let asked = Lookup {
                 matrix: stiffness.view(),
                 kept,
                 places: places.as_deref(),
@@ -179,20 +179,20 @@ pub fn analyse(
             few.then(|| asked.find()).flatten()
         })
         .collect();
-    let analysed: Vec<Result<Analysed, Error>> = parts
+    let analysed: Vec<Result<AnalysedBody, Error>> = parts
         .into_par_iter()
         .zip(kept)
         .zip(places)
         .zip(known)
         .enumerate()
         .map(|(b, ((((dofs, stiffness), kept), places), known))| {
-            let made = Analysed::new(dofs, stiffness, kept, places, old(b), known)?;
+            let made = AnalysedBody::new(dofs, stiffness, kept, places, old(b), known)?;
             Ok(made.with_geometry(geometry.clone()))
         })
         .collect();
-    let analysed: Vec<Analysed> = analysed.into_iter().collect::<Result<_, _>>()?;
+    let analysed: Vec<AnalysedBody> = analysed.into_iter().collect::<Result<_, _>>()?;
     if few {
-        analysed.iter().for_each(Analysed::share);
+        analysed.iter().for_each(AnalysedBody::share);
     }
     Ok(analysed)
 }
@@ -207,11 +207,11 @@ impl<const D: usize> Condensed<D> {
     /// [`Error::DependentMotion`] for motions that contact cannot hold;
     /// [`Error::Memory`], [`Error::MemoryLimit`]; [`Error::Interrupted`].
     pub fn new(
-        sorted: Sorted<D>,
+        sorted: SortedProblem<D>,
         before: Option<&Bodies>,
         stop: &AtomicBool,
     ) -> Result<Self, Error> {
-        let Sorted {
+        let SortedProblem {
             parts,
             places,
             geometry,
@@ -236,7 +236,7 @@ impl<const D: usize> Condensed<D> {
 
     /// From bodies analysed with their whole contact sets.
     pub(crate) fn from_parts(
-        parts: Vec<Analysed>,
+        parts: Vec<AnalysedBody>,
         supports: Supports,
         surface: Surface<D>,
         mu: Vec<f64>,
@@ -313,16 +313,16 @@ impl<const D: usize> Condensed<D> {
         }
     }
 
-    /// The same contacts in stretched variables, on the same bodies.
+    /// The same contacts in scaled variables, on the same bodies.
     ///
     /// # Errors
-    /// As [`Compliance::stretched`].
-    pub fn stretched(&self, stretch: &Stretch) -> Result<Self, Error> {
+    /// As [`Compliance::scaled`].
+    pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Self, Error> {
         let mut surface = (*self.surface).clone();
-        surface.stretch(stretch);
+        surface.scale(elliptic);
         Ok(Self {
             surface: Arc::new(surface),
-            compliance: Arc::new(self.compliance.stretched(stretch)?),
+            compliance: Arc::new(self.compliance.scaled(elliptic)?),
             ..self.clone()
         })
     }

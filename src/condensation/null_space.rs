@@ -10,12 +10,12 @@ use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
-use crate::condensation::sparse::Owned;
+use crate::condensation::sparse::OwnedMatrix;
 use crate::error::Error;
 use crate::linalg::compensated;
 use crate::linalg::dense;
 use crate::linalg::jacobi::combine;
-use crate::linalg::random_signs::signs;
+use crate::linalg::random_signs::random_signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::sparse::multifrontal::Factor;
 use crate::linalg::sparse::symbolic::Symbolic;
@@ -56,7 +56,7 @@ const LEAST: f64 = 0.1;
 
 /// What the softest motions of a body are.
 #[derive(Debug)]
-pub(super) struct Verdict {
+pub(super) struct SoftestMotions {
     /// Those that cost nothing, a basis over all degrees of freedom.
     pub null: Vec<Vec<f64>>,
     /// Energy of the next one over what rounding may make of it; infinite if there is
@@ -72,7 +72,7 @@ pub(super) struct Verdict {
 
 /// A block of the softest motions, and the shift that it was found with.
 #[derive(Debug)]
-pub(super) struct Block {
+pub(super) struct MotionBlock {
     pub columns: Vec<Vec<f64>>,
     pub shift: f64,
     /// `K` with its diagonal raised, where it was factored.
@@ -102,7 +102,7 @@ impl Raised {
 
     /// `x − (K + σ D)⁻¹ K x`, `K x` in twice the precision: of `x` what costs nothing
     /// stays as it is, to the last digit of each entry, and what is stiff goes.
-    fn soften(&self, k: &Owned, x: &mut [f64]) {
+    fn soften(&self, k: &OwnedMatrix, x: &mut [f64]) {
         for _ in 0..2 {
             let mut change = k.residual(x, &vec![0.0; x.len()]);
             self.solve(&mut change);
@@ -113,7 +113,7 @@ impl Raised {
     }
 }
 
-impl Verdict {
+impl SoftestMotions {
     /// Whether the block held all motions that may be null.
     pub(super) fn is_complete(&self, shift: f64) -> bool {
         self.stiffest >= LOST * shift
@@ -122,12 +122,12 @@ impl Verdict {
 
 /// What makes the diagonal of K one.
 #[derive(Debug)]
-pub(super) struct Weights {
+pub(super) struct DiagonalScaling {
     roots: Vec<f64>,
 }
 
-impl Weights {
-    pub(super) fn new(k: &Owned) -> Self {
+impl DiagonalScaling {
+    pub(super) fn new(k: &OwnedMatrix) -> Self {
         let diagonal = k.view().diagonal();
         let root = |&x: &f64| if x > 0.0 { x.sqrt() } else { 1.0 };
         Self {
@@ -187,12 +187,12 @@ impl Weights {
 /// # Errors
 /// [`Error::Interrupted`].
 pub(super) fn softest(
-    (k, kept, factor): (&Owned, &[usize], &Factor),
+    (k, kept, factor): (&OwnedMatrix, &[usize], &Factor),
     schur: &[f64],
     scale: &[f64],
     width: usize,
     stop: &AtomicBool,
-) -> Result<Option<Block>, Error> {
+) -> Result<Option<MotionBlock>, Error> {
     let m = scale.len();
     let shifted = |shift: f64| {
         let mut a = vec![0.0; m * m];
@@ -239,7 +239,7 @@ pub(super) fn softest(
         }
         x
     };
-    Ok(Some(Block {
+    Ok(Some(MotionBlock {
         columns: block.iter().map(whole).collect(),
         shift,
         raised: None,
@@ -252,11 +252,11 @@ pub(super) fn softest(
 /// # Errors
 /// [`Error::Interrupted`].
 pub(super) fn softest_of_all(
-    (k, kept, symbolic): (&Owned, &[usize], &Arc<Symbolic>),
-    weights: &Weights,
+    (k, kept, symbolic): (&OwnedMatrix, &[usize], &Arc<Symbolic>),
+    weights: &DiagonalScaling,
     width: usize,
     stop: &AtomicBool,
-) -> Result<Option<Block>, Error> {
+) -> Result<Option<MotionBlock>, Error> {
     let mut shift = SHIFT;
     let (factor, s) = loop {
         let mut raised = k.clone();
@@ -297,7 +297,7 @@ pub(super) fn softest_of_all(
         }
         weights.orthonormalise(&[], &mut block);
     }
-    Ok(Some(Block {
+    Ok(Some(MotionBlock {
         columns: block,
         shift,
         raised: Some(raised),
@@ -306,7 +306,7 @@ pub(super) fn softest_of_all(
 
 /// The energy of the softest motion of the interior alone that inverse iteration finds,
 /// relative to that of the diagonal.
-pub(super) fn softest_interior(factor: &Factor, weights: &Weights, kept: &[usize]) -> f64 {
+pub(super) fn softest_interior(factor: &Factor, weights: &DiagonalScaling, kept: &[usize]) -> f64 {
     let mut x: Vec<f64> = (0..weights.roots.len()).map(start_value).collect();
     let mut quotient = f64::INFINITY;
     for _ in 0..3 {
@@ -347,7 +347,7 @@ fn start_value(k: usize) -> f64 {
 /// Independent columns, all of space where they are as many as it has dimensions.
 fn starts(n: usize, width: usize) -> Vec<Vec<f64>> {
     let column = |c: usize| -> Vec<f64> {
-        let signs = signs(n, c as u64 + 1).into_iter().enumerate();
+        let signs = random_signs(n, c as u64 + 1).into_iter().enumerate();
         signs
             .map(|(k, sign)| sign * start_value(k * width + c + 1))
             .collect()
@@ -387,7 +387,7 @@ fn normalise(column: &mut [f64]) {
 }
 
 /// The largest `|K x|` over what sizes of the terms of its row allow, in ε.
-fn rows_of(k: &Owned, x: &[f64]) -> f64 {
+fn rows_of(k: &OwnedMatrix, x: &[f64]) -> f64 {
     let forces = k.residual(x, &vec![0.0; x.len()]);
     let largest = x.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     let sizes: Vec<f64> = x.iter().map(|x| x.abs().max(LEAST * largest)).collect();
@@ -400,16 +400,16 @@ fn rows_of(k: &Owned, x: &[f64]) -> f64 {
 /// Parts a block of soft motions into those that cost nothing and others, by
 /// Rayleigh–Ritz with energies in twice the precision.
 pub(super) fn part(
-    k: &Owned,
-    weights: &Weights,
+    k: &OwnedMatrix,
+    weights: &DiagonalScaling,
     known: &[Vec<f64>],
-    Block {
+    MotionBlock {
         columns: mut block,
         raised,
         ..
-    }: Block,
-) -> Verdict {
-    let mut verdict = Verdict {
+    }: MotionBlock,
+) -> SoftestMotions {
+    let mut motions_found = SoftestMotions {
         null: Vec::new(),
         gap: f64::INFINITY,
         negative: false,
@@ -440,15 +440,21 @@ pub(super) fn part(
         let ritz = |&j: &usize| combine(&block, &energies[j * width..(j + 1) * width]);
         let mut all: Vec<Vec<f64>> = order.iter().map(ritz).collect();
         let mut values: Vec<f64> = order.iter().map(|&j| values[j]).collect();
-        verdict.stiffest = values.last().map_or(0.0, |v| v.abs()).max(verdict.stiffest);
+        motions_found.stiffest = values
+            .last()
+            .map_or(0.0, |v| v.abs())
+            .max(motions_found.stiffest);
         if aside > 0.0 {
             let soft = values.iter().take_while(|v| v.abs() <= aside).count();
             if soft < width {
-                verdict.gap = verdict.gap.min(over_rounding(k, &all[soft], values[soft]));
+                motions_found.gap =
+                    motions_found
+                        .gap
+                        .min(over_rounding(k, &all[soft], values[soft]));
                 let stiff = values[soft..].iter().zip(&all[soft..]);
                 let negative =
                     |(v, x): (&f64, &Vec<f64>)| *v < 0.0 && over_rounding(k, x, *v) > 1.0;
-                verdict.negative |= stiff.into_iter().any(negative);
+                motions_found.negative |= stiff.into_iter().any(negative);
             }
             block = all.into_iter().take(soft).collect();
             continue;
@@ -466,7 +472,7 @@ pub(super) fn part(
         let rows: Vec<f64> = all.iter().map(|x| rows_of(k, x)).collect();
         let gaps = all.iter().zip(&values);
         let gaps: Vec<f64> = gaps.map(|(x, &v)| over_rounding(k, x, v)).collect();
-        let rest = verdict.gap;
+        let rest = motions_found.gap;
         let clear = rows
             .iter()
             .take_while(|&&row| row <= ROUNDING_APART)
@@ -481,24 +487,24 @@ pub(super) fn part(
         };
         for (at, x) in all.into_iter().enumerate() {
             if rows[at] <= bound && gaps[at] <= share {
-                verdict.null.push(x);
+                motions_found.null.push(x);
                 continue;
             }
-            verdict.negative |= values[at] < 0.0 && gaps[at] > 1.0;
-            verdict.doubtful |= gaps[at] <= 1.0;
-            verdict.gap = verdict.gap.min(gaps[at]);
+            motions_found.negative |= values[at] < 0.0 && gaps[at] > 1.0;
+            motions_found.doubtful |= gaps[at] <= 1.0;
+            motions_found.gap = motions_found.gap.min(gaps[at]);
         }
     }
-    verdict
+    motions_found
 }
 
 /// `xᵀ K x`.
-fn energy(k: &Owned, x: &[f64]) -> f64 {
+fn energy(k: &OwnedMatrix, x: &[f64]) -> f64 {
     -compensated::dot(x, &k.residual(x, &vec![0.0; x.len()])).value()
 }
 
 /// An energy `xᵀ K x` over what rounding of K may make of it.
-fn over_rounding(k: &Owned, x: &[f64], energy: f64) -> f64 {
+fn over_rounding(k: &OwnedMatrix, x: &[f64], energy: f64) -> f64 {
     let sizes: Vec<f64> = x.iter().map(|x| x.abs()).collect();
     energy.abs() / (ROUNDING * f64::EPSILON * k.absolute_form(&sizes)).max(f64::MIN_POSITIVE)
 }

@@ -21,7 +21,7 @@ const DEFAULT: usize = 64;
 
 /// All that an analysis depends on.
 #[derive(Debug)]
-struct Pattern {
+struct PatternKey {
     start: Vec<u32>,
     index: Vec<u32>,
     kept: Vec<u32>,
@@ -30,28 +30,28 @@ struct Pattern {
 }
 
 #[derive(Debug)]
-struct Entry {
-    pattern: Pattern,
+struct CachedAnalysis {
+    pattern: PatternKey,
     symbolic: Symbolic,
 }
 
 /// The last one was asked for last.
-static KNOWN: PerProcess<Arc<Entry>> = PerProcess::new();
+static KNOWN: PerProcess<Arc<CachedAnalysis>> = PerProcess::new();
 
 /// What is asked for, borrowed.
 #[derive(Clone, Copy, Debug)]
-pub struct Asked<'a> {
+pub struct Lookup<'a> {
     pub matrix: Symmetric<'a>,
     pub kept: &'a [usize],
     pub places: Option<&'a [[f64; 3]]>,
 }
 
-impl Asked<'_> {
+impl Lookup<'_> {
     /// The analysis of this pattern, if it is known.
     #[must_use]
     pub fn find(&self) -> Option<Arc<Symbolic>> {
         // What is compared is not held meanwhile: others may look, too.
-        let list: Vec<Arc<Entry>> = KNOWN.lock()?.clone();
+        let list: Vec<Arc<CachedAnalysis>> = KNOWN.lock()?.clone();
         let found = list.into_iter().find(|entry| self.is(&entry.pattern))?;
         let mut list = KNOWN.lock()?;
         if let Some(at) = list.iter().position(|entry| Arc::ptr_eq(entry, &found)) {
@@ -67,7 +67,7 @@ impl Asked<'_> {
         let Some(limit) = limit().ok().filter(|&limit| size <= limit) else {
             return;
         };
-        let entry = Arc::new(Entry {
+        let entry = Arc::new(CachedAnalysis {
             pattern: self.pattern(),
             symbolic: symbolic.for_another(),
         });
@@ -91,7 +91,7 @@ impl Asked<'_> {
         drop(gone);
     }
 
-    fn is(&self, known: &Pattern) -> bool {
+    fn is(&self, known: &PatternKey) -> bool {
         fn same(a: &[usize], b: &[u32]) -> bool {
             // Blocks: a comparison that may end anywhere is one by one.
             let equal = |(a, b): (&[usize], &[u32])| {
@@ -117,11 +117,11 @@ impl Asked<'_> {
     }
 
     /// The pattern by itself; its numbers have been analysed, so that they are short.
-    fn pattern(&self) -> Pattern {
+    fn pattern(&self) -> PatternKey {
         #[expect(clippy::cast_possible_truncation, reason = "checked by the analysis")]
         let short = |list: &[usize]| list.iter().map(|&i| i as u32).collect();
         let bits = |places: &[[f64; 3]]| places.iter().map(|at| at.map(f64::to_bits)).collect();
-        Pattern {
+        PatternKey {
             start: short(self.matrix.col_ptr()),
             index: short(self.matrix.row_idx()),
             kept: short(self.kept),
@@ -135,9 +135,9 @@ impl Asked<'_> {
     }
 }
 
-impl Entry {
+impl CachedAnalysis {
     fn bytes(&self) -> usize {
-        let Pattern {
+        let PatternKey {
             start,
             index,
             kept,

@@ -6,11 +6,11 @@ use std::sync::atomic::AtomicBool;
 use crate::condensation::bodies::{Bodies, Loaded};
 use crate::condensation::body::DIGITS;
 use crate::condensation::candidates::{Candidates, seeds};
-use crate::condensation::condense::{Condensed, Sorted};
+use crate::condensation::condense::{Condensed, SortedProblem};
 use crate::condensation::stats::Stats;
 use crate::condensation::surface::Surface;
 use crate::error::Error;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::validate::{check_finite, check_friction, check_length};
 
 /// Relative displacements by `W` and by `u` may differ by this share of the largest
@@ -39,7 +39,7 @@ impl<const D: usize> Problem<D> {
     /// # Errors
     /// As [`Condensed::new`].
     pub fn new(
-        sorted: Sorted<D>,
+        sorted: SortedProblem<D>,
         grow: Option<bool>,
         before: Option<&Self>,
         stop: &AtomicBool,
@@ -158,15 +158,15 @@ impl<const D: usize> Problem<D> {
         })
     }
 
-    /// The same contacts in stretched variables, on the same bodies.
+    /// The same contacts in scaled variables, on the same bodies.
     ///
     /// # Errors
-    /// As [`Condensed::stretched`].
-    pub fn stretched(&self, stretch: &Stretch) -> Result<Self, Error> {
+    /// As [`Condensed::scaled`].
+    pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Self, Error> {
         Ok(match self {
-            Self::Whole(problem) => Self::Whole(problem.stretched(stretch)?),
+            Self::Whole(problem) => Self::Whole(problem.scaled(elliptic)?),
             Self::Growing { candidates, mu } => Self::Growing {
-                candidates: Arc::new(candidates.stretched(stretch)),
+                candidates: Arc::new(candidates.scaled(elliptic)),
                 mu: mu.clone(),
             },
         })

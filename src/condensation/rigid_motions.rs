@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
-use crate::condensation::sparse::Owned;
+use crate::condensation::sparse::OwnedMatrix;
 use crate::linalg::jacobi::{combine, orthogonalise};
 use crate::linalg::small::{dot_long, norm};
 
@@ -37,12 +37,12 @@ pub struct Geometry {
     /// Whether the stiffness couples a degree of freedom to one that is prescribed: its
     /// row is out of balance in a rigid motion of all others.
     supported: Vec<bool>,
-    directions: OnceLock<Vec<Option<Direction>>>,
+    directions: OnceLock<Vec<Option<DofDirection>>>,
 }
 
 /// What a degree of freedom is: a displacement along an axis, or a rotation about one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Direction {
+enum DofDirection {
     Along(usize),
     About(usize),
 }
@@ -62,7 +62,7 @@ impl Geometry {
     /// `dofs` of the stiffness `k`. Nothing where the directions of the degrees of
     /// freedom do not show, or do not fit the stiffness.
     #[must_use]
-    pub fn left_free(&self, dofs: &[usize], k: &Owned) -> Option<Vec<Vec<f64>>> {
+    pub fn left_free(&self, dofs: &[usize], k: &OwnedMatrix) -> Option<Vec<Vec<f64>>> {
         let motions = self.motions(dofs)?;
         let nothing = vec![0.0; dofs.len()];
         let forces: Vec<Vec<f64>> = motions
@@ -124,7 +124,7 @@ impl Geometry {
         let all = self
             .directions
             .get_or_init(|| directions(&self.places, self.dimension));
-        let own: Vec<Direction> = dofs.iter().map(|&i| all[i]).collect::<Option<_>>()?;
+        let own: Vec<DofDirection> = dofs.iter().map(|&i| all[i]).collect::<Option<_>>()?;
         let d = self.dimension;
         let mut centre = [0.0; 3];
         for &i in dofs {
@@ -140,16 +140,16 @@ impl Geometry {
             .flat_map(|&i| arm(i))
             .fold(0.0_f64, |m, x| m.max(x.abs()));
         let translation = |axis: usize| {
-            let of = |own: &Direction| f64::from(u8::from(*own == Direction::Along(axis)));
+            let of = |own: &DofDirection| f64::from(u8::from(*own == DofDirection::Along(axis)));
             own.iter().map(of).collect::<Vec<_>>()
         };
         let rotation = |axis: usize| {
             // e_axis × x has −x_b along a and x_a along b, (axis, a, b) in cyclic order.
             let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
-            let of = |(own, &i): (&Direction, &usize)| match *own {
-                Direction::Along(k) if k == a => -arm(i)[b] / reach,
-                Direction::Along(k) if k == b => arm(i)[a] / reach,
-                Direction::About(k) if k == axis => 1.0 / reach,
+            let of = |(own, &i): (&DofDirection, &usize)| match *own {
+                DofDirection::Along(k) if k == a => -arm(i)[b] / reach,
+                DofDirection::Along(k) if k == b => arm(i)[a] / reach,
+                DofDirection::About(k) if k == axis => 1.0 / reach,
                 _ => 0.0,
             };
             own.iter().zip(dofs).map(of).collect::<Vec<_>>()
@@ -176,7 +176,7 @@ impl Geometry {
 /// ascending order, displacements along the axes, and behind them rotations where there
 /// are as many as a node of a beam or a shell has. Bodies that touch share places: then
 /// runs of numbers without a gap are nodes.
-fn directions(places: &[[f64; 3]], dimension: usize) -> Vec<Option<Direction>> {
+fn directions(places: &[[f64; 3]], dimension: usize) -> Vec<Option<DofDirection>> {
     let key = |i: usize| places[i].map(|x| (x + 0.0).to_bits());
     let mut order: Vec<usize> = (0..places.len()).collect();
     order.sort_by_key(|&i| (key(i), i));
@@ -185,11 +185,11 @@ fn directions(places: &[[f64; 3]], dimension: usize) -> Vec<Option<Direction>> {
         for node in nodes(at_place, dimension) {
             for (k, &dof) in node.iter().enumerate() {
                 found[dof] = Some(if k < dimension {
-                    Direction::Along(k)
+                    DofDirection::Along(k)
                 } else if dimension == 2 {
-                    Direction::About(2)
+                    DofDirection::About(2)
                 } else {
-                    Direction::About(k - 3)
+                    DofDirection::About(k - 3)
                 });
             }
         }

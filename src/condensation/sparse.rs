@@ -67,8 +67,8 @@ impl<'a> Rows<'a> {
 
     /// The columns that `number` gives a new number, under that number.
     #[must_use]
-    pub fn select(&self, number: impl Fn(usize) -> Option<usize>) -> Owned {
-        let mut out = Owned::default();
+    pub fn select(&self, number: impl Fn(usize) -> Option<usize>) -> OwnedMatrix {
+        let mut out = OwnedMatrix::default();
         for row in 0..self.row_ptr.len() - 1 {
             for (column, value) in self.row(row) {
                 if let Some(column) = number(column) {
@@ -104,13 +104,13 @@ impl<'a> Rows<'a> {
 
 /// A matrix of our own, compressed by rows or by columns as its owner says.
 #[derive(Clone, Debug)]
-pub struct Owned {
+pub struct OwnedMatrix {
     pub pointer: Vec<usize>,
     pub index: Vec<usize>,
     pub values: Vec<f64>,
 }
 
-impl Default for Owned {
+impl Default for OwnedMatrix {
     fn default() -> Self {
         Self {
             pointer: vec![0],
@@ -120,7 +120,7 @@ impl Default for Owned {
     }
 }
 
-impl Owned {
+impl OwnedMatrix {
     /// As a symmetric matrix, which it is: the free part of one, or a component of it.
     #[must_use]
     pub fn view(&self) -> Symmetric<'_> {
@@ -159,7 +159,7 @@ impl Owned {
         b.iter().enumerate().map(of_row).collect()
     }
 
-    /// `b − A x` as [`Owned::residual`], and `|A| |x| + |b|`; `low` is what `x` lacks.
+    /// `b − A x` as [`OwnedMatrix::residual`], and `|A| |x| + |b|`; `low` is what `x` lacks.
     pub(crate) fn residual_and_size(
         &self,
         x: &[f64],
@@ -248,7 +248,7 @@ pub fn free_part(
     k: &Symmetric,
     symmetry: Symmetry,
     fixed: &[Option<usize>],
-) -> (Owned, Vec<usize>) {
+) -> (OwnedMatrix, Vec<usize>) {
     let global: Vec<usize> = (0..k.n()).filter(|&i| fixed[i].is_none()).collect();
     let mut number = vec![usize::MAX; k.n()];
     for (local, &i) in global.iter().enumerate() {
@@ -297,7 +297,7 @@ pub fn free_part(
         }
     }
     (
-        Owned {
+        OwnedMatrix {
             pointer,
             index,
             values,
@@ -308,7 +308,12 @@ pub fn free_part(
 
 /// The rows and columns `global` under the numbers that they have: of a matrix that is
 /// symmetric to the bit nothing need be mirrored.
-fn chosen(k: &Symmetric, global: &[usize], number: &[usize], in_use: Option<&[bool]>) -> Owned {
+fn chosen(
+    k: &Symmetric,
+    global: &[usize],
+    number: &[usize],
+    in_use: Option<&[bool]>,
+) -> OwnedMatrix {
     let entries = k.row_idx().len();
     let (mut index, mut values) = (vec![0; entries], vec![0.0; entries]);
     let mut pointer = Vec::with_capacity(global.len() + 1);
@@ -327,7 +332,7 @@ fn chosen(k: &Symmetric, global: &[usize], number: &[usize], in_use: Option<&[bo
     values.truncate(next);
     index.shrink_to_fit();
     values.shrink_to_fit();
-    Owned {
+    OwnedMatrix {
         pointer,
         index,
         values,
@@ -408,8 +413,8 @@ fn nodes(k: &Symmetric) -> (Vec<usize>, Vec<Vec<usize>>) {
 
 /// Columns of a symmetric matrix at `fixed`, rows that are not fixed only.
 #[must_use]
-pub fn columns(k: &Symmetric, fixed: &[usize], position: &[Option<usize>]) -> Owned {
-    let mut out = Owned::default();
+pub fn columns(k: &Symmetric, fixed: &[usize], position: &[Option<usize>]) -> OwnedMatrix {
+    let mut out = OwnedMatrix::default();
     for &j in fixed {
         for (i, value) in k.column(j).filter(|&(i, _)| position[i].is_none()) {
             out.index.push(i);
@@ -433,14 +438,15 @@ pub fn local_numbers(component: &[usize], count: usize) -> Vec<usize> {
 
 /// Splits a block-diagonal matrix into its components, with their rows.
 #[must_use]
-pub fn split(k: Owned, component: &[usize]) -> Vec<(Vec<usize>, Owned)> {
+pub fn split(k: OwnedMatrix, component: &[usize]) -> Vec<(Vec<usize>, OwnedMatrix)> {
     let count = component.iter().max().map_or(0, |c| c + 1);
     if count == 1 {
         return vec![((0..component.len()).collect(), k)];
     }
     let local = local_numbers(component, count);
-    let mut parts: Vec<(Vec<usize>, Owned)> =
-        (0..count).map(|_| (Vec::new(), Owned::default())).collect();
+    let mut parts: Vec<(Vec<usize>, OwnedMatrix)> = (0..count)
+        .map(|_| (Vec::new(), OwnedMatrix::default()))
+        .collect();
     for (j, &c) in component.iter().enumerate() {
         let (rows, part) = &mut parts[c];
         rows.push(j);

@@ -3,15 +3,15 @@
 use std::sync::Arc;
 
 use crate::condensation::body::Body;
-use crate::condensation::sparse::{Owned, Rows};
+use crate::condensation::sparse::{OwnedMatrix, Rows};
 use crate::linalg::compensated::Sum;
 use crate::linalg::small::dot_long;
 use crate::linalg::sparse::reach::Reach;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 
 /// A row of `B` restricted to a body: its local degrees of freedom, and values.
 #[derive(Clone, Debug)]
-pub struct Row {
+pub struct ContactRow {
     pub row: usize,
     pub entries: Vec<(usize, f64)>,
 }
@@ -19,7 +19,7 @@ pub struct Row {
 /// The rows of one body, in ascending order.
 #[derive(Clone, Debug, Default)]
 pub struct Share {
-    pub rows: Vec<Row>,
+    pub rows: Vec<ContactRow>,
     /// Their half solves, where they touch more than the body's kept unknowns.
     pub far: Option<Far>,
 }
@@ -46,7 +46,7 @@ impl Far {
     }
 
     /// Every column times its factor.
-    fn stretch(&mut self, factors: &[f64]) {
+    fn scale(&mut self, factors: &[f64]) {
         for values in [&mut self.inside, &mut self.kept] {
             let length = values.len() / factors.len().max(1);
             let columns = values.chunks_exact_mut(length.max(1));
@@ -124,7 +124,7 @@ pub struct Surface<const D: usize> {
     /// One a body.
     pub shares: Arc<Vec<Share>>,
     /// `B` at the prescribed degrees of freedom.
-    pub held: Arc<Owned>,
+    pub held: Arc<OwnedMatrix>,
     /// Gap, by component.
     pub gap: Vec<[f64; D]>,
     /// Contacts whose normal row touches no free degree of freedom.
@@ -150,7 +150,7 @@ impl<const D: usize> Surface<D> {
                 unmoved.push(row / D);
             }
             for (body, entries) in found {
-                shares[body].rows.push(Row { row, entries });
+                shares[body].rows.push(ContactRow { row, entries });
             }
         }
         Self {
@@ -167,9 +167,9 @@ impl<const D: usize> Surface<D> {
     }
 
     /// `T B` and `T g` in the place of `B` and `g`.
-    pub fn stretch(&mut self, stretch: &Stretch) {
-        self.gap = stretch.times(&self.gap);
-        let factor = |row: usize| stretch.factor(row / D, row % D);
+    pub fn scale(&mut self, elliptic: &EllipticScaling) {
+        self.gap = elliptic.times(&self.gap);
+        let factor = |row: usize| elliptic.factor(row / D, row % D);
         let held = Arc::make_mut(&mut self.held);
         for (row, ends) in held.pointer.windows(2).enumerate() {
             for value in &mut held.values[ends[0]..ends[1]] {
@@ -184,7 +184,7 @@ impl<const D: usize> Surface<D> {
                 }
             }
             if let Some(far) = &mut share.far {
-                far.stretch(&factors);
+                far.scale(&factors);
             }
         }
     }
@@ -236,9 +236,9 @@ impl<const D: usize> Surface<D> {
         for (k, &contact) in members.iter().enumerate() {
             number[contact] = k;
         }
-        let renumbered = |row: &Row| {
+        let renumbered = |row: &ContactRow| {
             let k = number[row.row / D];
-            (k != usize::MAX).then(|| Row {
+            (k != usize::MAX).then(|| ContactRow {
                 row: D * k + row.row % D,
                 entries: row.entries.clone(),
             })

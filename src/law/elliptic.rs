@@ -2,7 +2,7 @@
 //! with `D = diag(μ₁, μ₂)`: its Euclidean projection and its set of increments.
 //!
 //! Solvers never meet this cone: a change of variables,
-//! [`Stretch`](crate::reduced::elliptic_scaling::Stretch), makes it Coulomb's.
+//! [`EllipticScaling`](crate::reduced::elliptic_scaling::EllipticScaling), makes it Coulomb's.
 
 use crate::law::cone::{Status, project, shifted, translated};
 

@@ -4,7 +4,7 @@ use crate::linalg::small::{dot_long, norm};
 
 /// What GMRES found.
 #[derive(Clone, Debug)]
-pub struct Found {
+pub struct GmresSolution {
     pub x: Vec<f64>,
     /// Products with the matrix that it took.
     pub products: usize,
@@ -26,9 +26,9 @@ pub fn solve<E>(
     b: &[f64],
     tol: f64,
     most: usize,
-) -> Result<Found, E> {
+) -> Result<GmresSolution, E> {
     let size = norm(b);
-    let mut found = Found {
+    let mut found = GmresSolution {
         x: vec![0.0; b.len()],
         products: 0,
         residual: 0.0,

@@ -2,7 +2,7 @@
 
 /// Plus and minus ones without a pattern, the same at each call.
 #[must_use]
-pub fn signs(n: usize, seed: u64) -> Vec<f64> {
+pub fn random_signs(n: usize, seed: u64) -> Vec<f64> {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     (0..n)
         .map(|_| {

@@ -33,7 +33,7 @@ pub struct Lower {
 
 /// The same with the inverse of `L`: what solves with it are worth.
 #[derive(Clone, Debug)]
-pub struct Below {
+pub struct VerifiedCholesky {
     lower: Lower,
     /// Columns of the inverse, to rounding.
     inverse: Vec<f64>,
@@ -43,7 +43,7 @@ pub struct Below {
     miss: f64,
 }
 
-/// A point `c` and a radius, see [`Below::ellipsoid`].
+/// A point `c` and a radius, see [`VerifiedCholesky::ellipsoid`].
 #[derive(Clone, Debug)]
 pub struct Ellipsoid {
     pub centre: Vec<f64>,
@@ -104,7 +104,7 @@ impl Lower {
     }
 }
 
-impl Below {
+impl VerifiedCholesky {
     /// As [`Lower::new`]; nothing, too, where the factor is too nearly singular for
     /// anything to be said of solves with it.
     ///

@@ -35,7 +35,7 @@ pub struct Set {
 
 /// A load path in progress, over all candidates.
 #[derive(Clone, Debug, Default)]
-pub struct Path<const D: usize> {
+pub struct WorkingSetPath<const D: usize> {
     /// Rigid motions in the amounts of the candidates' bodies.
     state: Option<State<D>>,
     view: Option<View<D>>,
@@ -45,7 +45,7 @@ pub struct Path<const D: usize> {
     first: Option<Set>,
 }
 
-impl<const D: usize> Path<D> {
+impl<const D: usize> WorkingSetPath<D> {
     /// From a state and the set it was found with, or from the unloaded bodies.
     #[must_use]
     pub fn new(state: Option<State<D>>, first: Option<Set>) -> Self {

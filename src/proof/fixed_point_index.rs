@@ -12,7 +12,7 @@ use crate::error::Error;
 use crate::law::alart_curnier::linearised;
 use crate::law::cone::Status;
 use crate::linalg::lu::Lu;
-use crate::linalg::random_signs::signs;
+use crate::linalg::random_signs::random_signs;
 use crate::linalg::small::{Block, Vector, norm, tangential_norm};
 use crate::reduced::reduced::Reduced;
 
@@ -144,7 +144,7 @@ fn newton_step<const D: usize>(
     };
     // For random signs z, E ‖A⁻¹ z‖² is the square of Frobenius' norm of A⁻¹.
     for seed in 1..=3 {
-        let mut z = signs(n, seed);
+        let mut z = random_signs(n, seed);
         lu.solve(&mut z);
         if !(size * norm(&z) <= WORST_CONDITION) {
             return Ok(None);

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! `W` need not be symmetric. Where it is known that a contact slides, and nearly
-//! whither, the triangle inequality is not needed: see [`Known`].
+//! whither, the triangle inequality is not needed: see [`KnownSlip`].
 
 use std::ops::Range;
 use std::sync::atomic::AtomicBool;
@@ -17,7 +17,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::power_of_two::{exponent, times_two_to};
-use crate::linalg::random_signs::signs;
+use crate::linalg::random_signs::random_signs;
 use crate::linalg::small::{dot_long, norm};
 use crate::linalg::verified_cholesky::{self, Lower, gamma};
 use crate::reduced::reduced::Reduced;
@@ -33,7 +33,7 @@ pub struct Weights {
 
 /// What is known of `v_t` at a contact, at all points between which `V` is compared.
 #[derive(Clone, Copy, Debug)]
-pub enum Known<const D: usize> {
+pub enum KnownSlip<const D: usize> {
     Nothing,
     /// It has, within `turn`, the direction of this vector `(0, t)`:
     /// `|‖v_t‖ − ‖v_t'‖ − t·w_t| ≤ turn ‖w_t‖`.
@@ -46,7 +46,7 @@ pub enum Known<const D: usize> {
     Sticks,
 }
 
-impl<const D: usize> Known<D> {
+impl<const D: usize> KnownSlip<D> {
     /// The share of Young's term that is left.
     fn share(self) -> f64 {
         match self {
@@ -311,7 +311,12 @@ impl<const D: usize> Monotonicity<D> {
     /// norm. `kept` is ascending; contacts none of whose unknowns is kept have the
     /// same reaction at all points that are compared.
     #[must_use]
-    pub fn form(&self, kept: &[usize], weights: &Weights, known: &[Known<D>]) -> (Vec<f64>, f64) {
+    pub fn form(
+        &self,
+        kept: &[usize],
+        weights: &Weights,
+        known: &[KnownSlip<D>],
+    ) -> (Vec<f64>, f64) {
         let (m, order) = (kept.len(), self.order());
         let entry = |row: usize, column: usize| self.matrix[column * order + row];
         // Rows of the Young term: unknown, and root of its weight.
@@ -336,7 +341,7 @@ impl<const D: usize> Monotonicity<D> {
                 if k == 0 {
                     value *= weights.normal[contact];
                     size *= weights.normal[contact];
-                    if let Known::Slides { direction, .. } = known[contact] {
+                    if let KnownSlip::Slides { direction, .. } = known[contact] {
                         for (l, t) in direction.iter().enumerate().skip(1) {
                             if let Some(tangent) = self.place[contact][l] {
                                 let term = self.mu[contact] * t * entry(tangent, column);
@@ -440,7 +445,7 @@ pub(super) fn scaled_entry<const D: usize>(
 /// Lanczos, whose first vector no structure is blind to.
 pub(super) fn largest(n: usize, apply: impl Fn(&mut [f64])) -> f64 {
     const PRODUCTS: usize = 40;
-    let mut x = signs(n, 0);
+    let mut x = random_signs(n, 0);
     let mut basis: Vec<Vec<f64>> = Vec::new();
     let (mut diagonal, mut beside) = (Vec::new(), Vec::new());
     let (mut length, mut size) = (norm(&x), 0.0_f64);

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use crate::error::Error;
 use crate::linalg::verified_cholesky::{self, Lower};
 use crate::proof::fixed_point_index::index;
-use crate::proof::monotonicity::{Known, Monotonicity, Units, Weights};
+use crate::proof::monotonicity::{KnownSlip, Monotonicity, Units, Weights};
 use crate::proof::weights;
 use crate::reduced::reduced::Reduced;
 use crate::solver::enumerate;
@@ -147,7 +147,7 @@ fn assess_island<const D: usize>(
     if monotonicity.mu.iter().all(|&mu| mu == 0.0) {
         return Ok(Unique::Proved);
     }
-    let known = vec![Known::Nothing; monotonicity.mu.len()];
+    let known = vec![KnownSlip::Nothing; monotonicity.mu.len()];
     let monotone = |weights: &Weights| {
         let (form, error) = monotonicity.form(&kept, weights, &known);
         verified_cholesky::is_definite(form, n, error, stop)

@@ -22,7 +22,7 @@ use crate::error::Error;
 use crate::linalg::dense::{self, Op};
 use crate::linalg::small::dot_long;
 use crate::linalg::verified_cholesky::Lower;
-use crate::proof::monotonicity::{Known, Monotonicity, Weights, largest, product};
+use crate::proof::monotonicity::{KnownSlip, Monotonicity, Weights, largest, product};
 
 /// Below this κ a bound gains less from other weights than they cost.
 const GOOD: f64 = 0.5;
@@ -130,7 +130,7 @@ pub fn refined<const D: usize>(
     if start.kappa() < GOOD || monotonicity.order() > MOST_UNKNOWNS {
         return Ok(None);
     }
-    let mut search = Search::new(monotonicity);
+    let mut search = WeightSearch::new(monotonicity);
     let mut weights = start.weights.clone();
     // 1 − κ is the least eigenvalue at the start.
     let mut least = 1.0 - start.kappa();
@@ -180,9 +180,9 @@ pub fn refined<const D: usize>(
 }
 
 /// `log p` and `log θ` of every contact.
-type Step = (Vec<f64>, Vec<f64>);
+type LogStep = (Vec<f64>, Vec<f64>);
 
-fn towards(weights: &Weights, step: &Step, share: f64) -> Weights {
+fn towards(weights: &Weights, step: &LogStep, share: f64) -> Weights {
     let along = |from: &[f64], by: &[f64]| {
         let pairs = from.iter().zip(by);
         pairs.map(|(w, s)| w * (share * s).exp()).collect()
@@ -193,10 +193,10 @@ fn towards(weights: &Weights, step: &Step, share: f64) -> Weights {
     }
 }
 
-struct Search<'a, const D: usize> {
+struct WeightSearch<'a, const D: usize> {
     monotonicity: &'a Monotonicity<D>,
     kept: Vec<usize>,
-    known: Vec<Known<D>>,
+    known: Vec<KnownSlip<D>>,
     half: Vec<f64>,
 }
 
@@ -207,13 +207,13 @@ struct Centre {
     value: f64,
 }
 
-impl<'a, const D: usize> Search<'a, D> {
+impl<'a, const D: usize> WeightSearch<'a, D> {
     fn new(monotonicity: &'a Monotonicity<D>) -> Self {
         let kept = monotonicity.all();
         let (half, _) = monotonicity.symmetric_part(&kept);
         Self {
             monotonicity,
-            known: vec![Known::Nothing; monotonicity.mu.len()],
+            known: vec![KnownSlip::Nothing; monotonicity.mu.len()],
             kept,
             half,
         }
@@ -242,7 +242,7 @@ impl<'a, const D: usize> Search<'a, D> {
         }))
     }
 
-    fn step(&mut self, here: &Centre, weights: &Weights) -> Step {
+    fn step(&mut self, here: &Centre, weights: &Weights) -> LogStep {
         /// In logarithms.
         const LONGEST: f64 = 1.5;
         let n = self.kept.len();

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use crate::error::Error;
 use crate::law::cone::Status;
-use crate::reduced::elliptic_scaling::{Friction, Stretch};
+use crate::reduced::elliptic_scaling::{EllipticScaling, Friction};
 
 /// A C-contiguous vector of `f64`.
 pub(super) type Vector<'py> = PyReadonlyArray1<'py, f64>;
@@ -36,9 +36,9 @@ impl Coefficients<'_> {
         match self {
             Self::Round(mu) => Ok((mu.as_slice()?.to_vec(), None)),
             Self::Elliptic(_) if D == 2 => Err(PyValueError::new_err(
-                "mu has two coefficients a contact, in the plane there is one tangent",
+                "mu has two coefficients of each contact, expected one: a plane contact has one tangent",
             )),
-            Self::Elliptic(mu) => Ok(Stretch::new(rows::<2>(mu)?)?),
+            Self::Elliptic(mu) => Ok(EllipticScaling::new(rows::<2>(mu)?)?),
         }
     }
 }

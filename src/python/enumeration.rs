@@ -12,7 +12,7 @@ use crate::python::interrupt;
 use crate::python::solver::solution_dict;
 use crate::python::{problem, solver};
 use crate::solver::enumerate;
-use crate::solver::{Settings, judged};
+use crate::solver::{Settings, certified};
 
 /// The answers, and whether there is no other.
 type Answers<'py> = (Vec<Bound<'py, PyDict>>, bool);
@@ -21,9 +21,9 @@ type Answers<'py> = (Vec<Bound<'py, PyDict>>, bool);
 #[pyfunction]
 pub(super) fn answers<'py>(
     py: Python<'py>,
-    problem: &solver::Reduced,
+    problem: &solver::PyReduced,
 ) -> PyResult<Option<Answers<'py>>> {
-    let solver::Kind::Two(owned) = &problem.kind else {
+    let solver::AnyReduced::Two(owned) = &problem.kind else {
         return Ok(None);
     };
     if owned.contacts() > enumerate::MOST_CONTACTS {
@@ -32,7 +32,7 @@ pub(super) fn answers<'py>(
     let (all, complete) = owned.run(py, Some(1), None, |reduced, stop, _| {
         let found = enumerate::answers(reduced, stop)?;
         let as_solution =
-            |(r, a): &(Vec<_>, Vec<_>)| judged(reduced, &Settings::default(), r, a, stop);
+            |(r, a): &(Vec<_>, Vec<_>)| certified(reduced, &Settings::default(), r, a, stop);
         let all: Result<Vec<_>, Error> = found.answers.iter().map(as_solution).collect();
         Ok((all?, found.complete))
     })?;
@@ -45,18 +45,18 @@ pub(super) fn answers<'py>(
 #[pyo3(signature = (problem, reaction, num_threads=None))]
 pub(super) fn assess(
     py: Python<'_>,
-    problem: &solver::Reduced,
+    problem: &solver::PyReduced,
     reaction: Matrix<'_>,
     num_threads: Option<usize>,
 ) -> PyResult<&'static str> {
     let verdict = match &problem.kind {
-        solver::Kind::Two(owned) => {
+        solver::AnyReduced::Two(owned) => {
             let r = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 uniqueness::assess_plane(problem, &problem.compliance.gather(&r), stop)
             })?
         }
-        solver::Kind::Three(owned) => {
+        solver::AnyReduced::Three(owned) => {
             let r = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 uniqueness::assess(problem, &problem.compliance.gather(&r), stop)
@@ -72,7 +72,7 @@ pub(super) fn assess(
 #[pyo3(signature = (problem, load, prescribed, before, reaction))]
 pub(super) fn assess_step(
     py: Python<'_>,
-    problem: &problem::Condensed,
+    problem: &problem::PyCondensed,
     load: Vector<'_>,
     prescribed: Vector<'_>,
     before: Option<Matrix<'_>>,
@@ -97,8 +97,8 @@ pub(super) fn assess_step(
         }};
     }
     let verdict = match &problem.kind {
-        problem::Kind::Two(inner) => of!(inner, uniqueness::assess_plane),
-        problem::Kind::Three(inner) => of!(inner, uniqueness::assess),
+        problem::AnyProblem::Two(inner) => of!(inner, uniqueness::assess_plane),
+        problem::AnyProblem::Three(inner) => of!(inner, uniqueness::assess),
     };
     Ok(verdict.name())
 }

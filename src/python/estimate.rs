@@ -19,7 +19,7 @@ type Estimate = Option<(f64, f64)>;
 #[pyo3(signature = (problem, reaction, rigid, num_threads=None))]
 pub(super) fn forward_errors(
     py: Python<'_>,
-    problem: &solver::Reduced,
+    problem: &solver::PyReduced,
     reaction: Matrix<'_>,
     rigid: Vector<'_>,
     num_threads: Option<usize>,
@@ -36,13 +36,13 @@ pub(super) fn forward_errors(
     let rigid = rigid.as_slice()?;
     problem.check_motion(rigid)?;
     match &problem.kind {
-        solver::Kind::Two(owned) => {
+        solver::AnyReduced::Two(owned) => {
             let reaction = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 forward_error(problem, &of(problem, &reaction, rigid), &[], stop)
             })
         }
-        solver::Kind::Three(owned) => {
+        solver::AnyReduced::Three(owned) => {
             let reaction = owned.reaction(&reaction)?;
             owned.run(py, num_threads, None, |problem, stop, _| {
                 forward_error(problem, &of(problem, &reaction, rigid), &[], stop)
@@ -56,7 +56,7 @@ pub(super) fn forward_errors(
 #[pyfunction]
 pub(super) fn forward_errors_of_step(
     py: Python<'_>,
-    problem: &problem::Condensed,
+    problem: &problem::PyCondensed,
     load: Vector<'_>,
     prescribed: Vector<'_>,
     before: Option<Matrix<'_>>,
@@ -98,7 +98,7 @@ pub(super) fn forward_errors_of_step(
         }};
     }
     match &problem.kind {
-        problem::Kind::Two(inner) => of!(inner),
-        problem::Kind::Three(inner) => of!(inner),
+        problem::AnyProblem::Two(inner) => of!(inner),
+        problem::AnyProblem::Three(inner) => of!(inner),
     }
 }

@@ -28,9 +28,9 @@ mod _core {
     #[pymodule_export]
     use super::heap::keep_heap;
     #[pymodule_export]
-    use super::problem::{Condensed, Path, follow};
+    use super::problem::{PyCondensed, PyPath, follow};
     #[pymodule_export]
-    use super::solver::{Reduced, is_sparse, isotropic, project, threads};
+    use super::solver::{PyReduced, is_sparse, isotropic, project, threads};
 
     /// Two friction coefficients of a contact are within this factor of each other.
     #[pymodule_export]

@@ -58,7 +58,7 @@ pub fn balance<const D: usize>(problem: &Reduced<D>, stop: &AtomicBool) -> Balan
         if stop.load(Ordering::Relaxed) {
             break;
         }
-        let part = Part::new(problem, &modes);
+        let part = MotionGroup::new(problem, &modes);
         if let Some(found) = part.unresisted(stop) {
             let mut scaled = vec![0.0; problem.scaling.modes.len()];
             for (&mode, amount) in modes.iter().zip(found) {
@@ -99,7 +99,7 @@ pub fn runaway<const D: usize>(
     }
     let motion: Vec<f64> = motion.iter().map(|x| x / length).collect();
     let all: Vec<usize> = (0..motion.len()).collect();
-    let part = Part::new(problem, &all);
+    let part = MotionGroup::new(problem, &all);
     // An iteration does not find a motion exactly: a thousandth into a contact is
     // along it.
     let opens = |i: usize| part.motion_at(i, &motion)[0] >= -1e-3 * part.size[i];
@@ -148,7 +148,7 @@ fn coupled<const D: usize>(problem: &Reduced<D>) -> Vec<Vec<usize>> {
 }
 
 /// Some rigid motions, and the contacts that feel them.
-struct Part<const D: usize> {
+struct MotionGroup<const D: usize> {
     /// `R̂`, contact by contact, a motion each.
     rows: Vec<[f64; D]>,
     /// Frobenius norm of the rows of each contact.
@@ -167,7 +167,7 @@ struct Resistance<const D: usize> {
     work: f64,
 }
 
-impl<const D: usize> Part<D> {
+impl<const D: usize> MotionGroup<D> {
     fn new(problem: &Reduced<D>, modes: &[usize]) -> Self {
         let scaling = &problem.scaling;
         let mut part = Self {

@@ -15,7 +15,7 @@ use crate::linalg::compensated::Sum;
 use crate::linalg::small::Block;
 use crate::linalg::sparse::blocks::Blocks;
 use crate::linalg::sparse::sparse_lu::Analysis;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::island::PARALLEL_ROWS;
 pub use crate::reduced::island::{Island, Part};
 
@@ -86,10 +86,10 @@ impl<'a, const D: usize> Compliance<'a, D> {
     ///
     /// # Errors
     /// As [`Compliance::new`], where factors leave the range of doubles.
-    pub fn stretched(&self, stretch: &Stretch) -> Result<Compliance<'static, D>, Error> {
+    pub fn scaled(&self, elliptic: &EllipticScaling) -> Result<Compliance<'static, D>, Error> {
         let part = |island: &Island<'a, D>| {
             let caller = &self.order[island.nodes.clone()];
-            (caller.to_vec(), island.part().stretched(stretch, caller))
+            (caller.to_vec(), island.part().scaled(elliptic, caller))
         };
         Compliance::new(self.islands.iter().map(part).collect())
     }

@@ -20,20 +20,20 @@ use crate::linalg::small::Block;
 
 /// The tangential part of `T` of each contact in space, in the caller's numbering.
 #[derive(Clone, Debug)]
-pub struct Stretch {
+pub struct EllipticScaling {
     tangents: Vec<[f64; 2]>,
 }
 
-/// What [`Stretch::new`] finds in coefficients along two tangents: `μ`, and `T` unless
+/// What [`EllipticScaling::new`] finds in coefficients along two tangents: `μ`, and `T` unless
 /// it is the identity at every contact.
-pub type Friction = (Vec<f64>, Option<Stretch>);
+pub type Friction = (Vec<f64>, Option<EllipticScaling>);
 
 /// The largest ratio of the two coefficients of a contact. `v_t` is `T⁻¹ ṽ_t`: along the
 /// tangent with the smaller coefficient its error is this many times that of `ṽ_t`, and the
 /// certificate checks only `ṽ`.
 pub const LARGEST_RATIO: f64 = 1e6;
 
-impl Stretch {
+impl EllipticScaling {
     /// # Errors
     /// [`Error::Friction`] for a coefficient that is negative or not finite,
     /// [`Error::EllipticFriction`] for two that differ by more than [`LARGEST_RATIO`], as
@@ -69,12 +69,12 @@ impl Stretch {
         Ok((round, (!identity).then_some(Self { tangents })))
     }
 
-    /// `T'' = T' T⁻¹`, from variables stretched by the one to those stretched by the
+    /// `T'' = T' T⁻¹`, from variables scaled by the one to those scaled by the
     /// other, nothing standing for the identity.
     #[must_use]
     pub fn between(from: Option<&Self>, to: Option<&Self>) -> Option<Self> {
         let contacts = from.or(to)?.tangents.len();
-        let of = |stretch: Option<&Self>, i: usize| stretch.map_or([1.0; 2], |s| s.tangents[i]);
+        let of = |elliptic: Option<&Self>, i: usize| elliptic.map_or([1.0; 2], |s| s.tangents[i]);
         let ratio = |i: usize| {
             let (from, to) = (of(from, i), of(to, i));
             [to[0] / from[0], to[1] / from[1]]
@@ -126,20 +126,20 @@ impl Stretch {
     }
 }
 
-/// [`Stretch::times`], or `x` itself where nothing is stretched.
+/// [`EllipticScaling::times`], or `x` itself where nothing is scaled.
 #[must_use]
 pub fn times<'a, const D: usize>(
-    stretch: Option<&Stretch>,
+    elliptic: Option<&EllipticScaling>,
     x: &'a [[f64; D]],
 ) -> Cow<'a, [[f64; D]]> {
-    stretch.map_or(Cow::Borrowed(x), |s| Cow::Owned(s.times(x)))
+    elliptic.map_or(Cow::Borrowed(x), |s| Cow::Owned(s.times(x)))
 }
 
-/// [`Stretch::over`], or `x` itself where nothing is stretched.
+/// [`EllipticScaling::over`], or `x` itself where nothing is scaled.
 #[must_use]
 pub fn over<'a, const D: usize>(
-    stretch: Option<&Stretch>,
+    elliptic: Option<&EllipticScaling>,
     x: &'a [[f64; D]],
 ) -> Cow<'a, [[f64; D]]> {
-    stretch.map_or(Cow::Borrowed(x), |s| Cow::Owned(s.over(x)))
+    elliptic.map_or(Cow::Borrowed(x), |s| Cow::Owned(s.over(x)))
 }

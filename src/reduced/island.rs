@@ -17,7 +17,7 @@ use crate::linalg::dense;
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::{Block, Vector, dot_long};
 use crate::linalg::sparse::blocks::Blocks;
-use crate::reduced::elliptic_scaling::Stretch;
+use crate::reduced::elliptic_scaling::EllipticScaling;
 use crate::reduced::memory;
 
 /// Below this many rows a product is not worth a second thread.
@@ -34,16 +34,16 @@ pub enum Part<'a, const D: usize> {
 impl<const D: usize> Part<'_, D> {
     /// `T W T` of the contacts `caller`, in their order.
     #[must_use]
-    pub fn stretched(&self, stretch: &Stretch, caller: &[usize]) -> Part<'static, D> {
+    pub fn scaled(&self, elliptic: &EllipticScaling, caller: &[usize]) -> Part<'static, D> {
         match self {
             Part::Sparse(blocks) => {
-                let of = |i: usize, j: usize, w: &Block<D>| stretch.block(w, caller[i], caller[j]);
+                let of = |i: usize, j: usize, w: &Block<D>| elliptic.block(w, caller[i], caller[j]);
                 Part::Sparse(Cow::Owned(blocks.map(of)))
             }
             Part::Dense(matrix) => {
-                let factor = |k: usize| stretch.factor(caller[k / D], k % D);
+                let factor = |k: usize| elliptic.factor(caller[k / D], k % D);
                 let factors: Vec<f64> = (0..D * caller.len()).map(factor).collect();
-                // As `Stretch::block`: the product of factors first.
+                // As `EllipticScaling::block`: the product of factors first.
                 let row = |(row, t): (&[f64], &f64)| {
                     let entries = row.iter().zip(&factors);
                     entries.map(|(w, s)| w * (t * s)).collect::<Vec<f64>>()

@@ -17,10 +17,10 @@
 use crate::error::Error;
 use crate::reduced::reduced::Reduced;
 use crate::solver::enumerate;
-use crate::solver::gauss_seidel::{Point, Sweeper};
+use crate::solver::gauss_seidel::{GaussSeidelPoint, Sweeper};
 use crate::solver::interior;
-use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::newton::newton::{self, End};
+use crate::solver::monitor::{Monitor, NextStep};
+use crate::solver::newton::newton::{self, NewtonEnd};
 use crate::solver::outcome::Outcome;
 use crate::solver::proximal::{self, Attempt};
 use crate::solver::settings::Start;
@@ -71,7 +71,7 @@ pub fn run<const D: usize>(
 ) -> Result<Outcome, Error> {
     let sweeper = Sweeper::new(problem, start);
     let mut point = sweeper.start(start, monitor);
-    if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, false)? {
+    if let NextStep::Stop(outcome) = sweeper.look(&point, monitor, false)? {
         return Ok(outcome);
     }
     if !start.closed.is_empty() {
@@ -81,7 +81,7 @@ pub fn run<const D: usize>(
         if let Some(held) = newton::held_at(problem, closed, monitor)? {
             point = sweeper.point(held.r, &held.rigid);
             monitor.count(1.0);
-            if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, true)? {
+            if let NextStep::Stop(outcome) = sweeper.look(&point, monitor, true)? {
                 return Ok(outcome);
             }
         }
@@ -127,9 +127,9 @@ pub fn run<const D: usize>(
         }
         let rigid = sweeper.rigid_motion(&point);
         match newton::run(problem, &point.r, &rigid, monitor)? {
-            End::Stop(outcome) => return Ok(outcome),
-            End::Better(r, rigid) => point = further(&sweeper, point, r, &rigid),
-            End::Stalled => {}
+            NewtonEnd::Stop(outcome) => return Ok(outcome),
+            NewtonEnd::Better(r, rigid) => point = further(&sweeper, point, r, &rigid),
+            NewtonEnd::Stalled => {}
         }
         if failure == COLD && !problem.rigid.modes.is_empty() && start.closed.is_empty() {
             // The bilateral start may lie beside a minimum of the merit that is no
@@ -157,14 +157,14 @@ pub fn run<const D: usize>(
         }
         if failure >= interior_from {
             match interior::run(problem, &mut path, monitor)? {
-                End::Stop(outcome) => return Ok(outcome),
-                End::Better(r, rigid) => {
+                NewtonEnd::Stop(outcome) => return Ok(outcome),
+                NewtonEnd::Better(r, rigid) => {
                     // However large its η is: what is lost there is not lost in the middle.
                     point = sweeper.point(r, &rigid);
                     sweeps = 0;
                     continue;
                 }
-                End::Stalled => {}
+                NewtonEnd::Stalled => {}
             }
         }
         sweeps = next;
@@ -176,10 +176,10 @@ pub fn run<const D: usize>(
 /// Where sweeps go on: from `(r, a)`, at which another method ended, if it gained.
 fn further<const D: usize>(
     sweeper: &Sweeper<D>,
-    point: Point<D>,
+    point: GaussSeidelPoint<D>,
     r: Vec<[f64; D]>,
     rigid: &[f64],
-) -> Point<D> {
+) -> GaussSeidelPoint<D> {
     let end = sweeper.point(r, rigid);
     if sweeper.residual(&end) <= GAIN * sweeper.residual(&point) {
         end
@@ -202,7 +202,7 @@ fn exhaust<const D: usize>(
     for (r, rigid) in found.answers {
         let v = problem.relative_displacement(&r, &rigid);
         monitor.count(1.0);
-        if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
+        if let NextStep::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
             return Ok(Some(outcome));
         }
     }

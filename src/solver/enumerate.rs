@@ -23,7 +23,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crate::error::Error;
 use crate::linalg::dense;
 use crate::linalg::small::norm;
-use crate::linalg::verified_cholesky::Below;
+use crate::linalg::verified_cholesky::VerifiedCholesky;
 use crate::reduced::compliance::Compliance;
 use crate::reduced::reduced::{Reduced, Rigid};
 use crate::reduced::residual::Certificate;
@@ -36,7 +36,7 @@ pub const MOST_CONTACTS: usize = 12;
 /// by a hundred at the most.
 const SAFE_PIVOT: f64 = 1e-2;
 
-/// Below this beside blocks of mean diagonal one, entries are rounding.
+/// VerifiedCholesky this beside blocks of mean diagonal one, entries are rounding.
 const RANK: f64 = 1e-12;
 
 /// A test fails when it is missed by more than this times the largest value in
@@ -448,13 +448,13 @@ impl<'p> Search<'p> {
             .map(|k| 0.5 * (entry(k / n, k % n) + entry(k % n, k / n)))
             .collect();
         let rounding = 4.0 * f64::EPSILON * norm(&half);
-        let Some(below) = Below::new(half, n, rounding, self.stop)? else {
+        let Some(cholesky) = VerifiedCholesky::new(half, n, rounding, self.stop)? else {
             return Ok(());
         };
         let free = root.constants();
         let error: Vec<f64> = free.iter().map(|q| 4.0 * f64::EPSILON * q.abs()).collect();
-        let reach = below.ellipsoid(free, &error);
-        let widths = below.widths();
+        let reach = cholesky.ellipsoid(free, &error);
+        let widths = cholesky.widths();
         for (contact, limit) in self.limits.iter_mut().enumerate() {
             let k = 2 * contact;
             let most = reach.radius * widths[k] - reach.centre[k];

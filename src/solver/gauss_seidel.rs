@@ -15,7 +15,7 @@ use crate::linalg::small::{Block, Vector};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
 use crate::solver::anderson::Anderson;
-use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::linearisation::Linearisation;
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::Start;
@@ -35,7 +35,7 @@ const REFRESH: usize = 50;
 
 /// A point and everything affine in it.
 #[derive(Clone, Debug)]
-pub struct Point<const D: usize> {
+pub struct GaussSeidelPoint<const D: usize> {
     pub r: Vec<[f64; D]>,
     /// `W r + q`.
     v: Vec<[f64; D]>,
@@ -65,7 +65,7 @@ pub fn run<const D: usize>(
 ) -> Result<Outcome, Error> {
     let sweeper = Sweeper::new(problem, start);
     let mut point = sweeper.start(start, monitor);
-    if let Verdict::Stop(outcome) = sweeper.look(&point, monitor, false)? {
+    if let NextStep::Stop(outcome) = sweeper.look(&point, monitor, false)? {
         return Ok(outcome);
     }
     loop {
@@ -75,7 +75,7 @@ pub fn run<const D: usize>(
     }
 }
 
-impl<const D: usize> Point<D> {
+impl<const D: usize> GaussSeidelPoint<D> {
     /// `â + (R̂ᵀ r̂ + ê)/δ`: the motion that belongs to a point of the proximal form.
     fn motion(&self) -> Vec<f64> {
         let total = |(a, s): (&f64, &f64)| a + s / DELTA;
@@ -129,7 +129,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     }
 
     /// The point that a start names.
-    pub fn start(&self, start: &Start<D>, monitor: &mut Monitor<D>) -> Point<D> {
+    pub fn start(&self, start: &Start<D>, monitor: &mut Monitor<D>) -> GaussSeidelPoint<D> {
         let none = vec![0.0; self.problem.rigid.modes.len()];
         let rigid = if start.rigid.is_empty() {
             &none
@@ -137,7 +137,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             &start.rigid
         };
         if start.reaction.is_empty() {
-            return Point {
+            return GaussSeidelPoint {
                 r: vec![[0.0; D]; self.problem.contacts()],
                 v: self.problem.q.clone(),
                 s: self.problem.scaling.load.clone(),
@@ -150,7 +150,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
 
     /// `a` of a point.
     #[must_use]
-    pub fn rigid_motion(&self, point: &Point<D>) -> Vec<f64> {
+    pub fn rigid_motion(&self, point: &GaussSeidelPoint<D>) -> Vec<f64> {
         self.problem.scaling.rigid_from_scaled(&point.motion())
     }
 
@@ -165,7 +165,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
         v
     }
 
-    fn total(&self, point: &Point<D>) -> Vec<[f64; D]> {
+    fn total(&self, point: &GaussSeidelPoint<D>) -> Vec<[f64; D]> {
         let motion = point.motion();
         point
             .v
@@ -177,7 +177,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
 
     /// The law linearised at a point.
     #[must_use]
-    pub fn law(&self, point: &Point<D>) -> Linearisation<D> {
+    pub fn law(&self, point: &GaussSeidelPoint<D>) -> Linearisation<D> {
         Linearisation::new(self.problem, &point.r, &self.total(point))
     }
 
@@ -187,10 +187,10 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     /// [`Error::Interrupted`].
     pub fn look(
         &self,
-        point: &Point<D>,
+        point: &GaussSeidelPoint<D>,
         monitor: &mut Monitor<D>,
         iterated: bool,
-    ) -> Result<Verdict, Error> {
+    ) -> Result<NextStep, Error> {
         monitor.look(
             &point.r,
             &self.total(point),
@@ -201,12 +201,12 @@ impl<'p, const D: usize> Sweeper<'p, D> {
 
     /// η of a point.
     #[must_use]
-    pub fn residual(&self, point: &Point<D>) -> f64 {
+    pub fn residual(&self, point: &GaussSeidelPoint<D>) -> f64 {
         let a = self.rigid_motion(point);
         crate::reduced::residual::residual(self.problem, &point.r, &self.total(point), &a)
     }
 
-    fn scaled_change(&self, point: &Point<D>, before: &[[f64; D]]) -> Vec<f64> {
+    fn scaled_change(&self, point: &GaussSeidelPoint<D>, before: &[[f64; D]]) -> Vec<f64> {
         let change = point.r.iter().zip(before).zip(&self.problem.scaling.to_r);
         change
             .flat_map(|((x, y), s)| std::array::from_fn::<f64, D, _>(|k| (x[k] - y[k]) * s))
@@ -219,7 +219,7 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     /// [`Error::Interrupted`].
     pub fn run(
         &self,
-        point: &mut Point<D>,
+        point: &mut GaussSeidelPoint<D>,
         monitor: &mut Monitor<D>,
         count: usize,
     ) -> Result<Option<Outcome>, Error> {
@@ -229,13 +229,13 @@ impl<'p, const D: usize> Sweeper<'p, D> {
             self.sweep(point);
             monitor.count(1.0);
             match self.look(point, monitor, true)? {
-                Verdict::Stop(outcome) => return Ok(Some(outcome)),
-                Verdict::Refresh => {
+                NextStep::Stop(outcome) => return Ok(Some(outcome)),
+                NextStep::Refresh => {
                     self.refresh(point);
                     anderson.restart();
                     continue;
                 }
-                Verdict::Continue => {}
+                NextStep::Continue => {}
             }
             if sweep % REFRESH == 0 {
                 monitor.measure_floor(&point.r, &self.rigid_motion(point));
@@ -260,8 +260,8 @@ impl<'p, const D: usize> Sweeper<'p, D> {
 
     /// Moves a point to given reactions and rigid motions.
     #[must_use]
-    pub fn point(&self, r: Vec<[f64; D]>, rigid: &[f64]) -> Point<D> {
-        let mut point = Point {
+    pub fn point(&self, r: Vec<[f64; D]>, rigid: &[f64]) -> GaussSeidelPoint<D> {
+        let mut point = GaussSeidelPoint {
             v: Vec::new(),
             s: Vec::new(),
             a: self.problem.scaling.rigid_to_scaled(rigid),
@@ -276,13 +276,13 @@ impl<'p, const D: usize> Sweeper<'p, D> {
     }
 
     /// Everything affine in the point, afresh.
-    fn refresh(&self, point: &mut Point<D>) {
+    fn refresh(&self, point: &mut GaussSeidelPoint<D>) {
         point.v = self.problem.relative_displacement(&point.r, &[]);
         point.s = scaled_imbalance(self.problem, &point.r);
     }
 
     /// One sweep over all contacts.
-    fn sweep(&self, point: &mut Point<D>) {
+    fn sweep(&self, point: &mut GaussSeidelPoint<D>) {
         let scaling = &self.problem.scaling;
         let mut motion = point.motion();
         for i in 0..point.r.len() {

@@ -24,10 +24,10 @@ use crate::linalg::sparse::sparse_lu::SparseLu;
 use crate::reduced::memory;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{residual, scaled_imbalance};
-use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::compliance_form::sparse_cost;
 use crate::solver::newton::linearisation::{factorisation_cost, movable};
-use crate::solver::newton::newton::End;
+use crate::solver::newton::newton::NewtonEnd;
 
 /// `θ` and the first `z = s`, in units of `e`, of each further attempt: what comes to a
 /// stand on one path passes on another. Paths that begin far inside turn less often.
@@ -80,18 +80,18 @@ pub fn run<const D: usize>(
     problem: &Reduced<D>,
     path: &mut usize,
     monitor: &mut Monitor<D>,
-) -> Result<End<D>, Error> {
+) -> Result<NewtonEnd<D>, Error> {
     while let Some(&(smoothing, first)) = PATHS.get(*path) {
         *path += 1;
         let Some(system) = System::new(problem, smoothing)? else {
             break;
         };
         let end = follow(&system, first, monitor)?;
-        if !matches!(end, End::Stalled) {
+        if !matches!(end, NewtonEnd::Stalled) {
             return Ok(end);
         }
     }
-    Ok(End::Stalled)
+    Ok(NewtonEnd::Stalled)
 }
 
 /// One path, from `z = s = first e`.
@@ -103,17 +103,17 @@ fn follow<const D: usize>(
     system: &System<D>,
     first: f64,
     monitor: &mut Monitor<D>,
-) -> Result<End<D>, Error> {
+) -> Result<NewtonEnd<D>, Error> {
     let problem = system.problem;
     let n = problem.contacts();
     let e = unit::<D>();
-    let mut at = Place {
+    let mut at = InteriorPoint {
         z: vec![e * first; n],
         s: vec![e * first; n],
         a: vec![0.0; problem.scaling.modes.len()],
         left: 0.0,
     };
-    let mut before: Option<Place<D>> = None;
+    let mut before: Option<InteriorPoint<D>> = None;
     let mut start: Option<(Missed<D>, f64)> = None;
     let mut best: Option<(f64, Vec<[f64; D]>, Vec<f64>)> = None;
     let (mut reach, mut near) = (LONGEST, 0);
@@ -127,8 +127,8 @@ fn follow<const D: usize>(
         if best.as_ref().is_none_or(|(least, ..)| eta < *least) {
             best = Some((eta, r.clone(), rigid.clone()));
         }
-        if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
-            return Ok(End::Stop(outcome));
+        if let NextStep::Stop(outcome) = monitor.look(&r, &v, &rigid, true)? {
+            return Ok(NewtonEnd::Stop(outcome));
         }
         if at.left <= halved - LN_2 {
             (halved, last_halved) = (at.left, step);
@@ -196,21 +196,23 @@ fn follow<const D: usize>(
         before = Some(std::mem::replace(&mut at, next));
     }
     Ok(match best {
-        Some((_, r, rigid)) if first * first * halved.exp() <= ENOUGH => End::Better(r, rigid),
-        _ => End::Stalled,
+        Some((_, r, rigid)) if first * first * halved.exp() <= ENOUGH => {
+            NewtonEnd::Better(r, rigid)
+        }
+        _ => NewtonEnd::Stalled,
     })
 }
 
 /// A point of a path; `left` is the logarithm of the share of the start.
-struct Place<const D: usize> {
+struct InteriorPoint<const D: usize> {
     z: Vec<Vector<D>>,
     s: Vec<Vector<D>>,
     a: Vec<f64>,
     left: f64,
 }
 
-impl<const D: usize> Place<D> {
-    fn moved(&self, way: &Direction<D>, change: f64, share: f64) -> Self {
+impl<const D: usize> InteriorPoint<D> {
+    fn moved(&self, way: &InteriorStep<D>, change: f64, share: f64) -> Self {
         let there = |x: &[Vector<D>], dx: &[Vector<D>]| {
             let pairs = x.iter().zip(dx);
             pairs.map(|(x, dx)| x + dx * share).collect()
@@ -286,13 +288,13 @@ impl<const D: usize> Missed<D> {
 }
 
 /// A step.
-struct Direction<const D: usize> {
+struct InteriorStep<const D: usize> {
     z: Vec<Vector<D>>,
     s: Vec<Vector<D>>,
     a: Vec<f64>,
 }
 
-impl<const D: usize> Direction<D> {
+impl<const D: usize> InteriorStep<D> {
     fn plus(&self, other: &Self, factor: f64) -> Self {
         let sum = |x: &[Vector<D>], y: &[Vector<D>]| {
             let pairs = x.iter().zip(y);
@@ -428,7 +430,7 @@ impl<'p, const D: usize> System<'p, D> {
         let inner = if let Some(whole) = compliance.whole()? {
             monitor.count(sparse_cost(whole));
             let matrix = whole.blocks.map(entry);
-            SparseLu::new(&whole.analysis, &matrix, monitor.stop())?.map(Inner::Sparse)
+            SparseLu::new(&whole.analysis, &matrix, monitor.stop())?.map(Factorisation::Sparse)
         } else {
             let order = D * s.len();
             monitor.count(factorisation_cost(problem, order + modes));
@@ -441,7 +443,7 @@ impl<'p, const D: usize> System<'p, D> {
                     }
                 }
             }
-            Lu::new(matrix, order, monitor.stop())?.map(Inner::Dense)
+            Lu::new(matrix, order, monitor.stop())?.map(Factorisation::Dense)
         };
         let Some(inner) = inner else { return Ok(None) };
         let mut factors = Factors {
@@ -478,7 +480,7 @@ fn along<const D: usize>(x: &[Vector<D>], y: &[Vector<D>]) -> f64 {
     x.iter().zip(y).map(|(x, y)| x.dot(y)).sum()
 }
 
-enum Inner<'w> {
+enum Factorisation<'w> {
     Sparse(SparseLu<'w>),
     Dense(Lu),
 }
@@ -493,7 +495,7 @@ struct Factors<'s, 'p, const D: usize> {
     /// What rows and columns are multiplied by, so that open contacts, whose `P²` is
     /// without bound, do not hide the pivots of those that stick.
     scale: Vec<Vector<D>>,
-    inner: Inner<'s>,
+    inner: Factorisation<'s>,
     /// `(A + N P²)⁻¹ B`, and `Bᵀ` of that.
     border: Vec<Vec<Vector<D>>>,
     balance: Option<Lu>,
@@ -503,14 +505,14 @@ impl<const D: usize> Factors<'_, '_, D> {
     /// The sign of the determinant.
     fn sign(&self) -> f64 {
         let inner = match &self.inner {
-            Inner::Sparse(factors) => factors.sign(),
-            Inner::Dense(factors) => factors.sign(),
+            Factorisation::Sparse(factors) => factors.sign(),
+            Factorisation::Dense(factors) => factors.sign(),
         };
         self.balance.as_ref().map_or(inner, |lu| inner * lu.sign())
     }
 
     /// `P dz` and `P⁻¹ ds`, in units of the root of `aim`.
-    fn scaled(&self, way: &Direction<D>, aim: f64) -> Vec<(Vector<D>, Vector<D>)> {
+    fn scaled(&self, way: &InteriorStep<D>, aim: f64) -> Vec<(Vector<D>, Vector<D>)> {
         let unit = 1.0 / aim.sqrt();
         let pairs = self.scalings.iter().zip(way.z.iter().zip(&way.s));
         pairs
@@ -525,8 +527,8 @@ impl<const D: usize> Factors<'_, '_, D> {
             .flat_map(|(b, scale)| <[f64; D]>::from(b.component_mul(scale)))
             .collect();
         match &self.inner {
-            Inner::Sparse(factors) => factors.solve(&mut x),
-            Inner::Dense(factors) => factors.solve(&mut x),
+            Factorisation::Sparse(factors) => factors.solve(&mut x),
+            Factorisation::Dense(factors) => factors.solve(&mut x),
         }
         let (x, _) = x.as_chunks::<D>();
         let scaled = x.iter().zip(&self.scale);
@@ -579,7 +581,7 @@ impl<const D: usize> Factors<'_, '_, D> {
     }
 
     /// The step for which `λ ∘ (P dz + P⁻¹ ds)` is `aim`.
-    fn direction(&self, aim: &[Vector<D>], right: &Missed<D>) -> Direction<D> {
+    fn direction(&self, aim: &[Vector<D>], right: &Missed<D>) -> InteriorStep<D> {
         let known = aim.iter().zip(&self.scalings);
         let known: Vec<Vector<D>> = known
             .map(|(aim, p)| p.forward * quotient(aim, &p.point))
@@ -604,6 +606,6 @@ impl<const D: usize> Factors<'_, '_, D> {
                 known[i] - forward * (forward * z[i])
             })
             .collect();
-        Direction { z, s, a }
+        InteriorStep { z, s, a }
     }
 }

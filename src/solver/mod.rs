@@ -22,4 +22,4 @@ pub mod uzawa;
 pub use crate::solver::outcome::Outcome;
 pub use crate::solver::settings::{Method, Settings, Start};
 pub use crate::solver::solution::Solution;
-pub use crate::solver::solve::{judged, solve, solve_watched};
+pub use crate::solver::solve::{certified, solve, solve_watched};

@@ -20,7 +20,7 @@ const REST: usize = 5;
 
 /// What the solver does next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum NextStep {
     Continue,
     /// The running `v` says converged and a fresh one does not: form it afresh.
     Refresh,
@@ -159,7 +159,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
         v: &[[f64; D]],
         a: &[f64],
         iterated: bool,
-    ) -> Result<Verdict, Error> {
+    ) -> Result<NextStep, Error> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
@@ -173,7 +173,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.log.history.push((self.log.work, nothing.residual));
             self.log.best_reaction.fill([0.0; D]);
             self.log.best_rigid.copy_from_slice(a);
-            return Ok(Verdict::Stop(Outcome::Converged));
+            return Ok(NextStep::Stop(Outcome::Converged));
         }
         self.log.history.push((self.log.work, eta.min(f64::MAX)));
         let at_rest = self.log.iterations >= self.last_halved + REST;
@@ -192,11 +192,11 @@ impl<'p, const D: usize> Monitor<'p, D> {
             }
             self.tell();
             if converged {
-                return Ok(Verdict::Stop(Outcome::Converged));
+                return Ok(NextStep::Stop(Outcome::Converged));
             }
             // The running v flattered, or η does: it is asked again at half of it.
             self.refuted = eta;
-            return Ok(self.limits().map_or(Verdict::Refresh, Verdict::Stop));
+            return Ok(self.limits().map_or(NextStep::Refresh, NextStep::Stop));
         }
         if eta < self.best {
             // A better point by less than a tenth of a percent is none for patience.
@@ -212,7 +212,7 @@ impl<'p, const D: usize> Monitor<'p, D> {
             self.halved = eta;
             self.last_halved = self.log.iterations;
         }
-        Ok(self.limits().map_or(Verdict::Continue, Verdict::Stop))
+        Ok(self.limits().map_or(NextStep::Continue, NextStep::Stop))
     }
 
     fn tell(&self) {

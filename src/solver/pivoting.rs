@@ -27,7 +27,7 @@ use crate::law::cone::Status;
 use crate::linalg::small::{Block, Vector, dot, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::residual;
-use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::compliance_form::ComplianceForm;
 use crate::solver::newton::linearisation::{Linearisation, movable};
 use crate::solver::outcome::Outcome;
@@ -267,7 +267,7 @@ impl<const D: usize> Polygon<D> {
 }
 
 /// How a path ended.
-enum End {
+enum PathEnd {
     Stop(Outcome),
     /// At `t = 0`.
     Arrived,
@@ -276,7 +276,7 @@ enum End {
 }
 
 /// A path, at a point of it; all but cells in the caller's units.
-struct Path<'p, const D: usize> {
+struct PivotingPath<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
     polygons: Vec<Polygon<D>>,
     cells: Vec<Cell>,
@@ -305,7 +305,7 @@ pub fn run<const D: usize>(
         v = problem.relative_displacement(&r, &[]);
         monitor.count(1.0);
     }
-    if let Verdict::Stop(outcome) = monitor.look(&r, &v, &[], false)? {
+    if let NextStep::Stop(outcome) = monitor.look(&r, &v, &[], false)? {
         return Ok(outcome);
     }
     // Direction and spacing of the corners of contacts that slide.
@@ -322,19 +322,19 @@ pub fn run<const D: usize>(
             .collect();
         let mut path = if known {
             monitor.count(1.0);
-            Path::near(problem, polygons.clone(), &r, &v)
+            PivotingPath::near(problem, polygons.clone(), &r, &v)
         } else {
-            Path::far(problem, polygons.clone())
+            PivotingPath::far(problem, polygons.clone())
         };
         let mut end = path.follow(monitor)?;
-        if known && matches!(end, End::Lost) {
-            path = Path::far(problem, polygons);
+        if known && matches!(end, PathEnd::Lost) {
+            path = PivotingPath::far(problem, polygons);
             end = path.follow(monitor)?;
         }
         match end {
-            End::Stop(outcome) => return Ok(outcome),
-            End::Lost => return Ok(Outcome::Stalled),
-            End::Arrived => {}
+            PathEnd::Stop(outcome) => return Ok(outcome),
+            PathEnd::Lost => return Ok(Outcome::Stalled),
+            PathEnd::Arrived => {}
         }
         if let Some(outcome) = path.correct(monitor)? {
             return Ok(outcome);
@@ -379,7 +379,7 @@ fn fraction(k: usize) -> f64 {
     turns.fract()
 }
 
-impl<'p, const D: usize> Path<'p, D> {
+impl<'p, const D: usize> PivotingPath<'p, D> {
     /// From far away, where all contacts are open.
     fn far(problem: &'p Reduced<'p, D>, polygons: Vec<Polygon<D>>) -> Self {
         let scaling = &problem.scaling;
@@ -542,7 +542,7 @@ impl<'p, const D: usize> Path<'p, D> {
     }
 
     /// Pivots until the path ends.
-    fn follow(&mut self, monitor: &mut Monitor<D>) -> Result<End, Error> {
+    fn follow(&mut self, monitor: &mut Monitor<D>) -> Result<PathEnd, Error> {
         let nothing = vec![[0.0; D]; self.r.len()];
         // The contact that changed last, and from what.
         let mut entered: Option<(usize, Cell)> = None;
@@ -550,7 +550,7 @@ impl<'p, const D: usize> Path<'p, D> {
             let against: Vec<[f64; D]> = self.c.iter().map(|c| c.map(|c| -c)).collect();
             let law = self.law(&nothing, &against);
             let Some(mut dr) = self.solve(&law, &nothing, monitor)? else {
-                return Ok(End::Lost);
+                return Ok(PathEnd::Lost);
             };
             let mut dv = against;
             let mut effect = nothing.clone();
@@ -567,7 +567,7 @@ impl<'p, const D: usize> Path<'p, D> {
             }
             let (step, event) = self.next(entered, &dr, &dv, dt);
             if !step.is_finite() {
-                return Ok(End::Lost);
+                return Ok(PathEnd::Lost);
             }
             self.r = plus(&self.r, step, &dr);
             self.v = plus(&self.v, step, &dv);
@@ -580,18 +580,18 @@ impl<'p, const D: usize> Path<'p, D> {
                 self.refresh(monitor);
             }
             match monitor.look(&self.r, &self.own_displacement(), &[], true)? {
-                Verdict::Stop(outcome) => return Ok(End::Stop(outcome)),
-                Verdict::Refresh => self.refresh(monitor),
-                Verdict::Continue => {}
+                NextStep::Stop(outcome) => return Ok(PathEnd::Stop(outcome)),
+                NextStep::Refresh => self.refresh(monitor),
+                NextStep::Continue => {}
             }
             if entered.is_none() {
-                return Ok(End::Arrived);
+                return Ok(PathEnd::Arrived);
             }
             if self.t > self.most {
-                return Ok(End::Lost);
+                return Ok(PathEnd::Lost);
             }
         }
-        Ok(End::Lost)
+        Ok(PathEnd::Lost)
     }
 
     fn refresh(&mut self, monitor: &mut Monitor<D>) {
@@ -679,7 +679,7 @@ impl<'p, const D: usize> Path<'p, D> {
             };
             self.r = next;
             self.refresh(monitor);
-            if let Verdict::Stop(outcome) = monitor.look(&self.r, &self.v, &[], true)? {
+            if let NextStep::Stop(outcome) = monitor.look(&self.r, &self.v, &[], true)? {
                 return Ok(Some(outcome));
             }
         }

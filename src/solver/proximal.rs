@@ -10,8 +10,8 @@
 use crate::error::Error;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::merit;
-use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::newton::newton::{self, End, Near};
+use crate::solver::monitor::{Monitor, NextStep};
+use crate::solver::newton::newton::{self, Near, NewtonEnd};
 use crate::solver::outcome::Outcome;
 
 /// `α` at first, in units of a contact's own compliance; each further attempt takes
@@ -75,9 +75,9 @@ pub fn attempt<const D: usize>(
         let enough = ENOUGH * left;
         let (next, next_rigid) =
             match newton::run_near(problem, &near, &r, &rigid, enough, monitor)? {
-                End::Stop(outcome) => return Ok(Attempt::Stop(outcome)),
-                End::Better(next, next_rigid) => (next, next_rigid),
-                End::Stalled => (r.clone(), rigid.clone()),
+                NewtonEnd::Stop(outcome) => return Ok(Attempt::Stop(outcome)),
+                NewtonEnd::Better(next, next_rigid) => (next, next_rigid),
+                NewtonEnd::Stalled => (r.clone(), rigid.clone()),
             };
         let next_v = problem.relative_displacement(&next, &next_rigid);
         monitor.count(1.0);
@@ -98,7 +98,7 @@ pub fn attempt<const D: usize>(
             }
         }
         monitor.measure_floor(&r, &rigid);
-        if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
+        if let NextStep::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
             return Ok(Attempt::Stop(outcome));
         }
     }

@@ -158,7 +158,7 @@ fn bilateral_start<const D: usize>(
 ///
 /// # Errors
 /// [`Error::Interrupted`].
-pub fn judged<const D: usize>(
+pub fn certified<const D: usize>(
     problem: &Reduced<D>,
     settings: &Settings,
     r: &[[f64; D]],

@@ -16,7 +16,7 @@ use crate::law::frozen::Frozen;
 use crate::linalg::small::{dot, minus_scaled, tangential_norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::scaled_imbalance;
-use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::Start;
 
@@ -51,12 +51,12 @@ pub enum Variant {
 
 /// A point: reactions, and the relative displacement that belongs to them.
 #[derive(Clone, Debug)]
-struct Point<const D: usize> {
+struct UzawaPoint<const D: usize> {
     r: Vec<[f64; D]>,
     v: Vec<[f64; D]>,
 }
 
-impl<const D: usize> Point<D> {
+impl<const D: usize> UzawaPoint<D> {
     /// `self + share (self − before)`; `v` follows, affine in `r`.
     fn beyond(&self, before: &Self, share: f64) -> Self {
         let blend = |x: &[[f64; D]], y: &[[f64; D]]| {
@@ -85,7 +85,7 @@ pub fn run<const D: usize>(
     let mut map = Map::new(problem, variant, &[], start);
     let mut point = map.start(start);
     monitor.count(1.0);
-    if let Verdict::Stop(outcome) = monitor.look(&point.r, &point.v, &map.rigid(&point), false)? {
+    if let NextStep::Stop(outcome) = monitor.look(&point.r, &point.v, &map.rigid(&point), false)? {
         return Ok(outcome);
     }
     loop {
@@ -169,7 +169,7 @@ impl<'p, const D: usize> Map<'p, D> {
         }
     }
 
-    fn start(&self, start: &Start<D>) -> Point<D> {
+    fn start(&self, start: &Start<D>) -> UzawaPoint<D> {
         let r = if start.reaction.is_empty() {
             vec![[0.0; D]; self.problem.contacts()]
         } else {
@@ -190,18 +190,18 @@ impl<'p, const D: usize> Map<'p, D> {
         self.problem.scaling.rigid_from_scaled(&scaled)
     }
 
-    fn rigid(&self, point: &Point<D>) -> Vec<f64> {
+    fn rigid(&self, point: &UzawaPoint<D>) -> Vec<f64> {
         self.motion(&point.r)
     }
 
-    fn point(&self, r: Vec<[f64; D]>) -> Point<D> {
+    fn point(&self, r: Vec<[f64; D]>) -> UzawaPoint<D> {
         let v = self.problem.relative_displacement(&r, &self.motion(&r));
-        Point { r, v }
+        UzawaPoint { r, v }
     }
 
     fn iterate(
         &mut self,
-        point: &mut Point<D>,
+        point: &mut UzawaPoint<D>,
         monitor: &mut Monitor<D>,
         count: usize,
     ) -> Result<Option<Outcome>, Error> {
@@ -228,12 +228,12 @@ impl<'p, const D: usize> Map<'p, D> {
             };
             before = std::mem::replace(point, next);
             match monitor.look(&point.r, &point.v, &self.rigid(point), true)? {
-                Verdict::Stop(outcome) => return Ok(Some(outcome)),
-                Verdict::Refresh => {
+                NextStep::Stop(outcome) => return Ok(Some(outcome)),
+                NextStep::Refresh => {
                     *point = self.point(std::mem::take(&mut point.r));
                     theta = 1.0;
                 }
-                Verdict::Continue => {}
+                NextStep::Continue => {}
             }
             if iteration % REFRESH == 0 {
                 monitor.measure_floor(&point.r, &self.rigid(point));
@@ -254,7 +254,7 @@ impl<'p, const D: usize> Map<'p, D> {
     }
 
     /// Whether the step from `ahead` to `next` goes against the way from `last`.
-    fn turns(&self, ahead: &Point<D>, next: &Point<D>, last: &Point<D>) -> bool {
+    fn turns(&self, ahead: &UzawaPoint<D>, next: &UzawaPoint<D>, last: &UzawaPoint<D>) -> bool {
         let mut product = 0.0;
         for (i, to_r) in self.problem.scaling.to_r.iter().enumerate() {
             let back = minus_scaled(&ahead.r[i], 1.0, &next.r[i]);
@@ -265,7 +265,7 @@ impl<'p, const D: usize> Map<'p, D> {
     }
 
     /// One step from a point, with ρ cut until it is kept.
-    fn advance(&mut self, from: &Point<D>, monitor: &mut Monitor<D>) -> Point<D> {
+    fn advance(&mut self, from: &UzawaPoint<D>, monitor: &mut Monitor<D>) -> UzawaPoint<D> {
         loop {
             let next = match self.variant {
                 Variant::TwoProjections => self.two_projections(from),
@@ -291,7 +291,7 @@ impl<'p, const D: usize> Map<'p, D> {
     }
 
     /// Predictor (80) and corrector (81) at every contact.
-    fn one_projection(&self, from: &Point<D>) -> Vec<[f64; D]> {
+    fn one_projection(&self, from: &UzawaPoint<D>) -> Vec<[f64; D]> {
         let node = |(i, (r, v)): (usize, (&[f64; D], &[f64; D]))| match self.frozen.get(i) {
             Some(law) => law.step(r, v, self.rho(i)),
             None => law_step(r, v, self.rho(i), self.problem.mu[i]).0,
@@ -302,7 +302,7 @@ impl<'p, const D: usize> Map<'p, D> {
     /// (84), (85) for all normal reactions, then (86), (87) for all tangential
     /// ones, with the displacement that the new normal reactions give: the
     /// columns of one product with `W`, in two parts.
-    fn two_projections(&self, from: &Point<D>) -> Point<D> {
+    fn two_projections(&self, from: &UzawaPoint<D>) -> UzawaPoint<D> {
         let mut r = from.r.clone();
         for (i, r) in r.iter_mut().enumerate() {
             r[0] = (r[0] - self.rho(i) * from.v[i][0]).max(0.0);
@@ -324,7 +324,12 @@ impl<'p, const D: usize> Map<'p, D> {
 
     /// The point with reactions `r`, which differ from those of `from` in some
     /// components only.
-    fn respond(&self, from: &Point<D>, r: Vec<[f64; D]>, parts: Range<usize>) -> Point<D> {
+    fn respond(
+        &self,
+        from: &UzawaPoint<D>,
+        r: Vec<[f64; D]>,
+        parts: Range<usize>,
+    ) -> UzawaPoint<D> {
         let dr: Vec<[f64; D]> = r
             .iter()
             .zip(&from.r)
@@ -335,11 +340,11 @@ impl<'p, const D: usize> Map<'p, D> {
         let motions = self.motion(&r).into_iter().zip(self.motion(&from.r));
         let change: Vec<f64> = motions.map(|(x, y)| x - y).collect();
         self.problem.add_rigid(&change, &mut v);
-        Point { r, v }
+        UzawaPoint { r, v }
     }
 
     /// `‖ŵ' − ŵ‖ / ‖r̂' − r̂‖`, zero where nothing moved.
-    fn contraction(&self, from: &Point<D>, next: &Point<D>) -> f64 {
+    fn contraction(&self, from: &UzawaPoint<D>, next: &UzawaPoint<D>) -> f64 {
         let scaling = &self.problem.scaling;
         let (mut moved_v, mut moved_r) = (0.0, 0.0);
         for i in 0..from.r.len() {

@@ -4,7 +4,7 @@ use bipot_rs::error::Error;
 use bipot_rs::linalg::sparse::csc::Symmetry;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::judge::factor;
+use crate::comparison::factor;
 use crate::matrices::Sparse;
 use crate::rational::{as_floats, members, minor};
 

@@ -7,10 +7,10 @@
 )]
 
 mod chains;
+mod comparison;
 mod definite;
 mod elements;
 mod graphs;
-mod judge;
 mod loads;
 mod matrices;
 mod meshes;

@@ -2,8 +2,8 @@
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
+use crate::comparison::{compare, reach};
 use crate::double_double::{self, Double};
-use crate::judge::{compare, reach};
 use crate::rational::{self, whole};
 
 /// `|a − b| / |b|`.
@@ -75,7 +75,7 @@ fn fractions_and_twice_the_precision_agree() {
 
 /// A wrong entry is seen, and so is one that is no number.
 #[test]
-fn the_judge_sees_a_wrong_entry() {
+fn the_comparison_sees_a_wrong_entry() {
     let exact = [4.0, 1.0, 1.0, 9.0].map(Double::from);
     let reach = [2.0, 3.0];
     let right = compare(&[4.0, 1.0, 1.0, 9.0], &exact, &reach);

@@ -3,7 +3,7 @@
 
 use rand::{SeedableRng, rngs::StdRng};
 
-use crate::judge::{ROUNDINGS, compare, reach, schur};
+use crate::comparison::{ROUNDINGS, compare, reach, schur};
 use crate::matrices::{Sparse, shuffle};
 use crate::oracle::gram;
 use crate::rational::{self, as_floats, members};

@@ -12,7 +12,7 @@ mod layout;
 mod lu;
 mod panel;
 mod product;
-mod sweep;
+mod substitution;
 
 pub use cholesky::{cholesky, solve_lower, solve_lower_transpose};
 pub use eigen::symmetric_eigen;
@@ -24,4 +24,4 @@ pub use product::{Op, matmul};
 
 pub(crate) use layout::{mirror_lower, mirror_upper};
 pub(crate) use panel::{factor_panel, rank_update};
-pub(crate) use sweep::{backward, forward};
+pub(crate) use substitution::{backward, forward};

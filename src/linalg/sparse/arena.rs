@@ -12,14 +12,14 @@ use std::sync::Mutex;
 use crate::linalg::pages::{release, zeros};
 use crate::linalg::sparse::task_tree::lock;
 
-/// Which end of a region a piece is taken from.
+/// Which end of a arena a piece is taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum End {
+pub(crate) enum ArenaEnd {
     Low,
     High,
 }
 
-impl End {
+impl ArenaEnd {
     pub(crate) fn other(self) -> Self {
         match self {
             Self::Low => Self::High,
@@ -43,7 +43,7 @@ impl End {
 }
 
 /// Memory that is dealt out.
-pub(crate) struct Region<'m> {
+pub(crate) struct Arena<'m> {
     memory: *mut f64,
     /// What nobody has, in order; no two touch.
     gaps: Mutex<Vec<Range<usize>>>,
@@ -52,9 +52,9 @@ pub(crate) struct Region<'m> {
 
 // SAFETY: `memory` is only read and written through pieces, whose ranges do not
 // overlap; a range goes from one to the next under the lock of `gaps`.
-unsafe impl Sync for Region<'_> {}
+unsafe impl Sync for Arena<'_> {}
 
-impl<'m> Region<'m> {
+impl<'m> Arena<'m> {
     pub(crate) fn new(memory: &'m mut [f64]) -> Self {
         let whole = 0..memory.len();
         Self {
@@ -66,12 +66,12 @@ impl<'m> Region<'m> {
 
     /// A piece of `len` numbers, whatever they are, from the gap nearest to `end` that
     /// has room; from the system where none has.
-    pub(crate) fn take(&self, len: usize, end: End) -> Piece<'_> {
+    pub(crate) fn take(&self, len: usize, end: ArenaEnd) -> Piece<'_> {
         let mut gaps = lock(&self.gaps);
         let fits = |gap: &Range<usize>| gap.len() >= len;
         let found = match end {
-            End::Low => gaps.iter().position(fits),
-            End::High => gaps.iter().rposition(fits),
+            ArenaEnd::Low => gaps.iter().position(fits),
+            ArenaEnd::High => gaps.iter().rposition(fits),
         };
         let Some(at) = found else {
             drop(gaps);
@@ -84,7 +84,7 @@ impl<'m> Region<'m> {
             gaps.remove(at);
         }
         Piece::Part {
-            region: self,
+            arena: self,
             range,
             end,
         }
@@ -110,27 +110,27 @@ impl<'m> Region<'m> {
 
 /// Numbers of one owner.
 pub(crate) enum Piece<'r> {
-    /// A part of a region, which goes back to it.
+    /// A part of a arena, which goes back to it.
     Part {
-        region: &'r Region<'r>,
+        arena: &'r Arena<'r>,
         range: Range<usize>,
-        end: End,
+        end: ArenaEnd,
     },
-    /// What the region had no room for.
+    /// What the arena had no room for.
     Apart(Vec<f64>),
 }
 
 impl Piece<'_> {
-    /// Whether the region had room for it.
+    /// Whether the arena had room for it.
     pub(crate) fn is_part(&self) -> bool {
         matches!(self, Self::Part { .. }) || self.is_empty()
     }
 
-    /// Leaves the numbers where they are, and the region has no more of them.
-    pub(crate) fn leave(mut self) -> Left {
+    /// Leaves the numbers where they are, and the arena has no more of them.
+    pub(crate) fn leave(mut self) -> Detached {
         match &mut self {
-            Self::Part { range, .. } => Left::Part(std::mem::replace(range, 0..0)),
-            Self::Apart(values) => Left::Apart(std::mem::take(values)),
+            Self::Part { range, .. } => Detached::Part(std::mem::replace(range, 0..0)),
+            Self::Apart(values) => Detached::Apart(std::mem::take(values)),
         }
     }
 
@@ -145,36 +145,41 @@ impl Piece<'_> {
             return;
         }
         match self {
-            Self::Part { end: End::Low, .. } => {}
+            Self::Part {
+                end: ArenaEnd::Low, ..
+            } => {}
             // Towards the end it was taken from: the next piece finds no hole there.
-            Self::Part { end: End::High, .. } => self.copy_within(..len, rest),
+            Self::Part {
+                end: ArenaEnd::High,
+                ..
+            } => self.copy_within(..len, rest),
             Self::Apart(values) => {
                 let kept = values[..len].to_vec();
                 release(std::mem::replace(values, kept));
             }
         }
-        if let Self::Part { region, range, end } = self {
+        if let Self::Part { arena, range, end } = self {
             let (kept, given) = end.split(range, len);
             *range = kept;
-            region.give(given);
+            arena.give(given);
         }
     }
 }
 
-/// Numbers that nobody takes back, by their place in the memory of their region.
-pub(crate) enum Left {
+/// Numbers that nobody takes back, by their place in the memory of their arena.
+pub(crate) enum Detached {
     Part(Range<usize>),
     Apart(Vec<f64>),
 }
 
-impl Default for Left {
+impl Default for Detached {
     fn default() -> Self {
         Self::Part(0..0)
     }
 }
 
-impl Left {
-    /// Where they end in the memory of their region; 0 where none are there.
+impl Detached {
+    /// Where they end in the memory of their arena; 0 where none are there.
     pub(crate) fn end(&self) -> usize {
         match self {
             Self::Part(range) if range.start < range.end => range.end,
@@ -182,7 +187,7 @@ impl Left {
         }
     }
 
-    /// The numbers, of which the memory of their region holds its part.
+    /// The numbers, of which the memory of their arena holds its part.
     pub(crate) fn within<'s>(&'s self, memory: &'s [f64]) -> &'s [f64] {
         match self {
             Self::Part(range) => &memory[range.clone()],
@@ -196,10 +201,10 @@ impl Deref for Piece<'_> {
 
     fn deref(&self) -> &[f64] {
         match self {
-            // SAFETY: the range lies inside the memory that the region borrows, and is
+            // SAFETY: the range lies inside the memory that the arena borrows, and is
             // this piece's alone until it is given back.
-            Self::Part { region, range, .. } => unsafe {
-                std::slice::from_raw_parts(region.memory.add(range.start), range.len())
+            Self::Part { arena, range, .. } => unsafe {
+                std::slice::from_raw_parts(arena.memory.add(range.start), range.len())
             },
             Self::Apart(values) => values,
         }
@@ -210,8 +215,8 @@ impl DerefMut for Piece<'_> {
     fn deref_mut(&mut self) -> &mut [f64] {
         match self {
             // SAFETY: as above, and nobody else has this piece.
-            Self::Part { region, range, .. } => unsafe {
-                std::slice::from_raw_parts_mut(region.memory.add(range.start), range.len())
+            Self::Part { arena, range, .. } => unsafe {
+                std::slice::from_raw_parts_mut(arena.memory.add(range.start), range.len())
             },
             Self::Apart(values) => values,
         }
@@ -221,7 +226,7 @@ impl DerefMut for Piece<'_> {
 impl Drop for Piece<'_> {
     fn drop(&mut self) {
         match self {
-            Self::Part { region, range, .. } => region.give(range.clone()),
+            Self::Part { arena, range, .. } => arena.give(range.clone()),
             Self::Apart(values) => release(std::mem::take(values)),
         }
     }
@@ -237,14 +242,18 @@ mod tests {
     #[test]
     fn what_is_given_back_joins() {
         let mut memory = vec![0.0; 100];
-        let region = Region::new(&mut memory);
+        let arena = Arena::new(&mut memory);
         let range = |piece: &Piece| match piece {
             Piece::Part { range, .. } => range.clone(),
             Piece::Apart(_) => panic!("there was room"),
         };
-        let mut pieces: Vec<Piece> = [(30, End::Low), (20, End::High), (10, End::Low)]
-            .map(|(len, end)| region.take(len, end))
-            .into();
+        let mut pieces: Vec<Piece> = [
+            (30, ArenaEnd::Low),
+            (20, ArenaEnd::High),
+            (10, ArenaEnd::Low),
+        ]
+        .map(|(len, end)| arena.take(len, end))
+        .into();
         assert_eq!(range(&pieces[0]), 0..30);
         assert_eq!(range(&pieces[1]), 80..100);
         assert_eq!(range(&pieces[2]), 30..40);
@@ -260,27 +269,27 @@ mod tests {
         assert_eq!(*pieces[0], [0.0; 12]);
         assert_eq!(*pieces[2], [2.0; 10]);
         // The first gap that has room, from either end.
-        assert_eq!(range(&region.take(18, End::Low)), 12..30);
-        assert_eq!(range(&region.take(19, End::Low)), 40..59);
-        assert_eq!(range(&region.take(19, End::High)), 76..95);
+        assert_eq!(range(&arena.take(18, ArenaEnd::Low)), 12..30);
+        assert_eq!(range(&arena.take(19, ArenaEnd::Low)), 40..59);
+        assert_eq!(range(&arena.take(19, ArenaEnd::High)), 76..95);
         assert!(
-            matches!(region.take(56, End::High), Piece::Apart(ref values) if values.len() == 56)
+            matches!(arena.take(56, ArenaEnd::High), Piece::Apart(ref values) if values.len() == 56)
         );
-        assert_eq!(region.take(0, End::Low).len(), 0);
+        assert_eq!(arena.take(0, ArenaEnd::Low).len(), 0);
         pieces.swap_remove(0);
         pieces.clear();
-        let gaps = lock(&region.gaps);
+        let gaps = lock(&arena.gaps);
         assert_eq!((gaps.len(), &gaps[0]), (1, &(0..100)));
     }
 
     #[test]
     fn without_memory_every_piece_is_apart() {
-        let region = Region::new(&mut []);
-        let mut piece = region.take(4, End::Low);
+        let arena = Arena::new(&mut []);
+        let mut piece = arena.take(4, ArenaEnd::Low);
         piece.fill(3.0);
         piece.keep(2);
         assert_eq!(*piece, [3.0; 2]);
-        assert_eq!(region.take(0, End::High).len(), 0);
-        assert!(lock(&region.gaps).is_empty());
+        assert_eq!(arena.take(0, ArenaEnd::High).len(), 0);
+        assert!(lock(&arena.gaps).is_empty());
     }
 }

@@ -17,7 +17,7 @@ use crate::error::Error;
 use crate::linalg::dense::{factor_panel, mirror_upper, rank_update};
 use crate::linalg::packed::{Packed, Run, add_to_panel, add_to_update, segments};
 use crate::linalg::pages::{release, zeros};
-use crate::linalg::sparse::arena::{End, Left, Piece, Region};
+use crate::linalg::sparse::arena::{Arena, ArenaEnd, Detached, Piece};
 use crate::linalg::sparse::csc::{Symmetric, narrow};
 use crate::linalg::sparse::symbolic::{Front, Symbolic, Task};
 use crate::linalg::sparse::task_tree::{inner, lock, upwards};
@@ -61,10 +61,10 @@ impl Schur {
         let diagonal = checked_diagonal(symbolic, k)?;
         let k = (k, diagonal.as_slice());
         let mut inner = Columns::new(symbolic, loads, columns);
-        let sweep = (columns > 0).then(|| Forward::new(&mut inner));
-        let (values, weakest) = eliminate(symbolic, k, stop, None, sweep.as_ref())?;
-        if let Some(sweep) = sweep {
-            sweep.finish();
+        let tree_solve = (columns > 0).then(|| Forward::new(&mut inner));
+        let (values, weakest) = eliminate(symbolic, k, stop, None, tree_solve.as_ref())?;
+        if let Some(tree_solve) = tree_solve {
+            tree_solve.finish();
             inner.write(loads);
         }
         Ok(Self { values, weakest })
@@ -191,14 +191,14 @@ fn eliminate(
     stop: &AtomicBool,
     panels: Option<&mut Panels>,
     loads: Option<&Forward>,
-) -> Result<Eliminated, Error> {
+) -> Result<SchurAndPivot, Error> {
     let keeps = panels.is_some() && symbolic.keeps_stack();
     let mut memory = match panels {
         Some(_) => symbolic.take_stack(),
         None => zeros(symbolic.stack_dropped),
     };
-    let region = Region::new(&mut memory);
-    let done = Work::new(symbolic, k, diagonal, stop, &region, panels, loads).go();
+    let arena = Arena::new(&mut memory);
+    let done = Work::new(symbolic, k, diagonal, stop, &arena, panels, loads).go();
     if keeps {
         let found = done.map(|done| (done.schur(symbolic, k, &memory), done.weakest));
         symbolic.give_stack(memory);
@@ -206,7 +206,7 @@ fn eliminate(
     }
     let done = done?;
     // S takes the place of what no update has any more.
-    let end = done.updates.iter().map(Left::end).max();
+    let end = done.updates.iter().map(Detached::end).max();
     memory.truncate(end.unwrap_or(0));
     memory.shrink_to_fit();
     let schur = done.schur(symbolic, k, &memory);
@@ -215,7 +215,7 @@ fn eliminate(
 }
 
 /// S, and the weakest pivot as [`Factor::weakest_pivot`] gives it.
-type Eliminated = (Vec<f64>, Option<(usize, f64)>);
+type SchurAndPivot = (Vec<f64>, Option<(usize, f64)>);
 
 /// The diagonal of a matrix that has the pattern analysed.
 ///
@@ -242,10 +242,10 @@ struct Work<'a, 'l> {
     is_clear: bool,
     loads: Option<&'a Forward<'l>>,
     /// Where updates lie until they are taken.
-    stack: &'a Region<'a>,
+    stack: &'a Arena<'a>,
     /// From which end of it each task takes: not the one of its children. Thus on one
     /// thread either end is a stack, and together they need what was counted.
-    ends: Vec<End>,
+    ends: Vec<ArenaEnd>,
     /// What each finished task has left: one update after another.
     updates: Vec<Mutex<Option<Piece<'a>>>>,
     /// Smallest pivot of each task, as (ratio, unknown).
@@ -258,7 +258,7 @@ struct Work<'a, 'l> {
 
 /// What is left when all fronts are done.
 struct Done {
-    updates: Vec<Left>,
+    updates: Vec<Detached>,
     weakest: Option<(usize, f64)>,
 }
 
@@ -268,7 +268,7 @@ impl<'a, 'l> Work<'a, 'l> {
         k: &'a Symmetric<'a>,
         diagonal: &'a [f64],
         stop: &'a AtomicBool,
-        stack: &'a Region<'a>,
+        stack: &'a Arena<'a>,
         panels: Option<&'a mut Panels>,
         loads: Option<&'a Forward<'l>>,
     ) -> Self {
@@ -286,7 +286,7 @@ impl<'a, 'l> Work<'a, 'l> {
             }
             parts
         };
-        let mut ends = vec![End::Low; tasks.len()];
+        let mut ends = vec![ArenaEnd::Low; tasks.len()];
         // Parents come after their children.
         for (number, task) in tasks.iter().enumerate().rev() {
             if let Some(parent) = task.parent {
@@ -333,8 +333,9 @@ impl<'a, 'l> Work<'a, 'l> {
         for own in self.weakest {
             weakest = smaller(weakest, inner(own));
         }
-        let left =
-            |updates: Mutex<Option<Piece>>| inner(updates).map_or_else(Left::default, Piece::leave);
+        let left = |updates: Mutex<Option<Piece>>| {
+            inner(updates).map_or_else(Detached::default, Piece::leave)
+        };
         Ok(Done {
             updates: self.updates.into_iter().map(left).collect(),
             weakest: weakest.map(|(ratio, dof)| (dof, ratio)),
@@ -406,12 +407,12 @@ impl<'a, 'l> Work<'a, 'l> {
                 }
                 waiting.push((f, bottom));
             }
-            if let (Some(sweep), Some(waiting)) = (self.loads, &mut loads) {
-                sweep.front(number, f, panel, waiting);
+            if let (Some(tree_solve), Some(waiting)) = (self.loads, &mut loads) {
+                tree_solve.front(number, f, panel, waiting);
             }
         }
-        if let (Some(sweep), Some(waiting)) = (self.loads, loads) {
-            sweep.end(number, waiting);
+        if let (Some(tree_solve), Some(waiting)) = (self.loads, loads) {
+            tree_solve.end(number, waiting);
         }
         *lock(&self.weakest[number]) = weakest;
         stack.keep(task.left);

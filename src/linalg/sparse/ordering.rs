@@ -196,7 +196,7 @@ pub(crate) fn by_metis(graph: &Graph) -> Option<Vec<u32>> {
 pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
     /// Sets this small become one front anyway (`symbolic` merges them).
     const LEAF: usize = 8;
-    enum Step {
+    enum Task {
         Cut(Vec<u32>),
         Emit(Vec<u32>),
     }
@@ -205,14 +205,14 @@ pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
     let mut side = vec![0_u32; n];
     let mut label = 0;
     let all = (0..n).filter_map(|v| u32::try_from(v).ok()).collect();
-    let mut steps = vec![Step::Cut(all)];
+    let mut steps = vec![Task::Cut(all)];
     while let Some(step) = steps.pop() {
         let mut set = match step {
-            Step::Emit(set) => {
+            Task::Emit(set) => {
                 order.extend(set);
                 continue;
             }
-            Step::Cut(set) => set,
+            Task::Cut(set) => set,
         };
         let extent = |axis: usize| {
             let range = set
@@ -256,9 +256,9 @@ pub(crate) fn by_coordinates(graph: &Graph, at: &[[f64; 3]]) -> Vec<u32> {
             high.into_iter().partition(|&v| touches(v));
         separator.sort_unstable();
         high.sort_unstable();
-        steps.push(Step::Emit(separator));
-        steps.push(Step::Cut(high));
-        steps.push(Step::Cut(low));
+        steps.push(Task::Emit(separator));
+        steps.push(Task::Cut(high));
+        steps.push(Task::Cut(low));
     }
     order
 }

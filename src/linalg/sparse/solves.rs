@@ -23,17 +23,17 @@ impl Factor {
         let symbolic = &*self.symbolic;
         self.blocks(f, columns, |f, count| {
             let mut inner = Columns::new(symbolic, f, count);
-            let sweep = Forward::new(&mut inner);
+            let tree_solve = Forward::new(&mut inner);
             upwards(symbolic, &|number| {
-                let mut waiting = sweep.begin(number);
+                let mut waiting = tree_solve.begin(number);
                 for front in symbolic.tasks[number].fronts.clone() {
                     let panel = self.panel(&symbolic.fronts[front]);
-                    sweep.front(number, front, panel, &mut waiting);
+                    tree_solve.front(number, front, panel, &mut waiting);
                 }
-                sweep.end(number, waiting);
+                tree_solve.end(number, waiting);
                 true
             });
-            sweep.finish();
+            tree_solve.finish();
             inner.write(f);
         });
     }
@@ -48,9 +48,9 @@ impl Factor {
         let symbolic = &*self.symbolic;
         self.blocks(x, columns, |x, count| {
             let mut inner = Columns::new(symbolic, x, count);
-            let sweep = Backward::new(&mut inner);
+            let tree_solve = Backward::new(&mut inner);
             downwards(symbolic, &None, &|number, given| {
-                sweep.task(number, given, |front| self.panel(front))
+                tree_solve.task(number, given, |front| self.panel(front))
             });
             inner.write(x);
         });

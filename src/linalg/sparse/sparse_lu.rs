@@ -54,7 +54,7 @@ impl Analysis {
 
 /// A front that has been eliminated, by columns.
 #[derive(Debug)]
-struct Eliminated {
+struct EliminatedFront {
     /// `L₁₁` below the diagonal, its unit diagonal left out, and `U₁₁`.
     pivots: Vec<f64>,
     /// Row of the front that stands at each place.
@@ -69,7 +69,7 @@ struct Eliminated {
 #[derive(Debug)]
 pub struct SparseLu<'s> {
     analysis: &'s Analysis,
-    fronts: Vec<Eliminated>,
+    fronts: Vec<EliminatedFront>,
     /// Whether the determinant is negative.
     negative: bool,
 }
@@ -105,7 +105,7 @@ impl<'s> SparseLu<'s> {
                 place[unknown] = at;
             }
             let (np, nu) = (front.np, front.nu);
-            let mut own = Eliminated {
+            let mut own = EliminatedFront {
                 pivots: vec![0.0; np * np],
                 rows: Vec::new(),
                 upper: vec![0.0; np * nu],
@@ -191,7 +191,7 @@ impl<'s> SparseLu<'s> {
     }
 }
 
-impl Eliminated {
+impl EliminatedFront {
     /// Takes the entries of the pivots' rows and columns.
     fn gather<const D: usize>(
         &mut self,

@@ -31,7 +31,7 @@ const MOST: usize = 6;
 
 /// The graph of nodes. Interior ones come first, kept ones after them.
 #[derive(Debug)]
-pub(crate) struct Quotient {
+pub(crate) struct SupervariableGraph {
     node_of: Vec<u32>,
     /// Unknowns of node `v`: `members[member_start[v]..member_start[v + 1]]`.
     member_start: Vec<usize>,
@@ -42,7 +42,7 @@ pub(crate) struct Quotient {
 }
 
 /// Whether an unknown is of the node of another, which comes so many before it.
-type IsOne<'a> = dyn Fn(usize, usize, usize) -> bool + 'a;
+type SameNode<'a> = dyn Fn(usize, usize, usize) -> bool + 'a;
 
 /// Unknowns by their nodes.
 struct Groups {
@@ -59,7 +59,7 @@ impl Groups {
         column: impl Fn(usize) -> &'a [usize] + Copy,
         kept: &[usize],
         place: &[Option<u32>],
-        is_one: &IsOne,
+        is_one: &SameNode,
     ) -> Self {
         let mut node_of = vec![0_u32; place.len()];
         let mut leaders: Vec<u32> = Vec::new();
@@ -101,7 +101,7 @@ impl Groups {
     }
 }
 
-impl Quotient {
+impl SupervariableGraph {
     /// Groups unknowns whose closed neighbourhoods are equal; where few are, those that
     /// follow one another and have most of their neighbours in common. Kept ones are
     /// grouped only where they follow one another in `kept`, so that S keeps the caller's
@@ -113,7 +113,7 @@ impl Quotient {
         place: &[Option<u32>],
     ) -> Self {
         let column = |j: usize| &row_idx[col_ptr[j]..col_ptr[j + 1]];
-        let group = |is_one: &IsOne| Groups::new(column, kept, place, is_one);
+        let group = |is_one: &SameNode| Groups::new(column, kept, place, is_one);
         let equal = group(&|lead, j, _| same(column, lead, j));
         #[expect(clippy::cast_precision_loss, reason = "a threshold")]
         let most = FEWER * (place.len() - kept.len()) as f64;
@@ -319,7 +319,7 @@ mod tests {
             .collect();
         let of = |missing: &dyn Fn(usize, usize) -> bool| {
             let (col_ptr, row_idx) = line(nodes, missing);
-            Quotient::new(&col_ptr, &row_idx, &kept, &place)
+            SupervariableGraph::new(&col_ptr, &row_idx, &kept, &place)
         };
         let whole = of(&|_, _| false);
         // Of each node the directions do not act on each other, nor the first on the last
@@ -329,7 +329,7 @@ mod tests {
         assert_eq!(some.len(), nodes);
         for v in 0..nodes {
             assert_eq!(some.members(v), whole.members(v));
-            let sorted = |nodes: &Quotient| {
+            let sorted = |nodes: &SupervariableGraph| {
                 let mut list = nodes.neighbours(v).to_vec();
                 list.sort_unstable();
                 list
@@ -343,7 +343,7 @@ mod tests {
     #[test]
     fn directions_that_do_not_act_stay_apart() {
         let (col_ptr, row_idx) = line(30, |i, j| i % 3 != j % 3);
-        let nodes = Quotient::new(&col_ptr, &row_idx, &[], &[None; 90]);
+        let nodes = SupervariableGraph::new(&col_ptr, &row_idx, &[], &[None; 90]);
         assert_eq!(nodes.len(), 90);
     }
 
@@ -356,7 +356,7 @@ mod tests {
             .collect();
         let mut col_ptr = vec![0];
         col_ptr.extend((0..n).map(|j| 3 * j + 2 - usize::from(j + 1 == n)));
-        let nodes = Quotient::new(&col_ptr, &row_idx, &[], &vec![None; n]);
+        let nodes = SupervariableGraph::new(&col_ptr, &row_idx, &[], &vec![None; n]);
         assert_eq!(nodes.len(), n);
     }
 }

@@ -6,7 +6,7 @@
 
 use crate::linalg::packed::Packed;
 use crate::linalg::sparse::csc::narrow;
-use crate::linalg::sparse::supervariables::Quotient;
+use crate::linalg::sparse::supervariables::SupervariableGraph;
 
 /// Merge while the front has at most so many pivots and, of the entries of its
 /// columns, less than this part is zero.
@@ -41,7 +41,7 @@ pub(crate) fn flops_of(np: usize, nf: usize) -> f64 {
 
 impl Tree {
     /// `order[place]` is the node eliminated there; kept nodes are not in it.
-    pub(crate) fn new(nodes: &Quotient, order: &[u32]) -> Self {
+    pub(crate) fn new(nodes: &SupervariableGraph, order: &[u32]) -> Self {
         let parent = elimination_tree(nodes, order);
         let (parent, order_of) = postorder(&parent);
         let order: Vec<u32> = order_of.iter().map(|&v| order[v as usize]).collect();
@@ -61,7 +61,7 @@ impl Tree {
 }
 
 /// Place of each interior node; kept ones have none.
-fn places(nodes: &Quotient, order: &[u32]) -> Vec<u32> {
+fn places(nodes: &SupervariableGraph, order: &[u32]) -> Vec<u32> {
     let mut place = vec![NONE; nodes.len()];
     for (at, &v) in (0_u32..).zip(order) {
         place[v as usize] = at;
@@ -69,7 +69,7 @@ fn places(nodes: &Quotient, order: &[u32]) -> Vec<u32> {
     place
 }
 
-fn elimination_tree(nodes: &Quotient, order: &[u32]) -> Vec<u32> {
+fn elimination_tree(nodes: &SupervariableGraph, order: &[u32]) -> Vec<u32> {
     let place = places(nodes, order);
     let mut parent = vec![NONE; order.len()];
     let mut ancestor = vec![NONE; order.len()];
@@ -131,7 +131,7 @@ fn postorder(parent: &[u32]) -> (Vec<u32>, Vec<u32>) {
 
 /// Unknowns in each column of the factor, itself and kept rows included: row
 /// `i` is in the columns between its neighbours and `i`, climbing the tree.
-fn row_counts(nodes: &Quotient, order: &[u32], parent: &[u32]) -> Vec<usize> {
+fn row_counts(nodes: &SupervariableGraph, order: &[u32], parent: &[u32]) -> Vec<usize> {
     let place = places(nodes, order);
     let mut counts: Vec<usize> = order.iter().map(|&v| nodes.weight(v as usize)).collect();
     let mut seen = vec![NONE; order.len()];
@@ -159,7 +159,7 @@ fn row_counts(nodes: &Quotient, order: &[u32], parent: &[u32]) -> Vec<usize> {
 
 /// The first column of the factor with an entry in each row: its first
 /// neighbour, or itself.
-fn first_touch(nodes: &Quotient, order: &[u32]) -> Vec<u32> {
+fn first_touch(nodes: &SupervariableGraph, order: &[u32]) -> Vec<u32> {
     let place = places(nodes, order);
     let first = |v: &u32| {
         let near = nodes.neighbours(*v as usize).iter();
@@ -180,7 +180,12 @@ struct Supernode {
 }
 
 /// Chains of the tree whose columns have one pattern.
-fn supernodes(nodes: &Quotient, order: &[u32], parent: &[u32], counts: &[usize]) -> Vec<Supernode> {
+fn supernodes(
+    nodes: &SupervariableGraph,
+    order: &[u32],
+    parent: &[u32],
+    counts: &[usize],
+) -> Vec<Supernode> {
     let mut found: Vec<Supernode> = Vec::new();
     let mut of = vec![0; order.len()];
     for v in 0..order.len() {

@@ -80,7 +80,7 @@ fn pivots(symbolic: &Symbolic, task: &Task) -> Range<usize> {
 }
 
 /// What a front leaves for the rows after its pivots, `nu × count`.
-type Left = (usize, Vec<f64>);
+type FrontRest = (usize, Vec<f64>);
 
 /// Loads on the way to the kept unknowns.
 pub(crate) struct Forward<'a> {
@@ -88,7 +88,7 @@ pub(crate) struct Forward<'a> {
     count: usize,
     parts: Vec<Mutex<&'a mut [f64]>>,
     kept: &'a mut [f64],
-    left: Vec<Mutex<Vec<Left>>>,
+    left: Vec<Mutex<Vec<FrontRest>>>,
 }
 
 impl<'a> Forward<'a> {
@@ -105,7 +105,7 @@ impl<'a> Forward<'a> {
     }
 
     /// What the children of a task have left, with which it begins.
-    pub(crate) fn begin(&self, number: usize) -> Vec<Left> {
+    pub(crate) fn begin(&self, number: usize) -> Vec<FrontRest> {
         let children = self.symbolic.tasks[number].children.clone();
         let numbers = self.symbolic.task_children[children].iter();
         numbers
@@ -115,7 +115,13 @@ impl<'a> Forward<'a> {
 
     /// Condenses the loads of a front of this task: `waiting` holds what fronts
     /// before it have left.
-    pub(crate) fn front(&self, number: usize, f: usize, panel: &[f64], waiting: &mut Vec<Left>) {
+    pub(crate) fn front(
+        &self,
+        number: usize,
+        f: usize,
+        panel: &[f64],
+        waiting: &mut Vec<FrontRest>,
+    ) {
         let front = &self.symbolic.fronts[f];
         let mut part = lock(&self.parts[number]);
         let own = pivots(self.symbolic, &self.symbolic.tasks[number]);
@@ -149,7 +155,7 @@ impl<'a> Forward<'a> {
         waiting.push((f, rest));
     }
 
-    pub(crate) fn end(&self, number: usize, waiting: Vec<Left>) {
+    pub(crate) fn end(&self, number: usize, waiting: Vec<FrontRest>) {
         *lock(&self.left[number]) = waiting;
     }
 
@@ -157,7 +163,7 @@ impl<'a> Forward<'a> {
     pub(crate) fn finish(self) {
         let m = self.symbolic.kept();
         let interior = self.symbolic.interior;
-        let mut left: Vec<Vec<Left>> = self.left.into_iter().map(inner).collect();
+        let mut left: Vec<Vec<FrontRest>> = self.left.into_iter().map(inner).collect();
         for &root in &self.symbolic.roots {
             for (front, values) in std::mem::take(&mut left[root]) {
                 let front = &self.symbolic.fronts[front];
@@ -183,7 +189,7 @@ pub(crate) struct Backward<'a> {
 }
 
 /// The unknowns of a front, `nf × count`.
-pub(crate) type Known = Option<Arc<(usize, Vec<f64>)>>;
+pub(crate) type FrontUnknowns = Option<Arc<(usize, Vec<f64>)>>;
 
 impl<'a> Backward<'a> {
     pub(crate) fn new(columns: &'a mut Columns<'_>) -> Self {
@@ -202,9 +208,9 @@ impl<'a> Backward<'a> {
     pub(crate) fn task<'p>(
         &self,
         number: usize,
-        given: Known,
+        given: FrontUnknowns,
         panel: impl Fn(&Front) -> &'p [f64],
-    ) -> Known {
+    ) -> FrontUnknowns {
         let task = &self.symbolic.tasks[number];
         let mut part = lock(&self.parts[number]);
         let own = pivots(self.symbolic, task);

@@ -6,10 +6,10 @@ use crate::error::Error;
 use crate::law::face::{Face, Place};
 use crate::linalg::power_of_two::{exponent, times_two_to};
 use crate::linalg::small::{norm, tangential_norm};
-use crate::linalg::verified_cholesky::{Below, Ellipsoid, gamma};
+use crate::linalg::verified_cholesky::{Ellipsoid, VerifiedCholesky, gamma};
 use crate::proof::contraction::contraction;
 use crate::proof::monotonicity::{
-    Known, Monotonicity, Ties, Units, Weights, least_ratio, product, scaled_entry,
+    KnownSlip, Monotonicity, Ties, Units, Weights, least_ratio, product, scaled_entry,
 };
 use crate::proof::weights::{self, Common};
 use crate::reduced::reduced::Reduced;
@@ -24,26 +24,26 @@ const LARGEST_OF_BALLS: usize = 1000;
 #[derive(Debug)]
 pub(super) struct Island<const D: usize> {
     pub(super) monotonicity: Monotonicity<D>,
-    /// Below the symmetric part of `W`, which is `half`.
-    pub(super) of_w: Below,
+    /// VerifiedCholesky the symmetric part of `W`, which is `half`.
+    pub(super) of_w: VerifiedCholesky,
     /// `|d_j| ≤ width · ‖d‖`.
     pub(super) widths_of_w: Vec<f64>,
     pub(super) half: Vec<f64>,
     pub(super) common: Common,
     pub(super) refined: Option<Weights>,
     pub(super) contraction: Option<f64>,
-    pub(super) global: Option<Certificate<D>>,
+    pub(super) global: Option<IslandFactor<D>>,
     /// Rows of `Ŵ` of all components of the island, each over its unknowns.
     pub(super) rows: Vec<f64>,
 }
 
 /// A factor below `A` and what follows from it for any point.
 #[derive(Debug)]
-pub(super) struct Certificate<const D: usize> {
+pub(super) struct IslandFactor<const D: usize> {
     pub(super) ties: Ties,
     pub(super) normal: Vec<f64>,
-    pub(super) known: Vec<Known<D>>,
-    pub(super) below: Below,
+    pub(super) known: Vec<KnownSlip<D>>,
+    pub(super) cholesky: VerifiedCholesky,
     /// `L Lᵀ ≽ α W`.
     pub(super) alpha: f64,
     /// Of the unit ellipsoid, along the unknowns and along the rows of `Ŵ`.
@@ -67,7 +67,7 @@ pub(super) struct Candidate<const D: usize> {
 
 /// A bound on one island, scaled, from `r` itself.
 #[derive(Clone, Debug)]
-pub(super) struct Found<const D: usize> {
+pub(super) struct IslandBound<const D: usize> {
     pub(super) energy: f64,
     /// Radius of the ball around `r` in which the answer is the only one.
     pub(super) alone_within: f64,
@@ -85,7 +85,7 @@ impl<const D: usize> Island<D> {
     ) -> Result<Option<Self>, Error> {
         let all = monotonicity.all();
         let (half, error) = monotonicity.symmetric_part(&all);
-        let Some(of_w) = Below::new(half.clone(), all.len(), error, stop)? else {
+        let Some(of_w) = VerifiedCholesky::new(half.clone(), all.len(), error, stop)? else {
             return Ok(None);
         };
         let common = weights::common(&monotonicity, of_w.lower());
@@ -109,13 +109,13 @@ impl<const D: usize> Island<D> {
             rows,
             monotonicity,
         };
-        let known = vec![Known::Nothing; island.monotonicity.mu.len()];
+        let known = vec![KnownSlip::Nothing; island.monotonicity.mu.len()];
         let tried: Vec<Weights> = island.tried().cloned().collect();
         for weights in tried {
             island.global =
-                island.certificate(Ties::none(all.clone()), &weights, known.clone(), stop)?;
-            if let Some(certificate) = &mut island.global {
-                certificate.widths = widths(&island.rows, &island.monotonicity, certificate);
+                island.factor(Ties::none(all.clone()), &weights, known.clone(), stop)?;
+            if let Some(factor) = &mut island.global {
+                factor.widths = widths(&island.rows, &island.monotonicity, factor);
                 break;
             }
         }
@@ -137,26 +137,26 @@ impl<const D: usize> Island<D> {
         self.monotonicity.nodes.clone().find(carried)
     }
 
-    pub(super) fn certificate(
+    pub(super) fn factor(
         &self,
         ties: Ties,
         weights: &Weights,
-        known: Vec<Known<D>>,
+        known: Vec<KnownSlip<D>>,
         stop: &AtomicBool,
-    ) -> Result<Option<Certificate<D>>, Error> {
+    ) -> Result<Option<IslandFactor<D>>, Error> {
         let all = ties.unknowns();
         let (form, error) = ties.compress(self.monotonicity.form(&all, weights, &known));
-        let Some(below) = Below::new(form.clone(), ties.len(), error, stop)? else {
+        let Some(cholesky) = VerifiedCholesky::new(form.clone(), ties.len(), error, stop)? else {
             return Ok(None);
         };
         let (half, of_half) = ties.compress(self.monotonicity.symmetric_part(&all));
-        let ratio = least_ratio((&form, error), below.lower(), (&half, of_half), stop)?;
-        Ok(ratio.map(|alpha| Certificate {
+        let ratio = least_ratio((&form, error), cholesky.lower(), (&half, of_half), stop)?;
+        Ok(ratio.map(|alpha| IslandFactor {
             normal: weights.normal.clone(),
             widths: Widths::default(),
             ties,
             known,
-            below,
+            cholesky,
             alpha,
         }))
     }
@@ -166,11 +166,11 @@ impl<const D: usize> Island<D> {
         &self,
         candidates: &[Candidate<D>; 2],
         given: &(Vec<[f64; D]>, Vec<[f64; D]>),
-    ) -> Option<Found<D>> {
-        let certificate = self.global.as_ref()?;
+    ) -> Option<IslandBound<D>> {
+        let factor = self.global.as_ref()?;
         let [mut first, second] = candidates.each_ref().map(|candidate| {
-            let ellipsoid = self.ellipsoid(certificate, candidate);
-            self.found(certificate, candidate, given, &ellipsoid, f64::INFINITY)
+            let ellipsoid = self.ellipsoid(factor, candidate);
+            self.found(factor, candidate, given, &ellipsoid, f64::INFINITY)
         });
         let least = |a: &mut [[f64; D]], b: &[[f64; D]]| {
             for (a, b) in a.as_flattened_mut().iter_mut().zip(b.as_flattened()) {
@@ -186,19 +186,19 @@ impl<const D: usize> Island<D> {
     /// The ellipsoid that holds `d`, over the unknowns kept.
     pub(super) fn ellipsoid(
         &self,
-        certificate: &Certificate<D>,
+        factor: &IslandFactor<D>,
         candidate: &Candidate<D>,
     ) -> Ellipsoid {
-        let Certificate { ties, known, .. } = certificate;
-        let (e, error) = self.misfit(ties, &certificate.normal, known, candidate);
-        certificate.below.ellipsoid(&e, &error)
+        let IslandFactor { ties, known, .. } = factor;
+        let (e, error) = self.misfit(ties, &factor.normal, known, candidate);
+        factor.cholesky.ellipsoid(&e, &error)
     }
 
     pub(super) fn misfit(
         &self,
         ties: &Ties,
         normal: &[f64],
-        known: &[Known<D>],
+        known: &[KnownSlip<D>],
         candidate: &Candidate<D>,
     ) -> (Vec<f64>, Vec<f64>) {
         let first = self.monotonicity.nodes.start;
@@ -211,7 +211,7 @@ impl<const D: usize> Island<D> {
                 return face.misfit_along(v[0], dv[0], p);
             }
             let (e, error) = match known[contact] {
-                Known::Sticks => Face::misfit_held(v, dv, p),
+                KnownSlip::Sticks => Face::misfit_held(v, dv, p),
                 _ => face.misfit(v, dv, p, self.monotonicity.mu[contact]),
             };
             (e[k], error[k])
@@ -220,10 +220,10 @@ impl<const D: usize> Island<D> {
     }
 
     /// `‖d‖` in the norm of `W`, from above.
-    pub(super) fn length(&self, certificate: &Certificate<D>, ellipsoid: &Ellipsoid) -> f64 {
-        let whole = self.spread(&certificate.ties, &ellipsoid.centre);
+    pub(super) fn length(&self, factor: &IslandFactor<D>, ellipsoid: &Ellipsoid) -> f64 {
+        let whole = self.spread(&factor.ties, &ellipsoid.centre);
         let room = 1.0 + gamma(whole.len());
-        room * (self.norm(&whole) + ellipsoid.radius / certificate.alpha.sqrt())
+        room * (self.norm(&whole) + ellipsoid.radius / factor.alpha.sqrt())
     }
 
     /// Values of the unknowns kept, and what they carry along, among zeros.
@@ -287,16 +287,16 @@ impl<const D: usize> Island<D> {
     /// What an ellipsoid around a candidate says of `r` and of the `v` reported with it.
     pub(super) fn found(
         &self,
-        certificate: &Certificate<D>,
+        factor: &IslandFactor<D>,
         candidate: &Candidate<D>,
         given: &(Vec<[f64; D]>, Vec<[f64; D]>),
         ellipsoid: &Ellipsoid,
         ball: f64,
-    ) -> Found<D> {
+    ) -> IslandBound<D> {
         let nodes = self.monotonicity.nodes.clone();
-        let centre = self.spread(&certificate.ties, &ellipsoid.centre);
+        let centre = self.spread(&factor.ties, &ellipsoid.centre);
         let radius = ellipsoid.radius;
-        let width = self.spread(&certificate.ties, &certificate.widths.reaction);
+        let width = self.spread(&factor.ties, &factor.widths.reaction);
         let n = self.monotonicity.order();
         let room = 1.0 + gamma(n);
         let mut reaction = vec![[0.0; D]; nodes.len()];
@@ -305,7 +305,7 @@ impl<const D: usize> Island<D> {
             for k in 0..D {
                 let row = &self.rows[(D * contact + k) * n..][..n];
                 let moved: f64 = row.iter().zip(&centre).map(|(w, c)| w * c).sum();
-                let along = certificate.widths.displacement[D * contact + k];
+                let along = factor.widths.displacement[D * contact + k];
                 let apart = (given.0[position][k] - candidate.v[position][k]).abs();
                 displacement[contact][k] = room
                     * (apart
@@ -323,8 +323,8 @@ impl<const D: usize> Island<D> {
             }
         }
         let off = self.off(candidate);
-        Found {
-            energy: room * (off + self.length(certificate, ellipsoid)),
+        IslandBound {
+            energy: room * (off + self.length(factor, ellipsoid)),
             alone_within: ball - off,
             reaction,
             displacement,
@@ -336,7 +336,7 @@ impl<const D: usize> Island<D> {
     /// In the ball `‖d‖ ≤ R`, with the norm of `W`, `w_n` is at most `√W_nn R` and `‖w_t‖` at
     /// most `ω = √‖W_tt‖ R`. Contacts that stay open by this have no reaction at any point of
     /// it that can be an answer, those that slide by more than ω keep their direction to
-    /// [`Known::Slides`], in the plane with a reaction on one ray, and those whose reaction
+    /// [`KnownSlip::Slides`], in the plane with a reaction on one ray, and those whose reaction
     /// stays inside its cone stick. If `A` made with this is positive definite and bounds `d` by less
     /// than `R`, the variational inequality on the ball and on cones that know this (zero,
     /// the ray, or all of space where `v = 0`), which has a solution since that is compact,
@@ -351,7 +351,7 @@ impl<const D: usize> Island<D> {
         given: &(Vec<[f64; D]>, Vec<[f64; D]>),
         least: f64,
         stop: &AtomicBool,
-    ) -> Result<Option<Found<D>>, Error> {
+    ) -> Result<Option<IslandBound<D>>, Error> {
         /// Radii to try, in lengths of `e`; larger ones know less.
         const RADII: [f64; 5] = [3.0, 12.0, 50.0, 200.0, 1000.0];
         let n = self.monotonicity.order();
@@ -360,7 +360,7 @@ impl<const D: usize> Island<D> {
         }
         for candidate in candidates {
             for weights in self.tried() {
-                let nothing = vec![Known::Nothing; self.monotonicity.mu.len()];
+                let nothing = vec![KnownSlip::Nothing; self.monotonicity.mu.len()];
                 let all = Ties::none(self.monotonicity.all());
                 let (e, error) = self.misfit(&all, &weights.normal, &nothing, candidate);
                 let length = 2.0 * self.of_w.ellipsoid(&e, &error).radius;
@@ -392,28 +392,28 @@ impl<const D: usize> Island<D> {
                         _ => break,
                     }
                 }
-                let mut certificate = best.0;
-                certificate.widths = widths(&self.rows, &self.monotonicity, &certificate);
-                let ellipsoid = self.ellipsoid(&certificate, candidate);
-                let found = self.found(&certificate, candidate, given, &ellipsoid, ball);
+                let mut factor = best.0;
+                factor.widths = widths(&self.rows, &self.monotonicity, &factor);
+                let ellipsoid = self.ellipsoid(&factor, candidate);
+                let found = self.found(&factor, candidate, given, &ellipsoid, ball);
                 return Ok(Some(found));
             }
         }
         Ok(None)
     }
 
-    /// What holds for the answers within a ball: a certificate and the bound of `‖d‖`.
+    /// What holds for the answers within a ball: a factor and the bound of `‖d‖`.
     pub(super) fn within(
         &self,
         radius: f64,
         weights: &Weights,
         candidate: &Candidate<D>,
         stop: &AtomicBool,
-    ) -> Result<Option<(Certificate<D>, f64)>, Error> {
+    ) -> Result<Option<(IslandFactor<D>, f64)>, Error> {
         let n = self.monotonicity.order();
         let room = 1.0 + gamma(D);
         let entry = |i: usize, j: usize| self.half[j * n + i];
-        let mut known = vec![Known::Nothing; self.monotonicity.mu.len()];
+        let mut known = vec![KnownSlip::Nothing; self.monotonicity.mu.len()];
         let mut ties = Ties::default();
         for (contact, position) in self.monotonicity.nodes.clone().enumerate() {
             let at = |k: usize| self.monotonicity.unknown(position, k);
@@ -434,10 +434,10 @@ impl<const D: usize> Island<D> {
                 let least = mu * (face.reaction[0] - lengths[0]) / room;
                 let most = room * (tangential_norm(&face.reaction) + tangential_norm(&lengths));
                 if least > most {
-                    known[contact] = Known::Sticks;
+                    known[contact] = KnownSlip::Sticks;
                 }
             }
-            let sticks = matches!(known[contact], Known::Sticks);
+            let sticks = matches!(known[contact], KnownSlip::Sticks);
             let largest = match tangents[..] {
                 [i] => entry(i, i),
                 [i, j] => {
@@ -459,7 +459,7 @@ impl<const D: usize> Island<D> {
                 };
                 // Beyond 1 the triangle inequality says more.
                 if turn < 1.0 {
-                    known[contact] = Known::Slides { direction, turn };
+                    known[contact] = KnownSlip::Slides { direction, turn };
                 }
                 // In the plane the reaction is known to its size, where r̂ agrees.
                 let agrees = match face.place {
@@ -476,11 +476,11 @@ impl<const D: usize> Island<D> {
                 ties.push(unknown, None);
             }
         }
-        let certificate = self.certificate(ties, weights, known, stop)?;
-        Ok(certificate.map(|certificate| {
-            let ellipsoid = self.ellipsoid(&certificate, candidate);
-            let length = self.length(&certificate, &ellipsoid);
-            (certificate, length)
+        let factor = self.factor(ties, weights, known, stop)?;
+        Ok(factor.map(|factor| {
+            let ellipsoid = self.ellipsoid(&factor, candidate);
+            let length = self.length(&factor, &ellipsoid);
+            (factor, length)
         }))
     }
 
@@ -530,15 +530,15 @@ impl<const D: usize> Island<D> {
     }
 }
 
-/// Widths of the unit ellipsoid of a certificate, along its unknowns and along rows.
+/// Widths of the unit ellipsoid of a factor, along its unknowns and along rows.
 fn widths<const D: usize>(
     rows: &[f64],
     monotonicity: &Monotonicity<D>,
-    certificate: &Certificate<D>,
+    factor: &IslandFactor<D>,
 ) -> Widths {
     let count = D * monotonicity.nodes.len();
     let mut displacement = vec![0.0; count];
-    let Ties { kept, tied } = &certificate.ties;
+    let Ties { kept, tied } = &factor.ties;
     if !kept.is_empty() {
         let mut along = Vec::with_capacity(count * kept.len());
         let mut errors = Vec::with_capacity(count);
@@ -553,10 +553,10 @@ fn widths<const D: usize>(
             }
             errors.push(rounding);
         }
-        displacement = certificate.below.widths_along(&along, &errors);
+        displacement = factor.cholesky.widths_along(&along, &errors);
     }
     Widths {
-        reaction: certificate.below.widths(),
+        reaction: factor.cholesky.widths(),
         displacement,
     }
 }

@@ -94,7 +94,7 @@ impl Reason {
 
 /// What a bound says.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Kind {
+pub enum BoundKind {
     /// There is one answer, and it is this near.
     Global,
     /// One answer is this near; it is the only one within a ball.
@@ -102,7 +102,7 @@ pub enum Kind {
     NotAvailable(Reason),
 }
 
-impl Kind {
+impl BoundKind {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -117,7 +117,7 @@ impl Kind {
 /// available is empty.
 #[derive(Clone, Debug)]
 pub struct Bound<const D: usize> {
-    pub kind: Kind,
+    pub kind: BoundKind,
     /// `‖r − r*‖` in the norm of `W`.
     pub energy: f64,
     /// That over `‖r*‖`; infinite where `r* = 0` is not excluded.
@@ -142,7 +142,7 @@ impl<const D: usize> Bound<D> {
     /// What is said without a bound.
     fn none(self, reason: Reason) -> Self {
         Self {
-            kind: Kind::NotAvailable(reason),
+            kind: BoundKind::NotAvailable(reason),
             energy: f64::INFINITY,
             relative: f64::INFINITY,
             alone_within: 0.0,
@@ -161,7 +161,7 @@ impl<const D: usize> Bound<D> {
             .map(|((r, v), &mu)| bipotential::gap(r, v, mu))
             .collect();
         Self {
-            kind: Kind::Global,
+            kind: BoundKind::Global,
             energy: 0.0,
             relative: 0.0,
             alone_within: f64::INFINITY,
@@ -184,7 +184,7 @@ pub struct Prepared<const D: usize> {
 
 /// The relative displacement that is reported beside a reaction, and how far that
 /// may be from what it stands for.
-pub type Given<'a, const D: usize> = (&'a [[f64; D]], &'a [[f64; D]]);
+pub type Reported<'a, const D: usize> = (&'a [[f64; D]], &'a [[f64; D]]);
 
 impl<const D: usize> Prepared<D> {
     /// Weights, factors and widths for a problem.
@@ -253,7 +253,7 @@ impl<const D: usize> Prepared<D> {
         &self,
         problem: &Reduced<D>,
         (r, rigid): (&[[f64; D]], &[f64]),
-        given: Option<Given<'_, D>>,
+        given: Option<Reported<'_, D>>,
         stop: &AtomicBool,
     ) -> Result<Bound<D>, Error> {
         let mut bound = Bound::start(problem, r, rigid);
@@ -304,7 +304,7 @@ impl<const D: usize> Prepared<D> {
             for island in islands {
                 let mut found = island.global_bound(&candidates, &given);
                 if found.is_none() {
-                    bound.kind = Kind::Local;
+                    bound.kind = BoundKind::Local;
                     found = island.local_bound(&candidates, &given, least, stop)?;
                 }
                 let nodes = island.monotonicity.nodes.clone();

@@ -70,7 +70,7 @@ pub fn sparse_cost<const D: usize>(whole: &Whole<D>) -> f64 {
 
 /// Rows of one closed contact.
 #[derive(Clone, Debug)]
-pub struct Row<const D: usize> {
+pub struct ClosedContact<const D: usize> {
     pub node: usize,
     /// Place of its first unknown, and how many it has.
     first: usize,
@@ -84,7 +84,7 @@ pub struct Row<const D: usize> {
 #[derive(Debug)]
 pub struct ComplianceForm<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
-    rows: Vec<Row<D>>,
+    rows: Vec<ClosedContact<D>>,
     /// Unknowns of the contacts; those of the rigid motions follow.
     contact: usize,
     /// What is added to the diagonal of the scaled `W`.
@@ -108,7 +108,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
                 continue;
             }
             let width = if problem.mu[node] > 0.0 { D } else { 1 };
-            rows.push(Row {
+            rows.push(ClosedContact {
                 node,
                 first,
                 width,
@@ -155,7 +155,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
                 return Ok(None); // sweeps need none
             }
             count(sparse_cost(whole));
-            if let Some(factors) = Inner::factors(self, whole, stop)? {
+            if let Some(factors) = ContactInverse::factors(self, whole, stop)? {
                 let factors = Preconditioner::new(self, factors)?;
                 let apply = |x: &[f64]| self.apply(x, stop);
                 let precondition = |x: &mut [f64]| factors.apply(self, x);
@@ -170,7 +170,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
             }
             // Singular without the rigid motions, or but for their rounding.
         } else if n > LARGE {
-            let blocks = Preconditioner::new(self, Inner::contacts(self))?;
+            let blocks = Preconditioner::new(self, ContactInverse::contacts(self))?;
             let apply = |x: &[f64]| self.apply(x, stop);
             let precondition = |x: &mut [f64]| blocks.apply(self, x);
             let found = gmres::solve(apply, precondition, &x, tol, MOST_PRODUCTS)?;
@@ -222,7 +222,7 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
         let modes = &self.problem.scaling.modes;
         let mut matrix = pages::zeros(n * n);
         let (contact, border) = matrix.split_at_mut(self.contact * n);
-        let mut of_rows: Vec<(&Row<D>, &mut [f64])> = Vec::with_capacity(self.rows.len());
+        let mut of_rows: Vec<(&ClosedContact<D>, &mut [f64])> = Vec::with_capacity(self.rows.len());
         let mut rest = contact;
         for row in &self.rows {
             let (own, after) = rest.split_at_mut(row.width * n);
@@ -356,14 +356,14 @@ impl<'p, const D: usize> ComplianceForm<'p, D> {
 }
 
 /// Rows and columns of the contacts, solved more or less well.
-enum Inner<'w, const D: usize> {
+enum ContactInverse<'w, const D: usize> {
     /// By the inverses of the contacts' own blocks.
     Contacts(Vec<Block<D>>),
     /// By the factors of all.
     Factors(SparseLu<'w>),
 }
 
-impl<'w, const D: usize> Inner<'w, D> {
+impl<'w, const D: usize> ContactInverse<'w, D> {
     fn contacts(system: &ComplianceForm<D>) -> Self {
         let scaling = &system.problem.scaling;
         let inverse = system.rows.iter().map(|row| {
@@ -381,7 +381,7 @@ impl<'w, const D: usize> Inner<'w, D> {
         stop: &AtomicBool,
     ) -> Result<Option<Self>, Error> {
         let scaling = &system.problem.scaling;
-        let mut rows: Vec<Option<&Row<D>>> = vec![None; system.problem.contacts()];
+        let mut rows: Vec<Option<&ClosedContact<D>>> = vec![None; system.problem.contacts()];
         for row in &system.rows {
             rows[row.node] = Some(row);
         }
@@ -399,7 +399,7 @@ impl<'w, const D: usize> Inner<'w, D> {
     }
 
     fn solve(&self, system: &ComplianceForm<D>, x: &mut [f64]) {
-        let places = |row: &Row<D>| row.first..row.first + row.width;
+        let places = |row: &ClosedContact<D>| row.first..row.first + row.width;
         match self {
             Self::Contacts(inverse) => {
                 for (row, inverse) in system.rows.iter().zip(inverse) {
@@ -424,7 +424,7 @@ impl<'w, const D: usize> Inner<'w, D> {
     }
 }
 
-impl<const D: usize> Row<D> {
+impl<const D: usize> ClosedContact<D> {
     /// Its block of a column of `Ŵ` that is not its own.
     fn of_others(&self, w: &Block<D>) -> Block<D> {
         let mut block = self.by_v * w;
@@ -448,7 +448,7 @@ impl<const D: usize> Row<D> {
 
 /// What solves the contacts, and what it makes of the border.
 struct Preconditioner<'w, const D: usize> {
-    inner: Inner<'w, D>,
+    inner: ContactInverse<'w, D>,
     /// `D⁻¹ C`, `C` the columns of `â`, one a rigid motion.
     border: Vec<Vec<f64>>,
     /// `R̂ᵀ D⁻¹ C`, factored.
@@ -456,7 +456,7 @@ struct Preconditioner<'w, const D: usize> {
 }
 
 impl<'w, const D: usize> Preconditioner<'w, D> {
-    fn new(system: &ComplianceForm<D>, inner: Inner<'w, D>) -> Result<Self, Error> {
+    fn new(system: &ComplianceForm<D>, inner: ContactInverse<'w, D>) -> Result<Self, Error> {
         let scaling = &system.problem.scaling;
         let mut this = Self {
             inner,
@@ -505,7 +505,7 @@ impl<'w, const D: usize> Preconditioner<'w, D> {
 
 /// What contact unknowns do on one rigid motion.
 fn balance<const D: usize>(system: &ComplianceForm<D>, mode: &[[f64; D]], x: &[f64]) -> f64 {
-    let of_row = |row: &Row<D>| {
+    let of_row = |row: &ClosedContact<D>| {
         let own = &x[row.first..row.first + row.width];
         own.iter()
             .zip(&mode[row.node])

@@ -12,7 +12,7 @@ use crate::law::frozen::Frozen;
 use crate::linalg::small::{length, norm};
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{merit, residual, scaled_imbalance};
-use crate::solver::monitor::{Monitor, Verdict};
+use crate::solver::monitor::{Monitor, NextStep};
 use crate::solver::newton::compliance_form::{self, ComplianceForm, Solved};
 use crate::solver::newton::linearisation::{Linearisation, factorisation_cost, inversion_cost};
 use crate::solver::newton::stiffness_form::StiffnessForm;
@@ -37,7 +37,7 @@ const MOST_FORCING: f64 = 1e-4;
 
 /// How a run of Newton steps ended.
 #[derive(Debug)]
-pub enum End<const D: usize> {
+pub enum NewtonEnd<const D: usize> {
     /// The monitor stopped it.
     Stop(Outcome),
     /// It came to a stand at a better point `(r, a)`.
@@ -64,14 +64,14 @@ pub fn alone<const D: usize>(
         rigid.copy_from_slice(&start.rigid);
     }
     let v = problem.relative_displacement(&r, &rigid);
-    if let Verdict::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
+    if let NextStep::Stop(outcome) = monitor.look(&r, &v, &rigid, false)? {
         return Ok(outcome);
     }
     loop {
         match run(problem, &r, &rigid, monitor)? {
-            End::Stop(outcome) => return Ok(outcome),
-            End::Better(better, motion) => (r, rigid) = (better, motion),
-            End::Stalled => return Ok(Outcome::Stalled),
+            NewtonEnd::Stop(outcome) => return Ok(outcome),
+            NewtonEnd::Better(better, motion) => (r, rigid) = (better, motion),
+            NewtonEnd::Stalled => return Ok(Outcome::Stalled),
         }
     }
 }
@@ -85,7 +85,7 @@ pub fn run<const D: usize>(
     r: &[[f64; D]],
     rigid: &[f64],
     monitor: &mut Monitor<D>,
-) -> Result<End<D>, Error> {
+) -> Result<NewtonEnd<D>, Error> {
     run_near(problem, &Near::nothing(), r, rigid, 0.0, monitor)
 }
 
@@ -191,7 +191,7 @@ pub fn run_near<const D: usize>(
     rigid: &[f64],
     enough: f64,
     monitor: &mut Monitor<D>,
-) -> Result<End<D>, Error> {
+) -> Result<NewtonEnd<D>, Error> {
     let mut r = r.to_vec();
     let mut rigid = rigid.to_vec();
     let mut v = problem.relative_displacement(&r, &rigid);
@@ -248,12 +248,12 @@ pub fn run_near<const D: usize>(
             best = (there, r.clone(), rigid.clone());
         }
         match monitor.look(&r, &v, &rigid, true)? {
-            Verdict::Stop(outcome) => return Ok(End::Stop(outcome)),
-            Verdict::Refresh => {
+            NextStep::Stop(outcome) => return Ok(NewtonEnd::Stop(outcome)),
+            NextStep::Refresh => {
                 v = problem.relative_displacement(&r, &rigid);
                 recent = vec![near.merit(problem, &r, &v)];
             }
-            Verdict::Continue => {}
+            NextStep::Continue => {}
         }
         if share < 1e-2 {
             break; // creeping: sweeps do better
@@ -261,9 +261,9 @@ pub fn run_near<const D: usize>(
     }
     let (reached, r, rigid) = best;
     Ok(if reached < started {
-        End::Better(r, rigid)
+        NewtonEnd::Better(r, rigid)
     } else {
-        End::Stalled
+        NewtonEnd::Stalled
     })
 }
 

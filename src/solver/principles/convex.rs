@@ -10,8 +10,8 @@ use crate::law::cone::project;
 use crate::law::frozen::Frozen;
 use crate::reduced::reduced::Reduced;
 use crate::reduced::residual::{merit, residual};
-use crate::solver::monitor::{Monitor, Verdict};
-use crate::solver::newton::newton::{self, End, Near};
+use crate::solver::monitor::{Monitor, NextStep};
+use crate::solver::newton::newton::{self, Near, NewtonEnd};
 use crate::solver::outcome::Outcome;
 use crate::solver::settings::Start;
 use crate::solver::uzawa::{self, Burst};
@@ -34,13 +34,13 @@ const BETTER: f64 = 0.999;
 
 /// A point, and `v` at it.
 #[derive(Clone, Debug)]
-pub struct Point<const D: usize> {
+pub struct PrinciplePoint<const D: usize> {
     pub r: Vec<[f64; D]>,
     pub v: Vec<[f64; D]>,
     pub rigid: Vec<f64>,
 }
 
-impl<const D: usize> Point<D> {
+impl<const D: usize> PrinciplePoint<D> {
     /// `‖(F, R̂ᵀ r̂ + ê)‖` of Coulomb's law.
     #[must_use]
     pub fn merit(&self, problem: &Reduced<D>) -> f64 {
@@ -78,7 +78,7 @@ pub enum Least<const D: usize> {
     /// The monitor stopped it.
     Stop(Outcome),
     /// The last point; it need not be the least one where that takes too long.
-    At(Point<D>),
+    At(PrinciplePoint<D>),
 }
 
 /// Solves the problem of frozen laws from a point, until its own merit is at most
@@ -90,7 +90,7 @@ pub enum Least<const D: usize> {
 pub fn least<const D: usize>(
     problem: &Reduced<D>,
     frozen: Vec<Frozen<D>>,
-    from: &Point<D>,
+    from: &PrinciplePoint<D>,
     enough: f64,
     monitor: &mut Monitor<D>,
 ) -> Result<Least<D>, Error> {
@@ -103,9 +103,9 @@ pub fn least<const D: usize>(
             break;
         }
         match newton::run_near(problem, &near, &point.r, &point.rigid, enough, monitor)? {
-            End::Stop(outcome) => return Ok(Least::Stop(outcome)),
-            End::Better(r, rigid) => point = Point::new(problem, r, rigid),
-            End::Stalled => {}
+            NewtonEnd::Stop(outcome) => return Ok(Least::Stop(outcome)),
+            NewtonEnd::Better(r, rigid) => point = PrinciplePoint::new(problem, r, rigid),
+            NewtonEnd::Stalled => {}
         }
         monitor.count(1.0);
         if near.merit(problem, &point.r, &point.v) <= enough {
@@ -121,7 +121,7 @@ pub fn least<const D: usize>(
         let r = std::mem::take(&mut point.r);
         match uzawa::burst(problem, &near.frozen, r, &point.rigid, monitor, steps)? {
             Burst::Stop(outcome) => return Ok(Least::Stop(outcome)),
-            Burst::End(r, rigid) => point = Point::new(problem, r, rigid),
+            Burst::End(r, rigid) => point = PrinciplePoint::new(problem, r, rigid),
         }
         monitor.count(1.0);
         steps *= 2;
@@ -130,14 +130,22 @@ pub fn least<const D: usize>(
 }
 
 /// Below the rounding of `W r + q`, as last measured, nothing helps.
-fn rounding<const D: usize>(problem: &Reduced<D>, point: &Point<D>, monitor: &Monitor<D>) -> f64 {
+fn rounding<const D: usize>(
+    problem: &Reduced<D>,
+    point: &PrinciplePoint<D>,
+    monitor: &Monitor<D>,
+) -> f64 {
     monitor.floor() * point.size(problem)
 }
 
 /// How well the next problem of a principle at a point is to be solved: to a share of
 /// what the point misses, and no better than the wish asks of the whole.
 #[must_use]
-pub fn enough<const D: usize>(problem: &Reduced<D>, point: &Point<D>, monitor: &Monitor<D>) -> f64 {
+pub fn enough<const D: usize>(
+    problem: &Reduced<D>,
+    point: &PrinciplePoint<D>,
+    monitor: &Monitor<D>,
+) -> f64 {
     let eta = point.residual(problem);
     point.merit(problem) * SHARE.max((0.5 * monitor.wish() / eta).min(1.0))
 }
@@ -151,10 +159,10 @@ pub fn iterate<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-    mut pass: impl FnMut(&Point<D>, &mut Monitor<D>) -> Result<Least<D>, Error>,
+    mut pass: impl FnMut(&PrinciplePoint<D>, &mut Monitor<D>) -> Result<Least<D>, Error>,
 ) -> Result<Outcome, Error> {
     let mut point = begin(problem, start, monitor);
-    if let Verdict::Stop(outcome) = monitor.look(&point.r, &point.v, &point.rigid, false)? {
+    if let NextStep::Stop(outcome) = monitor.look(&point.r, &point.v, &point.rigid, false)? {
         return Ok(outcome);
     }
     into_cones(problem, &mut point, monitor);
@@ -167,10 +175,10 @@ pub fn iterate<const D: usize>(
         };
         if monitor.iterations() == before {
             // There was nothing left to do: it is counted, so that limits hold.
-            point = Point::new(problem, point.r, point.rigid);
+            point = PrinciplePoint::new(problem, point.r, point.rigid);
             monitor.count(1.0);
             let verdict = monitor.look(&point.r, &point.v, &point.rigid, true)?;
-            if let Verdict::Stop(outcome) = verdict {
+            if let NextStep::Stop(outcome) = verdict {
                 return Ok(outcome);
             }
         }
@@ -191,7 +199,7 @@ pub fn iterate_frozen<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-    frozen: impl Fn(&Point<D>) -> Vec<Frozen<D>>,
+    frozen: impl Fn(&PrinciplePoint<D>) -> Vec<Frozen<D>>,
 ) -> Result<Outcome, Error> {
     iterate(problem, start, monitor, |point, monitor| {
         let enough = enough(problem, point, monitor);
@@ -204,7 +212,7 @@ fn begin<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
     monitor: &mut Monitor<D>,
-) -> Point<D> {
+) -> PrinciplePoint<D> {
     let mut rigid = vec![0.0; problem.rigid.modes.len()];
     if !start.rigid.is_empty() {
         rigid.copy_from_slice(&start.rigid);
@@ -213,22 +221,22 @@ fn begin<const D: usize>(
         let r = vec![[0.0; D]; problem.contacts()];
         let mut v = problem.q.clone();
         problem.add_rigid(&rigid, &mut v);
-        return Point { r, v, rigid };
+        return PrinciplePoint { r, v, rigid };
     }
     monitor.count(1.0);
-    Point::new(problem, start.reaction.clone(), rigid)
+    PrinciplePoint::new(problem, start.reaction.clone(), rigid)
 }
 
 /// A start may lie outside the cones: its pressures would be no friction limits.
 fn into_cones<const D: usize>(
     problem: &Reduced<D>,
-    point: &mut Point<D>,
+    point: &mut PrinciplePoint<D>,
     monitor: &mut Monitor<D>,
 ) {
     let within = point.r.iter().zip(&problem.mu);
     let r: Vec<[f64; D]> = within.map(|(r, &mu)| project(r, mu).0).collect();
     if r != point.r {
-        *point = Point::new(problem, r, std::mem::take(&mut point.rigid));
+        *point = PrinciplePoint::new(problem, r, std::mem::take(&mut point.rigid));
         monitor.count(1.0);
     }
 }

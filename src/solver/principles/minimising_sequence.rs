@@ -17,7 +17,7 @@ use crate::law::bipotential::gap;
 use crate::reduced::reduced::Reduced;
 use crate::solver::monitor::Monitor;
 use crate::solver::outcome::Outcome;
-use crate::solver::principles::convex::{Least, Point, iterate, least};
+use crate::solver::principles::convex::{Least, PrinciplePoint, iterate, least};
 use crate::solver::principles::displacement_principle;
 use crate::solver::principles::stress_principle;
 use crate::solver::settings::Start;
@@ -31,7 +31,11 @@ const SHARE: f64 = 0.01;
 ///
 /// `W (τ − r)` is the difference of the two `v`, so that no product is needed.
 #[must_use]
-pub fn bifunctional<const D: usize>(problem: &Reduced<D>, of_u: &Point<D>, of_r: &Point<D>) -> f64 {
+pub fn bifunctional<const D: usize>(
+    problem: &Reduced<D>,
+    of_u: &PrinciplePoint<D>,
+    of_r: &PrinciplePoint<D>,
+) -> f64 {
     (0..problem.contacts())
         .map(|i| {
             let energy: f64 = (0..D)
@@ -64,7 +68,7 @@ pub fn run_told<const D: usize>(
     monitor: &mut Monitor<D>,
     tell: &mut impl FnMut(f64),
 ) -> Result<Outcome, Error> {
-    let mut of_u: Option<Point<D>> = None;
+    let mut of_u: Option<PrinciplePoint<D>> = None;
     iterate(problem, start, monitor, |of_r, monitor| {
         monitor.measure_floor(&of_r.r, &of_r.rigid);
         let enough = enough(problem, of_r);
@@ -86,6 +90,6 @@ pub fn run_told<const D: usize>(
 }
 
 /// To second order in what the point misses.
-fn enough<const D: usize>(problem: &Reduced<D>, point: &Point<D>) -> f64 {
+fn enough<const D: usize>(problem: &Reduced<D>, point: &PrinciplePoint<D>) -> f64 {
     SHARE * point.residual(problem).min(1.0) * point.merit(problem)
 }

@@ -6,14 +6,14 @@ use rayon::prelude::*;
 
 use crate::linalg::packed::{Panel, Run};
 use crate::linalg::sparse::csc::{Symmetric, narrow};
-use crate::linalg::sparse::supervariables::Quotient;
+use crate::linalg::sparse::supervariables::SupervariableGraph;
 use crate::linalg::sparse::symbolic::Front;
 use crate::linalg::sparse::symbolic::pattern::Pattern;
 use crate::linalg::sparse::tree::Tree;
 
 /// Fronts, rows and numbering, as they are built.
 pub(super) struct Layout<'a> {
-    pub(super) nodes: &'a Quotient,
+    pub(super) nodes: &'a SupervariableGraph,
     /// Nodes in elimination order, kept ones last.
     pub(super) order: Vec<u32>,
     /// Place of each node in that order.
@@ -34,7 +34,7 @@ pub(super) struct Layout<'a> {
 }
 
 impl<'a> Layout<'a> {
-    pub(super) fn new(nodes: &'a Quotient, tree: &Tree, node_order: &[u32]) -> Self {
+    pub(super) fn new(nodes: &'a SupervariableGraph, tree: &Tree, node_order: &[u32]) -> Self {
         let mut order: Vec<u32> = Vec::with_capacity(nodes.len());
         let mut fronts: Vec<Front> = Vec::with_capacity(tree.fronts.len());
         let mut pivots = Vec::with_capacity(tree.fronts.len());

@@ -20,7 +20,7 @@ use crate::linalg::packed::{Packed, Panel, Run};
 use crate::linalg::pages::zeros;
 use crate::linalg::sparse::csc::Symmetric;
 use crate::linalg::sparse::ordering::{Graph, by_coordinates, by_metis};
-use crate::linalg::sparse::supervariables::Quotient;
+use crate::linalg::sparse::supervariables::SupervariableGraph;
 use crate::linalg::sparse::symbolic::layout::Layout;
 use crate::linalg::sparse::symbolic::pattern::Pattern;
 use crate::linalg::sparse::symbolic::tasks::Tasks;
@@ -197,7 +197,7 @@ impl Symbolic {
             check_coordinates(at, n)?;
         }
         let pattern = Pattern::of(k);
-        let nodes = Quotient::new(&pattern.col_ptr, &pattern.row_idx, kept, &place);
+        let nodes = SupervariableGraph::new(&pattern.col_ptr, &pattern.row_idx, kept, &place);
         let (node_order, tree, ordering, seconds_order) = best_order(&nodes, options)?;
 
         let mut layout = Layout::new(&nodes, &tree, &node_order);
@@ -461,7 +461,7 @@ fn check_coordinates(at: &[[f64; 3]], n: usize) -> Result<(), Error> {
 /// Order of the interior nodes with the fewer flops, its tree, its name, and
 /// the seconds that finding it took.
 fn best_order(
-    nodes: &Quotient,
+    nodes: &SupervariableGraph,
     options: &Options,
 ) -> Result<(Vec<u32>, Tree, &'static str, f64), Error> {
     let begin = Instant::now();
