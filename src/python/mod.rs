@@ -12,6 +12,7 @@ mod errors;
 mod estimate;
 mod heap;
 mod interrupt;
+mod load_path;
 mod problem;
 mod solver;
 
@@ -28,7 +29,9 @@ mod _core {
     #[pymodule_export]
     use super::heap::keep_heap;
     #[pymodule_export]
-    use super::problem::{PyCondensed, PyPath, follow};
+    use super::load_path::{PyPath, follow};
+    #[pymodule_export]
+    use super::problem::PyCondensed;
     #[pymodule_export]
     use super::solver::{PyReduced, is_sparse, isotropic, project, threads};
 
