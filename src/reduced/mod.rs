@@ -1,4 +1,4 @@
-//! The contact problem in the reactions alone, `v = W r + q`, and no algorithm.
+//! The contact problem in the reactions, `v = W r + q`, without any algorithm.
 
 pub mod balance;
 pub mod compliance;
