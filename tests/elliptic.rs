@@ -240,7 +240,7 @@ fn scaling_is_t_w_t_and_leads_back() {
     // Four products and two quotients.
     let apart = back.iter().zip(&whole).map(|(a, b)| (a - b).abs());
     assert!(apart.fold(0.0, f64::max) <= 4.0 * EPS);
-    // From one elliptic to another, as from none to the other.
+    // From one scaling to another, as from none to the other.
     let (_, other) = EllipticScaling::new(&[[0.1, 0.1], [0.5, 0.4]]).unwrap();
     let other = other.unwrap();
     let change = EllipticScaling::between(Some(&elliptic), Some(&other)).unwrap();

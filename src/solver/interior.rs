@@ -1,16 +1,15 @@
-//! Interior points, for large sets of rigid bodies with more reactions than motions.
+//! An interior-point method for large sets of rigid bodies with more reactions than motions.
 //!
-//! In `z = (μ r̂_n, r̂_t)` and `s = (ṽ̂_n/μ, v̂_t)` the law (9) is `L ∋ z ⊥ s ∈ L`. Newton
-//! steps follow `z ∘ s = σ e`, `σ → 0`, from inside the cones, as in convex programming
-//! with the scaling of Nesterov and Todd; what is not convex, the term `‖s_t‖` of
-//! `s₀ = v̂_n/μ + ‖s_t‖`, is part of the same Newton system. The points they lead to lie
-//! in the middle of all reactions that are answers: from there Newton and proximal
-//! points, which are lost where reactions are not determined, find the last digits.
+//! With `z = (μ r̂_n, r̂_t)` and `s = (ṽ̂_n/μ, v̂_t)` the law (9) is `L ∋ z ⊥ s ∈ L`. Newton
+//! steps follow `z ∘ s = σ e`, `σ → 0`, from inside the cones, as in convex programming with
+//! the Nesterov–Todd scaling. The non-convex term `‖s_t‖` of `s₀ = v̂_n/μ + ‖s_t‖` is part of
+//! the same Newton system. The points lead to the middle of the set of reactions that are
+//! solutions. From there Newton and proximal points, which fail where reactions are not
+//! determined, find the last digits.
 //!
-//! `‖s_t‖` has a kink where a contact sticks, at which steps come to a stand. In its
-//! place stands `h(s) = √(θ s₀² + (1 − θ)‖s_t‖²)`, `0 < θ < 1`, which is smooth inside
-//! the cone. The answers are the same: `v̂_n/μ = s₀ − h(s)` is zero where `s₀ = ‖s_t‖` and
-//! positive inside the cone.
+//! `‖s_t‖` has a kink where a contact sticks, at which steps stall. It is replaced by `h(s) =
+//! √(θ s₀² + (1 − θ)‖s_t‖²)`, `0 < θ < 1`, which is smooth inside the cone. The solutions stay
+//! the same: `v̂_n/μ = s₀ − h(s)` is zero if `s₀ = ‖s_t‖` and positive inside the cone.
 
 use std::f64::consts::LN_2;
 use std::sync::atomic::AtomicBool;
@@ -29,8 +28,8 @@ use crate::solver::newton::compliance_form::sparse_cost;
 use crate::solver::newton::linearisation::{factorisation_cost, movable};
 use crate::solver::newton::newton::NewtonEnd;
 
-/// `θ` and the first `z = s`, in units of `e`, of each further attempt: what comes to a
-/// stand on one path passes on another. Paths that begin far inside turn less often.
+/// `θ` and the initial `z = s`, in units of `e`, of each attempt: a path may succeed where
+/// another stalls. Paths that start far inside turn less often.
 const PATHS: [(f64, f64); 6] = [
     (0.9, 10.0),
     (0.8, 10.0),
@@ -40,39 +39,40 @@ const PATHS: [(f64, f64); 6] = [
     (0.8, 1.0),
 ];
 
-/// Steps at the most, and those within which what is left must be halved: walls of 1,600
-/// disks take 90 to 200, and turn for up to 50 of them about one place.
+/// Largest number of steps, and steps within which the remainder must halve. Walls of 1,600
+/// disks take 90 to 200 steps, up to 50 of them at one turn.
 const MOST_STEPS: usize = 260;
 const PATIENCE: usize = 100;
 
-/// `σ` where a path is worth being followed by Newton and proximal points: they solve
-/// what has come so far, and seldom what has not, for which another path costs less.
+/// Newton and proximal points follow a path that has reached this `σ`. They solve most problems
+/// that reach it and few others, for which another path costs less.
 const ENOUGH: f64 = 1e-3;
 
-/// What a step keeps of the way to the rim.
+/// Share of the distance to the boundary of the cone that a step keeps.
 const SHORTEST: f64 = 0.9;
 
-/// Lengths of steps along the path, where 1 comes to the rim: the longest and first, the
-/// least, what they are multiplied by when two have stayed near it and when one has left
-/// it, and how far from it a point may be, in the same lengths.
+/// Lengths of steps along the path, where 1 reaches the boundary: the largest and first, the
+/// smallest, the factor after two steps near the path, the factor after one far from it, and
+/// the largest distance from the path.
 const LONGEST: f64 = 0.7;
 const LEAST: f64 = 0.1;
 const GROW: f64 = 1.3;
 const SHRINK: f64 = 0.4;
 const ASTRAY: f64 = 1.0;
 
-/// What a step keeps of the way back to the path from beyond [`ASTRAY`], in the same
-/// lengths. Whole steps of Newton leap to and fro across a kink there, for ever.
+/// Share of the way back to the path from beyond [`ASTRAY`], in the same lengths. Full Newton
+/// steps there jump across a kink without end.
 const NEARER: f64 = 0.5;
 
-/// A second-order term longer than this is none: the step is taken without it.
+/// A longer second-order term is omitted.
 const MOST_BENT: f64 = 2.0;
 
-/// Unknowns above which a matrix that is not sparse is too large to factor so often.
+/// With more unknowns, a matrix that is not sparse is too large to factor repeatedly.
 const MOST_DENSE: usize = 1000;
 
-/// Follows paths, each from nothing, until one ends near an answer; `path` is the first
-/// to follow, and then the next. No path is followed twice: it would end where it did.
+/// Follows paths, each from its own start, until one ends near a solution. `path` is the first
+/// one to follow and becomes the next one. No path is followed twice: it would end at the same
+/// point.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -96,9 +96,9 @@ pub fn run<const D: usize>(
 
 /// One path, from `z = s = first e`.
 ///
-/// On it `z ∘ s = σ e`, and what is missed is the share `σ/first²` of what the start
-/// misses. Where the sign of the determinant changes `σ` turns, and rises until it
-/// changes back: the sense in which a path is run through is the product of the two.
+/// On it `z ∘ s = σ e`, and the residual is `σ/first²` times that of the start. Where the
+/// determinant changes its sign, `σ` turns and increases until the sign changes back: the
+/// direction along the path is the product of the two signs.
 fn follow<const D: usize>(
     system: &System<D>,
     first: f64,
@@ -149,7 +149,7 @@ fn follow<const D: usize>(
         let (missed_first, sense) = start.get_or_insert_with(|| (missed.clone(), factors.sign()));
         let share = at.left.exp();
         let sigma = first * first * share;
-        // Along the path, by the logarithm of σ, and back to it, at right angles.
+        // Along the path by the logarithm of σ, and back to it at right angles.
         let along = factors.direction(&vec![e * sigma; n], &missed_first.times(-share));
         let squares = factors.scalings.iter().map(|p| product(&p.point, &p.point));
         let aim: Vec<Vector<D>> = squares.map(|x| e * sigma - x).collect();
@@ -203,7 +203,7 @@ fn follow<const D: usize>(
     })
 }
 
-/// A point of a path; `left` is the logarithm of the share of the start.
+/// A point of a path; `left` is the logarithm of the remaining share.
 struct InteriorPoint<const D: usize> {
     z: Vec<Vector<D>>,
     s: Vec<Vector<D>>,
@@ -232,7 +232,7 @@ fn pairing<const D: usize>(x: &[(Vector<D>, Vector<D>)], y: &[(Vector<D>, Vector
     pairs.map(|(x, y)| x.0.dot(&y.0) + x.1.dot(&y.1)).sum()
 }
 
-/// The longest of the pairs.
+/// The largest of the pairs.
 fn farthest<const D: usize>(pairs: &[(Vector<D>, Vector<D>)]) -> f64 {
     let squares = pairs
         .iter()
@@ -255,12 +255,12 @@ fn longest<const D: usize>(x: &[Vector<D>], dx: &[Vector<D>]) -> f64 {
 /// `s = A z + B â + b + h(s) e` with `A = S Ŵ S`, `B = S R̂`, `S = diag(1/μ, 1)`.
 struct System<'p, const D: usize> {
     problem: &'p Reduced<'p, D>,
-    /// Diagonals of `S`; a frictionless contact keeps its normal component alone.
+    /// Diagonals of `S`; a frictionless contact has only its normal component.
     stretch: Vec<Vector<D>>,
     smoothing: f64,
 }
 
-/// What a point misses.
+/// The residual of a point.
 #[derive(Clone, Debug)]
 struct Missed<const D: usize> {
     /// `s − A z − B â − b − h(s) e`.
@@ -314,7 +314,8 @@ impl<const D: usize> InteriorStep<D> {
 }
 
 impl<'p, const D: usize> System<'p, D> {
-    /// Nothing where it is too large, or a contact cannot move, which has no inside.
+    /// `None` if it is too large, or if a contact cannot move, because its cone has no
+    /// interior.
     fn new(problem: &'p Reduced<'p, D>, smoothing: f64) -> Result<Option<Self>, Error> {
         let n = problem.contacts();
         let modes = problem.scaling.modes.len();
@@ -492,11 +493,11 @@ struct Factors<'s, 'p, const D: usize> {
     slopes: Vec<Block<D>>,
     /// `N P²`.
     of_law: Vec<Block<D>>,
-    /// What rows and columns are multiplied by, so that open contacts, whose `P²` is
-    /// without bound, do not hide the pivots of those that stick.
+    /// Factors of rows and columns. `P²` of open contacts grows without bound; without these
+    /// factors it would hide the pivots of sticking contacts.
     scale: Vec<Vector<D>>,
     inner: Factorisation<'s>,
-    /// `(A + N P²)⁻¹ B`, and `Bᵀ` of that.
+    /// `(A + N P²)⁻¹ B`, and `Bᵀ` times it.
     border: Vec<Vec<Vector<D>>>,
     balance: Option<Lu>,
 }
@@ -591,7 +592,7 @@ impl<const D: usize> Factors<'_, '_, D> {
             .collect();
         let balance: Vec<f64> = right.imbalance.iter().map(|x| -x).collect();
         let (mut z, mut a) = self.bordered(&b, &balance);
-        // Rows are exchanged within fronts only: one refinement mends what that costs.
+        // Rows are exchanged within fronts only: one refinement corrects the error.
         let (left, unbalanced) = self.left((&b, &balance), (&z, &a));
         let (dz, da) = self.bordered(&left, &unbalanced);
         for (z, dz) in z.iter_mut().zip(&dz) {

@@ -1,5 +1,4 @@
-//! Algorithms on the reduced problem, and nothing else: what they are given,
-//! what they return, and how they are watched.
+//! Algorithms on the reduced problem, with their input, their result and the monitor.
 
 pub mod anderson;
 pub mod auto;

@@ -12,7 +12,7 @@ use std::sync::Mutex;
 use crate::linalg::pages::{release, zeros};
 use crate::linalg::sparse::task_tree::lock;
 
-/// Which end of a arena a piece is taken from.
+/// Which end of an arena a piece is taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ArenaEnd {
     Low,
@@ -110,7 +110,7 @@ impl<'m> Arena<'m> {
 
 /// Numbers of one owner.
 pub(crate) enum Piece<'r> {
-    /// A part of a arena, which goes back to it.
+    /// A part of an arena, which goes back to it.
     Part {
         arena: &'r Arena<'r>,
         range: Range<usize>,

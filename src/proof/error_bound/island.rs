@@ -24,7 +24,7 @@ const LARGEST_OF_BALLS: usize = 1000;
 #[derive(Debug)]
 pub(super) struct Island<const D: usize> {
     pub(super) monotonicity: Monotonicity<D>,
-    /// VerifiedCholesky the symmetric part of `W`, which is `half`.
+    /// A factor below the symmetric part of `W`, which is `half`.
     pub(super) of_w: VerifiedCholesky,
     /// `|d_j| ≤ width · ‖d‖`.
     pub(super) widths_of_w: Vec<f64>,
