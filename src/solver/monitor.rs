@@ -220,11 +220,11 @@ impl<'p, const D: usize> Monitor<'p, D> {
         self.progress.tell(log.iterations, log.work, self.best);
     }
 
-    /// Where no reaction at all is an answer, η is relative to reactions that an
-    /// iteration shrinks from wherever it was started, until doubles end: long before
-    /// that they are none, and the answer is judged as that.
+    /// If `r = 0` is a solution, iterations shrink the reactions until the end of the range of
+    /// doubles, and η, which is relative to them, stays large. Far below the other
+    /// displacements, the point `r = 0` is checked instead.
     fn vanished(&mut self, r: &[[f64; D]], a: &[f64]) -> Option<Certificate<D>> {
-        /// In scaled variables, where what moves the contacts is of order one.
+        /// In scaled variables, where displacements of contacts are of order one.
         const NONE: f64 = 1e-100;
         let size = self.problem.scaling.reaction_norm(r);
         if size == 0.0 || size > NONE {

@@ -101,7 +101,7 @@ fn minus<const D: usize>((a, b): (&[f64; D], &[f64; D])) -> [f64; D] {
     std::array::from_fn(|k| a[k] - b[k])
 }
 
-/// Corrects a point as long as that helps; `evaluate` makes a point of `(r, a)`.
+/// Corrects a point while this improves it; `evaluate` makes a point from `(r, a)`.
 ///
 /// # Errors
 /// What `evaluate` returns, and [`Error::Interrupted`].
@@ -132,8 +132,8 @@ pub fn refine<const D: usize>(
             if moved <= f64::EPSILON || idle == IDLE {
                 break;
             }
-            // A linear problem, corrected by a W whose rounding may be more than what
-            // the softest motions of the contacts have of it.
+            // The problem is linear now. Rounding of W may exceed its energy of the softest
+            // motions of the contacts.
             let change: Vec<[f64; D]> = r.iter().zip(&point.r).map(minus).collect();
             let payload = [r.as_flattened(), &rigid].concat();
             if let Some(there) = anderson.extrapolate(change.as_flattened(), &payload) {
@@ -198,8 +198,8 @@ fn correction<const D: usize>(
     }))
 }
 
-/// `‖part‖ / ‖whole‖`, zero where nothing moves; scaled first, so that no unit
-/// makes the squares overflow.
+/// `‖part‖ / ‖whole‖`, zero if both are zero. Scaled first, so that squares do not overflow in
+/// any unit.
 fn share(part: &[f64], whole: &[f64]) -> f64 {
     let size = |a: &[f64]| a.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     let unit = size(part).max(size(whole));
