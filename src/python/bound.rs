@@ -1,4 +1,4 @@
-//! How far a point is from the answer, proved.
+//! Proved error bounds of a point.
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -13,9 +13,9 @@ use crate::reduced::elliptic_scaling::over;
 type Dicts<'py> = Vec<Told<'py>>;
 type Told<'py> = pyo3::Bound<'py, PyDict>;
 
-/// Bounds at some points of one problem, their reactions one below the other.
+/// Bounds at several points of one problem; their reactions are stacked.
 ///
-/// `reported` is what is told as relative displacement beside each of them.
+/// `reported` are the reported relative displacements of these points.
 #[pyfunction]
 #[pyo3(signature = (problem, reactions, points, rigid, reported=None, num_threads=None))]
 pub(super) fn error_bounds<'py>(
@@ -66,8 +66,8 @@ pub(super) fn error_bounds<'py>(
     }
 }
 
-/// The same for a step of a load path: total loads, the total relative displacement
-/// that the step before left, and that of the step. Nothing with a working set.
+/// The same for a step of a load path, from the total loads, the total relative displacement
+/// after the step before, and that of the step. `None` with a working set.
 #[pyfunction]
 #[pyo3(signature = (problem, load, prescribed, before, reaction, reported, rigid))]
 #[expect(clippy::too_many_arguments, reason = "what makes a step, from Python")]

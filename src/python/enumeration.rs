@@ -1,4 +1,4 @@
-//! One answer or several: what is known of their number, and all of them.
+//! The number of solutions, and all solutions.
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -14,10 +14,10 @@ use crate::python::{problem, solver};
 use crate::solver::enumerate;
 use crate::solver::{Settings, certified};
 
-/// The answers, and whether there is no other.
+/// The solutions, and whether there are no others.
 type Answers<'py> = (Vec<Bound<'py, PyDict>>, bool);
 
-/// Every answer of a small plane problem, by exhausting the statuses.
+/// All solutions of a small plane problem, found by trying all statuses.
 #[pyfunction]
 pub(super) fn answers<'py>(
     py: Python<'py>,
@@ -40,7 +40,7 @@ pub(super) fn answers<'py>(
     Ok(Some((dicts.collect::<PyResult<_>>()?, complete)))
 }
 
-/// What is known of the number of answers, from one of them.
+/// What one solution implies for the number of solutions.
 #[pyfunction]
 #[pyo3(signature = (problem, reaction, num_threads=None))]
 pub(super) fn assess(
@@ -66,8 +66,8 @@ pub(super) fn assess(
     Ok(verdict.name())
 }
 
-/// The same for a step of a load path: total loads, and the total relative
-/// displacement that the step before left.
+/// The same for a step of a load path, from the total loads and the total relative displacement
+/// after the step before.
 #[pyfunction]
 #[pyo3(signature = (problem, load, prescribed, before, reaction))]
 pub(super) fn assess_step(
@@ -85,8 +85,7 @@ pub(super) fn assess_step(
             let state = problem.left(before.as_ref(), contacts)?;
             let reaction = problem.reaction(&reaction, contacts)?;
             let Problem::Whole(whole) = &**$inner else {
-                // Of the contacts outside a working set nothing is known but that
-                // they are open in this answer.
+                // Contacts outside a working set are only known to be open in this solution.
                 return Ok(uniqueness::Unique::Unknown.name());
             };
             let r = whole.compliance().gather(&reaction);

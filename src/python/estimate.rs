@@ -1,4 +1,4 @@
-//! What an answer is away from the exact one.
+//! Estimates of the error of a solution.
 
 use pyo3::prelude::*;
 
@@ -13,8 +13,8 @@ use crate::solver::newton::refine::{Point, forward_error};
 
 type Estimate = Option<(f64, f64)>;
 
-/// Relative forward errors of the reaction and of the relative displacement, by
-/// one further Newton correction.
+/// Relative forward errors of the reaction and of the relative displacement, from one further
+/// Newton correction.
 #[pyfunction]
 #[pyo3(signature = (problem, reaction, rigid, num_threads=None))]
 pub(super) fn forward_errors(
@@ -51,8 +51,8 @@ pub(super) fn forward_errors(
     }
 }
 
-/// The same for a step of a load path, judged by `K` itself: total loads, and the
-/// total relative displacement that the step before left.
+/// The same for a step of a load path, with `K` itself, from the total loads and the total
+/// relative displacement after the step before.
 #[pyfunction]
 pub(super) fn forward_errors_of_step(
     py: Python<'_>,
@@ -80,7 +80,8 @@ pub(super) fn forward_errors_of_step(
                 let r = r.gather(&working_set::pick(&reaction, members));
                 let reduced = reduced_step(of_view, loads.0, loads.1, state.as_ref())?;
                 let point = evaluate(of_view, &reduced, loads, state.as_ref(), r, rigid.to_vec())?;
-                // Of a step, the total is what is told: gaps are total anyway.
+                // The reported displacement is the total one; normal components are always
+                // total.
                 let mut total = Vec::new();
                 if let Some(state) = &state {
                     let before = &state.relative_displacement;

@@ -25,7 +25,7 @@ enum AnyPath {
     Three(Arc<Problem<3>>, working_set::WorkingSetPath<3>),
 }
 
-/// A load path in progress; without a state it starts from the unloaded bodies.
+/// A load path in progress. Without a state it starts from the unloaded bodies.
 #[pyclass(name = "Path", module = "bipot_rs._core")]
 pub(super) struct PyPath {
     progress: AnyPath,
@@ -66,8 +66,8 @@ fn state<const D: usize>(
     Ok(state)
 }
 
-/// Contacts of a working set, rigid motions of the bodies condensed onto all contacts,
-/// and whether the inverse of its `W` had been made.
+/// Contacts of a working set, rigid motions of the bodies condensed onto all contacts, and
+/// whether the inverse of its `W` has been made.
 type SetArrays<'py> = (Indices<'py>, Vector<'py>, bool);
 
 fn set<const D: usize>(
@@ -107,8 +107,8 @@ fn step_dict<'py, const D: usize>(
     Ok(dict)
 }
 
-/// One step, after which the path stands where one does that is given the step in the
-/// caller's variables, to the rounding of the change.
+/// Makes a step. Its state is then rounded as if the caller had stored and returned it in the
+/// caller's variables.
 fn advance<const D: usize>(
     path: &mut working_set::WorkingSetPath<D>,
     problem: &Problem<D>,
@@ -159,8 +159,8 @@ impl PyPath {
         })
     }
 
-    /// One step to the total loads, with the gaps of the problem unless others are
-    /// given; the path moves on only where it converged.
+    /// A step to the total loads, with the gaps of the problem unless others are given. The
+    /// state changes only if the step converges.
     #[pyo3(signature = (load, prescribed, gap, method, tol, max_iterations, max_seconds))]
     #[expect(
         clippy::too_many_arguments,
@@ -203,14 +203,14 @@ impl PyPath {
     }
 }
 
-/// A path's steps, and what ended it early.
+/// The steps of a path, and the exception that ended it.
 type Followed<'py> = (Vec<Bound<'py, PyDict>>, Option<Py<PyAny>>);
 
-/// What is asked of one step: total forces, prescribed displacements, and gaps where
-/// they are not the problem's.
+/// Loads of one step: total forces, prescribed displacements, and gaps if they differ from
+/// those of the problem.
 type StepArrays<'py> = (Vector<'py>, Vector<'py>, Option<Matrix<'py>>);
 
-/// The same in memory of ours, gaps row after row.
+/// The same as vectors; gaps row by row.
 type OwnStep = (Vec<f64>, Vec<f64>, Option<Vec<f64>>);
 
 fn own<const D: usize>(steps: &[StepArrays<'_>]) -> PyResult<Vec<OwnStep>> {
@@ -222,8 +222,8 @@ fn own<const D: usize>(steps: &[StepArrays<'_>]) -> PyResult<Vec<OwnStep>> {
     steps.iter().map(step).collect()
 }
 
-/// Takes several paths through their steps, side by side. Of each the steps taken, of which the last may not
-/// have converged, and the exception that ended it.
+/// Runs several paths in parallel. Returns the steps of each, of which the last may not have
+/// converged, and the exception that ended it.
 #[pyfunction]
 pub(super) fn follow<'py>(
     py: Python<'py>,
@@ -265,7 +265,7 @@ pub(super) fn follow<'py>(
     Ok(out)
 }
 
-/// Steps with the working sets they were found with.
+/// Steps with their working sets.
 type Taken<const D: usize> = Vec<(Step<D>, Option<working_set::Set>)>;
 
 enum Steps {
@@ -283,7 +283,7 @@ fn dicts_of<'py, const D: usize>(
 }
 
 impl PyPath {
-    /// All steps, or those up to one that did not converge or failed.
+    /// Makes all steps, up to one that does not converge or fails.
     fn follow(
         &mut self,
         asked: &[OwnStep],

@@ -59,7 +59,7 @@ mod _core {
         "release"
     };
 
-    /// Of the crate that this module was compiled from.
+    /// The version of the crate.
     #[pymodule_export]
     #[expect(non_upper_case_globals, reason = "the name that Python sees")]
     const version: &str = env!("CARGO_PKG_VERSION");

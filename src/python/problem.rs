@@ -23,7 +23,7 @@ use crate::reduced::memory::{self, Budget};
 /// Row pointers, column indices and values of a matrix in CSR form.
 type Csr<'py> = (Indices<'py>, Indices<'py>, Vector<'py>);
 
-/// The same, given.
+/// The same arrays as results.
 type CsrOutput<'py> = (
     Bound<'py, PyArray1<i64>>,
     Bound<'py, PyArray1<i64>>,
@@ -42,7 +42,7 @@ pub(super) enum AnyProblem {
     Three(Arc<Problem<3>>),
 }
 
-/// Calls one generic body for both dimensions.
+/// Calls one generic expression for both dimensions.
 macro_rules! either {
     ($kind:expr, $inner:ident => $body:expr) => {
         match $kind {
@@ -61,7 +61,7 @@ pub(super) struct PyCondensed {
     pub(super) num_threads: Option<usize>,
 }
 
-/// A sparse matrix with indices as the core counts them.
+/// A sparse matrix with indices as `usize`.
 struct CsrArrays<'a> {
     pointer: Vec<usize>,
     index: Vec<usize>,
@@ -78,7 +78,7 @@ impl<'a> CsrArrays<'a> {
     }
 }
 
-/// What a problem is made of, but for what depends on the dimension.
+/// The arguments that do not depend on the dimension.
 struct Arguments<'a> {
     stiffness: CsrArrays<'a>,
     contact: CsrArrays<'a>,
@@ -99,7 +99,7 @@ impl Arguments<'_> {
         before: Option<&Problem<D>>,
         stop: &AtomicBool,
     ) -> Result<Arc<Problem<D>>, Error> {
-        // The indices that the core counts are gone before the factor is made.
+        // The converted indices are freed before the factor is made.
         let mut sorted = {
             let (k, b) = (self.stiffness, self.contact);
             let n = k.pointer.len().saturating_sub(1);
@@ -128,11 +128,12 @@ impl Arguments<'_> {
 
 #[pymethods]
 impl PyCondensed {
-    /// `places` are those of the degrees of freedom in space; `known` are all loads there will be, a pair of total forces and prescribed
-    /// displacements each step; `memory_limit` is in bytes; `grow` says whether `W` is
-    /// formed of a working set, `None` leaves it to the gaps; the analyses of `before`
-    /// are used again where the pattern is the same. `on_forecast` is called with what
-    /// the analysis has counted, at most 0.1 s later; an exception from it stops the work.
+    /// `places` are the positions in space of the degrees of freedom. `known` are all loads,
+    /// for each step a pair of total forces and prescribed displacements. `memory_limit` is in
+    /// bytes. `grow` decides whether `W` is formed for a working set; `None` lets the gaps
+    /// decide. The analyses of `before` are used again for equal patterns. `on_forecast` is
+    /// called with the counts of the analysis within 0.1 s; an exception from it stops the
+    /// work.
     #[new]
     #[pyo3(signature = (
         stiffness, contact, gap, mu, fixed, num_threads,
@@ -205,7 +206,7 @@ impl PyCondensed {
             });
             AnyProblem::Three(made?)
         };
-        // Small problems are done before anybody has looked.
+        // Small problems end before the first check.
         tell(py)?;
         Ok(Self {
             kind,
@@ -231,8 +232,8 @@ impl PyCondensed {
         arrays::square(py, dense, n, n)
     }
 
-    /// `W` in blocks where it is sparse: the first block of each row, the column of
-    /// each, and their entries, row-major.
+    /// The blocks of `W` if it is sparse: the first block of each row, the column of each, and
+    /// their entries, row-major.
     #[expect(clippy::type_complexity, reason = "the arrays of one sparse matrix")]
     fn sparse_compliance<'py>(
         &self,
@@ -271,7 +272,7 @@ impl PyCondensed {
         })
     }
 
-    /// Row pointers, columns and values of `K`, as far as anything here depends on it.
+    /// Row pointers, columns and values of the part of `K` that results depend on.
     fn stiffness<'py>(&self, py: Python<'py>) -> PyResult<CsrOutput<'py>> {
         let whole = either!(&self.kind, inner => {
             interrupt::run(py, self.num_threads, |_| Ok(inner.bodies().stiffness()))?
@@ -283,7 +284,7 @@ impl PyCondensed {
         ))
     }
 
-    /// What each rigid motion is at the contacts, a row each.
+    /// Each rigid motion at the contacts, as a row.
     fn modes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         either!(&self.kind, inner => {
             let modes = interrupt::run(py, self.num_threads, |_| inner.modes())?;
@@ -291,7 +292,7 @@ impl PyCondensed {
         })
     }
 
-    /// Makes the inverse of `W`, where there is one, before a step asks for it.
+    /// Makes the inverse of `W`, if it exists, before a step needs it.
     fn make_inverse(&self, py: Python<'_>) -> PyResult<()> {
         either!(&self.kind, inner => {
             if let Problem::Whole(whole) = &**inner {
@@ -301,9 +302,9 @@ impl PyCondensed {
         Ok(())
     }
 
-    /// `u` of all degrees of freedom, a row each state: total loads, reaction and
-    /// rigid motion. `confirmed` are of each state `v`, the gap, and what the step added
-    /// to the tangential parts of `v`: what `B u + gap` is held to, where it is known.
+    /// `u` of all degrees of freedom, one row for each state of total loads, reaction and rigid
+    /// motion. `confirmed` has for each state `v`, the gap, and the change of the tangential
+    /// parts of `v` in the step; `B u + gap` is compared with these.
     #[pyo3(signature = (states, confirmed=None))]
     fn displacements<'py>(
         &self,
@@ -381,7 +382,7 @@ impl PyCondensed {
         })
     }
 
-    /// The same bodies and contacts with other gaps, as a step has where obstacles move.
+    /// The same bodies and contacts with other gaps, as in a step with moving obstacles.
     fn with_gap(&self, gap: Matrix<'_>) -> PyResult<Self> {
         let elliptic = self.elliptic.as_ref();
         let kind = match &self.kind {
@@ -439,7 +440,7 @@ impl PyCondensed {
 }
 
 impl PyCondensed {
-    /// From the variables that are solved for to the caller's.
+    /// The change of variables back to those of the caller.
     fn inverse_scaling(&self) -> Option<EllipticScaling> {
         self.elliptic.as_ref().map(EllipticScaling::inverse)
     }
@@ -454,8 +455,7 @@ impl PyCondensed {
         Ok(over(self.elliptic.as_ref(), rows).into_owned())
     }
 
-    /// As much of the state before a step, if there was one, as its reduced problem asks
-    /// for: `ṽ`.
+    /// The part of the state before a step that its reduced problem needs: `ṽ`.
     pub(super) fn left<const D: usize>(
         &self,
         before: Option<&Matrix<'_>>,
@@ -472,7 +472,7 @@ impl PyCondensed {
     }
 }
 
-/// The problem of one step: with the gaps of the step, or its own where there are none.
+/// The problem of one step, with the gaps of the step if there are any.
 pub(super) fn moved<const D: usize>(
     problem: &Arc<Problem<D>>,
     elliptic: Option<&EllipticScaling>,
@@ -487,7 +487,7 @@ pub(super) fn moved<const D: usize>(
     ))
 }
 
-/// Calls a function of Python with a forecast, as `stats` names its counts.
+/// Calls a Python function with a forecast; its keys are those of `stats`.
 fn call(told: &Bound<'_, PyAny>, found: &Forecast) -> PyResult<()> {
     let dict = PyDict::new(told.py());
     dict.set_item("bodies", found.bodies)?;

@@ -24,12 +24,12 @@ use crate::reduced::residual::{Certificate, best_motion};
 use crate::solver::monitor::Progress;
 use crate::solver::{self, Method, Settings, Solution, Start};
 
-/// Nodes a task: few enough to balance, enough to hide the cost of a task.
+/// Nodes in one task: few enough for balance, many enough for the cost of a task.
 const NODES_A_TASK: usize = 4096;
 
 type Projected<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i8>>);
 
-/// How many are used where no argument says it.
+/// The default number of threads.
 #[pyfunction]
 pub(super) fn threads() -> PyResult<usize> {
     Ok(crate::threads::count(None)?)
@@ -143,7 +143,7 @@ fn project_rows<'py, const D: usize, M: Copy + Send + Sync>(
     Ok((arrays::from_rows(py, &out)?, PyArray1::from_vec(py, status)))
 }
 
-/// The settings as Python hands them over, checked by the core.
+/// Checks the settings that Python passes.
 pub(super) fn settings(
     method: &str,
     tol: f64,
@@ -172,7 +172,7 @@ pub(super) fn settings(
     Ok(settings)
 }
 
-/// What a solver returns, in the caller's variables, as a dictionary for
+/// The result of a solver in the variables of the caller, as a dictionary for
 /// `bipot_rs.contact.result.Solution`.
 pub(super) fn solution_dict<'py, const D: usize>(
     py: Python<'py>,
@@ -226,13 +226,13 @@ pub(super) fn solution_dict<'py, const D: usize>(
     Ok(dict)
 }
 
-/// Whether an island of so many blocks and contacts is kept sparse.
+/// Whether an island with this many blocks and contacts is stored as a sparse matrix.
 #[pyfunction]
 pub(super) fn is_sparse(blocks: usize, contacts: usize) -> bool {
     compliance::is_sparse(blocks, contacts)
 }
 
-/// A reduced problem `v = W r + R a + q`, in the caller's numbering.
+/// A reduced problem `v = W r + R a + q` in the numbering of the caller.
 #[pyclass(frozen, name = "Reduced", module = "bipot_rs._core")]
 pub(super) struct PyReduced {
     pub(super) kind: AnyReduced,
@@ -243,23 +243,23 @@ pub(super) enum AnyReduced {
     Three(ReducedArrays<3>),
 }
 
-/// Contacts of an island, the values of its `W`, and where it is sparse the first
-/// block of each row and the column of each block.
+/// Contacts of an island, the values of its `W`, and for a sparse one the first block of each
+/// row and the column of each block.
 type IslandArrays = (
     Vec<usize>,
     Py<PyArray1<f64>>,
     Option<(Vec<usize>, Vec<usize>)>,
 );
 
-/// An island's part of `W`.
+/// The part of `W` of an island.
 enum Stored<const D: usize> {
-    /// Read where the caller has it.
+    /// The array of the caller.
     Dense(Py<PyArray1<f64>>),
     Sparse(Blocks<D>),
 }
 
-/// A problem whose dense `W` stays where the caller has it. All else is in the
-/// variables of [`EllipticScaling`].
+/// A problem whose dense `W` stays in the array of the caller. All else is in the variables of
+/// [`EllipticScaling`].
 pub(super) struct ReducedArrays<const D: usize> {
     parts: Vec<(Vec<usize>, Stored<D>)>,
     q: Vec<[f64; D]>,
@@ -323,8 +323,8 @@ impl<const D: usize> ReducedArrays<D> {
         Ok(over(self.elliptic.as_ref(), rows))
     }
 
-    /// Runs `work` off the interpreter's lock, on a `W` that is read in place and
-    /// checked anew: it may have been written to since the last time.
+    /// Runs `work` without the interpreter lock. `W` is read from the array of the caller and
+    /// checked again, because it may have changed.
     pub(super) fn run<T: Send>(
         &self,
         py: Python<'_>,
@@ -342,7 +342,7 @@ impl<const D: usize> ReducedArrays<D> {
         })
     }
 
-    /// The same with `W` alone, as it was given.
+    /// The same with `W` alone, without the change of variables.
     fn with_compliance<T: Send>(
         &self,
         py: Python<'_>,
@@ -413,12 +413,12 @@ impl<const D: usize> ReducedArrays<D> {
         })
     }
 
-    /// Refuses what only the core looks at.
+    /// Checks that only the core makes.
     fn check(&self, py: Python<'_>) -> PyResult<()> {
         self.run(py, None, None, |_, _, _| Ok(()))
     }
 
-    /// Calls `decide` with a number each contact or each rigid motion.
+    /// Calls `decide` with one number for each contact or each rigid motion.
     fn decide<T: Send>(
         &self,
         py: Python<'_>,
@@ -430,13 +430,13 @@ impl<const D: usize> ReducedArrays<D> {
         self.run(py, None, None, |problem, _, _| Ok(decide(problem, witness)))
     }
 
-    /// Of `W` as it was given.
+    /// The asymmetry of `W` as given.
     fn asymmetry(&self, py: Python<'_>) -> PyResult<f64> {
         self.with_compliance(py, None, None, |given, _, _| Ok(given.asymmetry()))
     }
 }
 
-/// Islands must hold every contact once: the core indexes by them.
+/// Each contact must be in exactly one island: the core uses these indices.
 fn check_partition(parts: &[IslandArrays], contacts: usize) -> PyResult<()> {
     let mut seen = vec![false; contacts];
     for &i in parts.iter().flat_map(|(nodes, ..)| nodes) {
@@ -453,7 +453,7 @@ fn check_partition(parts: &[IslandArrays], contacts: usize) -> PyResult<()> {
 }
 
 impl PyReduced {
-    /// Refuses amounts of rigid motions that are not as many as there are.
+    /// Refuses a wrong number of amounts of rigid motions.
     pub(super) fn check_motion(&self, rigid: &[f64]) -> PyResult<()> {
         let expected = match &self.kind {
             AnyReduced::Two(owned) => owned.rigid.modes.len(),
@@ -465,8 +465,8 @@ impl PyReduced {
 
 #[pymethods]
 impl PyReduced {
-    /// `parts` holds (contacts, values, pattern) of every island: a dense row-major
-    /// matrix without a pattern, or blocks with (first block of a row, columns).
+    /// `parts` has (contacts, values, pattern) for each island: a dense row-major matrix
+    /// without a pattern, or blocks with (first block of a row, columns).
     #[new]
     fn new(
         py: Python<'_>,

@@ -1,4 +1,4 @@
-//! What is proved of one island, and how far the answer may lie from a point on it.
+//! The error bound of one island.
 
 use std::sync::atomic::AtomicBool;
 
@@ -14,13 +14,13 @@ use crate::proof::monotonicity::{
 use crate::proof::weights::{self, Common};
 use crate::reduced::reduced::Reduced;
 
-/// An energy below this, in scaled variables, may have lost terms to underflow.
+/// A smaller energy, in scaled variables, may have lost terms to underflow.
 const LEAST_ENERGY: f64 = 1e-280;
 
-/// Unknowns up to which a ball is tried: a factor for each radius.
+/// With at most this many unknowns a ball is tried: each radius needs a factor.
 const LARGEST_OF_BALLS: usize = 1000;
 
-/// An island with what is proved of its `W`.
+/// An island with its factors, which do not depend on a point.
 #[derive(Debug)]
 pub(super) struct Island<const D: usize> {
     pub(super) monotonicity: Monotonicity<D>,
@@ -37,7 +37,7 @@ pub(super) struct Island<const D: usize> {
     pub(super) rows: Vec<f64>,
 }
 
-/// A factor below `A` and what follows from it for any point.
+/// A factor below `A` and its consequences for any point.
 #[derive(Debug)]
 pub(super) struct IslandFactor<const D: usize> {
     pub(super) ties: Ties,
@@ -46,7 +46,7 @@ pub(super) struct IslandFactor<const D: usize> {
     pub(super) cholesky: VerifiedCholesky,
     /// `L Lᵀ ≽ α W`.
     pub(super) alpha: f64,
-    /// Of the unit ellipsoid, along the unknowns and along the rows of `Ŵ`.
+    /// The widths of the unit ellipsoid along the unknowns and along the rows of `Ŵ`.
     pub(super) widths: Widths,
 }
 
@@ -56,7 +56,7 @@ pub(super) struct Widths {
     pub(super) displacement: Vec<f64>,
 }
 
-/// A point of the cones to start from, scaled, with what rounding leaves open.
+/// A start point in the cones, scaled, with its rounding errors.
 pub(super) struct Candidate<const D: usize> {
     pub(super) faces: Vec<Face<D>>,
     pub(super) v: Vec<[f64; D]>,
@@ -65,18 +65,18 @@ pub(super) struct Candidate<const D: usize> {
     pub(super) off: Vec<[f64; D]>,
 }
 
-/// A bound on one island, scaled, from `r` itself.
+/// A bound on one island, scaled, for `r`.
 #[derive(Clone, Debug)]
 pub(super) struct IslandBound<const D: usize> {
     pub(super) energy: f64,
-    /// Radius of the ball around `r` in which the answer is the only one.
+    /// Radius of the ball around `r` in which the solution is unique.
     pub(super) alone_within: f64,
     pub(super) reaction: Vec<[f64; D]>,
     pub(super) displacement: Vec<[f64; D]>,
 }
 
 impl<const D: usize> Island<D> {
-    /// Nothing where the symmetric part of `W` is not positive definite.
+    /// `None` if the symmetric part of `W` is not positive definite.
     pub(super) fn new(
         problem: &Reduced<D>,
         units: &Units,
@@ -122,13 +122,13 @@ impl<const D: usize> Island<D> {
         Ok(Some(island))
     }
 
-    /// The weights to try, best first.
+    /// The weights to try, the best first.
     pub(super) fn tried(&self) -> impl Iterator<Item = &Weights> + use<'_, D> {
         let refined = self.refined.iter();
         refined.chain(std::iter::once(&self.common.weights))
     }
 
-    /// A contact with a reaction where the law leaves none.
+    /// A contact with a reaction that the law excludes.
     pub(super) fn impossible(&self, r: &[[f64; D]]) -> Option<usize> {
         let carried = |&position: &usize| {
             (0..D)
@@ -161,7 +161,7 @@ impl<const D: usize> Island<D> {
         }))
     }
 
-    /// The least over the candidates, number by number: there is one answer only.
+    /// The smallest bound over the candidates, number by number: there is only one solution.
     pub(super) fn global_bound(
         &self,
         candidates: &[Candidate<D>; 2],
@@ -183,7 +183,7 @@ impl<const D: usize> Island<D> {
         Some(first)
     }
 
-    /// The ellipsoid that holds `d`, over the unknowns kept.
+    /// The ellipsoid that contains `d`, over the kept unknowns.
     pub(super) fn ellipsoid(
         &self,
         factor: &IslandFactor<D>,
@@ -219,14 +219,14 @@ impl<const D: usize> Island<D> {
         ties.kept.iter().zip(&ties.tied).map(of).unzip()
     }
 
-    /// `‖d‖` in the norm of `W`, from above.
+    /// `‖d‖` in the norm of `W`, rounded up.
     pub(super) fn length(&self, factor: &IslandFactor<D>, ellipsoid: &Ellipsoid) -> f64 {
         let whole = self.spread(&factor.ties, &ellipsoid.centre);
         let room = 1.0 + gamma(whole.len());
         room * (self.norm(&whole) + ellipsoid.radius / factor.alpha.sqrt())
     }
 
-    /// Values of the unknowns kept, and what they carry along, among zeros.
+    /// Values of the kept unknowns and of those that depend on them; zero elsewhere.
     pub(super) fn spread(&self, ties: &Ties, values: &[f64]) -> Vec<f64> {
         let mut whole = vec![0.0; self.monotonicity.order()];
         for ((&unknown, tied), &value) in ties.kept.iter().zip(&ties.tied).zip(values) {
@@ -238,13 +238,13 @@ impl<const D: usize> Island<D> {
         whole
     }
 
-    /// `√(xᵀ W x)`, from above.
+    /// `√(xᵀ W x)`, rounded up.
     pub(super) fn norm(&self, x: &[f64]) -> f64 {
         let (energy, lost, e) = self.energy(x);
         times_two_to((energy.max(0.0) + lost).sqrt() * (1.0 + gamma(0)), e)
     }
 
-    /// `√(rᵀ W r)`, from below.
+    /// `√(rᵀ W r)`, rounded down.
     pub(super) fn least_size(&self, r: &[[f64; D]]) -> f64 {
         let x: Vec<f64> = self
             .monotonicity
@@ -256,8 +256,8 @@ impl<const D: usize> Island<D> {
         times_two_to((energy - lost).max(0.0).sqrt() * (1.0 - gamma(0)), e)
     }
 
-    /// `xᵀ W x` of `x` over a power of two, which makes its largest entry about one: what
-    /// is computed, what that may be off by, and the exponent.
+    /// `xᵀ W x` for `x` over a power of two that makes its largest entry about one: the value,
+    /// its error and the exponent.
     fn energy(&self, x: &[f64]) -> (f64, f64, i32) {
         let e = exponent(x.iter().fold(0.0, |m: f64, x| m.max(x.abs())));
         let x: Vec<f64> = x.iter().map(|x| times_two_to(*x, -e)).collect();
@@ -267,7 +267,7 @@ impl<const D: usize> Island<D> {
         (energy, lost, e)
     }
 
-    /// `‖r − r̂‖` in the norm of `W`, from above.
+    /// `‖r − r̂‖` in the norm of `W`, rounded up.
     pub(super) fn off(&self, candidate: &Candidate<D>) -> f64 {
         let components = &self.monotonicity.components;
         let off: Vec<f64> = components
@@ -278,13 +278,13 @@ impl<const D: usize> Island<D> {
             .iter()
             .map(|&(i, _)| candidate.faces[i].moved)
             .collect();
-        // The difference is rounded, and the point of the cone is not the numbers.
+        // The difference is rounded, and the point of the cone differs from its numbers.
         let blur = (norm(&self.half) * (1.0 + gamma(off.len()))).sqrt();
         let blurred = norm(&moved) + f64::EPSILON * norm(&off);
         self.norm(&off) + (1.0 + gamma(off.len())) * blur * blurred
     }
 
-    /// What an ellipsoid around a candidate says of `r` and of the `v` reported with it.
+    /// The bound for `r` and its reported `v` from an ellipsoid around a candidate.
     pub(super) fn found(
         &self,
         factor: &IslandFactor<D>,
@@ -331,20 +331,20 @@ impl<const D: usize> Island<D> {
         }
     }
 
-    /// Around a candidate, a ball with exactly one answer, where one is found.
+    /// A ball around a candidate with exactly one solution, if one is found.
     ///
-    /// In the ball `‖d‖ ≤ R`, with the norm of `W`, `w_n` is at most `√W_nn R` and `‖w_t‖` at
-    /// most `ω = √‖W_tt‖ R`. Contacts that stay open by this have no reaction at any point of
-    /// it that can be an answer, those that slide by more than ω keep their direction to
-    /// [`KnownSlip::Slides`], in the plane with a reaction on one ray, and those whose reaction
-    /// stays inside its cone stick. If `A` made with this is positive definite and bounds `d` by less
-    /// than `R`, the variational inequality on the ball and on cones that know this (zero,
-    /// the ray, or all of space where `v = 0`), which has a solution since that is compact,
-    /// has it inside the ball, and so is an answer; two of them in the ball would
-    /// contradict the monotonicity.
+    /// In the ball `‖d‖ ≤ R`, in the norm of `W`, `w_n` is at most `√W_nn R` and `‖w_t‖` at
+    /// most `ω = √‖W_tt‖ R`. Contacts open by more than this have no reaction in any solution
+    /// in the ball. Contacts that slide by more than ω keep their direction up to
+    /// [`KnownSlip::Slides`]; in the plane their reaction lies on one ray. Contacts whose
+    /// reaction stays inside its cone stick. Now let `A` made with this be positive definite
+    /// and bound `d` by less than `R`. The variational inequality on the ball and on these
+    /// smaller cones (zero, the ray, or the whole space where `v = 0`) has a solution, because
+    /// the set is compact. This solution lies inside the ball, and so solves the problem. Two
+    /// solutions in the ball would contradict the monotonicity.
     ///
-    /// The ball is around the candidate. It is wide enough for one around `r` that holds
-    /// the answer, and has the radius `least` or more, to lie within.
+    /// The ball is around the candidate. It contains a ball around `r` that contains the
+    /// solution and has at least the radius `least`.
     pub(super) fn local_bound(
         &self,
         candidates: &[Candidate<D>; 2],
@@ -352,7 +352,7 @@ impl<const D: usize> Island<D> {
         least: f64,
         stop: &AtomicBool,
     ) -> Result<Option<IslandBound<D>>, Error> {
-        /// Radii to try, in lengths of `e`; larger ones know less.
+        /// Radii to try, in lengths of `e`; with a larger radius less is known of the contacts.
         const RADII: [f64; 5] = [3.0, 12.0, 50.0, 200.0, 1000.0];
         let n = self.monotonicity.order();
         if !self.monotonicity.symmetric || n > LARGEST_OF_BALLS {
@@ -373,7 +373,7 @@ impl<const D: usize> Island<D> {
                     let Some(tried) = self.within(radius, weights, candidate, stop)? else {
                         break;
                     };
-                    // For what is rounded up on the way to the caller.
+                    // A margin for later upward rounding.
                     let room = 1.0 + 4.0 * gamma(n);
                     let whole = least.max(room * (off + tried.1));
                     if room * (off + whole) < radius {
@@ -384,7 +384,7 @@ impl<const D: usize> Island<D> {
                 let Some((mut best, ball)) = found else {
                     continue;
                 };
-                // The answer lies nearer than the ball is wide: more is known there.
+                // The solution is nearer than the radius: more is known in a smaller ball.
                 for _ in 0..2 {
                     let nearer = 1.2 * best.1;
                     match self.within(nearer, weights, candidate, stop)? {
@@ -402,7 +402,7 @@ impl<const D: usize> Island<D> {
         Ok(None)
     }
 
-    /// What holds for the answers within a ball: a factor and the bound of `‖d‖`.
+    /// A factor and the bound of `‖d‖` that hold for the solutions in a ball.
     pub(super) fn within(
         &self,
         radius: f64,
@@ -451,17 +451,17 @@ impl<const D: usize> Island<D> {
             if slip > turned && !sticks && !tangents.is_empty() {
                 let mut direction = v.map(|c| c / tangential_norm(v));
                 direction[0] = 0.0;
-                // ‖x/‖x‖ − y/‖y‖‖ ≤ 2 ‖x − y‖/‖x‖; in the plane, no turn at all.
+                // ‖x/‖x‖ − y/‖y‖‖ ≤ 2 ‖x − y‖/‖x‖; in the plane the direction does not turn.
                 let turn = if D == 2 {
                     0.0
                 } else {
                     2.0 * room * turned / slip + 8.0 * f64::EPSILON
                 };
-                // Beyond 1 the triangle inequality says more.
+                // Above 1 the triangle inequality is better.
                 if turn < 1.0 {
                     known[contact] = KnownSlip::Slides { direction, turn };
                 }
-                // In the plane the reaction is known to its size, where r̂ agrees.
+                // In the plane the direction of the reaction is known, if r̂ agrees.
                 let agrees = match face.place {
                     Place::Apex => true,
                     Place::Ray(ray) => ray[1] * direction[1] < 0.0,
@@ -484,11 +484,11 @@ impl<const D: usize> Island<D> {
         }))
     }
 
-    /// `‖r − r*‖` by what is missing: with `L < 1`, and `u` such that no contact
+    /// A bound of `‖r − r*‖` by the missing energy: with `L < 1` and a `u` for which no contact
     /// penetrates, `½ (1 − L) (‖u − u*‖² + ‖r̂ − r*‖²) ≤ B(u, r̂)`.
     ///
-    /// `B = ½ ‖u − w‖² + Σ γ` where `w` is in equilibrium with `r̂`; `u` lifts the contacts
-    /// that penetrate, by `λ`, at the least energy, `½ λᵀ W⁻¹ λ`.
+    /// `B = ½ ‖u − w‖² + Σ γ`, with `w` in equilibrium with `r̂`; `u` lifts penetrating
+    /// contacts by `λ` with the least energy, `½ λᵀ W⁻¹ λ`.
     pub(super) fn energy_by_gap(&self, candidate: &Candidate<D>) -> Option<f64> {
         let contraction = self.contraction?;
         let mut lift = vec![0.0; self.monotonicity.order()];
@@ -522,7 +522,7 @@ impl<const D: usize> Island<D> {
         let missing = (half + gaps) * (1.0 + gamma(lift.len()));
         let nodes = self.monotonicity.nodes.clone();
         let pressed = candidate.faces[nodes].iter().any(|f| f.reaction[0] != 0.0);
-        // Products of two small numbers: their sum is no longer one from above.
+        // Products of two small numbers: their sum is not an upper bound.
         if missing < LEAST_ENERGY && (pressed || lift.iter().any(|&l| l != 0.0)) {
             return None;
         }

@@ -1,9 +1,9 @@
-//! The convex problems that variational principles leave: `½ rᵀW r + (q + s n)ᵀ r` is to
-//! be least over fixed sets, one a contact.
+//! The convex problems of the variational principles: minimise `½ rᵀW r + (q + s n)ᵀ r` over
+//! fixed sets, one for each contact.
 //!
-//! Newton's method on the frozen laws takes a few steps from a near start; where it
-//! comes to a stand, steps with momentum go on, which come to an answer whenever `W` is
-//! symmetric and positive semidefinite, and Newton is tried again.
+//! Newton's method with frozen laws takes a few steps from a near start. If it stalls, steps
+//! with momentum follow, which converge if `W` is symmetric and positive semidefinite, and then
+//! Newton again.
 
 use crate::error::Error;
 use crate::law::cone::project;
@@ -16,23 +16,24 @@ use crate::solver::outcome::Outcome;
 use crate::solver::settings::Start;
 use crate::solver::uzawa::{self, Burst};
 
-/// Steps with momentum after a Newton that stalled, at first; doubled at each next one.
+/// Steps with momentum after the first failure of Newton; the number doubles after each further
+/// failure.
 const FIRST_BURST: usize = 20;
 
-/// Times that Newton is tried in one problem.
+/// Newton attempts in one problem.
 const ROUNDS: usize = 7;
 
-/// What is left of the merit of the whole when a problem counts as solved.
+/// A problem is solved when its merit is this share of the merit of Coulomb's problem.
 const SHARE: f64 = 0.1;
 
-/// Passes without a better point after which a principle has stalled: where it does not
-/// contract it goes round, or comes to rest where no answer is.
+/// Passes without a better point after which a principle has stalled. If it does not contract,
+/// it cycles or stops at a point that is no solution.
 const PATIENCE: usize = 30;
 
-/// A better point by less than this share is none.
+/// A better point must have at most this share of the merit.
 const BETTER: f64 = 0.999;
 
-/// A point, and `v` at it.
+/// A point with its `v`.
 #[derive(Clone, Debug)]
 pub struct PrinciplePoint<const D: usize> {
     pub r: Vec<[f64; D]>,
@@ -53,7 +54,7 @@ impl<const D: usize> PrinciplePoint<D> {
         residual(problem, &self.r, &self.v, &self.rigid)
     }
 
-    /// What η is relative to.
+    /// The reference size of η.
     #[must_use]
     pub fn size(&self, problem: &Reduced<D>) -> f64 {
         let eta = self.residual(problem);
@@ -64,7 +65,7 @@ impl<const D: usize> PrinciplePoint<D> {
         }
     }
 
-    /// With `v` afresh.
+    /// Evaluates `v`.
     #[must_use]
     pub fn new(problem: &Reduced<D>, r: Vec<[f64; D]>, rigid: Vec<f64>) -> Self {
         let v = problem.relative_displacement(&r, &rigid);
@@ -72,18 +73,17 @@ impl<const D: usize> PrinciplePoint<D> {
     }
 }
 
-/// What a problem came to.
+/// The result of a problem.
 #[derive(Debug)]
 pub enum Least<const D: usize> {
     /// The monitor stopped it.
     Stop(Outcome),
-    /// The last point; it need not be the least one where that takes too long.
+    /// The last point; it need not be the minimum if that takes too long.
     At(PrinciplePoint<D>),
 }
 
-/// Solves the problem of frozen laws from a point, until its own merit is at most
-/// `enough`. Every point on the way is shown to the monitor, which judges it by
-/// Coulomb's law.
+/// Solves the problem with frozen laws from a point, until its merit is at most `enough`. The
+/// monitor checks every point with Coulomb's law.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -129,7 +129,7 @@ pub fn least<const D: usize>(
     Ok(Least::At(point))
 }
 
-/// Below the rounding of `W r + q`, as last measured, nothing helps.
+/// Below the last measured rounding of `W r + q` no iteration helps.
 fn rounding<const D: usize>(
     problem: &Reduced<D>,
     point: &PrinciplePoint<D>,
@@ -138,8 +138,8 @@ fn rounding<const D: usize>(
     monitor.floor() * point.size(problem)
 }
 
-/// How well the next problem of a principle at a point is to be solved: to a share of
-/// what the point misses, and no better than the wish asks of the whole.
+/// The accuracy of the next problem of a principle: a share of the error of the point, and no
+/// smaller than the tolerance requires.
 #[must_use]
 pub fn enough<const D: usize>(
     problem: &Reduced<D>,
@@ -150,8 +150,8 @@ pub fn enough<const D: usize>(
     point.merit(problem) * SHARE.max((0.5 * monitor.wish() / eta).min(1.0))
 }
 
-/// Passes of a principle until the monitor stops it or no pass helps. A pass leads
-/// from a point to the next.
+/// Makes passes of a principle until the monitor stops it or a pass gives no improvement. A
+/// pass leads from one point to the next.
 ///
 /// # Errors
 /// What a pass returns, and [`Error::Interrupted`].
@@ -174,7 +174,7 @@ pub fn iterate<const D: usize>(
             Least::At(next) => next,
         };
         if monitor.iterations() == before {
-            // There was nothing left to do: it is counted, so that limits hold.
+            // A pass without any step counts too, so that limits hold.
             point = PrinciplePoint::new(problem, point.r, point.rigid);
             monitor.count(1.0);
             let verdict = monitor.look(&point.r, &point.v, &point.rigid, true)?;
@@ -191,7 +191,7 @@ pub fn iterate<const D: usize>(
     Ok(Outcome::Stalled)
 }
 
-/// Passes of one convex problem each, whose laws follow from the point before it.
+/// Makes passes of one convex problem each, whose laws follow from the point before.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -207,7 +207,7 @@ pub fn iterate_frozen<const D: usize>(
     })
 }
 
-/// The point that a start names.
+/// The start point.
 fn begin<const D: usize>(
     problem: &Reduced<D>,
     start: &Start<D>,
@@ -227,7 +227,7 @@ fn begin<const D: usize>(
     PrinciplePoint::new(problem, start.reaction.clone(), rigid)
 }
 
-/// A start may lie outside the cones: its pressures would be no friction limits.
+/// A start may lie outside the cones: its pressures would not be valid friction limits.
 fn into_cones<const D: usize>(
     problem: &Reduced<D>,
     point: &mut PrinciplePoint<D>,
