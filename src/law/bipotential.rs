@@ -14,9 +14,10 @@ pub fn corrected<const D: usize>(v: &[f64; D], mu: f64) -> [f64; D] {
 
 /// One step of (11), `proj(r − ρ ṽ, K_μ)`, and its status: the law of a contact, [dSF91, 79].
 ///
-/// The height of `τ = r − ρ ṽ` over the polar cone is `τ_n + μ‖τ_t‖ = r_n − ρ v_n − μ (ρ‖v_t‖ −
-/// ‖r_t − ρ v_t‖)`. The difference of norms is computed as a quotient without cancellation: for
-/// a large μ, the rounding of `μ‖v_t‖` would otherwise hide `v_n`, and penetration with it.
+/// The height of `τ = r − ρ ṽ` over the polar cone is
+/// `τ_n + μ‖τ_t‖ = r_n − ρ v_n − μ (ρ‖v_t‖ − ‖r_t − ρ v_t‖)`. The difference of norms is
+/// computed as a quotient without cancellation: for a large μ, the rounding of `μ‖v_t‖` would
+/// otherwise hide `v_n`, and penetration with it.
 #[must_use]
 pub fn law_step<const D: usize>(
     r: &[f64; D],
@@ -57,9 +58,9 @@ impl<const D: usize> StartState<D> {
     /// domain, `+∞` outside it.
     ///
     /// `b = t_n⁰ Δu_n + t_t⁰·Δu_t + Δt_n (u_n⁰ + h₀) + μ (t_n⁰ + Δt_n) ‖Δu_t‖`, with the
-    /// indicators of `Δt ∈ ΔK_μ` and `Δu_n + u_n⁰ + h₀ ≥ 0`. The paper omits the constant `t_n⁰
-    /// (u_n⁰ + h₀)`, which is zero for a start state on the law. It is included here, so that
-    /// `b + Δt·Δu` is a sum of two non-negative terms for any start state.
+    /// indicators of `Δt ∈ ΔK_μ` and `Δu_n + u_n⁰ + h₀ ≥ 0`. The paper omits the constant
+    /// `t_n⁰ (u_n⁰ + h₀)`, which is zero for a start state on the law. It is included here, so
+    /// that `b + Δt·Δu` is a sum of two non-negative terms for any start state.
     #[must_use]
     pub fn bipotential(&self, du: &[f64; D], dt: &[f64; D], mu: f64) -> f64 {
         let gap = self.gap(du, dt, mu);
@@ -73,8 +74,8 @@ impl<const D: usize> StartState<D> {
     /// `b(−Δu, Δt) + Δu·Δt`, the gap of the incremental law: zero if the law holds, positive
     /// otherwise, `+∞` outside the domain of `b`.
     ///
-    /// Computed from the totals, `(t_n⁰ + Δt_n)(Δu_n + u_n⁰ + h₀)` and `(t_t⁰ + Δt_t)·Δu_t + μ
-    /// (t_n⁰ + Δt_n) ‖Δu_t‖`, where only the friction work cancels.
+    /// Computed from the totals, `(t_n⁰ + Δt_n)(Δu_n + u_n⁰ + h₀)` and
+    /// `(t_t⁰ + Δt_t)·Δu_t + μ (t_n⁰ + Δt_n) ‖Δu_t‖`, where only the friction work cancels.
     #[must_use]
     pub fn gap(&self, du: &[f64; D], dt: &[f64; D], mu: f64) -> f64 {
         let total: [f64; D] = std::array::from_fn(|k| self.reaction[k] + dt[k]);

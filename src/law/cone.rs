@@ -15,10 +15,10 @@ pub enum Status {
 
 /// Euclidean projection onto the cone (7), in closed form (12).
 ///
-/// Components are normal first. The projection is positively homogeneous, `project(s * tau) = s
-/// * project(tau)`, so it contains no absolute tolerance. `mu = 0` gives the frictionless
-/// half-line, where a pressed node is [`Status::Slip`]: it is free to slide. `mu` must be
-/// finite and non-negative; the arguments are checked before, once for all nodes.
+/// Components are normal first. The projection is positively homogeneous,
+/// `project(s * tau) = s * project(tau)`, so it contains no absolute tolerance. `mu = 0` gives
+/// the frictionless half-line, where a pressed node is [`Status::Slip`]: it is free to slide.
+/// `mu` must be finite and non-negative; the arguments are checked before, once for all nodes.
 #[must_use]
 pub fn project<const D: usize>(tau: &[f64; D], mu: f64) -> ([f64; D], Status) {
     shifted(tau, |tau| {

@@ -76,8 +76,8 @@ impl<const D: usize> Face<D> {
     /// `e = y − V(v)` and its error for any `v` within `dv`, where `y` is the point nearest to
     /// `V` among the points of `K*_μ` orthogonal to the face.
     ///
-    /// `y` is the projection of `V` onto a convex set: the dual at the apex, a ray along `m =
-    /// (μ, −t)` on a ray, zero inside. So `e` changes by no more than `V`.
+    /// `y` is the projection of `V` onto a convex set: the dual at the apex, a ray along
+    /// `m = (μ, −t)` on a ray, zero inside. So `e` changes by no more than `V`.
     #[must_use]
     pub fn misfit(&self, v: &[f64; D], dv: &[f64; D], p: f64, mu: f64) -> ([f64; D], [f64; D]) {
         // Without friction K* is v_n ≥ 0, and y has the tangents of V.

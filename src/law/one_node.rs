@@ -143,8 +143,8 @@ impl Plane {
         (r_t.abs() <= mu * r_n && r_n > 0.0).then(|| reaction(r_n, r_t))
     }
 
-    /// The sliding reaction for `q_n < 0`, if the sticking reaction is outside the cone: `r_t =
-    /// s μ r_n`, with the sign that opposes the free slip.
+    /// The sliding reaction for `q_n < 0`, if the sticking reaction is outside the cone:
+    /// `r_t = s μ r_n`, with the sign that opposes the free slip.
     fn slip<const D: usize>(&self, mu: f64) -> Option<([f64; D], Status)> {
         let s = -self.q.signum();
         let held = self.w_nn + s * mu * self.w_nt;

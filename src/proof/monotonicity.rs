@@ -35,8 +35,8 @@ pub struct Weights {
 #[derive(Clone, Copy, Debug)]
 pub enum KnownSlip<const D: usize> {
     Nothing,
-    /// Its direction is, within `turn`, that of the vector `(0, t)`: `|‖v_t‖ − ‖v_t'‖ − t·w_t|
-    /// ≤ turn ‖w_t‖`.
+    /// Its direction is, within `turn`, that of the vector `(0, t)`:
+    /// `|‖v_t‖ − ‖v_t'‖ − t·w_t| ≤ turn ‖w_t‖`.
     Slides {
         direction: [f64; D],
         turn: f64,

@@ -2,8 +2,8 @@
 //! definite as possible.
 //!
 //! Any weights are valid, because the result is proved afterwards. With `p = 1` and one common
-//! θ, `A ≽ (1 − κ) W` with, in closed form, `κ = ½ √(αβ)` at `θ = √(β/α)`, where `α = λ_max(M½
-//! W_tt M½)`, `β = λ_max(M½ (W⁻¹)_nn M½)`, `M = diag μ`.
+//! θ, `A ≽ (1 − κ) W` with, in closed form, `κ = ½ √(αβ)` at `θ = √(β/α)`, where
+//! `α = λ_max(M½ W_tt M½)`, `β = λ_max(M½ (W⁻¹)_nn M½)`, `M = diag μ`.
 //!
 //! If this is not sufficient, each contact gets its own weights. `A` is concave in `θ` in the
 //! order of quadratic forms, and so is `log det (A − σ W)`. At its maximum
@@ -12,10 +12,10 @@
 //! θ_i² = X_nn,ii / tr (W X Wᵀ)_tt,ii,      X = (A − σ W)⁻¹
 //! ```
 //!
-//! The term `− Σ log p_i` removes the effect of p as a scaling of rows; with it, `p_i = 1/(W
-//! X)_nn,ii · p_i`. Steps towards these values, in logarithms, are ascent directions; they are
-//! shortened until the sum increases. Then σ follows the least eigenvalue of `A` relative to
-//! `W` from below.
+//! The term `− Σ log p_i` removes the effect of p as a scaling of rows; with it,
+//! `p_i = 1/(W X)_nn,ii · p_i`. Steps towards these values, in logarithms, are ascent
+//! directions; they are shortened until the sum increases. Then σ follows the least eigenvalue
+//! of `A` relative to `W` from below.
 
 use std::sync::atomic::AtomicBool;
 

@@ -1,13 +1,13 @@
 //! Decides whether contact can balance the loads on bodies that only contact holds.
 //!
 //! The cone programme asks for an `r ∈ K_μ` with `Rᵀ r + e = 0`. If there is none, a rigid
-//! motion `d` with `R d ∈ K*_μ` and `e·d > 0` proves it: then `d·(Rᵀ r + e) > 0` for each `r ∈
-//! K_μ`.
+//! motion `d` with `R d ∈ K*_μ` and `e·d > 0` proves it: then `d·(Rᵀ r + e) > 0` for each
+//! `r ∈ K_μ`.
 //!
-//! Rigid motions are orthonormal in scaled variables. There, the shortest imbalance `s = R̂ᵀ r̂
-//! + ê` over all `r̂` of the cones is such a motion. Least squares with non-negative amounts of
-//! generated columns finds it: each round adds the force in the cones that does most work
-//! against `s`.
+//! Rigid motions are orthonormal in scaled variables. There, the shortest imbalance
+//! `s = R̂ᵀ r̂ + ê` over all `r̂` of the cones is such a motion. Least squares with
+//! non-negative amounts of generated columns finds it: each round adds the force in the cones
+//! that does most work against `s`.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 

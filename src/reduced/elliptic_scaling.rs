@@ -1,17 +1,17 @@
 //! Changes variables such that friction with two coefficients becomes Coulomb friction.
 //!
-//! With coefficients `D = diag(μ₁, μ₂)` along the tangents of a contact, the cone is `‖D⁻¹ r_t‖
-//! ≤ r_n`, and a sliding contact has `r_t = −r_n D² v_t / ‖D v_t‖`. Let `μ = max(μ₁, μ₂)`, `T =
-//! 1 ⊕ D/μ`, and
+//! With coefficients `D = diag(μ₁, μ₂)` along the tangents of a contact, the cone is
+//! `‖D⁻¹ r_t‖ ≤ r_n`, and a sliding contact has `r_t = −r_n D² v_t / ‖D v_t‖`. Let
+//! `μ = max(μ₁, μ₂)`, `T = 1 ⊕ D/μ`, and
 //!
 //! ```text
 //! r = T r̃,   ṽ = T v:   r·v = r̃·ṽ,   ‖D⁻¹ r_t‖ = ‖r̃_t‖/μ,   ‖D v_t‖ = μ ‖ṽ_t‖
 //! ```
 //!
-//! Then Coulomb's law with `μ` holds between `r̃` and `ṽ`. The problem `v = W r + R a + q`, `Rᵀ
-//! r + e = 0` keeps its form with `T W T`, `T R` and `T q`, which belong to the contact matrix
-//! `T B` and the gap `T g`. The core solves this problem and computes its certificate. Equal
-//! coefficients give exactly `T = I`.
+//! Then Coulomb's law with `μ` holds between `r̃` and `ṽ`. The problem `v = W r + R a + q`,
+//! `Rᵀ r + e = 0` keeps its form with `T W T`, `T R` and `T q`, which belong to the contact
+//! matrix `T B` and the gap `T g`. The core solves this problem and computes its certificate.
+//! Equal coefficients give exactly `T = I`.
 
 use std::borrow::Cow;
 

@@ -1,9 +1,9 @@
 //! The certificate that decides whether a point is a solution, (11) and (13). All solvers share
 //! it.
 //!
-//! `F(r) = r̂ − proj(r̂ − ṽ̂, K_μ)` in scaled variables, where ρ = 1, and `η = ‖F(r)‖ /
-//! max(‖r̂‖, ‖F(0)‖)`, zero if both are zero. If only contact holds a body, η is the larger of
-//! this and `‖R̂ᵀ r̂ + ê‖ / ‖ê‖`.
+//! `F(r) = r̂ − proj(r̂ − ṽ̂, K_μ)` in scaled variables, where ρ = 1, and
+//! `η = ‖F(r)‖ / max(‖r̂‖, ‖F(0)‖)`, zero if both are zero. If only contact holds a body, η is
+//! the larger of this and `‖R̂ᵀ r̂ + ê‖ / ‖ê‖`.
 
 use crate::law::bipotential;
 use crate::law::cone::{Status, derivative};

@@ -4,9 +4,9 @@
 //! (18) and adds the change to `v` of all others. It costs one product with `W` and gives η at
 //! its end. Contacts that stay open cost nothing.
 //!
-//! For bodies that only contact holds, sweeps use the proximal form `W + R̂ R̂ᵀ/δ`, `q + R̂ (â
-//! + ê/δ)`, with `â ← â + (R̂ᵀ r̂ + ê)/δ` after each sweep. Anderson's method treats `r̂` and
-//! `â` as one unknown.
+//! For bodies that only contact holds, sweeps use the proximal form `W + R̂ R̂ᵀ/δ`,
+//! `q + R̂ (â + ê/δ)`, with `â ← â + (R̂ᵀ r̂ + ê)/δ` after each sweep. Anderson's method treats
+//! `r̂` and `â` as one unknown.
 
 use crate::error::Error;
 use crate::law::bipotential::law_step;

@@ -7,9 +7,10 @@
 //! solutions. From there Newton and proximal points, which fail where reactions are not
 //! determined, find the last digits.
 //!
-//! `‖s_t‖` has a kink where a contact sticks, at which steps stall. It is replaced by `h(s) =
-//! √(θ s₀² + (1 − θ)‖s_t‖²)`, `0 < θ < 1`, which is smooth inside the cone. The solutions stay
-//! the same: `v̂_n/μ = s₀ − h(s)` is zero if `s₀ = ‖s_t‖` and positive inside the cone.
+//! `‖s_t‖` has a kink where a contact sticks, at which steps stall. It is replaced by
+//! `h(s) = √(θ s₀² + (1 − θ)‖s_t‖²)`, `0 < θ < 1`, which is smooth inside the cone. The
+//! solutions stay the same: `v̂_n/μ = s₀ − h(s)` is zero if `s₀ = ‖s_t‖` and positive inside
+//! the cone.
 
 use std::f64::consts::LN_2;
 use std::sync::atomic::AtomicBool;

@@ -483,9 +483,9 @@ impl<'p, const D: usize> PivotingPath<'p, D> {
         plus(&self.v, -self.t, &self.c)
     }
 
-    /// The angle of friction of a contact that slides, or did so (`slid`): that of `r̂_t −
-    /// v̂_t`. It lies between the reaction and the direction opposite to the slip, nearer to
-    /// the larger of the two.
+    /// The angle of friction of a contact that slides, or did so (`slid`): that of
+    /// `r̂_t − v̂_t`. It lies between the reaction and the direction opposite to the slip,
+    /// nearer to the larger of the two.
     ///
     /// A contact that slides on a polygon may stick on the disc around it, so both are checked.
     fn direction(&self, i: usize, slid: bool) -> Option<f64> {

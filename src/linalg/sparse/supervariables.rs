@@ -53,8 +53,9 @@ struct Groups {
 }
 
 impl Groups {
-    /// Groups those that follow one another by `is_one(first of the node, unknown, unknowns
-    /// after the first)`, and others by their equal neighbourhoods.
+    /// Groups those that follow one another by
+    /// `is_one(first of the node, unknown, unknowns after the first)`, and others by their
+    /// equal neighbourhoods.
     fn new<'a>(
         column: impl Fn(usize) -> &'a [usize] + Copy,
         kept: &[usize],
