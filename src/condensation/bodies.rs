@@ -1,4 +1,4 @@
-//! All bodies of a problem, condensed, and the loads on them.
+//! All condensed bodies of a problem, and the loads on them.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -15,23 +15,23 @@ use crate::error::Error;
 use crate::reduced::memory::Budget;
 use crate::reduced::validate::{check_finite, check_length};
 
-/// Work below which a body is left to one thread, and bodies share the threads
-/// [flop]; above it one body has them all, and the memory.
+/// A body with less work [flop] uses one thread, and several such bodies run in parallel; a
+/// larger one uses all threads and all memory.
 const SMALL: f64 = 1e9;
 
 /// Totals of one step: forces on all degrees of freedom, prescribed displacements.
 pub type Loads = (Vec<f64>, Vec<f64>);
 
-/// What is known of the bodies besides their stiffness.
+/// Data of the bodies besides their stiffness.
 #[derive(Clone, Debug, Default)]
 pub struct Supports {
     /// Degrees of freedom of all bodies.
     pub n: usize,
     /// Prescribed degrees of freedom.
     pub fixed: Vec<usize>,
-    /// Columns of `K` at the prescribed degrees of freedom, free rows only.
+    /// Columns of `K` at the prescribed degrees of freedom; rows of free ones only.
     pub coupling: OwnedMatrix,
-    /// All loads there will be, where they are known beforehand: then no factor is kept.
+    /// All loads, if they are given in advance: then no factor is kept.
     pub known: Option<Vec<Loads>>,
 }
 
@@ -40,16 +40,15 @@ pub struct Supports {
 pub struct Bodies {
     pub list: Vec<Body>,
     supports: Supports,
-    /// Body and number within it of each rigid motion.
+    /// Body of each rigid motion, and its number within this body.
     motions: Vec<(usize, usize)>,
-    /// Seconds until S, and from S on.
+    /// Seconds until S, and after it.
     seconds: [f64; 2],
-    /// Bytes foretold.
+    /// Predicted bytes.
     needed: u128,
 }
 
-/// What acts on the bodies in one state: total loads, reactions, and the amounts of
-/// their rigid motions.
+/// A state of the bodies: total loads, reactions, and amounts of the rigid motions.
 #[derive(Clone, Copy, Debug)]
 pub struct Loaded<'a, const D: usize> {
     pub load: &'a [f64],
@@ -58,7 +57,7 @@ pub struct Loaded<'a, const D: usize> {
     pub rigid: &'a [f64],
 }
 
-/// `f − K_fp u_p` of some loads.
+/// `f − K_fp u_p` of a load.
 #[derive(Debug)]
 pub struct Force {
     values: Vec<f64>,
@@ -82,8 +81,7 @@ impl Supports {
 }
 
 impl Bodies {
-    /// Factors bodies that were analysed, small ones side by side; `needed` are the
-    /// bytes that all of it will take.
+    /// Factors analysed bodies, small ones in parallel; `needed` are the bytes of all of it.
     ///
     /// # Errors
     /// As [`AnalysedBody::condense`], of the first body that fails; [`Error::Memory`].
@@ -97,7 +95,7 @@ impl Bodies {
         let what = "the condensation of K";
         let spare = parts.iter().map(AnalysedBody::bytes_spare).sum();
         budget.check(what, needed, spare)?;
-        // Time, for memory that nobody else wants.
+        // Leaving the stack to the next factorisation saves time, if the memory is free.
         let left: u128 = parts.iter().map(AnalysedBody::bytes_left).sum();
         let leave = supports.known.is_none() && budget.check(what, needed + left, spare).is_ok();
         for part in &parts {
@@ -122,7 +120,7 @@ impl Bodies {
         let spent = |k: usize| list.iter().map(|body| body.seconds()[k]).sum::<f64>();
         let motions = list.iter().enumerate();
         Ok(Self {
-            // Of bodies side by side, each part its share of the time that passed.
+            // For parallel bodies, each part gets its share of the elapsed time.
             seconds: [0, 1].map(|k| wall * spent(k) / (spent(0) + spent(1)).max(wall)),
             motions: motions
                 .flat_map(|(b, body)| (0..body.motions()).map(move |k| (b, k)))
@@ -148,27 +146,27 @@ impl Bodies {
         &self.supports
     }
 
-    /// Body and number within it of each rigid motion.
+    /// Body of each rigid motion, and its number within this body.
     #[must_use]
     pub fn motions(&self) -> &[(usize, usize)] {
         &self.motions
     }
 
-    /// The degree of freedom that a rigid motion moves most.
+    /// The degree of freedom with the largest displacement in a rigid motion.
     #[must_use]
     pub fn most_moved(&self, motion: usize) -> usize {
         let (body, k) = self.motions[motion];
         self.list[body].most_moved(k)
     }
 
-    /// `K` by rows as the bodies hold it: what these were condensed from, but for the
-    /// entries between two prescribed degrees of freedom, which nothing here depends on.
+    /// `K` by rows, from the matrices of the bodies. It lacks the entries between two
+    /// prescribed degrees of freedom, on which no result depends.
     #[must_use]
     pub fn stiffness(&self) -> OwnedMatrix {
         let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); self.order()];
         for body in &self.list {
             for (local, &dof) in body.dofs().iter().enumerate() {
-                // The unit is a power of two: this gives the digits back.
+                // The unit is a power of two, so the digits are those of the caller.
                 let entries = body.stiffness.entries(local);
                 rows[dof].extend(entries.map(|(j, k)| (body.dofs()[j], k / body.unit())));
             }
@@ -189,11 +187,11 @@ impl Bodies {
         whole
     }
 
-    /// What the loads of a step are on the free degrees of freedom.
+    /// The loads of a step on the free degrees of freedom.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::UnknownLoads`] where the
-    /// factor was dropped and these loads were not among those known.
+    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::UnknownLoads`] if the factor was
+    /// dropped and these loads were not given in advance.
     pub fn force(&self, load: &[f64], prescribed: &[f64]) -> Result<Force, Error> {
         let values = self.supports.force(load, prescribed)?;
         let known = self.supports.known.as_ref().map(|known| {
@@ -228,15 +226,15 @@ impl Bodies {
         load
     }
 
-    /// The displacement `u` of all degrees of freedom under the loads and the
-    /// reactions of each state, (23).
+    /// The displacement `u` of all degrees of freedom under the loads and the reactions of each
+    /// state, (23).
     ///
-    /// Refinement against `K` itself takes out what the factorisation's rounding
+    /// Iterative refinement with `K` itself removes the rounding of the factorisation.
     /// leaves.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`];
-    /// [`Error::NotBalanced`] where `K u = f + Bᵀ r` does not hold to rounding.
+    /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`]; [`Error::NotBalanced`]
+    /// if `K u = f + Bᵀ r` does not hold up to rounding.
     pub fn displacements<const D: usize>(
         &self,
         surface: &Surface<D>,
@@ -246,7 +244,7 @@ impl Bodies {
         Ok(both.into_iter().map(|[u, _]| u).collect())
     }
 
-    /// The same, and what rounding has cut off from it.
+    /// The same, with the digits of `u` below its rounding.
     fn displacements_in_two<const D: usize>(
         &self,
         surface: &Surface<D>,
@@ -299,8 +297,7 @@ impl Bodies {
         Ok(self.displacements(surface, &[state])?.remove(0))
     }
 
-    /// `B u + gap` at the displacement of a state, in twice the precision and rounded
-    /// once.
+    /// `B u + gap` at the displacement of a state, with sums in twice the precision.
     ///
     /// # Errors
     /// As [`Bodies::displacements`].
@@ -313,7 +310,7 @@ impl Bodies {
         Ok(surface.relative_displacement(&self.list, self.fixed(), &u, Some(&low)))
     }
 
-    /// What the rounding of the entries of `K` may have made of `B u`.
+    /// The error of `B u` from the rounding of the entries of `K`.
     ///
     /// # Errors
     /// [`Error::FactorDropped`].
@@ -331,8 +328,8 @@ impl Bodies {
         Ok(surface.product(&self.list, self.fixed(), &wander))
     }
 
-    /// What rounding may have made of the `e` of these loads, above which a proof
-    /// that nothing balances them must stand. Costs a solve each rigid motion.
+    /// The rounding error of `e` of these loads. A proof that nothing balances the loads must
+    /// exceed it. It costs a solve for each rigid motion.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NotFinite`]; [`Error::FactorDropped`].
@@ -376,8 +373,7 @@ impl Bodies {
     }
 }
 
-/// The counts of bodies that are analysed and not yet condensed; `dropped` as in
-/// [`needed`].
+/// The counts of bodies that are analysed but not condensed; `dropped` as in [`needed`].
 #[must_use]
 pub fn forecast(parts: &[AnalysedBody], dropped: bool) -> Forecast {
     let mut told = Forecast {
@@ -397,8 +393,8 @@ pub fn forecast(parts: &[AnalysedBody], dropped: bool) -> Forecast {
     told
 }
 
-/// Bytes at the height of a condensation: what all bodies hold, and what the
-/// greediest needs besides while it is at work.
+/// Largest number of bytes during a condensation: those of all bodies, and the working memory
+/// of the body that needs most.
 #[must_use]
 pub fn needed(parts: &[AnalysedBody], dropped: bool) -> u128 {
     let mut held = 0;
@@ -416,7 +412,7 @@ pub fn needed(parts: &[AnalysedBody], dropped: bool) -> u128 {
         } else {
             counts.bytes_factor as u128 - square
         };
-        // The Cholesky factor stands beside S, then beside the inverse, which is W.
+        // The Cholesky factor exists beside S, then beside the inverse, which is W.
         let stays = factor + 2 * square;
         let height = peak.max(stays);
         held += part.bytes() + stays;
