@@ -1,8 +1,7 @@
-//! Dense kernels: the only folder that names faer.
+//! Dense kernels. Only this folder uses faer.
 //!
-//! All matrices are column-major slices. faer runs on one thread; the tiles are
-//! ours, cut at fixed places, so that results have the same bits for any number
-//! of threads.
+//! All matrices are column-major slices. faer runs on one thread. The tiles are cut here, at
+//! fixed places, so that results have the same bits for any number of threads.
 
 mod cholesky;
 mod eigen;

@@ -1,9 +1,8 @@
-//! One stretch of memory, dealt out in pieces from both of its ends.
+//! A block of memory that is divided into pieces, from both of its ends.
 //!
-//! Fresh memory costs a second a gigabyte when it is first touched. Updates come and
-//! go all the time a factorisation lasts, and larger ones take the place of smaller
-//! ones: an allocator would go to the system for each. Here what one has left serves
-//! the next.
+//! The first access to new memory costs a second for each gigabyte. During a factorisation
+//! updates come and go, and larger ones replace smaller ones: an allocator would ask the system
+//! for each. Here they use the same memory again.
 
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut, Range};
@@ -12,7 +11,7 @@ use std::sync::Mutex;
 use crate::linalg::pages::{release, zeros};
 use crate::linalg::sparse::task_tree::lock;
 
-/// Which end of an arena a piece is taken from.
+/// The end of an arena from which a piece is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ArenaEnd {
     Low,
@@ -27,7 +26,7 @@ impl ArenaEnd {
         }
     }
 
-    /// The `len` at this end of a range, and the rest.
+    /// The `len` numbers at this end of a range, and the rest.
     fn split(self, range: &Range<usize>, len: usize) -> (Range<usize>, Range<usize>) {
         match self {
             Self::Low => {
@@ -42,16 +41,16 @@ impl ArenaEnd {
     }
 }
 
-/// Memory that is dealt out.
+/// Memory that is divided into pieces.
 pub(crate) struct Arena<'m> {
     memory: *mut f64,
-    /// What nobody has, in order; no two touch.
+    /// The free ranges, in order; no two touch.
     gaps: Mutex<Vec<Range<usize>>>,
     borrowed: PhantomData<&'m mut [f64]>,
 }
 
-// SAFETY: `memory` is only read and written through pieces, whose ranges do not
-// overlap; a range goes from one to the next under the lock of `gaps`.
+// SAFETY: `memory` is only accessed through pieces, whose ranges do not overlap. A range
+// changes its owner under the lock of `gaps`.
 unsafe impl Sync for Arena<'_> {}
 
 impl<'m> Arena<'m> {
@@ -64,8 +63,8 @@ impl<'m> Arena<'m> {
         }
     }
 
-    /// A piece of `len` numbers, whatever they are, from the gap nearest to `end` that
-    /// has room; from the system where none has.
+    /// A piece of `len` numbers with any contents, from the first gap, seen from `end`, that is
+    /// large enough; without such a gap, from the system.
     pub(crate) fn take(&self, len: usize, end: ArenaEnd) -> Piece<'_> {
         let mut gaps = lock(&self.gaps);
         let fits = |gap: &Range<usize>| gap.len() >= len;
@@ -90,7 +89,7 @@ impl<'m> Arena<'m> {
         }
     }
 
-    /// Takes back what no piece has any more.
+    /// Makes a range free.
     fn give(&self, range: Range<usize>) {
         if range.is_empty() {
             return;
@@ -108,25 +107,25 @@ impl<'m> Arena<'m> {
     }
 }
 
-/// Numbers of one owner.
+/// Numbers with one owner.
 pub(crate) enum Piece<'r> {
-    /// A part of an arena, which goes back to it.
+    /// A part of an arena, which returns to it.
     Part {
         arena: &'r Arena<'r>,
         range: Range<usize>,
         end: ArenaEnd,
     },
-    /// What the arena had no room for.
+    /// Memory of the system, because the arena had no gap.
     Apart(Vec<f64>),
 }
 
 impl Piece<'_> {
-    /// Whether the arena had room for it.
+    /// Whether it is part of the arena.
     pub(crate) fn is_part(&self) -> bool {
         matches!(self, Self::Part { .. }) || self.is_empty()
     }
 
-    /// Leaves the numbers where they are, and the arena has no more of them.
+    /// Leaves the numbers in place, outside the management of the arena.
     pub(crate) fn leave(mut self) -> Detached {
         match &mut self {
             Self::Part { range, .. } => Detached::Part(std::mem::replace(range, 0..0)),
@@ -134,10 +133,10 @@ impl Piece<'_> {
         }
     }
 
-    /// Gives back all but the first `len` numbers, which may move.
+    /// Returns all but the first `len` numbers; these may move.
     ///
     /// # Panics
-    /// If there are not so many: the rest would lie in pieces of others.
+    /// If there are fewer: the rest would belong to other pieces.
     pub(crate) fn keep(&mut self, len: usize) {
         assert!(len <= self.len());
         let rest = self.len() - len;
@@ -148,7 +147,7 @@ impl Piece<'_> {
             Self::Part {
                 end: ArenaEnd::Low, ..
             } => {}
-            // Towards the end it was taken from: the next piece finds no hole there.
+            // Towards the end it was taken from, so that no hole is left there.
             Self::Part {
                 end: ArenaEnd::High,
                 ..
@@ -166,7 +165,7 @@ impl Piece<'_> {
     }
 }
 
-/// Numbers that nobody takes back, by their place in the memory of their arena.
+/// Numbers that are not returned, by their place in the memory of the arena.
 pub(crate) enum Detached {
     Part(Range<usize>),
     Apart(Vec<f64>),
@@ -179,7 +178,7 @@ impl Default for Detached {
 }
 
 impl Detached {
-    /// Where they end in the memory of their arena; 0 where none are there.
+    /// Their end in the memory of the arena; 0 if there are none.
     pub(crate) fn end(&self) -> usize {
         match self {
             Self::Part(range) if range.start < range.end => range.end,
@@ -187,7 +186,7 @@ impl Detached {
         }
     }
 
-    /// The numbers, of which the memory of their arena holds its part.
+    /// The numbers; `memory` is that of the arena.
     pub(crate) fn within<'s>(&'s self, memory: &'s [f64]) -> &'s [f64] {
         match self {
             Self::Part(range) => &memory[range.clone()],
@@ -201,8 +200,8 @@ impl Deref for Piece<'_> {
 
     fn deref(&self) -> &[f64] {
         match self {
-            // SAFETY: the range lies inside the memory that the arena borrows, and is
-            // this piece's alone until it is given back.
+            // SAFETY: the range lies inside the memory of the arena, and belongs to this piece
+            // until it is returned.
             Self::Part { arena, range, .. } => unsafe {
                 std::slice::from_raw_parts(arena.memory.add(range.start), range.len())
             },
@@ -214,7 +213,7 @@ impl Deref for Piece<'_> {
 impl DerefMut for Piece<'_> {
     fn deref_mut(&mut self) -> &mut [f64] {
         match self {
-            // SAFETY: as above, and nobody else has this piece.
+            // SAFETY: as above, and this is the only reference to the piece.
             Self::Part { arena, range, .. } => unsafe {
                 std::slice::from_raw_parts_mut(arena.memory.add(range.start), range.len())
             },
@@ -237,8 +236,7 @@ impl Drop for Piece<'_> {
 mod tests {
     use super::*;
 
-    /// Pieces come from the end asked for, go back in any order, and the whole is one
-    /// gap again.
+    /// Pieces come from the requested end and return in any order; then there is one gap again.
     #[test]
     fn what_is_given_back_joins() {
         let mut memory = vec![0.0; 100];
@@ -268,7 +266,7 @@ mod tests {
         assert_eq!(*pieces[1], [7.0, 1.0, 1.0, 1.0, 1.0]);
         assert_eq!(*pieces[0], [0.0; 12]);
         assert_eq!(*pieces[2], [2.0; 10]);
-        // The first gap that has room, from either end.
+        // The first gap that is large enough, from each end.
         assert_eq!(range(&arena.take(18, ArenaEnd::Low)), 12..30);
         assert_eq!(range(&arena.take(19, ArenaEnd::Low)), 40..59);
         assert_eq!(range(&arena.take(19, ArenaEnd::High)), 76..95);
