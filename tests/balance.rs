@@ -1,4 +1,4 @@
-//! Loads that contact cannot balance are refused with a proof, and no others.
+//! Loads that contact cannot balance are refused with a proof; all others are accepted.
 
 #![expect(
     clippy::cast_precision_loss,
@@ -116,9 +116,8 @@ impl<const D: usize> Contacts<D> {
         )
     }
 
-    /// Whether a motion proves that a load cannot be balanced, judged by the
-    /// definition alone: `R d` within a `distance` of `K*_μ`, and `e·d > 0` beyond
-    /// rounding.
+    /// Whether a motion proves that a load cannot be balanced, by the definition: `R d` within
+    /// a `distance` of `K*_μ`, and `e·d > 0` beyond rounding.
     fn is_proof(&self, load: &[f64], motion: &[f64], distance: f64) -> bool {
         let size = (0..self.mu.len())
             .map(|i| length(&self.moved(i, motion)))
@@ -175,7 +174,7 @@ fn balanced_loads_are_let_pass<const D: usize>(contacts: usize, motions: usize) 
 }
 
 #[test]
-fn a_load_that_some_reaction_balances_is_let_pass() {
+fn a_load_that_a_reaction_balances_is_accepted() {
     for (contacts, motions) in PLANE {
         balanced_loads_are_let_pass::<2>(contacts, motions);
     }
@@ -307,7 +306,7 @@ fn the_motion_is_the_one_that_the_block_makes() {
 }
 
 #[test]
-fn a_light_body_is_judged_beside_a_heavy_one() {
+fn a_light_body_is_checked_with_its_own_loads() {
     // Contact 0 holds a heavy body, contact 1 a light one; two motions each.
     let unit = |contact: usize, k: usize| {
         let mut mode = vec![[0.0; 2]; 3];

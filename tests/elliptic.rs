@@ -1,6 +1,5 @@
-//! Friction along two tangents. The projection onto the elliptic cone: what only the
-//! nearest point satisfies, for all coefficients that are allowed and at any size. The
-//! change of variables: what it keeps.
+//! Friction with two coefficients: the projection onto the elliptic cone, for all valid
+//! coefficients and any size, and the invariants of the change of variables.
 
 #![expect(clippy::float_cmp, reason = "bits are compared on purpose")]
 
@@ -88,7 +87,7 @@ proptest! {
     }
 
     #[test]
-    fn it_brings_no_two_points_apart(
+    fn it_is_lipschitz(
         (a, mu) in point_and_mu(), b in proptest::array::uniform3(-10.0..10.0_f64)
     ) {
         let apart = norm(&minus(&project_elliptic(&a, mu).0, &project_elliptic(&b, mu).0));
@@ -148,7 +147,7 @@ proptest! {
     }
 
     #[test]
-    fn no_point_of_the_cone_is_nearer(
+    fn it_is_the_nearest_point_of_the_cone(
         tau in proptest::array::uniform3(-2.0..2.0_f64),
         mu in proptest::array::uniform2(0.05..2.0_f64),
     ) {
@@ -275,7 +274,7 @@ fn equal_coefficients_need_no_scaling() {
 }
 
 #[test]
-fn coefficients_that_cannot_be_are_named() {
+fn invalid_coefficients_are_named() {
     let told = |pair: [f64; 2]| {
         let wrong = EllipticScaling::new(&[[0.3, 0.3], pair]);
         wrong.unwrap_err().to_string()

@@ -1,4 +1,4 @@
-//! Factors that lie below a matrix, and the ellipsoids made with them.
+//! Verified Cholesky factors below a matrix, and their ellipsoids.
 
 use std::sync::atomic::AtomicBool;
 
@@ -31,7 +31,7 @@ fn dot(x: &[f64], y: &[f64]) -> f64 {
 /// Points on the border of `dᵀAd + e·d ≤ 0` lie in what is said of them, and some of
 /// them near its border.
 #[test]
-fn an_ellipsoid_holds_its_points_and_little_more() {
+fn an_ellipsoid_contains_its_points_tightly() {
     let stop = AtomicBool::new(false);
     for seed in 0..40 {
         let mut rng = StdRng::seed_from_u64(seed);

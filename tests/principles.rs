@@ -251,7 +251,7 @@ fn falls(history: &[f64], energy: f64) {
 }
 
 #[test]
-fn the_bifunctional_falls_to_zero_at_every_step() {
+fn the_bifunctional_decreases_to_zero_in_every_step() {
     let mut slid = 0;
     for seed in 0..12 {
         for mu in [0.2, 0.6, 1.2] {
@@ -280,7 +280,7 @@ fn the_bifunctional_falls_to_zero_at_every_step() {
 }
 
 #[test]
-fn the_bifunctional_may_fall_to_a_limit_above_zero() {
+fn the_bifunctional_may_decrease_to_a_positive_limit() {
     // Coupling and friction so strong that L is far above one.
     let mut stalled = 0;
     for k in 0..40 {
@@ -318,7 +318,7 @@ fn the_bifunctional_may_fall_to_a_limit_above_zero() {
 
 /// What every method says of problems whose friction is beyond all proofs.
 #[test]
-fn beyond_the_limits_nothing_wrong_is_called_an_answer() {
+fn beyond_the_limits_no_wrong_point_is_a_solution() {
     for seed in 0..10 {
         for mu in [3.0, 10.0] {
             let plane = Case::<2>::held(5, mu, seed);
@@ -366,7 +366,7 @@ fn pivoting_in_the_plane_ends_at_an_answer_whatever_friction_is() {
 }
 
 #[test]
-fn pivoting_on_ties_does_not_go_round() {
+fn pivoting_on_ties_does_not_cycle() {
     // Contacts that are all alike, and loads along the normal alone: all close at once,
     // with no slip to tell a direction.
     for contacts in [1, 4, 9] {

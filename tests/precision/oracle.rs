@@ -1,4 +1,4 @@
-//! The judge judged: twice the precision beside whole numbers and fractions.
+//! Checks the reference itself: twice the precision against whole numbers and fractions.
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
@@ -15,7 +15,7 @@ fn apart(a: Double, b: Double) -> f64 {
 const DOUBLE: f64 = 64.0 * f64::EPSILON * f64::EPSILON;
 
 #[test]
-fn numbers_of_twice_the_precision_are_that() {
+fn double_double_numbers_have_twice_the_precision() {
     let mut random = StdRng::seed_from_u64(1);
     for _ in 0..2000 {
         let mut number = |bits: u32| random.random_range(1_i64 << (bits - 1)..1 << bits);

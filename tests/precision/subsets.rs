@@ -78,7 +78,7 @@ fn every_subset_of_small_shapes() {
 }
 
 #[test]
-fn one_unknown_and_none() {
+fn one_unknown_and_no_unknown() {
     let one = Sparse::from_dense(1, &[3.0]);
     assert_eq!(schur(&one, &[0]), [3.0]);
     assert!(schur(&one, &[]).is_empty());
