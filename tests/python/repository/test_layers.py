@@ -102,7 +102,7 @@ RUST_SIBLINGS = {
         "errors arrays heap interrupt",
         "solver",
         "problem",
-        "enumeration",
+        "enumeration load_path",
         "bound estimate",
     ),
 }

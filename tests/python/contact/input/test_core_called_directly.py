@@ -252,7 +252,7 @@ def test_no_panic(name: str) -> None:
             lambda: _core.Reduced(
                 [([0, 0], np.eye(4).ravel(), None)], GAP, MU, MODES, NONE
             ),
-            "contact 0 twice",
+            "contact 0 is out of range, or twice",
         ),
         (lambda: ENTRIES["Path"][0](tuple(x[:1] for x in ODD[-1])), "start"),
     ],
