@@ -103,7 +103,7 @@ def test_a_body_that_floats_is_called_by_its_name() -> None:
     assert n <= plain.value.dof < 2 * n
     assert f"degree of freedom {plain.value.dof}:" in str(plain.value)
     names = {"upper": 0, "lower": n}
-    with pytest.raises(bp.FloatingBodyError, match=r"^body 'lower': the st") as named:
+    with pytest.raises(bp.FloatingBodyError, match=r"^body 'lower': neither the st") as named:
         bp.ContactProblem(K, B, bodies=names, **given)
     again = pickle.loads(pickle.dumps(named.value))
     assert again.dof == named.value.dof == plain.value.dof
